@@ -1,0 +1,46 @@
+# Everything a fresh machine needs: git, make and Python 3.11 or newer.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: demo test check campaign bench clean
+
+demo: $(VENV)/installed  ## move the simulated SO-101 to a coordinate and print the report
+	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
+
+test: $(VENV)/tested  ## the whole suite on the simulated bus
+	$(BIN)/python -m pytest
+
+check: $(VENV)/checked  ## what a commit must pass besides the tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+	$(BIN)/codespell
+
+campaign: $(VENV)/tested  ## long seeded campaigns
+	$(BIN)/python -m pytest -m campaign
+
+bench: $(VENV)/tested  ## how long the commands take; results belong in docs/benchmarks.md
+	$(BIN)/python tools/bench/startup.py
+
+clean:
+	rm -rf $(VENV) build dist
+
+$(VENV)/bin/pip:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "ikservo needs Python 3.11 or newer; try: make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --upgrade "pip>=25.1"
+
+$(VENV)/installed: $(VENV)/bin/pip pyproject.toml
+	$(BIN)/pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/tested: $(VENV)/installed
+	$(BIN)/pip install --quiet --group test
+	@touch $@
+
+$(VENV)/checked: $(VENV)/tested
+	$(BIN)/pip install --quiet --group check
+	@touch $@

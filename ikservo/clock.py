@@ -1,0 +1,34 @@
+"""Time as an argument: the protocol of a clock, and the real one."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+__all__ = ["Clock", "RealClock"]
+
+
+class Clock(Protocol):
+    """What everything that waits is given; a simulated bus brings its own virtual one."""
+
+    def now_s(self) -> float:
+        """Return seconds since an arbitrary start; never runs backwards."""
+        ...
+
+    def sleep_until(self, deadline_s: float) -> None:
+        """Return once ``now_s()`` is at least ``deadline_s``."""
+        ...
+
+
+class RealClock:
+    """The machine's monotonic clock; stepping the wall clock does not touch it."""
+
+    def now_s(self) -> float:
+        """Return the monotonic time in seconds."""
+        return time.monotonic()
+
+    def sleep_until(self, deadline_s: float) -> None:
+        """Sleep in the kernel until the deadline; return at once if it has passed."""
+        rest_s = deadline_s - time.monotonic()
+        if rest_s > 0:
+            time.sleep(rest_s)

@@ -1,0 +1,246 @@
+"""Every way ikservo can fail, as one tree.
+
+Each error says what was asked, what was found and what to do next, and also inherits
+the builtin that fits, so that ``except TimeoutError`` works for a silent servo::
+
+    IkservoError                       exit 1
+    ├── InputError        ValueError   exit 2   something the person gave
+    │   ├── UnknownNameError LookupError        a name that is not among the known ones
+    │   ├── BadValueError                       a number or text that cannot be used
+    │   └── FileFormatError                     a file: where in it, what was expected
+    ├── PortError         OSError      exit 3   no port, no permission, busy, unplugged
+    │   ├── NoPortError
+    │   ├── PortBusyError
+    │   └── PortLostError
+    ├── BusError                       exit 4   the line answers wrongly or not at all
+    │   ├── ServoSilentError TimeoutError
+    │   ├── BadReplyError
+    │   └── ServoRefusedError
+    ├── ServoAlarmError                exit 5   a servo reports overload, heat, voltage …
+    ├── RegisterAccessError ValueError exit 1   a write that the register forbids
+    ├── CalibrationError               exit 6   not calibrated, or contradicts the servos
+    ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits gets there
+    ├── RefusedError                   exit 8   the guard will not pass a goal on
+    ├── NotSettledError   TimeoutError exit 1   the arm did not arrive
+    └── StoppedError                   exit 130 the person stopped it
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from enum import IntEnum
+from pathlib import Path
+
+__all__ = [
+    "BadReplyError",
+    "BadValueError",
+    "BusError",
+    "CalibrationError",
+    "ExitCode",
+    "FileFormatError",
+    "IkservoError",
+    "InputError",
+    "NoPortError",
+    "NotSettledError",
+    "PortBusyError",
+    "PortError",
+    "PortLostError",
+    "RefusedError",
+    "RegisterAccessError",
+    "ServoAlarmError",
+    "ServoRefusedError",
+    "ServoSilentError",
+    "StoppedError",
+    "UnknownNameError",
+    "UnreachableError",
+]
+
+
+class ExitCode(IntEnum):
+    """What the shell sees; printed by ``ikservo --help``."""
+
+    DONE = 0
+    FAILED = 1
+    USAGE = 2
+    PORT = 3
+    SILENT = 4
+    ALARM = 5
+    CALIBRATION = 6
+    UNREACHABLE = 7
+    REFUSED = 8
+    STOPPED = 130
+
+    @property
+    def meaning(self) -> str:
+        """Return the words ``--help`` prints beside the number."""
+        return _MEANINGS[self]
+
+
+_MEANINGS = {
+    ExitCode.DONE: "done",
+    ExitCode.FAILED: "failed",
+    ExitCode.USAGE: "usage",
+    ExitCode.PORT: "no port or no permission",
+    ExitCode.SILENT: "servo silent",
+    ExitCode.ALARM: "servo alarm",
+    ExitCode.CALIBRATION: "not calibrated or contradicts the servos",
+    ExitCode.UNREACHABLE: "unreachable",
+    ExitCode.REFUSED: "refused by the guard",
+    ExitCode.STOPPED: "stopped by the person",
+}
+
+
+class IkservoError(Exception):
+    """Anything that goes wrong in ikservo.
+
+    Attributes:
+        message: What happened, one line.
+        hint: What to do now, one line, or empty.
+        exit_code: What the command line returns.
+    """
+
+    exit_code: ExitCode = ExitCode.FAILED
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+    def __str__(self) -> str:
+        return f"{self.message}\n{self.hint}" if self.hint else self.message
+
+
+class InputError(IkservoError, ValueError):
+    """Something the person gave cannot be used."""
+
+    exit_code = ExitCode.USAGE
+
+
+class UnknownNameError(InputError, LookupError):
+    """A name that is not among the known ones; the closest is offered."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.kind, self.name, self.known = kind, name, sorted(known)
+        close = difflib.get_close_matches(name.lower(), self.known, n=1)
+        listing = ", ".join(self.known) or "none"
+        hint = f"Did you mean {close[0]}? " if close else ""
+        super().__init__(f"There is no {kind} named {name!r}.", f"{hint}Known: {listing}.")
+
+
+class BadValueError(InputError):
+    """A number or text that cannot be used, with what was expected."""
+
+    def __init__(self, what: str, found: object, expected: str) -> None:
+        self.what, self.found, self.expected = what, found, expected
+        super().__init__(f"{what} is {found}.", f"Expected {expected}.")
+
+
+class FileFormatError(InputError):
+    """A file that cannot be used: where in it, what was found, what was expected."""
+
+    def __init__(self, path: Path | str, where: str, found: str, expected: str = "") -> None:
+        self.path, self.where, self.found, self.expected = Path(path), where, found, expected
+        place = f"{path}, {where}" if where else str(path)
+        super().__init__(f"{place}: {found}.", f"Expected {expected}." if expected else "")
+
+
+class PortError(IkservoError, OSError):
+    """The serial port cannot be used."""
+
+    exit_code = ExitCode.PORT
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        IkservoError.__init__(self, message, hint)
+
+
+class NoPortError(PortError):
+    """No such port, or none given and none to choose."""
+
+
+class PortBusyError(PortError):
+    """Another process holds the port."""
+
+
+class PortLostError(PortError):
+    """The port was there and is gone: unplugged, or its server ended."""
+
+
+class BusError(IkservoError):
+    """The line answers wrongly or not at all."""
+
+    exit_code = ExitCode.SILENT
+
+
+class ServoSilentError(BusError, TimeoutError):
+    """No status packet from a servo within the answer window."""
+
+
+class BadReplyError(BusError):
+    """A status packet that cannot be the answer: checksum, length or id."""
+
+
+class ServoRefusedError(BusError):
+    """A servo answered that it will not do what was asked."""
+
+
+class ServoAlarmError(IkservoError):
+    """A servo reports overload, overheating, wrong voltage or a broken encoder."""
+
+    exit_code = ExitCode.ALARM
+
+
+class RegisterAccessError(IkservoError, ValueError):
+    """A write that the register forbids: read-only, out of range, EEPROM under torque."""
+
+
+class CalibrationError(IkservoError):
+    """The arm is not calibrated, or its calibration contradicts the servos."""
+
+    exit_code = ExitCode.CALIBRATION
+
+
+class UnreachableError(IkservoError, ValueError):
+    """No joint vector inside the limits brings the tool to the target.
+
+    Attributes:
+        target_m: The wanted position, metres, arm's base frame.
+        nearest_m: The closest position found, same frame.
+        binding: The limits that hold the arm back.
+    """
+
+    exit_code = ExitCode.UNREACHABLE
+
+    def __init__(
+        self, target_m: Sequence[float], nearest_m: Sequence[float], binding: Sequence[str] = ()
+    ) -> None:
+        self.target_m, self.nearest_m = tuple(target_m), tuple(nearest_m)
+        self.binding = tuple(binding)
+        gap_m = sum((a - b) ** 2 for a, b in zip(target_m, nearest_m, strict=True)) ** 0.5
+        held = f" (held back by {', '.join(self.binding)})" if self.binding else ""
+        x, y, z = nearest_m
+        super().__init__(
+            f"({_metres(target_m)}) m cannot be reached{held}.",
+            f"Nearest reachable point: ({_metres(nearest_m)}) m, {gap_m * 1000:.1f} mm away. "
+            f"Try: ikservo move {x:.3f} {y:.3f} {z:.3f}",
+        )
+
+
+class RefusedError(IkservoError):
+    """The guard will not pass a goal on to the servos; nothing was sent."""
+
+    exit_code = ExitCode.REFUSED
+
+
+class NotSettledError(IkservoError, TimeoutError):
+    """The arm did not come to rest near its goal in time."""
+
+
+class StoppedError(IkservoError):
+    """The person stopped the motion; the arm holds."""
+
+    exit_code = ExitCode.STOPPED
+
+
+def _metres(point: Sequence[float]) -> str:
+    return ", ".join(f"{x:.3f}" for x in point)
