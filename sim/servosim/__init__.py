@@ -1,0 +1,1 @@
+"""A simulated servo bus, written from the datasheets."""

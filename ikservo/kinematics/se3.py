@@ -1,0 +1,135 @@
+"""Rotations and rigid motions: SO(3) and SE(3) on plain arrays.
+
+A pose ``T_world_tool`` is (4, 4) and maps tool coordinates to world coordinates. A twist is
+(6,): linear part first [m], angular part second [rad].
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "Matrix",
+    "Vector",
+    "exp_se3",
+    "exp_so3",
+    "inverse",
+    "log_se3",
+    "log_so3",
+    "pose",
+    "rotation_rpy",
+    "skew",
+]
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+# Below this angle the closed forms divide two vanishing numbers; their Taylor series to second
+# order are exact to 1e-16 there.
+_SMALL_RAD = 1e-4
+# Within this distance of pi the antisymmetric part of R vanishes and the axis must come from
+# the symmetric part.
+_NEAR_PI_RAD = 1e-3
+
+
+def skew(v: ArrayLike) -> Matrix:
+    """Return the (3, 3) matrix with ``skew(v) @ w == cross(v, w)``."""
+    x, y, z = np.asarray(v, dtype=np.float64)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def exp_so3(w_rad: ArrayLike) -> Matrix:
+    """Return the rotation (3, 3) about the vector ``w_rad`` (3,) by its length (Rodrigues)."""
+    w = np.asarray(w_rad, dtype=np.float64)
+    theta = math.sqrt(float(w @ w))
+    a, b, _ = _rodrigues(theta)
+    W = skew(w)
+    return np.eye(3) + a * W + b * (W @ W)
+
+
+def log_so3(R: ArrayLike) -> Vector:
+    """Return the rotation vector (3,) [rad] with ``exp_so3(log_so3(R)) == R``, length <= pi."""
+    R = np.asarray(R, dtype=np.float64)
+    axis_sin = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sin = math.sqrt(float(axis_sin @ axis_sin))
+    cos = 0.5 * (float(np.trace(R)) - 1.0)
+    theta = math.atan2(sin, cos)
+    if math.pi - theta < _NEAR_PI_RAD:
+        return theta * _axis_near_pi(R, axis_sin, cos)
+    # sin = theta - theta³/6: the quotient tends to one without a division by zero.
+    return axis_sin * (1.0 + theta * theta / 6.0 if theta < _SMALL_RAD else theta / sin)
+
+
+def exp_se3(twist: ArrayLike) -> Matrix:
+    """Return the pose (4, 4) reached by following the twist (6,) for one unit of time."""
+    xi = np.asarray(twist, dtype=np.float64)
+    v, w = xi[:3], xi[3:]
+    _, b, c = _rodrigues(math.sqrt(float(w @ w)))
+    W = skew(w)
+    return pose((np.eye(3) + b * W + c * (W @ W)) @ v, exp_so3(w))
+
+
+def log_se3(T: ArrayLike) -> Vector:
+    """Return the twist (6,) with ``exp_se3(log_se3(T)) == T``."""
+    T = np.asarray(T, dtype=np.float64)
+    w = log_so3(T[:3, :3])
+    theta = math.sqrt(float(w @ w))
+    _, b, c = _rodrigues(theta)
+    W = skew(w)
+    V = np.eye(3) + b * W + c * (W @ W)
+    v = np.linalg.solve(V, T[:3, 3])
+    return np.concatenate([v, w]).astype(np.float64)
+
+
+def pose(position_m: ArrayLike, rotation: ArrayLike | None = None) -> Matrix:
+    """Return the pose (4, 4) from a position (3,) [m] and a rotation (3, 3), default identity."""
+    T = np.eye(4)
+    T[:3, 3] = position_m
+    if rotation is not None:
+        T[:3, :3] = rotation
+    return T
+
+
+def inverse(T: Matrix) -> Matrix:
+    """Return the inverse of a pose (4, 4): ``T_world_tool`` becomes ``T_tool_world``."""
+    Rt = T[:3, :3].T
+    return pose(-Rt @ T[:3, 3], Rt)
+
+
+def rotation_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Matrix:
+    """Return the rotation (3, 3) of URDF's ``rpy``: Rz(yaw) Ry(pitch) Rx(roll), fixed axes."""
+    cr, sr = math.cos(roll_rad), math.sin(roll_rad)
+    cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
+    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _rodrigues(theta: float) -> tuple[float, float, float]:
+    """Return sin(θ)/θ, (1 - cos θ)/θ² and (θ - sin θ)/θ³, also at zero."""
+    if theta < _SMALL_RAD:
+        t2 = theta * theta
+        return 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
+    half = math.sin(0.5 * theta) / (0.5 * theta)
+    return (
+        math.sin(theta) / theta,
+        0.5 * half * half,
+        (theta - math.sin(theta)) / theta**3,
+    )
+
+
+def _axis_near_pi(R: Matrix, axis_sin: Vector, cos: float) -> Vector:
+    """Return the unit axis of a half turn: the strongest column of (R + Rᵀ)/2 - cos θ I."""
+    S = 0.5 * (R + R.T) - cos * np.eye(3)
+    column = S[:, int(np.argmax(np.diag(S)))]
+    axis = column / math.sqrt(float(column @ column))
+    # At exactly pi both signs are the same rotation; before it the sine part tells them apart.
+    return -axis if float(axis @ axis_sin) < 0.0 else axis

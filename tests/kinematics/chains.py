@@ -1,0 +1,43 @@
+"""Small chains that tests write out by hand."""
+
+import math
+
+import numpy as np
+
+from ikservo.kinematics import Chain, Joint, JointKind, Mimic
+from ikservo.kinematics.se3 import pose
+
+Z = np.array([0.0, 0.0, 1.0])
+
+
+def joint(name, kind, parent, child, xyz=(0, 0, 0), axis=Z, **kwargs):
+    return Joint(name, kind, parent, child, pose(np.array(xyz, float)), np.array(axis), **kwargs)
+
+
+def planar(*lengths_m, limit_rad=math.pi):
+    """Return the lecture's arm: n turning joints in a plane, then the tip."""
+    joints, x = [], 0.0
+    for i, length in enumerate(lengths_m):
+        joints.append(
+            joint(f"j{i + 1}", JointKind.REVOLUTE, f"l{i}", f"l{i + 1}", (x, 0, 0),
+                  lower=-limit_rad, upper=limit_rad)
+        )  # fmt: skip
+        x = length
+    joints.append(joint("end", JointKind.FIXED, f"l{len(lengths_m)}", "tip", (x, 0, 0)))
+    return Chain.from_joints(joints, "l0", "tip")
+
+
+def crane():
+    """Return a turning column, a slide along x and a hook that mimics the slide downwards."""
+    return Chain.from_joints(
+        [
+            joint("slide", JointKind.PRISMATIC, "column", "cart", (0, 0, 0.5), (1, 0, 0),
+                  lower=0.0, upper=0.4),
+            joint("hook", JointKind.PRISMATIC, "cart", "hook", (0, 0, 0), (0, 0, -1),
+                  mimic=Mimic("slide", 0.5, 0.1)),
+            joint("turn", JointKind.REVOLUTE, "base", "column", lower=-2.0, upper=2.0),
+            joint("brake", JointKind.REVOLUTE, "column", "lever", lower=0.2, upper=0.9),
+        ],
+        "base",
+        "hook",
+    )  # fmt: skip

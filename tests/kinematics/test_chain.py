@@ -1,0 +1,108 @@
+"""Forward kinematics and Jacobians against what a person computes by hand, and as laws."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.kinematics import Chain, JointKind
+from tests.kinematics.chains import crane, joint, planar
+
+angles = st.floats(-3.0, 3.0)
+
+
+@given(angles, angles)
+def test_two_links_in_a_plane_reach_where_trigonometry_says(a, b):
+    tip = planar(0.3, 0.2).forward([a, b])[:3, 3]
+    expected = [0.3 * math.cos(a) + 0.2 * math.cos(a + b),
+                0.3 * math.sin(a) + 0.2 * math.sin(a + b), 0.0]  # fmt: skip
+    np.testing.assert_allclose(tip, expected, atol=1e-15)
+
+
+def test_a_slide_moves_along_its_axis_and_what_mimics_it_follows():
+    hook = crane().forward([math.pi / 2, 0.3])[:3, 3]
+    np.testing.assert_allclose(hook, [0.0, 0.3, 0.5 - (0.5 * 0.3 + 0.1)], atol=1e-15)
+
+
+def test_a_joint_that_mimics_another_is_no_degree_of_freedom():
+    assert crane().names == ("turn", "slide")
+
+
+def test_any_link_is_a_frame_also_one_beside_the_way_to_the_tip():
+    lever = crane().forward([0.0, 0.0], frame="lever")
+    assert math.atan2(lever[1, 0], lever[0, 0]) == pytest.approx(0.2)  # nearest to 0 in 0.2…0.9
+
+
+def test_an_offset_is_a_point_in_the_frame_and_does_not_turn_it():
+    chain = planar(0.3, 0.2)
+    moved = chain.forward([0.0, math.pi / 2], frame="l2", offset_m=(0.2, 0, 0))
+    np.testing.assert_allclose(moved, chain.forward([0.0, math.pi / 2]), atol=1e-15)
+
+
+@given(angles, angles, angles, st.sampled_from(["l1", "l2", "l3", "tip"]), st.floats(-1, 1))
+def test_the_jacobian_of_any_point_is_the_central_difference(a, b, c, frame, x):
+    _assert_jacobian(planar(0.3, 0.2, 0.1), np.array([a, b, c]), frame, (x, 0.1, -0.2))
+
+
+@given(angles, st.floats(0.0, 0.4))
+def test_the_jacobian_of_slides_and_mimics_is_the_central_difference(turn, slide):
+    _assert_jacobian(crane(), np.array([turn, slide]), "hook", (0.02, 0.0, 0.01))
+
+
+def test_joints_beyond_the_frame_do_not_move_it():
+    J = planar(0.3, 0.2, 0.1).jacobian([0.1, 0.2, 0.3], frame="l1")
+    assert not J[:, 1:].any()
+
+
+def test_limits_can_be_narrowed_without_touching_the_original():
+    chain = planar(0.3, 0.2)
+    narrow = chain.with_limits([-1, 0], [1, 2])
+    assert narrow.lower_rad.tolist() == [-1, 0]
+    assert chain.lower_rad.tolist() == [-math.pi, -math.pi]
+
+
+def test_limits_cannot_be_changed_in_place():
+    with pytest.raises(ValueError, match="read-only"):
+        planar(0.3, 0.2).lower_rad[0] = 5.0
+
+
+def test_a_range_upside_down_is_refused_with_the_joints_name():
+    with pytest.raises(BadValueError, match="range of j2"):
+        planar(0.3, 0.2).with_limits([-1, 2], [1, 0])
+
+
+@pytest.mark.parametrize("q", [[0.0], [0.0, math.nan], [math.inf, 0.0], "ab", [[0.0, 0.0]], None])
+def test_joints_that_are_no_finite_numbers_of_the_right_count_are_refused(q):
+    with pytest.raises(BadValueError):
+        planar(0.3, 0.2).forward(q)
+
+
+def test_an_unknown_frame_offers_the_closest_link():
+    with pytest.raises(UnknownNameError, match="Did you mean tip"):
+        planar(0.3, 0.2).forward([0, 0], frame="tipp")
+
+
+def test_joints_may_come_in_any_order():
+    assert crane().frames == tuple(crane().link_poses([0, 0]))
+    assert set(crane().frames) == {"base", "column", "cart", "hook", "lever"}
+
+
+def test_a_tip_that_nothing_moves_is_refused():
+    fixed = joint("weld", JointKind.FIXED, "base", "tip")
+    with pytest.raises(ValueError, match="No joint moves 'tip'"):
+        Chain.from_joints([fixed], "base", "tip")
+
+
+def _assert_jacobian(chain, q, frame, offset_m, h=1e-6):
+    J = chain.jacobian(q, frame, offset_m)
+    for i in range(chain.dof):
+        step = np.zeros(chain.dof)
+        step[i] = h
+        after = chain.forward(q + step, frame, offset_m)
+        before = chain.forward(q - step, frame, offset_m)
+        np.testing.assert_allclose(J[:3, i], (after - before)[:3, 3] / (2 * h), atol=1e-7)
+        spin = (after - before)[:3, :3] / (2 * h) @ chain.forward(q, frame)[:3, :3].T
+        np.testing.assert_allclose(J[3:, i], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-7)

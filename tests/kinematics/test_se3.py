@@ -1,0 +1,78 @@
+"""Laws of SO(3) and SE(3), also next to zero and next to a half turn."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ikservo.kinematics import se3
+
+finite = st.floats(-3.0, 3.0)
+lengths = st.one_of(
+    st.floats(1e-9, math.pi - 1e-9),
+    st.floats(0.0, 1e-6),
+    st.floats(math.pi - 1e-5, math.pi - 1e-9),
+)
+
+
+@st.composite
+def rotation_vectors(draw):
+    axis = np.array([draw(st.floats(-1, 1)) for _ in range(3)])
+    norm = np.linalg.norm(axis)
+    axis = axis / norm if norm > 1e-3 else np.array([0.0, 0.0, 1.0])
+    return draw(lengths) * axis
+
+
+@st.composite
+def twists(draw):
+    return np.concatenate([[draw(finite) for _ in range(3)], draw(rotation_vectors())])
+
+
+@given(rotation_vectors())
+def test_a_rotation_is_orthogonal_and_keeps_handedness(w):
+    R = se3.exp_so3(w)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+
+
+@given(rotation_vectors())
+def test_exp_undoes_log_on_rotations(w):
+    R = se3.exp_so3(w)
+    np.testing.assert_allclose(se3.exp_so3(se3.log_so3(R)), R, atol=1e-9)
+
+
+@given(rotation_vectors())
+def test_log_undoes_exp_below_a_half_turn(w):
+    np.testing.assert_allclose(se3.log_so3(se3.exp_so3(w)), w, atol=1e-7)
+
+
+@given(twists())
+def test_exp_undoes_log_on_poses(twist):
+    T = se3.exp_se3(twist)
+    np.testing.assert_allclose(se3.exp_se3(se3.log_se3(T)), T, atol=1e-8)
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, -0.8)])
+def test_a_half_turn_has_a_logarithm_of_length_pi(axis):
+    R = se3.exp_so3(math.pi * np.array(axis))
+    assert np.linalg.norm(se3.log_so3(R)) == pytest.approx(math.pi)
+    np.testing.assert_allclose(se3.exp_so3(se3.log_so3(R)), R, atol=1e-12)
+
+
+@given(twists())
+def test_a_pose_times_its_inverse_is_the_identity(twist):
+    T = se3.exp_se3(twist)
+    np.testing.assert_allclose(T @ se3.inverse(T), np.eye(4), atol=1e-12)
+
+
+def test_rpy_turns_about_fixed_axes_x_then_y_then_z():
+    x, y, z = np.eye(3)
+    expected = se3.exp_so3(0.3 * z) @ se3.exp_so3(-0.7 * y) @ se3.exp_so3(1.1 * x)
+    np.testing.assert_allclose(se3.rotation_rpy(1.1, -0.7, 0.3), expected, atol=1e-15)
+
+
+@given(rotation_vectors(), rotation_vectors())
+def test_skew_is_the_cross_product(a, b):
+    np.testing.assert_allclose(se3.skew(a) @ b, np.cross(a, b), atol=1e-12)
