@@ -1,0 +1,54 @@
+"""What a solver answers: the joints, and honestly how far they are from what was asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ikservo.kinematics.se3 import Vector
+
+__all__ = ["Binding", "Result", "Tolerance"]
+
+
+@dataclass(frozen=True, slots=True)
+class Binding:
+    """A joint limit that keeps the tool from coming closer."""
+
+    joint: str
+    side: Literal["lower", "upper"]
+
+    def __str__(self) -> str:
+        return f"{self.joint} at its {self.side} limit"
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How close counts as reached."""
+
+    position_m: float = 1e-5
+    orientation_rad: float = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """A solution, or the closest that the limits allow (lecture L5).
+
+    Attributes:
+        q: Joint vector (dof,), rad or m, always inside the limits.
+        reached: Whether position and orientation are within the tolerance.
+        position_error_m: Distance from the wanted point.
+        orientation_error_rad: Angle from the wanted direction or orientation; 0 if none wanted.
+        binding: The limits that hold the arm back; empty when reached.
+        iterations: Steps taken, restarts included.
+        nearest_m: Where the point is at ``q`` (3,), metres, base frame.
+        method: The solver that found it.
+    """
+
+    q: Vector
+    reached: bool
+    position_error_m: float
+    orientation_error_rad: float
+    binding: tuple[Binding, ...]
+    iterations: int
+    nearest_m: Vector
+    method: str

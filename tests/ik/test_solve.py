@@ -1,0 +1,131 @@
+"""The bounded solver: inside the limits always, and honest about what it reached."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.ik import Solver, Target, solve
+from tests.kinematics.chains import crane, planar
+
+ARM = planar(0.3, 0.2, 0.1, limit_rad=2.5)
+inside = st.floats(-2.5, 2.5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(inside, inside, inside)
+def test_every_point_that_some_joints_inside_the_limits_reach_is_reached(a, b, c):
+    target = ARM.forward([a, b, c])[:3, 3]
+    result = solve(ARM, Target(target))
+    assert result.reached
+    assert np.linalg.norm(ARM.forward(result.q)[:3, 3] - target) <= 1e-5
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
+def test_whatever_is_asked_the_answer_is_inside_the_limits(x, y, z):
+    result = solve(ARM, Target((x, y, z)), restarts=4)
+    assert (result.q >= ARM.lower_rad).all()
+    assert (result.q <= ARM.upper_rad).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(-1, 1), st.floats(-1, 1))
+def test_reached_means_that_the_forward_kinematics_agrees(x, y):
+    result = solve(ARM, Target((x, y, 0.0)), restarts=4)
+    error_m = float(np.linalg.norm(ARM.forward(result.q)[:3, 3] - (x, y, 0.0)))
+    assert result.position_error_m == pytest.approx(error_m, abs=1e-12)
+    assert result.reached == (error_m <= 1e-5)
+
+
+def test_out_of_reach_the_answer_is_the_point_on_the_circle_nearest_the_target():
+    result = solve(ARM, Target((3.0, 4.0, 0.0)))
+    assert not result.reached
+    np.testing.assert_allclose(result.nearest_m, [0.36, 0.48, 0.0], atol=1e-6)
+    assert result.position_error_m == pytest.approx(5.0 - 0.6)
+
+
+def test_the_limit_that_holds_the_arm_back_is_named():
+    arm = planar(0.3, 0.2).with_limits([-math.pi, 0.5], [math.pi, 2.0])
+    result = solve(arm, Target((0.5, 0.0, 0.0)))
+    assert [str(b) for b in result.binding] == ["j2 at its lower limit"]
+
+
+def test_the_nearest_point_on_a_limit_is_the_one_a_dense_search_finds():
+    arm = planar(0.3, 0.2).with_limits([-0.4, 0.2], [0.9, 1.3])
+    target = np.array([0.1, -0.3, 0.0])
+    result = solve(arm, Target(target))
+    grid = [arm.forward([a, b])[:3, 3] for a in np.linspace(-0.4, 0.9, 120)
+            for b in np.linspace(0.2, 1.3, 120)]  # fmt: skip
+    densest = min(float(np.linalg.norm(p - target)) for p in grid)
+    assert result.position_error_m <= densest
+    assert result.position_error_m == pytest.approx(densest, abs=1e-3)
+
+
+def test_a_start_outside_the_limits_is_legal_and_the_answer_inside():
+    result = solve(ARM, Target((0.4, 0.1, 0.0)), q0=[3.0, -3.0, 9.0])
+    assert result.reached
+    assert (np.abs(result.q) <= 2.5).all()
+
+
+def test_the_solution_near_the_start_is_preferred():
+    up, down = planar(0.3, 0.2), Target((0.3, 0.1, 0.0))
+    assert solve(up, down, q0=[0.5, -1.0]).q[1] < 0 < solve(up, down, q0=[-0.5, 1.0]).q[1]
+
+
+def test_the_same_question_gets_the_same_answer():
+    first, second = (solve(ARM, Target((0.2, -0.1, 0.0))) for _ in range(2))
+    np.testing.assert_array_equal(first.q, second.q)
+
+
+def test_slides_are_solved_like_turns():
+    result = solve(crane(), Target(crane().forward([1.1, 0.22])[:3, 3]))
+    np.testing.assert_allclose(result.q, [1.1, 0.22], atol=1e-6)
+
+
+def test_any_point_of_any_link_can_be_the_one_that_goes_there():
+    wanted = ARM.forward([0.3, 0.8, 0.0], "l2", (0.15, 0.02, 0))[:3, 3]
+    result = solve(ARM, Target(wanted, frame="l2", offset_m=(0.15, 0.02, 0)))
+    assert result.reached
+    np.testing.assert_allclose(ARM.forward(result.q, "l2", (0.15, 0.02, 0))[:3, 3], wanted,
+                               atol=1e-5)  # fmt: skip
+
+
+def test_a_direction_is_met_when_the_arm_has_the_freedom():
+    wanted = ARM.forward([0.4, -0.9, 1.3])
+    result = solve(ARM, Target(wanted[:3, 3], direction=wanted[:3, 0], tool_axis=(1, 0, 0)))
+    assert result.reached
+    np.testing.assert_allclose(ARM.forward(result.q), wanted, atol=1e-4)
+
+
+def test_a_direction_that_cannot_be_had_costs_no_position():
+    result = solve(ARM, Target((0.35, 0.1, 0.0), direction=(0, 0, 1), tool_axis=(1, 0, 0)))
+    assert not result.reached
+    assert result.position_error_m < 1e-5
+    assert result.orientation_error_rad == pytest.approx(math.pi / 2, abs=1e-3)
+
+
+@pytest.mark.parametrize("q0", [[0, 0], [0, 0, math.nan], "abc"])
+def test_a_start_that_is_no_joint_vector_is_refused(q0):
+    with pytest.raises(BadValueError, match="q0"):
+        solve(ARM, Target((0.3, 0, 0)), q0=q0)
+
+
+def test_an_unknown_method_is_refused_with_those_there_are():
+    with pytest.raises(UnknownNameError, match="Known: auto, bounded"):
+        solve(ARM, Target((0.3, 0, 0)), method="magic")
+
+
+def test_a_prepared_solver_follows_a_line_without_jumps():
+    solver, largest = Solver(ARM), 0.0
+    q = solve(ARM, Target((0.35, 0.1, 0.0))).q
+    for y in np.linspace(0.1, 0.3, 50):
+        T = np.eye(4)
+        T[:3, 3] = (0.35, y, 0.0)
+        after, reached = solver(T, q)
+        assert reached
+        largest, q = max(largest, float(np.abs(after - q).max())), after
+    assert largest < 0.05
