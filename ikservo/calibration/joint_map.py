@@ -1,0 +1,82 @@
+"""Ticks become radians: one servo's place in one joint, exact in both directions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ikservo.errors import BadValueError
+
+__all__ = ["JointMap"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointMap:
+    """How the ticks that a servo reports relate to the joint it turns.
+
+    ``position = sign * (tick - zero_tick) * unit_per_tick``
+
+    Attributes:
+        joint: Name of the joint.
+        servo_id: Id of the servo on the bus.
+        sign: +1 where growing ticks are a growing joint position, else -1.
+        zero_tick: The tick at position zero; may lie between two ticks.
+        unit_per_tick: Radians (metres for a prismatic joint) a tick, positive.
+    """
+
+    joint: str
+    servo_id: int
+    sign: int
+    zero_tick: float
+    unit_per_tick: float
+
+    @classmethod
+    def revolute(
+        cls, joint: str, servo_id: int, sign: int, zero_tick: float, ticks_per_turn: int
+    ) -> JointMap:
+        """Return the map of a joint that turns with its servo's horn."""
+        return cls(joint, servo_id, sign, zero_tick, 2.0 * math.pi / ticks_per_turn)
+
+    @classmethod
+    def prismatic(
+        cls,
+        joint: str,
+        servo_id: int,
+        sign: int,
+        zero_tick: float,
+        ticks_per_turn: int,
+        m_per_turn: float,
+    ) -> JointMap:
+        """Return the map of a slide that its servo's horn drives by a rack or pinion."""
+        return cls(joint, servo_id, sign, zero_tick, m_per_turn / ticks_per_turn)
+
+    def position(self, tick: float) -> float:
+        """Return the joint position [rad or m] at a tick."""
+        return self.sign * (tick - self.zero_tick) * self.unit_per_tick
+
+    def exact_tick(self, position: float) -> float:
+        """Return the tick, with its fraction, at a joint position [rad or m]."""
+        return self.sign * position / self.unit_per_tick + self.zero_tick
+
+    def tick(self, position: float) -> int:
+        """Return the nearest whole tick to a joint position [rad or m].
+
+        Raises:
+            BadValueError: The position is not finite.
+        """
+        if not math.isfinite(position):
+            raise BadValueError(f"The goal of {self.joint}", position, "a finite number")
+        return math.floor(self.exact_tick(position) + 0.5)
+
+    def ticks_inside(self, lower: float, upper: float) -> tuple[int, int]:
+        """Return the lowest and the highest tick whose positions lie in [lower, upper].
+
+        Raises:
+            BadValueError: No tick lies inside.
+        """
+        a, b = sorted((self.exact_tick(lower), self.exact_tick(upper)))
+        # A limit that is itself a tick must not be lost to the last bit of a division.
+        low, high = math.ceil(a - 1e-6), math.floor(b + 1e-6)
+        if low > high:
+            raise BadValueError(f"The range of {self.joint}", f"[{lower}, {upper}]", "a tick in it")
+        return low, high

@@ -1,0 +1,46 @@
+"""A beat that does not drift, for streaming goals at a fixed rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ikservo.clock import Clock
+
+__all__ = ["Metronome"]
+
+
+class Metronome:
+    """Beats every ``period_s``, at multiples of the period counted from the first beat.
+
+    A beat that comes late does not move the later ones; beats that were missed altogether are
+    left out, not made up for in a burst.
+
+    Attributes:
+        beats: How many beats there were.
+        missed: How many were left out because the one before took too long.
+        worst_lateness_s: The longest time from a beat's instant to its coming.
+    """
+
+    def __init__(self, clock: Clock, period_s: float) -> None:
+        self._clock, self._period_s = clock, period_s
+        self.beats = self.missed = 0
+        self.worst_lateness_s = 0.0
+
+    def __iter__(self) -> Iterator[float]:
+        """Yield the seconds since the first beat, at each beat, without end."""
+        start_s = self._clock.now_s()
+        index = 0
+        while True:
+            due_s = start_s + index * self._period_s
+            self._clock.sleep_until(due_s)
+            elapsed_s = self._clock.now_s() - start_s
+            self.beats += 1
+            self.worst_lateness_s = max(self.worst_lateness_s, elapsed_s - index * self._period_s)
+            yield elapsed_s
+            index = self._next(index, self._clock.now_s() - start_s)
+
+    def _next(self, index: int, elapsed_s: float) -> int:
+        following = index + 1
+        reachable = max(following, int(elapsed_s / self._period_s))
+        self.missed += reachable - following
+        return reachable

@@ -1,0 +1,57 @@
+"""Ticks and radians are exact inverses of each other."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ikservo.calibration import JointMap
+from ikservo.errors import BadValueError
+
+maps = st.builds(
+    JointMap.revolute,
+    joint=st.just("elbow"),
+    servo_id=st.just(3),
+    sign=st.sampled_from([-1, 1]),
+    zero_tick=st.floats(0, 4095),
+    ticks_per_turn=st.sampled_from([1024, 4096]),
+)
+
+
+@given(maps, st.integers(-9000, 9000))
+def test_a_tick_to_radians_and_back_is_the_same_tick(joint_map, tick):
+    assert joint_map.tick(joint_map.position(tick)) == tick
+
+
+def test_a_quarter_turn_of_a_12_bit_servo_is_1024_ticks():
+    joint_map = JointMap.revolute("elbow", 3, 1, 2048, 4096)
+    assert joint_map.position(3072) == pytest.approx(math.pi / 2)
+    assert joint_map.tick(-math.pi / 2) == 1024
+
+
+def test_a_mirrored_servo_counts_down_where_the_joint_goes_up():
+    assert JointMap.revolute("elbow", 3, -1, 2048, 4096).tick(math.pi / 2) == 1024
+
+
+def test_a_rack_moves_by_its_pitch_circle():
+    rack = JointMap.prismatic("gripper", 15, 1, 2048, 4096, m_per_turn=0.08)
+    assert rack.position(2048 + 1024) == pytest.approx(0.02)
+
+
+@given(maps, st.floats(-3, 3), st.floats(0.01, 3))
+def test_every_tick_inside_a_range_is_a_position_inside_it(joint_map, lower, width):
+    low, high = joint_map.ticks_inside(lower, lower + width)
+    ends = sorted((joint_map.position(low), joint_map.position(high)))
+    assert lower - 1e-8 <= ends[0] <= ends[1] <= lower + width + 1e-8
+
+
+def test_a_range_between_two_ticks_holds_none():
+    with pytest.raises(BadValueError, match="range of elbow"):
+        JointMap.revolute("elbow", 3, 1, 2048, 4096).ticks_inside(0.0005, 0.0010)
+
+
+@pytest.mark.parametrize("position", [math.nan, math.inf, -math.inf])
+def test_a_goal_that_is_no_number_has_no_tick(position):
+    with pytest.raises(BadValueError, match="goal of elbow"):
+        JointMap.revolute("elbow", 3, 1, 2048, 4096).tick(position)

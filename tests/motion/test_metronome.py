@@ -1,0 +1,46 @@
+"""The beat keeps its instants, whatever happens between them."""
+
+import itertools
+
+import pytest
+
+from ikservo.motion import Metronome
+
+
+class HandClock:
+    """A clock that a test turns by hand; waiting takes no time."""
+
+    def __init__(self):
+        self.time_s = 100.0
+
+    def now_s(self):
+        return self.time_s
+
+    def sleep_until(self, deadline_s):
+        self.time_s = max(self.time_s, deadline_s)
+
+
+def test_beats_are_multiples_of_the_period():
+    beats = list(itertools.islice(Metronome(HandClock(), 0.01), 4))
+    assert beats == pytest.approx([0.0, 0.01, 0.02, 0.03])
+
+
+def test_a_late_beat_does_not_move_the_next_one():
+    clock = HandClock()
+    beats = []
+    for elapsed_s in itertools.islice(Metronome(clock, 0.01), 4):
+        beats.append(elapsed_s)
+        clock.time_s += 0.007
+    assert beats == pytest.approx([0.0, 0.01, 0.02, 0.03])
+
+
+def test_missed_beats_are_counted_and_not_made_up_for():
+    clock = HandClock()
+    metronome = Metronome(clock, 0.01)
+    beats = []
+    for elapsed_s in itertools.islice(metronome, 3):
+        beats.append(elapsed_s)
+        clock.time_s += 0.035 if len(beats) == 1 else 0.0
+    assert beats == pytest.approx([0.0, 0.035, 0.04])
+    assert metronome.missed == 2
+    assert metronome.worst_lateness_s == pytest.approx(0.005)
