@@ -2,5 +2,6 @@
 
 from ikservo.calibration.joint_map import JointMap
 from ikservo.calibration.limits import Limit, Limits
+from ikservo.calibration.words import JointUnit, say
 
-__all__ = ["JointMap", "Limit", "Limits"]
+__all__ = ["JointMap", "JointUnit", "Limit", "Limits", "say"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ikservo.calibration.words import JointUnit
 from ikservo.errors import BadValueError
 
 __all__ = ["JointMap"]
@@ -22,6 +23,7 @@ class JointMap:
         sign: +1 where growing ticks are a growing joint position, else -1.
         zero_tick: The tick at position zero; may lie between two ticks.
         unit_per_tick: Radians (metres for a prismatic joint) a tick, positive.
+        unit: What a position is measured in.
     """
 
     joint: str
@@ -29,6 +31,7 @@ class JointMap:
     sign: int
     zero_tick: float
     unit_per_tick: float
+    unit: JointUnit = "rad"
 
     @classmethod
     def revolute(
@@ -48,7 +51,7 @@ class JointMap:
         m_per_turn: float,
     ) -> JointMap:
         """Return the map of a slide that its servo's horn drives by a rack or pinion."""
-        return cls(joint, servo_id, sign, zero_tick, m_per_turn / ticks_per_turn)
+        return cls(joint, servo_id, sign, zero_tick, m_per_turn / ticks_per_turn, "m")
 
     def position(self, tick: float) -> float:
         """Return the joint position [rad or m] at a tick."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+from ikservo.calibration.words import JointUnit, say
 from ikservo.errors import CalibrationError
 
 __all__ = ["Limit", "Limits"]
@@ -31,6 +31,7 @@ class Limits:
     joint: str
     lower: Limit
     upper: Limit
+    unit: JointUnit = "rad"
 
     def __post_init__(self) -> None:
         if not self.lower.value <= self.upper.value:
@@ -41,9 +42,11 @@ class Limits:
             )
 
     @classmethod
-    def of(cls, joint: str, lower: float, upper: float, source: str) -> Limits:
+    def of(
+        cls, joint: str, lower: float, upper: float, source: str, unit: JointUnit = "rad"
+    ) -> Limits:
         """Return limits whose two ends have one source."""
-        return cls(joint, Limit(lower, source), Limit(upper, source))
+        return cls(joint, Limit(lower, source), Limit(upper, source), unit)
 
     def intersect(self, other: Limits) -> Limits:
         """Return the range inside both; on equal values the first source stays.
@@ -55,6 +58,7 @@ class Limits:
             self.joint,
             max(self.lower, other.lower, key=lambda limit: limit.value),
             min(self.upper, other.upper, key=lambda limit: limit.value),
+            self.unit,
         )
 
     def holds(self, value: float) -> bool:
@@ -67,6 +71,5 @@ class Limits:
         low, high = self.lower.source, self.upper.source
         return low if low == high else f"{low} / {high}"
 
-    @staticmethod
-    def _say(limit: Limit) -> str:
-        return f"{math.degrees(limit.value):.1f}° ({limit.source})"
+    def _say(self, limit: Limit) -> str:
+        return f"{say(limit.value, self.unit)} ({limit.source})"

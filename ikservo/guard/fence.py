@@ -1,0 +1,60 @@
+"""What one servo may be told: a range in whole ticks and the speed of its goals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ikservo.calibration import JointMap, Limits, say
+
+__all__ = ["Fence"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """The range and speed of one joint, in the servo's own ticks.
+
+    Attributes:
+        joint_map: How ticks and positions relate.
+        limits: The calibrated range, each end with its source.
+        speed: How fast goals may move, rad/s or m/s.
+    """
+
+    joint_map: JointMap
+    limits: Limits
+    speed: float
+
+    @property
+    def joint(self) -> str:
+        """Return the joint's name."""
+        return self.joint_map.joint
+
+    @property
+    def servo_id(self) -> int:
+        """Return the id of the servo that turns the joint."""
+        return self.joint_map.servo_id
+
+    @property
+    def ticks(self) -> tuple[int, int]:
+        """Return the lowest and the highest tick inside the limits."""
+        return self.joint_map.ticks_inside(self.limits.lower.value, self.limits.upper.value)
+
+    @property
+    def positions(self) -> tuple[float, float]:
+        """Return the lowest and the highest position that is a whole tick inside the limits."""
+        low, high = sorted(self.joint_map.position(tick) for tick in self.ticks)
+        return low, high
+
+    def step_ticks(self, elapsed_s: float) -> int:
+        """Return how far a goal may move in a time, one tick of rounding included."""
+        return math.floor(self.speed * elapsed_s / self.joint_map.unit_per_tick + 1e-6) + 1
+
+    def beyond(self, tick: int) -> str:
+        """Say how a tick leaves the range, with the limit that binds and its source."""
+        position = self.joint_map.position(tick)
+        limit = self.limits.upper if position > self.limits.upper.value else self.limits.lower
+        unit = self.joint_map.unit
+        return (
+            f"{self.joint} would have to go to {say(position, unit)}, "
+            f"past {say(limit.value, unit)} ({limit.source})."
+        )
