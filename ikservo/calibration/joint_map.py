@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ikservo.calibration.words import JointUnit
+from ikservo.calibration.words import JointUnit, say
 from ikservo.errors import BadValueError
 
 __all__ = ["JointMap"]
@@ -70,6 +70,10 @@ class JointMap:
         if not math.isfinite(position):
             raise BadValueError(f"The goal of {self.joint}", position, "a finite number")
         return math.floor(self.exact_tick(position) + 0.5)
+
+    def say(self, position: float) -> str:
+        """Return a position as a person reads it: ``101.3°`` or ``12.0 mm``."""
+        return say(position, self.unit)
 
     def ticks_inside(self, lower: float, upper: float) -> tuple[int, int]:
         """Return the lowest and the highest tick whose positions lie in [lower, upper].

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ikservo.calibration import JointMap, Limits, say
+from ikservo.calibration import JointMap, Limits
 
 __all__ = ["Fence"]
 
@@ -53,8 +53,7 @@ class Fence:
         """Say how a tick leaves the range, with the limit that binds and its source."""
         position = self.joint_map.position(tick)
         limit = self.limits.upper if position > self.limits.upper.value else self.limits.lower
-        unit = self.joint_map.unit
         return (
-            f"{self.joint} would have to go to {say(position, unit)}, "
-            f"past {say(limit.value, unit)} ({limit.source})."
+            f"{self.joint} would have to go to {self.joint_map.say(position)}, "
+            f"past {self.joint_map.say(limit.value)} ({limit.source})."
         )

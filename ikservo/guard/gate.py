@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 from ikservo.clock import Clock
 from ikservo.errors import RefusedError
@@ -46,7 +47,7 @@ class Gate:
         for joint, tick in ticks.items():
             self._fence(joint)
             _check_whole(joint, tick)
-        self._commit(ticks)
+        self._commit(ticks, self._clock.now_s())
 
     def send(self, goals: Mapping[str, int]) -> None:
         """Pass goal ticks by joint on to the servos.
@@ -54,10 +55,25 @@ class Gate:
         Raises:
             RefusedError: One of the goals may not pass; nothing was sent for any joint.
         """
-        elapsed_s = min(self._clock.now_s() - self._passed_s, _LONGEST_ELAPSED_S)
+        now_s = self._clock.now_s()
+        elapsed_s = min(now_s - self._passed_s, _LONGEST_ELAPSED_S)
         for joint, tick in goals.items():
             self._check(self._fence(joint), tick, elapsed_s)
-        self._commit(goals)
+        self._commit(goals, now_s)
+
+    @property
+    def goals(self) -> Mapping[str, int]:
+        """Return the goal tick of each joint that last passed."""
+        return MappingProxyType(self._goals)
+
+    def check_range(self, goals: Mapping[str, int]) -> None:
+        """Check a distant goal before a motion to it starts; sends nothing.
+
+        Raises:
+            RefusedError: A joint is unknown, unmeasured, or would leave its limits.
+        """
+        for joint, tick in goals.items():
+            self._check_range(self._fence(joint), tick)
 
     def nearest(self, joint: str, tick: int) -> int:
         """Return the tick nearest to ``tick`` that the joint's range lets pass."""
@@ -65,6 +81,16 @@ class Gate:
         return min(max(tick, low), high)
 
     def _check(self, fence: Fence, tick: int, elapsed_s: float) -> None:
+        self._check_range(fence, tick)
+        step = abs(tick - self._goals[fence.joint])
+        if step > fence.step_ticks(elapsed_s):
+            raise RefusedError(
+                f"{fence.joint} would have to jump {step} ticks in {elapsed_s * 1000:.0f} ms, "
+                f"more than {fence.step_ticks(elapsed_s)}.",
+                "Nothing was sent. Goals must move no faster than the arm file's fastest speed.",
+            )
+
+    def _check_range(self, fence: Fence, tick: int) -> None:
         _check_whole(fence.joint, tick)
         if fence.joint not in self._goals:
             raise RefusedError(
@@ -73,13 +99,6 @@ class Gate:
         low, high = self._range(fence)
         if not low <= tick <= high:
             raise RefusedError(fence.beyond(tick), "Nothing was sent. Choose a nearer goal.")
-        step = abs(tick - self._goals[fence.joint])
-        if step > fence.step_ticks(elapsed_s):
-            raise RefusedError(
-                f"{fence.joint} would have to jump {step} ticks in {elapsed_s * 1000:.0f} ms, "
-                f"more than {fence.step_ticks(elapsed_s)}.",
-                "Nothing was sent. Goals must move no faster than the arm file's fastest speed.",
-            )
 
     def _range(self, fence: Fence) -> tuple[int, int]:
         """Return the ticks that may pass: the limits, and the way back to them from outside."""
@@ -92,10 +111,10 @@ class Gate:
             raise RefusedError(f"The guard knows no joint {joint!r}.", "Nothing was sent.")
         return self._fences[joint]
 
-    def _commit(self, goals: Mapping[str, int]) -> None:
+    def _commit(self, goals: Mapping[str, int], now_s: float) -> None:
         self._send({self._fences[joint].servo_id: tick for joint, tick in goals.items()})
         self._goals.update(goals)
-        self._passed_s = self._clock.now_s()
+        self._passed_s = now_s
 
 
 def _check_whole(joint: str, tick: object) -> None:

@@ -1,7 +1,8 @@
 """The production solver: damped least squares inside the joint limits (lecture L9, L13).
 
-Minimises ``|E(q)|²`` with Levenberg-Marquardt steps in which joints at a limit that would leave
-it are held there by an active set, so that no iterate is ever outside the limits.
+Minimises ``|E(q)|²`` with damped Newton steps, which near a solution are Levenberg-Marquardt's.
+Joints at a limit that would leave it are held there by an active set, so that no iterate is ever
+outside the limits.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.ik.target import Target
 from ikservo.kinematics import Chain
@@ -52,37 +54,76 @@ def descend(chain: Chain, target: Target, q0: Vector, turn_weight_m_rad: float) 
             worth; 0 ignores the orientation.
     """
     q, damping = q0, _DAMPING_START
-    error, J = _linearise(chain, target, q, turn_weight_m_rad)
+    here = _linearise(chain, target, q, turn_weight_m_rad)
     for iteration in range(_MAX_ITERATIONS):
-        gradient = -J.T @ error
-        if _projected(gradient, q, chain) < _GRADIENT_END:
+        gradient = here.gradient
+        free = ~_pressed(gradient, q, chain)
+        if float(np.abs(gradient * free).max()) < _GRADIENT_END:
             return Descent(q, gradient, iteration)
         low = np.maximum(chain.lower_rad - q, -_TRUST_RAD)
         high = np.minimum(chain.upper_rad - q, _TRUST_RAD)
-        step = _bounded_step(J, error, damping, low, high)
+        step = _bounded_step(here.curvature(damping), gradient, free, low, high)
         if float(np.abs(step).max()) < _STEP_END:
             return Descent(q, gradient, iteration)
         tried = chain.clip(q + step)
-        tried_error, tried_J = _linearise(chain, target, tried, turn_weight_m_rad)
-        if tried_error @ tried_error < error @ error:
-            q, error, J = tried, tried_error, tried_J
+        there = _linearise(chain, target, tried, turn_weight_m_rad)
+        if there.cost < here.cost:
+            q, here = tried, there
             damping = max(damping * 0.1, _DAMPING_MIN)
         elif damping < _DAMPING_MAX:
             damping *= 10.0
         else:
             return Descent(q, gradient, iteration)
-    return Descent(q, -J.T @ error, _MAX_ITERATIONS)
+    return Descent(q, here.gradient, _MAX_ITERATIONS)
 
 
-def _linearise(chain: Chain, target: Target, q: Vector, weight: float) -> tuple[Vector, Matrix]:
-    """Return the error E = M - f(q) and its Jacobian, orientation rows weighted."""
-    T = chain.forward(q, target.frame, target.offset_m)
-    J = chain.jacobian(q, target.frame, target.offset_m)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Local:
+    """The error E = M - f(q) at one q, with its first and second derivatives."""
+
+    error: Vector
+    J: Matrix
+    bend: Matrix
+
+    @property
+    def cost(self) -> float:
+        return float(self.error @ self.error)
+
+    @property
+    def gradient(self) -> Vector:
+        """Of half the cost."""
+        return -self.J.T @ self.error
+
+    def curvature(self, damping: float) -> Matrix:
+        """Return the damped second derivative of half the cost (dof, dof)."""
+        H = self.J.T @ self.J
+        size = max(float(np.trace(H)), 1e-12)
+        H += self.bend
+        H[np.diag_indices_from(H)] += damping * size
+        return H
+
+
+def _linearise(chain: Chain, target: Target, q: Vector, weight: float) -> _Local:
+    """Look at the error around q, orientation rows weighted."""
+    T, J = chain.linearise(q, target.frame, target.offset_m)
     position_error = target.position - T[:3, 3]
+    bend = _bend(J, position_error)
     if weight == 0.0 or target.only_position:
-        return position_error, J[:3]
+        return _Local(position_error, J[:3], bend)
     turn_error = weight * target.turn_left(T[:3, :3])
-    return np.concatenate([position_error, turn_error]), _turn_rows(J, T, target, weight)
+    error = np.concatenate([position_error, turn_error])
+    return _Local(error, _turn_rows(J, T, target, weight), bend)
+
+
+def _bend(J: Matrix, error: Vector) -> Matrix:
+    """Return the part of the error's second derivative (dof, dof) that the Jacobian leaves out.
+
+    Turning joint i swings the column of every joint j behind it: dJ_j/dq_i = axis_i x J_j. Near a
+    solution this vanishes with the error; towards a point out of reach it is what matters.
+    """
+    swing = np.cross(J[3:].T[:, None, :], J[:3].T[None, :, :]) @ error
+    upper = np.triu(swing)
+    return -(upper + np.triu(swing, 1).T)
 
 
 def _turn_rows(J: Matrix, T: Matrix, target: Target, weight: float) -> Matrix:
@@ -94,17 +135,19 @@ def _turn_rows(J: Matrix, T: Matrix, target: Target, weight: float) -> Matrix:
     return np.vstack([J[:3], weight * angular])
 
 
-def _bounded_step(J: Matrix, error: Vector, damping: float, low: Vector, high: Vector) -> Vector:
-    """Return the damped least-squares step inside ``low <= step <= high`` (lecture L9).
+def _bounded_step(
+    H: Matrix, gradient: Vector, free: NDArray[np.bool_], low: Vector, high: Vector
+) -> Vector:
+    """Return the step inside ``low <= step <= high`` that brings the model down (lecture L9).
 
-    Joints that would leave their range are set on its end one round after another, and the
-    others are solved again for what is left.
+    Only free joints move. Those that would leave their range are set on its end one round after
+    another, and the others are solved again for what is left.
     """
-    step = np.zeros(J.shape[1])
-    free = np.ones(J.shape[1], dtype=bool)
+    step = np.zeros(len(gradient))
+    free = free.copy()
     while free.any():
-        rest = error - J[:, ~free] @ step[~free]
-        step[free] = _damped(J[:, free], rest, damping)
+        rest = gradient[free] + H[np.ix_(free, ~free)] @ step[~free]
+        step[free] = _downhill(H[np.ix_(free, free)], rest)
         outside = free & ((step < low) | (step > high))
         if not outside.any():
             break
@@ -113,14 +156,13 @@ def _bounded_step(J: Matrix, error: Vector, damping: float, low: Vector, high: V
     return step
 
 
-def _damped(J: Matrix, error: Vector, damping: float) -> Vector:
-    """Solve (JᵀJ + λ) Δ = Jᵀ E with λ relative to the size of J."""
-    A = J.T @ J
-    A[np.diag_indices_from(A)] += damping * max(float(np.trace(A)), 1e-12)
-    return np.linalg.solve(A, J.T @ error).astype(np.float64)
+def _downhill(H: Matrix, gradient: Vector) -> Vector:
+    """Return the Newton step with every direction's curvature taken as positive."""
+    curvatures, directions = np.linalg.eigh(H)
+    sizes = np.maximum(np.abs(curvatures), 1e-12 * float(np.abs(curvatures).max()) + 1e-300)
+    return (-directions @ ((directions.T @ gradient) / sizes)).astype(np.float64)
 
 
-def _projected(gradient: Vector, q: Vector, chain: Chain) -> float:
-    """Return the largest part of the gradient that a step inside the limits could follow."""
-    held = ((q <= chain.lower_rad) & (gradient > 0)) | ((q >= chain.upper_rad) & (gradient < 0))
-    return float(np.abs(np.where(held, 0.0, gradient)).max())
+def _pressed(gradient: Vector, q: Vector, chain: Chain) -> NDArray[np.bool_]:
+    """Return the joints (dof,) that stand at a limit and would go on if they could."""
+    return ((q <= chain.lower_rad) & (gradient > 0)) | ((q >= chain.upper_rad) & (gradient < 0))

@@ -200,16 +200,26 @@ class Chain:
             BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
             UnknownNameError: No link is named ``frame``.
         """
+        return self.linearise(q, frame, offset_m)[1]
+
+    def linearise(
+        self, q: ArrayLike, frame: str | None = None, offset_m: ArrayLike | None = None
+    ) -> tuple[Matrix, Matrix]:
+        """Return ``forward`` (4, 4) and ``jacobian`` (6, dof) of one point in one pass."""
         q = self._joint_vector(q, "q")
-        point = self.forward(q, frame, offset_m)[:3, 3]
-        J = np.zeros((6, self.dof))
         T = np.eye(4)
+        passed: list[tuple[_Step, Matrix]] = []
         for step in self._way(frame):
-            T = T @ step.joint.origin
+            T_world_joint = T @ step.joint.origin
+            passed.append((step, T_world_joint))
+            T = T_world_joint @ _motion(step, q)
+        if offset_m is not None:
+            T = T @ pose(_point(offset_m))
+        J = np.zeros((6, self.dof))
+        for step, T_world_joint in passed:
             if step.scale:
-                J[:, step.column] += step.scale * _column(step.joint, T, point)
-            T = T @ _motion(step, q)
-        return J
+                J[:, step.column] += step.scale * _column(step.joint, T_world_joint, T[:3, 3])
+        return T, J
 
     def link_poses(self, q: ArrayLike) -> dict[str, Matrix]:
         """Return T_world_link (4, 4) of every link of the arm at ``q`` (dof,)."""
