@@ -1,0 +1,227 @@
+"""The shipped ``arm.toml`` files are complete, agree with their URDF and name safe poses."""
+
+from __future__ import annotations
+
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from itertools import pairwise
+from math import tau
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+ARMS = sorted(path.parent.name for path in CONFIGS.glob("*/arm.toml"))
+POSES = [(arm, pose) for arm in ARMS for pose in ("rest", "home", "zero")]
+
+
+def read(arm: str) -> dict:
+    return tomllib.loads((CONFIGS / arm / "arm.toml").read_text())
+
+
+def urdf(arm: str) -> ET.Element:
+    return ET.parse(CONFIGS / arm / "arm.urdf").getroot()
+
+
+def limits(arm: str) -> dict[str, tuple[float, float]]:
+    """Return lower and upper limit [rad or m] of every joint that a servo moves, in file order."""
+    return {
+        joint.attrib["name"]: tuple(float(joint.find("limit").get(k)) for k in ("lower", "upper"))
+        for joint in urdf(arm).iter("joint")
+        if joint.attrib["type"] != "fixed" and joint.find("mimic") is None
+    }
+
+
+def turns(arm: str) -> set[str]:
+    return {j.attrib["name"] for j in urdf(arm).iter("joint") if j.attrib["type"] == "revolute"}
+
+
+def servos(arm: str) -> Iterator[dict]:
+    for joint in read(arm)["joints"]:
+        yield joint["servo"]
+        yield from joint.get("shadows", [])
+
+
+def ticks(servo: dict, position: float) -> int:
+    per_turn = servo.get("m_per_turn", tau)
+    return round(servo["zero_tick"] + servo["sign"] * position / per_turn * 4096)
+
+
+def positions(arm: str, pose: str) -> dict[str, float]:
+    """Return a pose as joint = rad or m."""
+    tables = read(arm)["poses"][pose]
+    turned = {name: float(np.deg2rad(deg)) for name, deg in tables["deg"].items()}
+    return turned | tables.get("m", {})
+
+
+def posed(arm: str, pose: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    spec = mujoco.MjSpec.from_file(str(CONFIGS / arm / "arm.urdf"))
+    spec.compiler.fusestatic = False
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for name, position in with_mimics(arm, positions(arm, pose)).items():
+        data.joint(name).qpos[0] = position
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def with_mimics(arm: str, position: dict[str, float]) -> dict[str, float]:
+    for joint in urdf(arm).iter("joint"):
+        if (mimic := joint.find("mimic")) is not None:
+            led = position[mimic.attrib["joint"]] * float(mimic.attrib["multiplier"])
+            position = position | {joint.attrib["name"]: led}
+    return position
+
+
+def lowest_m(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, float]:
+    """Return the height of the lowest point of each link's boxes and cylinders."""
+    heights: dict[str, float] = {}
+    for index in range(model.ngeom):
+        down, size = np.abs(data.geom_xmat[index].reshape(3, 3)[2]), model.geom_size[index]
+        if model.geom_type[index] == mujoco.mjtGeom.mjGEOM_BOX:
+            reach = down @ size
+        else:
+            assert model.geom_type[index] == mujoco.mjtGeom.mjGEOM_CYLINDER
+            reach = down[2] * size[1] + np.hypot(down[0], down[1]) * size[0]
+        link = model.body(model.geom_bodyid[index]).name
+        height = float(data.geom_xpos[index][2] - reach)
+        heights[link] = min(heights.get(link, height), height)
+    return heights
+
+
+def test_ten_arms_are_shipped():
+    assert len(ARMS) == 10
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_name_is_that_of_the_folder(arm):
+    assert read(arm)["name"] == arm
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_urdf_is_beside_the_file(arm):
+    assert (CONFIGS / arm / read(arm)["urdf"]).is_file()
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_tip_is_a_link_of_the_urdf(arm):
+    assert read(arm)["tip"] in {link.attrib["name"] for link in urdf(arm).iter("link")}
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_every_driven_joint_is_listed_from_base_to_tip(arm):
+    assert [joint["name"] for joint in read(arm)["joints"]] == list(limits(arm))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_only_a_joint_named_gripper_is_a_gripper(arm):
+    for joint in read(arm)["joints"]:
+        assert (joint["role"] == "gripper") == (joint["name"] == "gripper")
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_only_sliding_joints_have_metres_a_turn(arm):
+    for joint in read(arm)["joints"]:
+        assert ("m_per_turn" in joint["servo"]) == (joint["name"] not in turns(arm))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_no_two_servos_share_an_id(arm):
+    ids = [servo["id"] for servo in servos(arm)]
+    assert len(ids) == len(set(ids))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_every_servo_speaks_the_language_of_the_bus(arm):
+    families = {"S": "feetech_sts", "X": "dynamixel_2"}
+    assert {families[servo["model"][0]] for servo in servos(arm)} == {read(arm)["bus"]["family"]}
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_every_limit_is_a_tick_that_the_servo_accepts(arm):
+    for joint in read(arm)["joints"]:
+        for servo in (joint["servo"], *joint.get("shadows", [])):
+            eeprom = servo.get("eeprom", {})
+            low, high = sorted(ticks(servo, limit) for limit in limits(arm)[joint["name"]])
+            assert low >= eeprom.get("min_position_limit", 0), joint["name"]
+            assert high <= eeprom.get("max_position_limit", 4095), joint["name"]
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_shadow_obeys_its_leader(arm):
+    for joint in read(arm)["joints"]:
+        for shadow in joint.get("shadows", []):
+            assert shadow["eeprom"]["secondary_id"] == joint["servo"]["id"]
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_shadow_is_mounted_face_to_face_with_its_leader(arm):
+    for joint in read(arm)["joints"]:
+        for shadow in joint.get("shadows", []):
+            reversed_ = [s["eeprom"]["drive_mode"] & 1 for s in (joint["servo"], shadow)]
+            assert sorted(reversed_) == [0, 1]
+
+
+def test_the_big_interbotix_arms_have_two_shadows_each():
+    shadows = {arm: sum(len(j.get("shadows", [])) for j in read(arm)["joints"]) for arm in ARMS}
+    assert {arm: n for arm, n in shadows.items() if n} == {"vx300s": 2, "wx250s": 2}
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_speeds_rise_from_slow_to_fast(arm):
+    speeds = [read(arm)["speeds"][name] for name in ("slow", "normal", "fast")]
+    for slower, faster in pairwise(speeds):
+        assert all(slower[key] < faster[key] for key in ("deg_s", "deg_s2", "deg_s3"))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_slowest_servo_can_go_fast(arm):
+    joints = [j for j in urdf(arm).iter("joint") if j.attrib["name"] in turns(arm)]
+    slowest_rad_s = min(float(joint.find("limit").attrib["velocity"]) for joint in joints)
+    assert np.deg2rad(read(arm)["speeds"]["fast"]["deg_s"]) < 0.7 * slowest_rad_s
+
+
+@pytest.mark.parametrize(("arm", "pose"), POSES)
+def test_a_pose_names_every_joint_in_its_unit(arm, pose):
+    tables = read(arm)["poses"][pose]
+    turning = [name for name in limits(arm) if name in turns(arm)]
+    assert list(tables["deg"]) == turning
+    assert list(tables.get("m", {})) == [name for name in limits(arm) if name not in turning]
+
+
+@pytest.mark.parametrize(("arm", "pose"), POSES)
+def test_a_pose_lies_inside_the_limits(arm, pose):
+    for name, position in positions(arm, pose).items():
+        lower, upper = limits(arm)[name]
+        assert lower <= position <= upper, name
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_zero_pose_is_zero_clipped_into_the_limits(arm):
+    for name, position in positions(arm, "zero").items():
+        assert position == np.clip(0.0, *limits(arm)[name]), name
+
+
+@pytest.mark.parametrize(("arm", "pose"), POSES)
+def test_no_link_is_below_the_table_in_a_pose(arm, pose):
+    for link, height_m in lowest_m(*posed(arm, pose)).items():
+        assert height_m > -1e-9, link
+
+
+@pytest.mark.parametrize("arm", [arm for arm in ARMS if not arm.startswith("planar")])
+def test_the_tool_rests_just_above_the_table(arm):
+    tip_m = posed(arm, "rest")[1].body(read(arm)["tip"]).xpos[2]
+    highest_m = posed(arm, "zero")[1].body(read(arm)["tip"]).xpos[2]
+    assert 0.0 <= tip_m < 0.5 * highest_m
+
+
+@pytest.mark.parametrize(("arm", "pose"), POSES)
+def test_no_link_runs_into_another_in_a_pose(arm, pose):
+    model, data = posed(arm, pose)
+    for contact in data.contact[: data.ncon]:
+        pair = [int(model.geom_bodyid[geom]) for geom in contact.geom]
+        neighbours = {(model.body_parentid[b], b) for b in pair}
+        assert tuple(pair) in neighbours or tuple(pair[::-1]) in neighbours
