@@ -1,0 +1,159 @@
+"""A person asks for a point; the simulated servos' own registers say where the tip ended up."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import (
+    BadValueError,
+    RefusedError,
+    StoppedError,
+    UnknownNameError,
+    UnreachableError,
+)
+from tests.arm.simulated import registers, true_joints, true_tip_m
+from tests.oracle import ARMS
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim") as machine:
+        yield machine
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_arm_goes_where_it_is_told_within_2_mm(name):
+    model = ikservo.load_model(name)
+    target = model.chain.forward(0.7 * model.chain_pose("home") + 0.05)[:3, 3]
+    with ikservo.open_arm(model, port="sim") as arm:
+        report = arm.move_to(target)
+        np.testing.assert_allclose(true_tip_m(arm), target, atol=2e-3)
+    assert report.reached
+
+
+def test_the_report_tells_what_the_registers_say(arm):
+    report = arm.move_to((0.25, 0.05, 0.15))
+    np.testing.assert_allclose(report.measured_tip_m, true_tip_m(arm), atol=1e-9)
+    assert report.error_m == pytest.approx(
+        float(np.linalg.norm(true_tip_m(arm) - (0.25, 0.05, 0.15)))
+    )
+
+
+def test_opening_and_asking_moves_nothing_and_switches_no_torque(arm):
+    before = registers(arm, "goal_position")
+    arm.where()
+    assert registers(arm, "goal_position") == before
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_torque_comes_on_where_the_joints_are(arm):
+    arm.enable()
+    goals, present = registers(arm, "goal_position"), registers(arm, "present_position")
+    assert all(registers(arm, "torque_enable").values())
+    assert all(abs(goals[i] - present[i]) <= 2 for i in goals)
+
+
+def test_enabling_an_arm_that_holds_keeps_its_goals(arm):
+    arm.move_to((0.25, 0.05, 0.15))
+    goals = registers(arm, "goal_position")
+    arm.enable()
+    assert registers(arm, "goal_position") == goals
+
+
+def test_a_second_move_starts_from_the_first(arm):
+    arm.move_to((0.25, 0.05, 0.15))
+    report = arm.move_to((0.22, -0.08, 0.18), speed="fast")
+    assert report.reached
+    np.testing.assert_allclose(true_tip_m(arm), (0.22, -0.08, 0.18), atol=2e-3)
+
+
+def test_a_move_to_where_it_is_takes_hardly_any_time(arm):
+    here = arm.move_to((0.25, 0.05, 0.15)).measured_tip_m
+    assert arm.move_to(here).reached
+
+
+def test_slow_is_slower_than_fast(arm):
+    slow = arm.plan_to((0.25, 0.05, 0.15), speed="slow").duration_s
+    assert slow > 2 * arm.plan_to((0.25, 0.05, 0.15), speed="fast").duration_s
+
+
+def test_a_point_out_of_reach_moves_nothing_and_offers_the_nearest(arm):
+    before = registers(arm, "goal_position")
+    with pytest.raises(UnreachableError, match="Nearest reachable point") as caught:
+        arm.move_to((0.9, 0.0, 0.1))
+    assert registers(arm, "goal_position") == before
+    assert arm.move_to(0.99 * np.array(caught.value.nearest_m)).reached
+
+
+@pytest.mark.parametrize("point", [(0.25, 0.05), (math.nan, 0, 0.1), (0, math.inf, 0), "here"])
+def test_a_point_that_is_none_moves_nothing(arm, point):
+    with pytest.raises(BadValueError):
+        arm.move_to(point)
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_an_unknown_speed_moves_nothing(arm):
+    with pytest.raises(UnknownNameError, match="fast"):
+        arm.move_to((0.25, 0.05, 0.15), speed="fsat")
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_progress_is_told_on_the_way(arm):
+    seen = []
+    arm.move_to((0.25, 0.05, 0.15), on_progress=seen.append)
+    assert [p.elapsed_s for p in seen] == sorted(p.elapsed_s for p in seen)
+    assert seen[-1].elapsed_s == seen[-1].duration_s
+    assert len(seen) > 50
+
+
+def test_an_interruption_leaves_the_arm_holding_where_it_was(arm):
+    def interrupt(progress):
+        if progress.elapsed_s > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(StoppedError, match="the arm holds"):
+        arm.move_to((0.25, 0.05, 0.15), on_progress=interrupt)
+    assert all(registers(arm, "torque_enable").values())
+    apart = np.linalg.norm(true_tip_m(arm) - (0.25, 0.05, 0.15))
+    assert apart > 0.02
+
+
+def test_joints_go_to_their_positions_gripper_included(arm):
+    report = arm.move_joints({"elbow_flex": 0.5, "gripper": 0.8})
+    joints = true_joints(arm)
+    assert report.reached
+    assert joints["elbow_flex"] == pytest.approx(0.5, abs=math.radians(0.5))
+    assert joints["gripper"] == pytest.approx(0.8, abs=math.radians(0.5))
+
+
+@pytest.mark.parametrize("position", [1.7, -1.7, 100.0])
+def test_a_joint_is_not_sent_past_its_limit(arm, position):
+    before = registers(arm, "goal_position")
+    with pytest.raises(RefusedError, match=r"elbow_flex .* past .*96\.8° \(arm file\)"):
+        arm.move_joints({"elbow_flex": position, "wrist_flex": 0.1})
+    assert registers(arm, "goal_position") == before
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_pose_of_every_arm_can_be_taken(name):
+    model = ikservo.load_model(name)
+    with ikservo.open_arm(model, port="sim") as arm:
+        for pose in ("home", "zero", "rest"):
+            assert arm.move_joints(model.pose(pose), speed="fast").reached, pose
+
+
+def test_relaxing_lowers_the_arm_to_its_rest_pose_before_letting_go(arm):
+    arm.move_to((0.25, 0.05, 0.15))
+    report = arm.relax()
+    assert report.reached
+    assert not any(registers(arm, "torque_enable").values())
+    rest = {j: v for j, v in arm.model.pose("rest").items() if j in arm.chain.names}
+    np.testing.assert_allclose([true_joints(arm)[j] for j in rest], list(rest.values()), atol=0.03)
+
+
+def test_a_prismatic_gripper_is_told_in_metres():
+    with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
+        assert arm.move_joints({"gripper": 0.01}).reached
+        assert true_joints(arm)["gripper"] == pytest.approx(0.01, abs=2e-4)
