@@ -1,0 +1,93 @@
+"""What an arm file may not say although each value by itself is right."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+
+from ikservo.model.arm_tables import ArmFile, ArmJoint, ArmPose
+from ikservo.model.complaints import Complaint, Location, spelled
+from ikservo.model.quoting import quoted
+
+__all__ = ["REQUIRED_POSES", "contradictions"]
+
+REQUIRED_POSES = ("rest", "home", "zero")
+
+
+def contradictions(arm: ArmFile) -> Iterator[Complaint]:
+    """Yield each contradiction between values of an arm file, in the order of the file."""
+    if not any(joint.role == "arm" for joint in arm.joints):
+        yield Complaint(("joints",), 'has no joint with role = "arm"', "at least one")
+    yield from _repeated(_names(arm), "a name of its own")
+    yield from _arm_after_gripper(arm)
+    yield from _repeated(_ids(arm), "an id of its own on the bus")
+    yield from _poses(arm)
+
+
+def _names(arm: ArmFile) -> Iterator[tuple[Location, str | int]]:
+    for i, joint in enumerate(arm.joints):
+        yield ("joints", i, "name"), joint.name
+
+
+def _ids(arm: ArmFile) -> Iterator[tuple[Location, str | int]]:
+    for i, joint in enumerate(arm.joints):
+        yield ("joints", i, "servo", "id"), joint.servo.id
+        for k, shadow in enumerate(joint.shadows):
+            yield ("joints", i, "shadows", k, "id"), shadow.id
+
+
+def _repeated(values: Iterator[tuple[Location, str | int]], expected: str) -> Iterator[Complaint]:
+    first: dict[str | int, Location] = {}
+    for location, value in values:
+        if value in first:
+            shown = quoted(value) if isinstance(value, str) else value
+            yield Complaint(location, f"is {shown} like {spelled(first[value])}", expected)
+        first.setdefault(value, location)
+
+
+def _arm_after_gripper(arm: ArmFile) -> Iterator[Complaint]:
+    roles = [joint.role for joint in arm.joints]
+    for i, role in enumerate(roles):
+        if role == "arm" and "gripper" in roles[:i]:
+            yield Complaint(("joints", i, "role"), 'is "arm" after a gripper', "the gripper last")
+
+
+def _poses(arm: ArmFile) -> Iterator[Complaint]:
+    for name in REQUIRED_POSES:
+        if name not in arm.poses:
+            needed = ", ".join(REQUIRED_POSES)
+            yield Complaint(("poses", name), "is missing", f"the poses {needed}")
+    joints = {joint.name: joint for joint in arm.joints}
+    for name, pose in arm.poses.items():
+        yield from _misnamed(("poses", name), pose, joints)
+        yield from _left_out(("poses", name), pose, joints)
+
+
+def _misnamed(
+    where: Location, pose: ArmPose, joints: Mapping[str, ArmJoint]
+) -> Iterator[Complaint]:
+    for unit, values in (("deg", pose.deg), ("m", pose.m)):
+        for name in values:
+            if name not in joints:
+                yield Complaint((*where, unit, name), "is not a joint", _closest(name, joints))
+            elif joints[name].slides != (unit == "m"):
+                yield Complaint((*where, unit, name), *_other_unit(joints[name]))
+
+
+def _other_unit(joint: ArmJoint) -> tuple[str, str]:
+    if joint.slides:
+        return "is a joint that slides (its servo has m_per_turn)", "metres, under m"
+    return "is a joint that turns (its servo has no m_per_turn)", "degrees, under deg"
+
+
+def _left_out(
+    where: Location, pose: ArmPose, joints: Mapping[str, ArmJoint]
+) -> Iterator[Complaint]:
+    missing = [name for name in joints if name not in pose.deg and name not in pose.m]
+    if missing:
+        yield Complaint(where, f"leaves out {', '.join(missing)}", "every joint once")
+
+
+def _closest(name: str, joints: Mapping[str, ArmJoint]) -> str:
+    close = difflib.get_close_matches(name, joints, n=1)
+    return f"{close[0]} (joints: {', '.join(joints)})" if close else f"one of {', '.join(joints)}"

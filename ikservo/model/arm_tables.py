@@ -1,0 +1,131 @@
+"""The tables of ``arm.toml``: which servos turn which joints, how fast, and the named poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
+
+__all__ = [
+    "ArmBus",
+    "ArmFile",
+    "ArmJoint",
+    "ArmPose",
+    "ArmServo",
+    "ArmShadow",
+    "ArmSpeed",
+    "ArmSpeeds",
+]
+
+
+def _whole(value: object) -> object:
+    if type(value) is not int:  # a Literal alone lets true and 1.0 pass for 1
+        raise ValueError
+    return value
+
+
+# Each description is also what an error message expects there.
+_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
+_TEXT = "one line of text"
+_EEPROM = "register = raw value, such as { drive_mode = 1 }"
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{1,200}$")]
+Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class ArmBus(_Table):
+    """``[bus]``: how to talk to the servos."""
+
+    family: Literal["feetech_sts", "dynamixel_2"] = Field(description="feetech_sts or dynamixel_2")
+    baud: int = Field(ge=1_200, le=20_000_000, description="bits per second, such as 1_000_000")
+
+
+class ArmSpeed(_Table):
+    """``[speeds.slow]`` and so on: one value for every revolute joint."""
+
+    deg_s: Positive = Field(description="a speed above 0 deg/s")
+    deg_s2: Positive = Field(description="an acceleration above 0 deg/s²")
+    deg_s3: Positive = Field(description="a jerk above 0 deg/s³")
+
+
+class ArmSpeeds(_Table):
+    """The three speeds a person can ask for."""
+
+    slow: ArmSpeed = Field(description="a table [speeds.slow]")
+    normal: ArmSpeed = Field(description="a table [speeds.normal]")
+    fast: ArmSpeed = Field(description="a table [speeds.fast]")
+
+
+class ArmShadow(_Table):
+    """A servo that turns a joint: ``q = sign * (tick - zero_tick) * 2 pi / 4096`` in radians."""
+
+    id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
+    model: Name = Field(description='a servo model, such as "XM430-W350"')
+    sign: Annotated[Literal[-1, 1], BeforeValidator(_whole)] = Field(description="1 or -1")
+    zero_tick: float = Field(description="a finite number, such as 2048")
+    eeprom: Mapping[Register, RegisterValue] = Field(default={}, description=_EEPROM)
+
+
+class ArmServo(ArmShadow):
+    """The servo that answers for a joint; with ``m_per_turn`` that joint slides."""
+
+    m_per_turn: Positive | None = Field(default=None, description="metres a turn, above 0")
+
+
+class ArmJoint(_Table):
+    """``[[joints]]``: a joint of the URDF that moves, and what moves it."""
+
+    name: Name = Field(description=_NAME)
+    role: Literal["arm", "gripper"] = Field(description="arm or gripper")
+    zero_from: Literal["vendor", "nominal"] = Field(description="vendor or nominal")
+    servo: ArmServo = Field(description="a table { id = …, model = …, sign = …, zero_tick = … }")
+    shadows: tuple[ArmShadow, ...] = Field(
+        default=(), strict=False, description="a list of tables like servo"
+    )
+
+    @property
+    def slides(self) -> bool:
+        """Whether the joint is prismatic, so that poses give it in metres."""
+        return self.servo.m_per_turn is not None
+
+
+class ArmPose(_Table):
+    """``[poses.NAME]``: every joint once, in degrees where it turns, in metres where it slides."""
+
+    deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
+    m: Mapping[Name, float] = Field(default={}, description="joint = metres")
+
+
+class ArmFile(_Table):
+    """A whole ``arm.toml``, each value by itself as it should be."""
+
+    format: Annotated[Literal[1], BeforeValidator(_whole)] = Field(description="1")
+    name: Name = Field(description=_NAME)
+    title: Text = Field(description=_TEXT)
+    urdf: Text = Field(description="a file in the arm's own folder")
+    tip: Text = Field(description="the URDF link whose frame is the tool")
+    source: Text = Field(description=_TEXT)
+    bus: ArmBus = Field(description="a table [bus]")
+    speeds: ArmSpeeds = Field(description="tables [speeds.slow], [speeds.normal], [speeds.fast]")
+    joints: tuple[ArmJoint, ...] = Field(strict=False, description="tables [[joints]]")
+    poses: Mapping[Name, ArmPose] = Field(description="tables [poses.NAME]")
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    def model_post_init(self, context: Mapping[str, Path] | None, /) -> None:
+        """Remember the folder the file came from; relative names count from there."""
+        self._folder = context["folder"] if context else Path()
+
+    @property
+    def urdf_path(self) -> Path:
+        """The URDF file; it lies in the arm's folder, but need not exist."""
+        return self._folder / self.urdf

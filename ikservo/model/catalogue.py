@@ -1,0 +1,80 @@
+"""Where arm descriptions are found: by name on the shelves, or by a path to any other."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ikservo.errors import UnknownNameError
+
+__all__ = ["arm_names", "catalogue_name", "find_arm"]
+
+ARM_FILE = "arm.toml"
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+_SUFFIXES = (".toml", ".urdf")
+_LONGEST_SHOWN = 80
+
+
+def arm_names() -> list[str]:
+    """Return the names of all arms that need no path, sorted."""
+    return sorted({name for shelf in _shelves() for name in _names_on(shelf)})
+
+
+def find_arm(name_or_path: str | Path) -> Path:
+    """Return the ``arm.toml`` or ``.urdf`` that a person means.
+
+    A name is looked up in the listing of the shelves and never becomes part of a path unless
+    it is there. What has a separator or ends in .toml or .urdf is a path: to such a file, or to a
+    folder that holds an ``arm.toml``. Nothing is opened here.
+
+    Raises:
+        UnknownNameError: There is no such arm; the closest name is offered.
+    """
+    text = str(name_or_path)
+    if isinstance(name_or_path, Path) or _looks_like_path(text):
+        return _at_path(text)
+    for shelf in _shelves():
+        if _NAME.fullmatch(text) and text in _names_on(shelf):
+            return shelf / text / ARM_FILE
+    raise UnknownNameError("arm", _cut(text), arm_names())
+
+
+def catalogue_name(path: Path) -> str | None:
+    """Return the name under which an arm file stands on a shelf, or None if it stands elsewhere."""
+    folder = path.absolute().parent
+    return folder.name if folder.parent in _shelves() else None
+
+
+def _shelves() -> tuple[Path, ...]:
+    """Return the folders that hold one folder an arm; a person's own would come first here."""
+    package = Path(__file__).absolute().parents[1]
+    shipped = package / "_configs"
+    return (shipped if shipped.is_dir() else package.parent / "configs",)
+
+
+def _names_on(shelf: Path) -> list[str]:
+    if not shelf.is_dir():
+        return []
+    names = [folder.name for folder in shelf.iterdir() if _NAME.fullmatch(folder.name)]
+    return [name for name in names if (shelf / name / ARM_FILE).is_file()]
+
+
+def _looks_like_path(text: str) -> bool:
+    return "/" in text or "\\" in text or text.endswith(_SUFFIXES)
+
+
+def _at_path(text: str) -> Path:
+    path = Path(text)
+    try:
+        if path.suffix in _SUFFIXES and path.is_file():
+            return path
+        if (path / ARM_FILE).is_file():
+            return path / ARM_FILE
+    except (OSError, ValueError):  # too long, a null byte, a folder that may not be entered
+        pass
+    raise UnknownNameError("arm or arm file", _cut(text), arm_names())
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"

@@ -1,0 +1,77 @@
+"""Reading one small text file whole, and judging the file names that stand inside it."""
+
+from __future__ import annotations
+
+import os.path
+import stat
+from pathlib import Path, PurePosixPath
+
+from ikservo.errors import FileFormatError
+
+__all__ = ["path_inside", "read_text"]
+
+_OUTWARD = ("\\", ":", "\0")  # other separators, drives and schemes such as package:// or http://
+_LONGEST_NAME = 1024
+
+
+def read_text(path: Path, limit_bytes: int) -> str:
+    """Return the text of a regular file in UTF-8, with or without byte order mark.
+
+    Raises:
+        FileFormatError: It is missing, not a file, unreadable, too large, empty or not UTF-8.
+    """
+    mode = _mode(path)
+    if stat.S_ISDIR(mode):
+        raise FileFormatError(path, "", "is a folder", "a file")
+    if not stat.S_ISREG(mode):  # reading a pipe or a terminal would wait forever
+        raise FileFormatError(path, "", "is not a regular file", "a file")
+    data = _read_at_most(path, limit_bytes)
+    if len(data) > limit_bytes:
+        raise FileFormatError(path, "", "is too large", f"at most {limit_bytes // 1024} KiB")
+    if not data.strip():
+        raise FileFormatError(path, "", "is empty")
+    return _decode(path, data)
+
+
+def path_inside(folder: Path, name: str) -> Path | None:
+    """Return the resolved file that a relative name means if it lies under ``folder``, else None.
+
+    The spelling is judged first, so nothing outside is so much as looked at; then symbolic
+    links are followed, so that none leads out. The file itself is not opened and may be missing.
+    """
+    if not name or len(name) > _LONGEST_NAME or any(sign in name for sign in _OUTWARD):
+        return None
+    relative = PurePosixPath(name)
+    if relative.is_absolute() or ".." in relative.parts:
+        return None
+    home = Path(os.path.realpath(folder))
+    path = Path(os.path.realpath(home / relative))
+    return path if path != home and path.is_relative_to(home) else None
+
+
+def _mode(path: Path) -> int:
+    try:
+        return path.stat().st_mode
+    except FileNotFoundError as error:
+        raise FileFormatError(path, "", "does not exist") from error
+    except OSError as error:
+        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
+    except ValueError as error:  # a null byte in the path
+        raise FileFormatError(path, "", "cannot be a path") from error
+
+
+def _read_at_most(path: Path, limit_bytes: int) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(limit_bytes + 1)
+    except OSError as error:
+        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
+
+
+def _decode(path: Path, data: bytes) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        found = f"holds the byte 0x{error.object[error.start]:02X}, which is not UTF-8"
+        raise FileFormatError(path, f"line {line}", found, "text in UTF-8") from error

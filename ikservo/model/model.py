@@ -1,0 +1,265 @@
+"""What an arm is: its chain, the servos that turn it, its limits, poses and speeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.calibration import JointMap, Limits, say
+from ikservo.errors import FileFormatError, InputError, UnknownNameError
+from ikservo.kinematics import Chain
+from ikservo.model.arm_file import ArmFile, ArmJoint, ArmPose, ArmSpeed, read_arm_file
+from ikservo.model.catalogue import find_arm
+from ikservo.model.skeleton import chain_of
+from ikservo.model.urdf import Urdf, UrdfJoint, read_urdf
+from ikservo.registers import MODELS, Family, ServoTable
+
+__all__ = ["Model", "ModelJoint", "ModelServo", "Speed", "load_model"]
+
+_ARM_FILE = "arm file"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelServo:
+    """A servo as the arm file describes it.
+
+    Attributes:
+        id: Its bus id.
+        model: Its model name, see ``ikservo.registers.MODELS``.
+        eeprom: Raw register values it must hold.
+    """
+
+    id: int
+    model: str
+    eeprom: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class ModelJoint:
+    """A joint that a servo turns.
+
+    Attributes:
+        limits: The range the arm file's URDF gives.
+        joint_map: How the servo's ticks relate to the joint, as the arm file gives it.
+        travel_per_turn: What one turn of the horn is worth: 2 pi rad, or metres of a slide.
+        shadows: Servos that turn the same joint together with the first.
+        zero_from: ``vendor`` where the maker fixes the zero, ``nominal`` where each arm differs.
+    """
+
+    name: str
+    role: Literal["arm", "gripper"]
+    limits: Limits
+    joint_map: JointMap
+    travel_per_turn: float
+    servo: ModelServo
+    shadows: tuple[ModelServo, ...]
+    zero_from: Literal["vendor", "nominal"]
+
+
+@dataclass(frozen=True, slots=True)
+class Speed:
+    """How fast revolute joints go in one speed class."""
+
+    rad_s: float
+    rad_s2: float
+    rad_s3: float
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """An arm: geometry and, where an arm file gives them, servos.
+
+    Attributes:
+        chain: From the base to the tool, inside the arm file's limits.
+        joints: Every joint with a servo, base to tip, gripper last; empty for a bare URDF.
+        poses: Joint positions by pose and joint, rad or m.
+        speeds: By name: slow, normal, fast.
+        family: The dialect its servos speak; None for a bare URDF.
+        baud_rate: Of its bus, bits a second.
+        path: The file it was loaded from.
+    """
+
+    name: str
+    title: str
+    chain: Chain
+    urdf: Urdf
+    joints: tuple[ModelJoint, ...]
+    poses: Mapping[str, Mapping[str, float]]
+    speeds: Mapping[str, Speed]
+    family: Family | None
+    baud_rate: int
+    path: Path
+
+    def joint(self, name: str) -> ModelJoint:
+        """Return the joint of that name.
+
+        Raises:
+            UnknownNameError: No servo turns such a joint.
+        """
+        named = {joint.name: joint for joint in self.joints}
+        if name not in named:
+            raise UnknownNameError("joint", name, named)
+        return named[name]
+
+    def pose(self, name: str) -> Mapping[str, float]:
+        """Return the joint positions of a named pose, rad or m by joint.
+
+        Raises:
+            UnknownNameError: The arm has no such pose.
+        """
+        if name not in self.poses:
+            raise UnknownNameError("pose", name, self.poses)
+        return self.poses[name]
+
+    def speed(self, name: str) -> Speed:
+        """Return a speed class.
+
+        Raises:
+            UnknownNameError: Not slow, normal or fast.
+        """
+        if name not in self.speeds:
+            raise UnknownNameError("speed", name, self.speeds)
+        return self.speeds[name]
+
+    def chain_pose(self, name: str) -> NDArray[np.float64]:
+        """Return the joint vector (dof,) of the chain at a named pose."""
+        pose = self.pose(name)
+        return np.array([pose[joint] for joint in self.chain.names])
+
+
+def load_model(arm: str | Path, tip: str | None = None) -> Model:
+    """Load an arm.
+
+    Args:
+        arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder that holds one,
+            or to a ``.urdf``.
+        tip: The link that is the tool; required for a bare URDF, else the arm file's.
+
+    Raises:
+        UnknownNameError: No arm of that name; the closest is offered.
+        FileFormatError: A file cannot be used; says where and what was expected.
+    """
+    path = find_arm(arm)
+    return _from_urdf(path, tip) if path.suffix == ".urdf" else _from_arm_file(path, tip)
+
+
+def _from_urdf(path: Path, tip: str | None) -> Model:
+    urdf = read_urdf(path)
+    if tip is None:
+        links = ", ".join(link.name for link in urdf.links)
+        raise InputError(f"{path} does not say which link is the tool.", f"Give tip, of: {links}.")
+    return Model(
+        name=urdf.name or path.stem,
+        title=urdf.name or path.stem,
+        chain=chain_of(urdf, tip),
+        urdf=urdf,
+        joints=(),
+        poses={},
+        speeds={},
+        family=None,
+        baud_rate=0,
+        path=path,
+    )
+
+
+def _from_arm_file(path: Path, tip: str | None) -> Model:
+    arm = read_arm_file(path)
+    urdf = read_urdf(arm.urdf_path)
+    _check_tip(path, arm, urdf)
+    joints = tuple(_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
+    _check_poses(path, joints, arm)
+    return Model(
+        name=arm.name,
+        title=arm.title,
+        chain=chain_of(urdf, tip or arm.tip),
+        urdf=urdf,
+        joints=joints,
+        poses={name: _positions(pose) for name, pose in arm.poses.items()},
+        speeds={name: _speed(getattr(arm.speeds, name)) for name in ("slow", "normal", "fast")},
+        family=Family(arm.bus.family),
+        baud_rate=arm.bus.baud,
+        path=path,
+    )
+
+
+def _check_tip(path: Path, arm: ArmFile, urdf: Urdf) -> None:
+    links = [link.name for link in urdf.links]
+    if arm.tip not in links:
+        raise FileFormatError(path, "tip", f'is "{arm.tip}"', f"a link: {', '.join(links)}")
+
+
+def _joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> ModelJoint:
+    entry = arm.joints[index]
+    where = f"joints[{index}]"
+    body = _moving_joint(path, where, entry, urdf)
+    table = _table(path, f"{where}.servo.model", entry.servo.model)
+    for i, shadow in enumerate(entry.shadows):
+        _table(path, f"{where}.shadows[{i}].model", shadow.model)
+    if table.family != arm.bus.family:
+        found = f'is "{entry.servo.model}", a {table.family} servo'
+        raise FileFormatError(path, f"{where}.servo.model", found, f"a {arm.bus.family} servo")
+    joint_map = _joint_map(entry, table.ticks_per_turn)
+    return ModelJoint(
+        name=entry.name,
+        role=entry.role,
+        limits=Limits.of(entry.name, body.lower, body.upper, _ARM_FILE, joint_map.unit),
+        joint_map=joint_map,
+        travel_per_turn=entry.servo.m_per_turn or 2.0 * math.pi,
+        servo=ModelServo(entry.servo.id, entry.servo.model, entry.servo.eeprom),
+        shadows=tuple(ModelServo(s.id, s.model, s.eeprom) for s in entry.shadows),
+        zero_from=entry.zero_from,
+    )
+
+
+def _table(path: Path, where: str, model: str) -> type[ServoTable]:
+    if model not in MODELS:
+        raise FileFormatError(path, where, f'is "{model}"', f"one of: {', '.join(MODELS)}")
+    return MODELS[model]
+
+
+def _check_poses(path: Path, joints: Sequence[ModelJoint], arm: ArmFile) -> None:
+    """Check that every pose lies inside the limits of the URDF."""
+    limits = {joint.name: joint.limits for joint in joints}
+    for pose, table in arm.poses.items():
+        for name, position in _positions(table).items():
+            if not limits[name].holds(position):
+                where = f"poses.{pose}.{'m' if limits[name].unit == 'm' else 'deg'}.{name}"
+                found = f"is {say(position, limits[name].unit)}, outside the URDF's limits"
+                low, high = limits[name].lower.value, limits[name].upper.value
+                unit = limits[name].unit
+                raise FileFormatError(path, where, found, f"{say(low, unit)} to {say(high, unit)}")
+
+
+def _moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> UrdfJoint:
+    moving = {joint.name: joint for joint in urdf.joints if joint.kind.moves}
+    if entry.name not in moving:
+        known = ", ".join(moving)
+        raise FileFormatError(path, f"{where}.name", f'is "{entry.name}"', f"a joint of: {known}")
+    joint = moving[entry.name]
+    if (joint.kind.value == "prismatic") != entry.slides:
+        expected = "m_per_turn" if joint.kind.value == "prismatic" else "no m_per_turn"
+        found = f'"{entry.name}" is {joint.kind.value} in the URDF'
+        raise FileFormatError(path, f"{where}.servo", found, expected)
+    return joint
+
+
+def _joint_map(entry: ArmJoint, ticks_per_turn: int) -> JointMap:
+    servo = entry.servo
+    place = (entry.name, servo.id, servo.sign, servo.zero_tick, ticks_per_turn)
+    if servo.m_per_turn is None:
+        return JointMap.revolute(*place)
+    return JointMap.prismatic(*place, servo.m_per_turn)
+
+
+def _positions(pose: ArmPose) -> dict[str, float]:
+    return {name: math.radians(value) for name, value in pose.deg.items()} | dict(pose.m)
+
+
+def _speed(speed: ArmSpeed) -> Speed:
+    return Speed(math.radians(speed.deg_s), math.radians(speed.deg_s2), math.radians(speed.deg_s3))

@@ -1,0 +1,50 @@
+"""A TOML file becomes plain tables, or one error with line and column."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ikservo.errors import FileFormatError
+from ikservo.model.files import read_text
+
+__all__ = ["read_toml"]
+
+LARGEST_BYTES = 256 * 1024
+MOST_DOTS = 64
+
+_PLACE = re.compile(r"(.*) \(at (line \d+, column \d+|end of document)\)", re.DOTALL)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises:
+        FileFormatError: The file cannot be read or is not TOML.
+    """
+    text = read_text(path, LARGEST_BYTES)
+    _refuse_dotted_bombs(path, text)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _located(path, str(error)) from error
+    except RecursionError as error:
+        raise FileFormatError(path, "", "tables lie too deep in each other") from error
+    except ValueError as error:  # a whole number of thousands of digits
+        raise FileFormatError(path, "", "holds a number that is too long") from error
+
+
+def _refuse_dotted_bombs(path: Path, text: str) -> None:
+    # tomllib needs time and memory in the square of the dots in a key: 128 KiB take gigabytes.
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") > MOST_DOTS and not line.lstrip().startswith("#"):
+            found = f"holds {line.count('.')} dots"
+            raise FileFormatError(path, f"line {number}", found, f"at most {MOST_DOTS} in a line")
+
+
+def _located(path: Path, message: str) -> FileFormatError:
+    match = _PLACE.fullmatch(message)
+    reason, where = match.groups() if match else (message, "")
+    return FileFormatError(path, where, f"is not TOML: {reason.rstrip('.')}", "TOML 1.0")

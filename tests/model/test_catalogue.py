@@ -1,0 +1,157 @@
+"""An arm's name leads to its file, and to nothing else on the disk."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ikservo.errors import UnknownNameError
+from ikservo.model import catalogue
+from ikservo.model.catalogue import arm_names, catalogue_name, find_arm
+
+
+@pytest.fixture
+def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    shelf = tmp_path / "shelf"
+    for name in ("so101", "koch"):
+        (shelf / name).mkdir(parents=True)
+        (shelf / name / "arm.toml").write_text("format = 1")
+    (tmp_path / "arm.toml").write_text("format = 1")
+    monkeypatch.setattr(catalogue, "_shelves", lambda: (shelf,))
+    (tmp_path / "desk").mkdir()
+    monkeypatch.chdir(tmp_path / "desk")
+    return shelf
+
+
+def test_names_are_sorted(shelf: Path) -> None:
+    assert arm_names() == ["koch", "so101"]
+
+
+def test_a_folder_without_arm_file_is_no_arm(shelf: Path) -> None:
+    (shelf / "half").mkdir()
+    assert "half" not in arm_names()
+
+
+def test_a_folder_with_an_odd_name_is_no_arm(shelf: Path) -> None:
+    (shelf / "koch").rename(shelf / "koch v1.1")
+    assert arm_names() == ["so101"]
+
+
+def test_a_missing_shelf_is_an_empty_one(shelf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "_shelves", lambda: (shelf / "nowhere",))
+    assert arm_names() == []
+
+
+def test_a_name_leads_to_its_file(shelf: Path) -> None:
+    assert find_arm("so101") == shelf / "so101" / "arm.toml"
+
+
+def test_a_misspelled_name_offers_the_closest(shelf: Path) -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        find_arm("so1O1")
+    assert caught.value.hint == "Did you mean so101? Known: koch, so101."
+
+
+@pytest.mark.parametrize("file", ["arm.toml", "mine.toml", "arm.urdf", "a.b.urdf"])
+def test_a_path_to_a_file_is_that_file(tmp_path: Path, file: str) -> None:
+    (tmp_path / file).write_text("")
+    assert find_arm(str(tmp_path / file)) == tmp_path / file
+
+
+def test_a_file_here_needs_no_separator(shelf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(shelf / "so101")
+    assert find_arm("arm.toml") == Path("arm.toml")
+
+
+def test_a_path_to_a_folder_is_its_arm_file(shelf: Path) -> None:
+    assert find_arm(f"{shelf}/koch/") == shelf / "koch" / "arm.toml"
+
+
+def test_a_path_object_is_a_path_even_without_separator(
+    shelf: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(shelf)
+    assert find_arm(Path("koch")) == Path("koch/arm.toml")
+
+
+def test_an_arm_knows_its_name_in_the_catalogue(shelf: Path) -> None:
+    assert catalogue_name(find_arm("koch")) == "koch"
+
+
+def test_an_arm_reached_by_a_relative_path_knows_its_name(
+    shelf: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(shelf / "so101")
+    assert catalogue_name(Path("arm.toml")) == "so101"
+
+
+def test_an_arm_elsewhere_has_no_name_in_the_catalogue(tmp_path: Path) -> None:
+    assert catalogue_name(tmp_path / "so101" / "arm.toml") is None
+
+
+def test_installed_arms_come_before_those_of_the_source_tree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = tmp_path / "ikservo" / "model" / "catalogue.py"
+    (tmp_path / "ikservo" / "_configs" / "boxed").mkdir(parents=True)
+    (tmp_path / "ikservo" / "_configs" / "boxed" / "arm.toml").write_text("")
+    monkeypatch.setattr(catalogue, "__file__", str(module))
+    assert arm_names() == ["boxed"]
+
+
+# fmt: off
+NO_PATHS = [
+    "", " ", ".", "..", "...", "~", "-", "--arm", "*", "?", "so101 ", " so101", "so101\n",
+    "so101\0", "so101\r", "so101\t", "SO101",
+    "ѕо101", "so１０１", "so101.", "so101:", "so101;id", "so101|id",
+    "$(id)", "`id`", "%2e%2e", "so101%00", "NUL", "CON", "C:arm", "ARM.TOML", "a" * 65,
+    "a" * 100_000, "\ud800", "\u202eso101", "\x1b[31mso101", "..%2f..%2farm",
+]
+PATHS = [
+    "../so101", "../../etc/passwd", "..\\so101", "....//so101", "./so101", "so101/", "so101/..",
+    "/so101", "//so101", "so101/arm", "so101/arm.toml", "so101/../../arm.toml", "/etc/passwd",
+    "/etc/passwd\0.toml", "../arm.toml\0", "/dev/zero", "/dev/stdin", "/proc/self/mem", "/",
+    "/proc/self/environ", "\\\\server\\share\\arm.toml", "C:\\arm.toml", "file:///etc/passwd",
+    "http://127.0.0.1/arm.toml", "package://so101/arm.toml", "a" * 300 + ".toml", "nowhere.toml",
+    "a/" * 3000 + "arm.toml", "nowhere.urdf", "arm.toml/arm.toml", "%2e%2e%2fshelf/arm.toml",
+    "..%2f..%2farm.toml", "\ud800.toml", "~/arm.toml", "~root/arm.toml", "so101.toml", ".toml",
+]
+# fmt: on
+
+
+@pytest.mark.parametrize("trick", NO_PATHS + PATHS, ids=lambda trick: ascii(trick[:24]))
+def test_a_trick_in_a_name_finds_and_opens_nothing(
+    shelf: Path, trick: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[object] = []
+    for opener in ("builtins.open", "io.open", "os.open"):
+        monkeypatch.setattr(opener, lambda *args, **_: opened.append(args))
+    with pytest.raises(UnknownNameError):
+        find_arm(trick)
+    assert opened == []
+
+
+@pytest.mark.parametrize("trick", NO_PATHS, ids=lambda trick: ascii(trick[:24]))
+def test_what_is_no_path_is_not_even_looked_for(
+    shelf: Path, trick: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_at: list[str] = []
+    real_stat = os.stat
+
+    def watched(path: str | Path, **options: bool) -> os.stat_result:
+        looked_at.append(os.fspath(path))
+        return real_stat(path, **options)
+
+    monkeypatch.setattr("os.stat", watched)
+    with pytest.raises(UnknownNameError):
+        find_arm(trick)
+    known = {str(shelf), str(shelf / "so101" / "arm.toml"), str(shelf / "koch" / "arm.toml")}
+    assert set(looked_at) == known
+
+
+def test_an_endless_name_is_cut_short_in_the_message(shelf: Path) -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        find_arm("a" * 100_000)
+    assert len(str(caught.value)) < 200
