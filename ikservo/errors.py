@@ -155,29 +155,87 @@ class PortError(IkservoError, OSError):
 
 
 class NoPortError(PortError):
-    """No such port, or none given and none to choose."""
+    """No such port, or none given and none to choose; the ports that exist are listed."""
+
+    def __init__(self, name: str, found: Iterable[str] = (), why: str = "") -> None:
+        self.name, self.found, self.why = name, list(found), why
+        listing = ", ".join(self.found) or "none"
+        reason = why.rstrip(".") or ("it does not exist" if name else "none was given")
+        what = f"The port {name} cannot be opened" if name else "There is no port to open"
+        super().__init__(f"{what}: {reason}.", f"Ports here: {listing}. Without an arm: --port sim")
 
 
 class PortBusyError(PortError):
-    """Another process holds the port."""
+    """Another process holds the port; it is named where the system tells."""
+
+    def __init__(self, name: str, holder: str = "") -> None:
+        self.name, self.holder = name, holder
+        by = f" by {holder}" if holder else ""
+        super().__init__(f"The port {name} is in use{by}.", "End that program and try again.")
 
 
 class PortLostError(PortError):
     """The port was there and is gone: unplugged, or its server ended."""
 
+    def __init__(self, name: str, why: str = "") -> None:
+        self.name, self.why = name, why
+        reason = f" ({why})" if why else ""
+        super().__init__(
+            f"The port {name} is gone{reason}.",
+            "It was unplugged, lost power, or its server ended. Plug it in and start again.",
+        )
+
 
 class BusError(IkservoError):
-    """The line answers wrongly or not at all."""
+    """The line answers wrongly or not at all.
+
+    Attributes:
+        servo: Joint name and id, for example ``elbow_flex (id 3)``.
+        servo_id: The id alone, where one servo is meant.
+        port: The port's name.
+        asked: What the servo was asked to do.
+        found: What happened instead.
+        sent: The bytes of the question, for bug reports.
+        received: The bytes that came back.
+    """
 
     exit_code = ExitCode.SILENT
+
+    def __init__(
+        self,
+        found: str,
+        hint: str = "",
+        *,
+        servo: str = "",
+        servo_id: int | None = None,
+        port: str = "",
+        asked: str = "",
+        sent: bytes = b"",
+        received: bytes = b"",
+    ) -> None:
+        self.servo, self.servo_id, self.port, self.asked = servo, servo_id, port, asked
+        self.found, self.sent, self.received = found, sent, received
+        place = f"{servo} on {port}" if servo and port else servo or port
+        question = f" when asked to {asked}" if asked else ""
+        subject = f"{place} " if place else ""
+        super().__init__(f"{subject}{found}{question}.", hint or self._hint())
+
+    def _hint(self) -> str:
+        return ""
 
 
 class ServoSilentError(BusError, TimeoutError):
     """No status packet from a servo within the answer window."""
 
+    def _hint(self) -> str:
+        return "Check its power, the cable that leads to it, its id and the baud rate."
+
 
 class BadReplyError(BusError):
     """A status packet that cannot be the answer: checksum, length or id."""
+
+    def _hint(self) -> str:
+        return "Check for loose plugs, two servos with one id, and another program on the port."
 
 
 class ServoRefusedError(BusError):
@@ -191,7 +249,19 @@ class ServoAlarmError(IkservoError):
 
 
 class RegisterAccessError(IkservoError, ValueError):
-    """A write that the register forbids: read-only, out of range, EEPROM under torque."""
+    """A write that the register forbids: read-only, out of range, EEPROM under torque.
+
+    Attributes:
+        servo: Joint name and id.
+        register: The register's name.
+        reason: Why it cannot be written.
+    """
+
+    def __init__(self, servo: str, register: str, reason: str, hint: str = "") -> None:
+        self.servo, self.register, self.reason = servo, register, reason
+        super().__init__(
+            f"{register} of {servo} cannot be written: {reason}.", hint or "Nothing was sent."
+        )
 
 
 class CalibrationError(IkservoError):
@@ -207,22 +277,27 @@ class UnreachableError(IkservoError, ValueError):
         target_m: The wanted position, metres, arm's base frame.
         nearest_m: The closest position found, same frame.
         binding: The limits that hold the arm back.
+        instead_m: A point nearby, in whole millimetres, that was checked to be reachable.
     """
 
     exit_code = ExitCode.UNREACHABLE
 
     def __init__(
-        self, target_m: Sequence[float], nearest_m: Sequence[float], binding: Sequence[str] = ()
+        self,
+        target_m: Sequence[float],
+        nearest_m: Sequence[float],
+        binding: Sequence[str] = (),
+        instead_m: Sequence[float] | None = None,
     ) -> None:
         self.target_m, self.nearest_m = tuple(target_m), tuple(nearest_m)
-        self.binding = tuple(binding)
+        self.binding, self.instead_m = tuple(binding), instead_m and tuple(instead_m)
         gap_m = sum((a - b) ** 2 for a, b in zip(target_m, nearest_m, strict=True)) ** 0.5
         held = f" (held back by {', '.join(self.binding)})" if self.binding else ""
-        x, y, z = nearest_m
+        words = "" if instead_m is None else " ".join(f"{x:.3f}" for x in instead_m)
         super().__init__(
             f"({_metres(target_m)}) m cannot be reached{held}.",
-            f"Nearest reachable point: ({_metres(nearest_m)}) m, {gap_m * 1000:.1f} mm away. "
-            f"Try: ikservo move {x:.3f} {y:.3f} {z:.3f}",
+            f"Nearest reachable point: ({_metres(nearest_m)}) m, {gap_m * 1000:.1f} mm away."
+            + (f" Try: ikservo move {words}" if words else ""),
         )
 
 

@@ -1,0 +1,17 @@
+"""The machine a person owns: open it, move it, ask where it is, let it go."""
+
+from ikservo.arm.arm import Arm, OnExit, Plan
+from ikservo.arm.opening import open_arm
+from ikservo.arm.reports import JointReport, JointState, MoveReport, Progress, Whereabouts
+
+__all__ = [
+    "Arm",
+    "JointReport",
+    "JointState",
+    "MoveReport",
+    "OnExit",
+    "Plan",
+    "Progress",
+    "Whereabouts",
+    "open_arm",
+]

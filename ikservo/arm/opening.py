@@ -1,0 +1,121 @@
+"""Opening an arm: the port, then who is on it, then the limits that hold for this very arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ikservo.arm.arm import Arm, OnExit
+from ikservo.arm.servos import Servos
+from ikservo.calibration import Limits
+from ikservo.errors import CalibrationError, InputError
+from ikservo.guard import Fence
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.discovery import choose_port
+from ikservo.hardware.port import open_port
+from ikservo.hardware.servo import ServoSpec
+from ikservo.kinematics import Chain
+from ikservo.model import Model, ModelJoint, ModelServo, load_model
+from ikservo.registers import Role, table_for, table_with_number
+
+__all__ = ["open_arm"]
+
+_SIMULATED = "sim"
+# Goals may run ahead of the beat by what a busy machine delays it.
+_SPEED_SLACK = 1.2
+
+
+def open_arm(arm: str | Path | Model, port: str | None = None, *, on_exit: OnExit = "hold") -> Arm:
+    """Open an arm; nothing moves and no torque changes.
+
+    Args:
+        arm: A name in the catalogue, a path to an arm file, or a loaded model.
+        port: A serial port, ``sim`` for the simulated bus, or None for the only adapter.
+        on_exit: What ``close`` does: ``hold`` leaves torque as it is, ``relax`` lowers the arm
+            to its rest pose and releases it.
+
+    Raises:
+        UnknownNameError: No such arm.
+        NoPortError: No such port, or none to choose.
+        PortBusyError: Another process holds the port.
+        ServoSilentError: A servo does not answer; names all that do not.
+        CalibrationError: A servo is of another model than the arm file says, or its limits
+            contradict the arm file's.
+    """
+    model = arm if isinstance(arm, Model) else load_model(arm)
+    if not model.joints:
+        raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
+    line = open_port(_port_name(model, choose_port(port)), model.baud_rate)
+    try:
+        bus = ServoBus(line, _specs(model))
+        _check_models(bus)
+        fences = [_fence(bus, model, joint) for joint in model.joints]
+        shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
+        servos = Servos(bus, fences, shadows, line.clock)
+        return Arm(model, _narrowed(model.chain, fences), servos, line, on_exit)
+    except BaseException:
+        line.close()
+        raise
+
+
+def _port_name(model: Model, name: str) -> str:
+    """Tell the simulated bus which arm is on it; ``sim:?seed=3`` passes options on."""
+    scheme, _, options = name.partition(":")
+    if scheme == _SIMULATED and not options.startswith("/"):
+        return f"{_SIMULATED}:{model.path.resolve()}{options}"
+    return name
+
+
+def _specs(model: Model) -> list[ServoSpec]:
+    return [
+        _spec(servo, joint.name)
+        for joint in model.joints
+        for servo in (joint.servo, *joint.shadows)
+    ]
+
+
+def _spec(servo: ModelServo, joint: str) -> ServoSpec:
+    return ServoSpec(servo.id, table_for(servo.model), joint)
+
+
+def _check_models(bus: ServoBus) -> None:
+    numbers = bus.sync_read(bus.servos, Role.MODEL_NUMBER, raw=True).complete()
+    for servo_id, number in numbers.items():
+        servo = bus.servos[servo_id]
+        if number != servo.table.number:
+            other = table_with_number(servo.table.family, number)
+            found = f"{other.model_name} ({number})" if other else f"model {number}"
+            raise CalibrationError(
+                f"{servo} is a {found}, the arm file says {servo.table.model_name}.",
+                "Is this another arm, or are two ids swapped? Choose with --arm.",
+            )
+
+
+def _fence(bus: ServoBus, model: Model, joint: ModelJoint) -> Fence:
+    limits = joint.limits.intersect(_servo_limits(bus, joint))
+    horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
+    speed = horn_rad_s * joint.travel_per_turn / math.tau
+    return Fence(joint.joint_map, limits, speed * _SPEED_SLACK)
+
+
+def _servo_limits(bus: ServoBus, joint: ModelJoint) -> Limits:
+    """Return the range between the position limits that stand in the servo."""
+    low = bus.read(joint.servo.id, Role.MIN_POSITION_LIMIT, raw=True)
+    high = bus.read(joint.servo.id, Role.MAX_POSITION_LIMIT, raw=True)
+    if low == high == 0:  # Feetech: several turns, no limits
+        return joint.limits
+    lower, upper = sorted(joint.joint_map.position(tick) for tick in (low, high))
+    return Limits.of(joint.name, lower, upper, "servo register", joint.joint_map.unit)
+
+
+def _narrowed(chain: Chain, fences: Sequence[Fence]) -> Chain:
+    """Return the chain inside the fences, so that every solution is a goal that passes."""
+    by_joint: Mapping[str, Fence] = {fence.joint: fence for fence in fences}
+    missing = [name for name in chain.names if name not in by_joint]
+    if missing:
+        raise InputError(
+            f"No servo turns {', '.join(missing)}.", "Every joint up to the tip needs [[joints]]."
+        )
+    ranges = [by_joint[name].positions for name in chain.names]
+    return chain.with_limits([low for low, _ in ranges], [high for _, high in ranges])

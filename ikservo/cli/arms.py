@@ -1,0 +1,55 @@
+"""``ikservo arms``: what can stand behind ``--arm``."""
+
+from __future__ import annotations
+
+from ikservo.cli.options import JsonOption
+from ikservo.cli.output import print_json, print_table
+from ikservo.model import Model, ModelServo, arm_names, load_model
+
+__all__ = ["command"]
+
+
+def command(*, json: JsonOption = False) -> None:
+    """List the arms that ship with ikservo.
+
+    A path to an arm.toml works wherever a name does.
+    """
+    models = [load_model(name) for name in arm_names()]
+    if json:
+        print_json("arms", arms=[_facts(model) for model in models])
+        return
+    rows = [
+        [
+            model.name,
+            model.title,
+            str(model.chain.dof),
+            _servos(model),
+            ", ".join(model.poses),
+        ]
+        for model in models
+    ]
+    print_table(["name", "arm", "joints", "servos", "poses"], rows)
+
+
+def _facts(model: Model) -> dict[str, object]:
+    return {
+        "name": model.name,
+        "title": model.title,
+        "joints": list(model.chain.names),
+        "servos": {servo.id: servo.model for servo in _all_servos(model)},
+        "poses": list(model.poses),
+        "family": model.family,
+        "baud_rate": model.baud_rate,
+        "path": str(model.path),
+    }
+
+
+def _servos(model: Model) -> str:
+    counts: dict[str, int] = {}
+    for servo in _all_servos(model):
+        counts[servo.model] = counts.get(servo.model, 0) + 1
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def _all_servos(model: Model) -> list[ModelServo]:
+    return [servo for joint in model.joints for servo in (joint.servo, *joint.shadows)]

@@ -1,0 +1,95 @@
+"""``ikservo joints`` and what ``pose`` shares with it: single joints go to positions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+import typer
+
+from ikservo.arm import Arm, JointReport
+from ikservo.cli.options import ArmOption, JsonOption, PortOption, SpeedOption, YesOption
+from ikservo.cli.output import point, print_json, print_lines
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m
+from ikservo.cli.session import announce, opened, watched
+from ikservo.errors import BadValueError, ExitCode
+from ikservo.model import Model
+
+__all__ = ["command", "move_joints", "print_report"]
+
+Goals = Annotated[
+    list[str], typer.Argument(metavar="JOINT=POSITION…", help="Degrees or 0.2rad; 12mm on slides.")
+]
+
+
+def command(
+    goals: Goals,
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    speed: SpeedOption = "normal",
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Move single joints to positions.
+
+    ikservo joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim
+    """
+    with opened(arm, port) as machine:
+        report = move_joints(machine, _positions(goals, machine.model), speed, yes=yes)
+    print_report(report, machine.model, json=json)
+
+
+def move_joints(
+    machine: Arm, positions: Mapping[str, float], speed: str, *, yes: bool
+) -> JointReport:
+    """Announce a motion of joints, carry it out and return how it ended."""
+    announce(machine.plan_joints(positions, speed=speed), machine, yes=yes)
+    with watched() as draw:
+        return machine.move_joints(positions, speed=speed, on_progress=draw)
+
+
+def print_report(report: JointReport, model: Model, *, json: bool) -> None:
+    """Print how a motion of joints ended; exit 1 where a joint did not arrive."""
+    if json:
+        print_json("joints", **_fields(report))
+    else:
+        print_lines(_lines(report, model))
+    if not report.reached:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _positions(goals: list[str], model: Model) -> dict[str, float]:
+    positions: dict[str, float] = {}
+    for goal in goals:
+        name, equals, text = goal.partition("=")
+        if not equals:
+            raise BadValueError("A joint's goal", repr(goal), "JOINT=POSITION, as in elbow_flex=30")
+        slides = model.joint(name).joint_map.unit == "m"
+        positions[name] = parse_length_m(text) if slides else parse_angle_rad(text)
+    return positions
+
+
+def _fields(report: JointReport) -> dict[str, object]:
+    return {
+        "goal_rad": report.goal_rad,
+        "measured_rad": report.measured_rad,
+        "measured_tip_m": report.measured_tip_m,
+        "error_rad": report.error_rad,
+        "duration_s": report.duration_s,
+        "reached": report.reached,
+    }
+
+
+def _lines(report: JointReport, model: Model) -> list[str]:
+    names = [
+        f"{name}  {model.joint(name).joint_map.say(report.measured_rad[name])} "
+        f"of {model.joint(name).joint_map.say(goal)}"
+        for name, goal in report.goal_rad.items()
+    ]
+    return [
+        *names,
+        f"tip  {point(report.measured_tip_m.tolist())}",
+        f"duration  {report.duration_s:.2f} s",
+        f"reached  {'yes' if report.reached else 'no'}",
+    ]

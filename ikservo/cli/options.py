@@ -1,0 +1,24 @@
+"""The options that many commands share, each written once."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ikservo.cli.quantities import parse_length_m
+
+__all__ = ["ArmOption", "JsonOption", "Length", "PortOption", "SpeedOption", "YesOption"]
+
+ArmOption = Annotated[
+    str | None,
+    typer.Option("--arm", envvar="IKSERVO_ARM", help="Arm: a name of `ikservo arms`, or a file."),
+]
+PortOption = Annotated[
+    str | None,
+    typer.Option("--port", envvar="IKSERVO_PORT", help="Serial port, or `sim` for no hardware."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
+YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before moving.")]
+SpeedOption = Annotated[str, typer.Option("--speed", help="slow, normal or fast.")]
+Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]

@@ -1,0 +1,34 @@
+"""Numbers with units as a person types them: ``0.25``, ``120mm``, ``30``, ``0.2rad``."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import typer
+
+__all__ = ["parse_angle_rad", "parse_length_m"]
+
+_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z°]*)", re.IGNORECASE)
+_METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+_RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0}
+
+
+def parse_length_m(text: str) -> float:
+    """Return metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``."""
+    return _parse(text, _METRES, "a length like 0.25, 250mm or 25cm")
+
+
+def parse_angle_rad(text: str) -> float:
+    """Return radians from degrees, ``30`` or ``30deg``, or from ``0.2rad``."""
+    return _parse(text, _RADIANS, "an angle like 30, 30deg or 0.2rad")
+
+
+def _parse(text: str, units: dict[str, float], expected: str) -> float:
+    match = _NUMBER.fullmatch(text.strip().replace("\N{MINUS SIGN}", "-"))
+    if match is None or match[2].lower() not in units:
+        raise typer.BadParameter(f"{text!r} is not {expected}.")
+    value = float(match[1]) * units[match[2].lower()]
+    if not math.isfinite(value):
+        raise typer.BadParameter(f"{text!r} is not finite. Expected {expected}.")
+    return value

@@ -1,0 +1,71 @@
+"""From the shell's words to an exit code: the one place where errors become text."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Sequence
+
+from ikservo.errors import ExitCode, IkservoError
+
+__all__ = ["main"]
+
+# A coordinate may be negative; an option is not a number. The typographic minus keeps the option
+# parser from taking the one for the other, and the quantity parsers read both.
+_NEGATIVE = re.compile(r"^-(?=\.?\d|inf|nan)", re.IGNORECASE)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        words: What follows ``ikservo`` on the command line; the shell's if None.
+
+    Returns:
+        The exit code, see ``ExitCode``.
+    """
+    words = list(sys.argv[1:] if words is None else words)
+    try:
+        return _run([_NEGATIVE.sub("\N{MINUS SIGN}", word) for word in words])
+    except IkservoError as error:
+        return _report(error.message, error.hint, error.exit_code, as_json="--json" in words)
+    except KeyboardInterrupt:
+        return _report("Stopped.", "", ExitCode.STOPPED, as_json="--json" in words)
+
+
+def _run(words: list[str]) -> int:
+    import typer  # noqa: PLC0415
+
+    from ikservo.cli.words import app  # noqa: PLC0415
+
+    try:
+        code = typer.main.get_command(app).main(words, prog_name="ikservo", standalone_mode=False)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    except Exception as error:
+        # typer carries click inside and does not name its errors: they are what can format itself.
+        explain = getattr(error, "format_message", None)
+        if explain is None:
+            raise
+        return _report_usage(error, str(explain()), as_json="--json" in words)
+    return int(code or 0)
+
+
+def _report_usage(error: Exception, message: str, *, as_json: bool) -> int:
+    context = getattr(error, "ctx", None)
+    path = getattr(context, "command_path", "ikservo")
+    message = message.replace("\N{MINUS SIGN}", "-").strip()
+    if not message:  # no words at all: the help has been printed
+        return ExitCode.USAGE
+    return _report(message, f"Try: {path} --help", ExitCode.USAGE, as_json=as_json)
+
+
+def _report(message: str, hint: str, code: ExitCode, *, as_json: bool) -> int:
+    if as_json:
+        answer = {"schema": "ikservo/error/1", "error": message, "hint": hint, "exit_code": code}
+        print(json.dumps(answer, ensure_ascii=False))  # noqa: T201
+    print(message, file=sys.stderr)  # noqa: T201
+    if hint:
+        print(hint, file=sys.stderr)  # noqa: T201
+    return code

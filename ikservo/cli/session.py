@@ -1,0 +1,87 @@
+"""What commands that open an arm have in common: which arm, may it move, how far is it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+
+import typer
+
+from ikservo.arm import Arm, Plan, Progress, open_arm
+from ikservo.cli.output import note, point
+from ikservo.errors import IkservoError, InputError
+from ikservo.model import Model, arm_names, load_model
+
+__all__ = ["announce", "chosen_model", "opened", "watched"]
+
+
+def chosen_model(arm: str | None) -> Model:
+    """Return the model of ``--arm``.
+
+    Raises:
+        InputError: No arm was chosen; lists them.
+    """
+    if not arm:
+        known = ", ".join(arm_names())
+        raise InputError("Which arm?", f"Give --arm or set IKSERVO_ARM. Known: {known}.")
+    return load_model(arm)
+
+
+@contextmanager
+def opened(arm: str | None, port: str | None) -> Generator[Arm]:
+    """Open the arm of ``--arm`` on ``--port``, and leave it holding."""
+    model = chosen_model(arm)
+    with open_arm(model, port) as machine:
+        _warn_uncalibrated(model, machine)
+        yield machine
+
+
+def announce(plan: Plan, machine: Arm, *, yes: bool) -> None:
+    """Say what is about to move, and ask once where a person can answer.
+
+    Raises:
+        IkservoError: The person said no.
+    """
+    where_to = "" if plan.target_m is None else f" to {point(plan.target_m.tolist())}"
+    note(f"{machine.model.title} on {machine.port_name}{where_to}: {plan.duration_s:.1f} s, "
+         f"{plan.speed}.")  # fmt: skip
+    simulated = machine.port_name.startswith("sim:")
+    if yes or simulated or not sys.stdin.isatty():
+        return
+    if not typer.confirm("Move?", default=True, err=True):
+        raise IkservoError("Nothing moved.")
+
+
+@contextmanager
+def watched() -> Generator[Callable[[Progress], None] | None]:
+    """Yield what draws a progress bar on a terminal's stderr, or None elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+    from rich.progress import Progress as Bar  # noqa: PLC0415
+
+    columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def draw(progress: Progress) -> None:
+            bar.update(
+                task,
+                completed=progress.elapsed_s,
+                total=progress.duration_s,
+                description=point(progress.tip_m.tolist()),
+            )
+
+        yield draw
+
+
+def _warn_uncalibrated(model: Model, machine: Arm) -> None:
+    nominal = [joint.name for joint in model.joints if joint.zero_from == "nominal"]
+    if nominal and not machine.port_name.startswith("sim:"):
+        note(
+            f"Zeros of {', '.join(nominal)} are the arm file's, not this arm's: "
+            "the tip is only as right as the horns are mounted."
+        )

@@ -1,0 +1,86 @@
+"""The list of commands, loaded one at a time: the list must not cost what the commands cost."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from ikservo.errors import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["WORDS", "app"]
+
+WORDS = {
+    "arms": "The arms that ship with ikservo.",
+    "where": "Where the arm is: tip, joints, limits, health.",
+    "move": "Move the tip to a point.",
+    "joints": "Move single joints.",
+    "pose": "Move to a named pose.",
+    "relax": "Lower the arm to its rest pose and release it.",
+    "solve": "Find joints for a point; nothing moves.",
+    "sim": "Serve a simulated arm on a pseudo-terminal.",
+}
+
+
+class Words(TyperGroup):
+    """Imports the module of a command when that command is asked for."""
+
+    _listing = False
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401  # typer hides click's types
+        """Return the names in the order a newcomer meets them."""
+        return list(WORDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
+        """Return the command, or only its name and help while the list is printed."""
+        if cmd_name not in WORDS:
+            return None
+        if self._listing:
+            return TyperCommand(cmd_name, help=WORDS[cmd_name])
+        return _load(cmd_name)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
+        """Print the help without importing any command."""
+        self._listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._listing = False
+
+
+def _load(name: str) -> Any:  # noqa: ANN401
+    module = import_module(f"ikservo.cli.{name}")
+    command: Callable[..., None] = module.command
+    single = typer.Typer(add_completion=False)
+    settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
+    single.command(name, context_settings=settings)(command)
+    loaded = typer.main.get_command(single)
+    loaded.name = name
+    return loaded
+
+
+def _exit_codes() -> str:
+    return "Exit codes: " + " · ".join(f"{code.value} {code.meaning}" for code in ExitCode)
+
+
+app = typer.Typer(cls=Words, no_args_is_help=True, epilog=_exit_codes())
+
+
+@app.callback()
+def _root(  # pyright: ignore[reportUnusedFunction]
+    version: bool = typer.Option(False, "--version", help="Print the version and exit."),
+) -> None:
+    """A box of bus servos becomes an arm that goes where you point.
+
+    ikservo move 0.25 0.05 0.15 --arm so101 --port sim    no arm needed
+    """
+    if version:
+        from importlib.metadata import version as installed  # noqa: PLC0415
+
+        typer.echo(installed("ikservo"))
+        raise typer.Exit

@@ -1,0 +1,140 @@
+"""Whatever is wrong, there is one clear message, the right exit code, and nothing moves."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from tests.oracle import CONFIGS
+
+SIM = "--arm so101 --port sim"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (f"move 0.9 0 0.1 {SIM}", 7, "cannot be reached"),
+        (f"move nan 0 0.1 {SIM}", 2, "'nan' is not a length"),
+        (f"move 0.2 -inf 0.1 {SIM}", 2, "'-inf' is not a length"),
+        (f"move 0.2 1e400 0.1 {SIM}", 2, "'1e400' is not finite"),
+        (f"move 0.2 0 10deg {SIM}", 2, "'10deg' is not a length"),
+        (f"move 0.2 0 {SIM}", 2, "Missing argument"),
+        (f"move 0.2 0 0.1 0.4 {SIM}", 2, "unexpected extra argument"),
+        (f"move 0.2 0 0.1 {SIM} --speed warp", 2, "no speed named 'warp'"),
+        (f"move 0.2 0 0.1 {SIM} --jsno", 2, "No such option"),
+        ("move 0.2 0 0.1 --arm so1o1 --port sim", 2, "Did you mean so101?"),
+        ("move 0.2 0 0.1 --arm ../so101 --port sim", 2, "no arm or arm file named"),
+        ("move 0.2 0 0.1 --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
+        ("move 0.2 0 0.1 --arm configs/so101/arm.urdf --port sim", 2, "which link is the tool"),
+        (f"joints elbow_flex=130 {SIM}", 8, "past 96.8° (arm file)"),
+        (f"joints elbow=10 {SIM}", 2, "Did you mean elbow_flex?"),
+        (f"joints elbow_flex {SIM}", 2, "JOINT=POSITION"),
+        (f"joints elbow_flex=nan {SIM}", 2, "is not an angle"),
+        (f"joints elbow_flex=10 wrist_flex=200 {SIM}", 8, "wrist_flex would have to go"),
+        (f"pose hom {SIM}", 2, "Did you mean home?"),
+        ("solve 0.2 0 0.1 --arm so101 --method magic", 2, "no method named 'magic'"),
+        ("sim so1o1", 2, "Did you mean so101?"),
+    ],
+)
+def test_one_clear_message_and_the_right_exit_code(say, words, code, message):
+    said = say(words)
+    assert said.code == code
+    assert message in said.err
+    assert said.out == ""
+    assert "Traceback" not in said.err
+
+
+def test_with_json_the_error_is_an_object(say):
+    said = say(f"move 0.9 0 0.1 {SIM} --json")
+    assert said.code == 7
+    assert said.json["exit_code"] == 7
+    assert "cannot be reached" in said.json["error"]
+    assert "Try: ikservo move" in said.json["hint"]
+
+
+def test_the_point_that_is_offered_instead_can_be_reached(say):
+    hint = say(f"move 0.9 0 0.1 {SIM} --json").json["hint"]
+    assert say(hint.split("ikservo ")[1] + f" {SIM}").code == 0
+
+
+def test_a_usage_error_is_an_object_too(say):
+    said = say(f"move nan 0 0.1 {SIM} --json")
+    assert said.json["exit_code"] == 2
+
+
+def test_no_port_at_all_offers_the_simulator(say, monkeypatch):
+    monkeypatch.setattr("serial.tools.list_ports.comports", list)
+    said = say("where --arm so101")
+    assert said.code == 3
+    assert "--port sim" in said.err
+
+
+@pytest.fixture
+def own_arm(tmp_path):
+    """Return a folder with a copy of an arm that a test may spoil."""
+    for name in ("arm.toml", "arm.urdf"):
+        (tmp_path / name).write_text((CONFIGS / "so101" / name).read_text())
+    return tmp_path
+
+
+def spoil(path: Path, old: str, new: str):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def test_an_arm_of_ones_own_works_by_its_path(say, own_arm):
+    said = say(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
+    assert said.json["reached"] is True
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "place"),
+    [
+        ("arm.toml", "format = 1", "format = ", "line 1"),
+        ("arm.toml", "sign = 1", "sign = 2", "joints[0].servo.sign"),
+        ("arm.toml", "baud   =", "buad   =", "bus.buad"),
+        ("arm.toml", "id = 2", "id = 1", "joints[1].servo.id"),
+        ("arm.toml", 'tip    = "gripper_frame"', 'tip = "nose"', "tip"),
+        ("arm.toml", 'model = "STS3215"', 'model = "STS9999"', "joints[0].servo.model"),
+        ("arm.toml", "elbow_flex = 45.0", "elbow_flex = 145.0", "poses.home.deg.elbow_flex"),
+        ("arm.toml", 'urdf   = "arm.urdf"', 'urdf = "../arm.urdf"', "urdf"),
+        ("arm.urdf", "<robot", "<robit", "line"),
+        ("arm.urdf", 'type="revolute"', 'type="floating"', "line"),
+        ("arm.urdf", "</robot>", "", "line"),
+    ],
+)
+def test_a_malformed_file_is_named_with_the_place(say, own_arm, file, old, new, place):
+    spoil(own_arm / file, old, new)
+    said = say(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
+    assert said.code == 2
+    assert file in said.json["error"]
+    assert place in said.json["error"]
+
+
+def test_entities_in_a_urdf_are_refused(say, own_arm):
+    urdf = own_arm / "arm.urdf"
+    bomb = '<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
+    urdf.write_text(bomb + urdf.read_text().partition("?>")[2])
+    said = say(f"solve 0.2 0 0.1 --arm {own_arm}/arm.toml")
+    assert said.code == 2
+    assert "line 1" in said.err
+
+
+def test_an_external_entity_reads_no_file(say, own_arm):
+    secret = own_arm / "secret.txt"
+    secret.write_text("swordfish")
+    urdf = own_arm / "arm.urdf"
+    trick = f'<!DOCTYPE robot [<!ENTITY x SYSTEM "file://{secret}">]><robot name="&x;"/>'
+    urdf.write_text(trick)
+    said = say(f"solve 0.2 0 0.1 --arm {own_arm}/arm.toml")
+    assert said.code == 2
+    assert "swordfish" not in said.err + said.out
+
+
+@pytest.mark.parametrize("number", [1e-320, -0.0])
+def test_tiny_numbers_are_numbers(say, number):
+    assert math.isfinite(number)
+    said = say(f"solve {0.25 + number} {number} 0.15 --arm so101 --json")
+    assert json.loads(said.out)["reached"] is True

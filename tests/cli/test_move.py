@@ -1,0 +1,87 @@
+"""``ikservo move`` and its kin on the simulated bus, word for word."""
+
+import math
+
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize("arm", ["so101", "open_manipulator_x"])
+def test_the_measured_tip_is_within_2_mm_of_the_target(say, arm):
+    said = say(f"move 0.25 0.05 0.15 --arm {arm} --port sim --json")
+    assert said.code == 0
+    np.testing.assert_allclose(said.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
+    assert said.json["measured_tip_m"] != said.json["commanded_tip_m"]
+
+
+def test_the_json_has_the_keys_that_others_rely_on(say):
+    answer = say("move 0.25 0.05 0.15 --arm so101 --port sim --json").json
+    assert answer["schema"] == "ikservo/move/1"
+    assert set(answer) == {
+        "schema", "target_m", "commanded_tip_m", "measured_tip_m", "error_m", "duration_s",
+        "reached", "binding",
+    }  # fmt: skip
+
+
+def test_stdout_is_the_report_and_stderr_the_announcement(say):
+    said = say("move 0.25 0.05 0.15 --arm so101 --port sim")
+    assert said.out.splitlines()[0] == "target     (0.250, 0.050, 0.150) m"
+    assert said.out.splitlines()[-1] == "reached    yes"
+    assert said.err.startswith("SO-101 follower on sim:")
+
+
+def test_a_dry_run_prints_the_plan_and_moves_nothing(say):
+    answer = say("move 0.25 0.05 0.15 --arm so101 --port sim --dry-run --json").json
+    assert answer["schema"] == "ikservo/plan/1"
+    assert set(answer["q_rad"]) == {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex",
+                                    "wrist_roll"}  # fmt: skip
+
+
+def test_where_has_the_keys_that_others_rely_on(say):
+    answer = say("where --arm so101 --port sim --json").json
+    assert set(answer) == {"schema", "tip_m", "joints"}
+    assert set(answer["joints"][0]) >= {
+        "name", "position_rad", "lower_rad", "upper_rad", "limit_from", "temperature_c",
+        "voltage_v", "load_percent", "torque",
+    }  # fmt: skip
+
+
+def test_where_names_the_source_of_the_limits(say):
+    joints = say("where --arm wx250s --port sim --json").json["joints"]
+    assert {joint["limit_from"] for joint in joints} <= {
+        "arm file", "servo register", "arm file / servo register", "servo register / arm file"
+    }  # fmt: skip
+    assert "arm file" in say("where --arm so101 --port sim").out
+
+
+def test_joints_are_told_in_degrees_or_radians(say):
+    said = say("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim --json")
+    assert said.code == 0
+    assert said.json["goal_rad"] == pytest.approx({"elbow_flex": math.pi / 6, "gripper": 0.5})
+
+
+def test_a_negative_angle_is_no_option(say):
+    goal = say("joints elbow_flex=-30 --arm so101 --port sim --json").json["goal_rad"]
+    assert goal == pytest.approx({"elbow_flex": -math.pi / 6})
+
+
+def test_a_slide_is_told_in_metres(say):
+    goal = say("joints gripper=10mm --arm open_manipulator_x --port sim --json").json["goal_rad"]
+    assert goal == pytest.approx({"gripper": 0.01})
+
+
+def test_a_pose_is_taken_by_name(say):
+    said = say("pose home --arm so101 --port sim --json")
+    assert said.json["reached"] is True
+
+
+def test_relax_goes_to_rest_and_says_so(say):
+    said = say("relax --arm so101 --port sim --json")
+    assert said.json["reached"] is True
+    assert set(said.json["goal_rad"]) >= {"shoulder_lift", "gripper"}
+
+
+def test_arms_lists_what_can_stand_behind_arm(say):
+    names = [arm["name"] for arm in say("arms --json").json["arms"]]
+    assert names == ["koch", "omx_f", "open_manipulator_x", "planar2", "planar3", "px100", "so100",
+                     "so101", "vx300s", "wx250s"]  # fmt: skip

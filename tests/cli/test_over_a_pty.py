@@ -1,0 +1,116 @@
+"""Two processes, one pseudo-terminal: the whole chain, judged by the vendors' own SDKs."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import dynamixel_sdk
+import numpy as np
+import pytest
+import scservo_sdk
+
+from tests.oracle import arm_file, tip_from_ticks
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
+
+IKSERVO = [sys.executable, "-c", "import sys; from ikservo.cli import main; sys.exit(main())"]
+TARGET = ("0.25", "0.05", "0.15")
+
+
+@contextmanager
+def served(arm):
+    """Run ``ikservo sim ARM`` and yield the port it prints."""
+    process = subprocess.Popen([*IKSERVO, "sim", arm], stdout=subprocess.PIPE, text=True)
+    with process:
+        try:
+            yield process.stdout.readline().strip(), process
+        finally:
+            process.send_signal(signal.SIGTERM)
+
+
+def run(*words, timeout_s=60):
+    return subprocess.run([*IKSERVO, *words], capture_output=True, text=True, timeout=timeout_s,
+                          check=False, stdin=subprocess.DEVNULL)  # fmt: skip
+
+
+def ticks_by_the_vendors_sdk(arm, port):
+    """Ask every servo for its position with a stock SDK, none of our code between."""
+    if arm_file(arm)["bus"]["family"] == "feetech_sts":
+        handler, packets = scservo_sdk.PortHandler(port), scservo_sdk.PacketHandler(0)
+        read = lambda i: packets.read2ByteTxRx(handler, i, 56)  # noqa: E731
+    else:
+        handler, packets = dynamixel_sdk.PortHandler(port), dynamixel_sdk.PacketHandler(2.0)
+        read = lambda i: packets.read4ByteTxRx(handler, i, 132)  # noqa: E731
+    assert handler.openPort()
+    assert handler.setBaudRate(1_000_000)
+    try:
+        ticks = {}
+        for joint in arm_file(arm)["joints"]:
+            servo_id = joint["servo"]["id"]
+            ticks[servo_id], result, error = read(servo_id)
+            assert (result, error) == (0, 0)
+        return ticks
+    finally:
+        handler.closePort()
+
+
+@pytest.mark.parametrize("arm", ["so101", "open_manipulator_x"])
+def test_the_tip_goes_to_the_point_and_stays_there(arm):
+    with served(arm) as (port, _):
+        done = run("move", *TARGET, "--arm", arm, "--port", port, "--json")
+        assert done.returncode == 0, done.stderr
+        tip_m = tip_from_ticks(arm, ticks_by_the_vendors_sdk(arm, port))
+    np.testing.assert_allclose(tip_m, (0.25, 0.05, 0.15), atol=2e-3)
+    np.testing.assert_allclose(json.loads(done.stdout)["measured_tip_m"], tip_m, atol=1e-3)
+
+
+def test_a_port_in_use_is_refused_and_its_holder_keeps_working():
+    with served("so101") as (port, _):
+        holder = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        try:
+            import fcntl
+            import termios
+
+            fcntl.flock(holder, fcntl.LOCK_EX)
+            fcntl.ioctl(holder, termios.TIOCEXCL)
+            done = run("where", "--arm", "so101", "--port", port)
+        finally:
+            os.close(holder)
+    assert done.returncode == 3
+    assert "in use" in done.stderr
+
+
+def test_when_the_server_ends_the_loss_is_named():
+    with served("so101") as (port, process):
+        process.send_signal(signal.SIGTERM)
+        process.wait(timeout=20)
+        done = run("where", "--arm", "so101", "--port", port)
+    assert done.returncode == 3
+    assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_in_mid_motion_holds_and_exits_with_130():
+    with served("so101") as (port, _):
+        words = ["joints", "shoulder_pan=100", "--arm", "so101", "--port", port, "--speed", "slow"]
+        moving = subprocess.Popen([*IKSERVO, *words], stderr=subprocess.PIPE, text=True)
+        with moving:
+            while "slow" not in moving.stderr.readline():
+                pass
+            _wait_until_it_moves(port, moving)
+            moving.send_signal(signal.SIGINT)
+            said = moving.stderr.read()
+        state = json.loads(run("where", "--arm", "so101", "--port", port, "--json").stdout)
+    assert moving.returncode == 130
+    assert "the arm holds" in said
+    pan = state["joints"][0]
+    assert pan["torque"] is True
+    assert 0 < pan["position_rad"] < 1.7
+
+
+def _wait_until_it_moves(port, process):
+    """Let the motion get under way: a hundredth of its four seconds is enough."""
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(timeout=1.0)

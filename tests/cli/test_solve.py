@@ -1,0 +1,60 @@
+"""``ikservo solve``: joints for a point, no hardware."""
+
+import numpy as np
+import pytest
+
+from tests.oracle import ARMS, tip_from_joints
+
+
+def test_the_joints_it_prints_put_the_tip_there(say):
+    answer = say("solve 0.25 0.05 0.15 --arm so101 --json").json
+    names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+    tip = tip_from_joints("so101", dict(zip(names, answer["q_rad"], strict=True)))
+    np.testing.assert_allclose(tip, (0.25, 0.05, 0.15), atol=1e-5)
+
+
+def test_the_json_has_the_keys_that_others_rely_on(say):
+    assert set(say("solve 0.25 0.05 0.15 --arm so101 --json").json) == {
+        "schema", "reached", "q_rad", "position_error_m", "orientation_error_rad", "method",
+        "iterations", "nearest_m", "binding",
+    }  # fmt: skip
+
+
+def test_units_may_be_written_behind_the_number(say):
+    metres = say("solve 0.25 -0.05 0.15 --arm so101 --json").json
+    assert say("solve 250mm -5cm .15m --arm so101 --json").json == metres
+
+
+def test_out_of_reach_is_exit_7_with_the_nearest_point(say):
+    said = say("solve 0.9 0 0.2 --arm so101 --json")
+    assert said.code == 7
+    assert said.json["reached"] is False
+    assert 0.3 < said.json["nearest_m"][0] < 0.5
+
+
+def test_for_a_person_the_nearest_point_is_in_words(say):
+    assert "mm away" in say("solve 0.9 0 0.2 --arm so101").out
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_bare_urdf_needs_its_tip_named(say, arm):
+    said = say(f"solve 0.1 0.1 0.1 --arm configs/{arm}/arm.urdf --json")
+    assert said.code == 2
+    assert "which link is the tool" in said.json["error"]
+
+
+def test_a_bare_urdf_with_a_tip_is_solved(say):
+    said = say("solve 0.25 0.05 0.15 --arm configs/so101/arm.urdf --tip gripper_frame --json")
+    assert said.json["reached"] is True
+
+
+def test_without_an_arm_the_arms_are_listed(say):
+    said = say("solve 0.2 0 0.1")
+    assert said.code == 2
+    assert "Which arm?" in said.err
+    assert "so101" in said.err
+
+
+def test_the_arm_may_come_from_the_environment(say, monkeypatch):
+    monkeypatch.setenv("IKSERVO_ARM", "so101")
+    assert say("solve 0.25 0.05 0.15").code == 0
