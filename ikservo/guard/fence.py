@@ -45,6 +45,18 @@ class Fence:
         low, high = sorted(self.joint_map.position(tick) for tick in self.ticks)
         return low, high
 
+    def tick(self, position: float) -> int:
+        """Return the whole tick nearest to a position, inside the limits where the position is.
+
+        Raises:
+            BadValueError: The position is not finite.
+        """
+        tick = self.joint_map.tick(position)
+        if not self.limits.holds(position):
+            return tick
+        low, high = self.ticks
+        return min(max(tick, low), high)
+
     def step_ticks(self, elapsed_s: float) -> int:
         """Return how far a goal may move in a time, one tick of rounding included."""
         return math.floor(self.speed * elapsed_s / self.joint_map.unit_per_tick + 1e-6) + 1

@@ -66,23 +66,28 @@ class Gate:
         """Return the goal tick of each joint that last passed."""
         return MappingProxyType(self._goals)
 
-    def check_range(self, goals: Mapping[str, int]) -> None:
-        """Check a distant goal before a motion to it starts; sends nothing.
+    def check_range(self, goals: Mapping[str, int], start: Mapping[str, int]) -> None:
+        """Check distant goals before a motion to them starts; sends nothing.
+
+        Args:
+            goals: Where joints shall end, ticks.
+            start: Where they are; a joint outside its limits may stay, not go further out.
 
         Raises:
-            RefusedError: A joint is unknown, unmeasured, or would leave its limits.
+            RefusedError: A joint is unknown or would leave its limits.
         """
         for joint, tick in goals.items():
-            self._check_range(self._fence(joint), tick)
+            _check_range(self._fence(joint), tick, start[joint])
 
     def nearest(self, joint: str, tick: int) -> int:
         """Return the tick nearest to ``tick`` that the joint's range lets pass."""
-        low, high = self._range(self._fence(joint))
+        low, high = _range(self._fence(joint), self._last(joint))
         return min(max(tick, low), high)
 
     def _check(self, fence: Fence, tick: int, elapsed_s: float) -> None:
-        self._check_range(fence, tick)
-        step = abs(tick - self._goals[fence.joint])
+        last = self._last(fence.joint)
+        _check_range(fence, tick, last)
+        step = abs(tick - last)
         if step > fence.step_ticks(elapsed_s):
             raise RefusedError(
                 f"{fence.joint} would have to jump {step} ticks in {elapsed_s * 1000:.0f} ms, "
@@ -90,21 +95,12 @@ class Gate:
                 "Nothing was sent. Goals must move no faster than the arm file's fastest speed.",
             )
 
-    def _check_range(self, fence: Fence, tick: int) -> None:
-        _check_whole(fence.joint, tick)
-        if fence.joint not in self._goals:
+    def _last(self, joint: str) -> int:
+        if joint not in self._goals:
             raise RefusedError(
-                f"Nobody has measured where {fence.joint} is.", "Switch its torque on first."
+                f"Nobody has measured where {joint} is.", "Switch its torque on first."
             )
-        low, high = self._range(fence)
-        if not low <= tick <= high:
-            raise RefusedError(fence.beyond(tick), "Nothing was sent. Choose a nearer goal.")
-
-    def _range(self, fence: Fence) -> tuple[int, int]:
-        """Return the ticks that may pass: the limits, and the way back to them from outside."""
-        low, high = fence.ticks
-        last = self._goals.get(fence.joint, low)
-        return min(low, last), max(high, last)
+        return self._goals[joint]
 
     def _fence(self, joint: str) -> Fence:
         if joint not in self._fences:
@@ -115,6 +111,19 @@ class Gate:
         self._send({self._fences[joint].servo_id: tick for joint, tick in goals.items()})
         self._goals.update(goals)
         self._passed_s = now_s
+
+
+def _check_range(fence: Fence, tick: int, last: int) -> None:
+    _check_whole(fence.joint, tick)
+    low, high = _range(fence, last)
+    if not low <= tick <= high:
+        raise RefusedError(fence.beyond(tick), "Nothing was sent. Choose a nearer goal.")
+
+
+def _range(fence: Fence, last: int) -> tuple[int, int]:
+    """Return the ticks that may pass: the limits, and the way back to them from outside."""
+    low, high = fence.ticks
+    return min(low, last), max(high, last)
 
 
 def _check_whole(joint: str, tick: object) -> None:
