@@ -1,7 +1,19 @@
 """From a point in the world to joints inside the limits: pure functions on arrays."""
 
-from ikservo.ik.result import Binding, Result, Tolerance
-from ikservo.ik.solver import METHODS, Solver, solve
+from ikservo.ik.methods import METHODS
+from ikservo.ik.options import Options, Posture, Tolerance
+from ikservo.ik.result import Binding, Result
+from ikservo.ik.solver import Solver, solve
 from ikservo.ik.target import Target
 
-__all__ = ["METHODS", "Binding", "Result", "Solver", "Target", "Tolerance", "solve"]
+__all__ = [
+    "METHODS",
+    "Binding",
+    "Options",
+    "Posture",
+    "Result",
+    "Solver",
+    "Target",
+    "Tolerance",
+    "solve",
+]

@@ -7,18 +7,25 @@ outside the limits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ikservo.ik.answer import answer, closer
+from ikservo.ik.options import Options
+from ikservo.ik.result import Result
+from ikservo.ik.seeds import seeds
 from ikservo.ik.target import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Matrix, Vector
 
-__all__ = ["Descent", "descend"]
+__all__ = ["Descent", "bounded", "descend"]
 
 _MAX_ITERATIONS = 100
+# One radian weighs like a lever of this length, about half of a small arm.
+_TURN_WEIGHT_M_RAD = 0.1
+_FULL_POSE_DOF = 6
 _DAMPING_START, _DAMPING_MIN, _DAMPING_MAX = 1e-4, 1e-12, 1e8
 # The linear model is good for about this far (lecture L7 goes 2° at a time, without a check of
 # the error after the step); it also keeps the search on the branch it started on.
@@ -27,23 +34,48 @@ _TRUST_RAD = 0.3
 _STEP_END, _GRADIENT_END = 1e-11, 1e-13
 
 
+def bounded(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
+    """Descend from one seed after another until one reaches; else answer with the closest."""
+    best: Result | None = None
+    iterations = 0
+    for seed in seeds(chain, q0, options.restarts):
+        descent = _descend_by_priority(chain, target, seed, options)
+        iterations += descent.iterations
+        found = answer(
+            chain,
+            target,
+            descent.q,
+            options.tolerance,
+            method="bounded",
+            iterations=iterations,
+            trace=descent.trace,
+        )
+        if best is None or closer(found, best, options.tolerance):
+            best = found
+        if best.reached:
+            break
+    assert best is not None  # noqa: S101  # Options allows no fewer than one restart
+    return replace(best, iterations=iterations)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Descent:
     """Where one descent ended.
 
     Attributes:
         q: Joint vector (dof,), inside the limits.
-        gradient: Of ``|E|²/2`` at q (dof,); a joint pressed against its limit has a part of it
-            that points outwards.
         iterations: Steps tried.
+        trace: Every iterate, the start first, where it was asked for.
     """
 
     q: Vector
-    gradient: Vector
     iterations: int
+    trace: tuple[Vector, ...] = ()
 
 
-def descend(chain: Chain, target: Target, q0: Vector, turn_weight_m_rad: float) -> Descent:
+def descend(
+    chain: Chain, target: Target, q0: Vector, turn_weight_m_rad: float, options: Options
+) -> Descent:
     """Walk downhill from ``q0`` to a local minimum of the weighted error.
 
     Args:
@@ -52,29 +84,41 @@ def descend(chain: Chain, target: Target, q0: Vector, turn_weight_m_rad: float) 
         q0: Start (dof,), inside the limits.
         turn_weight_m_rad: How many metres of position error one radian of orientation error is
             worth; 0 ignores the orientation.
+        options: How many steps at most, and whether to keep them.
     """
     q, damping = q0, _DAMPING_START
+    trace = [q0]
     here = _linearise(chain, target, q, turn_weight_m_rad)
-    for iteration in range(_MAX_ITERATIONS):
+    steps = 0
+    while steps < (options.max_iterations or _MAX_ITERATIONS):
         gradient = here.gradient
         free = ~_pressed(gradient, q, chain)
-        if float(np.abs(gradient * free).max()) < _GRADIENT_END:
-            return Descent(q, gradient, iteration)
+        if float(np.abs(gradient * free).max()) < _GRADIENT_END or damping > _DAMPING_MAX:
+            break
         low = np.maximum(chain.lower_rad - q, -_TRUST_RAD)
         high = np.minimum(chain.upper_rad - q, _TRUST_RAD)
         step = _bounded_step(here.curvature(damping), gradient, free, low, high)
         if float(np.abs(step).max()) < _STEP_END:
-            return Descent(q, gradient, iteration)
+            break
+        steps += 1
         tried = chain.clip(q + step)
         there = _linearise(chain, target, tried, turn_weight_m_rad)
         if there.cost < here.cost:
             q, here = tried, there
             damping = max(damping * 0.1, _DAMPING_MIN)
-        elif damping < _DAMPING_MAX:
-            damping *= 10.0
+            trace.append(q)
         else:
-            return Descent(q, gradient, iteration)
-    return Descent(q, here.gradient, _MAX_ITERATIONS)
+            damping *= 10.0
+    return Descent(q, steps, tuple(trace) if options.trace else ())
+
+
+def _descend_by_priority(chain: Chain, target: Target, seed: Vector, options: Options) -> Descent:
+    descent = descend(chain, target, seed, _TURN_WEIGHT_M_RAD, options)
+    if target.only_position or chain.dof >= _FULL_POSE_DOF:
+        return descent
+    # Position first: from the best compromise walk to the nearest joints that meet the point.
+    met = descend(chain, target, descent.q, 0.0, options)
+    return Descent(met.q, descent.iterations + met.iterations, descent.trace + met.trace[1:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from ikservo.kinematics.se3 import Vector
 
-__all__ = ["Binding", "Result", "Tolerance"]
+__all__ = ["Binding", "Result"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +19,6 @@ class Binding:
 
     def __str__(self) -> str:
         return f"{self.joint} at its {self.side} limit"
-
-
-@dataclass(frozen=True, slots=True)
-class Tolerance:
-    """How close counts as reached."""
-
-    position_m: float = 1e-5
-    orientation_rad: float = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +34,7 @@ class Result:
         iterations: Steps taken, restarts included.
         nearest_m: Where the point is at ``q`` (3,), metres, base frame.
         method: The solver that found it.
+        trace: Every iterate (dof,), the start first, where it was asked for.
     """
 
     q: Vector
@@ -52,3 +45,4 @@ class Result:
     iterations: int
     nearest_m: Vector
     method: str
+    trace: tuple[Vector, ...] = ()
