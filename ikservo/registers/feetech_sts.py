@@ -1,0 +1,107 @@
+"""Feetech STS servos: the control table of the STS3215 (Feetech memory table, STS series)."""
+
+from __future__ import annotations
+
+from ikservo.registers.alarms import Alarm
+from ikservo.registers.codec import SignMagnitude, Unsigned
+from ikservo.registers.register import Access, Area, Register
+from ikservo.registers.table import Family, ServoTable
+from ikservo.registers.units import (
+    CELSIUS,
+    DECI_VOLT,
+    MA_6_5,
+    MS_10,
+    NUMBER,
+    PER_MILLE,
+    PERCENT,
+    TICK_4096,
+    TICK_ACCEL,
+    TICK_RATE,
+    US_2,
+)
+
+__all__ = ["STS3215"]
+
+RO, RW = Access.RO, Access.RW
+EEP, RAM = Area.EEPROM, Area.RAM
+UINT, SIGN10, SIGN11, SIGN15 = Unsigned(), SignMagnitude(10), SignMagnitude(11), SignMagnitude(15)
+
+
+# fmt: off
+BAUD_RATES = {0: 1_000_000, 1: 500_000, 2: 250_000, 3: 128_000,
+              4: 115_200,   5: 76_800,  6: 57_600,  7: 38_400}
+ALARM_BITS = {0: Alarm.VOLTAGE, 1: Alarm.ENCODER, 2: Alarm.HEAT, 3: Alarm.CURRENT,
+              5: Alarm.OVERLOAD}
+
+
+class STS3215(ServoTable):
+    """Bus servo of the SO-100 and SO-101: 12-bit magnetic encoder, little-endian words."""
+
+    model_name = "STS3215"
+    number = 777
+    family = Family.FEETECH_STS
+    ticks_per_turn = 4096
+    baud_rates = BAUD_RATES
+    alarm_bits = ALARM_BITS
+    # 128 makes the present position tick 2048; repeated after a move it would mean another place.
+    once = frozenset({("torque_enable", 128)})
+
+    #                                addr size codec   unit        access area    raw range
+    firmware_major        = Register(   0, 1,  UINT,   NUMBER,     RO,    EEP)
+    firmware_minor        = Register(   1, 1,  UINT,   NUMBER,     RO,    EEP)
+    end                   = Register(   2, 1,  UINT,   NUMBER,     RO,    EEP)
+    model_number          = Register(   3, 2,  UINT,   NUMBER,     RO,    EEP)
+    id                    = Register(   5, 1,  UINT,   NUMBER,     RW,    EEP,       0,   253)
+    baud_rate             = Register(   6, 1,  UINT,   NUMBER,     RW,    EEP,       0,    11)
+    return_delay          = Register(   7, 1,  UINT,   US_2,       RW,    EEP,       0,   254)
+    response_level        = Register(   8, 1,  UINT,   NUMBER,     RW,    EEP,       0,     1)
+    min_position_limit    = Register(   9, 2,  UINT,   TICK_4096,  RW,    EEP,       0,  4094)
+    max_position_limit    = Register(  11, 2,  UINT,   TICK_4096,  RW,    EEP,       0,  4095)
+    max_temperature_limit = Register(  13, 1,  UINT,   CELSIUS,    RW,    EEP,       0,   100)
+    max_voltage_limit     = Register(  14, 1,  UINT,   DECI_VOLT,  RW,    EEP,       0,   254)
+    min_voltage_limit     = Register(  15, 1,  UINT,   DECI_VOLT,  RW,    EEP,       0,   254)
+    max_torque            = Register(  16, 2,  UINT,   PER_MILLE,  RW,    EEP,       0,  1000)
+    phase                 = Register(  18, 1,  UINT,   NUMBER,     RW,    EEP)
+    unload_condition      = Register(  19, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    led_alarm             = Register(  20, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    p_gain                = Register(  21, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    d_gain                = Register(  22, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    i_gain                = Register(  23, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    min_startup_force     = Register(  24, 1,  UINT,   PER_MILLE,  RW,    EEP,       0,   254)
+    integral_limit        = Register(  25, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    cw_dead_zone          = Register(  26, 1,  UINT,   TICK_4096,  RW,    EEP,       0,    16)
+    ccw_dead_zone         = Register(  27, 1,  UINT,   TICK_4096,  RW,    EEP,       0,    16)
+    protection_current    = Register(  28, 2,  UINT,   MA_6_5,     RW,    EEP,       0,  2047)
+    angular_resolution    = Register(  30, 1,  UINT,   NUMBER,     RW,    EEP,       1,   128)
+    homing_offset         = Register(  31, 2,  SIGN11, TICK_4096,  RW,    EEP,   -2047,  2047)
+    operating_mode        = Register(  33, 1,  UINT,   NUMBER,     RW,    EEP,       0,     3)
+    protective_torque     = Register(  34, 1,  UINT,   PERCENT,    RW,    EEP,       0,   254)
+    protection_time       = Register(  35, 1,  UINT,   MS_10,      RW,    EEP,       0,   254)
+    overload_torque       = Register(  36, 1,  UINT,   PERCENT,    RW,    EEP,       0,   254)
+    speed_p_gain          = Register(  37, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    over_current_time     = Register(  38, 1,  UINT,   MS_10,      RW,    EEP,       0,   254)
+    speed_i_gain          = Register(  39, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    torque_enable         = Register(  40, 1,  UINT,   NUMBER,     RW,    RAM,       0,   128)
+    acceleration          = Register(  41, 1,  UINT,   TICK_ACCEL, RW,    RAM,       0,   254)
+    goal_position         = Register(  42, 2,  SIGN15, TICK_4096,  RW,    RAM,  -32767, 32767)
+    goal_time             = Register(  44, 2,  SIGN10, PER_MILLE,  RW,    RAM,   -1000,  1000)
+    goal_speed            = Register(  46, 2,  SIGN15, TICK_RATE,  RW,    RAM,  -32767, 32767)
+    torque_limit          = Register(  48, 2,  UINT,   PER_MILLE,  RW,    RAM,       0,  1000)
+    lock                  = Register(  55, 1,  UINT,   NUMBER,     RW,    RAM,       0,     1)
+    present_position      = Register(  56, 2,  SIGN15, TICK_4096,  RO,    RAM)
+    present_speed         = Register(  58, 2,  SIGN15, TICK_RATE,  RO,    RAM)
+    present_load          = Register(  60, 2,  SIGN10, PER_MILLE,  RO,    RAM)
+    present_voltage       = Register(  62, 1,  UINT,   DECI_VOLT,  RO,    RAM)
+    present_temperature   = Register(  63, 1,  UINT,   CELSIUS,    RO,    RAM)
+    async_write           = Register(  64, 1,  UINT,   NUMBER,     RO,    RAM)
+    status                = Register(  65, 1,  UINT,   NUMBER,     RO,    RAM)
+    moving                = Register(  66, 1,  UINT,   NUMBER,     RO,    RAM)
+    target_position       = Register(  67, 2,  SIGN15, TICK_4096,  RO,    RAM)
+    present_current       = Register(  69, 2,  UINT,   MA_6_5,     RO,    RAM)
+
+    # The names that every family has
+    profile_acceleration  = acceleration
+    profile_velocity      = goal_speed
+    present_velocity      = present_speed
+    alarms                = status
+# fmt: on

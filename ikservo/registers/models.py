@@ -1,0 +1,33 @@
+"""The catalogue of servo models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ikservo.errors import UnknownNameError
+from ikservo.registers.dynamixel_x import XL330M288, XL430W250, XM430W350, XM540W270
+from ikservo.registers.feetech_sts import STS3215
+from ikservo.registers.table import Family, ServoTable
+
+__all__ = ["MODELS", "table_for", "table_with_number"]
+
+_TABLES: tuple[type[ServoTable], ...] = (STS3215, XL330M288, XL430W250, XM430W350, XM540W270)
+MODELS: Mapping[str, type[ServoTable]] = {table.model_name: table for table in _TABLES}
+"""Every known model by its name."""
+
+
+def table_for(model_name: str) -> type[ServoTable]:
+    """Return the table of a servo model.
+
+    Raises:
+        UnknownNameError: No such model; the closest name is offered.
+    """
+    if model_name not in MODELS:
+        raise UnknownNameError("servo model", model_name, MODELS)
+    return MODELS[model_name]
+
+
+def table_with_number(family: Family, number: int) -> type[ServoTable] | None:
+    """Return the table of the model that reports a number, or None where none is known."""
+    found = (t for t in _TABLES if t.family is family and t.number == number)
+    return next(found, None)

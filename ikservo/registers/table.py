@@ -1,0 +1,129 @@
+"""What every servo table has: facts of the model, and the names that code above relies on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import ClassVar
+
+from ikservo.errors import UnknownNameError
+from ikservo.registers.alarms import Alarm, decode_alarms
+from ikservo.registers.register import ByteOrder, Register
+
+__all__ = ["Family", "Role", "ServoTable"]
+
+
+class Family(StrEnum):
+    """The dialect a servo speaks; the value is what arm.toml says."""
+
+    FEETECH_STS = "feetech_sts"
+    FEETECH_SCS = "feetech_scs"
+    DYNAMIXEL_1 = "dynamixel_1"
+    DYNAMIXEL_2 = "dynamixel_2"
+
+
+class Role(StrEnum):
+    """Registers that every family has, whatever its vendor calls them.
+
+    ``bus.read(3, Role.PRESENT_VOLTAGE)`` finds ``present_voltage`` in a Feetech servo and
+    ``present_input_voltage`` in a Dynamixel.
+    """
+
+    MODEL_NUMBER = "model_number"
+    ID = "id"
+    BAUD_RATE = "baud_rate"
+    RETURN_DELAY = "return_delay"
+    OPERATING_MODE = "operating_mode"
+    HOMING_OFFSET = "homing_offset"
+    MIN_POSITION_LIMIT = "min_position_limit"
+    MAX_POSITION_LIMIT = "max_position_limit"
+    MAX_TEMPERATURE_LIMIT = "max_temperature_limit"
+    MIN_VOLTAGE_LIMIT = "min_voltage_limit"
+    MAX_VOLTAGE_LIMIT = "max_voltage_limit"
+    TORQUE_ENABLE = "torque_enable"
+    PROFILE_ACCELERATION = "profile_acceleration"
+    PROFILE_VELOCITY = "profile_velocity"
+    GOAL_POSITION = "goal_position"
+    PRESENT_POSITION = "present_position"
+    PRESENT_VELOCITY = "present_velocity"
+    PRESENT_LOAD = "present_load"
+    PRESENT_VOLTAGE = "present_voltage"
+    PRESENT_TEMPERATURE = "present_temperature"
+    MOVING = "moving"
+    ALARMS = "alarms"
+
+
+class ServoTable:
+    """The memory of one servo model; never instantiated.
+
+    Attributes:
+        model_name: As on the case and in arm.toml.
+        number: What the servo's own model register says.
+        family: The dialect.
+        byte_order: Of words on the line.
+        ticks_per_turn: Encoder counts in one turn of the horn.
+        baud_rates: Code in the baud rate register to bits a second.
+        alarm_bits: Bit of the alarm register to its meaning.
+        lock: The register that must be 0 for EEPROM writes to last, where the family has one.
+        once: Raw writes that must never be repeated after a lost answer, as (name, number).
+        registers: Every register by its vendor's name, by address.
+    """
+
+    model_name: ClassVar[str] = ""
+    number: ClassVar[int]
+    family: ClassVar[Family]
+    byte_order: ClassVar[ByteOrder] = "little"
+    ticks_per_turn: ClassVar[int]
+    baud_rates: ClassVar[Mapping[int, int]]
+    alarm_bits: ClassVar[Mapping[int, Alarm]]
+    lock: ClassVar[Register | None] = None
+    once: ClassVar[frozenset[tuple[str, int]]] = frozenset()
+    registers: ClassVar[Mapping[str, Register]] = {}
+
+    model_number: ClassVar[Register]
+    id: ClassVar[Register]
+    baud_rate: ClassVar[Register]
+    return_delay: ClassVar[Register]
+    operating_mode: ClassVar[Register]
+    homing_offset: ClassVar[Register]
+    min_position_limit: ClassVar[Register]
+    max_position_limit: ClassVar[Register]
+    max_temperature_limit: ClassVar[Register]
+    min_voltage_limit: ClassVar[Register]
+    max_voltage_limit: ClassVar[Register]
+    torque_enable: ClassVar[Register]
+    profile_acceleration: ClassVar[Register]
+    profile_velocity: ClassVar[Register]
+    goal_position: ClassVar[Register]
+    present_position: ClassVar[Register]
+    present_velocity: ClassVar[Register]
+    present_load: ClassVar[Register]
+    present_voltage: ClassVar[Register]
+    present_temperature: ClassVar[Register]
+    moving: ClassVar[Register]
+    alarms: ClassVar[Register]
+
+    def __init_subclass__(cls) -> None:
+        """List the registers of the table, its ancestors' included."""
+        own = [entry for entry in vars(cls).values() if isinstance(entry, Register)]
+        merged = {**cls.registers, **{register.name: register for register in own}}
+        cls.registers = dict(sorted(merged.items(), key=lambda item: item[1].address))
+
+    @classmethod
+    def find(cls, wanted: Register | Role) -> Register:
+        """Return this model's own register for a role, or of the same name as a register.
+
+        Raises:
+            UnknownNameError: This model has no such register.
+        """
+        if isinstance(wanted, Role):
+            found: Register = getattr(cls, wanted)
+            return found
+        if wanted.name not in cls.registers:
+            raise UnknownNameError(f"{cls.model_name} register", wanted.name, cls.registers)
+        return cls.registers[wanted.name]
+
+    @classmethod
+    def decode_alarms(cls, bits: int) -> frozenset[Alarm]:
+        """Return what the bits of the alarm register mean."""
+        return decode_alarms(bits, cls.alarm_bits)

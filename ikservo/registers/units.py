@@ -1,0 +1,55 @@
+"""What one step of a register is worth, in SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import tau
+
+__all__ = ["NUMBER", "Unit"]
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A scale from a register's integer to a quantity.
+
+    Attributes:
+        symbol: The unit of the quantity, or empty for a plain number.
+        step: The quantity that one count stands for, or ``None`` for a plain number.
+    """
+
+    symbol: str
+    step: float | None
+
+    def to_value(self, raw: int) -> float:
+        """Return the quantity; plain numbers stay integers."""
+        return raw if self.step is None else raw * self.step
+
+    def to_raw(self, value: float) -> int:
+        """Return the count nearest to a quantity."""
+        return round(value if self.step is None else value / self.step)
+
+
+RPM = tau / 60  # rad/s
+"""One turn a minute in radians a second."""
+
+# fmt: off
+NUMBER       = Unit("",       None)           # a code, a gain, a set of bits
+TICK_4096    = Unit("rad",    tau / 4096)     # 12-bit encoder
+TICK_RATE    = Unit("rad/s",  tau / 4096)     # ticks a second
+TICK_ACCEL   = Unit("rad/s²", 100 * tau / 4096)
+DECI_VOLT    = Unit("V",      0.1)
+CELSIUS      = Unit("°C",     1.0)
+PER_MILLE    = Unit("1",      0.001)          # of the most there is
+PERCENT      = Unit("1",      0.01)
+US_2         = Unit("s",      2e-6)
+MS_1         = Unit("s",      1e-3)
+MS_10        = Unit("s",      10e-3)
+MS_20        = Unit("s",      20e-3)
+MA_1         = Unit("A",      1e-3)
+MA_2_69      = Unit("A",      2.69e-3)
+MA_6_5       = Unit("A",      6.5e-3)
+PWM_885      = Unit("1",      1 / 885)        # 885 counts are the full supply voltage
+RPM_0_229    = Unit("rad/s",  0.229 * RPM)
+RPM2_214_577 = Unit("rad/s²", 214.577 * tau / 3600)  # 214.577 turns a minute squared
+MV_PER_MS    = Unit("V/s",    1.977)
+# fmt: on

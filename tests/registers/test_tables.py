@@ -1,0 +1,147 @@
+"""The control tables as tables: no overlaps, every role filled, facts of the sheets."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import pi
+
+import pytest
+
+from ikservo.errors import UnknownNameError
+from ikservo.registers import (
+    MODELS,
+    STS3215,
+    XL330M288,
+    XL430W250,
+    XM430W350,
+    XM540W270,
+    Access,
+    Alarm,
+    Area,
+    Family,
+    Role,
+    ServoTable,
+    table_for,
+    table_with_number,
+)
+
+every_table = pytest.mark.parametrize("table", MODELS.values(), ids=MODELS)
+
+
+@every_table
+def test_registers_do_not_overlap(table):
+    for lower, upper in pairwise(table.registers.values()):
+        assert lower.end <= upper.address, f"{lower} runs into {upper}"
+
+
+@every_table
+@pytest.mark.parametrize("role", Role)
+def test_every_role_is_filled(table, role):
+    assert table.find(role) in table.registers.values()
+
+
+def test_the_roles_are_what_type_checkers_see():
+    declared = {n for n, kind in ServoTable.__annotations__.items() if kind == "ClassVar[Register]"}
+    assert declared == set(Role)
+
+
+@every_table
+def test_the_name_is_the_attribute(table):
+    for name, register in table.registers.items():
+        assert getattr(table, name) is register
+
+
+@every_table
+def test_the_writable_range_fits_the_bytes(table):
+    for register in table.registers.values():
+        lower, upper = register.range
+        least, most = register.codec.span(register.size)
+        assert least <= lower <= upper <= most, register
+
+
+@every_table
+def test_everything_measured_is_read_only(table):
+    measured = [r for name, r in table.registers.items() if name.startswith("present_")]
+    assert {register.access for register in measured} == {Access.RO}
+
+
+@every_table
+def test_ram_stands_behind_eeprom(table):
+    eeprom = [r.end for r in table.registers.values() if r.area is Area.EEPROM]
+    ram = [r.address for r in table.registers.values() if r.area is Area.RAM]
+    assert max(eeprom) <= min(ram)
+
+
+@pytest.mark.parametrize(
+    ("table", "number"),
+    [(STS3215, 777), (XL330M288, 1200), (XL430W250, 1060), (XM430W350, 1020), (XM540W270, 1120)],
+)
+def test_a_model_is_known_by_its_number(table, number):
+    assert table_with_number(table.family, number) is table
+
+
+def test_an_unknown_number_has_no_table():
+    assert table_with_number(Family.DYNAMIXEL_2, 4242) is None
+
+
+def test_a_table_is_found_by_the_name_on_the_case():
+    assert table_for("STS3215") is STS3215
+
+
+def test_an_unknown_model_offers_the_closest():
+    with pytest.raises(UnknownNameError, match="XL430-W250"):
+        table_for("XL430-W25")
+
+
+def test_a_role_bridges_the_vendors_names():
+    assert STS3215.find(Role.PRESENT_VOLTAGE) is STS3215.present_voltage
+    assert XL430W250.find(Role.PRESENT_VOLTAGE) is XL430W250.present_input_voltage
+
+
+def test_a_register_of_another_model_becomes_ones_own():
+    assert XL330M288.find(XL430W250.max_voltage_limit) is XL330M288.max_voltage_limit
+
+
+def test_a_register_that_a_model_lacks_is_named():
+    with pytest.raises(UnknownNameError, match="XL430-W250 register named 'goal_current'"):
+        XL430W250.find(XL330M288.goal_current)
+
+
+@pytest.mark.parametrize(
+    ("register", "raw", "value"),
+    [
+        (STS3215.present_position, 1024, pi / 2),
+        (STS3215.present_voltage, 123, 12.3),
+        (STS3215.present_current, 100, 0.65),
+        (STS3215.acceleration, 254, 25400 * 2 * pi / 4096),
+        (STS3215.present_temperature, 40, 40.0),
+        (XL430W250.present_load, 500, 0.5),
+        (XL430W250.profile_velocity, 100, 22.9 * 2 * pi / 60),
+        (XL430W250.goal_pwm, 885, 1.0),
+        (XL430W250.bus_watchdog, 5, 0.1),
+        (XM430W350.present_current, 1000, 2.69),
+        (XL330M288.present_current, 1000, 1.0),
+        (XL430W250.return_delay_time, 250, 0.0005),
+    ],
+)
+class TestUnits:
+    """One count is worth what the sheet says, both ways."""
+
+    def test_value(self, register, raw, value):
+        assert register.to_value(raw) == pytest.approx(value)
+
+    def test_raw(self, register, raw, value):
+        assert register.to_raw(value) == raw
+
+
+def test_a_plain_number_stays_an_integer():
+    assert isinstance(STS3215.p_gain.to_value(32), int)
+
+
+def test_alarm_bits_have_names():
+    assert STS3215.decode_alarms(0b100001) == {Alarm.VOLTAGE, Alarm.OVERLOAD}
+    assert XL430W250.decode_alarms(0b010000) == {Alarm.SHOCK}
+
+
+def test_an_unnamed_alarm_bit_is_not_passed_over():
+    assert STS3215.decode_alarms(0b1000_0000) == {Alarm.UNKNOWN}
