@@ -1,0 +1,26 @@
+"""The servos as they are: a port, the vendors' packets, and typed registers on a line."""
+
+from __future__ import annotations
+
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.eeprom import Difference, differences, read_eeprom, update_eeprom
+from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.readings import Readings
+from ikservo.hardware.servo import Identity, ServoSpec
+from ikservo.hardware.torque import check_supply, torque_off, torque_on
+
+__all__ = [
+    "Difference",
+    "Identity",
+    "Port",
+    "Readings",
+    "ServoBus",
+    "ServoSpec",
+    "check_supply",
+    "differences",
+    "open_port",
+    "read_eeprom",
+    "torque_off",
+    "torque_on",
+    "update_eeprom",
+]

@@ -1,0 +1,61 @@
+"""What every protocol driver can do; above it nobody knows which vendor's SDK speaks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from ikservo.hardware.exchange import Exchange
+from ikservo.hardware.replies import Reply
+
+__all__ = ["Driver"]
+
+
+class Driver(Protocol):
+    """One protocol on one port.
+
+    Addresses and bytes go in, replies come out. A servo that does not answer is a ``Fault``
+    among the replies; only a lost port raises.
+    """
+
+    @property
+    def exchange(self) -> Exchange:
+        """Return how questions are put and heard out; it knows the servos' return delay."""
+        ...
+
+    @property
+    def can_sync_read(self) -> bool:
+        """Whether one question can be put to many servos."""
+        ...
+
+    def ping(self, servo_id: int) -> Reply:
+        """Ask whether a servo is there; the data are what the protocol's ping tells."""
+        ...
+
+    def read(self, servo_id: int, address: int, size: int) -> Reply:
+        """Ask one servo for ``size`` bytes."""
+        ...
+
+    def write(self, servo_id: int, address: int, data: bytes) -> Reply:
+        """Write to one servo and hear whether it took it."""
+        ...
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        """Ask many servos for the same bytes; each has its own reply."""
+        ...
+
+    def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
+        """Write to many servos at once; the protocols give no answer to this."""
+        ...
+
+    def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
+        """Lay a write ready that ``action`` sets off."""
+        ...
+
+    def action(self) -> None:
+        """Set off what ``reg_write`` laid ready, on every servo at the same moment."""
+        ...
+
+    def reboot(self, servo_id: int) -> Reply:
+        """Restart one servo; its torque is lost."""
+        ...

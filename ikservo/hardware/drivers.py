@@ -1,0 +1,26 @@
+"""Which driver speaks which family's dialect."""
+
+from __future__ import annotations
+
+from ikservo.hardware.driver import Driver
+from ikservo.hardware.port import Port
+from ikservo.registers import Family
+
+__all__ = ["driver_for"]
+
+
+def driver_for(family: Family, port: Port, *, fast: bool = True) -> Driver:
+    """Return a driver for a family of servos; its vendor's SDK is imported only now.
+
+    Args:
+        family: The dialect.
+        port: The line.
+        fast: Whether the family's fastest way to ask many servos is tried first.
+    """
+    if family is Family.DYNAMIXEL_2:
+        from ikservo.hardware.dynamixel import DynamixelDriver  # noqa: PLC0415
+
+        return DynamixelDriver(port, fast=fast)
+    from ikservo.hardware.feetech import FeetechDriver  # noqa: PLC0415
+
+    return FeetechDriver(port, can_sync_read=family is Family.FEETECH_STS)

@@ -1,0 +1,71 @@
+"""Torque on without a jump, torque off whatever happens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from ikservo.errors import BusError, ServoAlarmError, ServoRefusedError
+from ikservo.hardware.bus import ServoBus
+from ikservo.registers import Role
+
+__all__ = ["check_supply", "torque_off", "torque_on"]
+
+
+def torque_on(bus: ServoBus, servo_id: int) -> int:
+    """Let a servo hold where it is, and return that tick.
+
+    Its goal is set to the measured position and read back before torque comes on, because a
+    joint that was turned by hand would otherwise snap back to an old goal.
+
+    Raises:
+        ServoAlarmError: Its supply voltage is outside its own limits.
+        BusError: It does not answer, or does not take the goal.
+    """
+    check_supply(bus, servo_id)
+    present_tick = bus.read(servo_id, Role.PRESENT_POSITION, raw=True)
+    bus.write(servo_id, Role.GOAL_POSITION, present_tick, raw=True)
+    goal_tick = bus.read(servo_id, Role.GOAL_POSITION, raw=True)
+    if goal_tick != present_tick:
+        raise ServoRefusedError(
+            f"keeps goal {goal_tick} instead of {present_tick}, where it stands",
+            "Turn the joint by hand to within its limits; torque stays off.",
+            servo=str(bus.servos[servo_id]),
+            servo_id=servo_id,
+            port=bus.port.name,
+        )
+    bus.write(servo_id, Role.TORQUE_ENABLE, 1, raw=True)
+    return present_tick
+
+
+def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:
+    """Let servos go limp, every one that can be reached, and return why others could not.
+
+    Raises:
+        PortLostError: The line is gone; nothing can be reached any more.
+    """
+    errors: dict[int, BusError] = {}
+    for servo_id in servo_ids:
+        try:
+            bus.write(servo_id, Role.TORQUE_ENABLE, 0, raw=True)
+        except BusError as error:
+            errors[servo_id] = error
+    return errors
+
+
+def check_supply(bus: ServoBus, servo_id: int) -> float:
+    """Return the servo's supply voltage, if it lies within the servo's own limits.
+
+    Raises:
+        ServoAlarmError: It does not.
+        BusError: The servo does not answer.
+    """
+    voltage_v = bus.read(servo_id, Role.PRESENT_VOLTAGE)
+    lower_v = bus.read(servo_id, Role.MIN_VOLTAGE_LIMIT)
+    upper_v = bus.read(servo_id, Role.MAX_VOLTAGE_LIMIT)
+    if lower_v <= voltage_v <= upper_v:
+        return voltage_v
+    raise ServoAlarmError(
+        f"{bus.servos[servo_id]} is fed {voltage_v:.1f} V; "
+        f"its own limits are {lower_v:.1f} to {upper_v:.1f} V.",
+        "Check the power supply; torque stays off.",
+    )

@@ -1,0 +1,66 @@
+"""Several registers in one answer."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.hardware import ServoBus, ServoSpec
+from ikservo.hardware.block import neighbours
+from ikservo.registers import STS3215, XL430W250, Role
+
+TELEMETRY = [
+    Role.PRESENT_POSITION,
+    Role.PRESENT_VELOCITY,
+    Role.PRESENT_LOAD,
+    Role.PRESENT_VOLTAGE,
+    Role.PRESENT_TEMPERATURE,
+]
+
+
+def test_neighbours_are_joined():
+    wanted = [STS3215.present_load, STS3215.present_position, STS3215.present_speed]
+    assert neighbours(wanted) == [
+        [STS3215.present_position, STS3215.present_speed, STS3215.present_load]
+    ]
+
+
+def test_a_gap_parts_them():
+    wanted = [STS3215.present_position, STS3215.goal_position]
+    assert neighbours(wanted) == [[STS3215.goal_position], [STS3215.present_position]]
+
+
+def test_a_register_wanted_twice_is_read_once():
+    assert neighbours([STS3215.moving, STS3215.moving]) == [[STS3215.moving]]
+
+
+def test_telemetry_of_a_feetech_is_one_question(feetech, line):
+    line.expect("FF FF FE 05 82 38 08 01 39", "FF FF 01 0A 00 00 08 32 80 F4 01 7B 23 A7")
+    readings = feetech.sync_read_many([1], TELEMETRY, raw=True).complete()[1]
+    assert [readings[role] for role in TELEMETRY] == [2048, -50, 500, 123, 35]
+
+
+def test_values_come_in_their_units(feetech, line):
+    line.expect("FF FF FE 05 82 3E 02 01 39", "FF FF 01 04 00 7B 23 5C")
+    wanted = [STS3215.present_voltage, STS3215.present_temperature]
+    readings = feetech.sync_read_many([1], wanted).complete()[1]
+    assert [readings[register] for register in wanted] == pytest.approx([12.3, 35.0])
+
+
+def test_a_servo_silent_in_one_of_two_questions_has_an_error_and_no_value(feetech, line):
+    line.expect("FF FF FE 05 82 2A 02 01 4D", "FF FF 01 04 00 00 08 F2")
+    line.expect("FF FF FE 05 82 38 02 01 3F")
+    wanted = [STS3215.present_position, STS3215.goal_position]
+    readings = feetech.sync_read_many([1], wanted)
+    assert readings.values == {}
+    assert "read present_position" in str(readings.errors[1])
+
+
+def test_families_need_not_have_the_same_neighbours(port, line):
+    bus = ServoBus(port, [ServoSpec(1, STS3215), ServoSpec(2, XL430W250)])
+    line.expect("FF FF FE 05 82 3E 02 01 39", "FF FF 01 04 00 7B 23 5C")
+    line.expect(
+        "FF FF FD 00 FE 08 00 82 90 00 03 00 02 FB 49",
+        "FF FF FD 00 02 07 00 55 00 7B 00 23 56 F3",
+    )
+    readings = bus.sync_read_many([1, 2], [Role.PRESENT_VOLTAGE, Role.PRESENT_TEMPERATURE])
+    assert [row[Role.PRESENT_TEMPERATURE] for row in readings.complete().values()] == [35.0, 35.0]

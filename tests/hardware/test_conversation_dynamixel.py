@@ -1,0 +1,142 @@
+"""Simulated Dynamixel arms and our driver talk; the simulated servos' memory is the witness."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.errors import NoPortError, RegisterAccessError, ServoRefusedError, ServoSilentError
+from ikservo.hardware import (
+    ServoBus,
+    open_port,
+    read_eeprom,
+    torque_off,
+    torque_on,
+    update_eeprom,
+)
+from ikservo.registers import XL330M288, XL430W250, Alarm, Role
+
+IDS = range(1, 7)
+
+
+@pytest.fixture
+def arm(simulated):
+    """Give the bus of a simulated Koch arm, of two models, and the servos on it."""
+    return simulated("koch")
+
+
+def test_every_servo_says_its_own_model(arm):
+    bus, _ = arm
+    numbers = [bus.ping(servo_id).model_number for servo_id in IDS]
+    assert numbers == [1060, 1060, 1200, 1200, 1200, 1200]
+
+
+def test_positions_are_what_the_servos_hold(arm):
+    bus, servos = arm
+    ticks = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete()
+    held = {i: servo.read("present_position") for i, servo in servos.items()}
+    assert ticks == pytest.approx(held, abs=5)  # limp joints sink while they are asked
+
+
+def test_torque_comes_on_without_a_jump(arm):
+    bus, servos = arm
+    held = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
+    assert {i: servo.read("goal_position") for i, servo in servos.items()} == held
+    assert {servo.read("torque_enable") for servo in servos.values()} == {1}
+
+
+def test_a_goal_is_where_the_servo_goes(arm):
+    bus, servos = arm
+    goal_tick = torque_on(bus, 1) + 100
+    bus.write(1, Role.GOAL_POSITION, goal_tick, raw=True)
+    bus.clock.sleep_until(bus.clock.now_s() + 1.0)
+    assert servos[1].read("present_position") == pytest.approx(goal_tick, abs=10)
+
+
+def test_torque_goes_off(arm):
+    bus, servos = arm
+    torque_on(bus, 1)
+    assert torque_off(bus, IDS) == {}
+    assert servos[1].read("torque_enable") == 0
+
+
+def test_voltages_of_two_models_come_from_one_role(arm):
+    bus, servos = arm
+    volts = bus.sync_read(IDS, Role.PRESENT_VOLTAGE).complete()
+    expected = {i: servo.read("present_input_voltage") / 10 for i, servo in servos.items()}
+    assert volts == pytest.approx(expected)
+
+
+def test_a_goal_outside_the_servos_limits_is_refused_by_the_servo(arm):
+    bus, _ = arm
+    with pytest.raises(ServoRefusedError, match=r"waist|shoulder_pan.*out of range"):
+        bus.write(1, Role.GOAL_POSITION, 100_000, raw=True)
+
+
+def test_eeprom_under_torque_is_refused_by_us(arm):
+    bus, _ = arm
+    torque_on(bus, 1)
+    with pytest.raises(RegisterAccessError, match="torque is on"):
+        bus.write(1, XL430W250.drive_mode, 0)
+
+
+def test_eeprom_under_torque_is_refused_by_the_servo_where_we_do_not_know_of_it(arm):
+    bus, _ = arm
+    torque_on(bus, 1)
+    newcomer = ServoBus(bus.port, list(bus.servos.values()))
+    with pytest.raises(ServoRefusedError, match="denies access"):
+        newcomer.write(1, XL430W250.drive_mode, 0)
+
+
+def test_a_limit_lasts_and_is_not_written_twice(arm):
+    bus, servos = arm
+    wanted = {XL330M288.velocity_limit: 300}
+    assert len(update_eeprom(bus, 4, wanted)) == 1
+    assert servos[4].read("velocity_limit") == 300
+    assert update_eeprom(bus, 4, wanted) == []
+
+
+def test_a_backup_holds_every_eeprom_register(arm):
+    bus, servos = arm
+    backup = read_eeprom(bus, 4)
+    assert backup == {name: servos[4].read(name) for name in backup}
+    assert {"id", "homing_offset", "current_limit"} <= set(backup)
+
+
+def test_a_reboot_loses_torque(arm):
+    bus, servos = arm
+    torque_on(bus, 5)
+    bus.reboot(5)
+    assert servos[5].read("torque_enable") == 0
+
+
+def test_an_overheated_servo_is_seen_and_says_so(arm):
+    bus, servos = arm
+    servos[5].write("temperature_limit", 10)
+    bus.clock.sleep_until(bus.clock.now_s() + 1.0)
+    readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
+    assert readings.alarms == {5: {Alarm.UNKNOWN}}
+    assert bus.read_alarms(5) == {Alarm.HEAT}
+    assert bus.sync_read(IDS, Role.ALARMS, raw=True).alarms == {5: {Alarm.HEAT}}
+
+
+def test_a_silent_servo_costs_no_other_its_answer(arm):
+    bus, servos = arm
+    servos[3].write("baud_rate", 1)
+    readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
+    assert sorted(readings.values) == [1, 2, 4, 5, 6]
+    assert isinstance(readings.errors[3], ServoSilentError)
+
+
+def test_a_shadow_obeys_the_goal_of_its_leader_and_answers_at_its_own_id(simulated):
+    bus, servos = simulated("vx300s")
+    for servo_id in (3, 2):
+        torque_on(bus, servo_id)
+    goal_tick = bus.read(2, Role.GOAL_POSITION, raw=True) + 20
+    bus.write(2, Role.GOAL_POSITION, goal_tick, raw=True)
+    assert servos[3].read("goal_position") == goal_tick
+    assert bus.read(3, Role.GOAL_POSITION, raw=True) == goal_tick
+
+
+def test_an_arm_file_that_is_not_there_is_no_port():
+    with pytest.raises(NoPortError, match=r"nowhere/arm\.toml"):
+        open_port("sim:/nowhere/arm.toml", 1_000_000)

@@ -1,0 +1,147 @@
+"""A simulated SO-101 and our driver talk; the simulated servos' own memory is the witness."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.errors import BusError, PortLostError, ServoSilentError
+from ikservo.hardware import read_eeprom, torque_off, torque_on, update_eeprom
+from ikservo.registers import STS3215, Alarm, Role
+
+IDS = range(1, 7)
+
+
+@pytest.fixture
+def arm(simulated):
+    """Give the bus of a simulated SO-101 and the servos on it."""
+    return simulated("so101")
+
+
+def test_every_servo_says_its_model(arm):
+    bus, _ = arm
+    assert {bus.ping(servo_id).model_number for servo_id in IDS} == {777}
+
+
+def test_positions_are_what_the_servos_hold(arm):
+    bus, servos = arm
+    ticks = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete()
+    assert ticks == {i: servo.read("present_position") for i, servo in servos.items()}
+
+
+def test_torque_comes_on_without_a_jump_to_an_old_goal(arm):
+    bus, servos = arm
+    wrist_roll = servos[5]  # gravity does not turn it
+    wrist_roll.write("goal_position", 1000)
+    wrist_roll.write("torque_enable", 0)
+    before_tick = wrist_roll.read("present_position")
+    torque_on(bus, 5)
+    bus.clock.sleep_until(bus.clock.now_s() + 1.0)
+    assert wrist_roll.read("torque_enable") == 1
+    assert wrist_roll.read("present_position") == pytest.approx(before_tick, abs=2)
+
+
+def test_goals_are_where_the_servos_go(arm):
+    bus, servos = arm
+    goals = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
+    goals[1] += 200
+    bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+    bus.clock.sleep_until(bus.clock.now_s() + 1.0)
+    assert servos[1].read("goal_position") == goals[1]
+    assert servos[1].read("present_position") == pytest.approx(goals[1], abs=10)
+
+
+def test_registered_goals_start_together(arm):
+    bus, servos = arm
+    for servo_id in (1, 5):
+        bus.reg_write(servo_id, STS3215.goal_position, 2100, raw=True)
+    assert servos[1].read("goal_position") != 2100
+    bus.action()
+    bus.read(6, Role.PRESENT_POSITION)  # an action is not answered: the next answer comes behind it
+    assert [servos[i].read("goal_position") for i in (1, 5)] == [2100, 2100]
+
+
+def test_torque_goes_off_everywhere_though_one_servo_is_silent(arm):
+    bus, servos = arm
+    for servo_id in IDS:
+        torque_on(bus, servo_id)
+    deaf = servos[3]
+    deaf.write("lock", 0)
+    deaf.write("baud_rate", 4)
+    assert list(torque_off(bus, IDS)) == [3]
+    assert [servo.read("torque_enable") for servo in servos.values()] == [0, 0, 1, 0, 0, 0]
+
+
+def test_a_silent_servo_costs_no_other_its_answer(arm):
+    bus, servos = arm
+    servos[3].write("lock", 0)
+    servos[3].write("baud_rate", 4)
+    readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
+    assert sorted(readings.values) == [1, 2, 4, 5, 6]
+    assert isinstance(readings.errors[3], ServoSilentError)
+    assert "elbow_flex (id 3)" in str(readings.errors[3])
+
+
+def test_an_alarm_stands_beside_the_values(arm):
+    bus, servos = arm
+    servos[2].write("max_temperature_limit", 10)
+    bus.clock.sleep_until(bus.clock.now_s() + 1.0)
+    readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
+    assert readings.alarms == {2: {Alarm.HEAT}}
+    assert sorted(readings.complete()) == list(IDS)
+
+
+def test_at_a_wrong_rate_everybody_is_silent(simulated):
+    bus, _ = simulated("so101", baud_rate=115_200)
+    with pytest.raises(ServoSilentError, match="the baud rate"):
+        bus.sync_read(IDS, Role.PRESENT_POSITION).complete()
+
+
+def test_a_pulled_cable_is_named(arm):
+    bus, _ = arm
+    bus.port.transport.close()
+    with pytest.raises(PortLostError, match="is gone"):
+        bus.read(1, Role.PRESENT_POSITION)
+
+
+def test_an_offset_lasts_and_is_not_written_twice(arm):
+    bus, servos = arm
+    assert len(update_eeprom(bus, 1, {STS3215.homing_offset: -100})) == 1
+    assert servos[1].read("homing_offset") == -100
+    assert servos[1].read("lock") == 1
+    assert update_eeprom(bus, 1, {STS3215.homing_offset: -100}) == []
+
+
+def test_a_backup_holds_every_eeprom_register(arm):
+    bus, servos = arm
+    backup = read_eeprom(bus, 4)
+    assert backup == {name: servos[4].read(name) for name in backup}
+    assert {"id", "homing_offset", "phase"} <= set(backup)
+
+
+def test_positions_and_goals_of_six_servos_take_little_more_than_their_time_on_the_wire(arm):
+    bus, _ = arm
+    ticks = dict(bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete())
+    started_s, cycles = bus.clock.now_s(), 50
+    for _ in range(cycles):
+        bus.sync_write(Role.GOAL_POSITION, ticks, raw=True)
+        bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete()
+    wire_s = bus.port.wire_s((8 + 6 * 3) + (8 + 6 + 6 * 8))
+    assert wire_s / ((bus.clock.now_s() - started_s) / cycles) > 0.85
+
+
+def test_a_silent_servo_costs_a_cycle_at_most_5_ms(arm):
+    bus, servos = arm
+    bus.learn_return_delays()
+    servos[6].write("lock", 0)
+    servos[6].write("baud_rate", 4)
+    for _ in range(3):
+        bus.sync_read(IDS, Role.PRESENT_POSITION)
+    started_s = bus.clock.now_s()
+    bus.sync_read(IDS, Role.PRESENT_POSITION)
+    assert bus.clock.now_s() - started_s < 0.005
+
+
+def test_an_unknown_address_has_no_value(arm):
+    bus, _ = arm
+    with pytest.raises(BusError):
+        bus.reboot(1)

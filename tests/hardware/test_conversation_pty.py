@@ -1,0 +1,64 @@
+"""The same conversations through a pseudo-terminal that another process serves, in real time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ikservo.errors import PortBusyError, PortLostError
+from ikservo.hardware import ServoBus, ServoSpec, open_port, torque_on
+from ikservo.registers import Role, table_for
+
+pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
+
+
+@pytest.fixture
+def served():
+    """Serve simulated arms by name and give the ports."""
+    servers = []
+
+    def serve(arm):
+        command = [sys.executable, "-c", SERVE, str(CONFIGS / arm / "arm.toml")]
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        servers.append(server)
+        return server.stdout.readline().split()[-1], server
+
+    yield serve
+    for server in servers:
+        server.terminate()
+        server.communicate(timeout=10)
+
+
+@pytest.mark.parametrize(
+    ("arm", "model", "ids"),
+    [("so101", "STS3215", range(1, 7)), ("open_manipulator_x", "XM430-W350", range(11, 16))],
+)
+def test_a_served_arm_answers_takes_torque_and_reports(served, arm, model, ids):
+    name, _ = served(arm)
+    servos = [ServoSpec(i, table_for(model)) for i in ids]
+    with ServoBus(open_port(name, 1_000_000), servos) as bus:
+        assert {bus.ping(i).model_number for i in ids} == {table_for(model).number}
+        held_tick = torque_on(bus, ids[0])
+        assert bus.sync_read(ids, Role.GOAL_POSITION, raw=True).complete()[ids[0]] == held_tick
+
+
+def test_a_second_program_is_told_who_holds_the_port(served):
+    name, _ = served("so101")
+    with open_port(name, 1_000_000), pytest.raises(PortBusyError):
+        open_port(name, 1_000_000)
+
+
+def test_a_server_that_ends_is_a_lost_port(served):
+    name, server = served("so101")
+    with ServoBus(open_port(name, 1_000_000), [ServoSpec(1, table_for("STS3215"))]) as bus:
+        bus.ping(1)
+        server.terminate()
+        server.wait(timeout=10)
+        with pytest.raises(PortLostError, match="is gone"):
+            bus.read(1, Role.PRESENT_POSITION)

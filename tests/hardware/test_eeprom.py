@@ -1,0 +1,64 @@
+"""EEPROM is written only where it differs, verified, and locked again."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.errors import RegisterAccessError, ServoRefusedError, ServoSilentError
+from ikservo.hardware import differences, update_eeprom
+from ikservo.registers import STS3215
+
+TAKEN = "FF FF 01 02 00 FC"
+READ_OFFSET, OFFSET_0 = "FF FF FE 05 82 1F 02 01 58", "FF FF 01 04 00 00 00 FA"
+OFFSET_MINUS_100 = "FF FF 01 04 00 64 08 8E"
+TORQUE, LIMP, ON = "FF FF 01 04 02 28 01 CF", "FF FF 01 03 00 00 FB", "FF FF 01 03 00 01 FA"
+UNLOCK, LOCK = "FF FF 01 04 03 37 00 C0", "FF FF 01 04 03 37 01 BF"
+WRITE_MINUS_100 = "FF FF 01 05 03 1F 64 08 6B"
+WANTED = {STS3215.homing_offset: -100}
+
+
+def test_what_holds_already_is_not_written(feetech, line):
+    line.expect(READ_OFFSET, OFFSET_MINUS_100)
+    assert update_eeprom(feetech, 1, WANTED) == []
+
+
+def test_what_differs_is_unlocked_written_verified_and_locked(feetech, line):
+    line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
+    line.expect(WRITE_MINUS_100, TAKEN).expect(READ_OFFSET, OFFSET_MINUS_100).expect(LOCK, TAKEN)
+    (change,) = update_eeprom(feetech, 1, WANTED)
+    assert (change.register, change.found, change.wanted) == (STS3215.homing_offset, 0, -100)
+
+
+def test_it_is_locked_again_after_a_lost_answer(feetech, line):
+    line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
+    line.expect(WRITE_MINUS_100).expect(LOCK, TAKEN)
+    with pytest.raises(ServoSilentError):
+        update_eeprom(feetech, 1, WANTED)
+
+
+def test_a_number_that_does_not_last_is_reported(feetech, line):
+    line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
+    line.expect(WRITE_MINUS_100, TAKEN).expect(READ_OFFSET, OFFSET_0).expect(LOCK, TAKEN)
+    with pytest.raises(ServoRefusedError, match="homing_offset = 0 after -100 was written"):
+        update_eeprom(feetech, 1, WANTED)
+
+
+def test_under_torque_nothing_is_written(feetech, line):
+    line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, ON)
+    with pytest.raises(RegisterAccessError, match="torque is on"):
+        update_eeprom(feetech, 1, WANTED)
+
+
+@pytest.mark.parametrize(
+    ("register", "why"),
+    [(STS3215.goal_position, "not in EEPROM"), (STS3215.id, "lost to this bus")],
+)
+def test_what_does_not_belong_here_is_refused_before_a_byte_is_sent(feetech, register, why):
+    with pytest.raises(RegisterAccessError, match=why):
+        update_eeprom(feetech, 1, {register: 7})
+
+
+def test_differences_change_nothing(feetech, line):
+    line.expect(READ_OFFSET, OFFSET_0)
+    (difference,) = differences(feetech, 1, WANTED)
+    assert difference.wanted == -100

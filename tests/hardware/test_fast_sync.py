@@ -1,0 +1,86 @@
+"""Fast sync read: all servos in one packet, and what happens where that fails."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.errors import ServoRefusedError
+from ikservo.hardware import ServoBus, ServoSpec
+from ikservo.registers import XL430W250, Alarm, Role
+
+FAST = "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2"
+COMBINED = (
+    "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08 00 07 1F 08 00 00 16 CA "
+    "00 04 FF 03 00 00 D1 9E"
+)
+SLOW = "FF FF FD 00 FE 0A 00 82 84 00 04 00 03 07 04 10 72"
+SLOW_3 = "FF FF FD 00 03 08 00 55 00 A6 00 00 00 4F 4C"
+SLOW_7 = "FF FF FD 00 07 08 00 55 00 1F 08 00 00 5A A1"
+SLOW_4 = "FF FF FD 00 04 08 00 55 00 FF 03 00 00 4B AB"
+TICKS = {3: 166, 7: 2079, 4: 1023}
+
+
+@pytest.fixture
+def bus(port):
+    """Give a bus that tries the fast way first."""
+    return ServoBus(port, [ServoSpec(i, XL430W250) for i in (3, 7, 4)], retries=0)
+
+
+def read(bus):
+    return bus.sync_read((3, 7, 4), Role.PRESENT_POSITION, raw=True)
+
+
+def test_all_servos_speak_in_one_packet(bus, line):
+    line.expect(FAST, COMBINED)
+    assert read(bus).complete() == TICKS
+
+
+def test_a_damaged_packet_is_asked_for_the_slow_way(bus, line):
+    line.expect(FAST, COMBINED.replace("1F 08", "1F 09"))
+    line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
+    assert read(bus).complete() == TICKS
+
+
+def test_a_missing_servo_costs_no_other_its_answer(bus, line):
+    line.expect(FAST, "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08")
+    line.expect(SLOW, SLOW_3, SLOW_4)
+    assert read(bus).values == {3: 166, 4: 1023}
+
+
+def test_after_two_failures_the_fast_way_is_given_up(bus, line):
+    line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
+    line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
+    line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
+    for _ in range(3):
+        assert read(bus).complete() == TICKS
+
+
+def test_one_success_forgets_the_failure_before(bus, line):
+    line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
+    line.expect(FAST, COMBINED)
+    line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
+    line.expect(FAST, COMBINED)
+    for _ in range(4):
+        assert read(bus).complete() == TICKS
+
+
+def test_each_servo_keeps_its_own_alert(bus, line):
+    line.expect(
+        FAST,
+        "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08 80 07 1F 08 00 00 9D 4A "
+        "00 04 FF 03 00 00 58 A5",
+    )
+    readings = read(bus)
+    assert readings.complete() == TICKS
+    assert readings.alarms == {7: {Alarm.UNKNOWN}}
+
+
+def test_each_servo_keeps_its_own_refusal(bus, line):
+    line.expect(
+        FAST,
+        "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08 07 07 00 00 00 00 B5 AE "
+        "00 04 FF 03 00 00 18 A7",
+    )
+    readings = read(bus)
+    assert readings.values == {3: 166, 4: 1023}
+    assert isinstance(readings.errors[7], ServoRefusedError)

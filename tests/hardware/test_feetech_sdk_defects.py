@@ -1,0 +1,370 @@
+"""Each defect of scservo_sdk that can hit an arm: the SDK alone shows it, ours does not.
+
+Not here: F15 (recovery and offset calibration are instructions nobody here sends).
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+
+import pytest
+import scservo_sdk
+from scservo_sdk.scservo_def import COMM_PORT_BUSY, COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS
+
+from ikservo.errors import BadReplyError, PortBusyError, ServoRefusedError, ServoSilentError
+from ikservo.hardware import ServoBus, ServoSpec, open_port
+from ikservo.hardware.feetech import FeetechDriver
+from ikservo.registers import STS3215, Alarm, Role
+
+POSITION = STS3215.present_position
+READ_POSITION = "FF FF 01 04 02 38 02 BE"
+AT_2048 = "FF FF 01 04 00 00 08 F2"
+AT_5 = "FF FF 01 04 00 05 00 F5"
+PING = "FF FF 01 02 01 FB"
+
+
+@pytest.fixture
+def stock(stock_port):
+    """Give the SDK's own handler and port."""
+    return scservo_sdk.PacketHandler(0), stock_port(scservo_sdk.PortHandler)
+
+
+class TestF1StaleInput:
+    """clearPort waits for output and discards no input."""
+
+    def test_stock_takes_a_late_answer_for_the_next_one(self, stock, line):
+        handler, port = stock
+        line.lay(AT_5)
+        line.expect(READ_POSITION, AT_2048)
+        assert handler.read2ByteTxRx(port, 1, 56) == (5, COMM_SUCCESS, 0)
+
+    def test_ours_discards_it(self, feetech, line):
+        line.lay(AT_5)
+        line.expect(READ_POSITION, AT_2048)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+
+    def test_ours_lets_a_late_answer_pass_before_it_asks_again(self, feetech, line):
+        line.expect(READ_POSITION, AT_5, after_s=0.0035)
+        line.expect(READ_POSITION, AT_2048)
+        with pytest.raises(ServoSilentError):
+            feetech.read(1, POSITION)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+
+
+class TestF2Timeout:
+    """34 ms are waited for an answer that takes 0.2."""
+
+    def test_stock_waits_34_ms(self, stock, line):
+        handler, port = stock
+        line.expect(READ_POSITION)
+        assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_RX_TIMEOUT
+        assert line.clock.s > 0.034
+
+    def test_ours_waits_as_long_as_the_question_needs(self, feetech, line):
+        line.expect(READ_POSITION)
+        with pytest.raises(ServoSilentError):
+            feetech.read(1, POSITION)
+        assert line.clock.s < 0.005
+
+
+class TestF3WallClock:
+    """Timeouts are measured on a clock that people and NTP set."""
+
+    def test_stock_looks_at_the_wall_clock(self, stock, line, monkeypatch):
+        _, port = stock
+        monkeypatch.setattr("time.time", lambda: 1_000.0)
+        moment = scservo_sdk.PortHandler.getCurrentTime(port)
+        monkeypatch.setattr("time.time", lambda: 4_600.0)
+        assert scservo_sdk.PortHandler.getCurrentTime(port) - moment == 3_600_000.0
+
+    def test_ours_does_not(self, feetech, line, monkeypatch):
+        monkeypatch.setattr("time.time", lambda: pytest.fail("looked at the wall clock"))
+        line.expect(READ_POSITION, AT_2048)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+
+
+class TestF4BusyWait:
+    """The SDK reads without waiting, over and over."""
+
+    def test_stock_spins(self, stock, line):
+        handler, port = stock
+        line.expect(READ_POSITION)
+        handler.read2ByteTxRx(port, 1, 56)
+        assert line.reads > 30
+
+    def test_ours_waits_in_one_read(self, feetech, line):
+        line.expect(READ_POSITION)
+        with pytest.raises(ServoSilentError):
+            feetech.read(1, POSITION)
+        assert line.reads <= 2
+
+
+class TestF5TwoPrograms:
+    """A port that is open already is opened again."""
+
+    def test_stock_opens_twice(self, pty_name):
+        ports = [scservo_sdk.PortHandler(pty_name) for _ in range(2)]
+        assert [port.openPort() for port in ports] == [True, True]
+        for port in ports:
+            port.closePort()
+
+    def test_ours_says_who_holds_it(self, pty_name):
+        with (
+            open_port(pty_name, 1_000_000),
+            pytest.raises(PortBusyError, match=f"process {os.getpid()}"),
+        ):
+            open_port(pty_name, 1_000_000)
+
+
+class TestF6BaudRates:
+    """Rates that servos have are not on the SDK's list."""
+
+    def test_stock_keeps_the_old_rate_without_a_word(self, stock):
+        _, port = stock
+        assert port.setBaudRate(76_800) is False
+        assert port.getBaudRate() == 1_000_000
+
+    @pytest.mark.parametrize("rate", [76_800, 250_000, 2_000_000, 4_500_000])
+    def test_ours_takes_every_rate(self, pty_name, rate):
+        with open_port(pty_name, 1_000_000) as port:
+            port.setBaudRate(rate)
+            assert port.getBaudRate() == rate
+
+
+class TestF7RefusalWithoutData:
+    """An error reply without data is read as if it had some."""
+
+    NO_DATA = "FF FF 01 02 20 DC"
+
+    def test_stock_returns_the_checksum_as_the_value(self, stock, line):
+        handler, port = stock
+        line.expect("FF FF 01 04 02 3F 01 B8", self.NO_DATA)
+        assert handler.read1ByteTxRx(port, 1, 63) == (0xDC, COMM_SUCCESS, 0x20)
+
+    def test_ours_says_that_there_were_none(self, feetech, line):
+        line.expect("FF FF 01 04 02 3F 01 B8", self.NO_DATA)
+        with pytest.raises(ServoRefusedError, match="without data"):
+            feetech.read(1, STS3215.present_temperature)
+
+
+class TestF8BusyFlag:
+    """After an exception in mid-reception every later call finds the port busy."""
+
+    @pytest.fixture
+    def unplugged_once(self, line, monkeypatch):
+        readings = iter([OSError("unplugged")])
+        read = line.read
+
+        def failing_once(size=1):
+            for error in readings:
+                raise error
+            return read(size)
+
+        monkeypatch.setattr(line, "read", failing_once)
+        line.expect(READ_POSITION)
+
+    def test_stock_stays_busy(self, stock, unplugged_once):
+        handler, port = stock
+        with pytest.raises(OSError, match="unplugged"):
+            handler.read2ByteTxRx(port, 1, 56)
+        assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_PORT_BUSY
+
+    def test_ours_goes_on(self, feetech, line, unplugged_once):
+        with pytest.raises(OSError, match="unplugged"):
+            feetech.read(1, POSITION)
+        line.expect(READ_POSITION, AT_2048)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+
+
+class TestF9ByteOrder:
+    """The byte order is a global of the SDK's module: the handler made last wins."""
+
+    @pytest.fixture(autouse=True)
+    def _big_endian_neighbour(self):
+        yield scservo_sdk.PacketHandler(1)
+        scservo_sdk.PacketHandler(0)
+
+    def test_stock_swaps_the_bytes_of_the_other_family(self, stock, line):
+        handler, port = stock
+        scservo_sdk.PacketHandler(1)
+        line.expect(READ_POSITION, AT_2048)
+        assert handler.read2ByteTxRx(port, 1, 56)[0] == 8
+
+    def test_ours_knows_the_order_of_each_register(self, feetech, line):
+        line.expect(READ_POSITION, AT_2048)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+
+
+class TestF10SilentServoInSyncRead:
+    """One silent servo costs the answers of all behind it."""
+
+    ASKED = "FF FF FE 06 82 38 02 01 02 3C"
+    SECOND = "FF FF 02 04 00 FF 07 F3"
+
+    def test_stock_loses_the_answer_of_the_second(self, stock, line):
+        handler, port = stock
+        group = scservo_sdk.GroupSyncRead(port, handler, 56, 2)
+        group.addParam(1)
+        group.addParam(2)
+        line.expect(self.ASKED, self.SECOND)
+        group.txRxPacket()
+        assert group.isAvailable(2, 56, 2) is False
+
+    def test_ours_keeps_it(self, feetech, line):
+        line.expect(self.ASKED, self.SECOND)
+        readings = feetech.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+        assert readings.values == {2: 2047}
+        assert "shoulder_pan (id 1) on scripted does not answer" in str(readings.errors[1])
+
+    def test_ours_keeps_alarms_beside_values(self, feetech, line):
+        line.expect(self.ASKED, "FF FF 01 04 20 00 08 D2", self.SECOND)
+        readings = feetech.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+        assert readings.alarms == {1: {Alarm.OVERLOAD}}
+        assert readings.complete() == {1: 2048, 2: 2047}
+
+
+class TestF11FalseHeader:
+    """Noise that looks like the header of a long packet hides the packet behind it."""
+
+    NOISE = "FF FF 01 F0 00"
+
+    def test_stock_waits_for_the_long_packet(self, stock, line):
+        handler, port = stock
+        line.expect(READ_POSITION, self.NOISE + AT_2048)
+        assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_RX_CORRUPT
+
+    def test_ours_finds_the_packet_behind_it(self, feetech, line):
+        line.expect(READ_POSITION, self.NOISE + AT_2048)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+
+
+class TestF12Echo:
+    """On an adapter that hears itself, the question is taken for its answer."""
+
+    def test_stock_reads_its_own_question(self, stock, line):
+        handler, port = stock
+        line.expect(READ_POSITION, READ_POSITION, AT_2048)
+        assert handler.read2ByteTxRx(port, 1, 56)[0] == 568
+
+    def test_ours_passes_over_it(self, feetech, line):
+        line.expect(READ_POSITION, READ_POSITION, AT_2048)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+
+    def test_an_echo_alone_is_silence(self, feetech, line):
+        line.expect(READ_POSITION, READ_POSITION)
+        with pytest.raises(ServoSilentError):
+            feetech.read(1, POSITION)
+
+    def test_a_ping_answered_with_a_voltage_alarm_is_no_echo(self, feetech, line):
+        line.expect(PING, PING)
+        line.expect("FF FF 01 04 02 03 02 F3", "FF FF 01 04 01 09 03 ED")
+        assert feetech.ping(1).model_number == 777
+
+    def test_an_echoed_ping_to_nobody_is_silence_once_the_echo_is_known(self, feetech, line):
+        line.expect(READ_POSITION, READ_POSITION, AT_2048)
+        line.expect("FF FF 02 02 01 FA", "FF FF 02 02 01 FA")
+        feetech.read(1, POSITION)
+        with pytest.raises(ServoSilentError):
+            feetech.ping(2)
+
+
+class TestF13ForeignLength:
+    """An answer of the right servo to another question is accepted."""
+
+    ONE_BYTE = "FF FF 01 03 00 20 DB"
+
+    def test_stock_takes_checksum_for_data(self, stock, line):
+        handler, port = stock
+        line.expect(READ_POSITION, self.ONE_BYTE)
+        assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_SUCCESS
+
+    def test_ours_waits_for_the_answer_of_right_length(self, feetech, line):
+        line.expect(READ_POSITION, self.ONE_BYTE + AT_2048)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+
+
+class TestF14Ping:
+    """A ping is two questions, and fails when only the first is answered."""
+
+    def test_stock_has_no_model_where_ping_was_answered(self, stock, line):
+        handler, port = stock
+        line.expect(PING, "FF FF 01 02 00 FC")
+        line.expect("FF FF 01 04 02 03 02 F3")
+        assert handler.ping(port, 1)[1] == COMM_RX_TIMEOUT
+
+    def test_ours_tells_which_of_the_two_questions_failed(self, feetech, line):
+        line.expect(PING, "FF FF 01 02 00 FC")
+        line.expect("FF FF 01 04 02 03 02 F3")
+        with pytest.raises(ServoSilentError, match="read model_number"):
+            feetech.ping(1)
+
+
+class TestF16NoSyncRead:
+    """SCS servos never answer a sync read."""
+
+    def test_stock_times_out(self, stock, line):
+        handler, port = stock
+        group = scservo_sdk.GroupSyncRead(port, handler, 56, 2)
+        group.addParam(1)
+        line.expect("FF FF FE 05 82 38 02 01 3F")
+        assert group.txRxPacket() == COMM_RX_TIMEOUT
+
+    def test_ours_asks_one_by_one(self, port, line):
+        line.expect(READ_POSITION, AT_2048)
+        replies = FeetechDriver(port, can_sync_read=False).sync_read([1], 56, 2)
+        assert replies[1].data == bytes.fromhex("00 08")
+
+
+class TestF17Threads:
+    """Two threads on one port get in each other's way."""
+
+    def test_stock_sends_the_second_away(self, stock, line):
+        handler, port = stock
+        port.is_using = True  # the first thread is between question and answer
+        assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_PORT_BUSY
+
+    def test_ours_lets_the_second_wait(self, feetech, line, port):
+        line.expect(READ_POSITION, AT_2048)
+        found = []
+        second = threading.Thread(target=lambda: found.append(feetech.read(1, POSITION, raw=True)))
+        with port.exchange():
+            second.start()
+            assert not line.sent
+        second.join()
+        assert found == [2048]
+
+
+class TestF18HighErrorBits:
+    """An answer whose error byte has bit 7 set is dropped."""
+
+    ODD = "FF FF 01 04 80 00 08 72"
+
+    def test_stock_hears_nothing(self, stock, line):
+        handler, port = stock
+        line.expect(READ_POSITION, self.ODD)
+        assert handler.read2ByteTxRx(port, 1, 56)[1] != COMM_SUCCESS
+
+    def test_ours_keeps_value_and_alarm(self, feetech, line):
+        line.expect(READ_POSITION, self.ODD)
+        assert feetech.read(1, POSITION, raw=True) == 2048
+        assert feetech.alarms[1] == {Alarm.UNKNOWN}
+
+
+def test_a_wrong_checksum_is_never_a_value(feetech, line):
+    line.expect(READ_POSITION, "FF FF 01 04 00 01 08 F2")
+    with pytest.raises(BadReplyError, match="damaged answer"):
+        feetech.read(1, POSITION)
+
+
+def test_two_different_answers_of_one_id_are_never_a_value(feetech, line):
+    line.expect("FF FF FE 06 82 38 02 01 02 3C", AT_2048, AT_5, after_s=0.0005)
+    readings = feetech.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+    assert readings.values == {}
+    assert isinstance(readings.errors[1], BadReplyError)
+
+
+def test_mixed_models_are_asked_by_their_own_registers(port, line):
+    bus = ServoBus(port, [ServoSpec(1, STS3215, "elbow")])
+    line.expect("FF FF 01 04 02 3E 01 B9", "FF FF 01 03 00 7B 80")
+    assert bus.read(1, Role.PRESENT_VOLTAGE) == pytest.approx(12.3)

@@ -1,0 +1,182 @@
+"""The port: its names, its refusals, its time."""
+
+from __future__ import annotations
+
+import os
+import socket
+
+import pytest
+import serial
+
+from ikservo.clock import RealClock
+from ikservo.errors import NoPortError, PortBusyError, PortError, PortLostError
+from ikservo.hardware import Port, open_port
+from ikservo.hardware import transport as transport_module
+
+
+class TestOpening:
+    """What a person reads when a port cannot be opened."""
+
+    def test_a_missing_device_lists_the_ports_that_exist(self, monkeypatch):
+        monkeypatch.setattr(transport_module, "_known_devices", lambda: ["/dev/ttyACM7"])
+        with pytest.raises(NoPortError, match=r"Ports here: /dev/ttyACM7\. .*--port sim"):
+            open_port("/dev/ttyNOTHERE", 1_000_000)
+
+    def test_no_name_at_all_offers_the_simulator(self):
+        with pytest.raises(NoPortError, match="--port sim"):
+            open_port("", 1_000_000)
+
+    def test_a_file_that_is_no_port_is_not_taken_for_one(self, tmp_path):
+        file = tmp_path / "notes.txt"
+        file.touch()
+        with pytest.raises(PortError, match="cannot be opened"):
+            open_port(str(file), 1_000_000)
+
+    def test_a_missing_permission_names_the_group_to_join(self, monkeypatch):
+        self._fail_with(monkeypatch, serial.SerialException(13, "Permission denied"))
+        with pytest.raises(PortError, match="usermod -aG"):
+            open_port("/dev/null", 1_000_000)
+
+    def test_windows_words_for_busy_are_understood(self, monkeypatch):
+        words = "could not open port 'COM3': PermissionError(13, 'Access is denied.')"
+        self._fail_with(monkeypatch, serial.SerialException(words))
+        with pytest.raises(PortError, match="may not be opened"):
+            open_port("COM3", 1_000_000)
+
+    def test_a_lock_held_elsewhere_is_busy(self, pty_name):
+        with serial.Serial(pty_name, exclusive=True), pytest.raises(PortBusyError):
+            open_port(pty_name, 1_000_000)
+
+    def test_a_refused_connection_is_no_port(self):
+        with socket.socket() as nobody:
+            nobody.bind(("127.0.0.1", 0))  # bound and not listening
+            url = f"socket://127.0.0.1:{nobody.getsockname()[1]}"
+            with pytest.raises(NoPortError, match="cannot be opened"):
+                open_port(url, 1_000_000)
+
+    def test_a_socket_is_a_port(self):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            url = f"socket://127.0.0.1:{server.getsockname()[1]}"
+            with open_port(url, 1_000_000) as port, server.accept()[0] as far_end:
+                far_end.sendall(b"hello")
+                assert port.read_until(5, port.clock.now_s() + 10) == b"hello"
+
+    def test_a_plug_in_opens_what_begins_with_its_name(self, line, monkeypatch):
+        class EntryPoint:
+            def load(self):
+                return lambda url: line if url == "echo:loud" else pytest.fail(url)
+
+        def entry_points(*, group, name):
+            return [EntryPoint()] if (group, name) == ("ikservo.ports", "echo") else []
+
+        monkeypatch.setattr(transport_module, "entry_points", entry_points)
+        with open_port("echo:loud", 57_600) as port:
+            assert port.clock is line.clock
+        assert line.baudrate == 57_600
+
+    @staticmethod
+    def _fail_with(monkeypatch, error):
+        def failing(*_, **__):
+            raise error
+
+        monkeypatch.setattr(serial, "serial_for_url", failing)
+
+
+class TestLosing:
+    """What is raised once the adapter is gone."""
+
+    @pytest.fixture
+    def orphan(self):
+        pty = pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
+        master, slave = pty.openpty()
+        port = open_port(os.ttyname(slave), 1_000_000)
+        os.close(slave)
+        os.close(master)
+        yield port
+        port.close()
+
+    def test_reading(self, orphan):
+        with pytest.raises(PortLostError, match="is gone"):
+            orphan.read_until(1, orphan.clock.now_s() + 10)
+
+    def test_writing(self, orphan):
+        with pytest.raises(PortLostError, match="is gone"):
+            orphan.writePort(b"hello")
+
+    def test_discarding(self, orphan):
+        with pytest.raises(PortLostError, match="is gone"):
+            orphan.clearPort()
+
+    def test_closing_a_lost_port_is_no_trouble(self, orphan):
+        orphan.close()
+        assert not orphan.is_open
+
+
+class TestTime:
+    """Waits are as long as the question needs, on the port's own clock."""
+
+    def test_a_real_port_has_the_machines_clock(self, pty_name):
+        with open_port(pty_name, 1_000_000) as port:
+            assert isinstance(port.clock, RealClock)
+
+    def test_an_answer_may_take_its_time_on_the_wire(self, line):
+        port = Port(line, "scripted", 57_600)
+        line.expect("00 00 00 00 00 00 00 00 00 00")
+        port.writePort(bytes(10))
+        allowed_s = port.deadline_s(90, delays_s=0.003) - line.clock.now_s()
+        assert allowed_s == pytest.approx(100 * 10 / 57_600 + 0.003 + port.patience.allowance_s)
+
+    def test_a_read_returns_as_soon_as_it_has_everything(self, port, line):
+        line.lay("01 02", at_s=0.001)
+        port.read_until(2, 1.0)
+        assert line.clock.now_s() == 0.001
+
+    def test_a_read_past_its_deadline_takes_what_is_there(self, port, line):
+        line.lay("01 02")
+        assert port.read_until(5, -1.0) == b"\x01\x02"
+
+    def test_the_timeout_is_not_set_to_the_same_value_twice(self, port, line):
+        times = []
+        type(line).timeout = property(
+            lambda self: times and times[-1], lambda self, s: times.append(s)
+        )
+        try:
+            for _ in range(3):
+                port.read_until(1, line.clock.now_s() + 0.0028)
+        finally:
+            del type(line).timeout
+        assert times == [0.003]
+
+    def test_the_sdks_packet_timeout_is_sized_to_the_packet(self, port, line):
+        port.setPacketTimeout(100)
+        line.clock.sleep_until(0.0024)
+        assert not port.isPacketTimeout()
+        line.clock.sleep_until(0.0026)
+        assert port.isPacketTimeout()
+
+    def test_a_babbling_line_does_not_hold_the_port_for_ever(self, port, line):
+        for k in range(1000):
+            line.lay("55", at_s=k * 0.001)
+        port.unsettle()
+        with port.exchange():
+            assert line.clock.now_s() < 0.3
+
+
+class TestPatience:
+    """The wait shrinks to a multiple of the slowest answer of late."""
+
+    def test_it_is_long_before_anything_is_known(self, pty_name):
+        with open_port(pty_name, 1_000_000) as port:
+            assert port.patience.allowance_s == 0.040
+
+    def test_quick_answers_make_it_short(self, pty_name):
+        with open_port(pty_name, 1_000_000) as port:
+            for _ in range(16):
+                port.patience.learn(0.001)
+            assert port.patience.allowance_s == 0.005
+
+    def test_one_slow_answer_makes_it_long_again(self, pty_name):
+        with open_port(pty_name, 1_000_000) as port:
+            for overhead_s in [0.001] * 16 + [0.008]:
+                port.patience.learn(overhead_s)
+            assert port.patience.allowance_s == 0.032

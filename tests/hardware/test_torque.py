@@ -1,0 +1,60 @@
+"""Torque comes on without a jump and goes off whatever happens."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.errors import ServoAlarmError, ServoRefusedError, ServoSilentError
+from ikservo.hardware import check_supply, torque_off, torque_on
+
+VOLTAGE, VOLTAGE_12 = "FF FF 01 04 02 3E 01 B9", "FF FF 01 03 00 78 83"
+LOWEST, LOWEST_4 = "FF FF 01 04 02 0F 01 E8", "FF FF 01 03 00 28 D3"
+HIGHEST, HIGHEST_14 = "FF FF 01 04 02 0E 01 E9", "FF FF 01 03 00 8C 6F"
+POSITION, AT_2048 = "FF FF 01 04 02 38 02 BE", "FF FF 01 04 00 00 08 F2"
+GOAL, GOAL_2048, GOAL_5 = "FF FF 01 04 02 2A 02 CC", AT_2048, "FF FF 01 04 00 05 00 F5"
+SET_GOAL_2048 = "FF FF 01 05 03 2A 00 08 C4"
+ON, OFF, TAKEN = "FF FF 01 04 03 28 01 CE", "FF FF 01 04 03 28 00 CF", "FF FF 01 02 00 FC"
+
+
+@pytest.fixture
+def fed(line):
+    """Answer the three questions about supply voltage."""
+    line.expect(VOLTAGE, VOLTAGE_12).expect(LOWEST, LOWEST_4).expect(HIGHEST, HIGHEST_14)
+    return line
+
+
+def test_the_goal_becomes_the_present_position_before_torque_comes_on(feetech, fed):
+    fed.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_2048)
+    fed.expect(ON, TAKEN)
+    assert torque_on(feetech, 1) == 2048
+
+
+def test_torque_stays_off_where_the_goal_was_not_taken(feetech, fed):
+    fed.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_5)
+    with pytest.raises(ServoRefusedError, match="keeps goal 5 instead of 2048"):
+        torque_on(feetech, 1)
+
+
+def test_torque_stays_off_where_the_position_is_unknown(feetech, fed):
+    fed.expect(POSITION)
+    with pytest.raises(ServoSilentError):
+        torque_on(feetech, 1)
+
+
+def test_torque_stays_off_at_a_wrong_voltage(feetech, line):
+    line.expect(VOLTAGE, "FF FF 01 03 00 C8 33").expect(LOWEST, LOWEST_4)
+    line.expect(HIGHEST, HIGHEST_14)
+    with pytest.raises(
+        ServoAlarmError, match=r"is fed 20\.0 V; its own limits are 4\.0 to 14\.0 V"
+    ):
+        torque_on(feetech, 1)
+
+
+def test_a_right_voltage_is_returned(feetech, fed):
+    assert check_supply(feetech, 1) == pytest.approx(12.0)
+
+
+def test_torque_goes_off_at_the_second_servo_though_the_first_is_silent(feetech, line):
+    line.expect(OFF).expect("FF FF 02 04 03 28 00 CE", "FF FF 02 02 00 FB")
+    errors = torque_off(feetech, [1, 2])
+    assert list(errors) == [1]

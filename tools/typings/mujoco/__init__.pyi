@@ -1,0 +1,58 @@
+# What servosim uses of MuJoCo; the wheel ships no types.
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int32]
+
+class mjtGeom(Enum):
+    mjGEOM_PLANE = ...
+
+class mjtIntegrator(Enum):
+    mjINT_IMPLICITFAST = ...
+
+class _Joint:
+    id: int
+
+class _Option:
+    timestep: float
+    integrator: mjtIntegrator
+
+class MjModel:
+    jnt_dofadr: _Ints
+    jnt_qposadr: _Ints
+    jnt_range: _Floats
+    dof_armature: _Floats
+    dof_damping: _Floats
+    dof_frictionloss: _Floats
+    opt: _Option
+    def joint(self, name: str) -> _Joint: ...
+
+class MjData:
+    qpos: _Floats
+    qvel: _Floats
+    qfrc_applied: _Floats
+    ncon: int
+    def __init__(self, model: MjModel) -> None: ...
+
+class _Compiler:
+    discardvisual: bool
+    balanceinertia: bool
+
+class _Body:
+    def add_geom(
+        self, *, type: mjtGeom, size: tuple[float, ...], pos: tuple[float, ...]
+    ) -> object: ...
+
+class MjSpec:
+    compiler: _Compiler
+    option: _Option
+    worldbody: _Body
+    @staticmethod
+    def from_file(filename: str) -> MjSpec: ...
+    def compile(self) -> MjModel: ...
+
+def mj_forward(m: MjModel, d: MjData) -> None: ...
+def mj_step(m: MjModel, d: MjData) -> None: ...

@@ -1,0 +1,9 @@
+from typing import Protocol
+
+class _Port(Protocol):
+    is_using: bool
+    def clearPort(self) -> None: ...
+    def writePort(self, packet: list[int], /) -> int: ...
+
+class protocol_packet_handler:
+    def txPacket(self, port: _Port, txpacket: list[int]) -> int: ...

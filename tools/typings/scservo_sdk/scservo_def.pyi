@@ -1,0 +1,1 @@
+COMM_TX_ERROR: int
