@@ -1,1 +1,21 @@
-"""A simulated servo bus, written from the datasheets."""
+"""A simulated servo bus, written from the datasheets.
+
+>>> import servosim
+>>> port = servosim.open_port("sim:/path/to/configs/so101/arm.toml")      # doctest: +SKIP
+>>> port.line.servos[1].read("present_position")                          # doctest: +SKIP
+2048
+"""
+
+from __future__ import annotations
+
+from servosim.arm_file import read_arm_file
+from servosim.port import SimulatedPort, open_port
+
+__all__ = ["SimulatedPort", "open_port", "read_arm_file", "serve"]
+
+
+def serve(argv: list[str]) -> int:
+    """Serve a simulated bus behind a pseudo-terminal; see ``servosim.command``."""
+    from servosim.command import serve as run  # noqa: PLC0415 - a library user needs no terminal
+
+    return run(argv)

@@ -1,0 +1,118 @@
+"""Arm files: which servos turn which joints, how they are mounted and how they were delivered."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from servosim.errors import ArmFileError
+
+__all__ = ["ArmFile", "JointEntry", "ServoEntry", "read_arm_file"]
+
+
+@dataclass(frozen=True, slots=True)
+class ServoEntry:
+    """A servo as the arm file names it.
+
+    Attributes:
+        id: On the bus.
+        model: As the datasheet calls it.
+        sign: Direction of growing ticks in the joint's coordinate.
+        zero_tick: Reported tick at joint zero.
+        m_per_turn: Travel of a prismatic joint for one turn, None for a revolute one.
+        eeprom: Register values it was delivered with.
+    """
+
+    id: int
+    model: str
+    sign: int
+    zero_tick: float
+    m_per_turn: float | None = None
+    eeprom: Mapping[str, int] = field(default_factory=dict[str, int])
+
+
+@dataclass(frozen=True, slots=True)
+class JointEntry:
+    """A joint and its servos, the leading one first."""
+
+    name: str
+    servos: tuple[ServoEntry, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmFile:
+    """What the simulator needs of an arm file.
+
+    Attributes:
+        path: The file.
+        name: The arm.
+        urdf: Its geometry and masses.
+        family: Servo family of the bus.
+        baud: Rate of the bus.
+        joints: From base to tip.
+        poses: Joint coordinates [rad or m] by pose and joint.
+    """
+
+    path: Path
+    name: str
+    urdf: Path
+    family: str
+    baud: int
+    joints: tuple[JointEntry, ...]
+    poses: Mapping[str, Mapping[str, float]]
+
+
+def read_arm_file(path: Path) -> ArmFile:
+    """Return what an ``arm.toml`` says.
+
+    Raises:
+        ArmFileError: The file is missing, no TOML, or lacks a key.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ArmFileError(path, "", str(error)) from error
+    try:
+        return _arm(path, document)
+    except KeyError as error:
+        raise ArmFileError(path, "", f"key {error} is missing") from error
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ArmFileError(path, "", f"a value has the wrong kind: {error}") from error
+
+
+def _arm(path: Path, document: dict[str, Any]) -> ArmFile:
+    return ArmFile(
+        path=path,
+        name=str(document["name"]),
+        urdf=path.parent / str(document["urdf"]),
+        family=str(document["bus"]["family"]),
+        baud=int(document["bus"]["baud"]),
+        joints=tuple(_joint(entry) for entry in document["joints"]),
+        poses={name: _pose(table) for name, table in document["poses"].items()},
+    )
+
+
+def _joint(entry: dict[str, Any]) -> JointEntry:
+    servos = [entry["servo"], *entry.get("shadows", []), *entry["servo"].get("shadows", [])]
+    return JointEntry(str(entry["name"]), tuple(_servo(servo) for servo in servos))
+
+
+def _servo(entry: dict[str, Any]) -> ServoEntry:
+    travel = entry.get("m_per_turn")
+    return ServoEntry(
+        id=int(entry["id"]),
+        model=str(entry["model"]),
+        sign=int(entry["sign"]),
+        zero_tick=float(entry["zero_tick"]),
+        m_per_turn=None if travel is None else float(travel),
+        eeprom={str(name): int(value) for name, value in entry.get("eeprom", {}).items()},
+    )
+
+
+def _pose(table: dict[str, Any]) -> dict[str, float]:
+    turned = {name: math.radians(value) for name, value in table.get("deg", {}).items()}
+    return turned | {name: float(value) for name, value in table.get("m", {}).items()}

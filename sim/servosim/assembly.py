@@ -1,0 +1,96 @@
+"""Putting a bus together: servos on the joints of an arm, or loose on a desk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from servosim.arm_file import ArmFile, JointEntry, ServoEntry
+from servosim.body import FreeBody, GravityBody
+from servosim.errors import ArmFileError
+from servosim.motor import PARAMETERS, Motor
+from servosim.servo import Servo
+from servosim.servos import baud_code, make_servo
+from servosim.shaft import Shaft
+from servosim.tables import ServoTable, table_for
+from servosim.world import Joint, World
+
+__all__ = ["LooseServo", "loose_world", "world_of_arm"]
+
+STOP_MARGIN_RAD = math.radians(2.0)  # hard stops lie this far beyond the URDF's limits
+STOP_MARGIN_M = 0.0005
+
+
+@dataclass(frozen=True, slots=True)
+class LooseServo:
+    """A servo without an arm."""
+
+    id: int
+    model: str
+
+
+def world_of_arm(arm: ArmFile, pose: str = "rest", seed: int = 0) -> World:
+    """Return an arm at a pose, torque off, its servos as they were delivered.
+
+    Raises:
+        ArmFileError: No such pose, or a URDF without the joints.
+        UnknownModelError: A servo model without a table.
+    """
+    if pose not in arm.poses:
+        raise ArmFileError(arm.path, f"poses.{pose}", f"no such pose; has: {', '.join(arm.poses)}")
+    names = [joint.name for joint in arm.joints]
+    body = GravityBody(arm.urdf, names)
+    joints = [
+        _joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed)
+        for entry, limits in zip(arm.joints, body.limits, strict=True)
+    ]
+    return World(joints, body)
+
+
+def loose_world(servos: Iterable[LooseServo], baud: int | None = None, seed: int = 0) -> World:
+    """Return servos on a desk, each turning nothing but itself; at ``baud``, or as delivered.
+
+    Raises:
+        UnknownModelError: A servo model without a table.
+    """
+    joints: list[Joint] = []
+    for place, loose in enumerate(servos, start=1):
+        table = table_for(loose.model)
+        delivered = {"id": loose.id} | ({} if baud is None else _baud(table, baud))
+        shaft = Shaft(1, table.middle_tick, table.ticks_per_turn)
+        half_rad = table.travel_rad / 2.0
+        motor = Motor(PARAMETERS[table.model], 0.0, -half_rad, half_rad)
+        servo = make_servo(table.model, motor, shaft, delivered, seed + place)
+        joints.append(Joint(f"servo_{place}", (servo,)))
+    return World(joints, FreeBody([joint.name for joint in joints]))
+
+
+def _joint(
+    arm: ArmFile, entry: JointEntry, position: float, limits: tuple[float, float], seed: int
+) -> Joint:
+    travel = entry.servos[0].m_per_turn
+    m_per_rad = 1.0 if travel is None else travel / (2.0 * math.pi)
+    margin = STOP_MARGIN_RAD if travel is None else STOP_MARGIN_M
+    stops = sorted(((limits[0] - margin) / m_per_rad, (limits[1] + margin) / m_per_rad))
+    servos = tuple(
+        _servo(arm, servo, position / m_per_rad, stops, seed + servo.id) for servo in entry.servos
+    )
+    return Joint(entry.name, servos, m_per_rad)
+
+
+def _servo(
+    arm: ArmFile, entry: ServoEntry, angle_rad: float, stops: list[float], seed: int
+) -> Servo:
+    table = table_for(entry.model)
+    unknown = [name for name in entry.eeprom if name not in table.by_name]
+    if unknown:
+        raise ArmFileError(arm.path, f"servo {entry.id}", f"no register named {unknown[0]!r}")
+    delivered = {**entry.eeprom, **_baud(table, arm.baud), "id": entry.id}
+    motor = Motor(PARAMETERS[table.model], angle_rad, *stops)
+    shaft = Shaft(entry.sign, entry.zero_tick, table.ticks_per_turn)
+    return make_servo(table.model, motor, shaft, delivered, seed)
+
+
+def _baud(table: ServoTable, baud: int) -> dict[str, int]:
+    return {"baud_rate": baud_code(table.family, baud)}

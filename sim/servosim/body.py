@@ -1,0 +1,98 @@
+"""What hangs on the servos: nothing at all, or an arm that gravity pulls at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from servosim.errors import ArmFileError
+from servosim.gravity import Driven, MassTree
+from servosim.urdf import MovingJoint, read_joints
+
+
+class Body(Protocol):
+    """Joints with limits, the torque that the world puts on them, and their inertia.
+
+    Positions are in the joints' own units: rad and N m, on sliding joints m and N.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints, in the order of every list below."""
+        ...
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], ...]:
+        """Lower and upper limit of each joint."""
+        ...
+
+    def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
+        """Outer torque (force) on each joint; positive turns it forward."""
+        ...
+
+    def inertia(self, positions: Sequence[float]) -> list[float]:
+        """What each joint alone would have to accelerate [kg m², on sliding joints kg]."""
+        ...
+
+
+class FreeBody:
+    """Joints with nothing on them: servos on a desk."""
+
+    def __init__(
+        self, names: Sequence[str], limits: Sequence[tuple[float, float]] | None = None
+    ) -> None:
+        self.names = tuple(names)
+        self.limits = tuple(limits or [(-math.inf, math.inf)] * len(self.names))
+        self._nothing = [0.0] * len(self.names)
+
+    def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
+        """Nothing pulls."""
+        return self._nothing
+
+    def inertia(self, positions: Sequence[float]) -> list[float]:
+        """Nothing hangs."""
+        return self._nothing
+
+
+class GravityBody:
+    """An arm read from its URDF, its base on a level table, each joint for itself.
+
+    Gravity is exact for any tree of turning and sliding joints, mimic joints included; velocity
+    forces and the pull of one joint's acceleration on another are left out.
+
+    Args:
+        urdf_path: The arm.
+        joint_names: The joints that servos move; others rest at zero, or at the nearest limit.
+
+    Raises:
+        ArmFileError: The file is no usable URDF, or lacks one of the joints.
+    """
+
+    def __init__(self, urdf_path: str | Path, joint_names: Sequence[str]) -> None:
+        self.names = tuple(joint_names)
+        joints = read_joints(Path(urdf_path))
+        by_name = {joint.name: joint for joint in joints}
+        for name in self.names:
+            if name not in by_name:
+                known = ", ".join(by_name)
+                raise ArmFileError(Path(urdf_path), "", f"no moving joint {name!r}; has: {known}")
+        self.limits = tuple((by_name[name].lower, by_name[name].upper) for name in self.names)
+        driven = [self._driven(joint) for joint in joints]
+        self._tree = MassTree(joints, driven, len(self.names))
+
+    def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
+        """Gravity's torque (force) on each joint."""
+        return self._tree.torques(positions)
+
+    def inertia(self, positions: Sequence[float]) -> list[float]:
+        """The diagonal of the arm's mass matrix."""
+        return self._tree.inertias(positions)
+
+    def _driven(self, joint: MovingJoint) -> Driven:
+        if joint.name in self.names:
+            return Driven(self.names.index(joint.name), 1.0, 0.0)
+        if joint.mimic in self.names:
+            return Driven(self.names.index(joint.mimic), joint.multiplier, joint.offset)
+        return Driven(-1, 0.0, min(joint.upper, max(joint.lower, 0.0)))

@@ -1,0 +1,173 @@
+"""What gravity does to a tree of joints: torques at rest and the inertia of each joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from servosim.urdf import Matrix, MovingJoint
+
+GRAVITY_M_S2 = 9.81
+
+
+class Driven(NamedTuple):
+    """Who moves a joint: `q = multiplier * positions[driver] + offset`; driver -1: nobody."""
+
+    driver: int
+    multiplier: float
+    offset: float
+
+
+class _Row(NamedTuple):
+    """A joint as plain numbers: its frame in its parent's (rotation by rows), mass, centre."""
+
+    parent: int
+    driver: int
+    multiplier: float
+    offset: float
+    sliding: bool
+    xx: float
+    xy: float
+    xz: float
+    yx: float
+    yy: float
+    yz: float
+    zx: float
+    zy: float
+    zz: float
+    px: float
+    py: float
+    pz: float
+    mass_kg: float
+    cx: float
+    cy: float
+    cz: float
+
+
+# The x and y rows of a frame's rotation, then the x and y of its origin, all in the base.
+_Frame = tuple[float, float, float, float, float, float, float, float]
+BASE: _Frame = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+class MassTree:
+    """Gravity along -z of the base on a tree of joints."""
+
+    def __init__(self, joints: Sequence[MovingJoint], driven: Sequence[Driven], count: int) -> None:
+        self._joints = joints
+        self._driven = driven
+        self._count = count
+        self._rows = [_row(joint, by) for joint, by in zip(joints, driven, strict=True)]
+        self._subtrees = [self._subtree(index) for index in range(len(joints))]
+        self._masses_kg = np.array([joint.body.mass_kg for joint in joints])
+        self._below_kg = [float(self._masses_kg[below].sum()) for below in self._subtrees]
+
+    def torques(self, positions: Sequence[float]) -> list[float]:
+        """The slope of the potential energy, downhill, along each driven position.
+
+        Under vertical gravity a joint is turned by the horizontal place of the masses only, so
+        the x and y rows of the frames are all that is computed.
+        """
+        frames: list[_Frame] = []
+        moments: list[tuple[float, float]] = []
+        for row in self._rows:
+            frame = _advance(row, frames[row[0]] if row[0] >= 0 else BASE, positions)
+            frames.append(frame)
+            moments.append(_first_moment(row, frame))
+        return self._collect(frames, moments)
+
+    def _collect(self, frames: list[_Frame], moments: list[tuple[float, float]]) -> list[float]:
+        loads = [0.0] * self._count
+        for index in range(len(frames) - 1, -1, -1):
+            parent, driver, multiplier, _, sliding = self._rows[index][:5]
+            moment_x, moment_y = moments[index]
+            if driver >= 0:
+                a, b, c, d, e, f, x, y = frames[index]
+                mass_kg = self._below_kg[index]
+                if sliding:
+                    slope = mass_kg * (a * e - b * d)
+                else:
+                    slope = c * (moment_y - mass_kg * y) - f * (moment_x - mass_kg * x)
+                loads[driver] -= multiplier * GRAVITY_M_S2 * slope
+            if parent >= 0:
+                above_x, above_y = moments[parent]
+                moments[parent] = above_x + moment_x, above_y + moment_y
+        return loads
+
+    def inertias(self, positions: Sequence[float]) -> list[float]:
+        """The inertia along each driven position while all others are held [kg m² or kg]."""
+        T = np.stack(self._frames(positions))
+        R, bodies = T[:, :3, :3], [joint.body for joint in self._joints]
+        centres_m = (R @ np.array([body.com_m for body in bodies])[:, :, None])[:, :, 0]
+        centres_m += T[:, :3, 3]
+        tensors = R @ np.array([body.inertia_kg_m2 for body in bodies]) @ R.transpose(0, 2, 1)
+        inertias = [0.0] * self._count
+        for index, (driver, multiplier, _) in enumerate(self._driven):
+            if driver >= 0:
+                inertia = self._inertia(index, T[index], centres_m, tensors)
+                inertias[driver] += multiplier**2 * inertia
+        return inertias
+
+    def _inertia(self, index: int, T: Matrix, centres_m: Matrix, tensors: Matrix) -> float:
+        """Parallel axes: what hangs behind a joint with frame `T`, about its z axis."""
+        if self._joints[index].sliding:
+            return self._below_kg[index]
+        below, axis = self._subtrees[index], T[:3, 2]
+        r = centres_m[below] - T[:3, 3]
+        arms_m2 = (r * r).sum(axis=1) - (r @ axis) ** 2  # |axis × r|²
+        return float(self._masses_kg[below] @ arms_m2 + axis @ tensors[below].sum(axis=0) @ axis)
+
+    def _subtree(self, index: int) -> list[int]:
+        found = [index]
+        for k in range(index + 1, len(self._joints)):
+            if self._joints[k].parent in found:
+                found.append(k)
+        return found
+
+    def _frames(self, positions: Sequence[float]) -> list[Matrix]:
+        frames: list[Matrix] = []
+        for joint, (driver, multiplier, offset) in zip(self._joints, self._driven, strict=True):
+            q = offset if driver < 0 else multiplier * positions[driver] + offset
+            T = joint.T_parent_joint @ _motion(joint.sliding, q)
+            frames.append(T if joint.parent < 0 else frames[joint.parent] @ T)
+        return frames
+
+
+def _advance(row: _Row, above: _Frame, positions: Sequence[float]) -> _Frame:
+    """A joint's frame from its parent's."""
+    _, driver, multiplier, offset, sliding, xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = row[
+        :17
+    ]
+    a, b, c, d, e, f, x, y = above
+    q = offset if driver < 0 else multiplier * positions[driver] + offset
+    x += a * px + b * py + c * pz
+    y += d * px + e * py + f * pz
+    i, j, k = a * xx + b * yx + c * zx, a * xy + b * yy + c * zy, a * xz + b * yz + c * zz
+    m, n, o = d * xx + e * yx + f * zx, d * xy + e * yy + f * zy, d * xz + e * yz + f * zz
+    if sliding:
+        return i, j, k, m, n, o, x + q * k, y + q * o
+    cq, sq = cos(q), sin(q)
+    return i * cq + j * sq, j * cq - i * sq, k, m * cq + n * sq, n * cq - m * sq, o, x, y
+
+
+def _first_moment(row: _Row, frame: _Frame) -> tuple[float, float]:
+    mass_kg, cx, cy, cz = row[17:]
+    a, b, c, d, e, f, x, y = frame
+    return mass_kg * (x + a * cx + b * cy + c * cz), mass_kg * (y + d * cx + e * cy + f * cz)
+
+
+def _row(joint: MovingJoint, driven: Driven) -> _Row:
+    T, body = joint.T_parent_joint, joint.body
+    numbers = [*T[:3, :3].ravel(), *T[:3, 3], body.mass_kg, *body.com_m]
+    return _Row(joint.parent, *driven, joint.sliding, *(float(number) for number in numbers))
+
+
+def _motion(sliding: bool, q: float) -> Matrix:
+    T = np.eye(4)
+    if sliding:
+        T[2, 3] = q
+    else:
+        T[:2, :2] = (cos(q), -sin(q)), (sin(q), cos(q))
+    return T

@@ -1,0 +1,77 @@
+"""A servo's memory: bytes at addresses, EEPROM that survives the power and RAM that does not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from servosim.tables import Area, Register, ServoTable
+
+__all__ = ["Memory"]
+
+
+class Memory:
+    """The bytes behind a control table.
+
+    ``image`` is what instructions read and write; ``eeprom`` is what is still there after the
+    power was off. Nothing here checks access: that is the servo's firmware.
+    """
+
+    def __init__(self, table: ServoTable, delivered: Mapping[str, int] | None = None) -> None:
+        self.table = table
+        self._rows = table.by_name
+        self.image = bytearray(table.size)
+        self.eeprom = bytearray(table.size)
+        self.eeprom_writes = 0
+        self.restore_factory()
+        for name, value in (delivered or {}).items():
+            self.put(name, value)
+            self._persist(table.by_name[name])
+
+    def read(self, address: int, length: int) -> bytes:
+        """Return bytes; gaps between registers and addresses behind the table read as zero."""
+        raw = bytes(self.image[address : address + length])
+        return raw.ljust(length, b"\x00")
+
+    def get(self, name: str) -> int:
+        """Return a register's number."""
+        row = self._rows[name]
+        if row.size == 1 and not row.twos:
+            return self.image[row.address]
+        return row.decode(self.image[row.address : row.end])
+
+    def put(self, name: str, value: int) -> None:
+        """Set a register as the firmware does: no checks, RAM image only."""
+        row = self.table.by_name[name]
+        self.image[row.address : row.end] = row.encode(value)
+
+    def keep(self, name: str) -> None:
+        """Make a register's present number survive the power, lock or not."""
+        self._persist(self.table.by_name[name])
+
+    def write(self, address: int, data: bytes, *, persist: bool = True) -> None:
+        """Store bytes in the image, and those of EEPROM registers for good if ``persist``."""
+        self.image[address : address + len(data)] = data
+        if persist:
+            for row in self.table.covered(address, len(data)):
+                self._persist(row)
+
+    def power_cycle(self) -> None:
+        """Forget the RAM: defaults for it, the kept bytes for the EEPROM."""
+        for row in self.table.registers:
+            if row.area is Area.EEPROM:
+                self.image[row.address : row.end] = self.eeprom[row.address : row.end]
+            else:
+                self.image[row.address : row.end] = row.encode(row.default)
+
+    def restore_factory(self, keep: tuple[str, ...] = ()) -> None:
+        """Set every register to the datasheet's default, except those to keep."""
+        for row in self.table.registers:
+            if row.name not in keep:
+                self.image[row.address : row.end] = row.encode(row.default)
+                if row.area is Area.EEPROM:
+                    self.eeprom[row.address : row.end] = row.encode(row.default)
+
+    def _persist(self, row: Register) -> None:
+        if row.area is Area.EEPROM:
+            self.eeprom[row.address : row.end] = self.image[row.address : row.end]
+            self.eeprom_writes += 1

@@ -1,0 +1,234 @@
+"""One servo's motor and gears behind its control loop, stepped through time."""
+
+from __future__ import annotations
+
+import math
+
+from servosim.control import Controller
+from servosim.drive import Drive, Mode
+from servosim.heat import Heat
+from servosim.parameters import PARAMETERS, MotorParameters
+
+__all__ = ["PARAMETERS", "Drive", "Mode", "Motor", "MotorParameters"]
+
+PLAY_HZ = 45.0  # a load sinks through the play as through grease: inertia times this damping
+STILL_RAD_S = 1e-6  # a motion slower than this sticks
+SLACK_SHARE = 1e-3  # loads below this share of the stall torque do not take up the play
+
+
+class Motor:
+    """A motor that follows a drive and carries a load.
+
+    The motor is a voltage-driven direct-current motor behind its gears, seen from the output
+    shaft: `torque = stall * duty * V / V_nominal - back_emf * velocity`. A step is implicit in
+    everything that damps and explicit in the rest: the stiffest gains stay stable at steps of
+    1 ms and the steady state is exact.
+
+    The free play lies between the gears and the output shaft. The position sensor sits on the
+    output shaft (magnetic on STS, X and MX, a potentiometer on SCS and AX) and sees the joint:
+    the play shows as lost motion when the load changes sides, not as an error of the reading.
+
+    Attributes:
+        position_rad: Where the output shaft is: the joint's truth.
+        velocity_rad_s: Speed of the gears: the shaft's, but while it crosses the play.
+        torque_nm: Torque of the motor at the shaft, before friction.
+        current_a: Signed current of the winding.
+        pwm: Signed duty of the bridge, -1..1.
+        moving: Whether the shaft is faster than the drive's threshold or the profile runs.
+        heat: What warms and cools the servo.
+        lower_stop_rad: Where a hard stop holds the shaft.
+        upper_stop_rad: Likewise on the other side.
+        load_inertia_kg_m2: Inertia of what hangs on the shaft.
+        carried: Somebody else integrates the motion and tells by `carry`; a step only presses.
+        stuck: A fault: the shaft does not move.
+        grip: A fault: the share of the motor's torque that reaches the shaft; 1 = sound gears.
+    """
+
+    __slots__ = (
+        "_back_emf", "_controller", "_full_nm", "_gear_rad", "_half_play_rad",
+        "_lash_rad", "_nm_per_a", "_nm_per_v", "_resistance_ohm", "_slack_nm", "_slope",
+        "_viscous", "carried", "current_a", "grip", "heat", "load_inertia_kg_m2",
+        "lower_stop_rad", "moving", "parameters", "position_rad", "pwm", "stuck", "torque_nm",
+        "upper_stop_rad", "velocity_rad_s",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        parameters: MotorParameters,
+        position_rad: float = 0.0,
+        lower_stop_rad: float = -math.inf,
+        upper_stop_rad: float = math.inf,
+        room_c: float = 25.0,
+    ) -> None:
+        self.parameters = parameters
+        self.lower_stop_rad, self.upper_stop_rad = lower_stop_rad, upper_stop_rad
+        self.heat = Heat(parameters.heat_capacity_j_k, parameters.thermal_resistance_k_w, room_c)
+        self.load_inertia_kg_m2 = 0.0
+        self.carried = self.stuck = False
+        self.grip = 1.0
+        # The figures below are properties of the parameters; a step reads them several times.
+        self._back_emf = parameters.back_emf_nm_s
+        self._viscous = parameters.viscous_damping_nm_s
+        self._nm_per_a = parameters.torque_constant_nm_a
+        self._nm_per_v = parameters.stall_torque_nm / parameters.nominal_v
+        self._resistance_ohm = parameters.resistance_ohm
+        self._half_play_rad = parameters.backlash_rad / 2.0
+        self._slack_nm = SLACK_SHARE * parameters.stall_torque_nm
+        self._controller = Controller(parameters, position_rad)
+        self.place(position_rad)
+
+    def place(self, position_rad: float) -> None:
+        """Put the shaft somewhere, at rest, in the middle of its play."""
+        self._gear_rad = self.position_rad = position_rad
+        self._lash_rad = self.velocity_rad_s = 0.0
+        self.torque_nm = self.current_a = self.pwm = self._slope = self._full_nm = 0.0
+        self.moving = False
+        self._controller.release(position_rad)
+
+    @property
+    def encoder_rad(self) -> float:
+        """What the position sensor sees: the output shaft."""
+        return self.position_rad
+
+    @property
+    def inertia_kg_m2(self) -> float:
+        """All that the shaft accelerates: rotor, gears and what hangs on it."""
+        return self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
+
+    @property
+    def temperature_c(self) -> float:
+        """What the temperature sensor sees."""
+        return self.heat.temperature_c
+
+    @property
+    def reference_rad(self) -> float:
+        """Where the profile is; the shaft's position while torque is off."""
+        return self._controller.reference.position_rad
+
+    @property
+    def reference_velocity_rad_s(self) -> float:
+        """How fast the profile moves."""
+        return self._controller.reference.velocity_rad_s
+
+    @property
+    def profile_running(self) -> bool:
+        """Whether the profile has not yet reached its end."""
+        return self._controller.reference.running
+
+    def step(self, dt_s: float, load_nm: float, drive: Drive, supply_v: float) -> None:
+        """Let `dt_s` seconds pass (at most 2 ms) under an outer torque and a supply voltage.
+
+        Args:
+            dt_s: Time that passes [s].
+            load_nm: Torque that the world puts on the shaft [N m]; positive turns it forward.
+            drive: The firmware's orders.
+            supply_v: Voltage at the servo's plug [V].
+        """
+        pressed_nm = self._press(dt_s, drive, supply_v)
+        if self.carried:
+            self._account(dt_s, pressed_nm, drive)
+            return
+        before_rad_s = self.velocity_rad_s
+        self._turn(dt_s, pressed_nm * self.grip, load_nm)
+        self._account(dt_s, pressed_nm - self._slope * (self.velocity_rad_s - before_rad_s), drive)
+
+    def carry(self, position_rad: float, velocity_rad_s: float) -> None:
+        """Be moved to where the joint turned out to be."""
+        self.position_rad = position_rad
+        self._gear_rad = position_rad - self._lash_rad
+        self.velocity_rad_s = velocity_rad_s
+
+    def _press(self, dt_s: float, drive: Drive, supply_v: float) -> float:
+        """The torque that bridge and winding press with at the present velocity [N m]."""
+        full_nm = self._nm_per_v * supply_v
+        if not drive.torque_on or full_nm <= 0.0:
+            self._controller.release(self.position_rad)
+            self._slope = self._full_nm = 0.0
+            return 0.0
+        self._full_nm = full_nm
+        controller, velocity_rad_s = self._controller, self.velocity_rad_s
+        duty = controller.duty(dt_s, drive, self.position_rad, velocity_rad_s, full_nm)
+        limit = drive.pwm_limit if drive.pwm_limit < drive.torque_limit else drive.torque_limit
+        self._slope = self._back_emf + controller.derivative * full_nm
+        controller.saturated = not -limit <= duty <= limit
+        if controller.saturated:
+            duty = math.copysign(limit, duty)
+            self._slope = self._back_emf
+        return self._limited(full_nm * duty - self._back_emf * velocity_rad_s, drive)
+
+    def _limited(self, torque_nm: float, drive: Drive) -> float:
+        limit_a = drive.current_limit_a
+        if drive.mode is Mode.CURRENT or drive.mode is Mode.CURRENT_POSITION:
+            limit_a = min(limit_a, abs(drive.goal_current_a))
+        limit_nm = limit_a * self._nm_per_a
+        if -limit_nm <= torque_nm <= limit_nm:
+            return torque_nm
+        self._slope = 0.0
+        self._controller.saturated = True
+        return math.copysign(limit_nm, torque_nm)
+
+    def _turn(self, dt_s: float, pressed_nm: float, load_nm: float) -> None:
+        """Newton's law with dry friction, then the play of the gears and the end stops."""
+        if self.stuck:
+            self.velocity_rad_s = 0.0
+            return
+        falling = self._take_up_play(dt_s, load_nm)
+        torque_nm = pressed_nm if falling else pressed_nm + load_nm
+        speed_rad_s = self.velocity_rad_s = self._slide(dt_s, torque_nm)
+        if speed_rad_s:
+            travel_rad = speed_rad_s * dt_s
+            self._gear_rad += travel_rad
+            if -self._slack_nm <= load_nm <= self._slack_nm:
+                half_rad = self._half_play_rad
+                self._lash_rad = min(half_rad, max(-half_rad, self._lash_rad - travel_rad))
+        elif not falling:
+            return
+        self.position_rad = self._gear_rad + self._lash_rad
+        if not self.lower_stop_rad <= self.position_rad <= self.upper_stop_rad:
+            self._hit_stop()
+
+    def _slide(self, dt_s: float, torque_nm: float) -> float:
+        """The velocity after the step; dry friction stops a motion but never turns it round."""
+        before_rad_s, motor = self.velocity_rad_s, self.parameters
+        if before_rad_s:
+            torque_nm -= self._viscous * before_rad_s
+            torque_nm -= math.copysign(motor.coulomb_friction_nm, before_rad_s)
+        elif -motor.static_friction_nm <= torque_nm <= motor.static_friction_nm:
+            return 0.0
+        else:
+            torque_nm -= math.copysign(motor.coulomb_friction_nm, torque_nm)
+        inertia = motor.armature_kg_m2 + self.load_inertia_kg_m2
+        damping = self._slope * self.grip + self._viscous
+        after_rad_s = before_rad_s + torque_nm * dt_s / (inertia + damping * dt_s)
+        stops = after_rad_s * before_rad_s < 0.0 or -STILL_RAD_S < after_rad_s < STILL_RAD_S
+        return 0.0 if stops else after_rad_s
+
+    def _take_up_play(self, dt_s: float, load_nm: float) -> bool:
+        """Let the load sink through the play; true while it has not reached the next tooth."""
+        if -self._slack_nm <= load_nm <= self._slack_nm:
+            return False
+        half_rad = self._half_play_rad if load_nm > 0.0 else -self._half_play_rad
+        if self._lash_rad == half_rad:
+            return False
+        sunk_rad = self._lash_rad + load_nm * dt_s / (PLAY_HZ * self.inertia_kg_m2)
+        self._lash_rad = min(half_rad, sunk_rad) if load_nm > 0.0 else max(half_rad, sunk_rad)
+        return True
+
+    def _hit_stop(self) -> None:
+        stop_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, self.position_rad))
+        if (self.position_rad - stop_rad) * self.velocity_rad_s > 0.0:
+            self.velocity_rad_s = 0.0
+        self._gear_rad -= self.position_rad - stop_rad
+        self.position_rad = stop_rad
+
+    def _account(self, dt_s: float, torque_nm: float, drive: Drive) -> None:
+        """What the servo's other sensors see of the step."""
+        self.torque_nm = torque_nm
+        current_a = self.current_a = torque_nm / self._nm_per_a
+        full_nm, back_emf_nm = self._full_nm, self._back_emf * self.velocity_rad_s
+        self.pwm = (torque_nm + back_emf_nm) / full_nm if full_nm else 0.0
+        self.heat.step(dt_s, current_a * current_a * self._resistance_ohm)
+        self.moving = (
+            self._controller.reference.running
+            or abs(self.velocity_rad_s) > drive.moving_threshold_rad_s
+        )

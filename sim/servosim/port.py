@@ -1,0 +1,137 @@
+"""The bus in this process: a transport in the shape of pyserial's Serial, in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+from servosim.arm_file import read_arm_file
+from servosim.assembly import world_of_arm
+from servosim.clock import VirtualClock
+from servosim.errors import PortClosedError, SimulatorError
+from servosim.line import Line, LineOptions
+
+__all__ = ["SimulatedPort", "open_port"]
+
+POLL_S = 10e-6  # virtual time that a look at the buffer costs, so that no polling loop hangs
+
+
+def open_port(url: str) -> SimulatedPort:
+    """Return a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
+
+    Raises:
+        ArmFileError: The arm file cannot be used.
+        SimulatorError: The URL is none, or the arm cannot be built.
+    """
+    parts = urlsplit(url)
+    if parts.scheme != "sim" or not parts.path:
+        raise SimulatorError(f"{url!r} is no address of a simulated bus; try sim:/path/arm.toml")
+    query = {key: values[-1] for key, values in parse_qs(parts.query).items()}
+    seed = int(query.get("seed", "0"))
+    arm = read_arm_file(Path(parts.path))
+    world = world_of_arm(arm, query.get("pose", "rest"), seed)
+    return SimulatedPort(Line(world, arm.baud, LineOptions(seed=seed)), url)
+
+
+class SimulatedPort:
+    """A serial port whose other end is a simulated line.
+
+    Time is virtual: it passes in ``read`` while bytes are on their way, and in
+    ``clock.sleep_until``; nothing sleeps.
+
+    Attributes:
+        port: The address it was opened with.
+        timeout: Seconds that ``read`` waits; None waits for all bytes, 0 does not wait.
+        clock: The virtual clock.
+        line: The simulated line, for tests: ``line.servos[1].read("present_position")``.
+        is_open: False after ``close`` or a pulled cable.
+    """
+
+    def __init__(self, line: Line, port: str = "sim:") -> None:
+        self.line, self.port = line, port
+        self.clock = VirtualClock(on_advance=line.run_until)
+        self.timeout: float | None = None
+        self.is_open = True
+
+    @property
+    def baudrate(self) -> int:
+        """Bits a second; servos at another rate do not answer."""
+        return self.line.baud
+
+    @baudrate.setter
+    def baudrate(self, baud: int) -> None:
+        self.line.set_baud(baud)
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that have arrived."""
+        self._check_open()
+        waiting = self.line.inbox.waiting(self.clock.now_s())
+        self._poll()
+        return waiting
+
+    def read(self, size: int = 1) -> bytes:
+        """Return ``size`` bytes, or what has come when the timeout is over."""
+        self._check_open()
+        start_s = self.clock.now_s()
+        deadline_s = None if self.timeout is None else start_s + self.timeout
+        while not self._ready(size, deadline_s):
+            pass
+        data = self.line.inbox.take(size, self.clock.now_s())
+        if len(data) < size and self.timeout == 0:
+            self._poll()
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Give bytes to the adapter; they leave one after the other while time passes."""
+        self._check_open()
+        self.line.host_write(bytes(data), self.clock.now_s())
+        return len(data)
+
+    def flush(self) -> None:
+        """Wait until everything written has left."""
+        self._check_open()
+        self.clock.sleep_until(self.line.host_end_s)
+
+    def reset_input_buffer(self) -> None:
+        """Throw away what has arrived."""
+        self._check_open()
+        self.line.inbox.clear(self.clock.now_s())
+
+    def reset_output_buffer(self) -> None:
+        """Do nothing: an adapter sends what it was given."""
+        self._check_open()
+
+    def close(self) -> None:
+        """Close the port; the servos stay as they are."""
+        self.is_open = False
+
+    def __enter__(self) -> SimulatedPort:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _ready(self, size: int, deadline_s: float | None) -> bool:
+        """Say whether a read may return; if not, let time pass up to the next event."""
+        now_s = self.clock.now_s()
+        self.line.run_until(now_s)
+        if self.line.inbox.waiting(now_s) >= size:
+            return True
+        if deadline_s is not None and now_s >= deadline_s:
+            return True
+        events = [self.line.inbox.time_of(size), self.line.next_s, deadline_s]
+        if events[0] is None and events[1] is None:
+            events.append(self.line.inbox.last_s())
+        coming = [at_s for at_s in events if at_s is not None and at_s > now_s]
+        if not coming:
+            return True
+        self.clock.sleep_until(min(coming))
+        return False
+
+    def _poll(self) -> None:
+        self.clock.sleep_until(self.clock.now_s() + POLL_S)
+
+    def _check_open(self) -> None:
+        if not self.is_open:
+            raise PortClosedError

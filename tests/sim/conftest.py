@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from servosim.assembly import LooseServo, loose_world
+from servosim.line import Line, LineOptions
+from servosim.port import SimulatedPort
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture
+def desk():
+    """Loose servos on a desk behind a port, all at 1 Mbit/s: desk("XL430-W250", "XL330-M288")."""
+
+    def lay_out(*models: str, ids: tuple[int, ...] = (), **options: object) -> SimulatedPort:
+        ids = ids or tuple(range(1, len(models) + 1))
+        servos = [LooseServo(id_, model) for id_, model in zip(ids, models, strict=True)]
+        world = loose_world(servos, baud=1_000_000)
+        port = SimulatedPort(Line(world, 1_000_000, LineOptions(**options)))
+        port.timeout = 0.02
+        return port
+
+    return lay_out
+
+
+@pytest.fixture
+def configs() -> Path:
+    """The folder of the arms."""
+    return CONFIGS

@@ -1,0 +1,153 @@
+"""Motors on joints that gravity pulls at and hands hold; the supply that feeds them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from servosim.body import Body, FreeBody, GravityBody
+from servosim.hand import Hand, glide, hold, push, sweep
+from servosim.motor import PARAMETERS, Drive, Mode, Motor
+from servosim.supply import Supply
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+DT_S = 0.001
+
+
+@dataclass
+class Bench:
+    """Bare motors on the joints of a body, one each."""
+
+    body: Body
+    model: str = "STS3215"
+    drive: Drive = field(default_factory=Drive)
+    hands: dict[str, Hand] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        lower_upper = dict(zip(self.body.names, self.body.limits, strict=True))
+        self.motors = {n: Motor(PARAMETERS[self.model], 0.0, *lower_upper[n]) for n in lower_upper}
+
+    def run(self, seconds: float) -> Bench:
+        for _ in range(round(seconds / DT_S)):
+            motors = self.motors.values()
+            positions = [motor.position_rad for motor in motors]
+            loads = self.body.load_nm(positions, [motor.velocity_rad_s for motor in motors])
+            for (name, motor), load in zip(self.motors.items(), loads, strict=True):
+                motor.step(DT_S, load + self.press(name), self.drive, motor.parameters.nominal_v)
+        return self
+
+    def press(self, name: str) -> float:
+        motor, hand = self.motors[name], self.hands.get(name)
+        if hand is None:
+            return 0.0
+        return hand.press(DT_S, motor.position_rad, motor.velocity_rad_s, motor.inertia_kg_m2)
+
+
+def free(model: str = "STS3215", drive: Drive | None = None, hand: Hand | None = None) -> Bench:
+    body = FreeBody(["joint"], [(-1.0, 1.0)])
+    return Bench(body, model, drive or Drive(), {} if hand is None else {"joint": hand})
+
+
+def so101(drive: Drive | None = None) -> Bench:
+    return Bench(GravityBody(CONFIGS / "so101" / "arm.urdf", JOINTS), drive=drive or Drive())
+
+
+def test_an_arm_falls_to_its_stop_when_torque_goes() -> None:
+    arm = so101()
+    arm.motors["shoulder_lift"].place(0.8)
+    arm.run(3.0)
+    assert arm.motors["shoulder_lift"].position_rad == arm.motors["shoulder_lift"].upper_stop_rad
+
+
+def test_an_arm_holds_its_pose_when_torque_is_on() -> None:
+    arm = so101(Drive(torque_on=True)).run(3.0)
+    assert [m.position_rad for m in arm.motors.values()] == pytest.approx([0.0] * 6, abs=0.05)
+    assert [m.velocity_rad_s for m in arm.motors.values()] == [0.0] * 6
+
+
+def test_the_shoulder_sags_by_gravitys_torque_over_its_stiffness() -> None:
+    arm = so101(Drive(torque_on=True)).run(3.0)
+    positions = [m.position_rad for m in arm.motors.values()]
+    load_nm = arm.body.load_nm(positions, positions)[1]
+    stiffness_nm_rad, friction_nm = 5.3 * 3.35, PARAMETERS["STS3215"].static_friction_nm
+    assert positions[1] * stiffness_nm_rad == pytest.approx(load_nm, abs=friction_nm)
+
+
+def test_what_hangs_on_a_shaft_slows_its_start() -> None:
+    bare, laden = free(drive=Drive(True, mode=Mode.PWM, goal_pwm=0.5)), free()
+    laden.drive = bare.drive
+    laden.motors["joint"].load_inertia_kg_m2 = 0.03
+    bare.run(0.03)
+    laden.run(0.03)
+    share = laden.motors["joint"].velocity_rad_s / bare.motors["joint"].velocity_rad_s
+    assert share == pytest.approx(0.0284 / 0.0584, rel=0.2)
+
+
+def test_a_hand_carries_a_free_joint_to_its_goal() -> None:
+    bench = free(hand=Hand(glide(0.0, 0.7, speed=0.5))).run(2.0)
+    assert bench.motors["joint"].position_rad == pytest.approx(0.7, abs=0.003)
+
+
+def test_a_hand_holds_an_arm_against_gravity() -> None:
+    arm = so101()
+    arm.hands["shoulder_lift"] = Hand(hold(0.4))
+    arm.run(2.0)
+    assert arm.motors["shoulder_lift"].position_rad == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_sweeping_hand_reaches_both_stops_and_comes_back() -> None:
+    bench = free(hand=Hand(sweep(0.0, -1.2, 1.2, speed=1.0), limit=3.0))
+    seen: list[float] = []
+    for _ in range(600):
+        seen.append(bench.run(0.01).motors["joint"].position_rad)
+    assert (min(seen), max(seen)) == (-1.0, 1.0)
+
+
+def test_a_hand_presses_with_no_more_than_its_limit() -> None:
+    hand = Hand(push(-1.0), limit=0.6)
+    bench = free(drive=Drive(torque_on=True), hand=hand).run(2.0)
+    assert hand.force == -0.6
+    assert bench.motors["joint"].torque_nm == pytest.approx(0.6, abs=0.07)
+
+
+def test_a_strong_hand_stalls_the_motor_at_its_limit() -> None:
+    drive = Drive(torque_on=True, goal_rad=0.5, torque_limit=0.3)
+    bench = free(drive=drive, hand=Hand(hold(0.0), limit=10.0)).run(1.0)
+    assert abs(bench.motors["joint"].position_rad) < 0.01
+    assert bench.motors["joint"].pwm == pytest.approx(0.3)
+
+
+def test_a_joint_let_go_is_under_its_motor_again() -> None:
+    bench = free(drive=Drive(torque_on=True), hand=Hand(hold(0.4), limit=10.0)).run(0.5)
+    bench.hands.clear()
+    bench.run(2.0)
+    assert bench.motors["joint"].position_rad == pytest.approx(0.0, abs=0.005)
+
+
+@pytest.mark.parametrize("model", sorted(PARAMETERS))
+def test_a_hand_holds_joints_of_every_inertia_without_shaking(model: str) -> None:
+    bench = free(model, hand=Hand(hold(0.2))).run(1.0)
+    held_rad = bench.motors["joint"].position_rad
+    bench.run(0.01)
+    assert bench.motors["joint"].position_rad == pytest.approx(held_rad, abs=1e-5)
+
+
+def test_the_supply_sags_with_the_current_that_the_bridges_draw() -> None:
+    motor = Motor(PARAMETERS["STS3215"])
+    motor.stuck = True
+    motor.step(DT_S, 0.0, Drive(True, mode=Mode.PWM, goal_pwm=1.0), 7.4)
+    supply = Supply(open_v=7.4, resistance_ohm=0.2)
+    assert supply.voltage_v([motor]) == pytest.approx(7.4 - 0.2 * 2.77)
+
+
+def test_resting_servos_draw_their_electronics_only() -> None:
+    supply = Supply(open_v=12.0, resistance_ohm=0.5, standby_a=0.2)
+    assert supply.voltage_v([Motor(PARAMETERS["XL430-W250"])]) == pytest.approx(11.9)
+
+
+def test_a_push_never_ends() -> None:
+    assert push(2.0)(99.0) == (math.inf, 0.0)

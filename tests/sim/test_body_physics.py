@@ -1,0 +1,70 @@
+"""The arm in MuJoCo: carried motors, gravity, contact with the floor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from servosim.errors import ArmFileError
+from servosim.motor import PARAMETERS, Drive, Motor
+from servosim.physics import MujocoBody
+
+SO101 = Path(__file__).parents[2] / "configs" / "so101" / "arm.urdf"
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+STS = PARAMETERS["STS3215"]
+
+# A rod of 0.3 m that turns 0.1 m above the floor.
+ROD = """<robot name="rod"><link name="base"/>
+  <joint name="swing" type="revolute"><parent link="base"/><child link="rod"/>
+    <origin xyz="0 0 0.1"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <link name="rod"><inertial><origin xyz="0.15 0 0"/><mass value="0.5"/>
+    <inertia ixx="0.001" iyy="0.004" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0.15 0 0"/><geometry><box size="0.3 0.02 0.02"/></geometry>
+    </collision></link></robot>"""
+
+
+def rod(folder: Path) -> MujocoBody:
+    path = folder / "rod.urdf"
+    path.write_text(ROD)
+    return MujocoBody(path, ["swing"], [[STS]])
+
+
+def run(body: MujocoBody, motors: list[Motor], drive: Drive, seconds: float) -> None:
+    for motor in motors:
+        motor.carried = True
+    for _ in range(round(seconds / 0.001)):
+        for motor in motors:
+            motor.step(0.001, 0.0, drive, 7.4)
+        positions, velocities = body.step(0.001, [motor.torque_nm for motor in motors])
+        for motor, position, velocity in zip(motors, positions, velocities, strict=True):
+            motor.carry(position, velocity)
+
+
+def test_a_rod_without_torque_falls_onto_the_floor_and_stays_there(tmp_path: Path) -> None:
+    body, motor = rod(tmp_path), Motor(STS)
+    run(body, [motor], Drive(), 3.0)
+    assert body.contacts > 0
+    assert motor.position_rad == pytest.approx(0.305, abs=0.01)  # sin = (0.1 - 0.01 cos) / 0.3
+
+
+def test_a_held_rod_sags_by_torque_over_stiffness(tmp_path: Path) -> None:
+    body, motor = rod(tmp_path), Motor(STS)
+    run(body, [motor], Drive(torque_on=True), 3.0)
+    sag_rad = 0.5 * 9.81 * 0.15 / (5.3 * 3.35)
+    assert motor.position_rad == pytest.approx(sag_rad, abs=0.052 / (5.3 * 3.35))
+
+
+def test_the_so101_reaches_a_pose_with_all_joints_pulling_at_each_other() -> None:
+    body, motors = MujocoBody(SO101, JOINTS, [[STS]] * 6), [Motor(STS) for _ in JOINTS]
+    drive = Drive(True, goal_rad=0.3, velocity_limit_rad_s=1.0, acceleration_rad_s2=4.0)
+    run(body, motors, drive, 2.0)
+    assert [m.position_rad for m in motors] == pytest.approx([0.3] * 6, abs=0.05)
+
+
+def test_a_missing_joint_is_an_arm_file_error(tmp_path: Path) -> None:
+    path = tmp_path / "rod.urdf"
+    path.write_text(ROD)
+    with pytest.raises(ArmFileError, match="elbow"):
+        MujocoBody(path, ["elbow"], [[STS]])

@@ -1,0 +1,142 @@
+"""The in-process port: the shape of pyserial's Serial, in virtual time."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import servosim
+from servosim.errors import ArmFileError, PortClosedError, SimulatorError
+
+PING = bytes.fromhex("FFFF010201FB")
+
+
+def test_bytes_take_their_time_at_the_baud_rate(desk):
+    port = desk("STS3215")
+    port.write(PING)
+    port.read(6)
+    assert port.clock.now_s() == pytest.approx(12 * 10e-6, abs=5e-6)
+
+
+def test_without_wire_time_the_answer_is_there_at_once(desk):
+    port = desk("STS3215", wire_time=False)
+    port.write(PING)
+    port.read(6)
+    assert port.clock.now_s() < 10e-6
+
+
+def test_a_read_that_gets_nothing_ends_at_its_timeout(desk):
+    port = desk("STS3215")
+    assert (port.read(6), port.clock.now_s()) == (b"", 0.02)
+
+
+def test_a_read_returns_what_has_come_at_its_timeout(desk):
+    port = desk("STS3215")
+    port.write(PING)
+    assert port.read(60) == bytes.fromhex("FFFF010200FC")
+
+
+def test_a_read_without_timeout_ends_when_nothing_more_can_come(desk):
+    port = desk("STS3215")
+    port.timeout = None
+    port.write(PING)
+    assert len(port.read(60)) == 6
+
+
+def test_timeout_zero_returns_at_once(desk):
+    port = desk("STS3215")
+    port.timeout = 0
+    port.write(PING)
+    assert port.read(6) == b""
+
+
+def test_polling_lets_a_little_time_pass(desk):
+    port = desk("STS3215")
+    port.write(PING)
+    looks = 0
+    while port.in_waiting < 6:
+        looks += 1
+    assert looks < 100
+
+
+def test_flush_waits_until_the_last_byte_has_left(desk):
+    port = desk("STS3215")
+    port.write(PING)
+    port.flush()
+    assert port.clock.now_s() == pytest.approx(60e-6)
+
+
+def test_reset_throws_away_what_has_arrived(desk):
+    port = desk("STS3215")
+    port.write(PING)
+    port.clock.sleep_until(0.01)
+    port.reset_input_buffer()
+    assert port.in_waiting == 0
+
+
+def test_a_closed_port_refuses(desk):
+    port = desk("STS3215")
+    port.close()
+    with pytest.raises(PortClosedError):
+        port.read(1)
+
+
+def test_speaking_over_an_answer_garbles_it(desk):
+    port = desk("STS3215", "STS3215")
+    port.write(PING)
+    port.clock.sleep_until(80e-6)
+    port.write(bytes.fromhex("FFFF020201FA"))
+    assert bytes.fromhex("FFFF020200FB") not in port.read(64)
+
+
+def test_the_same_seed_gives_the_same_conversation(configs):
+    def talk():
+        port = servosim.open_port(f"sim:{configs}/so101/arm.toml?seed=3")
+        port.timeout = 0.01
+        port.write(bytes.fromhex("FFFFFE0682380201023C"))
+        return port.read(64), port.clock.now_s()
+
+    assert talk() == talk()
+
+
+@pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "px100", "vx300s"])
+def test_an_arm_starts_at_the_pose_asked_for(configs, name):
+    path = configs / name / "arm.toml"
+    port = servosim.open_port(f"sim:{path}?pose=home")
+    arm = servosim.read_arm_file(path)
+    for entry in arm.joints:
+        servo = entry.servos[0]
+        per_tick = (servo.m_per_turn or 2 * math.pi) / 4096
+        tick = servo.zero_tick + servo.sign * arm.poses["home"][entry.name] / per_tick
+        assert port.line.servos[servo.id].read("present_position") == pytest.approx(tick, abs=1)
+
+
+def test_a_limp_arm_falls(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
+    before = port.line.servos[3].read("present_position")
+    port.clock.sleep_until(3.0)
+    assert abs(port.line.servos[3].read("present_position") - before) > 200
+
+
+def test_servos_of_one_joint_turn_together(configs):
+    port = servosim.open_port(f"sim:{configs}/vx300s/arm.toml?pose=home")
+    for servo in port.line.servos.values():
+        servo.write("torque_enable", 1)
+    port.line.servos[2].write("profile_velocity", 50)
+    port.line.servos[3].write("profile_velocity", 50)
+    for id_ in (2, 3):
+        port.line.servos[id_].write("goal_position", 1700)
+    port.clock.sleep_until(2.0)
+    ticks = [port.line.servos[id_].read("present_position") for id_ in (2, 3)]
+    assert ticks == [pytest.approx(1700, abs=25), pytest.approx(ticks[0], abs=3)]
+
+
+def test_an_unknown_pose_is_named_with_those_there_are(configs):
+    with pytest.raises(ArmFileError, match=r"poses\.nowhere.*rest, home, zero"):
+        servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=nowhere")
+
+
+def test_an_address_that_is_none_is_refused():
+    with pytest.raises(SimulatorError, match="sim:/path"):
+        servosim.open_port("/dev/ttyUSB0")

@@ -1,0 +1,238 @@
+"""Software that nobody here wrote talks to the servos through the pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import dynamixel_sdk
+import pytest
+import scservo_sdk
+
+SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """Start servers of arms; each gives (process, link to its port)."""
+    configs = Path(__file__).parents[2] / "configs"
+    running = []
+
+    def start(name, *options):
+        link = tmp_path_factory.mktemp("port") / name
+        arm = str(configs / name / "arm.toml")
+        command = [sys.executable, "-c", SERVE, arm, "--link", str(link), *options]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        running.append(process)
+        assert process.stdout.readline().startswith("/dev/")
+        return process, link
+
+    yield start
+    for process in running:
+        process.terminate()
+        process.wait(10)
+        process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def feetech(server):
+    port = scservo_sdk.PortHandler(str(server("so101", "--pose", "home")[1]))
+    assert port.openPort()
+    assert port.setBaudRate(1_000_000)
+    yield port, scservo_sdk.PacketHandler(0)
+    port.closePort()
+
+
+@pytest.fixture(scope="module")
+def dynamixel(server):
+    port = dynamixel_sdk.PortHandler(str(server("koch", "--pose", "home")[1]))
+    assert port.openPort()
+    assert port.setBaudRate(1_000_000)
+    yield port, dynamixel_sdk.PacketHandler(2.0)
+    port.closePort()
+
+
+def settle(read, goal, within, timeout_s=5.0):
+    """Read until the position is at the goal; return every position on the way."""
+    way, end_s = [read()], time.monotonic() + timeout_s
+    while abs(way[-1] - goal) > within and time.monotonic() < end_s:
+        way.append(read())
+    return way
+
+
+class TestFeetechSdk:
+    def test_pings_all_servos(self, feetech):
+        port, packets = feetech
+        assert [packets.ping(port, k) for k in range(1, 7)] == [(777, 0, 0)] * 6
+
+    def test_reads_one_byte_and_two_bytes(self, feetech):
+        port, packets = feetech
+        answers = packets.read1ByteTxRx(port, 1, 5), packets.read2ByteTxRx(port, 1, 3)
+        assert answers == ((1, 0, 0), (777, 0, 0))
+
+    def test_writes_and_reads_back(self, feetech):
+        port, packets = feetech
+        wrote = packets.write1ByteTxRx(port, 1, 41, 30), packets.write2ByteTxRx(port, 1, 46, 900)
+        read = packets.read1ByteTxRx(port, 1, 41), packets.read2ByteTxRx(port, 1, 46)
+        assert (wrote, read) == (((0, 0), (0, 0)), ((30, 0, 0), (900, 0, 0)))
+
+    def test_sync_reads_all_positions(self, feetech):
+        port, packets = feetech
+        group = scservo_sdk.GroupSyncRead(port, packets, 56, 2)
+        for k in range(1, 7):
+            group.addParam(k)
+        assert group.txRxPacket() == 0
+        assert group.getData(1, 56, 2) == pytest.approx(2048, abs=3)
+
+    def test_follows_a_motion_to_its_end(self, feetech):
+        port, packets = feetech
+        for id_ in (1, 5):
+            packets.write1ByteTxRx(port, id_, 41, 50)
+            packets.write2ByteTxRx(port, id_, 46, 1000)
+            packets.write2ByteTxRx(port, id_, 42, 2048)
+            packets.write1ByteTxRx(port, id_, 40, 1)
+        group = scservo_sdk.GroupSyncWrite(port, packets, 42, 2)
+        group.addParam(1, (2348).to_bytes(2, "little"))
+        group.addParam(5, (1748).to_bytes(2, "little"))
+        group.txPacket()
+        way = settle(lambda: packets.read2ByteTxRx(port, 1, 56)[0], 2348, 4)
+        assert way == sorted(way)
+        assert way[-1] == pytest.approx(2348, abs=4)
+        assert settle(lambda: packets.read2ByteTxRx(port, 5, 56)[0], 1748, 4)[-1] < 1760
+
+    def test_gets_no_answer_at_another_baud_rate(self, feetech):
+        port, packets = feetech
+        assert port.setBaudRate(115_200)
+        answer = packets.ping(port, 1)
+        port.setBaudRate(1_000_000)
+        assert answer[1] == scservo_sdk.COMM_RX_TIMEOUT
+
+    def test_changes_an_id(self, feetech):
+        port, packets = feetech
+        packets.write1ByteTxRx(port, 6, 55, 0)
+        packets.write1ByteTxRx(port, 6, 5, 66)
+        answers = packets.ping(port, 66), packets.write1ByteTxRx(port, 66, 5, 6)
+        assert answers == ((777, 0, 0), (0, 0))
+
+
+class TestDynamixelSdk:
+    def test_finds_everybody_by_broadcast_ping(self, dynamixel):
+        port, packets = dynamixel
+        found, result = packets.broadcastPing(port)
+        assert (sorted(found), result) == ([1, 2, 3, 4, 5, 6], 0)
+
+    def test_pings_one_servo(self, dynamixel):
+        port, packets = dynamixel
+        assert packets.ping(port, 1) == (1060, 0, 0)
+
+    def test_reads_each_width(self, dynamixel):
+        port, packets = dynamixel
+        answers = (
+            packets.read1ByteTxRx(port, 1, 7),
+            packets.read2ByteTxRx(port, 1, 0),
+            packets.read4ByteTxRx(port, 1, 48),
+        )
+        assert answers == ((1, 0, 0), (1060, 0, 0), (4095, 0, 0))
+
+    def test_hears_a_range_error(self, dynamixel):
+        port, packets = dynamixel
+        assert packets.write4ByteTxRx(port, 1, 116, 5000) == (0, 4)
+
+    @pytest.mark.parametrize("fast", [False, True])
+    def test_sync_reads_all_positions(self, dynamixel, fast):
+        port, packets = dynamixel
+        group = dynamixel_sdk.GroupSyncRead(port, packets, 132, 4)
+        for k in range(1, 7):
+            group.addParam(k)
+        assert (group.fastSyncRead() if fast else group.txRxPacket()) == 0
+        assert group.getData(1, 132, 4) == pytest.approx(2048, abs=10)
+
+    @pytest.mark.parametrize("fast", [False, True])
+    def test_bulk_reads_different_registers(self, dynamixel, fast):
+        port, packets = dynamixel
+        group = dynamixel_sdk.GroupBulkRead(port, packets)
+        group.addParam(1, 7, 1)
+        group.addParam(3, 0, 2)
+        assert (group.fastBulkRead() if fast else group.txRxPacket()) == 0
+        assert (group.getData(1, 7, 1), group.getData(3, 0, 2)) == (1, 1200)
+
+    def test_bulk_writes_different_registers(self, dynamixel):
+        port, packets = dynamixel
+        group = dynamixel_sdk.GroupBulkWrite(port, packets)
+        group.addParam(5, 65, 1, [1])
+        group.addParam(6, 112, 4, [77, 0, 0, 0])
+        assert group.txPacket() == 0
+        read = packets.read1ByteTxRx(port, 5, 65), packets.read4ByteTxRx(port, 6, 112)
+        assert read == ((1, 0, 0), (77, 0, 0))
+
+    def test_follows_a_motion_to_its_end(self, dynamixel):
+        port, packets = dynamixel
+        packets.write4ByteTxRx(port, 5, 112, 60)
+        packets.write4ByteTxRx(port, 5, 108, 10)
+        packets.write1ByteTxRx(port, 5, 64, 1)
+        packets.write4ByteTxRx(port, 5, 116, 2348)
+        way = settle(lambda: packets.read4ByteTxRx(port, 5, 132)[0], 2348, 6)
+        assert way == sorted(way)
+        assert way[-1] == pytest.approx(2348, abs=6)
+
+    def test_reboots_a_servo(self, dynamixel):
+        port, packets = dynamixel
+        packets.write1ByteTxRx(port, 4, 65, 1)
+        assert packets.reboot(port, 4) == (0, 0)
+        end_s = time.monotonic() + 3
+        while packets.ping(port, 4)[1] != 0 and time.monotonic() < end_s:
+            pass
+        assert packets.read1ByteTxRx(port, 4, 65) == (0, 0, 0)
+
+    def test_scans_another_baud_rate_in_vain(self, dynamixel):
+        port, packets = dynamixel
+        port.setBaudRate(57_600)
+        answer = packets.ping(port, 1)
+        port.setBaudRate(1_000_000)
+        assert answer[1] == dynamixel_sdk.COMM_RX_TIMEOUT
+
+    def test_changes_id_and_baud_rate(self, dynamixel):
+        port, packets = dynamixel
+        packets.write1ByteTxRx(port, 6, 7, 60)
+        packets.write1ByteTxRx(port, 60, 8, 2)
+        port.setBaudRate(115_200)
+        answer = packets.ping(port, 60)
+        packets.write1ByteTxRx(port, 60, 8, 3)
+        port.setBaudRate(1_000_000)
+        packets.write1ByteTxRx(port, 60, 7, 6)
+        assert (answer, packets.ping(port, 6)) == ((1200, 0, 0), (1200, 0, 0))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_server_cleanly(server, number):
+    process, link = server("so101")
+    process.send_signal(number)
+    assert (process.wait(10), link.is_symlink()) == (0, False)
+
+
+def test_an_idle_server_uses_under_three_percent_of_a_core(server):
+    process, _ = server("so101")
+
+    def used_s():
+        fields = Path(f"/proc/{process.pid}/stat").read_text().split()
+        return (int(fields[13]) + int(fields[14])) / os.sysconf("SC_CLK_TCK")
+
+    time.sleep(2.0)  # the limp arm has come to rest
+    before_s = used_s()
+    time.sleep(2.0)
+    assert used_s() - before_s <= 0.06
+
+
+def test_a_closed_server_looks_like_a_pulled_cable(server):
+    process, link = server("so101")
+    port = scservo_sdk.PortHandler(str(link))
+    port.openPort()
+    process.terminate()
+    process.wait(10)
+    with pytest.raises(OSError, match="readiness"):
+        port.ser.read(1) or port.ser.read(1)
+    port.ser.close()
