@@ -1,7 +1,8 @@
 """The machine a person owns: open it, move it, ask where it is, let it go."""
 
-from ikservo.arm.arm import Arm, OnExit, Plan
+from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.opening import open_arm
+from ikservo.arm.planning import Plan
 from ikservo.arm.reports import JointReport, JointState, MoveReport, Progress, Whereabouts
 
 __all__ = [

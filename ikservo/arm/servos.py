@@ -53,13 +53,13 @@ class Servos:
         """Return where the servos were last told to go (n,), rad or m."""
         return self._positions(self._gate.goals)
 
-    def enable(self, speed_limits: Mapping[str, float]) -> None:
+    def enable(self, speed_rad_s: float) -> None:
         """Switch torque on without a twitch: each servo's goal is where it is, then torque.
 
         A servo that already holds keeps its goal, for its load has pulled it a little below.
 
         Args:
-            speed_limits: The fastest each joint's servo may turn by itself, rad/s.
+            speed_rad_s: The fastest each servo's horn may turn by itself.
         """
         holding = self._torque()
         present, goals = self._present_ticks(), self._goal_ticks()
@@ -68,7 +68,7 @@ class Servos:
         }
         self._gate.start_from(start)
         for fence in self.fences:
-            self._limit_speed(fence.servo_id, speed_limits[fence.joint])
+            self._limit_speed(fence.servo_id, speed_rad_s)
             self._bus.write(fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
 
     def release(self) -> None:

@@ -5,7 +5,7 @@ from tests.oracle import arm_file, joints_from_ticks, tip_from_ticks
 
 def line_of(arm):
     """Return the simulated line that the arm's port is on."""
-    return arm._port._transport.line
+    return arm._port.transport.line
 
 
 def registers(arm, register):

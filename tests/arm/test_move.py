@@ -153,6 +153,28 @@ def test_relaxing_lowers_the_arm_to_its_rest_pose_before_letting_go(arm):
     np.testing.assert_allclose([true_joints(arm)[j] for j in rest], list(rest.values()), atol=0.03)
 
 
+@pytest.mark.parametrize(("on_exit", "torque"), [("hold", True), ("relax", False)])
+def test_closing_leaves_the_arm_held_or_relaxed_as_asked(on_exit, torque):
+    with ikservo.open_arm("so101", port="sim", on_exit=on_exit) as arm:
+        arm.move_to((0.25, 0.05, 0.15))
+    assert set(map(bool, registers(arm, "torque_enable").values())) == {torque}
+
+
+def test_an_error_never_drops_the_arm():
+    with (
+        pytest.raises(ZeroDivisionError),
+        ikservo.open_arm("so101", port="sim", on_exit="relax") as arm,
+    ):
+        arm.enable()
+        _ = 1 / 0
+    assert all(registers(arm, "torque_enable").values())
+
+
+def test_an_unknown_way_to_exit_is_refused():
+    with pytest.raises(UnknownNameError, match="hold, relax"):
+        ikservo.open_arm("so101", port="sim", on_exit="drop")
+
+
 def test_a_prismatic_gripper_is_told_in_metres():
     with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
         assert arm.move_joints({"gripper": 0.01}).reached
