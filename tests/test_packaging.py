@@ -23,8 +23,8 @@ def wheel(tmp_path_factory):
 
 
 def test_the_wheel_carries_every_arm(wheel):
-    names = set(wheel.namelist())
-    assert {f"ikservo/_configs/{arm}/arm.{kind}" for arm in ARMS for kind in ("toml", "urdf")} <= names  # fmt: skip
+    files = {f"ikservo/_configs/{arm}/{file}" for arm in ARMS for file in ("arm.toml", "arm.urdf")}
+    assert files <= set(wheel.namelist())
 
 
 def test_the_wheel_carries_the_simulator_and_its_entry_points(wheel):

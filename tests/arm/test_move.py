@@ -161,12 +161,12 @@ def test_closing_leaves_the_arm_held_or_relaxed_as_asked(on_exit, torque):
 
 
 def test_an_error_never_drops_the_arm():
-    with (
-        pytest.raises(ZeroDivisionError),
-        ikservo.open_arm("so101", port="sim", on_exit="relax") as arm,
-    ):
-        arm.enable()
-        _ = 1 / 0
+    def stumble(_):
+        raise ZeroDivisionError
+
+    arm = ikservo.open_arm("so101", port="sim", on_exit="relax")
+    with pytest.raises(ZeroDivisionError), arm:
+        arm.move_to((0.25, 0.05, 0.15), on_progress=stumble)
     assert all(registers(arm, "torque_enable").values())
 
 

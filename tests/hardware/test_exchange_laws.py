@@ -8,14 +8,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ikservo.hardware import protocol_1
-from ikservo.hardware.dynamixel import _Dialect, _Handler
 from ikservo.hardware.exchange import Frame
+from ikservo.hardware.protocol_2 import Answers
 from ikservo.hardware.stuffing import stuffed
 
 noise = st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x01, 0x02, 0x04, 0x55, 0x7A]), max_size=12)
 data = st.binary(min_size=2, max_size=2)
 ids = st.integers(0, 252)
-TWO = _Dialect(_Handler())
+TWO = Answers(dynamixel_sdk.PacketHandler(2.0).updateCRC, too_long=-2000)
 
 
 def packet_1(servo_id: int, error: int, parameters: bytes) -> bytes:
