@@ -13,35 +13,22 @@ from collections.abc import Mapping, Sequence
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from dynamixel_sdk.robotis_def import COMM_TX_ERROR
 
-from ikservo.hardware.exchange import Exchange, Frame, Heard
+from ikservo.hardware.exchange import Exchange
 from ikservo.hardware.fast_sync import combined_size, split
 from ikservo.hardware.port import Port
-from ikservo.hardware.replies import Fault, FaultKind, Reply, Status
+from ikservo.hardware.protocol_2 import Answers, CombinedAnswer
+from ikservo.hardware.replies import Fault, Reply
 from ikservo.hardware.stuffing import stuffed, unstuffed
 
 __all__ = ["DynamixelDriver"]
 
 _BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
-_STATUS, _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x55, 0x82, 0x83, 0x8A
+_SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _FAST_FAILURES = 2  # in a row; then the firmware is too old, or a servo is absent
 _LONGEST_RETURN_DELAY_S = 254 * 2e-6
 
-_HEADER = b"\xff\xff\xfd\x00"
-_LEN, _INSIDE, _DATA = 5, 7, 9  # where the length field, the instruction and the data stand
-_LONGEST = 1024
-
-_ALERT = 0x80
-_CRC_ERROR = 3
-_REFUSALS = {
-    1: "could not carry it out",
-    2: "does not know the instruction",
-    _CRC_ERROR: "heard a damaged question",
-    4: "finds the value out of range",
-    5: "finds the data too short or too long",
-    6: "finds the value beyond a limit it holds",
-    7: "denies access (read-only, no such address, or EEPROM while torque is on)",
-}
+_LEN, _INSIDE = 5, 7  # where the length field and the instruction stand
 
 
 class _Handler(Protocol2PacketHandler):
@@ -60,93 +47,6 @@ class _Handler(Protocol2PacketHandler):
         return packet
 
 
-class _Dialect:
-    """How Dynamixels answer: ``FF FF FD 00 ID LEN 55 ERR data CRC``, inside stuffed."""
-
-    too_long = COMM_TX_ERROR
-    highest_id = 0xFC
-
-    def __init__(self, handler: Protocol2PacketHandler) -> None:
-        self._handler = handler
-
-    def frame_size(self, size: int) -> int:
-        return size + 11
-
-    def scan(self, heard: bytes, size: int, *, final: bool) -> Heard:
-        """Find the status packets; a false header does not hide a packet behind it."""
-        frames: list[Frame] = []
-        at = junk = 0
-        while at < len(heard):
-            end = at + self._packet_length(heard, at)
-            if end > len(heard) and not final and self._may_continue(heard, at, size):
-                return Heard(tuple(frames), len(heard) - at, junk)
-            if at < end <= len(heard) and self._crc_is_right(heard[at:end]):
-                frames += self._frames(heard[at:end])
-                at = end
-            else:
-                at, junk = at + 1, junk + 1
-        return Heard(tuple(frames), 0, junk)
-
-    def judge(self, frame: Frame, size: int) -> Reply | None:
-        number, alert = frame.error & ~_ALERT, frame.error & _ALERT
-        if number:
-            kind = FaultKind.GARBLED if number == _CRC_ERROR else FaultKind.REFUSED
-            found = _REFUSALS.get(number, f"answered with unknown error {number}")
-            return Fault(frame.servo_id, kind, found, alert)
-        if len(frame.data) != size:
-            return None  # an answer to some other question
-        return Status(frame.servo_id, frame.data, alert)
-
-    def _packet_length(self, heard: bytes, at: int) -> int:
-        """Return the length of the packet that begins here: 0 if none does, a lot if unknown."""
-        start = heard[at : at + _INSIDE]
-        if start[:4] != _HEADER[: len(start)]:
-            return 0
-        if len(start) < _INSIDE:
-            return _LONGEST
-        length = int.from_bytes(start[_LEN:], "little")
-        return length + _INSIDE if 3 <= length <= _LONGEST else 0
-
-    def _crc_is_right(self, packet: bytes) -> bool:
-        crc = self._handler.updateCRC(0, packet, len(packet) - 2)
-        return crc == int.from_bytes(packet[-2:], "little")
-
-    def _may_continue(self, heard: bytes, at: int, size: int) -> bool:
-        """Return whether the bytes from here on may become the hoped-for packet."""
-        start = heard[at : at + _INSIDE + 1]
-        if len(start) > 4 and start[4] > self.highest_id:
-            return False
-        if len(start) >= _INSIDE:
-            stuffing = (size + 1) // 3 + 1
-            data = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
-            if data != 0 and not size <= data <= size + stuffing:
-                return False
-        return len(start) <= _INSIDE or start[_INSIDE] == _STATUS
-
-    def _frames(self, packet: bytes) -> list[Frame]:
-        """Return the status frame of a packet; an instruction, such as our own echo, is none."""
-        if packet[_INSIDE] != _STATUS or packet[4] > self.highest_id or len(packet) < 11:
-            return []
-        inside = self._unstuffed(packet[_INSIDE:-2])
-        return [Frame(packet[4], inside[1], inside[2:])]
-
-    def _unstuffed(self, inside: bytes) -> bytes:
-        return unstuffed(inside)
-
-
-class _Combined(_Dialect):
-    """The one packet of a fast sync read: never stuffed, its error byte is the first servo's."""
-
-    highest_id = _BROADCAST
-
-    def judge(self, frame: Frame, size: int) -> Reply | None:
-        complete = len(frame.data) == size
-        return Status(frame.servo_id, bytes((frame.error, *frame.data))) if complete else None
-
-    def _unstuffed(self, inside: bytes) -> bytes:
-        return inside
-
-
 class DynamixelDriver:
     """X-series servos and everything else that speaks protocol 2.0.
 
@@ -159,9 +59,11 @@ class DynamixelDriver:
 
     def __init__(self, port: Port, *, fast: bool = True) -> None:
         self._port, self._handler = port, _Handler()
-        self._dialect = _Dialect(self._handler)
+        self._dialect = Answers(self._handler.updateCRC, COMM_TX_ERROR)
         self.exchange = Exchange(port, self._dialect, _LONGEST_RETURN_DELAY_S)
-        self._combined = Exchange(port, _Combined(self._handler), _LONGEST_RETURN_DELAY_S)
+        self._combined = Exchange(
+            port, CombinedAnswer(self._handler.updateCRC, COMM_TX_ERROR), _LONGEST_RETURN_DELAY_S
+        )
         self._fast_tries = _FAST_FAILURES if fast else 0
 
     def ping(self, servo_id: int) -> Reply:

@@ -1,0 +1,124 @@
+"""The status packet ``FF FF FD 00 ID LEN 55 ERR data CRC`` of Dynamixel protocol 2.0."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ikservo.hardware.exchange import Frame, Heard
+from ikservo.hardware.replies import Fault, FaultKind, Reply, Status
+from ikservo.hardware.stuffing import unstuffed
+
+__all__ = ["Answers", "CombinedAnswer"]
+
+Crc = Callable[[int, bytes, int], int]
+
+_HEADER = b"\xff\xff\xfd\x00"
+_LEN, _INSIDE = 5, 7  # where the length field and the instruction stand
+_STATUS = 0x55
+_LONGEST = 1024
+
+_ALERT = 0x80
+_CRC_ERROR = 3
+_REFUSALS = {
+    1: "could not carry it out",
+    2: "does not know the instruction",
+    _CRC_ERROR: "heard a damaged question",
+    4: "finds the value out of range",
+    5: "finds the data too short or too long",
+    6: "finds the value beyond a limit it holds",
+    7: "denies access (read-only, no such address, or EEPROM while torque is on)",
+}
+
+
+class Answers:
+    """How servos of protocol 2.0 answer a question.
+
+    Args:
+        crc: Returns the CRC-16 of a packet's first bytes, after the value to start from.
+        too_long: The SDK's code for a packet that is too long to send.
+    """
+
+    highest_id = 0xFC
+
+    def __init__(self, crc: Crc, too_long: int) -> None:
+        self._crc, self.too_long = crc, too_long
+
+    def frame_size(self, size: int) -> int:
+        """Return the bytes of a status packet with ``size`` bytes of data, unstuffed."""
+        return size + 11
+
+    def scan(self, heard: bytes, size: int, *, final: bool) -> Heard:
+        """Find the status packets; a false header does not hide a packet behind it."""
+        frames: list[Frame] = []
+        at = junk = 0
+        while at < len(heard):
+            end = at + self._packet_length(heard, at)
+            if end > len(heard) and not final and self._may_continue(heard, at, size):
+                return Heard(tuple(frames), len(heard) - at, junk)
+            if at < end <= len(heard) and self._crc_is_right(heard[at:end]):
+                frames += self._frames(heard[at:end])
+                at = end
+            else:
+                at, junk = at + 1, junk + 1
+        return Heard(tuple(frames), 0, junk)
+
+    def judge(self, frame: Frame, size: int) -> Reply | None:
+        """Return data with the alert beside them, a refusal in words, or None if no answer."""
+        number, alert = frame.error & ~_ALERT, frame.error & _ALERT
+        if number:
+            kind = FaultKind.GARBLED if number == _CRC_ERROR else FaultKind.REFUSED
+            found = _REFUSALS.get(number, f"answered with unknown error {number}")
+            return Fault(frame.servo_id, kind, found, alert)
+        if len(frame.data) != size:
+            return None  # an answer to some other question
+        return Status(frame.servo_id, frame.data, alert)
+
+    def _packet_length(self, heard: bytes, at: int) -> int:
+        """Return the length of the packet that begins here: 0 if none does, a lot if unknown."""
+        start = heard[at : at + _INSIDE]
+        if start[:4] != _HEADER[: len(start)]:
+            return 0
+        if len(start) < _INSIDE:
+            return _LONGEST
+        length = int.from_bytes(start[_LEN:], "little")
+        return length + _INSIDE if 3 <= length <= _LONGEST else 0
+
+    def _crc_is_right(self, packet: bytes) -> bool:
+        crc = self._crc(0, packet, len(packet) - 2)
+        return crc == int.from_bytes(packet[-2:], "little")
+
+    def _may_continue(self, heard: bytes, at: int, size: int) -> bool:
+        """Return whether the bytes from here on may become the hoped-for packet."""
+        start = heard[at : at + _INSIDE + 1]
+        if len(start) > 4 and start[4] > self.highest_id:
+            return False
+        if len(start) >= _INSIDE:
+            stuffing = (size + 1) // 3 + 1
+            data = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
+            if data != 0 and not size <= data <= size + stuffing:
+                return False
+        return len(start) <= _INSIDE or start[_INSIDE] == _STATUS
+
+    def _frames(self, packet: bytes) -> list[Frame]:
+        """Return the status frame of a packet; an instruction, such as our own echo, is none."""
+        if packet[_INSIDE] != _STATUS or packet[4] > self.highest_id or len(packet) < 11:
+            return []
+        inside = self._unstuffed(packet[_INSIDE:-2])
+        return [Frame(packet[4], inside[1], inside[2:])]
+
+    def _unstuffed(self, inside: bytes) -> bytes:
+        return unstuffed(inside)
+
+
+class CombinedAnswer(Answers):
+    """The one packet of a fast sync read: never stuffed, its error byte is the first servo's."""
+
+    highest_id = 0xFE
+
+    def judge(self, frame: Frame, size: int) -> Reply | None:
+        """Return everything from the first servo's error byte on, if it is complete."""
+        complete = len(frame.data) == size
+        return Status(frame.servo_id, bytes((frame.error, *frame.data))) if complete else None
+
+    def _unstuffed(self, inside: bytes) -> bytes:
+        return inside
