@@ -50,6 +50,7 @@ def open_arm(arm: str | Path | Model, port: str | None = None, *, on_exit: OnExi
     try:
         bus = ServoBus(line, _specs(model))
         _check_models(bus)
+        bus.learn_return_delays()
         fences = [_fence(bus, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         servos = Servos(bus, fences, shadows, line.clock)

@@ -8,9 +8,9 @@ import numpy as np
 
 from ikservo.arm.reports import JointState
 from ikservo.clock import Clock
-from ikservo.errors import IkservoError
 from ikservo.guard import Fence, Gate
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.torque import check_supply, torque_off
 from ikservo.kinematics.se3 import Vector
 from ikservo.registers import Alarm, Role
 
@@ -60,7 +60,12 @@ class Servos:
 
         Args:
             speed_rad_s: The fastest each servo's horn may turn by itself.
+
+        Raises:
+            ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
         """
+        for fence in self.fences:
+            check_supply(self._bus, fence.servo_id)
         holding = self._torque()
         present, goals = self._present_ticks(), self._goal_ticks()
         start = {
@@ -75,16 +80,11 @@ class Servos:
         """Switch torque off on every servo, also when some fail.
 
         Raises:
-            IkservoError: The first failure, after all were tried.
+            BusError: The first failure, after all were tried.
         """
-        failures: list[IkservoError] = []
-        for servo_id in (*self._ids, *self._shadow_ids):
-            try:
-                self._bus.write(servo_id, Role.TORQUE_ENABLE, 0, raw=True)
-            except IkservoError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
+        failures = torque_off(self._bus, (*self._ids, *self._shadow_ids))
+        for error in failures.values():
+            raise error
 
     def command(self, positions: Vector) -> None:
         """Send goals (n,), rad or m, through the guard.
