@@ -94,7 +94,7 @@ def test_an_arm_of_ones_own_works_by_its_path(say, own_arm):
     [
         ("arm.toml", "format = 1", "format = ", "line 1"),
         ("arm.toml", "sign = 1", "sign = 2", "joints[0].servo.sign"),
-        ("arm.toml", "baud   =", "buad   =", "bus.buad"),
+        ("arm.toml", "baud   =", "baudx   =", "bus.baudx"),
         ("arm.toml", "id = 2", "id = 1", "joints[1].servo.id"),
         ("arm.toml", 'tip    = "gripper_frame"', 'tip = "nose"', "tip"),
         ("arm.toml", 'model = "STS3215"', 'model = "STS9999"', "joints[0].servo.model"),

@@ -42,9 +42,7 @@ HEAVY = ("numpy", "scipy", "pydantic", "ruckig", "serial", "dynamixel_sdk", "scs
          "servosim")  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("words", "allowed"), [("--help", ()), ("arms", ("numpy", "pydantic"))]
-)
+@pytest.mark.parametrize(("words", "allowed"), [("--help", ()), ("arms", ("numpy", "pydantic"))])
 def test_a_command_imports_only_what_it_uses(words, allowed):
     script = (
         "import sys; from ikservo.cli import main; code = main(sys.argv[2:]);"

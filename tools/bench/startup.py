@@ -12,14 +12,15 @@ import sys
 import time
 
 RUNS = 15
+POINT = ["0.25", "0.05", "0.15", "--arm", "so101"]
 COMMANDS = {
     "python -c pass": [sys.executable, "-c", "pass"],
     "python -c 'import numpy'": [sys.executable, "-c", "import numpy"],
     "ikservo --help": ["ikservo", "--help"],
     "ikservo arms": ["ikservo", "arms"],
-    "ikservo solve (reachable)": ["ikservo", "solve", "0.25", "0.05", "0.15", "--arm", "so101"],
+    "ikservo solve (reachable)": ["ikservo", "solve", *POINT],
     "ikservo solve (unreachable)": ["ikservo", "solve", "0.9", "0", "0.2", "--arm", "so101"],
-    "ikservo move --port sim": "ikservo move 0.25 0.05 0.15 --arm so101 --port sim".split(),
+    "ikservo move --port sim": ["ikservo", "move", *POINT, "--port", "sim"],
 }
 
 
