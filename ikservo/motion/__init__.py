@@ -1,6 +1,8 @@
 """How joints get from here to there in time: pure functions, and the beat of the stream."""
 
-from ikservo.motion.joint_move import JointMove, Pace
+from ikservo.motion.joint_move import JointMove, brake
 from ikservo.motion.metronome import Metronome
+from ikservo.motion.pace import Pace
+from ikservo.motion.state import State
 
-__all__ = ["JointMove", "Metronome", "Pace"]
+__all__ = ["JointMove", "Metronome", "Pace", "State", "brake"]

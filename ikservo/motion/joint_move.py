@@ -1,52 +1,29 @@
-"""The fastest jerk-limited motion of all joints from rest to rest, arriving together."""
+"""The fastest jerk-limited motions of all joints: to a goal arriving together, or to a stop."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ruckig import InputParameter, Ruckig, Trajectory
+from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
 
-from ikservo.errors import BadValueError
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.se3 import Vector
+from ikservo.motion.pace import Pace
+from ikservo.motion.state import State
 
-__all__ = ["JointMove", "Pace"]
-
-
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """How fast a joint may go; metres instead of radians for a prismatic joint.
-
-    Raises:
-        BadValueError: One of the three is not a positive number.
-    """
-
-    speed_rad_s: float
-    acceleration_rad_s2: float
-    jerk_rad_s3: float
-
-    def __post_init__(self) -> None:
-        for name in ("speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3"):
-            value = getattr(self, name)
-            if not 0.0 < value < float("inf"):
-                raise BadValueError(f"The pace's {name}", value, "a positive number")
-
-    def scaled(self, factor: float) -> Pace:
-        """Return the pace of a motion that takes ``1 / factor`` of the time at constant speed."""
-        return Pace(
-            self.speed_rad_s * factor,
-            self.acceleration_rad_s2 * factor,
-            self.jerk_rad_s3 * factor,
-        )
+__all__ = ["JointMove", "brake"]
 
 
 class JointMove:
-    """A motion of n joints, ready to be asked for any instant.
+    """A motion of n joints to rest at a goal, ready to be asked for any instant.
+
+    It may begin in the middle of another motion: a new goal is then reached without a stop and
+    without a jump in position, velocity or acceleration.
 
     Args:
-        start: Where it begins, at rest (n,), rad or m.
+        start: Where it begins: joints at rest (n,), rad or m, or the state of a running motion.
         goal: Where it ends, at rest (n,).
         paces: The pace of each joint.
 
@@ -54,11 +31,15 @@ class JointMove:
         BadValueError: A shape is wrong or a number is not finite.
     """
 
-    def __init__(self, start: ArrayLike, goal: ArrayLike, paces: list[Pace]) -> None:
+    def __init__(self, start: ArrayLike | State, goal: ArrayLike, paces: Sequence[Pace]) -> None:
         n = len(paces)
-        self.start = finite_vector(start, n, "The start of the motion")
+        begin = start if isinstance(start, State) else State.rest(start)
+        finite_vector(begin.position, n, "The start of the motion")
+        self.start = begin
         self.goal = finite_vector(goal, n, "The goal of the motion")
-        self._trajectory = _fastest(self.start, self.goal, paces)
+        wanted = _question(begin, paces)
+        wanted.target_position = self.goal.tolist()
+        self._trajectory = _answer(wanted, n)
 
     @property
     def duration_s(self) -> float:
@@ -67,21 +48,46 @@ class JointMove:
 
     def at(self, time_s: float) -> Vector:
         """Return the joints (n,) at a time; the start before it begins, the goal after it ends."""
+        return self.state(time_s).position
+
+    def state(self, time_s: float) -> State:
+        """Return position, velocity and acceleration (n,) at a time."""
         if time_s <= 0.0:
             return self.start
         if time_s >= self.duration_s:
-            return self.goal
-        position, _, _ = self._trajectory.at_time(time_s)
-        return np.array(position)
+            return State.rest(self.goal)
+        return State(*(np.array(part) for part in self._trajectory.at_time(time_s)))
 
 
-def _fastest(start: Vector, goal: Vector, paces: list[Pace]) -> Trajectory:
+def brake(moving: State, paces: Sequence[Pace]) -> JointMove:
+    """Return the motion that brings moving joints to rest as soon as their paces allow."""
+    wanted = _question(moving, paces)
+    wanted.control_interface = ControlInterface.Velocity
+    wanted.synchronization = Synchronization.No
+    stop = _answer(wanted, len(paces))
+    rest, _, _ = stop.at_time(stop.duration)
+    return _Stop(moving, np.array(rest), stop)
+
+
+class _Stop(JointMove):
+    """A motion whose end follows from its beginning."""
+
+    def __init__(self, start: State, goal: Vector, trajectory: Trajectory) -> None:
+        self.start, self.goal, self._trajectory = start, goal, trajectory
+
+
+def _question(start: State, paces: Sequence[Pace]) -> InputParameter:
     wanted = InputParameter(len(paces))
-    wanted.current_position = start.tolist()
-    wanted.target_position = goal.tolist()
+    wanted.current_position = start.position.tolist()
+    wanted.current_velocity = start.velocity.tolist()
+    wanted.current_acceleration = start.acceleration.tolist()
     wanted.max_velocity = [pace.speed_rad_s for pace in paces]
     wanted.max_acceleration = [pace.acceleration_rad_s2 for pace in paces]
     wanted.max_jerk = [pace.jerk_rad_s3 for pace in paces]
-    trajectory = Trajectory(len(paces))
-    Ruckig(len(paces)).calculate(wanted, trajectory)
+    return wanted
+
+
+def _answer(wanted: InputParameter, n: int) -> Trajectory:
+    trajectory = Trajectory(n)
+    Ruckig(n).calculate(wanted, trajectory)
     return trajectory

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError
-from ikservo.motion import JointMove, Pace
+from ikservo.motion import JointMove, Pace, State, brake
 
 PACES = [Pace(1.0, 2.0, 20.0), Pace(0.5, 3.0, 15.0)]
 joints = st.tuples(st.floats(-3, 3), st.floats(-3, 3)).map(np.array)
@@ -68,3 +68,40 @@ def _sampled(move):
 
 def _spacing(move):
     return max(move.duration_s / 199, 1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(joints, joints, joints, st.floats(0.0, 1.0))
+def test_a_new_goal_in_mid_motion_makes_no_jump(start, first, second, share):
+    move = JointMove(start, first, PACES)
+    before = move.state(share * move.duration_s)
+    after = JointMove(before, second, PACES)
+    np.testing.assert_array_equal(after.state(0.0).position, before.position)
+    np.testing.assert_allclose(after.state(1e-7).velocity, before.velocity, atol=1e-5)
+    np.testing.assert_array_equal(after.at(after.duration_s), second)
+
+
+@settings(max_examples=60, deadline=None)
+@given(joints, joints, st.floats(0.0, 1.0))
+def test_a_new_goal_in_mid_motion_keeps_every_pace(start, goal, share):
+    move = JointMove(start, goal, PACES)
+    turned = JointMove(move.state(share * move.duration_s), start, PACES)
+    states = [turned.state(t) for t in np.linspace(0, turned.duration_s, 100)]
+    for i, pace in enumerate(PACES):
+        assert max(abs(s.velocity[i]) for s in states) <= pace.speed_rad_s * (1 + 1e-6)
+        assert max(abs(s.acceleration[i]) for s in states) <= pace.acceleration_rad_s2 * (1 + 1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(joints, joints, st.floats(0.0, 1.0))
+def test_braking_ends_at_rest_as_soon_as_the_pace_allows(start, goal, share):
+    move = JointMove(start, goal, PACES)
+    moving = move.state(share * move.duration_s)
+    stop = brake(moving, PACES)
+    np.testing.assert_allclose(stop.state(stop.duration_s - 1e-9).velocity, 0, atol=1e-6)
+    # v/a + a/j is the longest that a stop from full speed can take, and the build-up of a again.
+    assert stop.duration_s <= max(p.speed_rad_s / p.acceleration_rad_s2 for p in PACES) + 3 * 0.2
+
+
+def test_joints_at_rest_brake_in_no_time():
+    assert brake(State.rest([1.0, 2.0]), PACES).duration_s == 0.0

@@ -1,6 +1,18 @@
 """The part of ruckig that ikservo calls; the wheel carries no types."""
 
+from enum import Enum
+
+class ControlInterface(Enum):
+    Position = ...
+    Velocity = ...
+
+class Synchronization(Enum):
+    Time = ...
+    No = ...
+
 class InputParameter:
+    control_interface: ControlInterface
+    synchronization: Synchronization
     current_position: list[float]
     current_velocity: list[float]
     current_acceleration: list[float]
