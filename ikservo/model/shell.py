@@ -1,0 +1,75 @@
+"""The body of an arm: capsules around the simple shapes of its URDF (lecture L18)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ikservo.kinematics.body import Body
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.se3 import Vector, rotation_rpy
+from ikservo.model.model import Model
+from ikservo.model.urdf import Box, Cylinder, Mesh, Shape, Sphere
+
+__all__ = ["body_of", "capsules_around"]
+
+
+def body_of(model: Model) -> Body:
+    """Return the arm's capsules and the pairs of links that its named poses keep apart."""
+    capsules = [
+        capsule
+        for link in model.urdf.links
+        for shape in link.collisions
+        for capsule in capsules_around(link.name, shape)
+    ]
+    return Body(model.chain, capsules, [model.chain_pose(name) for name in model.poses])
+
+
+def capsules_around(link: str, shape: Shape) -> list[Capsule]:
+    """Return capsules that cover a shape; a mesh, which is never opened, has none.
+
+    A box is covered along its longest edge: one capsule through the middle of each of as many
+    strips as the middle edge is wider than the shortest.
+    """
+    if isinstance(shape, Mesh):
+        return []
+    if isinstance(shape, Sphere):
+        centre = np.array(shape.xyz_m)
+        return [Capsule(link, centre, centre, shape.radius_m)]
+    if isinstance(shape, Cylinder):
+        return [_along(link, shape, np.array([0.0, 0.0, shape.length_m / 2]), shape.radius_m)]
+    return _around_box(link, shape)
+
+
+def _around_box(link: str, box: Box) -> list[Capsule]:
+    """Cover a box by parallel capsules through the middles of strips about as wide as thick."""
+    half = np.array(box.size_m) / 2
+    thin, middle, long = np.argsort(half)
+    strips = max(1, math.ceil(half[middle] / max(half[thin], 1e-6) - 0.25))
+    strips = min(strips, _MOST_STRIPS)
+    strip = half[middle] / strips
+    radius_m = math.hypot(strip, half[thin])
+    capsules: list[Capsule] = []
+    for i in range(strips):
+        aside, ahead = np.zeros(3), np.zeros(3)
+        aside[middle] = (2 * i + 1) * strip - half[middle]
+        ahead[long] = half[long]
+        capsules.append(_along(link, box, ahead, radius_m, aside))
+    return capsules
+
+
+_MOST_STRIPS = 4
+
+
+def _along(
+    link: str,
+    shape: Box | Cylinder,
+    half_m: Vector,
+    radius_m: float,
+    aside_m: Vector | None = None,
+) -> Capsule:
+    """Return the capsule from -half to +half in a shape's own axes, as link coordinates."""
+    R, centre = rotation_rpy(*shape.rpy_rad), np.array(shape.xyz_m)
+    middle = centre if aside_m is None else centre + R @ aside_m
+    return Capsule(link, middle - R @ half_m, middle + R @ half_m, radius_m)

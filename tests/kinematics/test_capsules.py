@@ -1,0 +1,66 @@
+"""Distances between capsules and boxes against a dense search and an independent library."""
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ikservo.kinematics.capsules import Capsule, segment_box_distance, segment_distance
+
+points = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
+
+
+@settings(max_examples=60, deadline=None)
+@given(points, points, points, points)
+def test_no_two_points_of_two_segments_are_closer(p1, q1, p2, q2):
+    t = np.linspace(0, 1, 60)[:, None]
+    first, second = p1 + t * (q1 - p1), p2 + t * (q2 - p2)
+    densest = np.linalg.norm(first[:, None] - second[None], axis=2).min()
+    assert segment_distance(p1, q1, p2, q2) <= densest + 1e-9
+    assert segment_distance(p1, q1, p2, q2) >= densest - 0.06
+
+
+@settings(max_examples=100, deadline=None)
+@given(points, points, points, points)
+def test_the_distance_of_two_segments_is_symmetric(p1, q1, p2, q2):
+    forth, back = segment_distance(p1, q1, p2, q2), segment_distance(p2, q2, p1, q1)
+    assert forth == pytest.approx(back, abs=1e-7)
+
+
+@settings(max_examples=100, deadline=None)
+@given(points, points, points, points, st.floats(0.01, 0.2), st.floats(0.01, 0.2))
+def test_capsules_are_as_far_apart_as_an_independent_library_says(p1, q1, p2, q2, r1, r2):
+    ours = segment_distance(p1, q1, p2, q2) - r1 - r2
+    if ours < 0.01:  # coal measures penetration otherwise
+        return
+    theirs = coal.distance(*_coal(p1, q1, r1), *_coal(p2, q2, r2), coal.DistanceRequest(),
+                           coal.DistanceResult())  # fmt: skip
+    assert ours == pytest.approx(theirs, abs=1e-5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(points, points)
+def test_the_distance_to_a_box_is_the_least_along_the_segment(a, b):
+    low, high = np.array([-0.2, -0.3, 0.0]), np.array([0.3, 0.1, 0.4])
+    t = np.linspace(0, 1, 400)[:, None]
+    along = a + t * (b - a)
+    outside = np.maximum(np.maximum(low - along, along - high), 0)
+    densest = np.linalg.norm(outside, axis=1).min()
+    assert segment_box_distance(a, b, low, high) == pytest.approx(densest, abs=0.01)
+
+
+def test_a_capsule_moves_with_its_link():
+    T = np.eye(4)
+    T[:3, 3] = (1.0, 2.0, 3.0)
+    ends = Capsule("link", np.zeros(3), np.array([0, 0, 1.0]), 0.1).ends(T)
+    np.testing.assert_array_equal(ends, [[1, 2, 3], [1, 2, 4]])
+
+
+def _coal(p, q, radius_m):
+    length = float(np.linalg.norm(q - p))
+    z = (q - p) / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])
+    x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
+    x /= np.linalg.norm(x)
+    R = np.column_stack([x, np.cross(z, x), z])
+    return coal.Capsule(radius_m, length), coal.Transform3s(R, (p + q) / 2)

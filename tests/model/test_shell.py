@@ -1,0 +1,139 @@
+"""The capsules cover the shapes, and what touches is found: against Pinocchio's exact shapes."""
+
+import itertools
+
+import coal
+import numpy as np
+import pinocchio
+import pytest
+
+from ikservo.kinematics.body import Body
+from ikservo.model import load_model
+from ikservo.model.shell import body_of, capsules_around
+from ikservo.model.urdf import Box, Cylinder, Sphere
+from tests.oracle import ARMS, CONFIGS
+
+SHAPES = [
+    Box((0.10, 0.09, 0.026), (0.01, 0, 0.02), (0.1, 0.2, 0.3)),
+    Box((0.02, 0.02, 0.02), (0, 0, 0), (0, 0, 0)),
+    Box((0.3, 0.001, 0.05), (0, 0.1, 0), (1.5, 0, 0)),
+    Cylinder(0.02, 0.1, (0, 0, 0.05), (0, 1.57, 0)),
+    Sphere(0.03, (0.1, 0, 0), (0, 0, 0)),
+]
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_no_point_of_a_shape_lies_outside_its_capsules(shape):
+    capsules = capsules_around("link", shape)
+    for point in _surface(shape):
+        depths = [_distance(point, c.start_m, c.end_m) - c.radius_m for c in capsules]
+        assert min(depths) <= 1e-9
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_pair_of_links_that_is_not_joined_is_watched(name):
+    model = load_model(name)
+    with_shape = [link.name for link in model.urdf.links if link.collisions]
+    carriers = {joint.child: joint.parent for joint in model.urdf.joints}
+    joined = {frozenset(pair) for pair in carriers.items()}
+    pairs = {frozenset(pair) for pair in itertools.combinations(with_shape, 2)}
+    assert {frozenset(pair) for pair in body_of(model).pairs} >= pairs - joined - _welded(model)
+
+
+def test_a_pair_that_overlaps_in_rest_counts_from_there():
+    model = load_model("wx250s")
+    rest = model.chain_pose("rest")
+    assert body_of(model).nearest_pair(rest).gap_m >= 0
+    bare = Body(model.chain, [c for link in model.urdf.links for shape in link.collisions
+                              for c in capsules_around(link.name, shape)])  # fmt: skip
+    assert bare.nearest_pair(rest).gap_m < 0
+
+
+@pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "wx250s"])
+def test_whatever_really_touches_is_found(name):
+    model = load_model(name)
+    body, random = body_of(model), np.random.default_rng(3)
+    exact = pinocchio.buildModelFromUrdf(str(CONFIGS / name / "arm.urdf"))
+    shapes = pinocchio.buildGeomFromUrdf(
+        exact, str(CONFIGS / name / "arm.urdf"), pinocchio.COLLISION
+    )
+    watched = {frozenset(pair) for pair in body.pairs}
+    touching = 0
+    for _ in range(150):
+        q = random.uniform(model.chain.lower_rad, model.chain.upper_rad)
+        pairs = _touching(exact, shapes, model.chain, q) & watched
+        touching += bool(pairs)
+        assert not pairs or body.nearest_pair(q).gap_m <= 1e-9
+    assert touching > 3
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_in_rest_pose_no_link_is_below_the_table(name):
+    model = load_model(name)
+    lowest = body_of(model).lowest(model.chain_pose("rest"))
+    assert lowest.other == "the floor"
+    assert lowest.gap_m > -0.03  # capsules are thicker than what they cover
+
+
+def test_a_box_in_the_way_is_named():
+    model = load_model("so101")
+    tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
+    near = body_of(model).nearest_to_box(
+        model.chain_pose("home"), tip_m - 0.01, tip_m + 0.01, "the cup"
+    )
+    assert near.other == "the cup"
+    assert near.gap_m <= 0
+
+
+def _welded(model):
+    """Return the pairs of links with fewer than two moving joints between them."""
+    ways = {link.name: {j.name for j in model.urdf.joints_to(link.name) if j.kind.moves}
+            for link in model.urdf.links}  # fmt: skip
+    return {frozenset(pair) for pair in itertools.combinations(ways, 2)
+            if len(ways[pair[0]] ^ ways[pair[1]]) <= 1}  # fmt: skip
+
+
+def _touching(model, shapes, chain, q):
+    configuration = pinocchio.neutral(model)
+    for joint, value in zip(chain.names, q, strict=True):
+        configuration[model.joints[model.getJointId(joint)].idx_q] = value
+    data, placed = model.createData(), shapes.createData()
+    pinocchio.updateGeometryPlacements(model, data, shapes, placed, configuration)
+    objects = list(shapes.geometryObjects)
+    found = set()
+    for i, a in enumerate(objects):
+        for j, b in enumerate(objects[:i]):
+            links = frozenset(model.frames[o.parentFrame].name for o in (a, b))
+            if len(links) == 2 and _collide(a, placed.oMg[i], b, placed.oMg[j]):
+                found.add(links)
+    return found
+
+
+def _collide(a, placed_a, b, placed_b):
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    at_a = coal.Transform3s(placed_a.rotation, placed_a.translation)
+    at_b = coal.Transform3s(placed_b.rotation, placed_b.translation)
+    return bool(coal.collide(a.geometry, at_a, b.geometry, at_b, request, result))
+
+
+def _surface(shape):
+    from ikservo.kinematics.se3 import rotation_rpy
+
+    R, centre = rotation_rpy(*shape.rpy_rad), np.array(shape.xyz_m)
+    directions = np.random.default_rng(1).normal(size=(400, 3))
+    directions /= np.abs(directions).max(axis=1, keepdims=True)
+    if isinstance(shape, Box):
+        points = directions * np.array(shape.size_m) / 2
+    elif isinstance(shape, Sphere):
+        points = directions / np.linalg.norm(directions, axis=1, keepdims=True) * shape.radius_m
+    else:
+        flat = np.linalg.norm(directions[:, :2], axis=1, keepdims=True).clip(1e-9)
+        ring = directions[:, :2] / np.maximum(flat, 1) * shape.radius_m
+        points = np.column_stack([ring, directions[:, 2] * shape.length_m / 2])
+    return points @ R.T + centre
+
+
+def _distance(point, a, b):
+    d = b - a
+    t = np.clip((point - a) @ d / max(d @ d, 1e-18), 0, 1)
+    return np.linalg.norm(point - a - t * d)
