@@ -60,17 +60,17 @@ class Body:
         for q in postures:
             self._allow(q)
 
+    def gaps(self, q: ArrayLike) -> list[Nearness]:
+        """Return how close each watched pair of links comes at ``q``."""
+        placed = self._place(q)
+        return [
+            Nearness(_pair_gap(placed[a], placed[b]) + self._overlap_m[a, b], a, b)
+            for a, b in self.pairs
+        ]
+
     def nearest_pair(self, q: ArrayLike) -> Nearness | None:
         """Return the two links that come closest at ``q``; None where no pair is watched."""
-        placed = self._place(q)
-        return min(
-            (
-                Nearness(_pair_gap(placed[a], placed[b]) + self._overlap_m[a, b], a, b)
-                for a, b in self.pairs
-            ),
-            key=_gap_m,
-            default=None,
-        )
+        return min(self.gaps(q), key=_gap_m, default=None)
 
     def lowest(self, q: ArrayLike) -> Nearness:
         """Return the link that comes closest to the plane z = 0 from above, the root left out."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,6 +38,7 @@ class JointMove:
         finite_vector(begin.position, n, "The start of the motion")
         self.start = begin
         self.goal = finite_vector(goal, n, "The goal of the motion")
+        self._top_speeds = [pace.speed_rad_s for pace in paces]
         wanted = _question(begin, paces)
         wanted.target_position = self.goal.tolist()
         self._trajectory = _answer(wanted, n)
@@ -45,6 +47,16 @@ class JointMove:
     def duration_s(self) -> float:
         """Return how long the motion takes."""
         return float(self._trajectory.duration)
+
+    def way(self, step_rad: float) -> list[Vector]:
+        """Return joints (n,) along the motion, start and goal included.
+
+        Args:
+            step_rad: The furthest that any joint goes between two of them, rad or m.
+        """
+        fastest = max(abs(speed) for speed in self._top_speeds)
+        looks = max(2, 1 + math.ceil(self.duration_s * fastest / step_rad))
+        return [self.at(time_s) for time_s in np.linspace(0.0, self.duration_s, looks)]
 
     def at(self, time_s: float) -> Vector:
         """Return the joints (n,) at a time; the start before it begins, the goal after it ends."""
@@ -66,14 +78,17 @@ def brake(moving: State, paces: Sequence[Pace]) -> JointMove:
     wanted.synchronization = Synchronization.No
     stop = _answer(wanted, len(paces))
     rest, _, _ = stop.at_time(stop.duration)
-    return _Stop(moving, np.array(rest), stop)
+    return _Stop(moving, np.array(rest), stop, wanted.max_velocity)
 
 
 class _Stop(JointMove):
     """A motion whose end follows from its beginning."""
 
-    def __init__(self, start: State, goal: Vector, trajectory: Trajectory) -> None:
-        self.start, self.goal, self._trajectory = start, goal, trajectory
+    def __init__(
+        self, start: State, goal: Vector, trajectory: Trajectory, top_speeds: list[float]
+    ) -> None:
+        self.start, self.goal = start, goal
+        self._trajectory, self._top_speeds = trajectory, top_speeds
 
 
 def _question(start: State, paces: Sequence[Pace]) -> InputParameter:
@@ -81,6 +96,8 @@ def _question(start: State, paces: Sequence[Pace]) -> InputParameter:
     wanted.current_position = start.position.tolist()
     wanted.current_velocity = start.velocity.tolist()
     wanted.current_acceleration = start.acceleration.tolist()
+    # Joints in phase go straight from start to goal, where their paces and motion allow it.
+    wanted.synchronization = Synchronization.Phase
     wanted.max_velocity = [pace.speed_rad_s for pace in paces]
     wanted.max_acceleration = [pace.acceleration_rad_s2 for pace in paces]
     wanted.max_jerk = [pace.jerk_rad_s3 for pace in paces]

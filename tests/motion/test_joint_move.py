@@ -78,7 +78,7 @@ def test_a_new_goal_in_mid_motion_makes_no_jump(start, first, second, share):
     after = JointMove(before, second, PACES)
     np.testing.assert_array_equal(after.state(0.0).position, before.position)
     np.testing.assert_allclose(after.state(1e-7).velocity, before.velocity, atol=1e-5)
-    np.testing.assert_array_equal(after.at(after.duration_s), second)
+    np.testing.assert_allclose(after.at(after.duration_s), second, atol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)
@@ -105,3 +105,21 @@ def test_braking_ends_at_rest_as_soon_as_the_pace_allows(start, goal, share):
 
 def test_joints_at_rest_brake_in_no_time():
     assert brake(State.rest([1.0, 2.0]), PACES).duration_s == 0.0
+
+
+@settings(max_examples=50, deadline=None)
+@given(joints, joints)
+def test_from_rest_joints_of_one_pace_go_straight_to_the_goal(start, goal):
+    way = np.array(JointMove(start, goal, [PACES[0]] * 2).way(0.05))
+    span = goal - start
+    across = (way - start) @ np.array([span[1], -span[0]])
+    np.testing.assert_allclose(across, 0, atol=1e-6)
+
+
+@settings(max_examples=50, deadline=None)
+@given(joints, joints)
+def test_on_a_way_no_joint_steps_further_than_asked(start, goal):
+    way = np.array(JointMove(start, goal, PACES).way(0.05))
+    assert np.abs(np.diff(way, axis=0)).max() <= 0.05 + 1e-9
+    np.testing.assert_allclose(way[0], start, atol=1e-12)
+    np.testing.assert_allclose(way[-1], goal, atol=1e-12)

@@ -1,0 +1,82 @@
+"""Where the arm's body may be: clear of itself, above the floor, outside keep-out boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.errors import BadValueError, RefusedError
+from ikservo.kinematics.body import Body, Nearness
+from ikservo.kinematics.se3 import Vector
+
+__all__ = ["Box", "Space"]
+
+_TOUCH_M = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """An upright box that the arm keeps out of.
+
+    Attributes:
+        name: As a person calls it: ``the cup``.
+        low_m: Its lowest corner (3,), metres, base frame.
+        high_m: Its highest corner (3,).
+
+    Raises:
+        BadValueError: A corner is not finite, or low_m is not below high_m.
+    """
+
+    name: str
+    low_m: Vector
+    high_m: Vector
+
+    def __post_init__(self) -> None:
+        corners = np.array([self.low_m, self.high_m], dtype=np.float64)
+        if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
+            raise BadValueError(f"The box {self.name}", corners.tolist(), "low < high, finite")
+
+
+class Space:
+    """Looks at the way of the body before a motion starts.
+
+    Args:
+        body: The arm's capsules.
+        floor_m: Height of the table in the base frame; None for none.
+        boxes: What else to keep out of.
+    """
+
+    def __init__(self, body: Body, floor_m: float | None = 0.0, boxes: Sequence[Box] = ()) -> None:
+        self._body, self._floor_m, self._boxes = body, floor_m, tuple(boxes)
+
+    def check_way(self, way: Sequence[Vector]) -> None:
+        """Check joint vectors (dof,) along a way, the first being where the arm is.
+
+        Where the arm touches something already at the start it may leave it, not go deeper.
+
+        Raises:
+            RefusedError: Something would be touched; says what, and how far along the way.
+        """
+        free = {(n.link, n.other): min(0.0, n.gap_m) for n in self._nearnesses(way[0])}
+        for look, q in enumerate(way):
+            for near in self._nearnesses(q):
+                if near.gap_m < free.get((near.link, near.other), 0.0) - _TOUCH_M:
+                    raise _touch(near, look / max(1, len(way) - 1))
+
+    def _nearnesses(self, q: Vector) -> Iterator[Nearness]:
+        yield from self._body.gaps(q)
+        if self._floor_m is not None:
+            lowest = self._body.lowest(q)
+            yield Nearness(lowest.gap_m - self._floor_m, lowest.link, lowest.other)
+        for box in self._boxes:
+            yield self._body.nearest_to_box(q, box.low_m, box.high_m, box.name)
+
+
+def _touch(near: Nearness, share: float) -> RefusedError:
+    return RefusedError(
+        f"On the way, {share:.0%} along, {near.link} would touch {near.other} "
+        f"({-near.gap_m * 1000:.0f} mm deep).",
+        "Nothing was sent. Go by another point, or check the arm's surroundings in its arm file.",
+    )
