@@ -15,6 +15,7 @@ from ikservo.arm.planning import Plan, Planner
 from ikservo.arm.reports import JointReport, MoveReport, Progress, Whereabouts
 from ikservo.arm.servos import Servos
 from ikservo.errors import BadValueError, StoppedError, UnknownNameError
+from ikservo.guard import Space
 from ikservo.hardware.port import Port
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector
@@ -42,13 +43,20 @@ class Arm:
     """
 
     def __init__(
-        self, model: Model, chain: Chain, servos: Servos, port: Port, on_exit: OnExit = "hold"
+        self,
+        model: Model,
+        chain: Chain,
+        servos: Servos,
+        port: Port,
+        on_exit: OnExit = "hold",
+        space: Space | None = None,
     ) -> None:
         if on_exit not in ("hold", "relax"):
             raise UnknownNameError("way to exit", on_exit, ("hold", "relax"))
         self.model, self.chain = model, chain
         self._servos, self._port = servos, port
         self._on_exit: OnExit = on_exit
+        self._space = space
         self._planner = Planner(model, chain, servos.names)
         self._enabled = False
 
@@ -90,8 +98,10 @@ class Arm:
         Raises:
             UnreachableError: No joints inside the limits reach it; carries the nearest point.
             BadValueError: No three finite numbers.
+            RefusedError: On the way the arm would touch itself, the table or a box.
         """
-        return self._planner.to_point(self._here(), position_m, speed)
+        here = self._here()
+        return self._clear(here, self._planner.to_point(here, position_m, speed))
 
     def plan_joints(self, positions: Mapping[str, float], *, speed: str = "normal") -> Plan:
         """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
@@ -99,12 +109,13 @@ class Arm:
         Raises:
             UnknownNameError: No such joint, or no such speed.
             BadValueError: A position is not finite, or no joint is named.
-            RefusedError: A position lies outside the joint's limits.
+            RefusedError: A position lies outside the joint's limits, or on the way the arm
+                would touch itself, the table or a box.
         """
         here = self._here()
         plan = self._planner.to_joints(here, positions, speed)
         self._servos.check(plan.goal, here)
-        return plan
+        return self._clear(here, plan)
 
     def go(
         self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
@@ -217,6 +228,12 @@ class Arm:
     def _here(self) -> Vector:
         """Return where a motion starts: the goals of a holding arm, else the measured joints."""
         return self._servos.goals() if self._enabled else self._servos.measure()
+
+    def _clear(self, here: Vector, plan: Plan) -> Plan:
+        """Return the plan, if the body's way from ``here`` (n,) to its goal is free."""
+        if self._space is not None:
+            self._space.check_way(self._planner.way(here, plan))
+        return plan
 
     def _follow(self, plan: Plan, on_progress: Callable[[Progress], None] | None) -> Vector:
         paces = self._planner.paces(plan.speed)

@@ -6,27 +6,34 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ikservo.arm.arm import Arm, OnExit
+from ikservo.arm.line import open_line
 from ikservo.arm.servos import Servos
 from ikservo.calibration import Limits
 from ikservo.errors import CalibrationError, InputError
-from ikservo.guard import Fence
+from ikservo.guard import Box, Fence, Space
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.discovery import choose_port
-from ikservo.hardware.port import open_port
-from ikservo.hardware.servo import ServoSpec
+from ikservo.hardware.discovery import remember_port
 from ikservo.kinematics import Chain
-from ikservo.model import Model, ModelJoint, ModelServo, load_model
-from ikservo.registers import Role, table_for, table_with_number
+from ikservo.model import Model, ModelJoint, load_model
+from ikservo.model.shell import body_of
+from ikservo.registers import Role, table_with_number
 
 __all__ = ["open_arm"]
 
-_SIMULATED = "sim"
 # Goals may run ahead of the beat by what a busy machine delays it.
 _SPEED_SLACK = 1.2
 
 
-def open_arm(arm: str | Path | Model, port: str | None = None, *, on_exit: OnExit = "hold") -> Arm:
+def open_arm(
+    arm: str | Path | Model,
+    port: str | None = None,
+    *,
+    on_exit: OnExit = "hold",
+    collisions: bool = True,
+) -> Arm:
     """Open an arm; nothing moves and no torque changes.
 
     Args:
@@ -34,6 +41,8 @@ def open_arm(arm: str | Path | Model, port: str | None = None, *, on_exit: OnExi
         port: A serial port, ``sim`` for the simulated bus, or None for the only adapter.
         on_exit: What ``close`` does: ``hold`` leaves torque as it is, ``relax`` lowers the arm
             to its rest pose and releases it.
+        collisions: Whether the way of the body is looked at before it moves: the arm against
+            itself, the table and the boxes of its arm file.
 
     Raises:
         UnknownNameError: No such arm.
@@ -44,40 +53,20 @@ def open_arm(arm: str | Path | Model, port: str | None = None, *, on_exit: OnExi
             contradict the arm file's.
     """
     model = arm if isinstance(arm, Model) else load_model(arm)
-    if not model.joints:
-        raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
-    line = open_port(_port_name(model, choose_port(port)), model.baud_rate)
+    bus = open_line(model, port)
+    line = bus.port
     try:
-        bus = ServoBus(line, _specs(model))
         _check_models(bus)
+        remember_port(model.name, line.name)
         bus.learn_return_delays()
         fences = [_fence(bus, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         servos = Servos(bus, fences, shadows, line.clock)
-        return Arm(model, _narrowed(model.chain, fences), servos, line, on_exit)
+        space = _space(model) if collisions else None
+        return Arm(model, _narrowed(model.chain, fences), servos, line, on_exit, space)
     except BaseException:
         line.close()
         raise
-
-
-def _port_name(model: Model, name: str) -> str:
-    """Tell the simulated bus which arm is on it; ``sim:?seed=3`` passes options on."""
-    scheme, _, options = name.partition(":")
-    if scheme == _SIMULATED and not options.startswith("/"):
-        return f"{_SIMULATED}:{model.path.resolve()}{options}"
-    return name
-
-
-def _specs(model: Model) -> list[ServoSpec]:
-    return [
-        _spec(servo, joint.name)
-        for joint in model.joints
-        for servo in (joint.servo, *joint.shadows)
-    ]
-
-
-def _spec(servo: ModelServo, joint: str) -> ServoSpec:
-    return ServoSpec(servo.id, table_for(servo.model), joint)
 
 
 def _check_models(bus: ServoBus) -> None:
@@ -108,6 +97,11 @@ def _servo_limits(bus: ServoBus, joint: ModelJoint) -> Limits:
         return joint.limits
     lower, upper = sorted(joint.joint_map.position(tick) for tick in (low, high))
     return Limits.of(joint.name, lower, upper, "servo register", joint.joint_map.unit)
+
+
+def _space(model: Model) -> Space:
+    boxes = [Box(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out]
+    return Space(body_of(model), model.floor_m, boxes)
 
 
 def _narrowed(chain: Chain, fences: Sequence[Fence]) -> Chain:

@@ -18,6 +18,9 @@ from ikservo.motion import JointMove, Pace
 
 __all__ = ["Plan", "Planner"]
 
+# No joint turns further than this between two looks at what the body comes near.
+_LOOK_RAD = 0.05
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
@@ -85,6 +88,11 @@ class Planner:
                 raise BadValueError(f"The goal of {name}", position, "a finite number")
             goal[self.column(name)] = position
         return self._plan(here, goal, speed)
+
+    def way(self, here: Vector, plan: Plan) -> list[Vector]:
+        """Return the chain's joints (dof,) along a plan that starts at ``here`` (n,)."""
+        move = JointMove(here, plan.goal, self.paces(plan.speed))
+        return [joints[self._columns] for joints in move.way(_LOOK_RAD)]
 
     def column(self, joint: str) -> int:
         """Return where a joint stands in the vectors of plans."""

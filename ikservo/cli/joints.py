@@ -8,7 +8,14 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm, JointReport
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, SpeedOption, YesOption
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    JsonOption,
+    PortOption,
+    SpeedOption,
+    YesOption,
+)
 from ikservo.cli.output import point, print_json, print_lines
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.session import announce, opened, watched
@@ -28,6 +35,7 @@ def command(
     arm: ArmOption = None,
     port: PortOption = None,
     speed: SpeedOption = "normal",
+    collision: CollisionOption = True,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -35,7 +43,7 @@ def command(
 
     ikservo joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim
     """
-    with opened(arm, port) as machine:
+    with opened(arm, port, collisions=collision) as machine:
         report = move_joints(machine, _positions(goals, machine.model), speed, yes=yes)
     print_report(report, machine.model, json=json)
 

@@ -7,7 +7,15 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import MoveReport, Plan
-from ikservo.cli.options import ArmOption, JsonOption, Length, PortOption, SpeedOption, YesOption
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    JsonOption,
+    Length,
+    PortOption,
+    SpeedOption,
+    YesOption,
+)
 from ikservo.cli.output import point, print_json, print_lines
 from ikservo.cli.session import announce, opened, watched
 from ikservo.errors import ExitCode
@@ -25,6 +33,7 @@ def command(
     arm: ArmOption = None,
     port: PortOption = None,
     speed: SpeedOption = "normal",
+    collision: CollisionOption = True,
     dry_run: DryRun = False,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -35,7 +44,7 @@ def command(
 
     ikservo move 250mm -50mm 0.15 --speed slow
     """
-    with opened(arm, port) as machine:
+    with opened(arm, port, collisions=collision) as machine:
         plan = machine.plan_to((x, y, z), speed=speed)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:

@@ -8,7 +8,15 @@ import typer
 
 from ikservo.cli.quantities import parse_length_m
 
-__all__ = ["ArmOption", "JsonOption", "Length", "PortOption", "SpeedOption", "YesOption"]
+__all__ = [
+    "ArmOption",
+    "CollisionOption",
+    "JsonOption",
+    "Length",
+    "PortOption",
+    "SpeedOption",
+    "YesOption",
+]
 
 ArmOption = Annotated[
     str | None,
@@ -20,5 +28,9 @@ PortOption = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before moving.")]
+CollisionOption = Annotated[
+    bool,
+    typer.Option("--collision/--no-collision", help="Look at the body's way before moving."),
+]
 SpeedOption = Annotated[str, typer.Option("--speed", help="slow, normal or fast.")]
 Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]

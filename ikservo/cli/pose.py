@@ -7,7 +7,14 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.joints import move_joints, print_report
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, SpeedOption, YesOption
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    JsonOption,
+    PortOption,
+    SpeedOption,
+    YesOption,
+)
 from ikservo.cli.session import opened
 
 __all__ = ["command"]
@@ -21,6 +28,7 @@ def command(
     arm: ArmOption = None,
     port: PortOption = None,
     speed: SpeedOption = "normal",
+    collision: CollisionOption = True,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -28,6 +36,6 @@ def command(
 
     ikservo pose home --arm so101 --port sim
     """
-    with opened(arm, port) as machine:
+    with opened(arm, port, collisions=collision) as machine:
         report = move_joints(machine, machine.model.pose(name), speed, yes=yes)
     print_report(report, machine.model, json=json)

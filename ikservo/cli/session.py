@@ -29,10 +29,10 @@ def chosen_model(arm: str | None) -> Model:
 
 
 @contextmanager
-def opened(arm: str | None, port: str | None) -> Generator[Arm]:
+def opened(arm: str | None, port: str | None, *, collisions: bool = True) -> Generator[Arm]:
     """Open the arm of ``--arm`` on ``--port``, and leave it holding."""
     model = chosen_model(arm)
-    with open_arm(model, port) as machine:
+    with open_arm(model, port, collisions=collisions) as machine:
         _warn_uncalibrated(model, machine)
         yield machine
 

@@ -15,6 +15,9 @@ from ikservo.kinematics.se3 import Vector
 
 __all__ = ["Body", "Nearness"]
 
+# An arm never stands in a named pose to the tick.
+_SLACK_M = 0.004
+
 _Placed = tuple[tuple[Vector, Vector], float]
 _Gap = Callable[[Vector, Vector, float], float]
 
@@ -100,10 +103,10 @@ class Body:
         }
 
     def _allow(self, q: ArrayLike) -> None:
-        """Take how far pairs overlap at ``q`` as nothing to worry about."""
+        """Take how far pairs overlap around ``q`` as nothing to worry about."""
         placed = self._place(q)
         for a, b in self.pairs:
-            overlap_m = -_pair_gap(placed[a], placed[b])
+            overlap_m = _SLACK_M - _pair_gap(placed[a], placed[b])
             self._overlap_m[a, b] = max(self._overlap_m[a, b], overlap_m)
 
 

@@ -20,7 +20,7 @@ from ikservo.model.skeleton import chain_of
 from ikservo.model.urdf import Urdf, UrdfJoint, read_urdf
 from ikservo.registers import MODELS, Family, ServoTable
 
-__all__ = ["Model", "ModelJoint", "ModelServo", "Speed", "load_model"]
+__all__ = ["KeepOut", "Model", "ModelJoint", "ModelServo", "Speed", "load_model"]
 
 _ARM_FILE = "arm file"
 
@@ -71,6 +71,15 @@ class Speed:
     rad_s3: float
 
 
+@dataclass(frozen=True, slots=True)
+class KeepOut:
+    """An upright box that the arm keeps out of: its corners, metres, base frame."""
+
+    name: str
+    low_m: tuple[float, float, float]
+    high_m: tuple[float, float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """An arm: geometry and, where an arm file gives them, servos.
@@ -83,6 +92,8 @@ class Model:
         family: The dialect its servos speak; None for a bare URDF.
         baud_rate: Of its bus, bits a second.
         path: The file it was loaded from.
+        floor_m: Height of the table in the base frame; None where nobody says.
+        keep_out: What else the arm keeps clear of.
     """
 
     name: str
@@ -95,6 +106,8 @@ class Model:
     family: Family | None
     baud_rate: int
     path: Path
+    floor_m: float | None = None
+    keep_out: tuple[KeepOut, ...] = ()
 
     def joint(self, name: str) -> ModelJoint:
         """Return the joint of that name.
@@ -185,6 +198,10 @@ def _from_arm_file(path: Path, tip: str | None) -> Model:
         family=Family(arm.bus.family),
         baud_rate=arm.bus.baud,
         path=path,
+        floor_m=arm.surroundings.floor_m,
+        keep_out=tuple(
+            KeepOut(box.name, box.low_m, box.high_m) for box in arm.surroundings.keep_out
+        ),
     )
 
 
@@ -249,7 +266,7 @@ def _moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> UrdfJo
     return joint
 
 
-def _joint_map(entry: ArmJoint, ticks_per_turn: int) -> JointMap:
+def _joint_map(entry: ArmJoint, ticks_per_turn: float) -> JointMap:
     servo = entry.servo
     place = (entry.name, servo.id, servo.sign, servo.zero_tick, ticks_per_turn)
     if servo.m_per_turn is None:

@@ -13,7 +13,7 @@ from ikservo.errors import (
     UnknownNameError,
     UnreachableError,
 )
-from tests.arm.simulated import registers, true_joints, true_tip_m
+from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
 from tests.oracle import ARMS
 
 
@@ -118,6 +118,31 @@ def test_an_interruption_leaves_the_arm_holding_where_it_was(arm):
     assert all(registers(arm, "torque_enable").values())
     apart = np.linalg.norm(true_tip_m(arm) - (0.25, 0.05, 0.15))
     assert apart > 0.02
+
+
+def test_a_jammed_joint_stops_the_motion_and_is_named(arm):
+    pan = line_of(arm).servos[servo_id("so101", "shoulder_pan")]
+
+    def jam(progress):
+        if progress.elapsed_s > 0.3:
+            pan.motor.stuck = True
+
+    with pytest.raises(RefusedError, match="shoulder_pan does not follow"):
+        arm.move_joints({"shoulder_pan": 1.5}, on_progress=jam)
+    goals = registers(arm, "goal_position")
+    assert abs(goals[1] - registers(arm, "present_position")[1]) < 300
+
+
+def test_a_way_through_the_table_is_refused_before_anything_moves(arm):
+    before = registers(arm, "goal_position")
+    with pytest.raises(RefusedError, match="would touch the floor"):
+        arm.move_to((0.25, 0.0, -0.08))
+    assert registers(arm, "goal_position") == before
+
+
+def test_whoever_says_so_may_do_without_the_look_at_the_way():
+    with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
+        assert arm.move_to((0.25, 0.0, -0.05)).reached
 
 
 def test_joints_go_to_their_positions_gripper_included(arm):
