@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.errors import BadValueError, RefusedError
-from ikservo.kinematics.body import Body, Nearness
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.body import Body, Gaps
+from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["Box", "Space"]
 
@@ -59,24 +59,25 @@ class Space:
         Raises:
             RefusedError: Something would be touched; says what, and how far along the way.
         """
-        free = {(n.link, n.other): min(0.0, n.gap_m) for n in self._nearnesses(way[0])}
-        for look, q in enumerate(way):
-            for near in self._nearnesses(q):
-                if near.gap_m < free.get((near.link, near.other), 0.0) - _TOUCH_M:
-                    raise _touch(near, look / max(1, len(way) - 1))
+        q = np.array(way)
+        for gaps in self._gaps(q):
+            free = np.minimum(gaps.gap_m[0], 0.0) - _TOUCH_M
+            looks, pairs = np.nonzero(gaps.gap_m < free)
+            if len(looks):
+                first, pair = int(looks[0]), int(pairs[0])
+                share = first / max(1, len(way) - 1)
+                raise _touch(*gaps.pairs[pair], float(gaps.gap_m[first, pair]), share)
 
-    def _nearnesses(self, q: Vector) -> Iterator[Nearness]:
-        yield from self._body.gaps(q)
+    def _gaps(self, q: Matrix) -> Iterator[Gaps]:
+        yield self._body.between_links(q)
         if self._floor_m is not None:
-            lowest = self._body.lowest(q)
-            yield Nearness(lowest.gap_m - self._floor_m, lowest.link, lowest.other)
+            yield self._body.above(q, self._floor_m)
         for box in self._boxes:
-            yield self._body.nearest_to_box(q, box.low_m, box.high_m, box.name)
+            yield self._body.beside(q, box.low_m, box.high_m, box.name)
 
 
-def _touch(near: Nearness, share: float) -> RefusedError:
+def _touch(link: str, other: str, gap_m: float, share: float) -> RefusedError:
     return RefusedError(
-        f"On the way, {share:.0%} along, {near.link} would touch {near.other} "
-        f"({-near.gap_m * 1000:.0f} mm deep).",
+        f"On the way, {share:.0%} along, {link} would touch {other} ({-gap_m * 1000:.1f} mm deep).",
         "Nothing was sent. Go by another point, or check the arm's surroundings in its arm file.",
     )

@@ -3,38 +3,34 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.kinematics.capsules import Capsule, capsule_distance, segment_box_distance
+from ikservo.kinematics.capsules import Capsule, segment_box_distance, segment_distance
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointKind
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.se3 import Matrix, Vector
 
-__all__ = ["Body", "Nearness"]
+__all__ = ["Body", "Gaps"]
 
 # An arm never stands in a named pose to the tick.
 _SLACK_M = 0.004
 
-_Placed = tuple[tuple[Vector, Vector], float]
-_Gap = Callable[[Vector, Vector, float], float]
 
-
-@dataclass(frozen=True, slots=True)
-class Nearness:
-    """How close two things come.
+@dataclass(frozen=True, slots=True, eq=False)
+class Gaps:
+    """How close pairs of things come along a way.
 
     Attributes:
-        gap_m: Distance between their surfaces, metres; negative where they overlap.
-        link: A link of the arm.
-        other: Another link, or the name of what it comes near.
+        pairs: What comes near what: a link, and another link or the name of a thing.
+        gap_m: Between their surfaces (n, pairs), metres; negative where they overlap.
     """
 
-    gap_m: float
-    link: str
-    other: str
+    pairs: tuple[tuple[str, str], ...]
+    gap_m: Matrix
 
 
 class Body:
@@ -54,60 +50,70 @@ class Body:
         self, chain: Chain, capsules: Sequence[Capsule], postures: Sequence[ArrayLike] = ()
     ) -> None:
         self._chain = chain
-        self._by_link: dict[str, list[Capsule]] = {}
-        for capsule in capsules:
-            self._by_link.setdefault(capsule.link, []).append(capsule)
-        pairs = itertools.combinations(self._by_link, 2)
+        self._capsules = sorted(capsules, key=lambda capsule: capsule.link)
+        self._radii_m = np.array([capsule.radius_m for capsule in self._capsules])
+        self._links = list(dict.fromkeys(capsule.link for capsule in self._capsules))
+        pairs = itertools.combinations(self._links, 2)
         self.pairs = tuple(pair for pair in pairs if not _joined(chain, *pair))
-        self._overlap_m = dict.fromkeys(self.pairs, 0.0)
-        for q in postures:
-            self._allow(q)
+        self._ones, self._others, self._first = self._capsule_pairs()
+        self._overlap_m = np.zeros(len(self.pairs))
+        if len(postures):
+            nearest_m = self.between_links(np.array(postures)).gap_m.min(axis=0)
+            self._overlap_m = np.maximum(_SLACK_M - nearest_m, 0.0)
 
-    def gaps(self, q: ArrayLike) -> list[Nearness]:
-        """Return how close each watched pair of links comes at ``q``."""
-        placed = self._place(q)
-        return [
-            Nearness(_pair_gap(placed[a], placed[b]) + self._overlap_m[a, b], a, b)
-            for a, b in self.pairs
-        ]
+    def between_links(self, q: ArrayLike) -> Gaps:
+        """Return how close each watched pair of links comes, for q (n, dof)."""
+        starts, ends = self._place(q)
+        if not self.pairs:
+            return Gaps((), np.empty((len(starts), 0)))
+        i, j = self._ones, self._others
+        distance = segment_distance(starts[:, i], ends[:, i], starts[:, j], ends[:, j])
+        gap_m = np.minimum.reduceat(
+            distance - self._radii_m[i] - self._radii_m[j], self._first, axis=1
+        )
+        return Gaps(self.pairs, gap_m + self._overlap_m)
 
-    def nearest_pair(self, q: ArrayLike) -> Nearness | None:
-        """Return the two links that come closest at ``q``; None where no pair is watched."""
-        return min(self.gaps(q), key=_gap_m, default=None)
+    def above(self, q: ArrayLike, height_m: float) -> Gaps:
+        """Return how far each link stays above a table, for q (n, dof); the root is left out."""
+        starts, ends = self._place(q)
+        lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
+        return self._by_link(lowest, "the floor")
 
-    def lowest(self, q: ArrayLike) -> Nearness:
-        """Return the link that comes closest to the plane z = 0 from above, the root left out."""
-        return self._over_links(q, _above_floor, "the floor")
-
-    def nearest_to_box(self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str) -> Nearness:
-        """Return the link that comes closest to an upright box from low_m to high_m (3,)."""
-        return self._over_links(q, _beside_box(low_m, high_m), name)
-
-    def _over_links(self, q: ArrayLike, gap: _Gap, other: str) -> Nearness:
-        return min(
-            (
-                Nearness(gap(*ends, radius_m), link, other)
-                for link, placed in self._place(q).items()
-                if link != self._chain.base
-                for ends, radius_m in placed
-            ),
-            key=_gap_m,
+    def beside(self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str) -> Gaps:
+        """Return how far each link stays from an upright box (3,) (3,), for q (n, dof)."""
+        starts, ends = self._place(q)
+        return self._by_link(
+            segment_box_distance(starts, ends, low_m, high_m) - self._radii_m, name
         )
 
-    def _place(self, q: ArrayLike) -> dict[str, list[_Placed]]:
-        """Return every link's capsules in world coordinates."""
-        return {
-            link: [(capsule.ends(T), capsule.radius_m) for capsule in capsules]
-            for link, capsules in self._by_link.items()
-            for T in [self._chain.forward(q, link)]
-        }
+    def _place(self, q: ArrayLike) -> tuple[Matrix, Matrix]:
+        """Return both ends (n, capsules, 3) of every capsule in world coordinates."""
+        poses = {link: self._chain.forward(q, link) for link in self._links}
+        ends = [capsule.ends(poses[capsule.link]) for capsule in self._capsules]
+        return np.stack([a for a, _ in ends], axis=1), np.stack([b for _, b in ends], axis=1)
 
-    def _allow(self, q: ArrayLike) -> None:
-        """Take how far pairs overlap around ``q`` as nothing to worry about."""
-        placed = self._place(q)
+    def _by_link(self, gap_m: Matrix, other: str) -> Gaps:
+        """Return the least gap of each link's capsules, the root left out."""
+        owners = [capsule.link for capsule in self._capsules]
+        first = [owners.index(link) for link in self._links]
+        per_link = np.minimum.reduceat(gap_m, first, axis=1)
+        moving = [i for i, link in enumerate(self._links) if link != self._chain.base]
+        return Gaps(tuple((self._links[i], other) for i in moving), per_link[:, moving])
+
+    def _capsule_pairs(self) -> tuple[list[int], list[int], list[int]]:
+        """Return the capsules to compare, pair of links after pair, and where each begins."""
+        own: dict[str, list[int]] = {}
+        for i, capsule in enumerate(self._capsules):
+            own.setdefault(capsule.link, []).append(i)
+        ones: list[int] = []
+        others: list[int] = []
+        first: list[int] = []
         for a, b in self.pairs:
-            overlap_m = _SLACK_M - _pair_gap(placed[a], placed[b])
-            self._overlap_m[a, b] = max(self._overlap_m[a, b], overlap_m)
+            first.append(len(ones))
+            for i, j in itertools.product(own[a], own[b]):
+                ones.append(i)
+                others.append(j)
+        return ones, others, first
 
 
 def _joined(chain: Chain, a: str, b: str) -> bool:
@@ -116,26 +122,3 @@ def _joined(chain: Chain, a: str, b: str) -> bool:
     between = [*(ways[0].keys() ^ ways[1].keys())]
     joints = ways[0] | ways[1]
     return sum(joints[name].kind is not JointKind.FIXED for name in between) <= 1
-
-
-def _pair_gap(a: Sequence[_Placed], b: Sequence[_Placed]) -> float:
-    return min(
-        capsule_distance(ends_a, radius_a, ends_b, radius_b)
-        for ends_a, radius_a in a
-        for ends_b, radius_b in b
-    )
-
-
-def _gap_m(nearness: Nearness) -> float:
-    return nearness.gap_m
-
-
-def _above_floor(a: Vector, b: Vector, radius_m: float) -> float:
-    return min(float(a[2]), float(b[2])) - radius_m
-
-
-def _beside_box(low_m: Vector, high_m: Vector) -> _Gap:
-    def gap(a: Vector, b: Vector, radius_m: float) -> float:
-        return segment_box_distance(a, b, low_m, high_m) - radius_m
-
-    return gap

@@ -8,7 +8,10 @@ import numpy as np
 
 from ikservo.kinematics.se3 import Matrix, Vector
 
-__all__ = ["Capsule", "capsule_distance", "segment_box_distance", "segment_distance"]
+__all__ = ["Capsule", "segment_box_distance", "segment_distance"]
+
+_POINT_M2 = 1e-18
+_GOLDEN = (5**0.5 - 1) / 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,74 +31,56 @@ class Capsule:
     radius_m: float
 
     def ends(self, T_world_link: Matrix) -> tuple[Vector, Vector]:
-        """Return both ends (3,) in world coordinates, metres."""
-        R, p = T_world_link[:3, :3], T_world_link[:3, 3]
+        """Return both ends (…, 3) in world coordinates, metres, for poses (…, 4, 4)."""
+        R, p = T_world_link[..., :3, :3], T_world_link[..., :3, 3]
         return R @ self.start_m + p, R @ self.end_m + p
 
 
-def capsule_distance(
-    a: tuple[Vector, Vector], radius_a_m: float, b: tuple[Vector, Vector], radius_b_m: float
-) -> float:
-    """Return the gap between two capsules given by their ends, metres; negative inside."""
-    return segment_distance(*a, *b) - radius_a_m - radius_b_m
-
-
-def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> float:
-    """Return the distance between the segments p1 q1 and p2 q2, metres.
+def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
+    """Return the distances (…) between segments p1 q1 and p2 q2, each end (…, 3), metres.
 
     The closest points are where the gradient of the squared distance over both parameters
     vanishes, or on an end; after Ericson, Real-Time Collision Detection, 5.1.9.
     """
     d1, d2, r = q1 - p1, q2 - p2, p1 - p2
-    a, e, f = float(d1 @ d1), float(d2 @ d2), float(d2 @ r)
-    s, t = _closest_parameters(a, e, f, float(d1 @ r), float(d1 @ d2))
-    gap = r + s * d1 - t * d2
-    return float(np.sqrt(gap @ gap))
+    a, e, b = _dot(d1, d1), _dot(d2, d2), _dot(d1, d2)
+    c, f = _dot(d1, r), _dot(d2, r)
+    # A segment that is a point has one parameter; parallel segments have no single closest pair.
+    safe_a, safe_e = np.maximum(a, _POINT_M2), np.maximum(e, _POINT_M2)
+    crossing = a * e - b * b
+    skewed = crossing > 1e-12 * safe_a * safe_e
+    s = np.where(skewed, _unit((b * f - c * e) / np.where(skewed, crossing, 1.0)), 0.0)
+    t = np.where(e > _POINT_M2, (b * s + f) / safe_e, 0.0)
+    s = np.where((t < 0.0) | (t > 1.0) | (e <= _POINT_M2), _unit((b * _unit(t) - c) / safe_a), s)
+    t = _unit(t)
+    gap = r + s[..., None] * d1 - t[..., None] * d2
+    return np.sqrt(_dot(gap, gap))
 
 
-def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) -> float:
-    """Return the distance from the segment a b to an upright box, metres; 0 inside.
+def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) -> Vector:
+    """Return the distances (…) from segments a b, each end (…, 3), to an upright box; 0 inside.
 
     The distance to a convex body is a convex function along the segment, so that a search by
     golden sections finds its least value.
     """
-    low, high = 0.0, 1.0
+    low, high = np.zeros(a.shape[:-1]), np.ones(a.shape[:-1])
     for _ in range(60):
         s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        if _point_box_m(a + s * (b - a), low_m, high_m) <= _point_box_m(
-            a + t * (b - a), low_m, high_m
-        ):
-            high = t
-        else:
-            low = s
-    return _point_box_m(a + 0.5 * (low + high) * (b - a), low_m, high_m)
+        nearer = _box_at(a, b, s, low_m, high_m) <= _box_at(a, b, t, low_m, high_m)
+        low, high = np.where(nearer, low, s), np.where(nearer, t, high)
+    return _box_at(a, b, 0.5 * (low + high), low_m, high_m)
 
 
-_GOLDEN = (5**0.5 - 1) / 2
-_POINT_M2 = 1e-18
-
-
-def _point_box_m(point: Vector, low_m: Vector, high_m: Vector) -> float:
+def _box_at(a: Vector, b: Vector, share: Vector, low_m: Vector, high_m: Vector) -> Vector:
+    point = a + share[..., None] * (b - a)
     outside = np.maximum(np.maximum(low_m - point, point - high_m), 0.0)
-    return float(np.sqrt(outside @ outside))
+    return np.sqrt(_dot(outside, outside))
 
 
-def _closest_parameters(a: float, e: float, f: float, c: float, b: float) -> tuple[float, float]:
-    """Return where along each segment, 0 to 1, the closest points lie."""
-    if a <= _POINT_M2:
-        return 0.0, _unit(f / e) if e > _POINT_M2 else 0.0
-    if e <= _POINT_M2:
-        return _unit(-c / a), 0.0
-    denominator = a * e - b * b
-    # Parallel segments have no single closest pair; any start will do.
-    s = _unit((b * f - c * e) / denominator) if denominator > 1e-12 * a * e else 0.0
-    t = (b * s + f) / e
-    if t < 0.0:
-        return _unit(-c / a), 0.0
-    if t > 1.0:
-        return _unit((b - c) / a), 1.0
-    return s, t
+def _dot(a: Vector, b: Vector) -> Vector:
+    return np.einsum("...i,...i->...", a, b)
 
 
-def _unit(x: float) -> float:
-    return min(max(x, 0.0), 1.0)
+def _unit(x: Vector) -> Vector:
+    clipped: Vector = np.clip(x, 0.0, 1.0)
+    return clipped

@@ -17,7 +17,7 @@ def test_no_two_points_of_two_segments_are_closer(p1, q1, p2, q2):
     t = np.linspace(0, 1, 60)[:, None]
     first, second = p1 + t * (q1 - p1), p2 + t * (q2 - p2)
     densest = np.linalg.norm(first[:, None] - second[None], axis=2).min()
-    assert segment_distance(p1, q1, p2, q2) <= densest + 1e-9
+    assert segment_distance(p1, q1, p2, q2) <= densest + 1e-6
     assert segment_distance(p1, q1, p2, q2) >= densest - 0.06
 
 
@@ -64,3 +64,18 @@ def _coal(p, q, radius_m):
     x /= np.linalg.norm(x)
     R = np.column_stack([x, np.cross(z, x), z])
     return coal.Capsule(radius_m, length), coal.Transform3s(R, (p + q) / 2)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(points, points, points, points), min_size=1, max_size=5))
+def test_many_pairs_at_once_are_as_far_apart_as_one_by_one(quadruples):
+    together = segment_distance(*(np.array(ends) for ends in zip(*quadruples, strict=True)))
+    alone = [float(segment_distance(*quadruple)) for quadruple in quadruples]
+    np.testing.assert_allclose(together, alone, atol=1e-12)
+
+
+def test_points_are_segments_without_length():
+    origin, one = np.zeros(3), np.array([1.0, 0, 0])
+    assert segment_distance(origin, origin, one, one) == pytest.approx(1.0)
+    assert segment_distance(origin, origin, one, -one) == pytest.approx(0.0)
+    assert segment_distance(one, -one, origin, origin) == pytest.approx(0.0)

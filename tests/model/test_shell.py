@@ -43,10 +43,10 @@ def test_every_pair_of_links_that_is_not_joined_is_watched(name):
 def test_a_pair_that_overlaps_in_rest_counts_from_there():
     model = load_model("wx250s")
     rest = model.chain_pose("rest")
-    assert body_of(model).nearest_pair(rest).gap_m >= 0
+    assert body_of(model).between_links([rest]).gap_m.min() >= 0
     bare = Body(model.chain, [c for link in model.urdf.links for shape in link.collisions
                               for c in capsules_around(link.name, shape)])  # fmt: skip
-    assert bare.nearest_pair(rest).gap_m < 0
+    assert bare.between_links([rest]).gap_m.min() < 0
 
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "wx250s"])
@@ -63,26 +63,26 @@ def test_whatever_really_touches_is_found(name):
         q = random.uniform(model.chain.lower_rad, model.chain.upper_rad)
         pairs = _touching(exact, shapes, model.chain, q) & watched
         touching += bool(pairs)
-        assert not pairs or body.nearest_pair(q).gap_m <= 1e-9
+        assert not pairs or body.between_links([q]).gap_m.min() <= 1e-9
     assert touching > 3
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_in_rest_pose_no_link_is_below_the_table(name):
     model = load_model(name)
-    lowest = body_of(model).lowest(model.chain_pose("rest"))
-    assert lowest.other == "the floor"
-    assert lowest.gap_m > -0.03  # capsules are thicker than what they cover
+    above = body_of(model).above([model.chain_pose("rest")], model.floor_m)
+    assert {other for _, other in above.pairs} == {"the floor"}
+    assert above.gap_m.min() > 0
 
 
 def test_a_box_in_the_way_is_named():
     model = load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
-    near = body_of(model).nearest_to_box(
-        model.chain_pose("home"), tip_m - 0.01, tip_m + 0.01, "the cup"
-    )
-    assert near.other == "the cup"
-    assert near.gap_m <= 0
+    home = [model.chain_pose("home")]
+    near = body_of(model).beside(home, tip_m - 0.01, tip_m + 0.01, "the cup")
+    link, other = near.pairs[int(near.gap_m[0].argmin())]
+    assert (link in ("gripper", "jaw"), other) == (True, "the cup")
+    assert near.gap_m.min() <= 0
 
 
 def _welded(model):
