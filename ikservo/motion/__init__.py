@@ -4,5 +4,6 @@ from ikservo.motion.joint_move import JointMove, brake
 from ikservo.motion.metronome import Metronome
 from ikservo.motion.pace import Pace
 from ikservo.motion.state import State
+from ikservo.motion.tool_line import ToolLine
 
-__all__ = ["JointMove", "Metronome", "Pace", "State", "brake"]
+__all__ = ["JointMove", "Metronome", "Pace", "State", "ToolLine", "brake"]
