@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 from servosim.arm_file import ArmFile, JointEntry, ServoEntry
 from servosim.body import FreeBody, GravityBody
-from servosim.errors import ArmFileError
+from servosim.errors import ArmFileError, SimulatorError
+from servosim.joint import Joint
 from servosim.motor import PARAMETERS, Motor
 from servosim.servo import Servo
 from servosim.servos import baud_code, make_servo
 from servosim.shaft import Shaft
-from servosim.tables import ServoTable, table_for
-from servosim.world import Joint, World
+from servosim.tables import Family, ServoTable, table_for
+from servosim.world import Mover, World
 
 __all__ = ["LooseServo", "loose_world", "world_of_arm"]
 
@@ -30,11 +31,20 @@ class LooseServo:
     model: str
 
 
-def world_of_arm(arm: ArmFile, pose: str = "rest", seed: int = 0) -> World:
+def world_of_arm(
+    arm: ArmFile, pose: str = "rest", seed: int = 0, *, physics: bool = False
+) -> World:
     """Return an arm at a pose, torque off, its servos as they were delivered.
+
+    Args:
+        arm: The arm.
+        pose: Where it starts.
+        seed: Of the servos' tolerances.
+        physics: True for bodies and contacts from MuJoCo instead of independent joints.
 
     Raises:
         ArmFileError: No such pose, or a URDF without the joints.
+        SimulatorError: MuJoCo is not installed.
         UnknownModelError: A servo model without a table.
     """
     if pose not in arm.poses:
@@ -45,19 +55,42 @@ def world_of_arm(arm: ArmFile, pose: str = "rest", seed: int = 0) -> World:
         _joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed)
         for entry, limits in zip(arm.joints, body.limits, strict=True)
     ]
-    return World(joints, body)
+    return World(joints, _mujoco(arm, joints) if physics else body)
 
 
-def loose_world(servos: Iterable[LooseServo], baud: int | None = None, seed: int = 0) -> World:
-    """Return servos on a desk, each turning nothing but itself; at ``baud``, or as delivered.
+def _mujoco(arm: ArmFile, joints: list[Joint]) -> Mover:
+    try:
+        from servosim.physics import MujocoBody  # noqa: PLC0415 - an extra, and slow to import
+    except ImportError as error:
+        hint = "MuJoCo is not installed; try: pip install 'ikservo[physics]'"
+        raise SimulatorError(hint) from error
+    motors = [[servo.motor.parameters for servo in joint.servos] for joint in joints]
+    return MujocoBody(arm.urdf, [joint.name for joint in joints], motors)
+
+
+def loose_world(
+    servos: Iterable[LooseServo],
+    baud: int | None = None,
+    seed: int = 0,
+    protocol: int | None = None,
+) -> World:
+    """Return servos on a desk, each turning nothing but itself.
+
+    Args:
+        servos: Which.
+        baud: Their rate; None for that of the factory.
+        seed: Of their tolerances.
+        protocol: 1 or 2 for Dynamixel X servos; None for that of the factory.
 
     Raises:
+        SimulatorError: A rate or protocol that a servo does not have.
         UnknownModelError: A servo model without a table.
     """
     joints: list[Joint] = []
     for place, loose in enumerate(servos, start=1):
         table = table_for(loose.model)
         delivered = {"id": loose.id} | ({} if baud is None else _baud(table, baud))
+        delivered |= _protocol(table, protocol)
         shaft = Shaft(1, table.middle_tick, table.ticks_per_turn)
         half_rad = table.travel_rad / 2.0
         motor = Motor(PARAMETERS[table.model], 0.0, -half_rad, half_rad)
@@ -90,6 +123,16 @@ def _servo(
     motor = Motor(PARAMETERS[table.model], angle_rad, *stops)
     shaft = Shaft(entry.sign, entry.zero_tick, table.ticks_per_turn)
     return make_servo(table.model, motor, shaft, delivered, seed)
+
+
+def _protocol(table: ServoTable, protocol: int | None) -> dict[str, int]:
+    spoken = {Family.DYNAMIXEL_X: 2, Family.DYNAMIXEL_1: 1}.get(table.family)
+    if protocol is None or protocol == spoken:
+        return {}
+    row = table.by_name.get("protocol_type")
+    if row is None or not row.accepts(protocol):
+        raise SimulatorError(f"{table.model} does not speak Dynamixel protocol {protocol}")
+    return {"protocol_type": protocol}
 
 
 def _baud(table: ServoTable, baud: int) -> dict[str, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["ArmFileError", "PortClosedError", "SimulatorError", "UnknownModelError"]
+__all__ = ["ArmFileError", "FaultError", "PortClosedError", "SimulatorError", "UnknownModelError"]
 
 
 class SimulatorError(Exception):
@@ -17,6 +17,10 @@ class ArmFileError(SimulatorError, ValueError):
     def __init__(self, path: Path, where: str, found: str) -> None:
         self.path, self.where, self.found = path, where, found
         super().__init__(f"{path}, {where}: {found}" if where else f"{path}: {found}")
+
+
+class FaultError(SimulatorError, ValueError):
+    """A fault that cannot be: unknown kind, key or value."""
 
 
 class UnknownModelError(SimulatorError, LookupError):

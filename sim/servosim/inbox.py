@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 __all__ = ["Inbox"]
 
+GRACE = 1e-6  # of a byte: sums of byte times are not exact
+
 
 @dataclass(slots=True)
-class _Chunk:
+class _Burst:
     start_s: float
     byte_s: float
     data: bytes
@@ -18,8 +19,7 @@ class _Chunk:
         """How many of the bytes have arrived by now."""
         if self.byte_s <= 0.0:
             return len(self.data) if now_s >= self.start_s else 0
-        # A nanosecond of grace: sums of byte times are not exact.
-        whole = int((now_s - self.start_s) / self.byte_s + 1e-6)
+        whole = int((now_s - self.start_s) / self.byte_s + GRACE)
         return max(0, min(len(self.data), whole))
 
     def time_of(self, count: int) -> float:
@@ -31,52 +31,56 @@ class Inbox:
     """A receive buffer that fills by itself as time passes."""
 
     def __init__(self) -> None:
-        self._chunks: deque[_Chunk] = deque()
+        self._bursts: list[_Burst] = []
 
     def add(self, start_s: float, byte_s: float, data: bytes) -> None:
-        """Let ``data`` arrive from ``start_s`` on, one byte each ``byte_s``; in order of time."""
+        """Let ``data`` arrive from ``start_s`` on, one byte each ``byte_s``."""
         if data:
-            self._chunks.append(_Chunk(start_s, byte_s, data))
+            place = len(self._bursts)
+            while place and self._bursts[place - 1].start_s > start_s:
+                place -= 1
+            self._bursts.insert(place, _Burst(start_s, byte_s, data))
 
     def waiting(self, now_s: float) -> int:
         """Return how many bytes have arrived and are not taken."""
-        return sum(chunk.arrived(now_s) for chunk in self._chunks)
+        return sum(burst.arrived(now_s) for burst in self._bursts)
 
     def take(self, limit: int, now_s: float) -> bytes:
         """Take at most ``limit`` of the bytes that have arrived."""
         taken = bytearray()
-        while self._chunks and len(taken) < limit:
-            chunk = self._chunks[0]
-            count = min(limit - len(taken), chunk.arrived(now_s))
-            taken += chunk.data[:count]
-            if count < len(chunk.data):
-                self._chunks[0] = _Chunk(chunk.time_of(count), chunk.byte_s, chunk.data[count:])
+        done = 0
+        for burst in self._bursts:
+            count = min(limit - len(taken), burst.arrived(now_s))
+            taken += burst.data[:count]
+            if count < len(burst.data):
+                burst.start_s, burst.data = burst.time_of(count), burst.data[count:]
                 break
-            self._chunks.popleft()
+            done += 1
+        del self._bursts[:done]
         return bytes(taken)
 
     def time_of(self, count: int) -> float | None:
         """Return when ``count`` bytes will be there, or None if so many are not on their way."""
-        for chunk in self._chunks:
-            if count <= len(chunk.data):
-                return chunk.time_of(count)
-            count -= len(chunk.data)
+        for burst in self._bursts:
+            if count <= len(burst.data):
+                return burst.time_of(count)
+            count -= len(burst.data)
         return None
 
-    def last_s(self) -> float | None:
-        """Return when everything on its way has arrived, or None when nothing is."""
-        if not self._chunks:
+    def next_end_s(self) -> float | None:
+        """Return when the first burst will have arrived, or None when nothing is on its way."""
+        if not self._bursts:
             return None
-        last = self._chunks[-1]
+        first = self._bursts[0]
+        return first.time_of(len(first.data))
+
+    def last_s(self) -> float | None:
+        """Return when everything on its way will have arrived, or None when nothing is."""
+        if not self._bursts:
+            return None
+        last = self._bursts[-1]
         return last.time_of(len(last.data))
 
     def clear(self, now_s: float) -> None:
         """Throw away what has arrived; what is still on the wire comes."""
         self.take(self.waiting(now_s), now_s)
-
-    def end_of_first_s(self) -> float | None:
-        """Return when the first burst on its way has arrived, or None when nothing is."""
-        if not self._chunks:
-            return None
-        first = self._chunks[0]
-        return first.time_of(len(first.data))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from struct import Struct
 
 from servosim.tables import Area, Register, ServoTable
 
@@ -18,7 +19,11 @@ class Memory:
 
     def __init__(self, table: ServoTable, delivered: Mapping[str, int] | None = None) -> None:
         self.table = table
-        self._rows = table.by_name
+        self._where = {
+            row.name: (Struct(_format(row)).unpack_from, row.address, row.sign_bit)
+            for row in table.registers
+        }
+        self._eeprom_end = max(row.end for row in table.registers if row.area is Area.EEPROM)
         self.image = bytearray(table.size)
         self.eeprom = bytearray(table.size)
         self.eeprom_writes = 0
@@ -34,10 +39,12 @@ class Memory:
 
     def get(self, name: str) -> int:
         """Return a register's number."""
-        row = self._rows[name]
-        if row.size == 1 and not row.twos:
-            return self.image[row.address]
-        return row.decode(self.image[row.address : row.end])
+        unpack, address, sign_bit = self._where[name]
+        value: int = unpack(self.image, address)[0]
+        if not sign_bit:
+            return value
+        magnitude = value & (sign_bit - 1)
+        return -magnitude if value & sign_bit else magnitude
 
     def put(self, name: str, value: int) -> None:
         """Set a register as the firmware does: no checks, RAM image only."""
@@ -51,7 +58,7 @@ class Memory:
     def write(self, address: int, data: bytes, *, persist: bool = True) -> None:
         """Store bytes in the image, and those of EEPROM registers for good if ``persist``."""
         self.image[address : address + len(data)] = data
-        if persist:
+        if persist and address < self._eeprom_end:
             for row in self.table.covered(address, len(data)):
                 self._persist(row)
 
@@ -75,3 +82,8 @@ class Memory:
         if row.area is Area.EEPROM:
             self.eeprom[row.address : row.end] = self.image[row.address : row.end]
             self.eeprom_writes += 1
+
+
+def _format(row: Register) -> str:
+    letter = {1: "b", 2: "h", 4: "i"}[row.size]
+    return ("<" if row.order == "little" else ">") + (letter if row.twos else letter.upper())

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, unquote, urlsplit
 
+from servosim.adapter import AdapterOptions
 from servosim.arm_file import read_arm_file
 from servosim.assembly import world_of_arm
 from servosim.clock import VirtualClock
 from servosim.errors import PortClosedError, SimulatorError
+from servosim.faults import read_faults
 from servosim.line import Line, LineOptions
+from servosim.sweep import SweepingHands
 
 __all__ = ["SimulatedPort", "open_port"]
 
@@ -19,18 +22,72 @@ POLL_S = 10e-6  # virtual time that a look at the buffer costs, so that no polli
 def open_port(url: str) -> SimulatedPort:
     """Return a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
 
+    The query may hold ``pose``, ``seed``, ``faults`` (a file), ``hand=sweep``, and ``physics``,
+    ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as numbers.
+
     Raises:
         ArmFileError: The arm file cannot be used.
+        FaultError: The fault file cannot be used.
         SimulatorError: The URL is none, or the arm cannot be built.
     """
     parts = urlsplit(url)
     if parts.scheme != "sim" or not parts.path:
         raise SimulatorError(f"{url!r} is no address of a simulated bus; try sim:/path/arm.toml")
-    query = {key: values[-1] for key, values in parse_qs(parts.query).items()}
-    seed = int(query.get("seed", "0"))
-    arm = read_arm_file(Path(parts.path))
-    world = world_of_arm(arm, query.get("pose", "rest"), seed)
-    return SimulatedPort(Line(world, arm.baud, LineOptions(seed=seed)), url)
+    query = _Query(parts.query)
+    seed = int(query.number("seed", 0))
+    arm = read_arm_file(Path(unquote(parts.path)))
+    physics = bool(query.number("physics", 0))
+    world = world_of_arm(arm, query.text("pose", "rest"), seed, physics=physics)
+    line = Line(world, arm.baud, query.line_options(seed))
+    if query.text("faults", ""):
+        for fault in read_faults(Path(query.text("faults", ""))):
+            line.faults.add(fault)
+    if query.text("hand", "") == "sweep":
+        SweepingHands(world)
+    query.check()
+    return SimulatedPort(line, url)
+
+
+class _Query:
+    """The part of a URL behind the question mark."""
+
+    def __init__(self, text: str) -> None:
+        self._values = {key: values[-1] for key, values in parse_qs(text).items()}
+        self._asked: set[str] = set()
+
+    def text(self, key: str, default: str) -> str:
+        """Return a value as it stands."""
+        self._asked.add(key)
+        return self._values.get(key, default)
+
+    def number(self, key: str, default: float) -> float:
+        """Return a value as a number."""
+        value = self.text(key, str(default))
+        try:
+            return float(value)
+        except ValueError as error:
+            raise SimulatorError(f"{key}={value} is no number") from error
+
+    def line_options(self, seed: int) -> LineOptions:
+        """Return the options of the line."""
+        adapter = AdapterOptions(
+            echo=bool(self.number("echo", 0)),
+            usb_frame_s=self.number("usb_frame_ms", 0) / 1000,
+            latency_s=self.number("latency_ms", 0) / 1000,
+        )
+        return LineOptions(
+            wire_time=bool(self.number("wire_time", 1)),
+            noise=self.number("noise", 0),
+            seed=seed,
+            adapter=adapter,
+        )
+
+    def check(self) -> None:
+        """Refuse keys that nobody has asked for."""
+        unknown = sorted(set(self._values) - self._asked)
+        if unknown:
+            known = ", ".join(sorted(self._asked))
+            raise SimulatorError(f"a simulated bus has no option {unknown[0]!r}; known: {known}")
 
 
 class SimulatedPort:
@@ -133,5 +190,5 @@ class SimulatedPort:
         self.clock.sleep_until(self.clock.now_s() + POLL_S)
 
     def _check_open(self) -> None:
-        if not self.is_open:
+        if not self.is_open or not self.line.plugged:
             raise PortClosedError

@@ -4,34 +4,16 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Mapping
-from enum import Enum
 
 from servosim.drive import Drive
+from servosim.frames import Dynamixel2Reader, FrameReader
 from servosim.memory import Memory
 from servosim.motor import Motor
+from servosim.protocol import Protocol, Refusal
 from servosim.shaft import Shaft
 from servosim.tables import Register, ServoTable
 
-__all__ = ["Protocol", "Refusal", "Servo"]
-
-
-class Protocol(Enum):
-    """What a servo speaks; two of them share a framing."""
-
-    DYNAMIXEL_1 = "dynamixel 1.0"
-    DYNAMIXEL_2 = "dynamixel 2.0"
-    FEETECH = "feetech"
-
-
-class Refusal(Enum):
-    """Why a servo will not do what an instruction asks."""
-
-    RESULT_FAIL = "result fail"
-    INSTRUCTION = "instruction"
-    RANGE = "range"
-    LENGTH = "length"
-    LIMIT = "limit"
-    ACCESS = "access"
+__all__ = ["Servo"]
 
 
 _Live = tuple[int, int, Register, Callable[[], int]]
@@ -54,10 +36,12 @@ class Servo:
         heard_s: When the last instruction packet came by.
         pending: A registered write that waits for its action.
         changed: Called when an instruction or a script has changed something.
+        asked: Told of every write before it is judged.
     """
 
     reboot_s = 0.3  # assumed; the sheets give none
     protocol = Protocol.DYNAMIXEL_2
+    framing: type[FrameReader] = Dynamixel2Reader
     bauds: Mapping[int, float] = {}  # rate by number of the baud register
     registered_flag = "registered_instruction"
     instructions: frozenset[int] = frozenset()  # those of protocol 1 framing that it knows
@@ -75,6 +59,8 @@ class Servo:
         self.table, self.motor, self.shaft = table, motor, shaft
         self.drive = Drive()
         self.memory = Memory(table, delivered)
+        self._id_at = table.by_name["id"].address
+        self._baud_at = table.by_name["baud_rate"].address
         self.supply_v = motor.parameters.nominal_v
         self.time_s = self.boot_s = self.heard_s = 0.0
         self.deaf_until_s = 0.0
@@ -84,19 +70,21 @@ class Servo:
         self.live: dict[str, Callable[[], int]] = {}
         self.effects: dict[str, Callable[[], None]] = {}
         self.changed: Callable[[], None] = _nothing
+        self.asked: Callable[[int, bytes], None] | None = None
         self._plans: dict[tuple[int, int], tuple[_Live, ...]] = {}
+        self._effects: dict[tuple[int, int], tuple[Callable[[], None], ...]] = {}
 
     # What the line needs to know, kept at hand because every frame asks for it.
 
     @property
     def id(self) -> int:
         """The id it answers to."""
-        return self.memory.image[self.table.by_name["id"].address]
+        return self.memory.image[self._id_at]
 
     @property
     def baud(self) -> int:
         """The rate that the baud register names."""
-        return round(self.bauds[self.memory.get("baud_rate")])
+        return round(self.bauds.get(self.memory.image[self._baud_at], 0.0))
 
     @property
     def return_delay_s(self) -> float:
@@ -132,6 +120,8 @@ class Servo:
 
     def write_bytes(self, address: int, data: bytes) -> Refusal | None:
         """Do what a write instruction asks, or say why not; a refused write changes nothing."""
+        if self.asked is not None:
+            self.asked(address, data)
         refusal = self.refusal(address, data)
         if refusal is None:
             self.store(address, data)
@@ -144,10 +134,17 @@ class Servo:
     def store(self, address: int, data: bytes) -> None:
         """Write without asking and set off what the registers set off."""
         self.memory.write(address, data, persist=self.eeprom_open)
-        for row in self.table.covered(address, len(data)):
-            effect = self.effects.get(row.name)
-            if effect is not None:
-                effect()
+        self.set_off(address, len(data))
+
+    def set_off(self, address: int, length: int) -> None:
+        """Run what a write to these addresses sets off, each effect once."""
+        effects = self._effects.get((address, length))
+        if effects is None:
+            rows = [row for row in self.table.covered(address, length) if row.writable]
+            found = [self.effects[row.name] for row in rows if row.name in self.effects]
+            effects = self._effects[address, length] = tuple(dict.fromkeys(found))
+        for effect in effects:
+            effect()
         self.changed()
 
     def register(self, address: int, data: bytes) -> Refusal | None:
@@ -223,11 +220,30 @@ class Servo:
 
     def power_up(self) -> None:
         """What the firmware does when the power comes."""
+        self.powered = True
         self.boot_s = self.time_s
         self.pending = None
         self.memory.power_cycle()
         self.start()
         self.changed()
+
+    def power_down(self) -> None:
+        """The supply is gone: deaf and limp."""
+        self.powered = False
+        self.lose_torque()
+
+    def lose_torque(self) -> None:
+        """The bridge goes off, whatever the memory says."""
+        self.drive.torque_on = False
+        self.changed()
+
+    def inject_alarm(self, bits: int) -> None:
+        """Raise alarm bits without a cause; 0 takes them back where the family allows it."""
+        raise NotImplementedError
+
+    def allows(self, goal: int) -> bool:
+        """Say whether a goal position lies inside the limits of the memory."""
+        raise NotImplementedError
 
     def start(self) -> None:
         """Set the drive from the memory; the families add their own."""

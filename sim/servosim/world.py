@@ -2,53 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import heapq
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol, runtime_checkable
 
 from servosim.body import Body, FreeBody
+from servosim.errors import SimulatorError
 from servosim.hand import Hand
+from servosim.joint import STEP_S, Joint
 from servosim.servo import Servo
 from servosim.supply import Supply
 
-__all__ = ["Joint", "World"]
+__all__ = ["Mover", "World"]
 
-STEP_S = 0.001
 GRAVITY_EVERY = 4  # steps between two looks at the arm's posture
 SUPERVISE_EVERY = 10  # steps between two looks of the firmware at heat, load and watchdog
-COUPLING = 0.05  # share of the stiffest spring that a step of STEP_S can carry
 DOZE_EVERY = 20  # likewise while nothing moves
 STILL_STEPS = 20  # steps without any motion after which the world may doze
 
 
-@dataclass(frozen=True, slots=True)
-class Joint:
-    """A joint of the body and the servos that turn it, the leading one first.
+@runtime_checkable
+class Mover(Protocol):
+    """A body that moves its joints itself, in one step for all of them (MuJoCo)."""
 
-    Attributes:
-        name: The joint's name in the body.
-        servos: Those that turn it; all but the first are tied to it by a stiff spring.
-        m_per_rad: Metres of a prismatic joint for one radian of the servo; 1 for a revolute.
-    """
+    names: tuple[str, ...]
+    limits: tuple[tuple[float, float], ...]
 
-    name: str
-    servos: tuple[Servo, ...]
-    m_per_rad: float = 1.0
+    def place(self, positions: Sequence[float]) -> None:
+        """Put the body somewhere, at rest."""
+        ...
 
-    @property
-    def position(self) -> float:
-        """Joint coordinate [rad or m]."""
-        return self.servos[0].motor.position_rad * self.m_per_rad
-
-    @property
-    def velocity(self) -> float:
-        """Joint velocity [rad/s or m/s]."""
-        return self.servos[0].motor.velocity_rad_s * self.m_per_rad
+    def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
+        """Let time pass under the motors' torques; return positions and velocities."""
+        ...
 
 
 class World:
     """Servos, the body they move, the hands that hold it and the supplies that feed them.
 
     ``rails`` are the supplies by nominal voltage: a Koch arm has one of 12 V and one of 5 V.
+
+    ``limits`` are the body's, by joint.
 
     Nothing happens between two steps; ``advance_to`` makes as many as time asks for. A world in
     which nothing moves and nothing changes dozes: only heat and supervision go on.
@@ -57,12 +53,16 @@ class World:
     def __init__(
         self,
         joints: Sequence[Joint],
-        body: Body | None = None,
+        body: Body | Mover | None = None,
         rails: Mapping[float, Supply] | None = None,
     ) -> None:
         self.joints = tuple(joints)
         self.servos = tuple(servo for joint in joints for servo in joint.servos)
-        self.body = body or FreeBody([joint.name for joint in joints])
+        self._mover = body if isinstance(body, Mover) else None
+        free = FreeBody([joint.name for joint in joints])
+        self.body: Body = free if body is None or isinstance(body, Mover) else body
+        limits = (self._mover or self.body).limits
+        self.limits = dict(zip((joint.name for joint in joints), limits, strict=True))
         volts = {servo.motor.parameters.nominal_v for servo in self.servos}
         self.rails = dict(rails or {volt: Supply(volt) for volt in volts})
         self._fed = {
@@ -72,10 +72,14 @@ class World:
         self.hands: dict[str, Hand] = {}
         self.steps = 0
         self._still = self._unheated = 0
+        self._events: list[tuple[float, int, Callable[[], None]]] = []
+        self._order = itertools.count()
         self._positions: list[float] = []
         self._loads = [0.0] * len(self.joints)
         for servo in self.servos:
             servo.changed = self.wake
+        if self._mover is not None:
+            self._mover.place([joint.position for joint in self.joints])
 
     @property
     def time_s(self) -> float:
@@ -91,10 +95,25 @@ class World:
         """Let time pass up to the last whole step before ``time_s``."""
         target = int(time_s / STEP_S + 1e-6)
         while self.steps < target:
+            while self._events and self._events[0][0] <= self.time_s:
+                heapq.heappop(self._events)[2]()
             if self.dozing:
-                self._doze(min(target - self.steps, DOZE_EVERY))
+                self._doze(min(target - self.steps, DOZE_EVERY, self._steps_to_event()))
             else:
                 self._step()
+
+    def at(self, time_s: float, do: Callable[[], None]) -> None:
+        """Let something happen at a time, or with the next step when that has passed."""
+        if time_s < math.inf:
+            heapq.heappush(self._events, (time_s, next(self._order), do))
+
+    def rails_of(self, servos: Sequence[Servo]) -> list[Supply]:
+        """Return the supplies that feed these servos."""
+        return [
+            supply
+            for volts, supply in self.rails.items()
+            if any(servo in self._fed[volts] for servo in servos)
+        ]
 
     def wake(self) -> None:
         """Something has changed: look again."""
@@ -102,15 +121,26 @@ class World:
 
     def place(self, name: str, position: float) -> None:
         """Put a joint somewhere, at rest, as a person would who carries the arm there."""
+        self.joint(name).place(position)
+        if self._mover is not None:
+            self._mover.place([joint.position for joint in self.joints])
+        self.wake()
+
+    def joint(self, name: str) -> Joint:
+        """Return a joint by its name.
+
+        Raises:
+            SimulatorError: No such joint.
+        """
         for joint in self.joints:
             if joint.name == name:
-                for servo in joint.servos:
-                    servo.motor.place(position / joint.m_per_rad)
-        self.wake()
+                return joint
+        known = ", ".join(joint.name for joint in self.joints)
+        raise SimulatorError(f"no joint is named {name!r}; known: {known}")
 
     def grasp(self, name: str, hand: Hand) -> None:
         """Let a hand take a joint."""
-        self.hands[name] = hand
+        self.hands[self.joint(name).name] = hand
         self.wake()
 
     def release(self, name: str) -> None:
@@ -119,13 +149,10 @@ class World:
         self.wake()
 
     def _step(self) -> None:
-        if self.steps % GRAVITY_EVERY == 0:
-            self._feel_gravity()
-        for k, joint in enumerate(self.joints):
-            load = self._loads[k]
-            if joint.name in self.hands:
-                load += self._press(joint)
-            self._turn(joint, load * joint.m_per_rad)
+        if self._mover is None:
+            self._turn_each()
+        else:
+            self._move_all(self._mover)
         self.steps += 1
         if self.steps % SUPERVISE_EVERY == 0:
             self._supervise(STEP_S * SUPERVISE_EVERY)
@@ -137,25 +164,27 @@ class World:
         self._positions = positions
         self._still = 0 if moving or self.hands else self._still + 1
 
-    def _turn(self, joint: Joint, load_nm: float) -> None:
-        lead = joint.servos[0]
-        share_nm = load_nm / len(joint.servos)
-        if len(joint.servos) == 1:
-            lead.step(STEP_S, share_nm)
-            return
-        for follower in joint.servos[1:]:
-            pull_nm = _coupling_nm(lead, follower)
-            follower.step(STEP_S, share_nm + pull_nm)
-            share_nm -= pull_nm
-        lead.step(STEP_S, share_nm)
+    def _turn_each(self) -> None:
+        """Turn each joint for itself under gravity and the hands."""
+        if self.steps % GRAVITY_EVERY == 0:
+            self._feel_gravity()
+        for joint, load in zip(self.joints, self._loads, strict=True):
+            hand = self.hands.get(joint.name)
+            joint.turn(load if hand is None else load + joint.press(hand))
 
-    def _press(self, joint: Joint) -> float:
-        inertia = sum(
-            servo.motor.parameters.armature_kg_m2 + servo.motor.load_inertia_kg_m2
-            for servo in joint.servos
-        )
-        inertia /= joint.m_per_rad**2
-        return self.hands[joint.name].press(STEP_S, joint.position, joint.velocity, inertia)
+    def _move_all(self, mover: Mover) -> None:
+        """Let the body turn all joints at once under the motors and the hands."""
+        forces = [joint.drive() for joint in self.joints]
+        for k, joint in enumerate(self.joints):
+            if joint.name in self.hands:
+                forces[k] += joint.press(self.hands[joint.name])
+        positions, velocities = mover.step(STEP_S, forces)
+        for joint, position, velocity in zip(self.joints, positions, velocities, strict=True):
+            joint.carry(position, velocity)
+
+    def _steps_to_event(self) -> int:
+        rest_s = self._events[0][0] - self.time_s if self._events else math.inf
+        return max(1, math.ceil(rest_s / STEP_S)) if rest_s < 1.0 else DOZE_EVERY
 
     def _feel_gravity(self) -> None:
         positions = [joint.position for joint in self.joints]
@@ -163,9 +192,7 @@ class World:
         self._loads = self.body.load_nm(positions, velocities)
         if self.steps % (GRAVITY_EVERY * 10) == 0:
             for joint, inertia in zip(self.joints, self.body.inertia(positions), strict=True):
-                for servo in joint.servos:
-                    share = inertia * joint.m_per_rad**2 / len(joint.servos)
-                    servo.motor.load_inertia_kg_m2 = share
+                joint.hang(inertia)
 
     def _supervise(self, dt_s: float) -> None:
         for volts, supply in self.rails.items():
@@ -185,16 +212,3 @@ class World:
                 servo.warm(self._unheated * STEP_S)
             self._supervise(self._unheated * STEP_S)
             self._unheated = 0
-
-
-def _coupling_nm(lead: Servo, follower: Servo) -> float:
-    """Torque of the spring between two servos of one joint, on the follower."""
-    a, b = lead.motor, follower.motor
-    inertia = min(
-        a.parameters.armature_kg_m2 + a.load_inertia_kg_m2,
-        b.parameters.armature_kg_m2 + b.load_inertia_kg_m2,
-    )
-    stiffness = COUPLING * inertia / STEP_S**2
-    damping = 2.0 * COUPLING * inertia / STEP_S
-    twist_rad, twist_rad_s = a.position_rad - b.position_rad, a.velocity_rad_s - b.velocity_rad_s
-    return stiffness * twist_rad + damping * twist_rad_s

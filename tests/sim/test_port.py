@@ -140,3 +140,23 @@ def test_an_unknown_pose_is_named_with_those_there_are(configs):
 def test_an_address_that_is_none_is_refused():
     with pytest.raises(SimulatorError, match="sim:/path"):
         servosim.open_port("/dev/ttyUSB0")
+
+
+@pytest.mark.parametrize(
+    ("query", "complaint"),
+    [("seed=x", "seed=x is no number"), ("colour=red", "has no option 'colour'; known: echo")],
+)
+def test_an_option_that_makes_no_sense_is_refused(configs, query, complaint):
+    with pytest.raises(SimulatorError, match=complaint):
+        servosim.open_port(f"sim:{configs}/so101/arm.toml?{query}")
+
+
+def test_the_address_may_ask_for_an_echo_and_for_faults(configs, tmp_path):
+    faults = tmp_path / "faults.toml"
+    faults.write_text('[[fault]]\nkind = "silent"\nid = 1\ncount = 1\n')
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?echo=1&faults={faults}")
+    port.timeout = 0.01
+    port.write(PING)
+    first = port.read(12)
+    port.write(PING)
+    assert (first, port.read(12)) == (PING, PING + bytes.fromhex("FFFF010200FC"))

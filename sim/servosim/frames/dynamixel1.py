@@ -36,4 +36,4 @@ class Dynamixel1Reader(FrameReader):
     def _parse(self, raw: bytes, end: int) -> Frame | None:
         if checksum(raw[2:-1]) != raw[-1]:
             return None
-        return Frame(raw[2], raw[4], raw[5:-1], end)
+        return Frame(raw[2], raw[4], raw[5:-1], end, raw)

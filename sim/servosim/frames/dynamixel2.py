@@ -63,4 +63,4 @@ class Dynamixel2Reader(FrameReader):
     def _parse(self, raw: bytes, end: int) -> Frame | None:
         if crc16(raw[:-2]) != raw[-2] | raw[-1] << 8:
             return None
-        return Frame(raw[4], raw[7], unstuff(raw[8:-2]), end)
+        return Frame(raw[4], raw[7], unstuff(raw[8:-2]), end, raw)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 __all__ = ["Frame", "FrameReader"]
@@ -17,12 +17,14 @@ class Frame:
         instruction: The instruction byte; in a protocol 1 status, the error byte.
         params: What follows the instruction, stuffing removed, without the checksum.
         end: Bytes of the feed that completed the frame, counted from that feed's start.
+        raw: The frame as it came.
     """
 
     id: int
     instruction: int
     params: bytes = b""
     end: int = 0
+    raw: bytes = field(default=b"", compare=False, repr=False)
 
 
 class FrameReader:

@@ -7,16 +7,20 @@ from collections.abc import Mapping
 from servosim.errors import SimulatorError
 from servosim.motor import Motor
 from servosim.servo import Servo
+from servosim.servos.dynamixel_1 import Dynamixel1
 from servosim.servos.dynamixel_x import DynamixelX
+from servosim.servos.feetech_scs import FeetechScs
 from servosim.servos.feetech_sts import FeetechSts
 from servosim.shaft import Shaft
 from servosim.tables import Family, table_for
 
-__all__ = ["DynamixelX", "FeetechSts", "baud_code", "make_servo"]
+__all__ = ["Dynamixel1", "DynamixelX", "FeetechScs", "FeetechSts", "baud_code", "make_servo"]
 
 _FIRMWARE: dict[Family, type[Servo]] = {
     Family.DYNAMIXEL_X: DynamixelX,
+    Family.DYNAMIXEL_1: Dynamixel1,
     Family.FEETECH_STS: FeetechSts,
+    Family.FEETECH_SCS: FeetechScs,
 }
 
 

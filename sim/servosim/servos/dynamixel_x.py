@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
 from servosim.drive import Mode
 from servosim.motor import Motor
-from servosim.servo import Protocol, Refusal, Servo
+from servosim.protocol import Protocol, Refusal
+from servosim.servo import Servo
 from servosim.servos.dynamixel_x_backup import Backup
+from servosim.servos.dynamixel_x_orders import Orders
+from servosim.servos.dynamixel_x_registers import measured, set_off
 from servosim.servos.dynamixel_x_rules import Rules
 from servosim.servos.dynamixel_x_watch import Watch
 from servosim.shaft import Shaft
@@ -18,11 +20,7 @@ from servosim.tables import ServoTable
 __all__ = ["DynamixelX"]
 
 BAUDS = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
-VELOCITY_RAD_S = 0.229 * 2.0 * math.pi / 60.0
-ACCELERATION_RAD_S2 = 214.577 * 2.0 * math.pi / 3600.0
-PWM_FULL = 885  # 0.113 % each
-TICKS_PER_RAD = 4096 / (2.0 * math.pi)
-CONTROL_HZ = 1000.0  # rate of the position loop that the I and D gains refer to
+PROTOCOL_1_ALARMS = 0x25  # voltage, heat and overload have the same bits in both protocols
 
 MODES = {
     0: Mode.CURRENT,
@@ -37,7 +35,7 @@ MODES = {
 class DynamixelX(Servo):
     """An X-series servo."""
 
-    protocol = Protocol.DYNAMIXEL_2
+    instructions = frozenset((1, 2, 3, 4, 5, 6, 8, 0x83, 0x92))
     bauds = MappingProxyType(dict(enumerate(BAUDS)))
 
     def __init__(
@@ -50,14 +48,16 @@ class DynamixelX(Servo):
     ) -> None:
         super().__init__(table, motor, shaft, delivered, seed)
         self._unmount(delivered or {})
+        self._second_at = table.by_name["secondary_id"].address
         self.turn_base_tick = 0
         self.mode = 3
+        self.reversed = False
         self.rules = Rules(self)
         self.watch = Watch(self)
         self.backup = Backup(self)
-        self.current_unit_a = 0.001 if table.model.startswith("XL330") else 0.00269
-        self._list_live()
-        self._list_effects()
+        self.orders = Orders(self)
+        self.live = measured(self)
+        self.effects = set_off(self)
         self.start()
 
     # The line's questions.
@@ -75,13 +75,14 @@ class DynamixelX(Servo):
     @property
     def secondary_id(self) -> int | None:
         """The secondary id register, when it is in force."""
-        second = self.memory.get("secondary_id")
+        second = self.memory.image[self._second_at]
         return second if second <= 252 and second != self.id else None
 
     @property
     def alarm(self) -> int:
-        """The alarm bits of a status packet."""
-        return 0x80 if self.memory.get("hardware_error_status") else 0
+        """The alarm bits of a status packet: protocol 2.0 has one for all causes."""
+        bits = self.memory.get("hardware_error_status")
+        return bits & PROTOCOL_1_ALARMS if self.protocol is Protocol.DYNAMIXEL_1 else bits and 0x80
 
     def refusal(self, address: int, data: bytes) -> Refusal | None:
         """Judge a write by the rules of the family."""
@@ -99,18 +100,25 @@ class DynamixelX(Servo):
         """Look after heat, load, voltage and the bus."""
         self.watch.look(dt_s)
 
-    # Position.
+    def inject_alarm(self, bits: int) -> None:
+        """Raise hardware error bits; only a reboot takes them back."""
+        if bits:
+            self.watch.raise_alarm(bits)
 
-    @property
-    def reversed(self) -> bool:
-        """Drive mode bit 0: positions are counted the other way round."""
-        return bool(self.memory.get("drive_mode") & 1)
+    def allows(self, goal: int) -> bool:
+        """Say whether a goal position lies inside the limits of position mode."""
+        if self.mode != 3:
+            return True
+        return (
+            self.memory.get("min_position_limit") <= goal <= self.memory.get("max_position_limit")
+        )
+
+    # Position.
 
     @property
     def modes(self) -> tuple[int, ...]:
         """Operating modes of this model: those of current need a current sensor."""
-        senses_current = "goal_current" in self.table.by_name
-        return tuple(MODES) if senses_current else (1, 3, 4, 16)
+        return tuple(MODES) if self.orders.senses_current else (1, 3, 4, 16)
 
     @property
     def offset_tick(self) -> int:
@@ -143,15 +151,23 @@ class DynamixelX(Servo):
 
     # From memory to drive.
 
+    def set_protocol(self) -> None:
+        """Protocol type written: 1 speaks protocol 1.0."""
+        old = self.memory.get("protocol_type") == 1
+        self.protocol = Protocol.DYNAMIXEL_1 if old else Protocol.DYNAMIXEL_2
+        self.framing = self.protocol.framing
+
     def start(self) -> None:
         """Set everything from the memory after power-up."""
+        self.set_protocol()
+        self.reversed = bool(self.memory.get("drive_mode") & 1)
         self.drive.torque_on = False
         self.watch.start()
         self.mode = self.memory.get("operating_mode")
         self.forget_turns()
         self._reset_goals()
         self.drive.mode = MODES.get(self.mode, Mode.POSITION)
-        for effect in (self.set_gains, self.set_limits, self.set_goal):
+        for effect in (self.orders.set_gains, self.orders.set_limits, self.orders.set_goal):
             effect()
         if self.memory.get("startup_configuration") & 2:
             self.backup.restore()
@@ -172,8 +188,13 @@ class DynamixelX(Servo):
         self.forget_turns()
         self._reset_goals()
         self.drive.mode = MODES[mode]
-        for effect in (self.set_gains, self.set_limits, self.set_goal):
+        for effect in (self.orders.set_gains, self.orders.set_limits, self.orders.set_goal):
             effect()
+
+    def set_drive_mode(self) -> None:
+        """Drive mode written: bit 0 counts positions the other way round."""
+        self.reversed = bool(self.memory.get("drive_mode") & 1)
+        self.renew_goals()
 
     def set_torque(self) -> None:
         """Torque enable written: position mode starts again from one turn."""
@@ -182,119 +203,44 @@ class DynamixelX(Servo):
             self.forget_turns()
         self.drive.torque_on = on
         if on:
-            self.set_goal()
-
-    def set_goal(self) -> None:
-        """A goal was written: hand it over with the profile that belongs to it."""
-        drive, get = self.drive, self.memory.get
-        self.set_profile()
-        drive.goal_rad = self.angle_at(get("goal_position"))
-        drive.goal_velocity_rad_s = self.direction * get("goal_velocity") * VELOCITY_RAD_S
-        goal_pwm = get("goal_pwm") / PWM_FULL
-        drive.goal_pwm = self.direction * goal_pwm
-        limit = get("pwm_limit") / PWM_FULL
-        drive.pwm_limit = limit if self.mode == 16 else min(limit, abs(goal_pwm))
-        if "goal_current" in self.table.by_name:
-            drive.goal_current_a = self.direction * get("goal_current") * self.current_unit_a
+            self.orders.set_goal()
 
     def set_position_goal(self) -> None:
         """Goal position written; drive mode bit 3 turns the torque on with it."""
         if self.memory.get("drive_mode") & 8 and not self.drive.torque_on:
             self.memory.put("torque_enable", 1)
             self.set_torque()
-        self.set_goal()
+        self.orders.set_goal()
 
-    def set_profile(self) -> None:
-        """Hand the profile registers over, as velocities or as times (drive mode bit 2)."""
-        drive, get = self.drive, self.memory.get
-        velocity, acceleration = get("profile_velocity"), get("profile_acceleration")
-        timed = bool(get("drive_mode") & 4)
-        drive.profile_time_s = velocity / 1000.0 if timed else 0.0
-        drive.acceleration_time_s = min(acceleration, velocity / 2) / 1000.0 if timed else 0.0
-        limit = min(velocity, get("velocity_limit")) or velocity
-        drive.velocity_limit_rad_s = 0.0 if timed else limit * VELOCITY_RAD_S
-        drive.acceleration_rad_s2 = 0.0 if timed else acceleration * ACCELERATION_RAD_S2
-
-    def set_gains(self) -> None:
-        """Hand the gains over in SI: the sheets' outputs are PWM steps, their errors ticks."""
-        drive, get = self.drive, self.memory.get
-        drive.kp = get("position_p_gain") / 128 * TICKS_PER_RAD / PWM_FULL
-        drive.ki = get("position_i_gain") / 65536 * TICKS_PER_RAD * CONTROL_HZ / PWM_FULL
-        drive.kd = get("position_d_gain") / 16 * TICKS_PER_RAD / CONTROL_HZ / PWM_FULL
-        drive.velocity_kp = get("velocity_p_gain") / 128 / VELOCITY_RAD_S / PWM_FULL
-        drive.velocity_ki = get("velocity_i_gain") / 65536 * CONTROL_HZ / VELOCITY_RAD_S / PWM_FULL
-
-    def set_limits(self) -> None:
-        """Hand the limits of the EEPROM over."""
-        self.drive.moving_threshold_rad_s = self.memory.get("moving_threshold") * VELOCITY_RAD_S
-        if "current_limit" in self.table.by_name:
-            self.drive.current_limit_a = self.memory.get("current_limit") * self.current_unit_a
-
-    # Tables of what is measured and what is set off.
-
-    def _list_live(self) -> None:
-        motor = self.motor
-        stall_nm = motor.parameters.stall_torque_nm
-        self.live = {
-            "present_position": self.present_tick,
-            "present_velocity": lambda: self._speed(motor.velocity_rad_s),
-            "present_pwm": lambda: round(self.direction * motor.pwm * PWM_FULL),
-            "present_current": lambda: round(
-                self.direction * motor.current_a / self.current_unit_a
-            ),
-            "present_load": lambda: round(self.direction * motor.torque_nm / stall_nm * 1000),
-            "velocity_trajectory": lambda: self._speed(motor.reference_velocity_rad_s),
-            "position_trajectory": self._trajectory_tick,
-            "present_input_voltage": lambda: round(self.supply_v * 10),
-            "present_temperature": lambda: int(motor.temperature_c),
-            "realtime_tick": lambda: int((self.time_s - self.boot_s) * 1000) % 32768,
-            "moving": lambda: int(motor.moving),
-            "backup_ready": lambda: int(self.backup.ready),
-            "moving_status": self.watch.moving_status,
-        }
-
-    def _list_effects(self) -> None:
-        self.effects = {
-            "operating_mode": self.set_mode,
-            "torque_enable": self.set_torque,
-            "goal_position": self.set_position_goal,
-            "bus_watchdog": self.watch.start_watchdog,
-            **dict.fromkeys(("goal_pwm", "goal_current", "goal_velocity"), self.set_goal),
-            **dict.fromkeys(("pwm_limit", "homing_offset", "drive_mode"), self.renew_goals),
-            **dict.fromkeys(("moving_threshold", "current_limit"), self.set_limits),
-            **dict.fromkeys(
-                ("position_p_gain", "position_i_gain", "position_d_gain", "velocity_p_gain",
-                 "velocity_i_gain"), self.set_gains),
-        }  # fmt: skip
-
-    def _speed(self, velocity_rad_s: float) -> int:
-        return round(self.direction * velocity_rad_s / VELOCITY_RAD_S)
-
-    def _trajectory_tick(self) -> int:
+    def trajectory_tick(self) -> int:
+        """Return the position trajectory register's number."""
         tick = self.shaft.tick_at(self.motor.reference_rad)
         return (-tick if self.reversed else tick) - self.turn_base_tick + self.offset_tick
 
     def renew_goals(self) -> None:
         """What goals mean has changed: start from where the servo is."""
         self._reset_goals()
-        self.set_goal()
+        self.orders.set_goal()
 
     def hold_here(self) -> None:
         """The bus watchdog stops the servo: no motion, no profile."""
         for name in ("profile_velocity", "profile_acceleration", "goal_velocity"):
             self.memory.put(name, 0)
+        self.orders.note_profile()
         self.memory.put("goal_position", self.present_tick())
         for mode, name in ((16, "goal_pwm"), (0, "goal_current")):
             if self.mode == mode:
                 self.memory.put(name, 0)
-        self.set_goal()
+        self.orders.set_goal()
+        self.changed()
 
     def _reset_goals(self) -> None:
+        self.orders.note_profile()
         put, get = self.memory.put, self.memory.get
         put("goal_position", self.present_tick())
         put("goal_velocity", 0)
         put("goal_pwm", get("pwm_limit"))
-        if "goal_current" in self.table.by_name:
+        if self.orders.senses_current:
             put("goal_current", get("current_limit"))
 
     def _unmount(self, delivered: Mapping[str, int]) -> None:

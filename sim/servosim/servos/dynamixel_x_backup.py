@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from servosim.servo import Refusal
+from servosim.protocol import Refusal
 from servosim.tables import Area
 
 if TYPE_CHECKING:
@@ -45,5 +45,6 @@ class Backup:
             return Refusal.RESULT_FAIL
         for name, value in self._kept.items():
             self.servo.memory.put(name, value)
-        self.servo.set_gains()
+        self.servo.orders.set_gains()
+        self.servo.orders.note_profile()
         return None

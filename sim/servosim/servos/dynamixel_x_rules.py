@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from servosim.servo import Refusal
+from servosim.protocol import Refusal
 from servosim.tables import Area, Register
 
 if TYPE_CHECKING:
@@ -13,7 +13,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Rules"]
 
-_GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
+_LIMIT_OF = {
+    "goal_pwm": "pwm_limit",
+    "goal_current": "current_limit",
+    "goal_velocity": "velocity_limit",
+}
+_GOALS = frozenset((*_LIMIT_OF, "goal_position"))
 
 
 class Rules:
@@ -72,7 +77,7 @@ class Rules:
 
     def _direct(self, address: int, data: bytes) -> Refusal | None:
         end = address + len(data)
-        if not data or end > self.table.size or None in self.table.by_byte[address:end]:
+        if not self.table.gapless(address, len(data)):
             return Refusal.ACCESS
         rows = self.table.covered(address, len(data))
         if rows[0].address < address or rows[-1].end > end:
@@ -103,9 +108,5 @@ class Rules:
         get = self.memory.get
         if row.name == "goal_position" and self.servo.mode == 3:
             return get("min_position_limit"), get("max_position_limit")
-        limit = {
-            "goal_pwm": "pwm_limit",
-            "goal_current": "current_limit",
-            "goal_velocity": "velocity_limit",
-        }.get(row.name)
+        limit = _LIMIT_OF.get(row.name)
         return (-get(limit), get(limit)) if limit else (row.lower, row.upper)

@@ -38,7 +38,7 @@ class Watch:
         if bits & servo.memory.get("shutdown"):
             self.shut_down = True
             servo.memory.put("torque_enable", 0)
-            servo.drive.torque_on = False
+            servo.lose_torque()
 
     def look(self, dt_s: float) -> None:
         """Check everything once; ``dt_s`` is the time since the last look."""

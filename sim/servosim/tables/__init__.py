@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from servosim.errors import UnknownModelError
+from servosim.tables.dynamixel_1 import DYNAMIXEL_1
 from servosim.tables.dynamixel_x import DYNAMIXEL_X
+from servosim.tables.feetech_scs import FEETECH_SCS
 from servosim.tables.feetech_sts import FEETECH_STS
 from servosim.tables.register import Area, Family, Register, ServoTable, Sign
 
 __all__ = ["TABLES", "Area", "Family", "Register", "ServoTable", "Sign", "table_for"]
 
-TABLES: dict[str, ServoTable] = {table.model: table for table in (*DYNAMIXEL_X, *FEETECH_STS)}
+TABLES: dict[str, ServoTable] = {
+    table.model: table for table in (*DYNAMIXEL_X, *DYNAMIXEL_1, *FEETECH_STS, *FEETECH_SCS)
+}
 
 
 def table_for(model: str) -> ServoTable:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
@@ -127,6 +126,9 @@ class ServoTable:
     size: int = field(init=False)
     by_name: dict[str, Register] = field(init=False)
     by_byte: tuple[Register | None, ...] = field(init=False)
+    _covered: dict[tuple[int, int], tuple[Register, ...]] = field(
+        init=False, default_factory=dict[tuple[int, int], tuple["Register", ...]]
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", max(row.end for row in self.registers))
@@ -136,11 +138,20 @@ class ServoTable:
             bytes_[row.address : row.end] = [row] * row.size
         object.__setattr__(self, "by_byte", tuple(bytes_))
 
-    def covered(self, address: int, length: int) -> Sequence[Register]:
+    def gapless(self, address: int, length: int) -> bool:
+        """Say whether every byte of a range belongs to a register."""
+        return (
+            length > 0
+            and None not in self.by_byte[address : address + length]
+            and (address + length <= self.size)
+        )
+
+    def covered(self, address: int, length: int) -> tuple[Register, ...]:
         """Return the registers that a range of bytes touches, in order."""
-        end = min(address + length, self.size)
-        seen: dict[int, Register] = {}
-        for row in self.by_byte[address:end]:
-            if row is not None:
-                seen[row.address] = row
-        return tuple(seen.values())
+        found = self._covered.get((address, length))
+        if found is None:
+            touched = {id(row): row for row in self.by_byte[address : address + length] if row}
+            found = tuple(touched.values())
+            if address + length <= self.size:
+                self._covered[address, length] = found
+        return found

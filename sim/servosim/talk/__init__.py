@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from servosim.frames import Frame
-from servosim.servo import Protocol, Servo
+from servosim.protocol import Protocol
+from servosim.servo import Servo
 from servosim.talk import dynamixel1, dynamixel2
 from servosim.talk.turn import Reply, Turn
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from servosim.frames import Frame, encode1
-from servosim.servo import Protocol, Refusal, Servo
-from servosim.talk.turn import BROADCAST, Reply, Turn, one_turn
+from servosim.protocol import Protocol, Refusal
+from servosim.servo import Servo
+from servosim.talk.turn import BROADCAST, Reply, Turn, by_id, one_turn
 
 __all__ = ["answer"]
 
 PING, READ, WRITE, REG_WRITE, ACTION, RECOVERY = 1, 2, 3, 4, 5, 6
 REBOOT, RESET_TURNS, CALIBRATE = 0x08, 0x0A, 0x0B
 SYNC_READ, SYNC_WRITE, BULK_READ = 0x82, 0x83, 0x92
+LONGEST_DATA = 253  # what the length byte of a status can tell
 
 _ERRORS = {Refusal.LIMIT: 0x02, Refusal.RANGE: 0x08, Refusal.INSTRUCTION: 0x40}
 _Outcome = bytes | Refusal | None
@@ -70,7 +72,7 @@ def _ping(_: Servo, __: bytes) -> _Outcome:
 
 
 def _read(servo: Servo, params: bytes) -> _Outcome:
-    if len(params) != 2 or params[1] == 0:
+    if len(params) != 2 or not 0 < params[1] <= LONGEST_DATA:
         return Refusal.RANGE
     beyond = params[0] + params[1] > servo.table.size
     if beyond and servo.protocol is Protocol.DYNAMIXEL_1:
@@ -134,15 +136,16 @@ _LEVELS = {PING: 0, READ: 1}
 def _sync_read(params: bytes, servos: Sequence[Servo]) -> list[Turn]:
     if len(params) < 3:
         return []
-    asked = params[:2]
-    return [_read_turn(SYNC_READ, id_, asked, servos) for id_ in params[2:]]
+    asked, there = params[:2], by_id(servos)
+    return [_read_turn(SYNC_READ, id_, asked, there.get(id_, ())) for id_ in params[2:]]
 
 
 def _bulk_read(params: bytes, servos: Sequence[Servo]) -> list[Turn]:
     """Length, id, address of each servo, after one zero."""
     groups = [params[at : at + 3] for at in range(1, len(params) - 2, 3)]
+    there = by_id(servos)
     return [
-        _read_turn(BULK_READ, id_, bytes((address, length)), servos)
+        _read_turn(BULK_READ, id_, bytes((address, length)), there.get(id_, ()))
         for length, id_, address in groups
     ]
 
@@ -151,7 +154,7 @@ def _read_turn(instruction: int, id_: int, asked: bytes, servos: Sequence[Servo]
     replies = tuple(
         Reply(servo, _status(id_, servo, _read(servo, asked)))
         for servo in servos
-        if servo.id == id_ and instruction in servo.instructions and servo.status_level >= 1
+        if instruction in servo.instructions and servo.status_level >= 1
     )
     return Turn(replies, size=6 + asked[1])
 
@@ -159,11 +162,10 @@ def _read_turn(instruction: int, id_: int, asked: bytes, servos: Sequence[Servo]
 def _sync_write(params: bytes, servos: Sequence[Servo]) -> list[Turn]:
     if len(params) < 2:
         return []
-    address, length = params[:1], params[1]
+    address, length, there = params[:1], params[1], by_id(servos)
     for at in range(2, len(params) - length, length + 1):
-        for servo in servos:
-            if servo.id == params[at]:
-                _write(servo, address + params[at + 1 : at + 1 + length])
+        for servo in there.get(params[at], ()):
+            _write(servo, address + params[at + 1 : at + 1 + length])
     return []
 
 

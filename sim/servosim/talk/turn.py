@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from servosim.servo import Servo
 
-__all__ = ["BROADCAST", "Reply", "Turn", "one_turn"]
+__all__ = ["BROADCAST", "Reply", "Turn", "by_id", "one_turn"]
 
 BROADCAST = 0xFE
 
@@ -35,6 +36,14 @@ class Turn:
     size: int = 0
     slot: int | None = None
     prompt: bool = False
+
+
+def by_id(servos: Sequence[Servo]) -> dict[int, list[Servo]]:
+    """Return who answers to which id."""
+    found: dict[int, list[Servo]] = {}
+    for servo in servos:
+        found.setdefault(servo.id, []).append(servo)
+    return found
 
 
 def one_turn(replies: list[Reply]) -> list[Turn]:

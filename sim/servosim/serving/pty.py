@@ -7,17 +7,18 @@ import os
 import select
 import time
 import tty
+from collections.abc import Sequence
 from pathlib import Path
 
 from servosim.line import Line
-from servosim.termios2 import line_speed
+from servosim.serving.termios2 import line_speed
 
 __all__ = ["PtyBus"]
 
 SPIN_S = 100e-6  # the kernel wakes us about this late: the rest is waited for awake
 AWAKE_STEP_S = 0.002  # a world in motion is kept up to date in small steps
 DOZING_STEP_S = 0.050
-NOBODY_STEP_S = 0.010  # between two looks whether somebody has opened the terminal
+NOBODY_STEP_S = 0.005  # between two looks whether somebody has opened the terminal
 
 
 class PtyBus:
@@ -30,10 +31,12 @@ class PtyBus:
     Attributes:
         path: The slave's device file.
         link: A symbolic link to it, or None.
+        follow_baud: Whether the line goes at the rate that the client has set.
     """
 
     def __init__(self, line: Line, link: Path | None = None) -> None:
         self.line, self.link = line, link
+        self.follow_baud = True
         self._start_s = time.monotonic()
         self._master = -1
         self.path = Path()
@@ -62,8 +65,9 @@ class PtyBus:
         """Return the line's time: real seconds since the start."""
         return time.monotonic() - self._start_s
 
-    def work(self, also: tuple[int, ...] = ()) -> list[int]:
+    def work(self, also: Sequence[int] = ()) -> list[int]:
         """Do what is due and wait for more; return those of ``also`` that can be read."""
+        self._follow_cable()
         due_s = self._next_due_s()
         ready = self._wait(due_s, also)
         if self._master in ready:
@@ -76,10 +80,17 @@ class PtyBus:
     def _next_due_s(self) -> float:
         now_s = self.now_s()
         idle_s = DOZING_STEP_S if self.line.world.dozing else AWAKE_STEP_S
-        due = [now_s + idle_s, self.line.next_s, self.line.inbox.end_of_first_s()]
+        due = [now_s + idle_s, self.line.next_s, self.line.inbox.next_end_s()]
         return min(at_s for at_s in due if at_s is not None)
 
-    def _wait(self, due_s: float, also: tuple[int, ...]) -> list[int]:
+    def _follow_cable(self) -> None:
+        """A fault may pull the cable and plug it in again."""
+        if self.line.plugged and self._master < 0:
+            self.plug()
+        elif not self.line.plugged and self._master >= 0:
+            self.unplug()
+
+    def _wait(self, due_s: float, also: Sequence[int]) -> list[int]:
         watched = [fd for fd in (self._master, *also) if fd >= 0]
         sleep_s = max(0.0, due_s - self.now_s() - SPIN_S)
         ready = select.select(watched, [], [], sleep_s)[0]
@@ -92,7 +103,8 @@ class PtyBus:
         if not data:
             return
         now_s = self.now_s()
-        self.line.set_baud(line_speed(self._master) or self.line.baud)
+        if self.follow_baud:
+            self.line.set_baud(line_speed(self._master) or self.line.baud)
         self.line.host_write(data, now_s)
         self.line.run_until(self.line.heard_all_s)
 

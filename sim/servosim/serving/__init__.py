@@ -1,0 +1,1 @@
+"""The simulated bus as a program: pseudo-terminal, options, window and remote control."""

@@ -1,0 +1,154 @@
+"""Remote control: a unix socket that takes one JSON object a line and answers likewise.
+
+>>> {"do": "state"}
+>>> {"do": "place", "joint": "elbow_flex", "deg": 30}
+>>> {"do": "hand", "joint": "elbow_flex", "deg": 60, "force": 2}
+>>> {"do": "hand", "joint": "elbow_flex", "release": true}
+>>> {"do": "fault", "fault": {"kind": "silent", "id": 3, "for_s": 1}}
+>>> {"do": "unplug"}    {"do": "replug"}    {"do": "brownout", "for_s": 0.5}
+>>> {"do": "temperature", "id": 3, "celsius": 75}    {"do": "voltage", "volts": 6.0}
+>>> {"do": "reset", "id": 3}    {"do": "quit"}
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from servosim.errors import SimulatorError
+from servosim.faults import Fault
+from servosim.hand import Hand, glide
+from servosim.line import Line
+from servosim.serving.state import joint_state, servo_state
+
+__all__ = ["Remote"]
+
+HAND_SPEED = 1.0  # rad/s, or m/s / 10 on a sliding joint
+Request = dict[str, Any]
+
+
+class Remote:
+    """Listens on a socket, if there is one, between two looks at the line."""
+
+    def __init__(self, path: Path | None, line: Line) -> None:
+        self._path, self._line = path, line
+        self._server: socket.socket | None = None
+        self._clients: dict[int, tuple[socket.socket, bytearray]] = {}
+        self._quit = False
+
+    def __enter__(self) -> Remote:
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+            self._server = socket.socket(socket.AF_UNIX)
+            self._server.bind(str(self._path))
+            self._server.listen()
+            self._server.setblocking(False)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for client, _buffer in self._clients.values():
+            client.close()
+        if self._server is not None and self._path is not None:
+            self._server.close()
+            self._path.unlink(missing_ok=True)
+
+    def sockets(self) -> list[int]:
+        """Return the file descriptors to wait for."""
+        return [*([self._server.fileno()] if self._server else []), *self._clients]
+
+    def serve(self, ready: list[int]) -> bool:
+        """Answer what has come; true when somebody wants the server to end."""
+        for fd in ready:
+            if fd in self._clients:
+                self._receive(fd)
+            elif self._server is not None and fd == self._server.fileno():
+                client = self._server.accept()[0]
+                self._clients[client.fileno()] = (client, bytearray())
+        return self._quit
+
+    def answer(self, text: str | bytes) -> Request:
+        """Do what one line asks; return the answer."""
+        try:
+            request: Request = json.loads(text)
+            return {"ok": True, **self._do(request)}
+        except (SimulatorError, ValueError, KeyError, TypeError, AttributeError) as error:
+            reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            return {"ok": False, "error": reason}
+
+    def _receive(self, fd: int) -> None:
+        client, buffer = self._clients[fd]
+        try:
+            data = client.recv(65536)
+            buffer += data
+            while b"\n" in buffer:
+                line, _, rest = bytes(buffer).partition(b"\n")
+                buffer[:] = rest
+                client.sendall(json.dumps(self.answer(line)).encode() + b"\n")
+        except OSError:
+            data = b""
+        if not data:
+            client.close()
+            del self._clients[fd]
+
+    def _do(self, request: Request) -> Request:
+        actions: dict[str, Callable[[Request], Request | None]] = {
+            "state": self._state,
+            "place": self._place,
+            "hand": self._hand,
+            "fault": self._fault,
+            "unplug": lambda _: self._plug(plugged=False),
+            "replug": lambda _: self._plug(plugged=True),
+            "quit": self._end,
+            **dict.fromkeys(("brownout", "voltage", "reset"), self._event),
+            "temperature": lambda r: self._event({**r, "do": "hot"}),
+        }
+        name = request["do"]
+        if name not in actions:
+            raise SimulatorError(f"cannot do {name!r}; can: {', '.join(actions)}")
+        return actions[name](request) or {}
+
+    def _state(self, _: Request) -> Request:
+        world = self._line.world
+        servos = [servo_state(joint, servo) for joint in world.joints for servo in joint.servos]
+        joints = {joint.name: joint_state(joint) for joint in world.joints}
+        return {"time_s": world.time_s, "servos": servos, "joints": joints}
+
+    def _place(self, request: Request) -> None:
+        self._line.world.place(request["joint"], _coordinate(request))
+
+    def _hand(self, request: Request) -> None:
+        world, name = self._line.world, request["joint"]
+        if request.get("release"):
+            world.release(name)
+            return
+        joint = world.joint(name)
+        speed = HAND_SPEED if joint.m_per_rad == 1.0 else HAND_SPEED / 10
+        path = glide(joint.position, _coordinate(request), request.get("speed", speed))
+        world.grasp(name, Hand(path, limit=float(request.get("force", 2.0))))
+
+    def _fault(self, request: Request) -> None:
+        fault = dict(request["fault"])
+        fault.setdefault("at_s", self._line.world.time_s)
+        self._line.faults.add(Fault.of(fault))
+
+    def _event(self, request: Request) -> None:
+        """Start a fault of the same name now; the keys are the fault's."""
+        keys = {key: value for key, value in request.items() if key != "do"}
+        self._fault({"fault": {"kind": request["do"], **keys}})
+
+    def _plug(self, *, plugged: bool) -> None:
+        self._line.plugged = plugged
+
+    def _end(self, _: Request) -> None:
+        self._quit = True
+
+
+def _coordinate(request: Request) -> float:
+    """Return the joint coordinate that a request names in degrees, radians or metres."""
+    if "deg" in request:
+        return math.radians(float(request["deg"]))
+    return float(request["rad"] if "rad" in request else request["m"])

@@ -1,0 +1,47 @@
+"""The host's adapter: echo, USB frames, latency timer, noise."""
+
+from __future__ import annotations
+
+import pytest
+
+from servosim.adapter import AdapterOptions
+
+PING = bytes.fromhex("FFFF010201FB")
+PONG = bytes.fromhex("FFFF010200FC")
+
+
+def test_an_echo_comes_before_the_answer(desk):
+    port = desk("STS3215", adapter=AdapterOptions(echo=True))
+    port.write(PING)
+    assert port.read(12) == PING + PONG
+
+
+def test_an_answer_waits_for_the_next_usb_frame(desk):
+    port = desk("STS3215", adapter=AdapterOptions(usb_frame_s=0.001))
+    port.clock.sleep_until(0.0103)
+    port.write(PING)
+    port.read(6)
+    assert port.clock.now_s() == pytest.approx(0.012)
+
+
+def test_a_short_answer_waits_for_the_latency_timer(desk):
+    port = desk("STS3215", adapter=AdapterOptions(latency_s=0.016))
+    port.write(PING)
+    port.read(6)
+    assert port.clock.now_s() == pytest.approx(0.016, abs=2e-4)
+
+
+def test_a_full_packet_does_not_wait(desk):
+    port = desk("STS3215", adapter=AdapterOptions(latency_s=0.016))
+    port.write(bytes.fromhex("FFFF 01 04 02 00 50 A8".replace(" ", "")))
+    assert len(port.read(62)) == 62
+    assert port.clock.now_s() < 0.001
+
+
+def test_noise_spoils_some_transactions_and_not_all(desk):
+    port = desk("STS3215", noise=0.02)
+    heard = []
+    for _ in range(60):
+        port.write(PING)
+        heard.append(port.read(6) == PONG)
+    assert 10 < sum(heard) < 60

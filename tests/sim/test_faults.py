@@ -1,0 +1,198 @@
+"""Each fault, as a client meets it."""
+
+from __future__ import annotations
+
+import pytest
+
+from servosim.errors import FaultError, PortClosedError
+from servosim.faults import Fault, read_faults
+
+PING = bytes.fromhex("FFFF010201FB")
+PONG = bytes.fromhex("FFFF010200FC")
+
+
+def ping(port):
+    port.write(PING)
+    return port.read(6)
+
+
+def run(port, seconds):
+    port.clock.sleep_until(port.clock.now_s() + seconds)
+
+
+def test_a_silent_servo_does_not_answer_while_the_fault_lasts(desk):
+    port = desk("STS3215")
+    port.line.faults.add(Fault("silent", id=1, at_s=0.05, for_s=0.05))
+    heard = []
+    for _ in range(3):
+        heard.append(ping(port))
+        run(port, 0.06)
+    assert heard == [PONG, b"", PONG]
+
+
+def test_a_fault_of_another_servo_leaves_this_one_alone(desk):
+    port = desk("STS3215")
+    port.line.faults.add(Fault("silent", id=2))
+    assert ping(port) == PONG
+
+
+def test_a_late_reply_arrives_in_the_next_transaction(desk):
+    port = desk("STS3215", "STS3215")
+    port.line.faults.add(Fault("late", id=1, delay_s=0.025, count=1))
+    port.timeout = 0.02
+    first = ping(port)
+    port.clock.sleep_until(0.0245)
+    port.write(bytes.fromhex("FFFF020201FA"))
+    assert (first, port.read(12)) == (b"", bytes.fromhex("FFFF020200FB") + PONG)
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "looks"),
+    [
+        ("short", {"bytes": 4}, lambda heard: heard == PONG[:4]),
+        ("checksum", {}, lambda heard: heard == PONG[:-1] + b"\x03"),
+        ("flipped", {"bits": 1}, lambda heard: len(heard) == 6 and heard != PONG),
+        ("garbage", {"bytes": 3}, lambda heard: heard[3:] == PONG),
+        ("truncated", {}, lambda heard: PONG.startswith(heard) and len(heard) < 6),
+        ("duplicated", {"delay_s": 0.001}, lambda heard: heard == PONG + PONG),
+        ("lost", {}, lambda heard: heard == b""),
+    ],
+)
+def test_a_reply_is_spoilt_as_its_fault_says(desk, kind, options, looks):
+    port = desk("STS3215")
+    port.line.faults.add(Fault(kind, **options))
+    port.write(PING)
+    assert looks(port.read(64))
+
+
+def test_a_count_ends_a_fault(desk):
+    port = desk("STS3215")
+    port.line.faults.add(Fault("silent", count=2))
+    assert [ping(port) for _ in range(3)] == [b"", b"", PONG]
+
+
+def test_chance_is_the_same_for_the_same_seed(desk):
+    def losses():
+        port = desk("STS3215", seed=7)
+        port.line.faults.add(Fault("silent", probability=0.5))
+        return [ping(port) for _ in range(20)]
+
+    first = losses()
+    assert (first, {*first}) == (losses(), {b"", PONG})
+
+
+def test_a_pulled_cable_raises_and_comes_back(desk):
+    port = desk("STS3215")
+    port.line.faults.add(Fault("unplug", at_s=0.01, for_s=0.05))
+    run(port, 0.02)
+    with pytest.raises(PortClosedError):
+        port.write(PING)
+    run(port, 0.06)
+    assert ping(port) == PONG
+
+
+def test_a_brownout_makes_limp_and_deaf_and_empties_the_ram(desk):
+    port = desk("STS3215")
+    servo = port.line.servos[1]
+    servo.write("acceleration", 30)
+    servo.write("torque_enable", 1)
+    port.line.faults.add(Fault("brownout", for_s=0.05))
+    run(port, 0.01)
+    during = ping(port), servo.drive.torque_on
+    run(port, 0.06)
+    after = ping(port), servo.read("acceleration"), servo.read("torque_enable")
+    assert (during, after) == ((b"", False), (PONG, 0, 0))
+
+
+def test_an_alarm_is_in_the_answers_until_its_end(desk):
+    port = desk("STS3215")
+    port.line.faults.add(Fault("alarm", bits=0x04, for_s=0.05))
+    run(port, 0.01)
+    during = ping(port)
+    run(port, 0.1)
+    assert (during[4], ping(port)) == (0x04, PONG)
+
+
+def test_a_hot_servo_says_so_and_lets_go(desk):
+    port = desk("STS3215")
+    servo = port.line.servos[1]
+    servo.write("torque_enable", 1)
+    port.line.faults.add(Fault("hot", celsius=85))
+    run(port, 0.1)
+    assert (servo.read("status"), servo.drive.torque_on) == (0x04, False)
+
+
+def test_a_stuck_shaft_does_not_move(desk):
+    port = desk("STS3215")
+    servo = port.line.servos[1]
+    port.line.faults.add(Fault("stuck", for_s=0.5))
+    run(port, 0.01)
+    servo.write("torque_enable", 1)
+    servo.write("goal_position", 2500)
+    run(port, 0.4)
+    during = servo.read("present_position")
+    run(port, 1)
+    assert (during, servo.read("present_position")) == (2048, pytest.approx(2500, abs=3))
+
+
+def test_a_wrong_voltage_is_seen_and_alarmed(desk):
+    port = desk("STS3215")
+    servo = port.line.servos[1]
+    port.line.faults.add(Fault("voltage", volts=3.5))
+    run(port, 0.1)
+    assert (servo.read("present_voltage"), servo.read("status")) == (35, 0x01)
+
+
+def test_a_lost_torque_leaves_the_register_on(desk):
+    port = desk("XL430-W250")
+    servo = port.line.servos[1]
+    servo.write("torque_enable", 1)
+    port.line.faults.add(Fault("torque_lost"))
+    run(port, 0.01)
+    assert (servo.read("torque_enable"), servo.drive.torque_on) == (1, False)
+
+
+def test_slipping_gears_lag_behind_a_load(configs):
+    import servosim
+
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
+    for servo in port.line.servos.values():
+        servo.write("torque_enable", 1)
+    run(port, 1)
+    sound = port.line.servos[3].read("present_position")
+    port.line.faults.add(Fault("slipping", id=3, grip=0.05))
+    run(port, 1)
+    assert abs(port.line.servos[3].read("present_position") - sound) > 100
+
+
+def test_an_unknown_fault_is_named_with_those_there_are(desk):
+    with pytest.raises(FaultError, match="no fault is named 'gremlin'; known: silent, late"):
+        desk("STS3215").line.faults.add(Fault("gremlin"))
+
+
+class TestFiles:
+    def test_of_toml_are_read(self, tmp_path):
+        path = tmp_path / "faults.toml"
+        path.write_text('[[fault]]\nkind = "late"\nid = 3\nprobability = 0.02\ndelay_s = 0.1\n')
+        assert read_faults(path) == [Fault("late", id=3, probability=0.02, delay_s=0.1)]
+
+    def test_of_json_are_read(self, tmp_path):
+        path = tmp_path / "faults.json"
+        path.write_text('[{"kind": "silent", "count": 2}]')
+        assert read_faults(path) == [Fault("silent", count=2)]
+
+    @pytest.mark.parametrize(
+        ("text", "complaint"),
+        [
+            ("[[fault]]\nid = 3\n", "a fault needs a kind"),
+            ('[[fault]]\nkind = "late"\ndelay = 3\n', "a fault has no 'delay'"),
+            ('[[fault]]\nkind = "late"\nid = "x"\n', "id = 'x' has the wrong kind"),
+            ("nothing = 1\n", r"no \[\[fault\]\]"),
+            ("[[[\n", "faults.toml"),
+        ],
+    )
+    def test_that_make_no_sense_are_refused(self, tmp_path, text, complaint):
+        path = tmp_path / "faults.toml"
+        path.write_text(text)
+        with pytest.raises(FaultError, match=complaint):
+            read_faults(path)

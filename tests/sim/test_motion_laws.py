@@ -1,0 +1,96 @@
+"""Commanded motions of each family against the closed form of their profile."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+RPM = 2 * math.pi / 60
+TICK = 2 * math.pi / 4096
+
+TRAVEL = 1200
+
+# fmt: off
+PROFILES = {
+    # model: registers of the profile, speed [tick/s], acceleration [tick/s²]
+    "STS3215":    ({"goal_speed": 1000, "acceleration": 20},
+                   1000, 2000),
+    "XM430-W350": ({"profile_velocity": 100, "profile_acceleration": 10},
+                   22.9 * RPM / TICK, 2145.77 * RPM / 60 / TICK),
+    "MX-28":      ({"moving_speed": 150, "goal_acceleration": 20},
+                   17.1 * RPM / TICK, math.radians(171.66) / TICK),
+}
+# fmt: on
+
+
+def trapezoid(time_s, travel, speed, acceleration):
+    """Position on a trapezoid (or triangle) that starts and ends at rest."""
+    ramp_s = min(speed / acceleration, math.sqrt(travel / acceleration))
+    speed = acceleration * ramp_s
+    cruise_s = travel / speed - ramp_s
+    if time_s < ramp_s:
+        return acceleration * time_s**2 / 2
+    if time_s < ramp_s + cruise_s:
+        return speed * (time_s - ramp_s / 2)
+    rest_s = max(0.0, 2 * ramp_s + cruise_s - time_s)
+    return travel - acceleration * rest_s**2 / 2
+
+
+@pytest.mark.parametrize("model", PROFILES)
+def test_an_unloaded_servo_follows_its_trapezoid_within_one_percent(desk, model):
+    registers, speed, acceleration = PROFILES[model]
+    port = desk(model)
+    servo = port.line.servos[1]
+    servo.write("torque_enable", 1)
+    for name, value in registers.items():
+        servo.write(name, value)
+    servo.write("goal_position", 2048 + TRAVEL)
+    start_s = port.clock.now_s()
+    for k in range(1, 60):
+        port.clock.sleep_until(start_s + k * 0.04)
+        expected = 2048 + trapezoid(k * 0.04, TRAVEL, speed, acceleration)
+        assert servo.read("present_position") == pytest.approx(expected, abs=0.01 * TRAVEL), k
+
+
+@pytest.mark.parametrize("model", ["SCS0009", "AX-12A"])
+def test_a_servo_without_acceleration_moves_at_its_goal_speed(desk, model):
+    port = desk(model)
+    servo = port.line.servos[1]
+    name, value, ticks_s = {
+        "SCS0009": ("goal_speed", 200, 200),
+        "AX-12A": ("moving_speed", 200, 200 * 0.111 * 6 / (300 / 1024)),
+    }[model]
+    servo.write("torque_enable", 1)
+    servo.write(name, value)
+    servo.write("goal_position", 1000)
+    port.clock.sleep_until(0.3)
+    first = servo.read("present_position")
+    port.clock.sleep_until(0.8)
+    gone = servo.read("present_position") - first
+    assert gone == pytest.approx(0.5 * ticks_s, abs=0.01 * 500)
+
+
+def test_present_speed_agrees_with_the_positions(desk):
+    port = desk("STS3215")
+    servo = port.line.servos[1]
+    servo.write("torque_enable", 1)
+    servo.write("goal_speed", 600)
+    servo.write("goal_position", 3500)
+    port.clock.sleep_until(1.0)
+    before, speed = servo.read("present_position"), servo.read("present_speed")
+    port.clock.sleep_until(1.5)
+    assert (servo.read("present_position") - before) / 0.5 == pytest.approx(speed, rel=0.03)
+
+
+def test_a_load_that_holds_back_an_xm430_shuts_it_down_after_its_time(desk):
+    port = desk("XM430-W350")
+    servo = port.line.servos[1]
+    servo.motor.stuck = True
+    servo.write("torque_enable", 1)
+    servo.write("goal_position", 4000)
+    port.clock.sleep_until(1.9)
+    before = servo.read("hardware_error_status")
+    port.clock.sleep_until(2.2)
+    after = servo.read("hardware_error_status"), servo.read("torque_enable")
+    assert (before, after) == (0, (0x20, 0))

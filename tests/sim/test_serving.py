@@ -1,0 +1,315 @@
+"""The server: its options, its log and audit, its remote control, its pseudo-terminals."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import dynamixel_sdk
+import pytest
+import scservo_sdk
+
+from servosim.serving.options import parse
+from servosim.serving.remote import Remote
+from servosim.traffic import Audit, Journal
+
+SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
+PING = bytes.fromhex("FFFF010201FB")
+
+
+class TestOptions:
+    def test_give_servos_by_ids_and_model(self):
+        options = parse(["--servo", "1-3:xl430-w250", "--servo", "7,9:XL330-M288"])
+        assert [(servo.id, servo.model) for servo in options.servos] == [
+            (1, "XL430-W250"), (2, "XL430-W250"), (3, "XL430-W250"),
+            (7, "XL330-M288"), (9, "XL330-M288"),
+        ]  # fmt: skip
+
+    @pytest.mark.parametrize(
+        ("argv", "complaint"),
+        [
+            ([], "give an arm or --servo"),
+            (["arm.toml", "--servo", "1:sts3215"], "not both"),
+            (["--servo", "1:sts9999"], "no model 'sts9999' in '1:sts9999'; known: "),
+            (["--servo", "x:sts3215"], "'x' are no ids"),
+            (["--servo", "1-300:sts3215"], "ids go from 0 to 252"),
+            (["arm.toml", "--protocol", "3"], "invalid choice"),
+        ],
+    )
+    def test_that_make_no_sense_exit_with_a_message(self, argv, complaint, capsys):
+        with pytest.raises(SystemExit) as ended:
+            parse(argv)
+        assert ended.value.code == 2
+        assert complaint in capsys.readouterr().err
+
+
+class TestJournal:
+    def test_writes_time_direction_bytes_and_meaning(self, desk, tmp_path):
+        port = desk("STS3215")
+        journal = Journal(tmp_path / "log", port.line.world.servos)
+        port.line.witnesses.append(journal)
+        port.write(bytes.fromhex("FFFF0104023802BE"))
+        port.read(8)
+        journal.close()
+        first, second = (tmp_path / "log").read_text().splitlines()
+        assert first == "    0.000080 > FF FF 01 04 02 38 02 BE  read 1 present_position (56)"
+        assert second.endswith("< FF FF 01 04 00 00 08 F2  status 1")
+
+    def test_names_errors_and_collisions(self, desk, tmp_path):
+        port = desk("XL430-W250", "XL330-M288", ids=(1, 1))
+        journal = Journal(tmp_path / "log", port.line.world.servos)
+        port.line.witnesses.append(journal)
+        port.write(bytes.fromhex("FFFFFD0001030001194E"))
+        port.read(64)
+        journal.close()
+        assert "collision" in (tmp_path / "log").read_text()
+
+
+class TestAudit:
+    def test_sees_goals_steps_distances_and_eeprom_writes(self, desk):
+        port = desk("STS3215")
+        servo, audit = port.line.servos[1], Audit(port.line.world.servos)
+        servo.write("lock", 0)
+        servo.write("max_position_limit", 3000)
+        for goal in (2100, 2500, 3200):
+            servo.write("goal_position", goal)
+        (record,) = audit.report([])["servos"]
+        assert record == {
+            "id": 1, "model": "STS3215", "goals": 3, "goals_outside_limits": 1,
+            "largest_goal_step": 700, "largest_goal_distance": 1152, "eeprom_writes": 1,
+        }  # fmt: skip
+
+    def test_counts_frames_bad_checksums_and_junk(self, desk):
+        port = desk("STS3215")
+        audit = Audit(port.line.world.servos)
+        port.line.witnesses.append(audit)
+        for data in (PING, PING[:-1] + b"\x00", b"\x12\x34" + PING):
+            port.write(data)
+            port.read(6)
+        report = audit.report(list(port.line.readers.values()))
+        assert (report["frames"], report["replies"], report["bad_checksums"]) == (2, 2, 1)
+        assert report["junk_bytes"] == 8
+
+    def test_says_nothing_of_a_goal_that_was_not_written(self, desk):
+        port = desk("STS3215")
+        audit = Audit(port.line.world.servos)
+        port.line.servos[1].write("acceleration", 5)
+        assert audit.report([])["servos"][0]["goals"] == 0
+
+
+class TestRemote:
+    def ask(self, port, request):
+        return Remote(None, port.line).answer(json.dumps(request))
+
+    def test_tells_the_state_of_servos_and_joints(self, desk):
+        answer = self.ask(desk("STS3215"), {"do": "state"})
+        servo = answer["servos"][0]
+        assert (servo["id"], servo["model"], servo["position"]) == (1, "STS3215", 2048)
+        assert answer["joints"]["servo_1"]["position_deg"] == 0.0
+
+    def test_places_a_joint(self, desk):
+        port = desk("STS3215")
+        self.ask(port, {"do": "place", "joint": "servo_1", "deg": 90})
+        assert port.line.servos[1].read("present_position") == 3072
+
+    def test_leads_a_joint_by_the_hand(self, desk):
+        port = desk("STS3215")
+        self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
+        port.clock.sleep_until(2)
+        assert port.line.world.joint("servo_1").position == pytest.approx(math.pi / 4, abs=0.01)
+
+    def test_lets_go(self, desk):
+        port = desk("STS3215")
+        self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
+        self.ask(port, {"do": "hand", "joint": "servo_1", "release": True})
+        assert port.line.world.hands == {}
+
+    def test_starts_a_fault_now(self, desk):
+        port = desk("STS3215")
+        port.clock.sleep_until(1)
+        self.ask(port, {"do": "fault", "fault": {"kind": "silent", "count": 1}})
+        port.write(PING)
+        assert port.read(6) == b""
+
+    @pytest.mark.parametrize(
+        ("request_", "register", "value"),
+        [
+            ({"do": "temperature", "id": 1, "celsius": 60}, "present_temperature", 60),
+            ({"do": "voltage", "volts": 6.0}, "present_voltage", 60),
+            ({"do": "reset", "id": 1}, "acceleration", 0),
+            ({"do": "brownout", "for_s": 0.01}, "acceleration", 0),
+        ],
+    )
+    def test_changes_the_world(self, desk, request_, register, value):
+        port = desk("STS3215")
+        port.line.servos[1].write("acceleration", 9)
+        assert self.ask(port, request_) == {"ok": True}
+        port.clock.sleep_until(0.1)
+        assert port.line.servos[1].read(register) == pytest.approx(value, abs=1)
+
+    @pytest.mark.parametrize(
+        ("text", "error"),
+        [
+            ("nonsense", "Expecting value"),
+            ("{}", "'do' is missing"),
+            ('{"do": "dance"}', "cannot do 'dance'; can: state, place"),
+            ('{"do": "place", "joint": "knee", "deg": 1}', "no joint is named 'knee'"),
+            ('{"do": "place", "joint": "servo_1"}', "'m' is missing"),
+            ('{"do": "fault", "fault": {"kind": "gremlin"}}', "no fault is named"),
+            ("[1]", "list indices"),
+        ],
+    )
+    def test_explains_what_it_cannot_do(self, desk, text, error):
+        answer = Remote(None, desk("STS3215").line).answer(text)
+        assert not answer["ok"]
+        assert error in answer["error"]
+
+
+@pytest.fixture
+def server(tmp_path):
+    """Start servers; each gives (process, path of its port)."""
+    running = []
+
+    def start(*argv):
+        command = [sys.executable, "-c", SERVE, *map(str, argv)]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        running.append(process)
+        return process, process.stdout.readline().strip()
+
+    yield start
+    for process in running:
+        process.terminate()
+        process.wait(10)
+        process.stdout.close()
+
+
+def heard(ask, *request):
+    """Ask until the answer comes: the machine of a test may be busy."""
+    answers = (ask(*request) for _ in range(5))
+    return next((answer for answer in answers if answer[-2] == 0), "no answer")
+
+
+def dynamixel(path, baud=1_000_000):
+    port = dynamixel_sdk.PortHandler(path)
+    assert port.openPort()
+    assert port.setBaudRate(baud)
+    return port
+
+
+def test_loose_servos_answer_at_the_rate_of_the_factory(server):
+    _, path = server("--servo", "1-2:xl430-w250", "--servo", "5:xl330-m288")
+    port = dynamixel(path, 57_600)
+    packets = dynamixel_sdk.PacketHandler(2.0)
+    answers = [heard(packets.ping, port, id_) for id_ in (1, 2, 5)]
+    port.closePort()
+    assert answers == [(1060, 0, 0), (1060, 0, 0), (1200, 0, 0)]
+
+
+def test_loose_servos_speak_protocol_1_when_told_to(server):
+    _, path = server("--servo", "1:xl430-w250", "--baud", "1000000", "--protocol", "1")
+    port = dynamixel(path)
+    answer = heard(dynamixel_sdk.PacketHandler(1.0).ping, port, 1)
+    port.closePort()
+    assert answer == (1060, 0, 0)
+
+
+def test_ax_and_mx_talk_to_the_sdk(server):
+    _, path = server("--servo", "1:ax-12a", "--servo", "2:mx-28", "--baud", "1000000")
+    port = dynamixel(path)
+    packets = dynamixel_sdk.PacketHandler(1.0)
+    answers = heard(packets.ping, port, 1), heard(packets.ping, port, 2)
+    position = heard(packets.read2ByteTxRx, port, 2, 36)
+    heard(packets.write2ByteTxRx, port, 1, 30, 520)
+    goal = heard(packets.read2ByteTxRx, port, 1, 30)
+    port.closePort()
+    assert answers == ((12, 0, 0), (29, 0, 0))
+    assert (position, goal) == ((2048, 0, 0), (520, 0, 0))
+
+
+def test_scs_servos_talk_to_the_sdk(server):
+    _, path = server("--servo", "1:scs0009")
+    port = scservo_sdk.PortHandler(path)
+    port.openPort()
+    port.setBaudRate(1_000_000)
+    packets = scservo_sdk.PacketHandler(1)
+    answers = heard(packets.ping, port, 1), heard(packets.read2ByteTxRx, port, 1, 56)
+    port.closePort()
+    scservo_sdk.PacketHandler(0)  # the byte order is a global of the SDK
+    assert answers == ((1284, 0, 0), (512, 0, 0))
+
+
+def test_an_arm_can_be_set_to_another_rate(server, configs):
+    _, path = server(configs / "koch" / "arm.toml", "--baud", "57600")
+    port = dynamixel(path, 57_600)
+    answer = heard(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
+    port.closePort()
+    assert answer == (1060, 0, 0)
+
+
+def test_two_arms_are_served_at_once(server, configs):
+    paths = [server(configs / name / "arm.toml")[1] for name in ("koch", "px100")]
+    packets = dynamixel_sdk.PacketHandler(2.0)
+    ports = [dynamixel(path) for path in paths]
+    answers = [heard(packets.ping, port, 1) for port in ports]
+    for port in ports:
+        port.closePort()
+    assert answers == [(1060, 0, 0)] * 2
+
+
+def test_log_audit_and_quit(server, configs, tmp_path):
+    log, audit, control = (tmp_path / name for name in ("log", "audit", "control"))
+    process, path = server(
+        configs / "koch" / "arm.toml", "--log", log, "--audit", audit, "--control", control
+    )
+    port = dynamixel(path)
+    heard(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
+    port.closePort()
+    assert talk(control, {"do": "state"})["servos"][0]["id"] == 1
+    assert talk(control, {"do": "quit"}) == {"ok": True}
+    assert process.wait(10) == 0
+    assert "ping 1" in log.read_text()
+    assert json.loads(audit.read_text())["frames"] >= 1
+    assert not control.exists()
+
+
+def test_a_cable_can_be_pulled_and_plugged_in_again(server, configs, tmp_path):
+    link, control = tmp_path / "arm", tmp_path / "control"
+    server(configs / "koch" / "arm.toml", "--link", link, "--control", control)
+    port = dynamixel(str(link))
+    talk(control, {"do": "unplug"})
+    wait_until(lambda: not link.is_symlink())
+    with pytest.raises(OSError, match=r"readiness|Input/output"):
+        port.ser.read(1) or port.ser.read(1)
+    port.ser.close()
+    talk(control, {"do": "replug"})
+    wait_until(link.is_symlink)
+    port = dynamixel(str(link))
+    answer = heard(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
+    port.closePort()
+    assert answer == (1060, 0, 0)
+
+
+def test_what_cannot_be_served_is_explained(tmp_path):
+    command = [sys.executable, "-c", SERVE, str(tmp_path / "arm.toml")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert "arm.toml" in result.stderr
+
+
+def talk(path: Path, request):
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(5)
+        client.connect(str(path))
+        client.sendall(json.dumps(request).encode() + b"\n")
+        return json.loads(client.makefile().readline())
+
+
+def wait_until(condition, timeout_s=5.0):
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s

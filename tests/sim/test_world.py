@@ -1,0 +1,127 @@
+"""The world between the servos: time, hands, rest, power."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import servosim
+from servosim.errors import SimulatorError
+from servosim.hand import Hand, hold
+from servosim.sweep import SweepingHands
+
+
+def run(port, seconds):
+    port.clock.sleep_until(port.clock.now_s() + seconds)
+
+
+def test_a_world_at_rest_dozes(desk):
+    port = desk("STS3215")
+    run(port, 0.1)
+    assert port.line.world.dozing
+
+
+def test_a_dozing_world_keeps_the_time(desk):
+    port = desk("XL430-W250")
+    run(port, 1.0)
+    assert port.line.servos[1].read("realtime_tick") == 1000
+
+
+def test_a_write_wakes_the_world(desk):
+    port = desk("STS3215")
+    run(port, 0.1)
+    port.line.servos[1].write("torque_enable", 1)
+    assert not port.line.world.dozing
+
+
+def test_a_servo_that_holds_a_load_warms_while_the_world_dozes(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
+    for servo in port.line.servos.values():
+        servo.write("torque_enable", 1)
+    run(port, 60)
+    assert port.line.world.dozing
+    assert port.line.servos[3].motor.temperature_c > 25.1
+
+
+def test_an_event_happens_at_its_time_in_a_dozing_world(desk):
+    port = desk("STS3215")
+    happened = []
+    port.line.world.at(0.5, lambda: happened.append(port.line.world.time_s))
+    run(port, 1.0)
+    assert happened == [pytest.approx(0.5, abs=0.0011)]
+
+
+def test_a_hand_moves_a_limp_joint(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
+    world = port.line.world
+    world.grasp("elbow_flex", Hand(hold(0.3), limit=5.0))
+    run(port, 1.0)
+    assert world.joint("elbow_flex").position == pytest.approx(0.3, abs=0.01)
+
+
+def test_a_hand_cannot_overcome_a_servo_that_is_stronger(desk):
+    port = desk("STS3215")
+    port.line.servos[1].write("torque_enable", 1)
+    port.line.world.grasp("servo_1", Hand(hold(1.0), limit=0.5))
+    run(port, 1.0)
+    assert abs(port.line.world.joint("servo_1").position) < 0.1
+
+
+def test_an_unknown_joint_is_named_with_those_there_are(desk):
+    with pytest.raises(SimulatorError, match="no joint is named 'knee'; known: servo_1"):
+        desk("STS3215").line.world.grasp("knee", Hand(hold(0.0)))
+
+
+def test_sweeping_hands_take_a_limp_joint_through_its_travel(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
+    SweepingHands(port.line.world)
+    seen = []
+    for _ in range(100):
+        run(port, 0.1)
+        seen.append(port.line.world.joint("shoulder_pan").position)
+    assert (min(seen), max(seen)) == (pytest.approx(-1.92, abs=0.08), pytest.approx(1.92, abs=0.08))
+
+
+def test_sweeping_hands_know_the_limits_of_mujocos_joints(configs):
+    pytest.importorskip("mujoco")
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?physics=1")
+    plain = servosim.open_port(f"sim:{configs}/so101/arm.toml")
+    assert port.line.world.limits["elbow_flex"] == pytest.approx(
+        plain.line.world.limits["elbow_flex"]
+    )
+
+
+def test_sweeping_hands_let_go_of_a_joint_that_holds(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
+    SweepingHands(port.line.world)
+    port.line.servos[1].write("torque_enable", 1)
+    run(port, 0.2)
+    assert "shoulder_pan" not in port.line.world.hands
+
+
+def test_two_rails_feed_the_servos_of_a_koch(configs):
+    port = servosim.open_port(f"sim:{configs}/koch/arm.toml")
+    run(port, 0.1)
+    volts = [port.line.servos[k].read("present_input_voltage") for k in (1, 6)]
+    assert volts == [120, 50]
+
+
+def test_mujoco_moves_the_joints_of_an_arm(configs):
+    pytest.importorskip("mujoco")
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&physics=1")
+    for servo in port.line.servos.values():
+        servo.write("torque_enable", 1)
+    servo = port.line.servos[1]
+    servo.write("goal_speed", 600)
+    servo.write("goal_position", 2548)
+    run(port, 3.0)
+    assert servo.read("present_position") == pytest.approx(2548, abs=12)
+
+
+def test_a_limp_arm_in_mujoco_comes_to_lie_on_the_floor(configs):
+    pytest.importorskip("mujoco")
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&physics=1")
+    run(port, 6.0)
+    speed = port.line.world.joint("shoulder_lift").velocity
+    assert math.isclose(speed, 0.0, abs_tol=0.05)
