@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from ikservo.hardware.backup import back_up_once, backup_path, read_backup
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.eeprom import Difference, differences, read_eeprom, update_eeprom
 from ikservo.hardware.port import Port, open_port
 from ikservo.hardware.readings import Readings
+from ikservo.hardware.replug import reopen, serial_number_of
 from ikservo.hardware.servo import Identity, ServoSpec
 from ikservo.hardware.torque import check_supply, torque_off, torque_on
 
@@ -16,10 +18,15 @@ __all__ = [
     "Readings",
     "ServoBus",
     "ServoSpec",
+    "back_up_once",
+    "backup_path",
     "check_supply",
     "differences",
     "open_port",
+    "read_backup",
     "read_eeprom",
+    "reopen",
+    "serial_number_of",
     "torque_off",
     "torque_on",
     "update_eeprom",

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from types import TracebackType
-from typing import Literal, overload
+from typing import Any, Literal, Self, TypeVar, overload
 
-from ikservo.clock import Clock
-from ikservo.errors import BadValueError, BusError, RegisterAccessError
-from ikservo.hardware.block import decoded, rounds
-from ikservo.hardware.notation import Wanted, own_register, to_bytes
+from ikservo.errors import BusError
+from ikservo.hardware.block import rounds, written
+from ikservo.hardware.chain_order import silence_hint
+from ikservo.hardware.conversation import Conversation
+from ikservo.hardware.gathering import scatter
+from ikservo.hardware.notation import Wanted, own_register
+from ikservo.hardware.plan import Plan, Round, is_telling, plan_reading
 from ikservo.hardware.port import Port
-from ikservo.hardware.questions import Questions, Span
 from ikservo.hardware.readings import Readings
-from ikservo.hardware.servo import Identity, ServoSpec
-from ikservo.hardware.statistics import ServoStatistics
-from ikservo.registers import Alarm, Area, Family, Register, Role
+from ikservo.hardware.roll_call import RollCall
+from ikservo.hardware.servo import ServoSpec
+from ikservo.registers import Family, Register, Role
 
 __all__ = ["ServoBus"]
 
+_MOST_PLANS = 64  # more than a program repeats; a program that never repeats must not fill memory
 
-class ServoBus:
+_Key = TypeVar("_Key", bound=Wanted)
+
+
+class ServoBus(Conversation):
     """Reads and writes registers of the servos on one port.
 
     Registers may come from any table, or be a ``Role``: each servo's own register of that name
@@ -30,7 +36,7 @@ class ServoBus:
 
     Args:
         port: The line.
-        servos: Who should be on it.
+        servos: Who should be on it, in the order of the cable.
         retries: How often a question is put again whose answer is lost.
         fast: Whether fast sync read is tried where the family has it.
 
@@ -42,124 +48,8 @@ class ServoBus:
     def __init__(
         self, port: Port, servos: Sequence[ServoSpec], *, retries: int = 2, fast: bool = True
     ) -> None:
-        self.port = port
-        self.servos: Mapping[int, ServoSpec] = {servo.id: servo for servo in servos}
-        self._questions = Questions(port, servos, retries, fast=fast)
-        self._torque_on: set[int] = set()
-
-    @property
-    def clock(self) -> Clock:
-        """Return the clock of the line; virtual where the servos are simulated."""
-        return self.port.clock
-
-    @property
-    def statistics(self) -> Mapping[int, ServoStatistics]:
-        """Return how well each servo answers."""
-        return self._questions.statistics
-
-    @property
-    def alarms(self) -> Mapping[int, frozenset[Alarm]]:
-        """Return what each servo complained about in its latest answer, if it ever spoke."""
-        return self._questions.alarms
-
-    # --- one servo ---
-
-    def ping(self, servo_id: int) -> Identity:
-        """Return what the servo says it is.
-
-        Raises:
-            BusError: It is silent or unintelligible.
-        """
-        servo = self._servo(servo_id)
-        driver = self._questions.driver(servo)
-        data = self._questions.one(servo, "say who it is", lambda: driver.ping(servo_id))
-        if data:
-            return Identity(servo_id, int.from_bytes(data[:2], "little"), data[2])
-        return Identity(servo_id, self.read(servo_id, Role.MODEL_NUMBER, raw=True))
-
-    @overload
-    def read(self, servo_id: int, wanted: Wanted, *, raw: Literal[True]) -> int: ...
-    @overload
-    def read(self, servo_id: int, wanted: Wanted, *, raw: bool = False) -> float: ...
-    def read(self, servo_id: int, wanted: Wanted, *, raw: bool = False) -> float:
-        """Return a register of one servo.
-
-        Raises:
-            BusError: No usable answer, after repeats.
-        """
-        servo = self._servo(servo_id)
-        register, driver = own_register(servo, wanted), self._questions.driver(servo)
-        data = self._questions.one(
-            servo,
-            f"read {register}",
-            lambda: driver.read(servo_id, register.address, register.size),
-        )
-        number = register.decode(data)
-        self._note(servo, register, number)
-        return _shown(register, number, raw=raw)
-
-    def write(self, servo_id: int, wanted: Wanted, value: float, *, raw: bool = False) -> None:
-        """Write a register of one servo and hear that it was taken.
-
-        Raises:
-            RegisterAccessError: The register forbids it; nothing was sent.
-            BusError: The servo refused, or gave no usable answer after repeats.
-        """
-        servo = self._servo(servo_id)
-        register, driver = own_register(servo, wanted), self._questions.driver(servo)
-        data = self._permitted(servo, register, value, raw=raw)
-        number = register.decode(data)
-        self._questions.one(
-            servo,
-            f"write {register} = {number}",
-            lambda: driver.write(servo_id, register.address, data),
-            repeat=(register.name, number) not in servo.table.once,
-        )
-        self._note(servo, register, number)
-
-    def reg_write(self, servo_id: int, wanted: Wanted, value: float, *, raw: bool = False) -> None:
-        """Lay a write ready that ``action`` sets off; never repeated after a lost answer.
-
-        Raises:
-            RegisterAccessError: The register forbids it; nothing was sent.
-            BusError: The servo refused, or gave no usable answer.
-        """
-        servo = self._servo(servo_id)
-        register, driver = own_register(servo, wanted), self._questions.driver(servo)
-        data = self._permitted(servo, register, value, raw=raw)
-        self._questions.one(
-            servo,
-            f"hold {register} ready",
-            lambda: driver.reg_write(servo_id, register.address, data),
-            repeat=False,
-        )
-
-    def action(self) -> None:
-        """Set off what was laid ready, on all servos at the same moment."""
-        for driver in self._questions.drivers.values():
-            driver.action()
-
-    def reboot(self, servo_id: int) -> None:
-        """Restart a servo; its torque is lost.
-
-        Raises:
-            BusError: It refused or its family knows no reboot.
-        """
-        servo = self._servo(servo_id)
-        driver = self._questions.driver(servo)
-        self._questions.one(servo, "reboot", lambda: driver.reboot(servo_id), repeat=False)
-        self._torque_on.discard(servo_id)
-
-    def read_alarms(self, servo_id: int) -> frozenset[Alarm]:
-        """Return what the servo complains about, from its own register.
-
-        Raises:
-            BusError: No usable answer, after repeats.
-        """
-        self.read(servo_id, Role.ALARMS)
-        return self.alarms[servo_id]
-
-    # --- many servos ---
+        super().__init__(port, servos, retries=retries, fast=fast)
+        self._plans: dict[Hashable, Plan] = {}
 
     @overload
     def sync_read(
@@ -172,56 +62,80 @@ class ServoBus:
     def sync_read(
         self, servo_ids: Iterable[int], wanted: Wanted, *, raw: bool = False
     ) -> Readings[int] | Readings[float]:
-        """Return a register of many servos; see ``sync_read_many``."""
+        """Return a register of many servos; see ``bulk_read``."""
         readings = self.sync_read_many(servo_ids, (wanted,), raw=raw)
-        values = {servo_id: row[wanted] for servo_id, row in readings.values.items()}
-        return Readings(values, readings.errors, readings.alarms)
+        values = {servo_id: next(iter(row.values())) for servo_id, row in readings.values.items()}
+        return Readings(values, readings.errors, readings.alarms, readings.hint)
 
     @overload
     def sync_read_many(
-        self, servo_ids: Iterable[int], wanted: Sequence[Wanted], *, raw: Literal[True]
-    ) -> Readings[Mapping[Wanted, int]]: ...
+        self, servo_ids: Iterable[int], wanted: Sequence[_Key], *, raw: Literal[True]
+    ) -> Readings[Mapping[_Key, int]]: ...
     @overload
     def sync_read_many(
-        self, servo_ids: Iterable[int], wanted: Sequence[Wanted], *, raw: bool = False
-    ) -> Readings[Mapping[Wanted, float]]: ...
+        self, servo_ids: Iterable[int], wanted: Sequence[_Key], *, raw: bool = False
+    ) -> Readings[Mapping[_Key, float]]: ...
     def sync_read_many(
-        self, servo_ids: Iterable[int], wanted: Sequence[Wanted], *, raw: bool = False
-    ) -> Readings[Mapping[Wanted, int]] | Readings[Mapping[Wanted, float]]:
-        """Return registers of many servos; neighbouring registers share one question.
+        self, servo_ids: Iterable[int], wanted: Sequence[_Key], *, raw: bool = False
+    ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
+        """Return the same registers of many servos; see ``bulk_read``."""
+        ids, keys = tuple(servo_ids), tuple(wanted)
+        plan = self._plans.get((ids, keys))
+        if plan is None:
+            plan = self._planned((ids, keys), dict.fromkeys(ids, keys))
+        return self._carried_out(plan, raw=raw)
 
-        Raises only where the port is lost. A servo that does not answer stands among ``errors``,
-        after one repeat for all such together; one that has been deaf for long is not repeated.
+    @overload
+    def bulk_read(
+        self, wanted: Mapping[int, Sequence[_Key]], *, raw: Literal[True]
+    ) -> Readings[Mapping[_Key, int]]: ...
+    @overload
+    def bulk_read(
+        self, wanted: Mapping[int, Sequence[_Key]], *, raw: bool = False
+    ) -> Readings[Mapping[_Key, float]]: ...
+    def bulk_read(
+        self, wanted: Mapping[int, Sequence[_Key]], *, raw: bool = False
+    ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
+        """Return of each servo its own registers, with as few questions as the family allows.
+
+        Neighbouring registers share one question. Raises only where the port is lost. A servo
+        that does not answer stands among ``errors``, after one repeat for all such together; one
+        that has been deaf for long is asked only every so often.
         """
-        own = {i: [own_register(self._servo(i), key) for key in wanted] for i in servo_ids}
-        numbers: dict[int, dict[Register, int]] = {servo_id: {} for servo_id in own}
+        key = tuple((servo_id, tuple(keys)) for servo_id, keys in wanted.items())
+        return self._carried_out(self._plans.get(key) or self._planned(key, wanted), raw=raw)
+
+    def _planned(self, key: Hashable, wanted: Mapping[int, Sequence[Wanted]]) -> Plan:
+        plan = plan_reading({self._servo(i): keys for i, keys in wanted.items()})
+        if len(self._plans) >= _MOST_PLANS:
+            self._plans.clear()
+        self._plans[key] = plan
+        return plan
+
+    def _carried_out(self, plan: Plan, *, raw: bool) -> Readings[Mapping[Any, Any]]:
+        values: dict[int, dict[Wanted, float]] = {servo_id: {} for servo_id in plan.servo_ids}
         errors: dict[int, BusError] = {}
-        for runs in rounds(own):
-            data, missing = self._read_runs(runs)
+        for step in plan.rounds:
+            data, missing = self._questions.many(
+                step.servos, step.spans, step.asked, steady=step.steady
+            )
             errors |= missing
             for servo_id, block in data.items():
-                numbers[servo_id] |= decoded(block, runs[servo_id])
-                for register in runs[servo_id]:
-                    self._note(self.servos[servo_id], register, numbers[servo_id][register])
-        values = {
-            servo_id: {
-                key: _shown(register, numbers[servo_id][register], raw=raw)
-                for key, register in zip(wanted, registers, strict=True)
-            }
-            for servo_id, registers in own.items()
-            if servo_id not in errors
-        }
-        return Readings(values, errors, {i: self.alarms[i] for i in values if self.alarms[i]})
+                self._take_down(servo_id, block, step, values[servo_id], raw=raw)
+        for servo_id in errors:
+            del values[servo_id]
+        hint = silence_hint(self.servos.values(), values, errors) if errors else ""
+        alarms = {i: found for i in values if (found := self.alarms.get(i))}
+        return Readings(values, errors, alarms, hint)
 
-    def _read_runs(
-        self, runs: Mapping[int, Sequence[Register]]
-    ) -> tuple[dict[int, bytes], dict[int, BusError]]:
-        asked = f"read {', '.join(register.name for register in next(iter(runs.values())))}"
-        spans = {
-            servo_id: Span(run[0].address, run[-1].end - run[0].address)
-            for servo_id, run in runs.items()
-        }
-        return self._questions.many([self.servos[i] for i in runs], spans, asked)
+    def _take_down(
+        self, servo_id: int, block: bytes, step: Round, row: dict[Wanted, float], *, raw: bool
+    ) -> None:
+        for slot in step.slots[servo_id]:
+            number = slot.number(block)
+            row[slot.key] = number if raw else slot.register.to_value(number)
+            if slot.telling:
+                self._note(self.servos[servo_id], slot.register, number)
 
     def sync_write(self, wanted: Wanted, values: Mapping[int, float], *, raw: bool = False) -> None:
         """Write a register of many servos at once; the protocols give no answer to this.
@@ -229,20 +143,58 @@ class ServoBus:
         Raises:
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
         """
-        rows: dict[tuple[Family, int], dict[int, bytes]] = defaultdict(dict)
+        packets: dict[Family, dict[int, tuple[int, bytes]]] = {}
         for servo_id, value in values.items():
             servo = self._servo(servo_id)
             register = own_register(servo, wanted)
             data = self._permitted(servo, register, value, raw=raw)
-            rows[servo.table.family, register.address][servo_id] = data
-        for (family, address), data_by_id in rows.items():
-            self._questions.drivers[family].sync_write(address, data_by_id)
-            for servo_id, data in data_by_id.items():
-                servo = self.servos[servo_id]
-                register = own_register(servo, wanted)
-                self._note(servo, register, register.decode(data))
+            packets.setdefault(servo.table.family, {})[servo_id] = (register.address, data)
+        for family, rows in packets.items():
+            scatter(self._questions.drivers[family], rows)
+        for servo_id in values:
+            servo = self.servos[servo_id]
+            register = own_register(servo, wanted)
+            if is_telling(servo, register):
+                self._note(
+                    servo, register, register.decode(packets[servo.table.family][servo_id][1])
+                )
 
-    # --- the line ---
+    def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:
+        """Write of each servo its own registers; the protocols give no answer to this.
+
+        Neighbouring registers share a packet, and so do servos as far as the family allows.
+
+        Raises:
+            RegisterAccessError: A register forbids its value; nothing was sent to any servo.
+        """
+        own: dict[int, dict[Register, bytes]] = {}
+        for servo_id, row in values.items():
+            servo = self._servo(servo_id)
+            pairs = [(own_register(servo, key), value) for key, value in row.items()]
+            own[servo_id] = {r: self._permitted(servo, r, value, raw=raw) for r, value in pairs}
+        for runs in rounds(own):
+            packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
+            for servo_id, run in runs.items():
+                family = self.servos[servo_id].table.family
+                packets[family][servo_id] = (run[0].address, written(own[servo_id], run))
+            for family, rows in packets.items():
+                scatter(self._questions.drivers[family], rows)
+        for servo_id, row in own.items():
+            for register, data in row.items():
+                self._note(self.servos[servo_id], register, register.decode(data))
+
+    def roll_call(self, family: Family, highest_id: int | None = None) -> RollCall:
+        """Ask everybody of a family on the line, known or not, whether they are there.
+
+        Args:
+            family: The dialect to ask in.
+            highest_id: Up to which id to wait for; the highest known one if not given.
+
+        Raises:
+            PortLostError: The line is gone.
+        """
+        last = max(self.servos) if highest_id is None else highest_id
+        return self._questions.drivers[family].roll_call(last)
 
     def learn_return_delays(self) -> None:
         """Wait no longer for answers than these servos' own return delay registers demand.
@@ -260,7 +212,7 @@ class ServoBus:
         """Give the port back."""
         self.port.close()
 
-    def __enter__(self) -> ServoBus:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -270,27 +222,3 @@ class ServoBus:
         at: TracebackType | None,
     ) -> None:
         self.close()
-
-    def _servo(self, servo_id: int) -> ServoSpec:
-        if servo_id not in self.servos:
-            known = ", ".join(str(servo) for servo in self.servos.values())
-            raise BadValueError("The servo id", servo_id, f"one of {known}")
-        return self.servos[servo_id]
-
-    def _permitted(self, servo: ServoSpec, register: Register, value: float, *, raw: bool) -> bytes:
-        if register.area is Area.EEPROM and servo.id in self._torque_on:
-            raise RegisterAccessError(
-                str(servo), register.name, "it is in EEPROM and torque is on", "Switch torque off."
-            )
-        return to_bytes(servo, register, value, raw=raw)
-
-    def _note(self, servo: ServoSpec, register: Register, number: int) -> None:
-        """Remember what a register tells about torque and alarms."""
-        if register is servo.table.torque_enable:
-            (self._torque_on.add if number == 1 else self._torque_on.discard)(servo.id)
-        if register is servo.table.alarms:
-            self._questions.alarms[servo.id] = servo.table.decode_alarms(number)
-
-
-def _shown(register: Register, number: int, *, raw: bool) -> float:
-    return number if raw else register.to_value(number)

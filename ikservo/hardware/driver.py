@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol
 
 from ikservo.hardware.exchange import Exchange
 from ikservo.hardware.replies import Reply
+from ikservo.hardware.roll_call import RollCall
+from ikservo.hardware.span import Span
 
 __all__ = ["Driver"]
 
@@ -25,11 +27,29 @@ class Driver(Protocol):
 
     @property
     def can_sync_read(self) -> bool:
-        """Whether one question can be put to many servos."""
+        """Whether one question can be put to many servos for the same bytes."""
+        ...
+
+    def can_bulk_read(self, servo_ids: Iterable[int], /) -> bool:
+        """Whether one question can be put to these servos, each for its own bytes."""
+        ...
+
+    @property
+    def repeated_itself(self) -> bool:
+        """Whether the latest reading of many was put a second time already, in another way."""
+        ...
+
+    @property
+    def can_bulk_write(self) -> bool:
+        """Whether one packet can tell many servos, each at its own address."""
         ...
 
     def ping(self, servo_id: int) -> Reply:
         """Ask whether a servo is there; the data are what the protocol's ping tells."""
+        ...
+
+    def roll_call(self, highest_id: int) -> RollCall:
+        """Ask everybody up to an id whether they are there."""
         ...
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
@@ -44,8 +64,16 @@ class Driver(Protocol):
         """Ask many servos for the same bytes; each has its own reply."""
         ...
 
+    def bulk_read(self, spans: Mapping[int, Span]) -> dict[int, Reply]:
+        """Ask many servos, each for its own bytes."""
+        ...
+
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
         """Write to many servos at once; the protocols give no answer to this."""
+        ...
+
+    def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
+        """Write to many servos at once, each to its own address; without an answer."""
         ...
 
     def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:

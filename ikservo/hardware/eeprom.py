@@ -98,7 +98,7 @@ def _refuse_under_torque(bus: ServoBus, servo_id: int, register: Register) -> No
 
 @contextlib.contextmanager
 def _unlocked(bus: ServoBus, servo_id: int) -> Generator[None]:
-    lock = bus.servos[servo_id].table.lock
+    lock = bus.servos[servo_id].table.eeprom_lock
     if lock is None:
         yield
         return

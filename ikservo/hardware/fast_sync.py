@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ikservo.hardware.exchange import Frame
+from ikservo.hardware.dialect import Frame
 
 __all__ = ["combined_size", "split"]
 

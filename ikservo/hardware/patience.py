@@ -8,26 +8,34 @@ __all__ = ["Patience"]
 
 _LEARNED = 16  # answers before their times are trusted
 _MARGIN = 4.0  # times the slowest answer of late
+_MOST_FACTOR = 64.0
 
 
 class Patience:
     """Learns from the answers that came how long to wait for one that may not come.
 
     USB adapters hold bytes back for 1 to 16 ms and every one differs, so the wait starts long
-    and shrinks to a multiple of the slowest recent answer.
+    and shrinks to a multiple of the slowest recent answer. It grows again while nobody answers.
     """
 
     def __init__(self, least_s: float, most_s: float) -> None:
         self.least_s, self.most_s = least_s, most_s
         self._overheads_s: deque[float] = deque(maxlen=64)
+        self._factor = 1.0
 
     @property
     def allowance_s(self) -> float:
         """Return how long to wait beyond wire time and return delays, seconds."""
         if len(self._overheads_s) < _LEARNED:
             return self.most_s
-        return min(max(self.least_s, _MARGIN * max(self._overheads_s)), self.most_s)
+        learned_s = max(self.least_s, _MARGIN * max(self._overheads_s))
+        return min(learned_s * self._factor, self.most_s)
 
     def learn(self, overhead_s: float) -> None:
         """Remember by how much an answer exceeded its time on the wire."""
         self._overheads_s.append(overhead_s)
+        self._factor = 1.0
+
+    def miss(self) -> None:
+        """Wait twice as long the next time, because nobody answered at all."""
+        self._factor = min(2.0 * self._factor, _MOST_FACTOR)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ikservo.hardware.exchange import Frame, Heard
+from collections.abc import Collection
+
+from ikservo.hardware.dialect import Frame, Heard
 
 __all__ = ["checksum", "frame_size", "scan"]
 
@@ -22,7 +24,7 @@ def checksum(body: bytes) -> int:
     return ~sum(body) & 0xFF
 
 
-def scan(heard: bytes, size: int, *, final: bool) -> Heard:
+def scan(heard: bytes, sizes: Collection[int], *, final: bool) -> Heard:
     """Find the status packets in what was heard.
 
     A false header does not hide a packet behind it (F11): where the checksum is wrong or the
@@ -30,7 +32,7 @@ def scan(heard: bytes, size: int, *, final: bool) -> Heard:
 
     Args:
         heard: The bytes so far.
-        size: Bytes of data in the answer that is hoped for.
+        sizes: Bytes of data in the answers that are hoped for.
         final: No more bytes will come.
     """
     frames: list[Frame] = []
@@ -38,7 +40,7 @@ def scan(heard: bytes, size: int, *, final: bool) -> Heard:
     while at < len(heard):
         length = _packet_length(heard, at)
         if length is None or at + length > len(heard):
-            if not final and _may_continue(heard, at, size):
+            if not final and _may_continue(heard, at, sizes):
                 return Heard(tuple(frames), len(heard) - at, junk)
         elif heard[at + length - 1] == checksum(heard[at + 2 : at + length - 1]):
             frames.append(_frame(heard[at : at + length]))
@@ -57,14 +59,16 @@ def _packet_length(heard: bytes, at: int) -> int | None:
     return heard[at + _LEN] + _AROUND_LEN
 
 
-def _may_continue(heard: bytes, at: int, size: int) -> bool:
-    """Return whether the bytes from here on may become the hoped-for packet."""
+def _may_continue(heard: bytes, at: int, sizes: Collection[int]) -> bool:
+    """Return whether the bytes from here on may become a hoped-for packet."""
     start = heard[at : at + 4]
     if start[:2] != _HEADER[: len(start[:2])]:
         return False
     if len(start) > 2 and start[2] > _HIGHEST_ID and start[2] != 0xFF:
         return False
-    return len(start) < 4 or (start[2] <= _HIGHEST_ID and start[3] in (2, size + 2))
+    if len(start) < 4:
+        return True
+    return start[2] <= _HIGHEST_ID and (start[3] == 2 or start[3] - 2 in sizes)
 
 
 def _frame(packet: bytes) -> Frame:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Collection, Sequence
 
-from ikservo.hardware.exchange import Frame, Heard
+from ikservo.hardware.dialect import Frame, Heard
 from ikservo.hardware.replies import Fault, FaultKind, Reply, Status
 from ikservo.hardware.stuffing import unstuffed
 
-__all__ = ["Answers", "CombinedAnswer"]
-
-Crc = Callable[[int, bytes, int], int]
+__all__ = ["Answers", "CombinedAnswer", "crc"]
 
 _HEADER = b"\xff\xff\xfd\x00"
 _LEN, _INSIDE = 5, 7  # where the length field and the instruction stand
@@ -30,30 +28,48 @@ _REFUSALS = {
 }
 
 
+def _crc_of_byte(byte: int) -> int:
+    value = byte << 8
+    for _ in range(8):
+        value = value << 1 ^ (_POLYNOMIAL if value & 0x8000 else 0)
+    return value & 0xFFFF
+
+
+_POLYNOMIAL = 0x8005
+_CRCS = tuple(map(_crc_of_byte, range(256)))
+
+
+def crc(start: int, packet: Sequence[int], count: int) -> int:
+    """Return the CRC-16 of a packet's first bytes: highest bit first, nothing reflected."""
+    value = start
+    for byte in packet[:count]:
+        value = (value << 8 & 0xFF00) ^ _CRCS[value >> 8 ^ byte]
+    return value
+
+
 class Answers:
     """How servos of protocol 2.0 answer a question.
 
     Args:
-        crc: Returns the CRC-16 of a packet's first bytes, after the value to start from.
         too_long: The SDK's code for a packet that is too long to send.
     """
 
     highest_id = 0xFC
 
-    def __init__(self, crc: Crc, too_long: int) -> None:
-        self._crc, self.too_long = crc, too_long
+    def __init__(self, too_long: int) -> None:
+        self.too_long = too_long
 
     def frame_size(self, size: int) -> int:
         """Return the bytes of a status packet with ``size`` bytes of data, unstuffed."""
         return size + 11
 
-    def scan(self, heard: bytes, size: int, *, final: bool) -> Heard:
+    def scan(self, heard: bytes, sizes: Collection[int], *, final: bool) -> Heard:
         """Find the status packets; a false header does not hide a packet behind it."""
         frames: list[Frame] = []
         at = junk = 0
         while at < len(heard):
             end = at + self._packet_length(heard, at)
-            if end > len(heard) and not final and self._may_continue(heard, at, size):
+            if end > len(heard) and not final and self._may_continue(heard, at, sizes):
                 return Heard(tuple(frames), len(heard) - at, junk)
             if at < end <= len(heard) and self._crc_is_right(heard[at:end]):
                 frames += self._frames(heard[at:end])
@@ -84,18 +100,16 @@ class Answers:
         return length + _INSIDE if 3 <= length <= _LONGEST else 0
 
     def _crc_is_right(self, packet: bytes) -> bool:
-        crc = self._crc(0, packet, len(packet) - 2)
-        return crc == int.from_bytes(packet[-2:], "little")
+        return crc(0, packet, len(packet) - 2) == int.from_bytes(packet[-2:], "little")
 
-    def _may_continue(self, heard: bytes, at: int, size: int) -> bool:
-        """Return whether the bytes from here on may become the hoped-for packet."""
+    def _may_continue(self, heard: bytes, at: int, sizes: Collection[int]) -> bool:
+        """Return whether the bytes from here on may become a hoped-for packet."""
         start = heard[at : at + _INSIDE + 1]
         if len(start) > 4 and start[4] > self.highest_id:
             return False
         if len(start) >= _INSIDE:
-            stuffing = (size + 1) // 3 + 1
             data = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
-            if data != 0 and not size <= data <= size + stuffing:
+            if data != 0 and not any(size <= data <= _stuffed_at_most(size) for size in sizes):
                 return False
         return len(start) <= _INSIDE or start[_INSIDE] == _STATUS
 
@@ -108,6 +122,10 @@ class Answers:
 
     def _unstuffed(self, inside: bytes) -> bytes:
         return unstuffed(inside)
+
+
+def _stuffed_at_most(size: int) -> int:
+    return size + (size + 1) // 3 + 1
 
 
 class CombinedAnswer(Answers):

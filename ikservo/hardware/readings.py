@@ -22,11 +22,13 @@ class Readings(Generic[T_co]):
         values: What each answering servo said.
         errors: Why each of the others did not.
         alarms: What servos complained about, beside their values; quiet servos are absent.
+        hint: What the silence of some most likely means.
     """
 
     values: Mapping[int, T_co]
     errors: Mapping[int, BusError] = field(default_factory=dict[int, BusError])
     alarms: Mapping[int, frozenset[Alarm]] = field(default_factory=dict[int, frozenset[Alarm]])
+    hint: str = ""
 
     def complete(self) -> Mapping[int, T_co]:
         """Return the values, if every servo gave one.
@@ -46,12 +48,12 @@ class Readings(Generic[T_co]):
         kind = type(first) if len(kinds) == 1 else BusError
         names = ", ".join(error.servo for error in self.errors.values())
         found = "do not answer" if kind is ServoSilentError else "gave no usable answer"
-        return kind(found, self._likely(), servo=names, port=first.port, asked=first.asked)
-
-    def _likely(self) -> str:
-        if not self.values:
-            return "No servo answers: check the power supply, the baud rate and the cable."
-        last = max(self.values)
-        if min(self.errors) > last:
-            return f"Ids up to {last} answer: look at the cable after id {last}."
-        return ""
+        return kind(
+            found,
+            self.hint,
+            servo=names,
+            port=first.port,
+            asked=first.asked,
+            sent=first.sent,
+            received=first.received,
+        )

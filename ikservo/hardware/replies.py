@@ -16,11 +16,13 @@ class Status:
         servo_id: Who answered.
         data: The parameters, exactly as many bytes as were asked for.
         alarm_bits: The servo's complaint about itself; the data are valid all the same.
+        doubtful: It cannot be told from the answer to an earlier question.
     """
 
     servo_id: int
     data: bytes = b""
     alarm_bits: int = 0
+    doubtful: bool = False
 
 
 class FaultKind(Enum):

@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import errno
 import sys
+import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Protocol, cast
 
 import serial
+from serial import rfc2217
 from serial.tools import list_ports
 
 from ikservo.errors import NoPortError, PortBusyError, PortError
 from ikservo.hardware.holder import holder_of
+from ikservo.hardware.port_lock import PortLock, lock_of
 
 __all__ = ["GROUP", "Transport", "open_transport"]
 
@@ -74,9 +77,11 @@ def open_transport(name: str, baud_rate: int) -> Transport:
         raise NoPortError("", _known_devices())
     for plug_in in entry_points(group=GROUP, name=name.partition(":")[0]):
         return _open_plug_in(plug_in.load(), name, baud_rate)
+    lock = PortLock() if "://" in name else lock_of(name)
     try:
-        return _open_serial(name, baud_rate)
+        return cast("Transport", _Held(_open_serial(name, baud_rate), lock))
     except (OSError, ValueError) as error:
+        lock.release()
         raise _explained(name, error) from error
 
 
@@ -89,16 +94,70 @@ def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int)
     return transport
 
 
-def _open_serial(name: str, baud_rate: int) -> Transport:
-    port = serial.serial_for_url(
-        name,
-        baudrate=baud_rate,
-        timeout=0,
-        write_timeout=_WRITE_TIMEOUT_S,
-        exclusive=None if "://" in name else True,  # a URL's other end may not know of locks
-    )
+def _open_serial(name: str, baud_rate: int) -> serial.Serial:
+    opener = rfc2217.Serial if name.startswith("rfc2217://") else serial.serial_for_url
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # pyserial's own, in its RFC 2217
+        port = opener(
+            name,
+            baudrate=baud_rate,
+            timeout=0,
+            write_timeout=None if "://" in name else _WRITE_TIMEOUT_S,
+            exclusive=None if "://" in name else True,  # a URL's other end may not know of locks
+        )
     _lower_latency(port)
-    return cast("Transport", port)
+    return cast("serial.Serial", port)
+
+
+class _Held:
+    """A pyserial port, and the lock that is given back with it.
+
+    Setting pyserial's ``timeout`` reconfigures the device, over the network where it stands
+    there, although only ``read`` looks at it; so where that is possible it is set past pyserial.
+    """
+
+    def __init__(self, port: serial.Serial, lock: PortLock) -> None:
+        self._port, self._lock = port, lock
+        self.read, self.write, self.flush = port.read, port.write, port.flush
+        self.reset_input_buffer = port.reset_input_buffer
+        if isinstance(port, rfc2217.Serial):
+            self.reset_input_buffer = self._forget  # pyserial would wait for the server to agree
+
+    @property
+    def in_waiting(self) -> int:
+        return self._port.in_waiting
+
+    @property
+    def baudrate(self) -> int:
+        return self._port.baudrate
+
+    @baudrate.setter
+    def baudrate(self, baud_rate: int) -> None:
+        self._port.baudrate = baud_rate
+
+    @property
+    def timeout(self) -> float | None:
+        return self._port.timeout
+
+    @timeout.setter
+    def timeout(self, timeout_s: float | None) -> None:
+        if sys.platform == "win32" and "://" not in str(self._port.port):
+            self._port.timeout = timeout_s
+        else:
+            vars(self._port)["_timeout"] = timeout_s
+
+    def _forget(self) -> None:
+        while waiting := self._port.in_waiting:
+            self._port.read(waiting)
+
+    def close(self) -> None:
+        connection = vars(self._port).get("_socket")
+        try:
+            self._port.close()
+        finally:
+            if connection is not None:  # pyserial forgets it where the other end was quicker
+                connection.close()
+            self._lock.release()
 
 
 def _lower_latency(port: serial.SerialBase) -> None:

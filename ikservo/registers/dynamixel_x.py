@@ -23,7 +23,7 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["XL330M288", "XL430W250", "XM430W350", "XM540W270", "DynamixelX"]
+__all__ = ["XL330M077", "XL330M288", "XL430W250", "XM430W350", "XM540W270", "DynamixelX"]
 
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
@@ -65,6 +65,7 @@ class DynamixelX(ServoTable):
     velocity_limit         = Register(  44, 4,  UINT, RPM_0_229,    RW,  EEP,        0,     1023)
     max_position_limit     = Register(  48, 4,  UINT, TICK_4096,    RW,  EEP,        0,     4095)
     min_position_limit     = Register(  52, 4,  UINT, TICK_4096,    RW,  EEP,        0,     4095)
+    startup_configuration  = Register(  60, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
     shutdown               = Register(  63, 1,  UINT, NUMBER,       RW,  EEP)
     torque_enable          = Register(  64, 1,  UINT, NUMBER,       RW,  RAM,        0,        1)
     led                    = Register(  65, 1,  UINT, NUMBER,       RW,  RAM,        0,        1)
@@ -116,13 +117,19 @@ class XL330M288(DynamixelX):
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       31,       70)
     current_limit          = Register(  38, 2,  UINT, MA_1,         RW,  EEP,        0,     1750)
     velocity_limit         = Register(  44, 4,  UINT, RPM_0_229,    RW,  EEP,        0,     2047)
-    startup_configuration  = Register(  60, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
     pwm_slope              = Register(  62, 1,  UINT, MV_PER_MS,    RW,  EEP,        1,      255)
     goal_current           = Register( 102, 2,  SINT, MA_1,         RW,  RAM,    -1750,     1750)
     goal_velocity          = Register( 104, 4,  SINT, RPM_0_229,    RW,  RAM,    -2047,     2047)
     present_current        = Register( 126, 2,  SINT, MA_1,         RO,  RAM)
 
     present_load           = present_current
+
+
+class XL330M077(XL330M288):
+    """The same with a faster gear, 77 to 1."""
+
+    model_name = "XL330-M077"
+    number = 1190
 
 
 class XL430W250(DynamixelX):
@@ -133,7 +140,6 @@ class XL430W250(DynamixelX):
 
     max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      140)
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      140)
-    startup_configuration  = Register(  60, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
     present_load           = Register( 126, 2,  SINT, PER_MILLE,    RO,  RAM)
 
 
@@ -157,8 +163,14 @@ class XM540W270(DynamixelX):
     number = 1120
 
     current_limit          = Register(  38, 2,  UINT, MA_2_69,      RW,  EEP,        0,     2047)
+    external_port_mode_1   = Register(  56, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
+    external_port_mode_2   = Register(  57, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
+    external_port_mode_3   = Register(  58, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
     goal_current           = Register( 102, 2,  SINT, MA_2_69,      RW,  RAM,    -2047,     2047)
     present_current        = Register( 126, 2,  SINT, MA_2_69,      RO,  RAM)
+    external_port_data_1   = Register( 152, 2,  UINT, NUMBER,       RW,  RAM,        0,     4095)
+    external_port_data_2   = Register( 154, 2,  UINT, NUMBER,       RW,  RAM,        0,     4095)
+    external_port_data_3   = Register( 156, 2,  UINT, NUMBER,       RW,  RAM,        0,     4095)
 
     present_load           = present_current
 # fmt: on

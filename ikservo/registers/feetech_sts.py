@@ -1,4 +1,4 @@
-"""Feetech STS servos: the control table of the STS3215 (Feetech memory table, STS series)."""
+"""Feetech STS servos, little-endian, sign-magnitude (Feetech memory table, STS series)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ikservo.registers.units import (
     CELSIUS,
     DECI_VOLT,
     MA_6_5,
+    MS_1,
     MS_10,
     NUMBER,
     PER_MILLE,
@@ -20,7 +21,7 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["STS3215"]
+__all__ = ["STS3215", "STS3250", "FeetechSTS"]
 
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
@@ -29,16 +30,15 @@ UINT, SIGN10, SIGN11, SIGN15 = Unsigned(), SignMagnitude(10), SignMagnitude(11),
 
 # fmt: off
 BAUD_RATES = {0: 1_000_000, 1: 500_000, 2: 250_000, 3: 128_000,
-              4: 115_200,   5: 76_800,  6: 57_600,  7: 38_400}
+              4: 115_200,   5: 76_800,  6: 57_600,  7: 38_400,
+              8: 19_200,    9: 14_400, 10: 9_600,  11: 4_800}
 ALARM_BITS = {0: Alarm.VOLTAGE, 1: Alarm.ENCODER, 2: Alarm.HEAT, 3: Alarm.CURRENT,
               5: Alarm.OVERLOAD}
 
 
-class STS3215(ServoTable):
-    """Bus servo of the SO-100 and SO-101: 12-bit magnetic encoder, little-endian words."""
+class FeetechSTS(ServoTable):
+    """What all STS servos share: 12-bit magnetic encoder, little-endian words."""
 
-    model_name = "STS3215"
-    number = 777
     family = Family.FEETECH_STS
     ticks_per_turn = 4096
     baud_rates = BAUD_RATES
@@ -99,9 +99,33 @@ class STS3215(ServoTable):
     target_position       = Register(  67, 2,  SIGN15, TICK_4096,  RO,    RAM)
     present_current       = Register(  69, 2,  UINT,   MA_6_5,     RO,    RAM)
 
+    # The maker's own settings, behind the RAM; kept without power all the same
+    moving_threshold      = Register(  80, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    dts                   = Register(  81, 1,  UINT,   MS_1,       RW,    EEP,       0,   254)
+    speed_unit            = Register(  82, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    hts                   = Register(  83, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    max_speed_limit       = Register(  84, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    acceleration_limit    = Register(  85, 1,  UINT,   TICK_ACCEL, RW,    EEP,       0,   254)
+    acceleration_multiple = Register(  86, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+
     # The names that every family has
     profile_acceleration  = acceleration
     profile_velocity      = goal_speed
     present_velocity      = present_speed
     alarms                = status
+    eeprom_lock           = lock
+
+
+class STS3215(FeetechSTS):
+    """Bus servo of the SO-100 and SO-101, for 7.4 V or 12 V."""
+
+    model_name = "STS3215"
+    number = 777
+
+
+class STS3250(FeetechSTS):
+    """Its 12 V sister with 50 kg·cm and steel gears."""
+
+    model_name = "STS3250"
+    number = 2825
 # fmt: on

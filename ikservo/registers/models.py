@@ -5,13 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ikservo.errors import UnknownNameError
-from ikservo.registers.dynamixel_x import XL330M288, XL430W250, XM430W350, XM540W270
-from ikservo.registers.feetech_sts import STS3215
+from ikservo.registers.dynamixel_1 import AX12A, MX28
+from ikservo.registers.dynamixel_x import XL330M077, XL330M288, XL430W250, XM430W350, XM540W270
+from ikservo.registers.feetech_scs import SCS0009, SCS15
+from ikservo.registers.feetech_sts import STS3215, STS3250
 from ikservo.registers.table import Family, ServoTable
 
 __all__ = ["MODELS", "table_for", "table_with_number"]
 
-_TABLES: tuple[type[ServoTable], ...] = (STS3215, XL330M288, XL430W250, XM430W350, XM540W270)
+# fmt: off
+_TABLES: tuple[type[ServoTable], ...] = (
+    STS3215, STS3250,
+    SCS0009, SCS15,
+    XL330M288, XL330M077, XL430W250, XM430W350, XM540W270,
+    AX12A, MX28,
+)
+# fmt: on
 MODELS: Mapping[str, type[ServoTable]] = {table.model_name: table for table in _TABLES}
 """Every known model by its name."""
 

@@ -72,6 +72,11 @@ class Register:
         return self.address + self.size
 
     @property
+    def steady(self) -> bool:
+        """Whether it changes only when it is written, so that two readings must agree."""
+        return self.access is Access.RW or self.area is Area.EEPROM
+
+    @property
     def range(self) -> tuple[int, int]:
         """Return the least and the greatest raw number that may be written."""
         least, most = self.codec.span(self.size)

@@ -23,7 +23,7 @@ class Family(StrEnum):
 
 
 class Role(StrEnum):
-    """Registers that every family has, whatever its vendor calls them.
+    """Registers that most families have, whatever their vendors call them.
 
     ``bus.read(3, Role.PRESENT_VOLTAGE)`` finds ``present_voltage`` in a Feetech servo and
     ``present_input_voltage`` in a Dynamixel.
@@ -61,10 +61,14 @@ class ServoTable:
         number: What the servo's own model register says.
         family: The dialect.
         byte_order: Of words on the line.
-        ticks_per_turn: Encoder counts in one turn of the horn.
+        ticks_per_turn: Counts of the present position in one whole turn of the horn; no whole
+            number where the sensor sees less than a turn.
         baud_rates: Code in the baud rate register to bits a second.
         alarm_bits: Bit of the alarm register to its meaning.
-        lock: The register that must be 0 for EEPROM writes to last, where the family has one.
+        eeprom_lock: The register that must be 0 for EEPROM writes to last, where the family has
+            one that can be opened again.
+        bulk_read: Protocol 1.0 only: the model knows the instruction.
+        lacks: Roles that no register of the model fills.
         once: Raw writes that must never be repeated after a lost answer, as (name, number).
         registers: Every register by its vendor's name, by address.
     """
@@ -73,10 +77,12 @@ class ServoTable:
     number: ClassVar[int]
     family: ClassVar[Family]
     byte_order: ClassVar[ByteOrder] = "little"
-    ticks_per_turn: ClassVar[int]
+    ticks_per_turn: ClassVar[float]
     baud_rates: ClassVar[Mapping[int, int]]
     alarm_bits: ClassVar[Mapping[int, Alarm]]
-    lock: ClassVar[Register | None] = None
+    eeprom_lock: ClassVar[Register | None] = None
+    bulk_read: ClassVar[bool] = False
+    lacks: ClassVar[frozenset[Role]] = frozenset()
     once: ClassVar[frozenset[tuple[str, int]]] = frozenset()
     registers: ClassVar[Mapping[str, Register]] = {}
 
@@ -116,12 +122,14 @@ class ServoTable:
         Raises:
             UnknownNameError: This model has no such register.
         """
+        found: Register | None
         if isinstance(wanted, Role):
-            found: Register = getattr(cls, wanted)
-            return found
-        if wanted.name not in cls.registers:
-            raise UnknownNameError(f"{cls.model_name} register", wanted.name, cls.registers)
-        return cls.registers[wanted.name]
+            found, name = getattr(cls, wanted, None), wanted.value
+        else:
+            found, name = cls.registers.get(wanted.name), wanted.name
+        if found is None:
+            raise UnknownNameError(f"{cls.model_name} register", name, cls.registers)
+        return found
 
     @classmethod
     def decode_alarms(cls, bits: int) -> frozenset[Alarm]:

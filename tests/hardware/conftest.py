@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from ikservo.hardware import Port, ServoBus, ServoSpec, open_port
+from ikservo.hardware.trust import Trust
 from ikservo.registers import STS3215, XL430W250, table_for
 
 
@@ -102,8 +103,10 @@ def line():
 
 @pytest.fixture
 def port(line):
-    """Give our port on the scripted line."""
-    return Port(line, "scripted", 1_000_000)
+    """Give our port on the scripted line, which it has come to believe."""
+    port = Port(line, "scripted", 1_000_000)
+    port.trust = Trust(doubts=0)
+    return port
 
 
 @pytest.fixture

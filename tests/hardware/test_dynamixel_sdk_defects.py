@@ -1,25 +1,27 @@
 """Each defect of dynamixel_sdk that can hit an arm: the SDK alone shows it, ours does not.
 
-Not here: D5 (the SDK's fast sync read is not used; ours stands in test_fast_sync.py), D8 (any
-rate goes: see Feetech's F6), D12 (packets are handed to ``txPacket``, which sends any
-instruction) and D13 (the SDK's broadcast ping is not used). D6 is in releases up to 4.0.4 only,
-so that nothing may be installed to show it; that ours discards stale input is shown. D11 is
-shown by this file, which passes with 3.7.31, 3.8.4 and 4.1.0.
+D6 is in releases up to 4.0.4 only, so that nothing may be installed to show it; that ours discards
+stale input is shown. D11 is shown by this file, which passes with 3.7.31, 3.8.4 and 4.1.0.
 """
 
 from __future__ import annotations
 
 import dynamixel_sdk
 import pytest
-from dynamixel_sdk.robotis_def import COMM_PORT_BUSY, COMM_RX_TIMEOUT, COMM_SUCCESS
+from dynamixel_sdk.robotis_def import (
+    COMM_PORT_BUSY,
+    COMM_RX_TIMEOUT,
+    COMM_SUCCESS,
+    COMM_TX_ERROR,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.errors import BadReplyError, ServoRefusedError, ServoSilentError
+from ikservo.errors import BadReplyError, BusError, ServoRefusedError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec
 from ikservo.hardware.dynamixel import DynamixelDriver
 from ikservo.hardware.stuffing import stuffed, unstuffed
-from ikservo.registers import XL430W250, Alarm, Role
+from ikservo.registers import XL430W250, Alarm, Family, Role
 
 POSITION = XL430W250.present_position
 READ_POSITION = "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"
@@ -239,3 +241,76 @@ def test_the_alert_of_one_servo_stands_beside_the_values_of_all(port, line):
     line.expect(READ_POSITION, status(0x55, 0x80, 0xA6, 0, 0, 0))
     assert bus.read(1, POSITION, raw=True) == 166
     assert bus.alarms[1] == {Alarm.UNKNOWN}
+
+
+ASK_BOTH_FAST = "FF FF FD 00 FE 09 00 8A 84 00 04 00 01 02 CD AA"
+
+
+@pytest.mark.skipif(
+    not hasattr(dynamixel_sdk.GroupSyncRead, "fastSyncRead"), reason="this release has no fast read"
+)
+class TestD5FastSyncRead:
+    """One missing servo takes the answers of all with it, and each servo's error is dropped."""
+
+    # What servo 1 says; servo 2, whose turn is next, is silent.
+    ONLY_FIRST = "FF FF FD 00 FE 11 00 55 00 01 A6 00 00 00"
+
+    def test_stock_has_nothing(self, stock, line):
+        handler, port = stock
+        group = dynamixel_sdk.GroupSyncRead(port, handler, 132, 4)
+        group.addParam(1)
+        group.addParam(2)
+        line.expect(ASK_BOTH_FAST, self.ONLY_FIRST)
+        assert group.fastSyncRead() != COMM_SUCCESS
+
+    def test_ours_asks_again_in_the_slow_way_and_has_the_first(self, port, line):
+        bus = ServoBus(port, [ServoSpec(1, XL430W250), ServoSpec(2, XL430W250)], retries=0)
+        line.expect(ASK_BOTH_FAST, self.ONLY_FIRST)
+        line.expect(ASK_BOTH, AT_166)
+        assert bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).values == {1: 166}
+
+
+class TestD8BaudRates:
+    """Rates that the servos have and the SDK's list has not."""
+
+    @pytest.mark.parametrize("rate", [250_000, 4_500_000])
+    def test_stock_refuses_it_and_stays_at_the_old_one(self, stock, rate):
+        _, port = stock
+        assert port.setBaudRate(rate) is False
+
+    @pytest.mark.parametrize("rate", [250_000, 4_500_000])
+    def test_ours_talks_at_it(self, port, line, rate):
+        assert port.setBaudRate(rate)
+        assert line.baudrate == rate
+
+
+class TestD12LongPackets:
+    """A packet of more than 1024 bytes is not sent, and the SDK says so with a number."""
+
+    def test_stock_returns_a_code(self, stock):
+        handler, port = stock
+        parameters = [i for servo_id in range(253) for i in (servo_id, 0, 0, 0, 0)]
+        result = handler.syncWriteTxOnly(port, 116, 4, parameters, len(parameters))
+        assert result == COMM_TX_ERROR
+
+    def test_ours_says_what_to_do(self, port):
+        with pytest.raises(BusError, match="Ask fewer servos at once"):
+            DynamixelDriver(port).sync_write(116, dict.fromkeys(range(253), bytes(4)))
+
+
+class TestD13BroadcastPing:
+    """The window of 253 servos is waited out, busily, though two are there."""
+
+    ASKED = "FF FF FD 00 FE 03 00 01 31 42"
+    SAID = "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D"
+
+    def test_stock_waits_for_253(self, stock, line):
+        handler, port = stock
+        line.expect(self.ASKED, self.SAID)
+        handler.broadcastPing(port)
+        assert line.clock.s > 0.7
+
+    def test_ours_waits_for_those_who_may_be_there(self, dynamixel, line):
+        line.expect(self.ASKED, self.SAID)
+        assert dynamixel.roll_call(Family.DYNAMIXEL_2).answers.keys() == {1}
+        assert line.clock.s < 0.02

@@ -44,9 +44,9 @@ class TestF1StaleInput:
         line.expect(READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
-    def test_ours_lets_a_late_answer_pass_before_it_asks_again(self, feetech, line):
-        line.expect(READ_POSITION, AT_5, after_s=0.0035)
-        line.expect(READ_POSITION, AT_2048)
+    def test_ours_asks_so_that_a_late_answer_cannot_pass_for_the_next_one(self, feetech, line):
+        line.expect(READ_POSITION, AT_5, after_s=0.0028)
+        line.expect("FF FF 01 04 02 37 03 BE", "FF FF 01 05 00 01 00 08 F0")
         with pytest.raises(ServoSilentError):
             feetech.read(1, POSITION)
         assert feetech.read(1, POSITION, raw=True) == 2048

@@ -7,11 +7,14 @@ import pytest
 from ikservo.errors import ServoAlarmError, ServoRefusedError, ServoSilentError
 from ikservo.hardware import check_supply, torque_off, torque_on
 
+from .packets import asks, says
+
 VOLTAGE, VOLTAGE_12 = "FF FF 01 04 02 3E 01 B9", "FF FF 01 03 00 78 83"
-LOWEST, LOWEST_4 = "FF FF 01 04 02 0F 01 E8", "FF FF 01 03 00 28 D3"
-HIGHEST, HIGHEST_14 = "FF FF 01 04 02 0E 01 E9", "FF FF 01 03 00 8C 6F"
-POSITION, AT_2048 = "FF FF 01 04 02 38 02 BE", "FF FF 01 04 00 00 08 F2"
-GOAL, GOAL_2048, GOAL_5 = "FF FF 01 04 02 2A 02 CC", AT_2048, "FF FF 01 04 00 05 00 F5"
+# Each question within 20 ms has an answer of another length than the three before it.
+LOWEST, LOWEST_4 = asks(1, 14, 2), says(1, 140, 40)
+HIGHEST, HIGHEST_14 = asks(1, 12, 3), says(1, 0, 70, 140)
+POSITION, AT_2048 = asks(1, 54, 4), says(1, 0, 0, 0, 8)
+GOAL, GOAL_2048, GOAL_5 = asks(1, 42, 2), says(1, 0, 8), says(1, 5, 0)
 SET_GOAL_2048 = "FF FF 01 05 03 2A 00 08 C4"
 ON, OFF, TAKEN = "FF FF 01 04 03 28 01 CE", "FF FF 01 04 03 28 00 CF", "FF FF 01 02 00 FC"
 

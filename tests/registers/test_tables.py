@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import pi
+from math import pi, radians
 
 import pytest
 
 from ikservo.errors import UnknownNameError
 from ikservo.registers import (
+    AX12A,
     MODELS,
+    MX28,
+    SCS0009,
+    SCS15,
     STS3215,
+    STS3250,
+    XL330M077,
     XL330M288,
     XL430W250,
     XM430W350,
@@ -36,8 +42,12 @@ def test_registers_do_not_overlap(table):
 
 @every_table
 @pytest.mark.parametrize("role", Role)
-def test_every_role_is_filled(table, role):
-    assert table.find(role) in table.registers.values()
+def test_every_role_is_filled_or_said_to_be_lacking(table, role):
+    if role in table.lacks:
+        with pytest.raises(UnknownNameError, match=f"{table.model_name} register"):
+            table.find(role)
+    else:
+        assert table.find(role) in table.registers.values()
 
 
 def test_the_roles_are_what_type_checkers_see():
@@ -66,15 +76,27 @@ def test_everything_measured_is_read_only(table):
 
 
 @every_table
-def test_ram_stands_behind_eeprom(table):
-    eeprom = [r.end for r in table.registers.values() if r.area is Area.EEPROM]
+def test_ram_stands_behind_eeprom_but_for_the_makers_own_settings(table):
+    own = STS3215.moving_threshold.address if table.family is Family.FEETECH_STS else 1 << 16
+    eeprom = [r.end for r in table.registers.values() if r.area is Area.EEPROM and r.address < own]
     ram = [r.address for r in table.registers.values() if r.area is Area.RAM]
     assert max(eeprom) <= min(ram)
 
 
 @pytest.mark.parametrize(
     ("table", "number"),
-    [(STS3215, 777), (XL330M288, 1200), (XL430W250, 1060), (XM430W350, 1020), (XM540W270, 1120)],
+    [
+        (STS3215, 777),
+        (STS3250, 2825),
+        (SCS0009, 1284),
+        (XL330M288, 1200),
+        (XL330M077, 1190),
+        (XL430W250, 1060),
+        (XM430W350, 1020),
+        (XM540W270, 1120),
+        (AX12A, 12),
+        (MX28, 29),
+    ],
 )
 def test_a_model_is_known_by_its_number(table, number):
     assert table_with_number(table.family, number) is table
@@ -122,6 +144,12 @@ def test_a_register_that_a_model_lacks_is_named():
         (XM430W350.present_current, 1000, 2.69),
         (XL330M288.present_current, 1000, 1.0),
         (XL430W250.return_delay_time, 250, 0.0005),
+        (SCS0009.present_position, 512, radians(150)),
+        (SCS15.present_position, 512, radians(100)),
+        (AX12A.present_position, 512, radians(150)),
+        (AX12A.moving_speed, 1023, 0.111 * 1023 * 2 * pi / 60),
+        (MX28.present_position, 1024, pi / 2),
+        (MX28.goal_acceleration, 10, radians(85.83)),
     ],
 )
 class TestUnits:

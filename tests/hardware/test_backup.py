@@ -1,0 +1,76 @@
+"""A servo's EEPROM as it was when it was first met."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.errors import FileFormatError, ServoSilentError
+from ikservo.hardware import back_up_once, backup_path, read_backup, read_eeprom, update_eeprom
+from ikservo.registers import STS3215, Role
+
+from .desk import bus_with, spoil
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def bus():
+    return bus_with({1: "STS3215", 2: "XL430-W250"})
+
+
+def test_every_servo_has_a_file_of_its_own(bus, home):
+    names = [path.relative_to(home).as_posix() for path in back_up_once(bus, "so101")]
+    assert names == ["backups/so101/id_001_STS3215.toml", "backups/so101/id_002_XL430-W250.toml"]
+
+
+def test_it_holds_the_whole_eeprom(bus):
+    path, _ = back_up_once(bus, "so101")
+    assert read_backup(path) == read_eeprom(bus, 1)
+
+
+def test_the_first_copy_is_never_overwritten(bus):
+    back_up_once(bus, "so101")
+    update_eeprom(bus, 1, {STS3215.homing_offset: -100})
+    assert back_up_once(bus, "so101") == []
+    assert read_backup(backup_path("so101", bus.servos[1]))["homing_offset"] == 0
+
+
+def test_another_model_at_the_same_id_is_another_servo(bus):
+    back_up_once(bus, "so101")
+    assert len(back_up_once(bus_with({1: "STS3250"}), "so101")) == 1
+
+
+def test_a_silent_servo_leaves_no_file(bus, home):
+    spoil(bus, ("silent", {"id": 2}))
+    with pytest.raises(ServoSilentError):
+        back_up_once(bus, "so101")
+    assert [path.name for path in home.rglob("id_*")] == ["id_001_STS3215.toml"]
+
+
+def test_a_name_cannot_lead_out_of_the_folder(bus, home):
+    (path, _) = back_up_once(bus, "../../etc/arm")
+    assert path.is_relative_to(home / "backups")
+
+
+def test_nothing_is_written_to_the_servo(bus):
+    torque = bus.read(1, Role.TORQUE_ENABLE)
+    sent, write = [], bus.port.transport.write
+    bus.port.transport.write = lambda data: (sent.append(bytes(data)), write(data))[1]
+    back_up_once(bus, "so101")
+    assert torque == 0
+    instructions = {packet[7] if packet[:3] == b"\xff\xff\xfd" else packet[4] for packet in sent}
+    assert instructions == {0x82}  # sync read
+
+
+@pytest.mark.parametrize(
+    "text", ["", "format = 2\n[eeprom]", "format = 1", 'format = 1\n[eeprom]\nid = "1"', "= ="]
+)
+def test_a_file_that_is_no_copy_is_said_to_be_none(tmp_path, text):
+    path = tmp_path / "copy.toml"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=r"copy\.toml"):
+        read_backup(path)

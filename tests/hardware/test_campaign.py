@@ -1,0 +1,72 @@
+"""Nothing wrong is ever returned as good, and everything lost is reported, however bad the line."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from ikservo.errors import ServoSilentError
+from ikservo.registers import Role
+
+from .campaign import DAMAGED, DOUBLED, DYNAMIXEL, EVERYTHING, FEETECH, LATE, ours, stock
+from .desk import bus_with, spoil
+
+FAMILIES = {"Feetech": FEETECH, "Dynamixel": DYNAMIXEL}
+FAULTS = {"late": LATE, "doubled": DOUBLED, "damaged": DAMAGED, "everything": EVERYTHING}
+
+both = pytest.mark.parametrize("models", FAMILIES.values(), ids=FAMILIES)
+
+
+@both
+@pytest.mark.parametrize("faults", FAULTS.values(), ids=FAULTS)
+def test_no_wrong_value_is_returned_as_good(models, faults):
+    outcome = ours(models, 2_500, seed=1, faults=faults)
+    assert outcome.wrong == 0
+    assert outcome.lost < 0.05 * outcome.reads
+
+
+@both
+def test_every_lost_answer_is_reported(models):
+    bus = bus_with(models, retries=0)
+    spoil(bus, ("silent", {"probability": 0.05, "count": 25}))
+    lost = 0
+    for _ in range(1_000):
+        lost += _is_lost(bus)
+    assert lost == 25
+
+
+def _is_lost(bus):
+    try:
+        bus.read(1, Role.PRESENT_POSITION)
+    except ServoSilentError:
+        return True
+    return False
+
+
+@both
+def test_noise_that_flips_bits_anywhere_yields_no_wrong_value(models):
+    outcome = ours(models, 1_000, seed=2, faults=[("flipped", {"probability": 0.05, "bits": 2})])
+    assert outcome.wrong == 0
+
+
+@both
+def test_on_a_healthy_line_nothing_is_lost_and_nothing_repeated(models):
+    outcome = ours(models, 1_000, seed=3, faults=[])
+    assert (outcome.wrong, outcome.lost, outcome.retried) == (0, 0, 0)
+
+
+@both
+def test_the_vendors_sdk_returns_wrong_values_as_good_on_the_same_line(models):
+    outcome = stock(models, 1_500, seed=1)
+    assert outcome.wrong > 0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@both
+def test_half_a_million_reads_of_each_family(models, capsys):
+    outcome, theirs = ours(models, 500_000, seed=7), stock(models, 20_000, seed=7)
+    with capsys.disabled():
+        sys.stdout.write(f"\nours:  {outcome}\nstock: {theirs}\n")
+    assert outcome.wrong == 0

@@ -1,0 +1,57 @@
+"""Where to look, from who answers along the cable and who does not."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.errors import ServoSilentError
+from ikservo.hardware import ServoSpec
+from ikservo.hardware.chain_order import silence_hint
+from ikservo.registers import STS3215, Role
+
+from .desk import bus_with, spoil
+
+NAMES = ["pan", "lift", "elbow", "flex", "roll", "gripper"]
+CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
+
+
+@pytest.mark.parametrize(
+    ("silent", "said"),
+    [
+        ([3, 4, 5, 6], "ids 3 to 6 silent, 1 and 2 answer: look at the cable from lift to elbow."),
+        ([6], "id 6 silent, 1 to 5 answer: look at the cable from roll to gripper."),
+        ([2, 3, 4, 5, 6], "ids 2 to 6 silent, 1 answers: look at the cable from pan to lift."),
+        (
+            [3],
+            "id 3 silent, 1, 2, 4, 5 and 6 answer, so the cable is whole: "
+            "check plug, id and baud rate of the silent.",
+        ),
+        (
+            [1, 2, 3, 4, 5, 6],
+            "No servo answers: check the power supply, the baud rate and the first cable.",
+        ),
+    ],
+)
+def test_the_cable_is_read_from_the_pattern(silent, said):
+    answering = [servo.id for servo in CHAIN if servo.id not in silent]
+    assert silence_hint(CHAIN, answering, silent) == said
+
+
+def test_the_order_is_the_cables_and_not_the_ids():
+    chain = [CHAIN[5], CHAIN[0]]
+    assert "from gripper to pan" in silence_hint(chain, [6], [1])
+
+
+def test_one_read_that_fails_is_judged_by_what_the_others_did_before():
+    bus = bus_with(dict.fromkeys(range(1, 4), "STS3215"))
+    bus.sync_read([1, 2, 3], Role.PRESENT_POSITION)
+    spoil(bus, ("silent", {"id": 3}))
+    with pytest.raises(ServoSilentError, match="cable from joint_2 to joint_3"):
+        bus.read(3, Role.PRESENT_POSITION)
+
+
+def test_a_servo_that_was_asked_alone_is_not_judged_by_others():
+    bus = bus_with({1: "STS3215", 2: "STS3215"})
+    spoil(bus, ("silent", {}))
+    with pytest.raises(ServoSilentError, match="Check its power, the cable that leads to it"):
+        bus.read(1, Role.PRESENT_POSITION)

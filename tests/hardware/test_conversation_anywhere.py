@@ -1,0 +1,143 @@
+"""One conversation on every kind of port: in process, through a pseudo-terminal, on a real arm.
+
+The real arm takes part with ``pytest -m hardware --real-port /dev/ttyACM0 [--real-arm so101]``.
+Nothing moves and no torque comes on; what is written is written back.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ikservo.errors import RegisterAccessError, ServoSilentError
+from ikservo.hardware import ServoBus, ServoSpec, open_port, read_eeprom, update_eeprom
+from ikservo.registers import STS3215, Role
+
+from .conftest import servos_of
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
+ABSENT = ServoSpec(99, STS3215, "nobody")
+
+ARMS = ("so101", "koch")
+PLACES = [
+    *(pytest.param(("virtual", arm), id=f"virtual-{arm}") for arm in ARMS),
+    *(pytest.param(("pty", arm), id=f"pty-{arm}") for arm in ARMS),
+    pytest.param(("real", ""), marks=pytest.mark.hardware, id="real"),
+]
+
+
+@pytest.fixture(scope="module", params=PLACES)
+def bus(request):
+    """Give a bus with the arm's servos and one that is not there."""
+    place, arm = request.param
+    if place == "real":
+        arm = request.config.getoption("--real-arm")
+    path = CONFIGS / arm / "arm.toml"
+    servos = [servo for servo in servos_of(path) if "shadow" not in servo.name]
+    absent = ServoSpec(ABSENT.id, servos[0].table, ABSENT.name)
+    with _Place(request, place, path) as name:
+        with ServoBus(open_port(name, 1_000_000), [*servos, absent]) as bus:
+            yield bus
+
+
+class _Place:
+    """The name of a port to the arm, and the server behind it where there is one."""
+
+    def __init__(self, request, place, path):
+        self.request, self.place, self.path, self.server = request, place, path, None
+
+    def __enter__(self):
+        if self.place == "virtual":
+            return f"sim:{self.path}"
+        if self.place == "real":
+            return self.request.config.getoption("--real-port") or pytest.skip("no --real-port")
+        pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
+        self.server = subprocess.Popen(
+            [sys.executable, "-c", SERVE, str(self.path)], stdout=subprocess.PIPE, text=True
+        )
+        return self.server.stdout.readline().split()[-1]
+
+    def __exit__(self, *_):
+        if self.server:
+            self.server.terminate()
+            self.server.communicate(timeout=10)
+
+
+@pytest.fixture
+def ids(bus):
+    return [servo_id for servo_id in bus.servos if servo_id != ABSENT.id]
+
+
+def test_every_servo_says_that_it_is_the_model_of_the_arm_file(bus, ids):
+    numbers = {i: bus.ping(i).model_number for i in ids}
+    assert numbers == {i: bus.servos[i].table.number for i in ids}
+
+
+def test_all_together_say_what_each_says_alone(bus, ids):
+    together = bus.sync_read(ids, Role.MAX_POSITION_LIMIT, raw=True).complete()
+    assert together == {i: bus.read(i, Role.MAX_POSITION_LIMIT, raw=True) for i in ids}
+
+
+def test_telemetry_is_plausible(bus, ids):
+    wanted = [Role.PRESENT_POSITION, Role.PRESENT_VOLTAGE, Role.PRESENT_TEMPERATURE]
+    for row in bus.sync_read_many(ids, wanted).complete().values():
+        assert 4.0 < row[Role.PRESENT_VOLTAGE] < 17.0
+        assert 0.0 < row[Role.PRESENT_TEMPERATURE] < 80.0
+
+
+def test_one_that_is_not_there_costs_no_other_its_value(bus, ids):
+    readings = bus.sync_read([*ids, ABSENT.id], Role.PRESENT_POSITION)
+    assert sorted(readings.values) == sorted(ids)
+    assert isinstance(readings.errors[ABSENT.id], ServoSilentError)
+
+
+def test_one_that_is_not_there_is_silent_when_asked_alone(bus):
+    with pytest.raises(ServoSilentError, match="nobody"):
+        bus.ping(ABSENT.id)
+
+
+def test_what_is_written_is_read_and_can_be_written_back(bus, ids):
+    before = bus.read(ids[0], Role.PROFILE_VELOCITY, raw=True)
+    try:
+        bus.write(ids[0], Role.PROFILE_VELOCITY, 123, raw=True)
+        assert bus.read(ids[0], Role.PROFILE_VELOCITY, raw=True) == 123
+    finally:
+        bus.write(ids[0], Role.PROFILE_VELOCITY, before, raw=True)
+
+
+def test_a_write_to_many_reaches_them_all(bus, ids):
+    before = bus.sync_read(ids, Role.PROFILE_VELOCITY, raw=True).complete()
+    try:
+        bus.sync_write(Role.PROFILE_VELOCITY, dict.fromkeys(ids, 77), raw=True)
+        now = bus.sync_read(ids, Role.PROFILE_VELOCITY, raw=True).complete()
+        assert now == dict.fromkeys(ids, 77)
+    finally:
+        bus.sync_write(Role.PROFILE_VELOCITY, before, raw=True)
+        bus.ping(ids[0])
+
+
+def test_eeprom_that_holds_already_is_not_written(bus, ids):
+    servo = bus.servos[ids[0]]
+    held = read_eeprom(bus, servo.id)
+    limit = servo.table.max_temperature_limit
+    assert update_eeprom(bus, servo.id, {limit: held[limit.name]}) == []
+
+
+def test_what_is_measured_cannot_be_written(bus, ids):
+    with pytest.raises(RegisterAccessError, match="read-only"):
+        bus.write(ids[0], Role.PRESENT_POSITION, 0)
+
+
+def test_a_thousand_positions_in_a_row_are_all_there(bus, ids):
+    asked = 1000 // len(ids)
+    answered = sum(not bus.sync_read(ids, Role.PRESENT_POSITION).errors for _ in range(asked))
+    assert answered == asked
+
+
+def test_every_answer_was_timed(bus, ids):
+    for servo_id in ids:
+        assert 0.0 < bus.statistics[servo_id].round_trip_s(0.5) < 0.1

@@ -1,0 +1,225 @@
+"""Many servos, several families, two lines and two threads: the fewest packets that will do."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from ikservo.errors import RegisterAccessError, ServoSilentError
+from ikservo.hardware import ServoBus, ServoSpec, torque_off
+from ikservo.registers import MX28, STS3215, XL430W250, Family, Role
+
+from .desk import bus_with, simulated_servos, spoil
+
+X = "XL430-W250"
+MIXED = {1: "STS3215", 2: X, 3: "AX-12A", 4: "SCS0009", 5: "MX-28", 6: "XM430-W350"}
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """Give what a bus sends, packet by packet."""
+
+    def listen(bus):
+        sent, write = [], bus.port.transport.write
+        monkeypatch.setattr(
+            bus.port.transport, "write", lambda data: (sent.append(bytes(data)), write(data))[1]
+        )
+        return sent
+
+    return listen
+
+
+APART = {1: [XL430W250.present_temperature], 2: [XL430W250.present_position]}
+
+
+class TestBulk:
+    """Each servo its own registers, in one packet where the family has one for it."""
+
+    def test_protocol_2_is_asked_once(self, written):
+        bus = bus_with({1: X, 2: X})
+        sent = written(bus)
+        readings = bus.bulk_read(APART, raw=True).complete()
+        assert [packet[7] for packet in sent] == [0x92]
+        servos = simulated_servos(bus)
+        assert readings[1] == {XL430W250.present_temperature: servos[1].read("present_temperature")}
+        assert readings[2] == {XL430W250.present_position: servos[2].read("present_position")}
+
+    def test_mx_servos_are_asked_once(self, written):
+        bus = bus_with({1: "MX-28", 2: "MX-28"})
+        sent = written(bus)
+        bus.bulk_read({1: [MX28.present_voltage], 2: [MX28.present_position]}).complete()
+        assert [packet[4] for packet in sent] == [0x92]
+
+    def test_mx_servos_need_no_sync_read_to_be_asked_once(self, written):
+        bus = bus_with({1: "MX-28", 2: "MX-28"})
+        sent = written(bus)
+        bus.sync_read([1, 2], Role.PRESENT_POSITION).complete()
+        assert [packet[4] for packet in sent] == [0x92]
+
+    def test_an_ax_among_them_is_asked_alone(self, written):
+        bus = bus_with({1: "MX-28", 2: "AX-12A", 3: "MX-28"})
+        sent = written(bus)
+        bus.sync_read([1, 2, 3], Role.PRESENT_POSITION).complete()
+        assert [packet[4] for packet in sent] == [0x92, 0x02]
+
+    def test_feetech_is_asked_once_for_each_kind_of_bytes(self, written):
+        bus = bus_with({1: "STS3215", 2: "STS3215", 3: "STS3215"})
+        sent = written(bus)
+        at, heat = [STS3215.present_position], [STS3215.present_temperature]
+        bus.bulk_read({1: at, 2: heat, 3: at}).complete()
+        assert [packet[4] for packet in sent] == [0x82, 0x82]
+
+    def test_one_packet_tells_each_its_own(self, written):
+        bus = bus_with({1: X, 2: X})
+        sent = written(bus)
+        bus.bulk_write({1: {XL430W250.led: 1}, 2: {XL430W250.goal_position: 2100}}, raw=True)
+        assert [packet[7] for packet in sent] == [0x93]
+        bus.ping(1)  # a write to many is not answered: the next answer comes behind it
+        servos = simulated_servos(bus)
+        assert (servos[1].read("led"), servos[2].read("goal_position")) == (1, 2100)
+
+    def test_neighbours_share_a_packet(self, written):
+        bus = bus_with({1: X, 2: X})
+        sent = written(bus)
+        row = {Role.PROFILE_VELOCITY: 100, Role.GOAL_POSITION: 2100}
+        bus.bulk_write({1: row, 2: row}, raw=True)
+        assert [packet[7] for packet in sent] == [0x83]
+        bus.ping(1)
+        assert simulated_servos(bus)[2].read("profile_velocity") == 100
+
+    def test_one_number_that_does_not_fit_stops_everything(self, written):
+        bus = bus_with({1: X, 2: X})
+        sent = written(bus)
+        with pytest.raises(RegisterAccessError, match="joint_2"):
+            bus.bulk_write({1: {Role.GOAL_POSITION: 1}, 2: {Role.GOAL_POSITION: 1 << 30}}, raw=True)
+        assert sent == []
+
+    def test_a_silent_one_is_an_error_beside_the_values(self):
+        bus = bus_with({1: X, 2: X})
+        spoil(bus, ("silent", {"id": 1}))
+        readings = bus.bulk_read(APART, raw=True)
+        assert readings.values.keys() == {2}
+        assert isinstance(readings.errors[1], ServoSilentError)
+
+
+class TestMixedFamilies:
+    """Six models of four dialects on one line."""
+
+    @pytest.fixture
+    def bus(self):
+        return bus_with(MIXED)
+
+    def test_one_call_reads_them_all(self, bus):
+        ticks = bus.sync_read(MIXED, Role.PRESENT_POSITION, raw=True).complete()
+        held = {i: s.read("present_position") for i, s in simulated_servos(bus).items()}
+        assert ticks == held
+
+    def test_one_call_tells_them_all(self, bus):
+        goals = {i: s.read("present_position") + 5 for i, s in simulated_servos(bus).items()}
+        bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+        bus.ping(1)
+        assert {i: s.read("goal_position") for i, s in simulated_servos(bus).items()} == goals
+
+    def test_torque_goes_off_everywhere_though_two_are_silent(self, bus):
+        bus.sync_write(Role.TORQUE_ENABLE, dict.fromkeys(MIXED, 1), raw=True)
+        spoil(bus, ("lost", {"count": 0}), ("silent", {"id": 2}), ("silent", {"id": 5}))
+        assert list(torque_off(bus, MIXED)) == [2, 5]
+        assert {s.read("torque_enable") for s in simulated_servos(bus).values()} == {0}
+
+
+class TestShadows:
+    """A shadow obeys what is written to its leader, without answering, and reads at its own id."""
+
+    @pytest.fixture
+    def bus(self):
+        bus = bus_with({2: X, 3: X})
+        simulated_servos(bus)[3].write("secondary_id", 2)
+        return bus
+
+    def test_a_goal_for_the_leader_is_the_shadows_goal(self, bus):
+        bus.write(2, Role.GOAL_POSITION, 2100, raw=True)
+        assert {s.read("goal_position") for s in simulated_servos(bus).values()} == {2100}
+
+    def test_only_the_leader_answers(self, bus):
+        readings = bus.sync_read([2, 3], Role.PRESENT_POSITION, raw=True).complete()
+        assert readings.keys() == {2, 3}
+        assert bus.statistics[2].lost == bus.statistics[2].garbled == 0
+
+
+def test_two_lines_are_read_by_two_threads_at_once():
+    buses = [bus_with({1: X, 2: X}), bus_with({1: "STS3215", 2: "STS3215"})]
+    found = [[], []]
+
+    def talk(k):
+        for _ in range(200):
+            readings = buses[k].sync_read([1, 2], Role.MODEL_NUMBER, raw=True)
+            found[k].append(tuple(readings.complete().values()))
+
+    threads = [threading.Thread(target=talk, args=(k,)) for k in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout=30)
+    assert [set(rows) for rows in found] == [{(1060, 1060)}, {(777, 777)}]
+    assert [len(rows) for rows in found] == [200, 200]
+
+
+def test_two_threads_on_one_line_take_turns():
+    bus = bus_with({1: X, 2: "STS3215"})
+    found = {1: set(), 2: set()}
+
+    def talk(servo_id):
+        for _ in range(200):
+            found[servo_id].add(bus.read(servo_id, Role.MODEL_NUMBER, raw=True))
+
+    threads = [threading.Thread(target=talk, args=(i,)) for i in found]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout=30)
+    assert found == {1: {1060}, 2: {777}}
+
+
+class TestRollCall:
+    """A broadcast ping that is over as soon as nobody can answer any more."""
+
+    def test_everybody_of_protocol_2_answers(self):
+        bus = bus_with(dict.fromkeys((1, 5, 9), X))
+        called = bus.roll_call(Family.DYNAMIXEL_2)
+        assert called.answers.keys() == {1, 5, 9}
+        assert {answer.data[:2] for (answer,) in called.answers.values()} == {b"\x24\x04"}
+
+    def test_everybody_of_feetech_answers(self):
+        bus = bus_with(dict.fromkeys((1, 2, 6), "STS3215"))
+        assert bus.roll_call(Family.FEETECH_STS).answers.keys() == {1, 2, 6}
+
+    def test_it_takes_a_fraction_of_the_sdks_window(self):
+        bus = bus_with(dict.fromkeys(range(1, 7), X))
+        started_s = bus.clock.now_s()
+        bus.roll_call(Family.DYNAMIXEL_2)
+        assert bus.clock.now_s() - started_s < 0.1  # the SDK's own: 0.8
+
+    def test_it_finds_servos_that_nobody_knew_of(self):
+        bus = bus_with({1: X, 200: X})
+        known = ServoBus(bus.port, [ServoSpec(1, XL430W250)])
+        assert known.roll_call(Family.DYNAMIXEL_2, highest_id=252).answers.keys() == {1, 200}
+
+    @pytest.mark.parametrize("model", [X, "STS3215"])
+    def test_two_servos_on_one_id_give_themselves_away(self, model):
+        transport_bus = bus_with({1: model})
+        family = transport_bus.servos[1].table.family
+        bus = crowded(model)
+        called = bus.roll_call(family)
+        assert called.junk or len(called.answers.get(4, ())) > 1
+
+
+def crowded(model):
+    """Return a bus with two servos at id 4."""
+    from ikservo.hardware import Port
+
+    from .desk import line_with
+
+    transport = line_with([(4, model), (4, model)])
+    known = bus_with({4: model}).servos[4]
+    return ServoBus(Port(transport, "desk", 1_000_000), [known])

@@ -1,0 +1,102 @@
+"""One process to a port, by whatever name it is called; the second is told who has it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from ikservo.errors import PortBusyError
+from ikservo.hardware import open_port
+from ikservo.hardware.port_lock import lock_of
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows opens a port only once")
+
+HOLD = """import sys
+from ikservo.hardware.port_lock import lock_of
+lock = lock_of(sys.argv[1])
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+
+
+@pytest.fixture
+def holder(pty_name):
+    """Let another process hold a port."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, pty_name],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.communicate("")
+
+
+def test_the_second_is_told_process_and_command_of_the_first(pty_name, holder):
+    with pytest.raises(PortBusyError, match=rf"in use by python.* \(process {holder.pid}\)"):
+        open_port(pty_name, 1_000_000)
+
+
+def test_a_link_leads_to_the_same_lock(pty_name, holder, tmp_path):
+    link = tmp_path / "by-id-arm"
+    link.symlink_to(pty_name)
+    with pytest.raises(PortBusyError, match="in use by"):
+        open_port(str(link), 1_000_000)
+
+
+def test_it_dies_with_its_process(pty_name, holder):
+    holder.send_signal(signal.SIGKILL)
+    holder.wait()
+    with open_port(pty_name, 1_000_000) as port:
+        assert port.is_open
+
+
+def test_closing_the_port_gives_it_back(pty_name):
+    open_port(pty_name, 1_000_000).close()
+    with lock_of(pty_name):
+        pass
+
+
+def test_a_port_that_cannot_be_opened_leaves_no_lock(tmp_path):
+    missing = str(tmp_path / "ttyMISSING")
+    with pytest.raises(OSError, match="cannot be opened"):
+        open_port(missing, 1_000_000)
+    with lock_of(missing):
+        pass
+
+
+def test_of_four_that_race_exactly_one_wins(pty_name):
+    racers = [
+        subprocess.Popen(
+            [sys.executable, "-c", HOLD, pty_name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        for _ in range(4)
+    ]
+    said = [racer.stdout.readline() for racer in racers]
+    for racer in racers:
+        racer.communicate("")
+    assert said.count("held\n") == 1
+
+
+def test_a_lock_file_that_is_a_link_is_not_followed(pty_name, tmp_path):
+    target = tmp_path / "precious"
+    target.write_text("keep me")
+    name = os.path.realpath(pty_name).replace("/", "-").strip("-")
+    (tmp_path / f"ikservo-{name}.lock").symlink_to(target)
+    with lock_of(pty_name):
+        assert target.read_text() == "keep me"

@@ -1,0 +1,123 @@
+"""Ports at the other end of a network: the same conversation through a server in this process."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+
+import pytest
+from serial import rfc2217
+
+from ikservo.errors import PortLostError
+from ikservo.hardware import ServoBus, ServoSpec, open_port
+from ikservo.registers import STS3215, Role
+
+from .desk import line_with
+
+
+class SerialSide:
+    """What an RFC 2217 server sets: the rate is real, the rest is only remembered."""
+
+    def __init__(self, transport):
+        self.transport = transport
+        self.bytesize, self.parity, self.stopbits, self.timeout = 8, "N", 1, 0
+        self.rtscts = self.xonxoff = self.dtr = self.rts = self.break_condition = False
+        self.cts = self.dsr = self.ri = self.cd = False
+
+    def __getattr__(self, name):
+        return getattr(self.transport, name)
+
+    @property
+    def baudrate(self):
+        return self.transport.baudrate
+
+    @baudrate.setter
+    def baudrate(self, rate):
+        self.transport.baudrate = rate
+
+
+class Server:
+    """Simulated servos behind a TCP port, raw or as RFC 2217 says."""
+
+    def __init__(self, *, telnet):
+        self.transport = line_with({1: "STS3215", 2: "STS3215"})
+        self.listening = socket.create_server(("127.0.0.1", 0))
+        self.telnet, self.client, self.pending = telnet, None, b""
+        self.thread = threading.Thread(target=self.serve)
+        self.thread.start()
+
+    @property
+    def address(self):
+        return f"127.0.0.1:{self.listening.getsockname()[1]}"
+
+    def serve(self):
+        with contextlib.suppress(OSError):
+            self.client, _ = self.listening.accept()
+            manager = rfc2217.PortManager(SerialSide(self.transport), self) if self.telnet else None
+            while data := self.client.recv(4096):
+                self.pass_on(b"".join(manager.filter(data)) if manager else data, manager)
+
+    def pass_on(self, data, manager):
+        """Let the servos hear whole packets: a network may cut and join them as it likes."""
+        self.pending += data
+        while len(self.pending) > 3 and len(self.pending) >= self.pending[3] + 4:
+            size = self.pending[3] + 4
+            asked, self.pending = self.pending[:size], self.pending[size:]
+            self.transport.write(asked)
+            self.transport.timeout = 0.003  # virtual: the simulated servos answer at once
+            answer = self.transport.read(4096)
+            self.write(b"".join(manager.escape(answer)) if manager else answer)
+
+    def write(self, data):
+        self.client.sendall(data)
+
+    def close(self):
+        for end in filter(None, (self.client, self.listening)):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+        self.thread.join(timeout=10)
+
+
+@pytest.fixture(params=["socket", "rfc2217"])
+def served(request):
+    """Give the URL of a server and the server itself."""
+    server = Server(telnet=request.param == "rfc2217")
+    yield f"{request.param}://{server.address}", server
+    server.close()
+
+
+@pytest.fixture
+def bus(served):
+    """Give a bus on it."""
+    url, _ = served
+    with ServoBus(open_port(url, 1_000_000), [ServoSpec(i, STS3215) for i in (1, 2)]) as bus:
+        yield bus
+
+
+def test_servos_answer(bus):
+    assert [bus.ping(i).model_number for i in (1, 2)] == [777, 777]
+
+
+def test_many_are_read_and_told(bus):
+    ticks = bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).complete()
+    bus.sync_write(Role.GOAL_POSITION, ticks, raw=True)
+    assert bus.sync_read([1, 2], Role.GOAL_POSITION, raw=True).complete() == ticks
+
+
+def test_a_server_that_goes_is_a_lost_port(bus, served):
+    bus.ping(1)
+    served[1].close()
+    with pytest.raises(PortLostError, match="is gone"):
+        bus.read(1, Role.PRESENT_POSITION)
+
+
+def test_a_baud_rate_reaches_the_other_end():
+    server = Server(telnet=True)
+    try:
+        with open_port(f"rfc2217://{server.address}", 1_000_000) as port:
+            port.setBaudRate(500_000)
+            assert server.transport.baudrate == 500_000
+    finally:
+        server.close()

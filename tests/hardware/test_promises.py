@@ -1,0 +1,274 @@
+"""Promises about the bus that can be kept on this storey, each with its number."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from ikservo.errors import BusError, ServoRefusedError, ServoSilentError
+from ikservo.hardware import protocol_1, torque_on, update_eeprom
+from ikservo.hardware.protocol_2 import Answers
+from ikservo.hardware.trust import Trust
+from ikservo.registers import STS3215, Alarm, Role
+
+from .desk import ECHO, PLAIN, bus_with, simulated_servos, spoil
+from .test_exchange_laws import packet_1, packet_2
+
+X = "XL430-W250"
+SIX = {"Feetech": dict.fromkeys(range(1, 7), "STS3215"), "Dynamixel": dict.fromkeys(range(1, 7), X)}
+six = pytest.mark.parametrize("models", SIX.values(), ids=SIX)
+
+
+def cycle(bus, goals):
+    started_s = bus.clock.now_s()
+    bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+    bus.sync_read(goals, Role.PRESENT_POSITION, raw=True)
+    return bus.clock.now_s() - started_s
+
+
+def goals_of(bus):
+    for servo in simulated_servos(bus).values():  # as `ikservo setup` leaves them
+        name = "return_delay" if "return_delay" in servo.table.by_name else "return_delay_time"
+        servo.write(name, 0)
+    bus.learn_return_delays()
+    return dict(bus.sync_read(bus.servos, Role.PRESENT_POSITION, raw=True).complete())
+
+
+# --- B1: a corrupted packet is never used as data ---
+
+
+@pytest.mark.parametrize(
+    "packets",
+    [pytest.param(10_000, id="suite"), pytest.param(1_000_000, marks=pytest.mark.campaign)],
+)
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, packets):
+    make, scan = (packet_1, protocol_1.scan) if protocol == 1 else (packet_2, Answers(-2000).scan)
+    chance = random.Random(protocol)
+    for _ in range(packets):
+        data, bad = chance.randbytes(2), bytearray(make(chance.randrange(253), 0, b"\1\2"))
+        # A wrong length makes a splice, and of these a sum of bytes lets 1 in 256 through.
+        at = chance.choice((0, 1, 2, 4, 5, 6, 7)) if protocol == 1 else chance.randrange(13)
+        bad[at] ^= 1 + chance.randrange(255)
+        heard = scan(bytes(bad) + make(1, 0, data), (2,), final=True)
+        assert [frame.data for frame in heard.frames] == [data]
+
+
+# --- B3: a servo that falls silent costs little time, and is missed at once ---
+
+
+@six
+@pytest.mark.parametrize("silent", [1, 3, 6])
+def test_a_silent_servo_never_costs_a_cycle_more_than_5_ms(models, silent):
+    bus = bus_with(models)
+    goals = goals_of(bus)
+    healthy_s = max(cycle(bus, goals) for _ in range(60))
+    spoil(bus, ("silent", {"id": silent}))
+    for _ in range(400):
+        assert cycle(bus, goals) - healthy_s < 0.005
+
+
+@six
+def test_after_three_misses_it_is_asked_only_every_quarter_of_a_second(models):
+    bus = bus_with(models)
+    goals = goals_of(bus)
+    spoil(bus, ("silent", {"id": 3}))
+    for _ in range(5):
+        cycle(bus, goals)
+    before, started_s = bus.statistics[3].asked, bus.clock.now_s()
+    while bus.clock.now_s() - started_s < 1.0:
+        cycle(bus, goals)
+    assert bus.statistics[3].asked - before in range(3, 6)
+
+
+@six
+def test_it_is_missed_in_the_very_cycle_in_which_it_falls_silent(models):
+    bus = bus_with(models)
+    goals = goals_of(bus)
+    spoil(bus, ("silent", {"id": 5}))
+    readings = bus.sync_read(goals, Role.PRESENT_POSITION)
+    assert isinstance(readings.errors[5], ServoSilentError)
+    assert "joint_5 (id 5)" in str(readings.errors[5])
+
+
+@six
+def test_when_it_answers_again_it_is_back_within_a_quarter_of_a_second(models):
+    bus = bus_with(models)
+    goals = goals_of(bus)
+    spoil(bus, ("silent", {"id": 3, "for_s": 0.1, "at_s": bus.clock.now_s()}))
+    end_s = bus.clock.now_s() + 0.4
+    while bus.clock.now_s() < end_s:
+        cycle(bus, goals)
+    assert bus.sync_read(goals, Role.PRESENT_POSITION).complete().keys() == goals.keys()
+
+
+# --- B7: what servos complain about stands beside their values ---
+
+
+@pytest.mark.parametrize("model", ["STS3215", "SCS0009", "AX-12A", "MX-28"])
+@pytest.mark.parametrize("bit", [0, 2, 5])
+def test_each_alarm_bit_is_seen_in_the_very_next_answer(model, bit):
+    bus = bus_with({1: model, 2: model})
+    spoil(bus, ("alarm", {"id": 1, "bits": 1 << bit}))
+    bus.clock.sleep_until(bus.clock.now_s() + 0.01)
+    readings = bus.sync_read([1, 2], Role.PRESENT_POSITION)
+    assert readings.complete().keys() == {1, 2}
+    assert readings.alarms == {1: {bus.servos[1].table.alarm_bits[bit]}}
+
+
+def test_the_alert_of_protocol_2_is_seen_and_spelt_out_on_request():
+    bus = bus_with({1: X, 2: X})
+    spoil(bus, ("alarm", {"id": 2, "bits": 0b100000}))
+    bus.clock.sleep_until(bus.clock.now_s() + 0.01)
+    assert bus.sync_read([1, 2], Role.PRESENT_POSITION).alarms == {2: {Alarm.UNKNOWN}}
+    assert bus.read_alarms(2) == {Alarm.OVERLOAD}
+
+
+# --- B9: a lost instruction is made good by the next ---
+
+
+@six
+def test_goals_arrive_although_every_tenth_instruction_is_lost(models):
+    bus = bus_with(models)
+    goals = goals_of(bus)
+    spoil(bus, ("lost", {"probability": 0.1}))
+    for step in range(30):
+        cycle(bus, {i: tick + step for i, tick in goals.items()})
+    last = {i: tick + 29 for i, tick in goals.items()}
+    for _ in range(5):
+        cycle(bus, last)
+    assert {i: s.read("goal_position") for i, s in simulated_servos(bus).items()} == last
+
+
+# --- B11: torque comes on where the joint stands ---
+
+
+@pytest.mark.parametrize("model", ["STS3215", X, "MX-28"])
+def test_torque_comes_on_without_a_twitch_wherever_the_joint_was_carried(model):
+    bus = bus_with({1: model})
+    servo, chance = simulated_servos(bus)[1], random.Random(1)
+    for _ in range(25):
+        bus.write(1, Role.TORQUE_ENABLE, 0, raw=True)
+        bus.port.transport.line.world.place("servo_1", chance.uniform(-1.0, 1.0))
+        bus.clock.sleep_until(bus.clock.now_s() + 0.05)
+        stood_tick = servo.read("present_position")
+        torque_on(bus, 1)
+        bus.clock.sleep_until(bus.clock.now_s() + 0.2)
+        assert abs(servo.read("present_position") - stood_tick) <= 2
+
+
+# --- B12: EEPROM is spared, and half-written EEPROM is mended ---
+
+WANTED = {STS3215.homing_offset: -100, STS3215.p_gain: 16, STS3215.max_torque: 900}
+
+
+def eeprom_writes(bus):
+    return simulated_servos(bus)[1].memory.eeprom_writes
+
+
+def test_an_ordinary_run_writes_no_eeprom():
+    bus = bus_with(SIX["Feetech"])
+    goals = goals_of(bus)
+    before = eeprom_writes(bus)
+    for servo_id in goals:
+        torque_on(bus, servo_id)
+    for _ in range(20):
+        cycle(bus, goals)
+    update_eeprom(bus, 1, {STS3215.homing_offset: 0})
+    assert eeprom_writes(bus) == before
+
+
+@pytest.mark.parametrize("packet", range(14))
+def test_a_process_that_dies_at_any_packet_leaves_nothing_that_the_next_run_does_not_mend(packet):
+    bus = bus_with({1: "STS3215"})
+    die_at(bus, packet)
+    with pytest.raises(KeyboardInterrupt):
+        update_eeprom(bus, 1, WANTED)
+    again = bus_with_same_servos(bus)
+    update_eeprom(again, 1, WANTED)
+    servo = simulated_servos(again)[1]
+    assert {r: servo.read(r.name) for r in WANTED} == WANTED
+    assert servo.read("lock") == 1
+
+
+def die_at(bus, packet):
+    """Let the process end when it wants to send this packet, and everything after it."""
+    count, write = iter(range(10_000)), bus.port.transport.write
+
+    def deadly(data):
+        if next(count) >= packet:
+            raise KeyboardInterrupt
+        return write(data)
+
+    bus.port.transport.write = deadly
+
+
+def bus_with_same_servos(bus):
+    from ikservo.hardware import Port, ServoBus
+
+    del bus.port.transport.write
+    return ServoBus(Port(bus.port.transport, "desk", 1_000_000), list(bus.servos.values()))
+
+
+@pytest.mark.parametrize("model", ["STS3215", X])
+def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
+    bus = bus_with({1: model})
+    bus.port.trust = Trust(doubts=0)  # before that, the write itself would be doubted
+    limit = bus.servos[1].table.max_temperature_limit
+    servo = simulated_servos(bus)[1]
+    put = servo.memory.write
+
+    def worn_out(address, data, **how):
+        if address != limit.address:
+            put(address, data, **how)
+
+    servo.memory.write = worn_out
+    with pytest.raises(ServoRefusedError, match=r"holds .* after 61 was written"):
+        update_eeprom(bus, 1, {limit: 61})
+    if model == "STS3215":
+        assert servo.read("lock") == 1
+
+
+# --- B13: echo, and bytes that come one by one ---
+
+
+@six
+@pytest.mark.parametrize("adapter", [PLAIN, ECHO], ids=["plain", "echo"])
+def test_bytes_that_arrive_one_by_one_are_put_together(models, adapter, monkeypatch):
+    bus = bus_with(models, adapter=adapter)
+    read = bus.port.transport.read
+    monkeypatch.setattr(bus.port.transport, "read", lambda size=1: read(min(size, 1)))
+    ticks = bus.sync_read(models, Role.PRESENT_POSITION, raw=True).complete()
+    held = {i: servo.read("present_position") for i, servo in simulated_servos(bus).items()}
+    assert ticks == held
+
+
+# --- speed ---
+
+
+@six
+def test_a_cycle_of_six_servos_uses_85_percent_of_what_the_wire_allows(models):
+    bus = bus_with(models)
+    goals = goals_of(bus)
+    for _ in range(60):
+        cycle(bus, goals)
+    took_s = sum(cycle(bus, goals) for _ in range(100)) / 100
+    assert wire_s(bus) / took_s > 0.85
+
+
+def wire_s(bus):
+    """Return what the packets of a cycle take at least, by the fastest instructions there are."""
+    if bus.servos[1].table is STS3215:
+        return bus.port.wire_s((8 + 6 * 3) + (8 + 6) + 6 * 8)
+    return bus.port.wire_s((14 + 6 * 5) + (14 + 6) + (8 + 6 * 8))
+
+
+def test_on_a_dead_line_everything_fails_by_name_and_nothing_hangs():
+    bus = bus_with(SIX["Feetech"])
+    spoil(bus, ("silent", {}))
+    started_s = bus.clock.now_s()
+    with pytest.raises(BusError, match="No servo answers: check the power supply"):
+        bus.sync_read(bus.servos, Role.PRESENT_POSITION).complete()
+    assert bus.clock.now_s() - started_s < 0.05

@@ -1,0 +1,120 @@
+"""A pulled cable: a named error at once, and the same adapter again under another name."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+
+import pytest
+
+from ikservo.errors import PortLostError
+from ikservo.hardware import open_port, reopen, serial_number_of
+
+from .conftest import StillClock
+
+pty = pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
+
+
+@dataclass
+class Comport:
+    """What pyserial tells of a port."""
+
+    device: str
+    serial_number: str | None = "58FA083"
+    vid: int | None = 0x1A86
+    pid: int | None = 0x55D3
+    product: str | None = "USB Single Serial"
+
+
+@pytest.fixture
+def desk(monkeypatch):
+    """Give a function that says which adapters are plugged in."""
+
+    def plug_in(*comports):
+        monkeypatch.setattr("serial.tools.list_ports.comports", lambda: list(comports))
+
+    return plug_in
+
+
+@pytest.fixture
+def new_pty():
+    """Make pseudo-terminals that are closed in the end."""
+    ends = []
+
+    def make():
+        ends.extend(pty.openpty())
+        return os.ttyname(ends[-1]), ends[-2:]
+
+    yield make
+    for end in ends:
+        try:
+            os.close(end)
+        except OSError:
+            continue
+
+
+def test_an_adapter_is_known_by_its_serial_number(desk):
+    desk(Comport("/dev/ttyACM0"))
+    assert serial_number_of("/dev/ttyACM0") == "58FA083"
+
+
+def test_a_network_port_has_none(desk):
+    desk(Comport("/dev/ttyACM0"))
+    assert serial_number_of("socket://127.0.0.1:1") == ""
+
+
+def test_it_is_opened_again_under_its_new_name(desk, new_pty):
+    (old, ends), (new, _) = new_pty(), new_pty()
+    port = open_port(old, 1_000_000)
+    for end in ends:
+        os.close(end)
+    desk(Comport("/dev/ttyUSB7", "another"), Comport(new))
+    reopen(port, "58FA083", within_s=1.0, clock=StillClock())
+    assert (port.name, port.is_open) == (new, True)
+    port.close()
+
+
+def test_what_was_learned_of_the_old_line_is_forgotten(desk, new_pty):
+    (old, _), (new, _) = new_pty(), new_pty()
+    port = open_port(old, 1_000_000)
+    port.echoes, doubts = True, port.trust
+    desk(Comport(new))
+    reopen(port, "58FA083", within_s=1.0, clock=StillClock())
+    assert port.echoes is None
+    assert port.trust is not doubts
+    port.close()
+
+
+def test_another_adapter_is_not_taken_for_it(desk, new_pty):
+    (old, _), (other, _) = new_pty(), new_pty()
+    port = open_port(old, 1_000_000)
+    desk(Comport(other, "another"))
+    with pytest.raises(PortLostError, match="not back after 3 s"):
+        reopen(port, "58FA083", within_s=3.0, clock=StillClock())
+    assert not port.is_open
+
+
+def test_an_adapter_without_a_number_comes_back_under_its_old_name(desk, new_pty):
+    old, _ = new_pty()
+    port = open_port(old, 1_000_000)
+    desk(Comport(old, serial_number=None))
+    reopen(port, "", within_s=1.0, clock=StillClock())
+    assert port.is_open
+    port.close()
+
+
+@pytest.mark.parametrize("moment", range(20))
+def test_a_cable_pulled_in_mid_conversation_is_an_error_within_100_ms(new_pty, moment):
+    name, (master, slave) = new_pty()
+    port = open_port(name, 1_000_000)
+    os.close(slave)
+    if moment % 2:
+        os.write(master, bytes(moment))
+    os.close(master)
+    started_s, cpu_s = time.monotonic(), time.process_time()
+    with pytest.raises(PortLostError):
+        port.read_until(100, started_s + 5.0)
+    assert time.monotonic() - started_s < 0.1
+    assert time.process_time() - cpu_s < 0.05
+    port.close()

@@ -1,0 +1,200 @@
+"""Late and doubled answers: the protocols do not number them, so questions are put apart."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ikservo.errors import BadReplyError, BusError, ServoSilentError
+from ikservo.hardware.ghosts import LATEST_S, Ghosts
+from ikservo.hardware.span import Span
+from ikservo.hardware.trust import Pace, Trust
+from ikservo.registers import STS3215, XL430W250, Role
+
+from .desk import bus_with, simulated_servos, spoil
+from .packets import asks, asks_all, says
+
+X = "XL430-W250"
+LIMITS = {"STS3215": STS3215.max_position_limit, X: XL430W250.max_position_limit}
+OTHERS = {"STS3215": STS3215.min_position_limit, X: XL430W250.min_position_limit}
+both = pytest.mark.parametrize("model", LIMITS)
+
+
+@pytest.fixture
+def bus(model):
+    """Give a bus that never repeats, whose line it has come to believe."""
+    bus = bus_with({1: model}, retries=0)
+    bus.port.trust = Trust(doubts=0)
+    return bus
+
+
+def value_or_loss(bus, register):
+    """Return what is read; an old answer may meet the new one on the wire, and both be lost."""
+    try:
+        return bus.read(1, register, raw=True)
+    except BusError:
+        return "lost"
+
+
+@both
+@pytest.mark.parametrize("delay_s", [0.005, 0.01, 0.02, 0.05, 0.1, 0.2])
+def test_a_late_answer_is_never_taken_for_that_to_a_later_question(bus, model, delay_s):
+    spoil(bus, ("late", {"delay_s": delay_s, "count": 1}))
+    held = simulated_servos(bus)[1].read(OTHERS[model].name)
+    with pytest.raises(ServoSilentError):
+        bus.read(1, LIMITS[model])
+    while bus.clock.now_s() < delay_s + 0.05:
+        assert value_or_loss(bus, OTHERS[model]) in (held, "lost")
+
+
+@both
+@pytest.mark.parametrize("delay_s", [0.0, 1e-5, 1e-4, 1e-3, 0.005, 0.015])
+def test_a_second_copy_is_never_taken_for_the_answer_to_another_question(bus, model, delay_s):
+    spoil(bus, ("duplicated", {"delay_s": delay_s, "count": 1}))
+    held = simulated_servos(bus)[1].read(OTHERS[model].name)
+    bus.read(1, LIMITS[model])
+    while bus.clock.now_s() < delay_s + 0.01:
+        assert value_or_loss(bus, OTHERS[model]) in (held, "lost")
+
+
+@both
+def test_a_late_yes_to_one_write_is_not_taken_for_the_yes_to_the_next(bus, model):
+    spoil(bus, ("late", {"delay_s": 0.003, "count": 1}), ("lost", {"at_s": 0.0016, "count": 1}))
+    with pytest.raises(ServoSilentError):
+        bus.write(1, Role.GOAL_POSITION, 2000, raw=True)
+    with pytest.raises((ServoSilentError, BadReplyError)):
+        bus.write(1, Role.GOAL_POSITION, 2100, raw=True)
+    assert simulated_servos(bus)[1].read("goal_position") == 2000
+
+
+def test_what_must_not_be_repeated_waits_until_nothing_is_owed(feetech, line):
+    line.expect("FF FF 01 04 03 28 01 CE")
+    line.expect("FF FF 01 04 03 28 80 4F", says(1))
+    with pytest.raises(ServoSilentError):
+        feetech.write(1, STS3215.torque_enable, 1)
+    feetech.write(1, STS3215.torque_enable, 128, raw=True)
+    assert line.clock.s > LATEST_S
+
+
+class TestHealthyLine:
+    """What the precautions cost where nothing is wrong: next to nothing."""
+
+    def test_the_same_question_is_put_in_the_same_shape(self, feetech, line):
+        for _ in range(20):
+            line.expect(asks_all([1, 2], 56, 2), says(1, 0, 8), says(2, 0, 8))
+            feetech.sync_read([1, 2], Role.PRESENT_POSITION)
+
+    def test_another_question_within_20_ms_gets_a_window_one_byte_wider(self, feetech, line):
+        line.expect(asks(1, 9, 2), says(1, 0, 0)).expect(asks(1, 10, 3), says(1, 0, 255, 15))
+        feetech.read(1, STS3215.min_position_limit)
+        assert feetech.read(1, STS3215.max_position_limit, raw=True) == 4095
+
+    def test_later_than_that_it_does_not(self, feetech, line):
+        line.expect(asks(1, 9, 2), says(1, 0, 0)).expect(asks(1, 11, 2), says(1, 255, 15))
+        feetech.read(1, STS3215.min_position_limit)
+        line.clock.s += 0.021
+        feetech.read(1, STS3215.max_position_limit)
+
+    def test_another_servo_is_asked_as_ever(self, feetech, line):
+        line.expect(asks(1, 9, 2), says(1, 0, 0)).expect(asks(2, 11, 2), says(2, 255, 15))
+        feetech.read(1, STS3215.min_position_limit)
+        feetech.read(2, STS3215.max_position_limit)
+
+
+class TestNewOrOddLine:
+    """Until a line has been clean for a while, what cannot change is read twice."""
+
+    @pytest.fixture
+    def wary(self, feetech, port):
+        port.trust = Trust(doubts=5)
+        return feetech
+
+    def test_two_readings_that_agree_are_believed(self, wary, line):
+        line.expect(asks(1, 9, 2), says(1, 5, 0)).expect(asks(1, 9, 2), says(1, 5, 0))
+        assert wary.read(1, STS3215.min_position_limit, raw=True) == 5
+
+    def test_two_readings_that_differ_are_not(self, wary, line):
+        line.expect(asks(1, 9, 2), says(1, 5, 0)).expect(asks(1, 9, 2), says(1, 6, 0))
+        with pytest.raises(BadReplyError, match="did not hold when checked"):
+            wary.read(1, STS3215.min_position_limit)
+
+    def test_what_moves_is_read_once(self, wary, line):
+        line.expect(asks(1, 56, 2), says(1, 0, 8))
+        assert wary.read(1, STS3215.present_position, raw=True) == 2048
+
+    def test_something_odd_makes_every_question_different_from_the_last(self, feetech, port, line):
+        port.trust.note(odd=True)
+        line.expect(asks(1, 56, 2), says(1, 0, 8)).expect(asks(1, 55, 3), says(1, 0, 0, 8))
+        for _ in range(2):
+            assert feetech.read(1, STS3215.present_position, raw=True) == 2048
+
+    def test_it_is_believed_after_so_many_clean_questions(self):
+        trust = Trust(doubts=0)
+        trust.note(odd=True)
+        for _ in range(300):
+            assert trust.sick
+            trust.note(odd=False)
+        assert not trust.wary
+
+
+class TestPace:
+    """More bytes than the wire can have carried are older than the question."""
+
+    def test_until_answers_have_kept_to_it_nothing_is_called_stale(self):
+        assert Pace().stale(8, 0.0, 1e-5) == 0
+
+    def test_then_what_comes_too_soon_is(self):
+        assert self.known().stale(8, 0.0, 1e-5) == 7
+        assert self.known().stale(8, 8e-5, 1e-5) == 0
+
+    def test_one_answer_that_came_sooner_ends_it(self):
+        pace = self.known()
+        pace.learn(8, 0.0, 1e-5)
+        assert pace.stale(8, 0.0, 1e-5) == 0
+
+    @staticmethod
+    def known():
+        pace = Pace()
+        for _ in range(16):
+            pace.learn(8, 1e-4, 1e-5)
+        return pace
+
+
+spans = st.builds(Span, st.integers(0, 200), st.integers(1, 4))
+histories = st.lists(st.tuples(spans, st.booleans(), st.floats(0.0, 0.05)), max_size=20)
+
+
+@given(history=histories, wanted=spans, sick=st.booleans())
+def test_no_window_is_ever_as_long_as_an_answer_that_is_owed(history, wanted, sick):
+    ghosts, trust, now_s = Ghosts(), Trust(doubts=0), 0.0
+    if sick:
+        trust.note(odd=True)
+    owed = []
+    for span, answered, pause_s in history:
+        window = ghosts.window((1,), span, now_s, trust)
+        if answered:
+            ghosts.answered((1,), window.size, window, now_s)
+        else:
+            ghosts.owes(1, window.size, now_s)
+            owed.append((window.size, now_s + LATEST_S))
+        now_s += pause_s
+    window = ghosts.window((1,), wanted, now_s, trust)
+    assert window.size not in {size for size, until_s in owed if until_s > now_s}
+    assert window.address <= wanted.address
+    assert wanted.end <= window.end or window.address == 0
+
+
+@given(span=spans, by=st.integers(0, 24), data=st.binary(min_size=300, max_size=300))
+def test_a_wider_window_holds_the_span_and_begins_no_lower_than_the_table(span, by, data):
+    window = span.widened(by)
+    assert window.size == span.size + by
+    assert 0 <= window.address <= span.address
+    assert span.end <= window.end
+
+
+def test_a_window_is_cut_to_what_was_wanted(feetech, line):
+    line.expect("FF FF 01 04 02 38 02 BE").expect(asks(1, 55, 3), says(1, 99, 0, 8))
+    with pytest.raises(ServoSilentError):
+        feetech.read(1, Role.PRESENT_POSITION)
+    assert feetech.read(1, Role.PRESENT_POSITION, raw=True) == 2048

@@ -1,0 +1,84 @@
+"""Asking 253 ids without waiting: late answers count, doubled ones and damaged ones tell."""
+
+from pathlib import Path
+
+import pytest
+
+from ikservo.hardware import open_port
+from ikservo.hardware.framing import FRAMINGS
+from ikservo.hardware.sweep import sweep
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+ONE, TWO = FRAMINGS
+
+
+@pytest.fixture
+def on_line():
+    """Open a simulated line; return the port."""
+    ports = []
+
+    def open_line(arm, query=""):
+        ports.append(open_port(f"sim:{CONFIGS / arm / 'arm.toml'}{query}", 1_000_000))
+        return ports[-1]
+
+    yield open_line
+    for port in ports:
+        port.close()
+
+
+@pytest.mark.parametrize(
+    ("framing", "servo_id", "ping"),
+    [(ONE, 1, "ff ff 01 02 01 fb"), (TWO, 1, "ff ff fd 00 01 03 00 01 19 4e")],
+)
+def test_a_ping_is_written_as_the_manuals_say(framing, servo_id, ping):
+    assert framing.dialect().ping(servo_id).hex(" ") == ping
+    assert framing.ping_bytes == len(bytes.fromhex(ping))
+
+
+@pytest.mark.parametrize("latency_ms", [0, 4, 16])
+@pytest.mark.parametrize(("arm", "framing"), [("so101", ONE), ("koch", TWO)])
+def test_an_answer_that_an_adapter_holds_back_is_heard_all_the_same(
+    on_line, arm, framing, latency_ms
+):
+    port = on_line(arm, f"?latency_ms={latency_ms}&usb_frame_ms=1")
+    heard = sweep(port, framing, framing.ids)
+    assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
+    assert heard.junk == 0
+
+
+def test_ids_of_the_other_framing_stay_silent(on_line):
+    assert sweep(on_line("so101"), TWO, TWO.ids).frames == {}
+
+
+def test_an_echo_is_recognised_and_not_counted(on_line):
+    heard = sweep(on_line("so101", "?echo=1"), ONE, ONE.ids)
+    assert heard.echoes
+    assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
+
+
+def test_an_alarm_that_reads_like_an_echo_is_an_answer(on_line):
+    port = on_line("so101")
+    port.transport.line.servos[4].inject_alarm(0x01)
+    heard = sweep(port, ONE, ONE.ids)
+    assert not heard.echoes
+    assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
+
+
+def test_two_at_once_make_their_neighbours_suspect(on_line):
+    port = on_line("so101")
+    port.transport.line.servos[3].memory.put("id", 2)
+    heard = sweep(port, ONE, ONE.ids)
+    assert 2 in heard.suspects
+    assert heard.junk
+
+
+def test_progress_is_told_for_each_ping(on_line):
+    counts = []
+    sweep(on_line("so101"), ONE, range(10), counts.append)
+    assert counts == list(range(1, 11))
+
+
+def test_calmly_a_silent_id_is_given_up_soon(on_line):
+    counts = []
+    sweep(on_line("so101"), ONE, [99] * 8, counts.append, echoes=False, calm=True)
+    assert counts == [1, 2, 3]

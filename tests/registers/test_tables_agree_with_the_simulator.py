@@ -1,0 +1,56 @@
+"""Two people copied the same sheets without looking at each other's copy: they must agree."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.registers import MODELS, Access, Area
+from servosim.tables import TABLES
+
+OURS = pytest.mark.parametrize("table", MODELS.values(), ids=MODELS)
+
+
+def test_both_know_the_same_models():
+    assert set(MODELS) == set(TABLES)
+
+
+@OURS
+def test_model_numbers(table):
+    assert table.number == TABLES[table.model_name].number
+
+
+@OURS
+def test_counts_in_a_turn(table):
+    assert table.ticks_per_turn == pytest.approx(TABLES[table.model_name].ticks_per_turn)
+
+
+@OURS
+def test_names_places_and_access(table):
+    theirs = {
+        row.name: (row.address, row.size, row.writable, row.area.name)
+        for row in TABLES[table.model_name].registers
+        if not row.name.startswith("indirect_")
+    }
+    ours = {
+        register.name: (
+            register.address,
+            register.size,
+            register.access is Access.RW,
+            "EEPROM" if register.area is Area.EEPROM else "RAM",
+        )
+        for register in table.registers.values()
+    }
+    assert ours == theirs
+
+
+@OURS
+def test_the_bytes_of_a_number(table):
+    rows = {row.name: row for row in TABLES[table.model_name].registers}
+    for name, register in table.registers.items():
+        row = rows[name]
+        for number in (0, 1, 255, 1000, -1, -1000):
+            if (
+                row.lower <= number <= row.upper
+                and register.range[0] <= number <= register.range[1]
+            ):
+                assert register.encode(number) == row.encode(number), f"{name} = {number}"
