@@ -1,13 +1,16 @@
 """From a point in the world to joints inside the limits: pure functions on arrays."""
 
+from ikservo.ik.batch import BatchResult, solve_batch
 from ikservo.ik.methods import METHODS
 from ikservo.ik.options import Options, Posture, Tolerance
 from ikservo.ik.result import Binding, Result
-from ikservo.ik.solver import Solver, solve
+from ikservo.ik.solver import solve
+from ikservo.ik.streaming import Solver
 from ikservo.ik.target import Target
 
 __all__ = [
     "METHODS",
+    "BatchResult",
     "Binding",
     "Options",
     "Posture",
@@ -16,4 +19,5 @@ __all__ = [
     "Target",
     "Tolerance",
     "solve",
+    "solve_batch",
 ]

@@ -74,7 +74,7 @@ def test_a_range_upside_down_is_refused_with_the_joints_name():
         planar(0.3, 0.2).with_limits([-1, 2], [1, 0])
 
 
-@pytest.mark.parametrize("q", [[0.0], [0.0, math.nan], [math.inf, 0.0], "ab", [[0.0, 0.0]], None])
+@pytest.mark.parametrize("q", [[0.0], [0.0, math.nan], [math.inf, 0.0], "ab", [[[0.0, 0.0]]], None])
 def test_joints_that_are_no_finite_numbers_of_the_right_count_are_refused(q):
     with pytest.raises(BadValueError):
         planar(0.3, 0.2).forward(q)

@@ -1,0 +1,149 @@
+"""Many questions at once, on all cores: arrays in, arrays out."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ikservo.errors import BadValueError
+from ikservo.ik.kernel.layout import GAP, ITERATIONS, REACHED, TURN
+from ikservo.ik.options import Options
+from ikservo.ik.preparing import (
+    Kind,
+    KindName,
+    Worker,
+    kernel,
+    kind_named,
+    prepared,
+    settings_of,
+    unit_axis,
+)
+from ikservo.kinematics import Chain, finite_array, finite_vector
+from ikservo.kinematics.se3 import Matrix, Vector
+
+__all__ = ["BatchResult", "solve_batch"]
+
+# Large enough that handing out work costs nothing, small enough that all cores end together.
+_CHUNK = 256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchResult:
+    """The answers to m questions, row by row.
+
+    Attributes:
+        q: Joints (m, dof), rad or m, always inside the limits.
+        reached: Whether position and orientation are within the tolerance (m,).
+        position_error_m: Distance from the wanted point (m,).
+        orientation_error_rad: Angle from the wanted direction or orientation (m,); 0 if none.
+        iterations: Steps taken, restarts included (m,).
+    """
+
+    q: Matrix
+    reached: NDArray[np.bool_]
+    position_error_m: Vector
+    orientation_error_rad: Vector
+    iterations: NDArray[np.int64]
+
+
+def solve_batch(
+    chain: Chain,
+    targets: ArrayLike,
+    q0s: ArrayLike | None = None,
+    workers: int | None = None,
+    *,
+    kind: KindName | None = None,
+    tool_axis: ArrayLike = (0.0, 0.0, 1.0),
+    frame: str | None = None,
+    offset_m: ArrayLike | None = None,
+    options: Options | None = None,
+) -> BatchResult:
+    """Solve m targets with ``bounded``, each from its own start; the order does not matter.
+
+    Args:
+        chain: The arm.
+        targets: Points (m, 3) in metres, or poses T_world_tool (m, 4, 4).
+        q0s: Starts (m, dof), or one for all (dof,); the middle of the ranges if None.
+        workers: How many threads; as many as there are cores if None.
+        kind: What of the poses counts, ``position``, ``direction`` or ``pose``; ``pose`` if None.
+        tool_axis: The axis (3,) in the frame's coordinates that ``direction`` speaks of.
+        frame: The link that shall go there; the tip if None.
+        offset_m: The point (3,) of that link, metres; its origin if None.
+        options: How close counts as reached, how hard to try.
+
+    Raises:
+        BadValueError: A shape is wrong, a number is not finite, a rotation is none.
+        UnknownNameError: No such kind or frame.
+    """
+    options = options or Options()
+    questions, asked = _questions(targets, kind, unit_axis(tool_axis))
+    starts = _starts(chain, q0s, len(questions))
+    offset = None if offset_m is None else finite_vector(offset_m, 3, "offset_m")
+    axis = unit_axis(tool_axis) if asked is Kind.DIRECTION else None
+    ready = prepared(chain, frame, offset, axis, options.restarts)
+    settings = settings_of(asked, chain.dof, options)
+    answers = Worker(chain.dof, options.restarts, len(questions)).answer
+    search = kernel()
+
+    def work(first: int) -> int:
+        rows = slice(first, first + _CHUNK)
+        own = Worker(chain.dof, options.restarts, 0)
+        bad = search(
+            ready.arm,
+            questions[rows],
+            settings,
+            starts[rows],
+            ready.seeds,
+            own.desk,
+            own.trace,
+            answers[rows],
+        )
+        return -1 if bad < 0 else first + bad
+
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        wrong = [bad for bad in pool.map(work, range(0, len(questions), _CHUNK)) if bad >= 0]
+    if wrong:
+        raise BadValueError(f"The rotation of target {wrong[0]}", "none", "R Rᵀ = 1, det R = 1")
+    return _read(chain.dof, answers)
+
+
+def _questions(targets: ArrayLike, kind: KindName | None, axis: Vector) -> tuple[Matrix, Kind]:
+    """Return the rows that the kernels read (m, 12), and what they ask for."""
+    array = np.asarray(targets, dtype=np.float64)
+    questions = np.zeros((len(array), 12))
+    if array.ndim == 2 and kind in (None, "position"):
+        questions[:, :3] = finite_array(array, (len(array), 3), "targets")
+        return questions, Kind.POSITION
+    poses = finite_array(array, (len(array), 4, 4), "targets")
+    asked = Kind.POSE if kind is None else kind_named(kind)
+    questions[:, :3] = poses[:, :3, 3]
+    if asked is Kind.POSE:
+        questions[:, 3:] = poses[:, :3, :3].reshape(-1, 9)
+    elif asked is Kind.DIRECTION:
+        questions[:, 5::3] = poses[:, :3, :3] @ axis
+    return questions, asked
+
+
+def _starts(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
+    if q0s is None:
+        starts = np.tile(chain.middle(), (count, 1))
+    else:
+        given = np.asarray(q0s, dtype=np.float64)
+        shape = (chain.dof,) if given.ndim == 1 else (count, chain.dof)
+        starts = np.broadcast_to(finite_array(given, shape, "q0s"), (count, chain.dof))
+    return np.array(starts, order="C")
+
+
+def _read(dof: int, answers: Matrix) -> BatchResult:
+    tail = answers[:, 2 * dof :]
+    return BatchResult(
+        q=answers[:, :dof].copy(),
+        reached=tail[:, REACHED] == 1.0,
+        position_error_m=tail[:, GAP].copy(),
+        orientation_error_rad=tail[:, TURN].copy(),
+        iterations=tail[:, ITERATIONS].astype(np.int64),
+    )

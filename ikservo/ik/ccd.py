@@ -1,0 +1,91 @@
+"""Cyclic coordinate descent (lecture L12): joint by joint the best that this joint alone can do.
+
+One joint alone moves the tip along a circle or a straight line, and which point of it is nearest
+to the target is known exactly. No matrix is inverted and the error never grows; but joints that
+ought to move together take turns, which is slow along narrow valleys.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ikservo.ik.options import Options
+from ikservo.ik.result import Result
+from ikservo.ik.small_steps import downhill, iterate
+from ikservo.ik.target import Target
+from ikservo.ik.task import Local, Task
+from ikservo.kinematics import Chain
+from ikservo.kinematics.se3 import Vector
+
+__all__ = ["CAP", "best_slide", "best_turn", "ccd", "nearest_on_arc"]
+
+CAP = math.radians(5.0)
+"""The furthest a joint goes in one sweep, else the last joints curl up before the first have
+moved; for a slide as many metres (87 mm)."""
+
+_MAX_ITERATIONS = 1000
+# A joint whose lever times distance [m²] is this small does nothing, and shall not spin for it.
+_NO_LEVER = 1e-15
+
+
+def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
+    """Sweep over the joints from the last to the first, again and again, from ``q0`` (L12)."""
+    task = Task(chain, target)
+
+    def sweep(here: Local) -> Local:
+        for joint in reversed(range(chain.dof)):
+            here = _move_one(task, here, joint)
+        return here
+
+    return iterate("ccd", sweep, task, q0, options, _MAX_ITERATIONS)
+
+
+def best_turn(E: Vector, v: Vector, axis: Vector) -> float:
+    """Return the angle [rad] about a joint's axis that brings the tip nearest to the target.
+
+    Turning by t moves a point of velocity v by ``v sin t + n (1 - cos t)`` with ``n = axis × v``,
+    which leads to the circle's centre. Seen from there the target is at ``F = E - n``, and what
+    is left is ``|E(t)|² = |F|² + |n|² + 2 F·n cos t - 2 F·v sin t``.
+
+    Args:
+        E: M - f(q) of one point or several, stacked (3 k,) [m].
+        v: Their velocities (3 k,) [m/rad].
+        axis: The unit axis (3,) they all turn about.
+    """
+    n = np.cross(axis, v.reshape(-1, 3)).ravel()
+    F = E - n
+    sin, cos = float(F @ v), -float(F @ n)
+    return math.atan2(sin, cos) if math.hypot(sin, cos) > _NO_LEVER else 0.0
+
+
+def best_slide(E: Vector, v: Vector) -> float:
+    """Return how far along v (m,) the tip is nearest to the target: ``(E·v) / (v·v)``."""
+    size = float(v @ v)
+    return float(E @ v) / size if size > _NO_LEVER else 0.0
+
+
+def nearest_on_arc(wish_rad: float, low_rad: float, high_rad: float) -> float:
+    """Return the angle of an arc, no longer than a turn, that is nearest on the circle."""
+    if low_rad <= wish_rad <= high_rad:
+        return wish_rad
+    return max(low_rad, high_rad, key=lambda end: math.cos(end - wish_rad))
+
+
+def _move_one(task: Task, here: Local, joint: int) -> Local:
+    """Move one joint to its best, inside its limits and the cap."""
+    step = np.zeros(task.chain.dof)
+    step[joint] = _best_step(task.chain, here, joint)
+    # On a circle or a line this is downhill; not always where other joints follow this one.
+    return downhill(task, here, step) if step[joint] else here
+
+
+def _best_step(chain: Chain, here: Local, joint: int) -> float:
+    q, v, axis = float(here.q[joint]), here.J[:, joint], here.axes[:, joint]
+    low = max(float(chain.lower_rad[joint]) - q, -CAP)
+    high = min(float(chain.upper_rad[joint]) - q, CAP)
+    rate = math.sqrt(float(axis @ axis))  # 1, unless the tip is carried by a joint that follows
+    if rate == 0.0:
+        return min(max(best_slide(here.E, v), low), high)
+    return nearest_on_arc(best_turn(here.E, v / rate, axis / rate), low * rate, high * rate) / rate

@@ -1,0 +1,67 @@
+"""The desk a search works on: one array whose rows are everything that it writes down."""
+
+from __future__ import annotations
+
+__all__ = [
+    "BACK",
+    "CHORD2",
+    "ENDS",
+    "ERROR",
+    "FREE",
+    "GAP2",
+    "GAUGE",
+    "HELD",
+    "HIGH",
+    "LOW",
+    "NORMAL",
+    "NOTED",
+    "PULL",
+    "RHS",
+    "SHIFT",
+    "STEP",
+    "TOOL",
+    "G",
+    "H",
+    "J",
+    "Q",
+    "Y",
+    "desk_shape",
+]
+
+# fmt: off
+# Rows with one entry a joint.
+Q        = 0        # where the search stands
+BACK     = 1        # where it stood before the step
+STEP     = 2        # the step
+PULL     = 3        # downhill: minus the gradient of half the squared error
+FREE     = 4        # 1 for joints that the step may move, 0 for those on a limit
+LOW      = 5        # the limits that this search respects
+HIGH     = 6
+HELD     = 7        # -1, 0 or 1: the limit that the descent pressed against
+RHS      = 8        # right-hand side of a system in the joints
+
+# Short rows.
+TOOL     = 9        # the tool's R row by row, then p (12)
+ERROR    = 10       # the weighted error (3, 5 or 6)
+Y        = 11       # right-hand side of a system in the error
+SHIFT    = 12       # what is added to the wanted position (3)
+GAUGE    = 13       # entries GAP2, CHORD2, NOTED
+
+# Matrices.
+J        = 14       # (6, n) Jacobian of the tool: linear rows, angular rows
+G        = 20       # (6, n) Jacobian of the weighted error
+NORMAL   = 26       # (6, 6) G Gᵀ
+H        = 32       # (n, n) second derivative of half the squared error
+ENDS     = 32       # (restarts, n) where quick attempts ended, n rows further down; then their
+                    # squared errors and what each seed promises
+
+# Entries of GAUGE.
+GAP2     = 0        # squared distance from the wanted position
+CHORD2   = 1        # squared chord from the wanted orientation
+NOTED    = 2        # rows of the trace that are filled
+# fmt: on
+
+
+def desk_shape(n: int, restarts: int) -> tuple[int, int]:
+    """Return the shape of the desk for n joints and some starting points."""
+    return H + n + restarts, max(n + 2, 12)

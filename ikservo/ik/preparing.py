@@ -1,0 +1,170 @@
+"""A question made ready for the kernels: the arm packed, the rules written, the memory taken."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cache
+from typing import Literal
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.ik.options import Options
+from ikservo.ik.seeds import seeds
+from ikservo.kinematics import Chain, finite_vector, pack
+from ikservo.kinematics.packing import turn_z_onto
+from ikservo.kinematics.se3 import Matrix, Vector
+
+__all__ = [
+    "Kind",
+    "KindName",
+    "Prepared",
+    "Worker",
+    "kernel",
+    "kind_named",
+    "prepared",
+    "settings_of",
+    "unit_axis",
+]
+
+KindName = Literal["position", "direction", "pose"]
+
+_BUDGET = 60
+_EXTRA_RESTARTS = 1
+_KEPT = 16
+
+
+class Kind(IntEnum):
+    """What a target asks for; the numbers are the kernels'."""
+
+    POSITION = 0
+    DIRECTION = 1
+    POSE = 2
+
+
+def kind_named(name: str) -> Kind:
+    """Return the kind of target of that name.
+
+    Raises:
+        UnknownNameError: There is none.
+    """
+    if name.upper() not in Kind.__members__:
+        raise UnknownNameError("kind of target", name, [kind.name.lower() for kind in Kind])
+    return Kind[name.upper()]
+
+
+def unit_axis(tool_axis: ArrayLike) -> Vector:
+    """Return a tool axis (3,) with length one; BadValueError where it has none."""
+    axis = finite_vector(tool_axis, 3, "tool_axis")
+    length = math.sqrt(float(axis @ axis))
+    if length < 1e-12:
+        raise BadValueError("tool_axis", "zero", "a direction")
+    return axis / length
+
+
+@cache
+def kernel() -> Callable[..., int]:
+    """Return the compiled search; numba is imported here and nowhere before."""
+    from ikservo.ik.kernel.searching import search_all  # noqa: PLC0415  # see above
+
+    return search_all
+
+
+class Worker:
+    """The memory in which one question at a time is worked on; one for each thread.
+
+    Attributes:
+        question: (m, 12) wanted position, then rotation row by row.
+        start: (m, dof) where to start.
+        answer: (m, 2 dof + 9), see ``kernel.layout``.
+        trace: (t, dof) iterates.
+    """
+
+    def __init__(self, dof: int, restarts: int, questions: int = 1, traced: int = 0) -> None:
+        from ikservo.ik.kernel.desk import desk_shape  # noqa: PLC0415  # imports nothing
+        from ikservo.ik.kernel.layout import ANSWER_TAIL, QUESTION_SIZE  # noqa: PLC0415
+
+        self.desk: Matrix = np.zeros(desk_shape(dof, restarts))
+        self.question: Matrix = np.zeros((questions, QUESTION_SIZE))
+        self.start: Matrix = np.zeros((questions, dof))
+        self.answer: Matrix = np.zeros((questions, 2 * dof + ANSWER_TAIL))
+        self.trace: Matrix = np.zeros((traced, dof))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """An arm with one point of it, as the kernels read them.
+
+    Attributes:
+        arm: The packed chain.
+        seeds: Starting points beside the caller's (m, dof + 12), the tool's pose beside each.
+    """
+
+    chain: Chain
+    frame: str | None
+    offset_m: Vector | None
+    tool_axis: Vector | None
+    arm: Matrix
+    seeds: Matrix
+
+    def beside(self, q: Matrix) -> Matrix:
+        """Return joints (m, dof) with the tool's pose there beside them (m, dof + 12)."""
+        T = self.chain.forward(q, self.frame, self.offset_m)
+        R = T[:, :3, :3]
+        if self.tool_axis is not None:
+            R = R @ turn_z_onto(self.tool_axis)
+        return np.hstack([q, R.reshape(-1, 9), T[:, :3, 3]])
+
+
+def prepared(
+    chain: Chain,
+    frame: str | None,
+    offset_m: Vector | None,
+    tool_axis: Vector | None,
+    restarts: int,
+) -> Prepared:
+    """Return the arm made ready for so many starting points; the last few are kept."""
+    key = (frame, _bytes(offset_m), _bytes(tool_axis))
+    kept = _prepared.setdefault(chain, {})
+    ready = kept.get(key)
+    if ready is None:
+        while len(kept) >= _KEPT:
+            kept.pop(next(iter(kept)), None)
+        arm, none = pack(chain, frame, offset_m, tool_axis), np.zeros((0, chain.dof + 12))
+        ready = kept[key] = Prepared(chain, frame, offset_m, tool_axis, arm, none)
+    if len(ready.seeds) < restarts - 1:
+        more = ready.beside(seeds(chain, restarts - 1))
+        ready = kept[key] = replace(ready, seeds=more)
+    return ready
+
+
+def settings_of(kind: Kind, dof: int, options: Options) -> Vector:
+    """Return the rules of a search as the kernels read them, see ``kernel.layout``."""
+    tolerance = options.tolerance
+    return np.array(
+        [
+            float(kind),
+            tolerance.position_m,
+            2.0 * math.sin(0.5 * min(tolerance.orientation_rad, math.pi)),
+            options.turn_weight_m_rad,
+            float(options.puts_position_first(dof)),
+            float(options.track),
+            1.0 if options.track else float(options.restarts),
+            float(_EXTRA_RESTARTS),
+            float(options.max_iterations or _BUDGET),
+        ]
+    )
+
+
+def _bytes(vector: Vector | None) -> bytes:
+    return b"" if vector is None else vector.tobytes()
+
+
+_prepared: WeakKeyDictionary[Chain, dict[tuple[str | None, bytes, bytes], Prepared]] = (
+    WeakKeyDictionary()
+)

@@ -1,0 +1,57 @@
+"""What is taken for numbers: arrays of the right shape, finite, or a clear refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import BadValueError
+from ikservo.kinematics.se3 import Vector
+
+__all__ = ["finite_array", "finite_vector", "finite_vectors", "frozen", "numbers"]
+
+
+def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
+    """Return ``values`` as (size,) floats; see ``finite_array``."""
+    return finite_array(values, (size,), what)
+
+
+def finite_vectors(values: ArrayLike, size: int, what: str) -> Vector:
+    """Return one vector (size,) or many (n, size) as floats; see ``finite_array``."""
+    array = numbers(values, what, f"numbers of shape ({size},) or (n, {size})")
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        raise BadValueError(what, f"of shape {array.shape}", f"shape ({size},) or (n, {size})")
+    return _finite(array, what)
+
+
+def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector:
+    """Return ``values`` as an array of floats of that shape.
+
+    Raises:
+        BadValueError: They are no numbers, not finite, or of another shape.
+    """
+    array = numbers(values, what, f"numbers of shape {shape}")
+    if array.shape != shape:
+        raise BadValueError(what, f"of shape {array.shape}", f"shape {shape}")
+    return _finite(array, what)
+
+
+def numbers(values: ArrayLike, what: str, expected: str) -> Vector:
+    """Return ``values`` as an array of floats of any shape, or say what was expected."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BadValueError(what, repr(values), expected) from None
+
+
+def frozen(values: ArrayLike) -> Vector:
+    """Return a copy (any shape) that cannot be written to."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+def _finite(array: Vector, what: str) -> Vector:
+    if not np.isfinite(array).all():
+        raise BadValueError(what, str(array.tolist()), "finite numbers")
+    return array

@@ -1,0 +1,51 @@
+"""Seeded questions in numbers: narrowed limits, reachable targets, dense searches to compare."""
+
+import numpy as np
+
+from ikservo.ik import solve_batch
+from ikservo.model import load_model
+
+TOOL_AXES = {"so100": (0, -1, 0), "so101": (0, 0, 1), "koch": (0, 0, 1)}
+LEAST_RANGE_RAD = 0.3
+
+
+def tool_axis(name):
+    """Return the axis that points out of the gripper."""
+    return TOOL_AXES.get(name, (1, 0, 0))
+
+
+def narrowed(chain, random):
+    """Return the chain inside random limits, no range narrower than a person would calibrate."""
+    a, b = random.uniform(chain.lower_rad, chain.upper_rad, (2, chain.dof))
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    least = np.minimum(LEAST_RANGE_RAD, chain.upper_rad - chain.lower_rad)
+    high = np.maximum(high, np.minimum(low + least, chain.upper_rad))
+    return chain.with_limits(np.minimum(low, high - least), high)
+
+
+def missed_within_narrowed_limits(name, kind, limits, targets, seed=0):
+    """Return how many of limits * targets reachable targets were not reached; check the limits."""
+    model, random, missed = load_model(name), np.random.default_rng(seed), 0
+    home = model.chain_pose("home")
+    for _ in range(limits):
+        chain = narrowed(model.chain, random)
+        q = random.uniform(chain.lower_rad, chain.upper_rad, (targets, chain.dof))
+        answers = solve_batch(chain, chain.forward(q), home, kind=kind, tool_axis=tool_axis(name))
+        assert (answers.q >= chain.lower_rad).all()
+        assert (answers.q <= chain.upper_rad).all()
+        missed += int((~answers.reached).sum())
+    return missed
+
+
+def closest_of_many(chain, target_m, samples=20_000, rounds=6, seed=0):
+    """Return the least distance to a point by sampling joints ever more densely, no gradients."""
+    random = np.random.default_rng(seed)
+    q = random.uniform(chain.lower_rad, chain.upper_rad, (samples, chain.dof))
+    width = chain.upper_rad - chain.lower_rad
+    for _ in range(rounds):
+        gaps = np.linalg.norm(chain.forward(q)[:, :3, 3] - target_m, axis=1)
+        best = q[np.argsort(gaps)[:50]]
+        width = width / 4.0
+        near = np.repeat(best, samples // 100, axis=0)
+        q = np.vstack([best, chain.clip(near + random.uniform(-width, width, near.shape))])
+    return float(np.linalg.norm(chain.forward(q)[:, :3, 3] - target_m, axis=1).min())

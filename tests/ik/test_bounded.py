@@ -1,0 +1,259 @@
+"""The production solver on the shipped arms: seeded, short; the long versions are campaigns."""
+
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.ik import Options, Solver, Target, solve, solve_batch
+from ikservo.model import load_model
+from tests.ik.campaigns import closest_of_many, missed_within_narrowed_limits, narrowed, tool_axis
+from tests.ik.walks import largest_step_on_lines
+from tests.kinematics.chains import planar
+from tests.oracle import ARMS
+
+KINDS = ("position", "direction", "pose")
+FEW_JOINTS = ("koch", "omx_f", "open_manipulator_x", "px100", "so100", "so101")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_can_be_reached_within_narrowed_limits_is_reached(kind):
+    assert sum(missed_within_narrowed_limits(name, kind, 3, 60, seed=1) for name in ARMS) == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(
+    ("kind", "share"), [("position", 1e-4), ("direction", 1e-4), ("pose", 1e-3)]
+)
+def test_a_hundred_thousand_reachable_targets(name, kind, share):
+    assert missed_within_narrowed_limits(name, kind, 200, 500) <= share * 100_000
+
+
+def gap_to_dense_search_m(name, targets, seed):
+    random, worst = np.random.default_rng(seed), 0.0
+    for _ in range(targets):
+        chain = narrowed(load_model(name).chain, random)
+        target_m = random.uniform(-0.4, 0.4, 3)
+        found_m = solve(chain, Target(target_m), method="bounded").position_error_m
+        worst = max(worst, found_m - closest_of_many(chain, target_m, seed=seed))
+    return worst
+
+
+def test_out_of_reach_no_dense_search_comes_closer():
+    assert gap_to_dense_search_m("so101", 2, seed=5) < 1e-3
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("name", ARMS)
+def test_a_thousand_targets_out_of_reach_of_every_arm(name):
+    assert gap_to_dense_search_m(name, 1000, seed=6) < 1e-3
+
+
+def answers_first_and_best(name, kind, count, seed):
+    """Return answers for wanted rotations that cannot be had, and those of many more restarts."""
+    model, random = load_model(name), np.random.default_rng(seed)
+    chain, home = model.chain, model.chain_pose("home")
+    T = chain.forward(random.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof)))
+    for pose in T:
+        turned, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        pose[:3, :3] = turned * np.linalg.det(turned)
+    axis = tool_axis(name)
+    many = Options(restarts=400)
+    return (
+        solve_batch(chain, T, home, kind=kind, tool_axis=axis),
+        solve_batch(chain, T, home, kind=kind, tool_axis=axis, options=many),
+    )
+
+
+@pytest.mark.parametrize("name", FEW_JOINTS)
+def test_with_few_joints_the_position_is_met_and_the_angle_the_best_possible(name):
+    found, best = answers_first_and_best(name, "direction", 25, seed=4)
+    assert (found.position_error_m < 1e-4).all()
+    assert np.degrees(found.orientation_error_rad - best.orientation_error_rad).max() < 1.0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", FEW_JOINTS)
+@pytest.mark.parametrize("kind", ["direction", "pose"])
+def test_ten_thousand_orientations_that_cannot_be_had(name, kind):
+    found, best = answers_first_and_best(name, kind, 10_000, seed=4)
+    assert (found.position_error_m < 1e-4).all()
+    worse_deg = np.degrees(found.orientation_error_rad - best.orientation_error_rad)
+    assert np.mean(worse_deg > 1.0) < 0.005
+
+
+def test_by_weights_position_and_orientation_share_what_is_missing():
+    chain = planar(0.3, 0.2, limit_rad=2.5)
+    target = Target((0.35, 0.1, 0.0), direction=(0, 1, 0), tool_axis=(1, 0, 0))
+    first = solve(chain, target, method="bounded")
+    shared = solve(chain, target, method="bounded", position_first=False)
+    assert first.position_error_m < 1e-5 < shared.position_error_m
+    assert shared.orientation_error_rad < first.orientation_error_rad
+
+
+def test_lines_are_followed_without_flips():
+    assert largest_step_on_lines("so101", "position", 8, seed=3) < 0.2
+    assert largest_step_on_lines("wx250s", "pose", 8, seed=3) < 0.2
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("kind", ["position", "pose"])
+def test_a_thousand_lines_are_followed_without_flips(name, kind):
+    assert largest_step_on_lines(name, kind, 1000, seed=3) < 0.2
+
+
+def test_tracking_out_of_reach_goes_on_along_the_edge_and_names_the_limit():
+    arm = planar(0.3, 0.2).with_limits([-0.5, 0.3], [0.8, 1.5])
+    solver, q, gaps_m = Solver(arm), np.array([0.4, 0.9]), []
+    for y in np.linspace(0.3, 0.6, 60):
+        T = np.eye(4)
+        T[:3, 3] = (0.3, y, 0.0)
+        q, reached = solver.track(T, q)
+        gaps_m.append(solver.result.position_error_m)
+    assert not reached
+    best = solve(arm, Target((0.3, 0.6, 0.0)), method="bounded")
+    assert gaps_m[-1] == pytest.approx(best.position_error_m, abs=1e-9)
+    assert [str(limit) for limit in solver.result.binding] == [str(limit) for limit in best.binding]
+
+
+def test_tracking_leaves_a_stretched_arm():
+    solver, T = Solver(planar(0.3, 0.2)), np.eye(4)
+    T[0, 3] = 0.4  # straight inwards, where the gradient is zero
+    assert solver.track(T, [0.0, 0.0])[1]
+
+
+def test_tracking_does_not_take_the_other_way_round_a_full_turn():
+    arm = planar(0.3, 0.2)
+    beyond = arm.forward([math.pi + 0.2, 0.5])
+    q, reached = Solver(arm).track(beyond, [math.pi - 0.1, 0.5])
+    assert not reached
+    assert q[0] == math.pi
+
+
+def test_solving_goes_through_a_full_turn_and_ends_inside_the_limits():
+    arm = planar(0.3, 0.2)
+    q, reached = Solver(arm)(arm.forward([-math.pi + 0.1, 0.5]), [math.pi - 0.1, 0.5])
+    assert reached
+    np.testing.assert_allclose(q, [-math.pi + 0.1, 0.5], atol=1e-6)
+
+
+def test_the_trace_begins_at_the_start_and_ends_at_the_answer():
+    chain = load_model("so101").chain
+    result = solve(chain, Target((0.25, 0.05, 0.15)), chain.middle(), "bounded", trace=True)
+    np.testing.assert_array_equal(result.trace[0], chain.middle())
+    np.testing.assert_allclose(result.trace[-1], result.q, atol=1e-12)
+
+
+def test_a_prepared_solver_answers_as_solve_does():
+    chain = load_model("so101").chain
+    T = chain.forward([0.3, -0.5, 0.7, 0.2, 1.0])
+    expected = solve(chain, Target(T[:3, 3], orientation=T[:3, :3]), chain.middle(), "bounded")
+    q, reached = Solver(chain, "pose")(T, chain.middle())
+    assert reached
+    np.testing.assert_array_equal(q, expected.q)
+
+
+def test_a_prepared_solver_writes_where_it_is_told():
+    chain, out = planar(0.3, 0.2), np.zeros(2)
+    q, _ = Solver(chain)(chain.forward([0.3, 0.5]), [0.0, 0.1], out)
+    assert q is out
+    np.testing.assert_allclose(
+        chain.forward(out)[:3, 3], chain.forward([0.3, 0.5])[:3, 3], atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("T", "q0"),
+    [
+        (np.eye(3), [0, 0]),
+        (np.diag([math.nan, 1, 1, 1]), [0, 0]),
+        (np.diag([1.0, 1, -1, 1]), [0, 0]),
+        (np.diag([2.0, 2, 2, 1]), [0, 0]),
+        (np.eye(4), [0, 0, 0]),
+        (np.eye(4), [0, math.inf]),
+    ],
+)
+def test_a_prepared_solver_refuses_what_makes_no_sense(T, q0):
+    with pytest.raises(BadValueError):
+        Solver(planar(0.3, 0.2), "pose")(T, q0)
+
+
+def test_a_kind_that_does_not_exist_is_refused():
+    with pytest.raises(UnknownNameError, match="Did you mean position"):
+        Solver(planar(0.3, 0.2), "positon")
+
+
+def test_a_batch_is_answered_as_every_question_alone():
+    model, random = load_model("so101"), np.random.default_rng(0)
+    chain, home = model.chain, model.chain_pose("home")
+    T = chain.forward(random.uniform(chain.lower_rad, chain.upper_rad, (600, chain.dof)))
+    batch, solver = solve_batch(chain, T, home, workers=3), Solver(chain, "pose")
+    np.testing.assert_array_equal(batch.q[::20], [solver(pose, home)[0] for pose in T[::20]])
+
+
+def test_a_batch_of_points_has_positions_only():
+    arm = planar(0.3, 0.2)
+    batch = solve_batch(arm, [[0.3, 0.1, 0.0], [2.0, 0.0, 0.0]])
+    assert batch.reached.tolist() == [True, False]
+    assert batch.position_error_m[1] == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("targets", "q0s"),
+    [
+        (np.zeros((2, 2)), None),
+        (np.zeros((2, 3, 3)), None),
+        (np.full((2, 3), math.nan), None),
+        (np.zeros((2, 4, 4)), None),
+        (np.zeros((2, 3)), np.zeros((3, 2))),
+        (np.zeros((2, 3)), [math.nan, 0.0]),
+    ],
+)
+def test_a_batch_that_makes_no_sense_is_refused(targets, q0s):
+    with pytest.raises(BadValueError):
+        solve_batch(planar(0.3, 0.2), targets, q0s)
+
+
+def test_numba_is_not_imported_before_a_solve_needs_it():
+    code = "import sys, ikservo.ik, ikservo.cli.solve; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_without_the_compiler_the_same_code_gives_the_same_answer():
+    code = (
+        "import ikservo; m = ikservo.load_model('so101');"
+        "print(ikservo.solve(m.chain, ikservo.Target((0.25, 0.05, 0.15)), m.chain_pose('home'),"
+        "'bounded').q.tolist())"
+    )
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    said = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    model = load_model("so101")
+    compiled = solve(model.chain, Target((0.25, 0.05, 0.15)), model.chain_pose("home"), "bounded")
+    np.testing.assert_allclose(eval(said.stdout), compiled.q, atol=1e-9)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(600)
+def test_the_first_compilation_announces_itself_and_the_second_process_is_silent(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    code = "import ikservo.ik.preparing as p, ikservo; m = ikservo.load_model('so101');" \
+        "ikservo.Solver(m.chain)(m.chain.forward(m.chain.middle()), m.chain.middle())"  # fmt: skip
+    said = [
+        subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True,
+                       text=True, check=True).stderr
+        for _ in range(2)
+    ]  # fmt: skip
+    assert "Compiling the solver" in said[0]
+    assert said[1] == ""

@@ -1,0 +1,64 @@
+"""The kernels' arithmetic against the chain's and against finite differences."""
+
+import numpy as np
+import pytest
+
+from ikservo.ik.kernel import layout
+from ikservo.ik.kernel.bending import bend
+from ikservo.ik.kernel.desk import TOOL, H, J, Q, desk_shape
+from ikservo.ik.kernel.looking import look
+from ikservo.ik.kernel.placing import place
+from ikservo.kinematics import pack
+from ikservo.kinematics.se3 import exp_so3
+from ikservo.model import load_model
+from tests.kinematics.chains import crane
+
+QUESTION = np.concatenate([[0.2, -0.1, 0.15], exp_so3([0.4, -1.1, 0.7]).ravel()])
+
+
+def desk_for(chain, q):
+    desk = np.zeros(desk_shape(chain.dof, 1))
+    desk[Q, : chain.dof] = q
+    return desk
+
+
+@pytest.mark.parametrize("frame", ["gripper_frame", "lower_arm"])
+def test_the_packed_arm_is_placed_where_the_chain_is(frame):
+    chain, q, offset = (
+        load_model("so101").chain,
+        np.array([0.3, -0.5, 0.7, 0.2, 1.0]),
+        (0.01, 0.02, 0.03),
+    )
+    desk = desk_for(chain, q)
+    place(pack(chain, frame, np.array(offset)), desk)
+    T, jacobian = chain.linearise(q, frame, offset)
+    np.testing.assert_allclose(desk[TOOL, :9].reshape(3, 3), T[:3, :3], atol=1e-14)
+    np.testing.assert_allclose(desk[TOOL, 9:12], T[:3, 3], atol=1e-14)
+    np.testing.assert_allclose(desk[J : J + 6, : chain.dof], jacobian, atol=1e-14)
+
+
+def test_slides_and_mimics_are_placed_where_the_chain_puts_them():
+    chain, q = crane(), np.array([0.7, 0.2])
+    desk = desk_for(chain, q)
+    place(pack(chain), desk)
+    T, jacobian = chain.linearise(q)
+    np.testing.assert_allclose(desk[TOOL, 9:12], T[:3, 3], atol=1e-15)
+    np.testing.assert_allclose(desk[J : J + 6, :2], jacobian, atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", [layout.POSITION_ONLY, layout.DIRECTION, layout.POSE])
+def test_the_second_derivative_is_the_difference_of_gradients(kind):
+    chain, q, h = load_model("wx250s").chain, np.array([0.3, -0.5, 0.7, 0.2, 1.0, -0.4]), 1e-6
+    arm, n = pack(chain), chain.dof
+
+    def pull(joints):
+        desk = desk_for(chain, joints)
+        look(arm, QUESTION, kind, 0.2, desk)
+        return desk[3, :n].copy()
+
+    desk = desk_for(chain, q)
+    look(arm, QUESTION, kind, 0.2, desk)
+    bend(QUESTION, kind, 0.2, n, desk)
+    lower = np.tril(desk[H : H + n, :n])
+    differences = [(pull(q - h * e) - pull(q + h * e)) / (2 * h) for e in np.eye(n)]
+    np.testing.assert_allclose(lower, np.tril(differences), atol=1e-8)

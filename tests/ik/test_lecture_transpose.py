@@ -1,0 +1,71 @@
+"""The Jacobian transpose: virtual work, the best step length, downhill all the way (L11)."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from ikservo.ik import Target
+from ikservo.ik.task import Task
+from ikservo.ik.transpose import pull, step_length
+from tests.ik.lecture import DOWNHILL, arm, costs, joints, questions, walk
+from tests.kinematics.chains import planar
+
+numbers = st.floats(-3, 3)
+
+
+@pytest.mark.parametrize("method", DOWNHILL)
+@settings(max_examples=30, deadline=None)
+@given(question=questions())
+def test_the_error_never_grows(method, question):
+    chain, target, q0 = question
+    left = costs(chain, target, walk(method, chain, target, q0, max_iterations=40).trace)
+    assert (np.diff(left) <= 1e-15).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    joints(arm("planar")), st.tuples(numbers, numbers, numbers), arrays(float, 3, elements=numbers)
+)
+def test_the_torques_do_the_same_virtual_work_as_the_force(q, towards, motion):
+    chain = planar(0.3, 0.2, 0.1)
+    here = Task(chain, Target(towards)).at(q)
+    assert pull(here, chain) @ motion == pytest.approx(here.E @ (here.J @ motion), abs=1e-9)
+
+
+@given(arrays(float, (3, 4), elements=numbers), arrays(float, 3, elements=numbers),
+       st.floats(-1, 1))  # fmt: skip
+def test_no_other_step_length_leaves_less_of_the_linearised_error(J, E, off):
+    tau = J.T @ E
+    alpha = step_length(J, E, tau)
+    best = np.linalg.norm(E - alpha * J @ tau)
+    assert best <= np.linalg.norm(E - (alpha + off) * J @ tau) + 1e-9
+
+
+def test_without_any_effect_on_the_tip_there_is_no_step():
+    assert step_length(np.zeros((3, 2)), np.ones(3), np.zeros(2)) == 0.0
+
+
+def test_a_joint_pulled_against_its_limit_stays_there():
+    chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [1.0, 2.0])
+    here = Task(chain, Target((0.5, 0.0, 0.0))).at(np.array([-0.2, 0.5]))
+    assert (here.J.T @ here.E)[1] < 0
+    assert pull(here, chain)[1] == 0.0
+
+
+def test_a_joint_pulled_off_its_limit_goes():
+    chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [1.0, 2.0])
+    here = Task(chain, Target((0.1, 0.1, 0.0))).at(np.array([-0.2, 0.5]))
+    assert pull(here, chain)[1] > 0.0
+
+
+def test_it_goes_straight_down_where_the_force_pulls():
+    chain, q = planar(0.3, 0.2, 0.1), np.array([0.3, 0.5, 0.4])
+    target = Target((0.2, 0.45, 0.0))
+    first = walk("transpose", chain, target, q, max_iterations=1).trace[1] - q
+    h = 1e-6
+    down = [costs(chain, target, [q - h * unit, q + h * unit]) @ (1, -1) for unit in np.eye(3)]
+    np.testing.assert_allclose(
+        first / np.linalg.norm(first), down / np.linalg.norm(down), atol=1e-6
+    )

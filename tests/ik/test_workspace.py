@@ -1,0 +1,261 @@
+"""What the tip can reach: against geometry, against forward kinematics, against the solver."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import BadValueError
+from ikservo.ik import Target, solve
+from ikservo.ik.workspace import front_plane, side_plane, top_plane, workspace
+from ikservo.ik.workspace.outline import outline
+from ikservo.ik.workspace.samples import joint_samples, tips
+from tests.kinematics.chains import crane, planar
+
+CELL_M = 0.02
+HALF_DIAGONAL_M = CELL_M * math.sqrt(0.5)
+
+
+def two_links(lower=(-2.618, -2.618), upper=(2.618, 2.618)):
+    return planar(0.15, 0.15).with_limits(lower, upper)
+
+
+def gaps_by_hand(points_m, lower, upper):
+    """Return how far points (n, 2) are from the nearest arc that the second joint leaves open."""
+    bend = np.linspace(lower[1], upper[1], 2000)
+    radius_m, swing = 0.3 * np.cos(bend / 2), bend / 2
+    gaps_m = []
+    for x, y in points_m:
+        angle = math.atan2(y, x) - swing
+        off = angle - 0.5 * (lower[0] + upper[0])
+        off = (off + math.pi) % (2 * math.pi) - math.pi
+        off = np.sign(off) * np.maximum(np.abs(off) - 0.5 * (upper[0] - lower[0]), 0.0)
+        distance_m = math.hypot(x, y)
+        gap_m2 = radius_m**2 + distance_m**2 - 2 * radius_m * distance_m * np.cos(off)
+        gaps_m.append(math.sqrt(max(gap_m2.min(), 0.0)))
+    return np.array(gaps_m)
+
+
+@pytest.fixture(scope="module")
+def annulus():
+    arm = two_links()
+    return workspace(arm, top_plane(arm, [0.5, 1.0]), CELL_M, samples=2048)
+
+
+def all_centres(region):
+    cells = np.argwhere(np.ones_like(region.reachable))
+    return region.grid.centres(cells), region.reachable.ravel()
+
+
+def test_the_reach_of_two_links_is_the_ring_between_folded_and_stretched(annulus):
+    arm = planar(0.15, 0.15, limit_rad=math.pi)
+    arm = arm.with_limits([-math.pi, 0.8], [math.pi, 2.4])
+    region = workspace(arm, top_plane(arm, [0, 1.0]), CELL_M, samples=2048)
+    centres, inside = all_centres(region)
+    radius_m = np.hypot(*centres.T[:2])
+    nearest_m, farthest_m = (0.3 * math.cos(angle / 2) for angle in (2.4, 0.8))
+    off_m = np.maximum(nearest_m - radius_m, radius_m - farthest_m)
+    assert inside[off_m < 0].all()
+    assert not inside[off_m > HALF_DIAGONAL_M].any()
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper"),
+    [((-2.618, -2.618), (2.618, 2.618)), ((-0.4, 0.2), (0.9, 1.3)), ((0.0, -2.0), (1.5, 0.5))],
+)
+def test_with_limits_the_cells_are_those_that_the_arcs_touch(lower, upper):
+    arm = two_links(lower, upper)
+    region = workspace(arm, top_plane(arm, arm.middle()), CELL_M, samples=1024)
+    centres, inside = all_centres(region)
+    off_m = gaps_by_hand(centres[:, :2], lower, upper)
+    assert inside[off_m < 0.49 * CELL_M].all()
+    assert not inside[off_m > HALF_DIAGONAL_M].any()
+
+
+def test_wherever_forward_kinematics_puts_the_tip_is_inside(annulus):
+    arm = two_links()
+    rng = np.random.default_rng(3)
+    tip_m = tips(arm, rng.uniform(arm.lower_rad, arm.upper_rad, (2000, 2)))
+    missed = tip_m[~annulus.contains_each(tip_m)]
+    # The tip may touch the corner of a cell in passing; then the next cell is reachable.
+    inward = 0.5 * CELL_M * missed / np.linalg.norm(missed, axis=1, keepdims=True)
+    beside = annulus.contains_each(missed + inward) | annulus.contains_each(missed - inward)
+    assert beside.all()
+    assert len(missed) < 20
+
+
+def test_every_sample_that_it_was_made_from_is_inside(annulus):
+    arm = two_links()
+    assert annulus.contains_each(tips(arm, joint_samples(arm, 2048))).all()
+
+
+def test_what_the_solver_cannot_reach_is_at_most_a_cell_inside(annulus):
+    arm = two_links()
+    rng = np.random.default_rng(4)
+    for point in rng.uniform(-0.33, 0.33, (150, 2)):
+        found = solve(arm, Target((*point, 0.0)))
+        if annulus.contains((*point, 0.0)):
+            assert found.position_error_m < 2 * HALF_DIAGONAL_M
+        if found.reached:
+            assert contains_nearby(annulus, point)
+
+
+def contains_nearby(region, point):
+    shifts = [(0, 0), (CELL_M, 0), (-CELL_M, 0), (0, CELL_M), (0, -CELL_M)]
+    return any(region.contains((point[0] + a, point[1] + b, 0.0)) for a, b in shifts)
+
+
+def test_a_point_off_the_plane_is_not_in_the_slice(annulus):
+    assert annulus.contains((0.2, 0.0, 0.4 * CELL_M))
+    assert not annulus.contains((0.2, 0.0, 0.6 * CELL_M))
+
+
+def test_a_point_off_the_grid_is_not_inside(annulus):
+    assert not annulus.contains((100.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("point", [(math.nan, 0, 0), (0.1, 0.2), "abc"])
+def test_what_is_no_point_is_refused(annulus, point):
+    with pytest.raises(BadValueError, match="point_m"):
+        annulus.contains(point)
+
+
+def test_the_area_is_that_of_the_cells(annulus):
+    assert annulus.size == pytest.approx(annulus.count * CELL_M**2)
+    ring_m2 = math.pi * (0.3**2 - (0.3 * math.cos(2.618 / 2)) ** 2)
+    assert annulus.size == pytest.approx(ring_m2, rel=0.1)
+
+
+def test_the_extent_is_the_arms_length_on_either_side(annulus):
+    lower, upper = annulus.extent_m
+    assert upper[0] == pytest.approx(0.3, abs=CELL_M)
+    assert lower[1] == pytest.approx(-0.3, abs=CELL_M)
+
+
+def test_the_outline_has_an_outside_and_a_hole(annulus):
+    areas = sorted(area_of(loop) for loop in annulus.outline())
+    assert len(areas) == 2
+    assert areas[0] < 0 < areas[1]
+    assert sum(areas) == pytest.approx(annulus.size)
+
+
+def area_of(loop):
+    """Return the signed area of a polygon (k, 2): positive counterclockwise."""
+    following = np.roll(loop, -1, axis=0)
+    return 0.5 * float((loop[:, 0] * following[:, 1] - loop[:, 1] * following[:, 0]).sum())
+
+
+def test_one_cell_is_outlined_by_its_four_corners():
+    (loop,) = outline(np.array([[True]]))
+    np.testing.assert_array_equal(loop, [[0, 0], [1, 0], [1, 1], [0, 1]])
+
+
+def test_cells_that_touch_at_a_corner_are_outlined_with_their_own_area():
+    loops = outline(np.array([[True, False], [False, True]]))
+    assert sum(area_of(loop) for loop in loops) == pytest.approx(2.0)
+
+
+def test_no_cells_have_no_outline():
+    assert outline(np.zeros((3, 3), dtype=bool)) == ()
+
+
+def test_the_same_arm_has_the_same_workspace_every_time(annulus):
+    arm = two_links()
+    again = workspace(arm, top_plane(arm, [0.5, 1.0]), CELL_M, samples=2048)
+    np.testing.assert_array_equal(annulus.reachable, again.reachable)
+
+
+def test_samples_stay_inside_the_limits_and_fill_them():
+    arm = two_links((-0.4, 0.2), (0.9, 1.3))
+    q = joint_samples(arm, 500)
+    assert (q >= arm.lower_rad).all()
+    assert (q <= arm.upper_rad).all()
+    np.testing.assert_allclose(q.mean(axis=0), arm.middle(), atol=0.01)
+    np.testing.assert_allclose(q.max(axis=0) - q.min(axis=0), [1.3, 1.1], rtol=0.02)
+
+
+def test_an_arm_in_a_plane_has_a_volume_one_cell_thick(annulus):
+    region = workspace(two_links(), cell_m=CELL_M, samples=2048)
+    assert region.grid.shape[2] == 1
+    assert region.count == annulus.count
+    assert region.size == pytest.approx(region.count * CELL_M**3)
+
+
+def test_the_side_of_an_arm_in_a_plane_is_a_line():
+    arm = two_links()
+    region = workspace(arm, side_plane(arm, [0.0, 0.1]), CELL_M, samples=4096)
+    assert region.mask().any(axis=0).sum() == 1
+    assert region.contains((0.25, 0.0, 0.0))
+
+
+def test_a_slide_reaches_as_far_as_it_slides():
+    region = workspace(crane(), side_plane(crane(), [0.0, 0.2]), CELL_M, samples=8192)
+    lower, upper = region.extent_m
+    assert upper[0] == pytest.approx(0.4, abs=CELL_M)
+    assert upper[1] == pytest.approx(0.4, abs=CELL_M)
+    assert lower[1] == pytest.approx(0.2, abs=CELL_M)
+
+
+def test_the_side_looks_where_the_arm_points():
+    so100 = ikservo.load_model("so100")
+    plane = side_plane(so100.chain, so100.chain_pose("home"))
+    np.testing.assert_allclose(plane[:3, 0], [0, -1, 0], atol=1e-12)
+    np.testing.assert_allclose(plane[:3, 1], [0, 0, 1], atol=1e-12)
+
+
+def test_the_side_goes_through_the_first_axis():
+    koch = ikservo.load_model("koch")
+    plane = side_plane(koch.chain, koch.chain_pose("home"))
+    np.testing.assert_allclose(plane[:3, 3], [0.04, 0, 0], atol=1e-3)
+
+
+def test_front_and_side_stand_at_right_angles():
+    arm = ikservo.load_model("so101")
+    home = arm.chain_pose("home")
+    side, front = side_plane(arm.chain, home), front_plane(arm.chain, home)
+    assert abs(side[:3, 0] @ front[:3, 0]) < 1e-12
+
+
+def test_a_yaw_turns_the_side():
+    arm = ikservo.load_model("so101")
+    plane = side_plane(arm.chain, arm.chain_pose("home"), yaw_rad=0.5)
+    np.testing.assert_allclose(plane[:3, 0], [math.cos(0.5), math.sin(0.5), 0.0])
+
+
+def test_a_slice_of_a_real_arm_holds_what_the_solver_reaches():
+    so101 = ikservo.load_model("so101")
+    plane = side_plane(so101.chain, so101.chain_pose("home"))
+    region = workspace(so101.chain, plane, 0.04)
+    rng = np.random.default_rng(5)
+    local = np.column_stack([rng.uniform(-0.4, 0.5, 40), rng.uniform(-0.3, 0.5, 40), np.zeros(40)])
+    for point in region.grid.to_world(local):
+        found = solve(so101.chain, Target(point))
+        if region.contains(point):
+            assert found.position_error_m < 0.04 * math.sqrt(2)
+        else:
+            assert not found.reached or near_edge(region, point)
+
+
+def near_edge(region, point):
+    shifts = 0.02 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    around = region.grid.to_world(region.grid.to_grid([point]) + shifts)
+    return region.contains_each(around).any()
+
+
+@pytest.mark.parametrize("cell_m", [-0.01, math.nan, math.inf])
+def test_cells_need_a_size(cell_m):
+    with pytest.raises(BadValueError, match="cell_m"):
+        workspace(two_links(), cell_m=cell_m, samples=16)
+
+
+def test_where_nothing_is_reachable_there_is_no_extent():
+    region = workspace(two_links(), top_plane(two_links(), [0, 0], 0.5), CELL_M, samples=16)
+    assert region.count == 0
+    assert region.extent_m is None
+    assert region.outline() == ()
+
+
+def test_too_many_cells_are_refused_before_any_work():
+    with pytest.raises(BadValueError, match="larger cells"):
+        workspace(two_links(), top_plane(two_links(), [0, 0]), 1e-6, samples=16)

@@ -1,0 +1,41 @@
+"""Straight lines that an arm can follow, walked point by point."""
+
+import numpy as np
+
+from ikservo.ik import Solver
+from ikservo.model import load_model
+
+POINTS, STEP_M, LEAST_LEVER = 100, 1e-3, 0.05
+
+
+def largest_step_on_lines(name, kind, lines, seed):
+    """Return the largest joint step between neighbouring points 1 mm apart.
+
+    Lines that leave what can be reached, or pass a singular posture, have no smooth solution and
+    are left out where they do.
+    """
+    chain, random, largest = load_model(name).chain, np.random.default_rng(seed), 0.0
+    solver, followed = Solver(chain, kind), 0
+    for _ in range(100 * lines):
+        q = random.uniform(chain.lower_rad, chain.upper_rad)
+        direction = random.normal(size=3) * (1.0 if chain.dof > 3 else np.array([1, 1, 0]))
+        steps, whole = walk(solver, chain, q, STEP_M * direction / np.linalg.norm(direction))
+        largest, followed = max([largest, *steps]), followed + whole
+        if followed == lines:
+            break
+    assert followed == lines
+    return largest
+
+
+def walk(solver, chain, q, step_m):
+    T, steps = chain.forward(q), []
+    for _ in range(POINTS):
+        T[:3, 3] += step_m
+        rows = 6 if solver.kind == "pose" else 3 if chain.dof > 3 else 2
+        levers = np.linalg.svd(chain.jacobian(q)[:rows], compute_uv=False)
+        after, reached = solver.track(T, q)
+        if not reached or levers[-1] < LEAST_LEVER:
+            return steps, False
+        steps.append(float(np.abs(after - q).max()))
+        q = after
+    return steps, True
