@@ -4,6 +4,7 @@ from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.opening import open_arm
 from ikservo.arm.planning import Plan
 from ikservo.arm.reports import JointReport, JointState, MoveReport, Progress, Whereabouts
+from ikservo.arm.trust import Zeros
 
 __all__ = [
     "Arm",
@@ -14,5 +15,6 @@ __all__ = [
     "Plan",
     "Progress",
     "Whereabouts",
+    "Zeros",
     "open_arm",
 ]

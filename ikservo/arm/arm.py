@@ -14,6 +14,7 @@ from ikservo.arm.journey import Watcher, correct, settle, travel
 from ikservo.arm.planning import Plan, Planner
 from ikservo.arm.reports import JointReport, MoveReport, Progress, Whereabouts
 from ikservo.arm.servos import Servos
+from ikservo.arm.trust import LARGEST_STEP_RAD, Zeros
 from ikservo.errors import BadValueError, StoppedError, UnknownNameError
 from ikservo.guard import Space
 from ikservo.hardware.port import Port
@@ -40,6 +41,7 @@ class Arm:
     Attributes:
         model: What the arm is.
         chain: Base to tool, inside this arm's limits in whole ticks.
+        zeros: Where the zeros of its joints come from.
     """
 
     def __init__(
@@ -50,10 +52,11 @@ class Arm:
         port: Port,
         on_exit: OnExit = "hold",
         space: Space | None = None,
+        zeros: Zeros = Zeros.SIMULATED,
     ) -> None:
         if on_exit not in ("hold", "relax"):
             raise UnknownNameError("way to exit", on_exit, ("hold", "relax"))
-        self.model, self.chain = model, chain
+        self.model, self.chain, self.zeros = model, chain, zeros
         self._servos, self._port = servos, port
         self._on_exit: OnExit = on_exit
         self._space = space
@@ -99,7 +102,9 @@ class Arm:
             UnreachableError: No joints inside the limits reach it; carries the nearest point.
             BadValueError: No three finite numbers.
             RefusedError: On the way the arm would touch itself, the table or a box.
+            CalibrationError: Nobody knows where the arm's zeros are.
         """
+        self.zeros.check(self.model.name)
         here = self._here()
         return self._clear(here, self._planner.to_point(here, position_m, speed))
 
@@ -111,9 +116,11 @@ class Arm:
             BadValueError: A position is not finite, or no joint is named.
             RefusedError: A position lies outside the joint's limits, or on the way the arm
                 would touch itself, the table or a box.
+            CalibrationError: Nobody knows where the arm's zeros are, and the way is long.
         """
         here = self._here()
         plan = self._planner.to_joints(here, positions, speed)
+        self.zeros.check_steps(self.model.name, here, plan.goal, self._steps())
         self._servos.check(plan.goal, here)
         return self._clear(here, plan)
 
@@ -209,11 +216,20 @@ class Arm:
         self.enable()
 
     def relax(self, on_progress: Callable[[Progress], None] | None = None) -> JointReport:
-        """Lower the arm to its rest pose, slowly, then switch every servo's torque off."""
+        """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
+
+        Raises:
+            CalibrationError: Nobody knows where the rest pose is; see ``release``.
+        """
+        self.zeros.check(self.model.name)
         report = self.move_joints(self.model.pose("rest"), speed="slow", on_progress=on_progress)
+        self.release()
+        return report
+
+    def release(self) -> None:
+        """Switch every servo's torque off where the arm is; what nobody holds falls."""
         self._servos.release()
         self._enabled = False
-        return report
 
     def close(self, on_exit: OnExit | None = None) -> None:
         """Give the port back, leaving the arm held or relaxed."""
@@ -229,9 +245,14 @@ class Arm:
         """Return where a motion starts: the goals of a holding arm, else the measured joints."""
         return self._servos.goals() if self._enabled else self._servos.measure()
 
+    def _steps(self) -> dict[str, float]:
+        """Return the longest way at once for each joint whose zero nobody knows, rad or m."""
+        turns = {joint.name: joint.travel_per_turn / math.tau for joint in self.model.joints}
+        return {name: LARGEST_STEP_RAD * turns[name] for name in self._servos.names}
+
     def _clear(self, here: Vector, plan: Plan) -> Plan:
         """Return the plan, if the body's way from ``here`` (n,) to its goal is free."""
-        if self._space is not None:
+        if self._space is not None and self.zeros.known:
             self._space.check_way(self._planner.way(here, plan))
         return plan
 

@@ -10,6 +10,7 @@ from ikservo.arm.servo_checks import check_servos
 from ikservo.errors import BusError, PortError
 from ikservo.hardware.adapters import Adapter, adapter_of
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.chain_order import silence_hint
 from ikservo.hardware.discovery import baud_rates, choose_port, with_arm
 from ikservo.hardware.identify import Found
 from ikservo.hardware.port import Port, open_port
@@ -19,7 +20,7 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.udev import RULES_FILE, has_udev, installed_rules, read_rules
 from ikservo.model import Model
 
-__all__ = ["READS", "check_up"]
+__all__ = ["READS", "check_up", "rules_text"]
 
 READS = 1000
 """Reads by which the line is judged."""
@@ -51,10 +52,14 @@ def check_up(
         name = chosen_port(model, port) if model else with_arm(choose_port(port), None)
     except PortError as error:
         yield bad("port", error.message, error.hint)
-        yield from _rules("")
-        return
-    yield from _adapter(name)
+        name = ""
+    else:
+        yield from _adapter(name)
+        yield from _port(name, model, on_progress)
     yield from _rules(name)
+
+
+def _port(name: str, model: Model | None, on_progress: Progress | None) -> Iterator[Finding]:
     try:
         line = open_port(name, model.baud_rate if model else baud_rates()[0])
     except PortError as error:
@@ -63,6 +68,11 @@ def check_up(
     with line:
         yield good("port", f"{name} opens; nobody else holds it")
         yield from _line(line, model, on_progress)
+
+
+def rules_text() -> str:
+    """Return the udev rules, ready to be piped into a file."""
+    return read_rules()
 
 
 def _adapter(name: str) -> Iterator[Finding]:
@@ -154,26 +164,14 @@ def _presence(
     if not silent:
         yield good("servos", f"all {len(specs)} answer at {line.baudrate} baud")
     elif there:
-        yield bad(
-            "servos", f"{_listed(silent)} silent, {_listed(there)} answer", _cable(specs, there)
-        )
+        names = ", ".join(map(str, silent))
+        hint = silence_hint(specs, [s.id for s in there], [s.id for s in silent])
+        yield bad("servos", f"no answer from {names}", hint)
     else:
         rate = line.baudrate
         elsewhere = _scanned(line, on_progress)
         line.setBaudRate(rate)
         yield _strangers(elsewhere, rate)
-
-
-def _listed(specs: Sequence[ServoSpec]) -> str:
-    return ", ".join(str(spec) for spec in specs)
-
-
-def _cable(specs: Sequence[ServoSpec], there: Sequence[ServoSpec]) -> str:
-    """Name the cable behind the last servo that answers, if all behind it are silent."""
-    count = len(there)
-    if list(specs[:count]) == list(there):
-        return f"Look at the cable from {specs[count - 1]} to {specs[count]}."
-    return "Look at their plugs, then at their ids: ikservo scan"
 
 
 def _strangers(found: Sequence[Found], rate: int) -> Finding:

@@ -10,16 +10,14 @@ import numpy as np
 
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.line import open_line
+from ikservo.arm.own import OwnArm, check_models, own_arm
 from ikservo.arm.servos import Servos
-from ikservo.calibration import Limits
-from ikservo.errors import CalibrationError, InputError
+from ikservo.errors import InputError
 from ikservo.guard import Box, Fence, Space
-from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.discovery import remember_port
 from ikservo.kinematics import Chain
 from ikservo.model import Model, ModelJoint, load_model
 from ikservo.model.shell import body_of
-from ikservo.registers import Role, table_with_number
 
 __all__ = ["open_arm"]
 
@@ -33,6 +31,7 @@ def open_arm(
     *,
     on_exit: OnExit = "hold",
     collisions: bool = True,
+    uncalibrated: bool = False,
 ) -> Arm:
     """Open an arm; nothing moves and no torque changes.
 
@@ -43,60 +42,42 @@ def open_arm(
             to its rest pose and releases it.
         collisions: Whether the way of the body is looked at before it moves: the arm against
             itself, the table and the boxes of its arm file.
+        uncalibrated: Whether the person vouches that the horns are mounted as the arm file
+            says, so that an arm without a calibration moves freely.
 
     Raises:
         UnknownNameError: No such arm.
         NoPortError: No such port, or none to choose.
         PortBusyError: Another process holds the port.
         ServoSilentError: A servo does not answer; names all that do not.
-        CalibrationError: A servo is of another model than the arm file says, or its limits
-            contradict the arm file's.
+        CalibrationError: A servo is of another model than the arm file says, or holds other
+            numbers than when the arm was calibrated; says which.
+        FileFormatError: The arm's calibration is spoiled.
     """
     model = arm if isinstance(arm, Model) else load_model(arm)
     bus = open_line(model, port)
     line = bus.port
     try:
-        _check_models(bus)
+        check_models(bus)
         remember_port(model.name, line.name)
         bus.learn_return_delays()
-        fences = [_fence(bus, model, joint) for joint in model.joints]
+        own = own_arm(bus, model, uncalibrated=uncalibrated)
+        fences = [_fence(own, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         servos = Servos(bus, fences, shadows, line.clock)
         space = _space(model) if collisions else None
-        return Arm(model, _narrowed(model.chain, fences), servos, line, on_exit, space)
+        chain = _narrowed(model.chain, fences)
+        return Arm(model, chain, servos, line, on_exit, space, own.zeros)
     except BaseException:
         line.close()
         raise
 
 
-def _check_models(bus: ServoBus) -> None:
-    numbers = bus.sync_read(bus.servos, Role.MODEL_NUMBER, raw=True).complete()
-    for servo_id, number in numbers.items():
-        servo = bus.servos[servo_id]
-        if number != servo.table.number:
-            other = table_with_number(servo.table.family, number)
-            found = f"{other.model_name} ({number})" if other else f"model {number}"
-            raise CalibrationError(
-                f"{servo} is a {found}, the arm file says {servo.table.model_name}.",
-                "Is this another arm, or are two ids swapped? Choose with --arm.",
-            )
-
-
-def _fence(bus: ServoBus, model: Model, joint: ModelJoint) -> Fence:
-    limits = joint.limits.intersect(_servo_limits(bus, joint))
+def _fence(own: OwnArm, model: Model, joint: ModelJoint) -> Fence:
+    joint_map = own.joint_map(joint)
     horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
     speed = horn_rad_s * joint.travel_per_turn / math.tau
-    return Fence(joint.joint_map, limits, speed * _SPEED_SLACK)
-
-
-def _servo_limits(bus: ServoBus, joint: ModelJoint) -> Limits:
-    """Return the range between the position limits that stand in the servo."""
-    low = bus.read(joint.servo.id, Role.MIN_POSITION_LIMIT, raw=True)
-    high = bus.read(joint.servo.id, Role.MAX_POSITION_LIMIT, raw=True)
-    if low == high == 0:  # Feetech: several turns, no limits
-        return joint.limits
-    lower, upper = sorted(joint.joint_map.position(tick) for tick in (low, high))
-    return Limits.of(joint.name, lower, upper, "servo register", joint.joint_map.unit)
+    return Fence(joint_map, own.limits(joint, joint_map), speed * _SPEED_SLACK)
 
 
 def _space(model: Model) -> Space:

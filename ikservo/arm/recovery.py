@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from ikservo.errors import BusError, IkservoError
+from ikservo.errors import BusError, ServoAlarmError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import torque_on
@@ -66,10 +66,19 @@ def _recovered(bus: ServoBus, servo: ServoSpec, *, reboot: bool) -> Recovery:
     try:
         before = _complaints(bus, servo)
         action = _treat(bus, servo, reboot=reboot) if before else "had no alarm"
-        torque = bus.read(servo.id, Role.TORQUE_ENABLE, raw=True) == 1
-        return Recovery(servo, before, _complaints(bus, servo), action, torque)
+        after = _complaints(bus, servo)
     except BusError as error:
         return Recovery(servo, before, before, error.found, None)
+    except ServoAlarmError as error:  # its supply is wrong: it must not hold
+        action, after = f"torque stays off: {error.message}", (str(Alarm.VOLTAGE),)
+    return Recovery(servo, before, after, action, _holds(bus, servo))
+
+
+def _holds(bus: ServoBus, servo: ServoSpec) -> bool | None:
+    try:
+        return bus.read(servo.id, Role.TORQUE_ENABLE, raw=True) == 1
+    except BusError:
+        return None
 
 
 def _complaints(bus: ServoBus, servo: ServoSpec) -> tuple[str, ...]:
@@ -92,12 +101,7 @@ def _cycle_torque(bus: ServoBus, servo: ServoSpec) -> str:
     bus.write(servo.id, Role.TORQUE_ENABLE, 0, raw=True)
     if not was_on:
         return "torque switched off once more"
-    try:
-        torque_on(bus, servo.id)
-    except BusError:
-        raise
-    except IkservoError as error:  # its supply is wrong: it must not hold
-        return f"torque stays off: {error.message}"
+    torque_on(bus, servo.id)
     return "torque off and on again"
 
 
@@ -124,3 +128,4 @@ def _stay(bus: ServoBus, servo_ids: Iterable[int]) -> None:
     present: Mapping[int, int] = bus.sync_read(servo_ids, Role.PRESENT_POSITION, raw=True).values
     if present:
         bus.sync_write(Role.GOAL_POSITION, present, raw=True)
+        bus.sync_read(present, Role.GOAL_POSITION)  # once somebody answers, all have heard it

@@ -45,7 +45,7 @@ def _models(bus: ServoBus) -> Iterator[Finding]:
     wrong = [s for s in bus.servos.values() if numbers[s.id] != s.table.number]
     for servo in wrong:
         other = table_with_number(servo.table.family, numbers[servo.id])
-        name = other.model_name if other else f"of unknown model {numbers[servo.id]}"
+        name = other.model_name if other else f"servo of unknown model {numbers[servo.id]}"
         yield bad(
             "models",
             f"{servo} is a {name}, not a {servo.table.model_name}",

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ikservo.arm.reports import JointState
+from ikservo.arm.starting import confirm_goals, nearest_goal
 from ikservo.clock import Clock
 from ikservo.guard import Fence, Gate
 from ikservo.hardware.bus import ServoBus
@@ -63,15 +64,21 @@ class Servos:
 
         Raises:
             ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
+            RefusedError: A joint stands far outside what its servo allows; likewise.
+            ServoRefusedError: A servo keeps an old goal; likewise.
         """
         for fence in self.fences:
             check_supply(self._bus, fence.servo_id)
         holding = self._torque()
         present, goals = self._present_ticks(), self._goal_ticks()
         start = {
-            name: _start_tick(holding[name], present[name], goals[name]) for name in self.names
+            f.joint: nearest_goal(
+                self._bus, f, _start_tick(holding[f.joint], present[f.joint], goals[f.joint])
+            )
+            for f in self.fences
         }
         self._gate.start_from(start)
+        confirm_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
         for fence in self.fences:
             self._limit_speed(fence.servo_id, speed_rad_s)
             self._bus.write(fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)

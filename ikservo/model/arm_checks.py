@@ -5,9 +5,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Mapping
 
+from ikservo.files.complaints import Complaint, Location, spelled
+from ikservo.files.quoting import quoted
 from ikservo.model.arm_tables import ArmFile, ArmJoint, ArmPose
-from ikservo.model.complaints import Complaint, Location, spelled
-from ikservo.model.quoting import quoted
 
 __all__ = ["REQUIRED_POSES", "contradictions"]
 

@@ -7,6 +7,10 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from ikservo.files.complaints import Complaint, complaints_of, first_of
+from ikservo.files.quoting import quoted
+from ikservo.files.reading import path_inside
+from ikservo.files.toml import read_toml
 from ikservo.model.arm_checks import contradictions
 from ikservo.model.arm_tables import (
     ArmBus,
@@ -19,10 +23,6 @@ from ikservo.model.arm_tables import (
     ArmSpeeds,
 )
 from ikservo.model.catalogue import catalogue_name
-from ikservo.model.complaints import Complaint, complaints_of, first_of
-from ikservo.model.files import path_inside
-from ikservo.model.quoting import quoted
-from ikservo.model.toml import read_toml
 
 __all__ = [
     "ArmBus",

@@ -45,7 +45,9 @@ class _Table(BaseModel):
 class ArmBus(_Table):
     """``[bus]``: how to talk to the servos."""
 
-    family: Literal["feetech_sts", "dynamixel_2"] = Field(description="feetech_sts or dynamixel_2")
+    family: Literal["feetech_sts", "feetech_scs", "dynamixel_2", "dynamixel_1"] = Field(
+        description="feetech_sts, feetech_scs, dynamixel_2 or dynamixel_1"
+    )
     baud: int = Field(ge=1_200, le=20_000_000, description="bits per second, such as 1_000_000")
 
 
@@ -105,6 +107,23 @@ class ArmPose(_Table):
     m: Mapping[Name, float] = Field(default={}, description="joint = metres")
 
 
+class ArmBox(_Table):
+    """``[[surroundings.keep_out]]``: an upright box that the arm keeps out of."""
+
+    name: Text = Field(description=_TEXT)
+    low_m: tuple[float, float, float] = Field(strict=False, description="[x, y, z] in metres")
+    high_m: tuple[float, float, float] = Field(strict=False, description="[x, y, z] in metres")
+
+
+class ArmSurroundings(_Table):
+    """``[surroundings]``: what stands around the arm, in its base frame."""
+
+    floor_m: float = Field(default=0.0, description="the height of the table in metres")
+    keep_out: tuple[ArmBox, ...] = Field(
+        default=(), strict=False, description="tables [[surroundings.keep_out]]"
+    )
+
+
 class ArmFile(_Table):
     """A whole ``arm.toml``, each value by itself as it should be."""
 
@@ -118,6 +137,9 @@ class ArmFile(_Table):
     speeds: ArmSpeeds = Field(description="tables [speeds.slow], [speeds.normal], [speeds.fast]")
     joints: tuple[ArmJoint, ...] = Field(strict=False, description="tables [[joints]]")
     poses: Mapping[Name, ArmPose] = Field(description="tables [poses.NAME]")
+    surroundings: ArmSurroundings = Field(
+        default=ArmSurroundings(), description="a table [surroundings]"
+    )
 
     _folder: Path = PrivateAttr(default=Path())
 

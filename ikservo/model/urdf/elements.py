@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ikservo.errors import FileFormatError
-from ikservo.model.quoting import quoted
+from ikservo.files.quoting import quoted
 
 __all__ = ["Element"]
 

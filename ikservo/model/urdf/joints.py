@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ikservo.model.quoting import quoted
+from ikservo.files.quoting import quoted
 from ikservo.model.urdf.elements import Element
 from ikservo.model.urdf.origins import read_origin
 from ikservo.model.urdf.parts import JointKind, Mimic, UrdfJoint, Vector

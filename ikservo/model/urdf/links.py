@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ikservo.model.files import path_inside
-from ikservo.model.quoting import quoted
+from ikservo.files.quoting import quoted
+from ikservo.files.reading import path_inside
 from ikservo.model.urdf.elements import Element
 from ikservo.model.urdf.origins import read_origin
 from ikservo.model.urdf.parts import Box, Cylinder, Mesh, Shape, Sphere, UrdfLink, Vector

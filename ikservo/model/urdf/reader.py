@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ikservo.model.files import read_text
+from ikservo.files.reading import read_text
 from ikservo.model.urdf.document import parse_xml
 from ikservo.model.urdf.elements import Element
 from ikservo.model.urdf.joints import read_joint

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from ikservo.model.quoting import quoted
+from ikservo.files.quoting import quoted
 from ikservo.model.urdf.elements import Element
 from ikservo.model.urdf.parts import JointKind, Mesh, UrdfJoint, UrdfLink
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from ikservo.errors import FileFormatError
-from ikservo.model.quoting import quoted
+from ikservo.files.quoting import quoted
 from ikservo.model.urdf.parts import UrdfJoint, UrdfLink
 
 __all__ = ["find_root"]

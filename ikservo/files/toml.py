@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ikservo.errors import FileFormatError
-from ikservo.model.files import read_text
+from ikservo.files.reading import read_text
 
-__all__ = ["read_toml"]
+__all__ = ["parse_toml", "read_toml"]
 
 LARGEST_BYTES = 256 * 1024
 MOST_DOTS = 64
@@ -24,7 +24,15 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises:
         FileFormatError: The file cannot be read or is not TOML.
     """
-    text = read_text(path, LARGEST_BYTES)
+    return parse_toml(path, read_text(path, LARGEST_BYTES))
+
+
+def parse_toml(path: Path, text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; ``path`` is where it came from, for messages.
+
+    Raises:
+        FileFormatError: The text is not TOML, or built to cost more than it is worth.
+    """
     _refuse_dotted_bombs(path, text)
     try:
         return tomllib.loads(text)

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from ikservo.errors import FileFormatError
-from ikservo.model.quoting import quoted
+from ikservo.files.quoting import quoted
 
 __all__ = ["Complaint", "Location", "complaints_of", "first_of", "spelled"]
 

@@ -1,0 +1,103 @@
+"""A calibration file and its servos, brought together in one direction or the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+from ikservo.arm.calibrating import LooseArm
+from ikservo.calibration.compare import Contradiction, contradictions_with
+from ikservo.calibration.encoder import encoder_of
+from ikservo.calibration.memory import ServoFacts
+from ikservo.calibration.outcome import Outcome
+from ikservo.calibration.record import CalibratedJoint, CalibratedServo, Calibration
+from ikservo.calibration.store import load, save
+from ikservo.errors import CalibrationError
+from ikservo.registers import Family
+
+__all__ = ["differences", "own_calibration", "pull", "push"]
+
+
+def own_calibration(loose: LooseArm) -> Calibration:
+    """Return the arm's calibration.
+
+    Raises:
+        CalibrationError: There is none.
+        FileFormatError: It is spoiled.
+    """
+    calibration = load(loose.model.name, loose.serial_number)
+    if calibration is None:
+        raise CalibrationError(
+            f"{loose.model.name} is not calibrated: there is no {loose.path}.",
+            f"Calibrate it: ikservo calibrate {loose.model.name}",
+        )
+    return calibration
+
+
+def differences(loose: LooseArm) -> list[Contradiction]:
+    """Return where the servos hold other numbers than the file."""
+    return list(contradictions_with(own_calibration(loose), loose.facts))
+
+
+def push(loose: LooseArm) -> Path:
+    """Make the servos hold what the file says; torque goes off first.
+
+    Raises:
+        CalibrationError: There is no file, or a servo is of another model.
+        IkservoError: It failed; nothing is changed, or the message says how to go on.
+    """
+    calibration = own_calibration(loose)
+    memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
+    loose.let_go()
+    return loose.save(Outcome(calibration, memory))
+
+
+def pull(loose: LooseArm) -> Path:
+    """Make the file say what the servos hold; zeros and travels move with the offsets.
+
+    Raises:
+        CalibrationError: The servos' numbers put a seam into a joint's travel.
+    """
+    calibration = own_calibration(loose)
+    joints = tuple(_pulled(joint, loose.facts) for joint in calibration.joints)
+    now = datetime.now(UTC).replace(microsecond=0)
+    return save(calibration.model_copy(update={"joints": joints, "written": now}))
+
+
+def _pulled(joint: CalibratedJoint, facts: Mapping[int, ServoFacts]) -> CalibratedJoint:
+    lead = facts[joint.servo.id]
+    shift = _shift(joint, lead)
+    low, high = (tick + shift for tick in joint.travel_ticks)
+    encoder, family = encoder_of(lead.table), lead.table.family
+    extended = family is Family.DYNAMIXEL_2 and lead.held["operating_mode"] in (4, 5)
+    if not extended and not 0 <= low < high < encoder.ticks:
+        raise CalibrationError(
+            f"With what its servo holds, the count of {joint.name} begins again inside its travel.",
+            "Write the file's values into the servos instead: ikservo calibration push",
+        )
+    return joint.model_copy(
+        update={
+            "zero_tick": joint.zero_tick + shift,
+            "travel_ticks": (low, high),
+            "extended": extended,
+            "servo": _holding(joint.servo, facts),
+            "shadows": tuple(_holding(shadow, facts) for shadow in joint.shadows),
+        }
+    )
+
+
+def _shift(joint: CalibratedJoint, lead: ServoFacts) -> int:
+    """Return how far a servo's count has moved since the file was written."""
+    moved = lead.held.get("homing_offset", 0) - joint.servo.holds.get("homing_offset", 0)
+    shift = -moved if lead.table.family is Family.FEETECH_STS else moved
+    turn = encoder_of(lead.table)
+    if not turn.wraps or joint.extended:
+        return shift
+    # Where the count now begins elsewhere the travel may have moved by a turn.
+    low = joint.travel_ticks[0] + shift
+    return shift + (low % turn.ticks - low)
+
+
+def _holding(servo: CalibratedServo, facts: Mapping[int, ServoFacts]) -> CalibratedServo:
+    return servo.model_copy(update={"holds": dict(facts[servo.id].held)})

@@ -1,0 +1,96 @@
+"""Writing a text file so that at any moment, power or not, it is the old one or the new one."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from ikservo.errors import IkservoError
+
+__all__ = ["FileWriteError", "remove", "write_whole"]
+
+BACKUP_SUFFIX = ".bak"
+
+
+class FileWriteError(IkservoError, OSError):
+    """A file could not be written; what was there before is still there."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        self.path, self.why = path, why
+        IkservoError.__init__(
+            self,
+            f"{path} cannot be written: {why}.",
+            "What was there is unchanged. Free space or mend the permissions, then try again.",
+        )
+
+
+def write_whole(path: Path, text: str, *, keep_old: bool = False) -> None:
+    """Replace a file by a whole new one, or leave it as it was.
+
+    The text goes to a temporary file in the same folder, then to the disk, then takes the name;
+    last the folder itself is put on the disk, or the new name would not outlive a power cut.
+
+    Args:
+        path: The file; its folder is made if need be.
+        text: What it shall hold.
+        keep_old: Whether the present content is kept beside it with ``.bak``.
+
+    Raises:
+        FileWriteError: The disk is full, read-only or broken; the file is unchanged.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if keep_old and path.exists():
+            _replace(path.with_name(path.name + BACKUP_SUFFIX), path.read_bytes())
+        _replace(path, text.encode("utf-8"))
+    except OSError as error:
+        raise FileWriteError(path, error.strerror or str(error)) from error
+
+
+def remove(path: Path) -> None:
+    """Remove a file for good; one that is not there is no trouble.
+
+    Raises:
+        FileWriteError: It stays.
+    """
+    try:
+        path.unlink(missing_ok=True)
+        if path.parent.is_dir():
+            _sync_folder(path.parent)
+    except OSError as error:
+        raise FileWriteError(path, error.strerror or str(error)) from error
+
+
+def _replace(path: Path, data: bytes) -> None:
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        _write_out(handle, data)
+        os.replace(name, path)  # noqa: PTH105  # one seam for tests that cut the power
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(name)  # noqa: PTH108
+        raise
+    _sync_folder(path.parent)
+
+
+def _write_out(handle: int, data: bytes) -> None:
+    try:
+        left = memoryview(data)
+        while left:
+            left = left[os.write(handle, left) :]
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _sync_folder(folder: Path) -> None:
+    if sys.platform == "win32":  # folders cannot be opened there; rename is durable enough
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,233 @@
+"""A calibration file is believed whole or not at all."""
+
+import math
+import random
+from datetime import UTC, datetime
+
+import pytest
+
+from ikservo.calibration import Limits
+from ikservo.calibration.calibration_file import parse_calibration, read_calibration, text_of
+from ikservo.calibration.record import Calibration
+from ikservo.calibration.store import calibration_path, calibrations_of, load, save
+from ikservo.errors import CalibrationError, FileFormatError, IkservoError
+from ikservo.files.guarded import with_checksum
+from tests.calibration.hidden import hidden_arm
+from tests.calibration.plain import plain_calibration
+
+WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    with hidden_arm("open_manipulator_x", 5).loose() as loose:
+        return plain_calibration(loose, WHEN)
+
+
+@pytest.fixture
+def path(calibration):
+    return save(calibration)
+
+
+def body_of(calibration):
+    return text_of(calibration).partition("\n")[2]
+
+
+def refusal(path, text):
+    path.write_text(text)
+    with pytest.raises(FileFormatError) as caught:
+        read_calibration(path)
+    return caught.value
+
+
+def test_what_is_written_is_read(calibration, path):
+    assert read_calibration(path) == calibration
+
+
+def test_the_file_says_its_units_and_where_it_comes_from(path):
+    text = path.read_text()
+    keys = ("format = 1", "written = 2026-11-02 14:03:22+00:00", "tool_version", "firmware",
+            "usb_serial_number", "margin_deg", "lower_deg", "lower_m", "travel_ticks")  # fmt: skip
+    for key in keys:
+        assert key in text
+
+
+def test_windows_line_ends_are_no_damage(calibration, path):
+    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    assert read_calibration(path) == calibration
+
+
+def test_a_file_that_was_cut_short_is_refused_at_every_length(path):
+    text = path.read_text()
+    for length in range(0, len(text) - 1, 37):
+        assert refusal(path, text[:length]).found in (
+            "was cut short or changed after it was written", "is empty", "is no checksum",
+        )  # fmt: skip
+
+
+def test_a_changed_limit_is_refused_and_the_backup_named(path):
+    text = path.read_text()
+    old = next(line for line in text.splitlines() if line.startswith("lower_deg"))
+    error = refusal(path, text.replace(old, "lower_deg = -170.0"))
+    assert "changed after it was written" in error.found
+    assert ".bak" in error.expected
+
+
+def test_a_foreign_file_is_no_calibration(path):
+    assert refusal(path, '{"shoulder_pan": {"id": 1}}').found == "is no checksum"
+
+
+def test_a_future_format_asks_for_a_newer_ikservo(calibration, path):
+    body = body_of(calibration).replace("format = 1", "format = 2")
+    error = refusal(path, with_checksum(body))
+    assert (error.where, error.found) == ("format", "is 2")
+    assert "upgrade" in error.expected
+
+
+# Where the checksum is right, the values are looked at all the same.
+SLIPS = {
+    "unknown key": ("tool_version", "tool_versoin", "tool_versoin"),
+    "no number": ("zero_tick = ", "zero_tick = nan # ", "joints[0].zero_tick"),
+    "sign of two": ("sign = ", "sign = 2 # ", "joints[0].sign"),
+    "id of a letter": ("id = 11", 'id = "11"', "joints[0].servo.id"),
+    "id out of range": ("id = 11", "id = 300", "joints[0].servo.id"),
+    "two of one id": ("id = 12", "id = 11", "joints[1].servo.id"),
+    "two of one name": ('"joint2"', '"joint1"', "joints[1].name"),
+    "unknown model": ('"XM430-W350"', '"XM999"', "joints[0].servo.model"),
+    "unknown register": ("homing_offset", "homing_ofset", "joints[0].servo.holds.homing_ofset"),
+    "no register value": ("operating_mode = ", "operating_mode = 99 # ", ""),
+    "swept by nobody": ('swept = "by hand"', 'swept = "by foot"', "joints[0].swept"),
+    "swept without limits": ('swept = "by hand"', 'swept = "not swept"', "joints[0].swept"),
+    "no offset of time": ("14:03:22+00:00", "14:03:22", "written"),
+    "huge margin": ("margin_deg = ", "margin_deg = 90 # ", "margin_deg"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "where"), SLIPS.values(), ids=SLIPS)
+def test_a_slip_is_named_with_its_key(calibration, path, old, new, where):
+    body = body_of(calibration)
+    assert old in body
+    error = refusal(path, with_checksum(body.replace(old, new, 1)))
+    assert where in error.where
+
+
+@pytest.mark.parametrize("travel", [(5, 5), (900, 100), (0, 4096), (10, 30), (-5, 2000)])
+def test_a_travel_that_cannot_be_is_refused(calibration, path, travel):
+    joint = calibration.joints[0].model_copy(update={"travel_ticks": travel, "extended": False})
+    joints = (joint, *calibration.joints[1:])
+    spoiled = calibration.model_copy(update={"joints": joints})
+    assert refusal(path, text_of(spoiled)).where == "joints[0].travel_ticks"
+
+
+def test_an_sts_offset_that_its_register_cannot_hold_is_refused(path):
+    with hidden_arm("planar2", 5, spoiled=False).loose() as loose:
+        text = text_of(plain_calibration(loose, WHEN))
+    line = next(line for line in text.splitlines() if line.startswith("homing_offset"))
+    body = text.partition("\n")[2].replace(line, "homing_offset = 2114", 1)
+    assert "homing_offset" in refusal(path, with_checksum(body)).where
+
+
+def mutated(text, chance):
+    """Return a text with a few bytes changed, swapped, doubled, cut out or put in."""
+    data = bytearray(text.encode())
+    for _ in range(chance.randint(1, 4)):
+        at = chance.randrange(len(data))
+        match chance.randrange(5):
+            case 0:
+                data[at] = chance.randrange(256)
+            case 1:
+                del data[at : at + chance.randint(1, 40)]
+            case 2:
+                data[at:at] = data[at : at + chance.randint(1, 40)]
+            case 3:
+                data[at] ^= 1 << chance.randrange(8)
+            case 4:
+                other = chance.randrange(len(data))
+                data[at], data[other] = data[other], data[at]
+        if not data:
+            return b"\n"
+    return bytes(data)
+
+
+def accepts(path, data):
+    """Return what a spoiled file is taken for, or None; anything but our own errors fails."""
+    path.write_bytes(data)
+    try:
+        return read_calibration(path)
+    except IkservoError:
+        return None
+
+
+@pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=pytest.mark.campaign)])
+def test_mutated_files_are_refused_or_say_exactly_the_same(calibration, path, count):
+    chance, text = random.Random(13), text_of(calibration)
+    taken = [accepts(path, mutated(text, chance)) for _ in range(count)]
+    assert all(found in (None, calibration) for found in taken)
+    assert taken.count(None) > 0.9 * count
+
+
+@pytest.mark.parametrize("count", [300, pytest.param(20_000, marks=pytest.mark.campaign)])
+def test_mutated_bodies_under_a_fresh_checksum_never_pass_the_seam_or_turn_a_range_over(
+    calibration, path, count
+):
+    chance, body = random.Random(14), body_of(calibration)
+    for _ in range(count):
+        spoiled = mutated(body, chance).decode("utf-8", "replace").replace("\r", "")
+        found = accepts(path, with_checksum(spoiled).encode())
+        for joint in found.joints if found else ():
+            low, high = joint.travel_ticks
+            assert 50 <= high - low < 4096
+            swept = joint.swept_range()
+            assert swept is None or swept[0] < swept[1]
+            assert math.isfinite(joint.zero_tick)
+
+
+def test_the_narrower_of_sweep_and_person_binds_and_keeps_its_source(calibration):
+    joint = calibration.joints[0].model_copy(
+        update={"lower_deg": -60.0, "upper_deg": 70.0, "user_upper_deg": 30.0}
+    )
+    limits = calibration.narrowed(joint, Limits.of("joint1", -3.0, 3.0, "arm file"))
+    assert (limits.lower.source, limits.upper.source) == ("hand sweep of 2026-11-02", "user")
+    assert math.degrees(limits.lower.value) == pytest.approx(-60.0)
+
+
+def test_a_sweep_that_leaves_nothing_of_the_arm_file_names_both(calibration):
+    joint = calibration.joints[0].model_copy(update={"lower_deg": 80.0, "upper_deg": 90.0})
+    with pytest.raises(CalibrationError, match=r"80.0° \(hand sweep of 2026-11-02\).*arm file"):
+        calibration.narrowed(joint, Limits.of("joint1", -1.0, 1.0, "arm file"))
+
+
+@pytest.mark.parametrize(("serial", "name"), [
+    ("58FA083", "so101-58FA083.toml"), ("", "so101.toml"), ("../../etc/x", "so101-etc_x.toml"),
+    ("A" * 300, f"so101-{'A' * 64}.toml"), ("\0", "so101.toml"), ("C:\\x", "so101-C_x.toml"),
+])  # fmt: skip
+def test_a_serial_number_leads_nowhere_but_into_the_folder(serial, name, tmp_path):
+    assert calibration_path("so101", serial) == tmp_path / "arms" / name
+
+
+def test_an_arms_name_leads_nowhere_but_into_the_folder(tmp_path):
+    assert calibration_path("../../so101", "").parent == tmp_path / "arms"
+
+
+def test_calibrations_of_other_arms_are_not_found(calibration, path, tmp_path):
+    (tmp_path / "arms" / "open_manipulator_x2.toml").write_text("")
+    assert calibrations_of("open_manipulator_x") == [path]
+
+
+def test_an_arm_that_was_never_calibrated_has_none():
+    assert load("so101", "58FA") is None
+
+
+def test_the_one_before_is_kept(calibration, path):
+    before = path.read_text()
+    save(calibration.model_copy(update={"tool_version": "9.9"}))
+    assert path.with_name(f"{path.name}.bak").read_text() == before
+
+
+def test_a_parsed_text_is_a_calibration(calibration, path):
+    assert isinstance(parse_calibration(path, text_of(calibration)), Calibration)

@@ -1,0 +1,105 @@
+"""A scripted person calibrates arms that nobody has described; the simulated truth judges."""
+
+import math
+from datetime import UTC, datetime
+
+import pytest
+
+from ikservo.arm.own import own_arm
+from tests.calibration.hidden import hidden_arm, load_model, reviewed
+from tests.oracle import ARMS
+
+MARGIN_RAD = math.radians(0.3)
+HALF_A_DEGREE = math.radians(0.5)
+WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+
+
+def calibrated(arm):
+    """Calibrate an arm and return what was saved, by joint."""
+    with arm.loose() as loose:
+        wizard = reviewed(loose, arm, MARGIN_RAD)
+        outcome = loose.conclude(wizard, arm.pose, WHEN, write_limits=True)
+        loose.save(outcome)
+    return {joint.name: joint for joint in outcome.calibration.joints}
+
+
+def judge(arm):
+    """Hold a calibration against the arm's truth: the first joint that is wrong fails."""
+    joints = calibrated(arm)
+    model = load_model(arm.name)
+    for joint in model.joints:
+        check_limits(arm, joint, joints[joint.name])
+        check_registers(arm, joint, joints[joint.name])
+    check_zeros_and_signs(arm, model)
+
+
+def check_limits(arm, joint, found):
+    """Each swept limit lies inside its true stop, and within half a degree of it."""
+    low, high = arm.stops[joint.name]
+    scale = joint.travel_per_turn / math.tau
+    if found.swept == "not swept":
+        assert math.isinf(low), joint.name
+        return
+    swept = [end + arm.held[joint.name] for end in found.swept_range()]
+    assert 0.0 <= swept[0] - low <= HALF_A_DEGREE * scale, joint.name
+    assert 0.0 <= high - swept[1] <= HALF_A_DEGREE * scale, joint.name
+
+
+def check_registers(arm, joint, found):
+    """Offsets stay in range, and limits in the servos are those of the file, inside the truth."""
+    for servo in found.servos:
+        for name, number in servo.holds.items():
+            assert arm.register(servo.id, name) == number, f"{joint.name} {name}"
+        offset = servo.holds["homing_offset"]
+        assert abs(offset) <= (2047 if servo.model.startswith("STS") else 1024)
+        if servo.model.startswith("STS"):
+            assert servo.holds["phase"] & 0b10000 == 0
+    if found.extended:
+        return
+    assert 0 <= found.travel_ticks[0] < found.travel_ticks[1] <= 4095
+    placed = found.joint_map(joint.joint_map)
+    ends = (found.servo.holds["min_position_limit"], found.servo.holds["max_position_limit"])
+    lower, upper = sorted(placed.position(tick) for tick in ends)
+    assert lower + arm.held[joint.name] >= arm.stops[joint.name][0]
+    assert upper + arm.held[joint.name] <= arm.stops[joint.name][1]
+    assert lower >= joint.limits.lower.value - 1e-9
+    assert upper <= joint.limits.upper.value + 1e-9
+
+
+def check_zeros_and_signs(arm, model):
+    """After a night without power, at three places, what is read is where each joint is."""
+    arm.world.hands.clear()
+    for share in (0.1, 0.5, 0.9):
+        for joint in model.joints:
+            low = max(arm.stops[joint.name][0], joint.limits.lower.value)
+            high = min(arm.stops[joint.name][1], joint.limits.upper.value)
+            arm.world.place(joint.name, low + share * (high - low))
+        arm.power_cycle()
+        with arm.open_bus() as bus:
+            bus.clock.sleep_until(bus.clock.now_s() + 0.5)  # servos boot
+            own = own_arm(bus, model)
+            for joint in model.joints:
+                joint_map = own.joint_map(joint)
+                tick = arm.register(joint.servo.id, "present_position")
+                truth = arm.true_position(joint.name) - arm.held[joint.name]
+                error = joint_map.position(tick) - truth
+                assert abs(error) <= 2 * joint_map.unit_per_tick, joint.name
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"), [(name, 1) for name in ARMS] + [("so101", 2), ("koch", 2)]
+)
+def test_a_hidden_arm_is_found_out(name, seed):
+    judge(hidden_arm(name, seed))
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", range(100, 120))
+@pytest.mark.parametrize("name", ARMS)
+def test_two_hundred_hidden_arms_are_found_out(name, seed):
+    judge(hidden_arm(name, seed, gravity=seed % 5 == 0))

@@ -1,0 +1,281 @@
+"""The conversation of a calibration, without a terminal, a bus or a clock."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from ikservo.calibration import JointMap, Limits
+from ikservo.calibration.answers import Script, apply, read_script
+from ikservo.calibration.homing import Travel
+from ikservo.calibration.meter import State, meters
+from ikservo.calibration.obstacles import findings
+from ikservo.calibration.subject import Subject
+from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.errors import BadValueError, CalibrationError, FileFormatError, UnknownNameError
+
+TURN = 4096
+
+
+def subject(name="elbow", servo_id=1, pose=0.0, lower=-1.5, upper=1.5, **more):
+    joint_map = JointMap.revolute(name, servo_id, 1, 2048, TURN)
+    expected = Limits.of(name, lower, upper, "arm file")
+    return Subject(joint_map, TURN, expected, pose, **more)
+
+
+class Hand:
+    """Moves joints of a wizard and keeps its own count of time."""
+
+    def __init__(self, *subjects, start=100, margin_rad=0.0):
+        self.wizard = Wizard.begin(subjects, margin_rad)
+        self.ticks = {i: start for s in subjects for i in (s.servo_id, *s.shadow_ids)}
+        self.at_s = 0.0
+
+    def read(self, times=1):
+        for _ in range(times):
+            self.at_s += 0.02
+            wrapped = {i: tick % TURN for i, tick in self.ticks.items()}
+            self.wizard = self.wizard.read(self.at_s, wrapped)
+        return self
+
+    def rest(self):
+        return self.read(30)
+
+    def accept(self):
+        self.wizard = self.wizard.accept()
+        return self
+
+    def say(self, word):
+        self.wizard = apply(self.wizard, word)
+        return self
+
+    def move(self, way, *servo_ids, step=100):
+        for _ in range(abs(way) // step):
+            for i in servo_ids or self.ticks:
+                self.ticks[i] += step if way > 0 else -step
+            self.read()
+        return self
+
+
+def test_the_pose_is_taken_only_when_the_arm_is_still():
+    hand = Hand(subject())
+    for _ in range(40):
+        hand.ticks[1] += 10
+        hand.read()
+    with pytest.raises(CalibrationError, match="still moves"):
+        hand.accept()
+    assert hand.rest().accept().wizard.stage is Stage.SWEEP
+
+
+def test_a_trembling_hand_gives_the_middle_of_its_trembling():
+    hand = Hand(subject())
+    for k in range(40):
+        hand.ticks[1] = 500 + (k % 2) * 3
+        hand.read()
+    assert hand.accept().wizard.anchor[1] == pytest.approx(501.5, abs=0.1)
+
+
+def test_the_zero_is_where_the_pose_says_not_the_middle_of_the_sweep():
+    hand = Hand(subject(pose=math.pi / 4), start=1000).rest().accept()
+    hand.move(-1000)
+    assert hand.wizard.position(hand.wizard.subjects[0], 1000) == pytest.approx(math.pi / 4)
+
+
+@pytest.mark.parametrize(("pose", "towards"), [(0.9, -1), (-0.9, 1), (0.0, 1)])
+def test_a_joint_is_asked_to_go_where_there_is_more_room(pose, towards):
+    assert subject(pose=pose).towards == towards
+
+
+@pytest.mark.parametrize(("way", "sign"), [(400, 1), (-400, -1)])
+def test_the_first_motion_in_the_shown_direction_tells_the_sign(way, sign):
+    hand = Hand(subject()).rest().accept().move(way)
+    assert hand.wizard.signs == {"elbow": sign}
+
+
+def test_only_the_joint_that_is_asked_for_tells_its_sign():
+    hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
+    assert hand.wizard.asked.name == "a"
+    hand.move(-800, 2)
+    assert hand.wizard.signs == {}
+    hand.move(800, 1)
+    assert hand.wizard.asked.name == "b"
+    assert hand.wizard.signs == {"a": 1}
+
+
+def test_a_range_is_followed_across_the_seam_in_both_directions():
+    hand = Hand(subject(), start=50).rest().accept().move(900).move(-1900).move(900)
+    track = hand.wizard.tracks[1]
+    assert (track.low, track.high) == (50 - 1000, 50 + 900)
+
+
+def test_the_sweep_does_not_end_before_every_joint_has_moved():
+    hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().move(900, 1)
+    with pytest.raises(CalibrationError, match="b has not been moved yet"):
+        hand.accept()
+
+
+def test_a_joint_that_hardly_moved_is_named():
+    hand = Hand(subject(), margin_rad=0.5).rest().accept().move(400)
+    with pytest.raises(CalibrationError, match="elbow has hardly been moved: 400 ticks"):
+        hand.accept()
+
+
+def test_a_skipped_joint_is_not_asked_for_and_keeps_the_arm_file():
+    hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
+    hand.accept()
+    assert hand.wizard.stage is Stage.REVIEW
+    assert "a was skipped" in " ".join(findings(hand.wizard))
+
+
+def test_undo_takes_back_one_answer_after_the_other():
+    hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
+    hand.say("skip a").say("undo")
+    assert hand.wizard.asked.name == "a"
+    hand.say("undo")
+    assert hand.wizard.stage is Stage.ANCHOR
+    hand.say("undo")
+    assert hand.wizard.stage is Stage.ANCHOR
+
+
+def test_undo_forgets_a_direction_that_was_shown_the_wrong_way():
+    hand = Hand(subject()).rest().accept().move(-400).say("undo").move(400)
+    assert hand.wizard.signs == {"elbow": 1}
+
+
+def test_undo_at_the_review_goes_on_sweeping_with_what_was_found():
+    hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().say("undo")
+    assert hand.wizard.stage is Stage.SWEEP
+    assert hand.wizard.tracks[1].width == 1900
+
+
+def test_measuring_again_forgets_one_joint_only():
+    hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().move(900, 1).move(900, 2)
+    hand.say("again a")
+    assert hand.wizard.tracks[1].width == 0
+    assert hand.wizard.tracks[2].width == 900
+    assert hand.wizard.asked.name == "a"
+
+
+def test_a_joint_without_stops_takes_the_arm_files_range_when_that_is_wide():
+    hand = Hand(subject(lower=-3.1, upper=3.1)).rest().accept().move(4300).accept()
+    assert "turns freely: using the arm file's -177.6° to 177.6°" in " ".join(findings(hand.wizard))
+
+
+def test_a_whole_turn_of_a_joint_with_stops_is_refused_unless_the_person_says_it_is_free():
+    hand = Hand(subject()).rest().accept().move(4300)
+    with pytest.raises(CalibrationError, match="whole turn"):
+        hand.accept()
+    assert hand.say("free elbow").accept().wizard.stage is Stage.REVIEW
+
+
+def test_a_joint_that_was_turned_too_fast_must_be_measured_again():
+    hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
+    hand.move(1500, step=1500)
+    with pytest.raises(CalibrationError, match="faster than it could be followed"):
+        hand.accept()
+
+
+def test_a_range_that_fits_only_mirrored_is_refused():
+    lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
+    hand = Hand(lopsided).rest().accept()
+    hand.move(-400).move(400).move(1900)  # first the wrong way
+    with pytest.raises(CalibrationError, match="the wrong way"):
+        hand.accept()
+
+
+def test_servos_of_one_joint_that_count_against_each_other_are_refused():
+    hand = Hand(subject(shadow_ids=(2,))).rest().accept()
+    for _ in range(15):
+        hand.ticks[1] += 100
+        hand.ticks[2] -= 100
+        hand.read()
+    with pytest.raises(CalibrationError, match="servos 1 and 2 of elbow do not count alike"):
+        hand.accept()
+
+
+def test_a_known_range_is_not_swept():
+    hand = Hand(subject(known=Travel(0, 2000))).rest().accept().move(400).accept()
+    assert hand.wizard.stage is Stage.REVIEW
+
+
+def test_meters_tell_how_far_each_joint_has_come():
+    hand = Hand(subject("a", 1), subject("b", 2), subject("c", 3)).rest().accept()
+    hand.move(900, 1).move(-1900, 1).move(900, 2).say("skip c")
+    states = {meter.name: meter.state for meter in meters(hand.wizard)}
+    assert states == {"a": State.COMPLETE, "b": State.MOVING, "c": State.SKIPPED}
+
+
+def test_a_counter_direction_is_reported_before_saving():
+    hand = Hand(subject()).rest().accept().move(-900).move(1900).accept()
+    assert "elbow counts the other way round" in " ".join(findings(hand.wizard))
+
+
+@pytest.mark.parametrize("word", ["jump", "skip", "accept it", ""])
+def test_words_that_are_no_answers_are_refused(word):
+    with pytest.raises(BadValueError, match="answer"):
+        Hand(subject()).rest().accept().say(word)
+
+
+def test_an_answer_about_an_unknown_joint_names_the_known_ones():
+    with pytest.raises(UnknownNameError, match="elbow"):
+        Hand(subject()).rest().accept().say("skip elbwo")
+
+
+def scripted(hand, script, moves):
+    """Let a script answer while a hand makes its moves; return what it said."""
+    said = []
+    moves = iter(moves)
+    for _ in range(5000):
+        word = script.answer(hand.wizard, hand.at_s)
+        if word:
+            said.append(word)
+            hand.say(word)
+        if hand.wizard.stage is Stage.REVIEW:
+            return said
+        move = next(moves, None)
+        hand.move(move) if move else hand.read()
+    return said
+
+
+def test_patience_accepts_a_still_pose_and_a_whole_sweep():
+    hand = Hand(subject())
+    moves = [None] * 60 + [900, -1900, 900]
+    assert scripted(hand, Script(), moves) == ["accept", "accept"]
+
+
+def test_a_script_is_answered_in_its_order():
+    hand = Hand(subject("a", 1), subject("b", 2))
+    script = Script(["accept", "skip a", "free b", "accept"])
+    moves = [None] * 60 + [900, -1900]
+    assert scripted(hand, script, moves) == ["accept", "skip a", "free b", "accept"]
+
+
+def test_patience_ends_after_a_minute_in_which_nothing_changes():
+    with pytest.raises(CalibrationError, match="elbow has not been moved yet"):
+        scripted(Hand(subject()), Script(), [])
+
+
+def test_a_script_that_ends_too_early_says_so():
+    with pytest.raises(CalibrationError, match="script ended"):
+        scripted(Hand(subject()), Script(["accept"]), [])
+
+
+def test_a_script_is_read_with_its_remarks(tmp_path):
+    path = tmp_path / "script"
+    path.write_text("accept   # the pose\n\nskip wrist_roll\naccept\n")
+    assert read_script(path) == ["accept", "skip wrist_roll", "accept"]
+
+
+def test_a_script_with_a_slip_names_its_line(tmp_path):
+    path = tmp_path / "script"
+    path.write_text("accept\nskpi wrist_roll\n")
+    with pytest.raises(FileFormatError, match="line 2"):
+        read_script(path)
+
+
+def test_a_wizard_is_a_value():
+    hand = Hand(subject()).rest()
+    before = hand.wizard
+    hand.accept()
+    assert before.stage is Stage.ANCHOR
+    assert replace(before) == before
