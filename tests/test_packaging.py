@@ -27,6 +27,11 @@ def test_the_wheel_carries_every_arm(wheel):
     assert files <= set(wheel.namelist())
 
 
+def test_the_wheel_carries_the_udev_rule(wheel):
+    rule = wheel.read("ikservo/_rules/60-ikservo.rules")
+    assert rule == (ROOT / "tools" / "60-ikservo.rules").read_bytes()
+
+
 def test_the_wheel_carries_the_simulator_and_its_entry_points(wheel):
     names = wheel.namelist()
     assert "servosim/__init__.py" in names

@@ -14,6 +14,7 @@ from ikservo.cli.options import (
     JsonOption,
     PortOption,
     SpeedOption,
+    UncalibratedOption,
     YesOption,
 )
 from ikservo.cli.output import point, print_json, print_lines
@@ -36,6 +37,7 @@ def command(
     port: PortOption = None,
     speed: SpeedOption = "normal",
     collision: CollisionOption = True,
+    uncalibrated: UncalibratedOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -43,7 +45,7 @@ def command(
 
     ikservo joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim
     """
-    with opened(arm, port, collisions=collision) as machine:
+    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         report = move_joints(machine, _positions(goals, machine.model), speed, yes=yes)
     print_report(report, machine.model, json=json)
 

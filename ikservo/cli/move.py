@@ -14,6 +14,7 @@ from ikservo.cli.options import (
     Length,
     PortOption,
     SpeedOption,
+    UncalibratedOption,
     YesOption,
 )
 from ikservo.cli.output import point, print_json, print_lines
@@ -35,6 +36,7 @@ def command(
     speed: SpeedOption = "normal",
     collision: CollisionOption = True,
     dry_run: DryRun = False,
+    uncalibrated: UncalibratedOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -44,7 +46,7 @@ def command(
 
     ikservo move 250mm -50mm 0.15 --speed slow
     """
-    with opened(arm, port, collisions=collision) as machine:
+    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         plan = machine.plan_to((x, y, z), speed=speed)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:

@@ -15,6 +15,7 @@ __all__ = [
     "Length",
     "PortOption",
     "SpeedOption",
+    "UncalibratedOption",
     "YesOption",
 ]
 
@@ -34,3 +35,9 @@ CollisionOption = Annotated[
 ]
 SpeedOption = Annotated[str, typer.Option("--speed", help="slow, normal or fast.")]
 Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]
+UncalibratedOption = Annotated[
+    bool,
+    typer.Option(
+        "--uncalibrated", help="Trust the arm file's zeros, for an arm without a calibration."
+    ),
+]

@@ -12,7 +12,7 @@ from typing import Any
 __all__ = ["note", "point", "print_json", "print_lines", "print_table"]
 
 
-_QUANTITY = re.compile(r"[-+]?[\d.]+( ?[°%]| mm)?")
+_QUANTITY = re.compile(r"[-+]?[\d.]+( ?[°%]| mm| ms)?")
 # Off a terminal a row stays one line, however long it is.
 _WIDE = 1000
 

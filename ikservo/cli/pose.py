@@ -13,6 +13,7 @@ from ikservo.cli.options import (
     JsonOption,
     PortOption,
     SpeedOption,
+    UncalibratedOption,
     YesOption,
 )
 from ikservo.cli.session import opened
@@ -29,6 +30,7 @@ def command(
     port: PortOption = None,
     speed: SpeedOption = "normal",
     collision: CollisionOption = True,
+    uncalibrated: UncalibratedOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -36,6 +38,6 @@ def command(
 
     ikservo pose home --arm so101 --port sim
     """
-    with opened(arm, port, collisions=collision) as machine:
+    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         report = move_joints(machine, machine.model.pose(name), speed, yes=yes)
     print_report(report, machine.model, json=json)

@@ -7,10 +7,11 @@ import re
 
 import typer
 
-__all__ = ["parse_angle_rad", "parse_length_m"]
+__all__ = ["parse_angle_rad", "parse_axis", "parse_length_m"]
 
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z°]*)", re.IGNORECASE)
 _METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0}
 
 
@@ -22,6 +23,19 @@ def parse_length_m(text: str) -> float:
 def parse_angle_rad(text: str) -> float:
     """Return radians from degrees, ``30`` or ``30deg``, or from ``0.2rad``."""
     return _parse(text, _RADIANS, "an angle like 30, 30deg or 0.2rad")
+
+
+def parse_axis(text: str) -> tuple[float, float, float]:
+    """Return a direction from ``x``, ``y`` or ``z``, or from three numbers like ``0,0,-1``."""
+    if text.lower() in _AXES:
+        return _AXES[text.lower()]
+    parts = [
+        _NUMBER.fullmatch(part.strip()) for part in text.replace("\N{MINUS SIGN}", "-").split(",")
+    ]
+    numbers = [float(part[1]) for part in parts if part is not None and not part[2]]
+    if len(parts) != 3 or len(numbers) != 3:
+        raise typer.BadParameter(f"{text!r} is not a direction like x, or 0,0,-1.")
+    return (numbers[0], numbers[1], numbers[2])
 
 
 def _parse(text: str, units: dict[str, float], expected: str) -> float:

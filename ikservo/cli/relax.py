@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import sys
+
+import typer
+
+from ikservo.arm import Arm
 from ikservo.cli.joints import print_report
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, YesOption
+from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
+from ikservo.cli.output import note
 from ikservo.cli.session import announce, opened, watched
+from ikservo.errors import IkservoError
 
 __all__ = ["command"]
 
@@ -13,13 +20,26 @@ def command(
     *,
     arm: ArmOption = None,
     port: PortOption = None,
+    uncalibrated: UncalibratedOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
     """Lower the arm to its rest pose, slowly, then switch torque off."""
-    with opened(arm, port) as machine:
+    with opened(arm, port, uncalibrated=uncalibrated) as machine:
+        if not machine.zeros.known:
+            _drop(machine, yes=yes)
+            return
         rest = machine.model.pose("rest")
         announce(machine.plan_joints(rest, speed="slow"), machine, yes=yes)
         with watched() as draw:
             report = machine.relax(draw)
     print_report(report, machine.model, json=json)
+
+
+def _drop(machine: Arm, *, yes: bool) -> None:
+    """Let go of an arm that nobody can lower, because nobody knows where it is."""
+    note(f"{machine.model.title} is not calibrated, so it cannot be lowered: hold it.")
+    if not yes and not (sys.stdin.isatty() and typer.confirm("Let go?", default=True, err=True)):
+        raise IkservoError("It still holds.", "Without asking: --yes")
+    machine.release()
+    note("Torque is off.")

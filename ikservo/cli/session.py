@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import typer
 
-from ikservo.arm import Arm, Plan, Progress, open_arm
+from ikservo.arm import Arm, Plan, Progress, Zeros, open_arm
 from ikservo.cli.output import note, point
 from ikservo.errors import IkservoError, InputError
 from ikservo.model import Model, arm_names, load_model
@@ -29,11 +29,13 @@ def chosen_model(arm: str | None) -> Model:
 
 
 @contextmanager
-def opened(arm: str | None, port: str | None, *, collisions: bool = True) -> Generator[Arm]:
+def opened(
+    arm: str | None, port: str | None, *, collisions: bool = True, uncalibrated: bool = False
+) -> Generator[Arm]:
     """Open the arm of ``--arm`` on ``--port``, and leave it holding."""
     model = chosen_model(arm)
-    with open_arm(model, port, collisions=collisions) as machine:
-        _warn_uncalibrated(model, machine)
+    with open_arm(model, port, collisions=collisions, uncalibrated=uncalibrated) as machine:
+        _warn_uncalibrated(machine)
         yield machine
 
 
@@ -42,12 +44,16 @@ def announce(plan: Plan, machine: Arm, *, yes: bool) -> None:
 
     Raises:
         IkservoError: The person said no.
+        InputError: An arm whose zeros nobody knows would move and nobody is asked.
     """
     where_to = "" if plan.target_m is None else f" to {point(plan.target_m.tolist())}"
     note(f"{machine.model.title} on {machine.port_name}{where_to}: {plan.duration_s:.1f} s, "
          f"{plan.speed}.")  # fmt: skip
-    simulated = machine.port_name.startswith("sim:")
-    if yes or simulated or not sys.stdin.isatty():
+    if yes or machine.zeros is Zeros.SIMULATED:
+        return
+    if not sys.stdin.isatty():
+        if machine.zeros is Zeros.UNKNOWN:
+            raise InputError("Nobody is here to agree to this step.", "Give --yes.")
         return
     if not typer.confirm("Move?", default=True, err=True):
         raise IkservoError("Nothing moved.")
@@ -78,10 +84,9 @@ def watched() -> Generator[Callable[[Progress], None] | None]:
         yield draw
 
 
-def _warn_uncalibrated(model: Model, machine: Arm) -> None:
-    nominal = [joint.name for joint in model.joints if joint.zero_from == "nominal"]
-    if nominal and not machine.port_name.startswith("sim:"):
+def _warn_uncalibrated(machine: Arm) -> None:
+    if machine.zeros in (Zeros.ACCEPTED, Zeros.UNKNOWN):
         note(
-            f"Zeros of {', '.join(nominal)} are the arm file's, not this arm's: "
+            f"{machine.model.title} is not calibrated; its zeros are {machine.zeros.value}: "
             "the tip is only as right as the horns are mounted."
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ikservo.arm import JointState, Whereabouts
-from ikservo.cli.options import ArmOption, JsonOption, PortOption
+from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
 from ikservo.cli.output import point, print_json, print_lines, print_table
 from ikservo.cli.session import opened
 from ikservo.model import Model
@@ -11,9 +11,15 @@ from ikservo.model import Model
 __all__ = ["command"]
 
 
-def command(*, arm: ArmOption = None, port: PortOption = None, json: JsonOption = False) -> None:
+def command(
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    uncalibrated: UncalibratedOption = False,
+    json: JsonOption = False,
+) -> None:
     """Say where the arm is, measured by its servos; nothing moves."""
-    with opened(arm, port) as machine:
+    with opened(arm, port, uncalibrated=uncalibrated) as machine:
         here = machine.where()
     if json:
         print_json("where", tip_m=here.tip_m, joints=here.joints)

@@ -17,14 +17,27 @@ __all__ = ["WORDS", "app"]
 
 WORDS = {
     "arms": "The arms that ship with ikservo.",
+    "ports": "The USB adapters: chip, stable name, who holds them.",
+    "scan": "Find servos at any id and baud rate.",
+    "setup": "Give new servos their ids, one at a time.",
+    "doctor": "What is wrong between this computer and the servos.",
+    "calibrate": "This arm's own zeros, signs and ranges, found by hand.",
+    "calibration": "Compare a calibration with the servos: diff, push, pull.",
+    "import": "Take a calibration over from LeRobot.",
+    "export": "Hand a calibration to LeRobot.",
     "where": "Where the arm is: tip, joints, limits, health.",
     "move": "Move the tip to a point.",
     "joints": "Move single joints.",
     "pose": "Move to a named pose.",
     "relax": "Lower the arm to its rest pose and release it.",
+    "recover": "Clear overload and other alarms.",
     "solve": "Find joints for a point; nothing moves.",
+    "workspace": "What the tip can reach: counts, a test of a point, a picture.",
+    "bench": "How fast the servos can be read and told.",
     "sim": "Serve a simulated arm on a pseudo-terminal.",
 }
+
+_MODULES = {"import": "import_"}  # no module can have the name of a Python keyword
 
 
 class Words(TyperGroup):
@@ -54,7 +67,7 @@ class Words(TyperGroup):
 
 
 def _load(name: str) -> Any:  # noqa: ANN401
-    module = import_module(f"ikservo.cli.{name}")
+    module = import_module(f"ikservo.cli.{_MODULES.get(name, name)}")
     command: Callable[..., None] = module.command
     single = typer.Typer(add_completion=False)
     settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})

@@ -1,0 +1,90 @@
+"""``ikservo bench``: how fast things go on this machine with this arm."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from ikservo.arm.bench import CYCLES, BusSpeed, bench_bus
+from ikservo.cli.options import ArmOption, JsonOption, PortOption
+from ikservo.cli.output import note, print_json, print_table
+from ikservo.cli.progress import bar
+from ikservo.cli.session import chosen_model
+from ikservo.model import Model
+
+__all__ = ["command"]
+
+
+class Subject(StrEnum):
+    """What can be measured."""
+
+    BUS = "bus"
+
+
+What = Annotated[Subject, typer.Argument(help="What to measure.")]
+Cycles = Annotated[int, typer.Option("--cycles", min=10, help="Cycles of each kind.")]
+
+
+def command(
+    what: What,
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    cycles: Cycles = CYCLES,
+    json: JsonOption = False,
+) -> None:
+    """Measure how often a second all servos can be read and told; nothing moves.
+
+    ikservo bench bus --arm so101 --port /dev/ttyACM0
+    """
+    model = chosen_model(arm)
+    with bar() as show:
+        speeds = bench_bus(model, port, cycles, show and (lambda w, n: show(w, n, cycles)))
+    if json:
+        print_json(
+            "bench",
+            what=what,
+            arm=model.name,
+            baud_rate=model.baud_rate,
+            rows=list(map(_facts, speeds)),
+        )
+        return
+    _print(speeds, model)
+
+
+def _print(speeds: list[BusSpeed], model: Model) -> None:
+    servos = {joint.servo.model for joint in model.joints}
+    note(f"{len(model.joints)} servos ({', '.join(sorted(servos))}) at {model.baud_rate} baud")
+    columns = ["each cycle", "cycles/s", "wire limit/s", "of limit", "p50 ms", "p99 ms",
+               "p99.9 ms", "host ms", "bytes", "lost"]  # fmt: skip
+    print_table(columns, [_row(speed) for speed in speeds])
+
+
+def _row(speed: BusSpeed) -> list[str]:
+    return [
+        speed.what,
+        f"{speed.rate_hz:.0f}",
+        f"{speed.limit_hz:.0f}",
+        f"{100 * speed.rate_hz / speed.limit_hz:.0f} %",
+        *(f"{1000 * speed.cycle_s(q):.3f}" for q in (0.5, 0.99, 0.999)),
+        f"{1000 * speed.host_s:.3f}",
+        str(speed.sent_bytes + speed.received_bytes),
+        str(speed.lost),
+    ]
+
+
+def _facts(speed: BusSpeed) -> dict[str, object]:
+    return {
+        "what": speed.what,
+        "cycles_per_s": speed.rate_hz,
+        "wire_limit_per_s": speed.limit_hz,
+        "p50_s": speed.cycle_s(0.5),
+        "p99_s": speed.cycle_s(0.99),
+        "p999_s": speed.cycle_s(0.999),
+        "host_s": speed.host_s,
+        "sent_bytes": speed.sent_bytes,
+        "received_bytes": speed.received_bytes,
+        "lost": speed.lost,
+    }

@@ -1,0 +1,94 @@
+"""``ikservo calibration``: what the file says and what the servos hold, brought together."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from ikservo.arm.calibrating import LooseArm, loose_arm
+from ikservo.arm.filing import differences, pull, push
+from ikservo.calibration.transaction import resume, revert
+from ikservo.cli.calibrate import ArmWord, consent
+from ikservo.cli.options import JsonOption, PortOption, YesOption
+from ikservo.cli.output import note, print_json, print_lines, print_table
+from ikservo.cli.session import chosen_model
+from ikservo.errors import ExitCode, IkservoError, UnknownNameError
+
+__all__ = ["command"]
+
+ACTIONS = ("diff", "push", "pull", "resume", "revert")
+Action = Annotated[
+    str,
+    typer.Argument(
+        metavar="diff|push|pull|resume|revert",
+        help="Compare; file into servos; servos into file; finish or undo a broken-off writing.",
+    ),
+]
+
+
+def command(
+    action: Action,
+    arm: ArmWord = None,
+    *,
+    port: PortOption = None,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Compare an arm's calibration with its servos, or carry one over to the other.
+
+    ikservo calibration diff so101          exit 6 where they differ
+
+    ikservo calibration push so101          the servos hold what the file says
+
+    ikservo calibration pull so101          the file says what the servos hold
+    """
+    if action not in ACTIONS:
+        raise UnknownNameError("action", action, ACTIONS)
+    interrupted = action in ("resume", "revert")
+    with loose_arm(chosen_model(arm), port, settled=not interrupted) as loose:
+        if action == "diff":
+            _diff(loose, json=json)
+        elif interrupted:
+            _interrupted(loose, action)
+        else:
+            _carry(loose, action, yes=yes)
+
+
+def _diff(loose: LooseArm, *, json: bool) -> None:
+    found = differences(loose)
+    if json:
+        print_json("calibration-diff", path=loose.path, differences=found)
+    elif found:
+        rows = [[d.joint, str(d.servo_id), d.register, d.filed, d.found] for d in found]
+        print_table(["joint", "id", "register", "file", "servo"], rows)
+    else:
+        print_lines(["The servos hold what the calibration says."])
+    if found:
+        raise typer.Exit(ExitCode.CALIBRATION)
+
+
+def _carry(loose: LooseArm, action: str, *, yes: bool) -> None:
+    found = differences(loose)
+    if not found:
+        print_lines(["The servos hold what the calibration says; nothing to do."])
+        return
+    for difference in found:
+        note(str(difference))
+    asks = not yes and sys.stdin.isatty()
+    target = "the servos (torque goes off)" if action == "push" else str(loose.path)
+    if not consent(f"Write this into {target}?", default=yes or asks, asks=asks):
+        raise IkservoError("Nothing was written.", "Without asking: --yes")
+    path = push(loose) if action == "push" else pull(loose)
+    print_lines([f"Servos and {path} agree."])
+
+
+def _interrupted(loose: LooseArm, action: str) -> None:
+    loose.let_go()
+    step = resume if action == "resume" else revert
+    if not step(loose.bus, loose.journal_path):
+        print_lines(["No writing was broken off; nothing to do."])
+        return
+    done = "finished" if action == "resume" else "taken back"
+    print_lines([f"The calibration that was broken off is {done}."])

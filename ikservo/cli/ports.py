@@ -1,0 +1,75 @@
+"""``ikservo ports``: the adapters that are plugged in, and which one is which."""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import Annotated
+
+import typer
+
+from ikservo.cli.options import JsonOption
+from ikservo.cli.output import note, print_json, print_lines, print_table
+from ikservo.hardware.discovery import Adapter, Change, adapters, changes
+
+__all__ = ["command"]
+
+Watch = Annotated[bool, typer.Option("--watch", help="Say which one is plugged in or unplugged.")]
+Events = Annotated[int | None, typer.Option("--events", min=1, help="Stop watching after so many.")]
+
+
+def command(*, watch: Watch = False, events: Events = None, json: JsonOption = False) -> None:
+    """List the USB serial adapters: chip, stable name, who holds them.
+
+    ikservo ports
+
+    ikservo ports --watch        unplug one and see its name
+    """
+    found = adapters()
+    if not watch:
+        _list(found, json=json)
+        return
+    note(f"Here now: {', '.join(adapter.device for adapter in found) or 'none'}.")
+    note("Plug in or unplug an adapter; Ctrl-C ends.")
+    for change in islice(changes(), events):
+        _tell(change, json=json)
+
+
+def _list(found: list[Adapter], *, json: bool) -> None:
+    if json:
+        print_json("ports", ports=[_facts(adapter) for adapter in found])
+    elif found:
+        columns = ["port", "chip", "usb", "serial number", "held by", "by id"]
+        print_table(columns, [_row(adapter) for adapter in found])
+    else:
+        note("No USB serial adapter is plugged in. Without an arm: --port sim")
+
+
+def _tell(change: Change, *, json: bool) -> None:
+    adapter = change.adapter
+    if json:
+        print_json("ports-event", event=change.event, port=_facts(adapter))
+    else:
+        named = f"  {adapter.by_id}" if adapter.by_id else ""
+        print_lines([f"{change.event:9}  {adapter.device}  {adapter.chip}{named}"])
+
+
+def _row(adapter: Adapter) -> list[str]:
+    return [
+        adapter.device,
+        adapter.chip,
+        adapter.usb,
+        adapter.serial_number or "none",
+        adapter.holder or "nobody",
+        adapter.by_id,
+    ]
+
+
+def _facts(adapter: Adapter) -> dict[str, object]:
+    return {
+        "device": adapter.device,
+        "by_id": adapter.by_id,
+        "chip": adapter.chip,
+        "usb": adapter.usb,
+        "serial_number": adapter.serial_number,
+        "holder": adapter.holder,
+    }

@@ -1,0 +1,89 @@
+"""``ikservo recover``: alarms are cleared by each family's own way."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from ikservo.arm.line import open_line
+from ikservo.arm.recovery import Recovery, recover
+from ikservo.cli.options import ArmOption, JsonOption, PortOption
+from ikservo.cli.output import note, print_json, print_table
+from ikservo.cli.session import chosen_model
+from ikservo.errors import ExitCode, IkservoError
+
+__all__ = ["command"]
+
+Reboot = Annotated[bool, typer.Option("--reboot", help="Restart servos that need it; they let go.")]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before servos let go.")]
+
+
+def command(
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    reboot: Reboot = False,
+    yes: Yes = False,
+    json: JsonOption = False,
+) -> None:
+    """Clear overload and other alarms; goals become where the joints are.
+
+    ikservo recover --arm so101
+
+    ikservo recover --arm koch --reboot        Dynamixels let go while they restart
+    """
+    model = chosen_model(arm)
+    with open_line(model, port) as bus:
+        if reboot and not yes:
+            _ask(bus.port.name)
+        done = recover(bus, reboot=reboot)
+    _print(done, json=json)
+    if any(one.torque is None for one in done):
+        raise typer.Exit(ExitCode.SILENT)
+    if not all(one.well for one in done):
+        raise typer.Exit(ExitCode.ALARM)
+
+
+def _ask(port: str) -> None:
+    if port.startswith("sim:") or not sys.stdin.isatty():
+        return
+    if not typer.confirm("Servos that restart let go. Is the arm supported?", err=True):
+        raise IkservoError("Nothing was restarted.")
+
+
+def _print(done: list[Recovery], *, json: bool) -> None:
+    if json:
+        print_json("recover", servos=[_facts(one) for one in done])
+        return
+    columns = ["joint", "id", "alarms before", "done", "alarms now", "torque"]
+    print_table(columns, [_row(one) for one in done])
+    left = [str(one.servo) for one in done if not one.well]
+    note(f"Not well: {', '.join(left)}." if left else "All well; every goal is where its joint is.")
+
+
+def _row(one: Recovery) -> list[str]:
+    return [
+        one.servo.name,
+        str(one.servo.id),
+        ", ".join(one.before) or "none",
+        one.action,
+        ", ".join(one.after) or "none",
+        _torque(one),
+    ]
+
+
+def _torque(one: Recovery) -> str:
+    return "unknown" if one.torque is None else "on" if one.torque else "off"
+
+
+def _facts(one: Recovery) -> dict[str, object]:
+    return {
+        "joint": one.servo.name,
+        "id": one.servo.id,
+        "before": one.before,
+        "after": one.after,
+        "action": one.action,
+        "torque": one.torque,
+    }

@@ -1,0 +1,122 @@
+"""``ikservo setup``: a box of servos gets ids and baud rates, one servo at a time."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+
+from ikservo.arm.commissioning import Settled, Wish, commission, wishes
+from ikservo.arm.sketch import sketch
+from ikservo.cli.options import JsonOption, PortOption
+from ikservo.cli.output import note, print_json, print_lines
+from ikservo.errors import IkservoError, InputError
+from ikservo.hardware.discovery import Found
+from ikservo.model import Model, load_model
+
+__all__ = ["command"]
+
+ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A name of `ikservo arms`, or a file.")]
+Start = Annotated[str | None, typer.Option("--start", help="Go on from this joint.")]
+Wait = Annotated[float, typer.Option("--wait", min=1.0, help="Seconds to wait for each servo.")]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before a servo is written.")]
+
+
+def command(
+    arm: ArmName,
+    *,
+    port: PortOption = None,
+    start: Start = None,
+    wait: Wait = 300.0,
+    yes: Yes = False,
+    json: JsonOption = False,
+) -> None:
+    """Give each servo of an arm its id and baud rate; nothing moves.
+
+    Plug in one servo at a time, as you are asked; that it is there is seen by itself.
+
+    ikservo setup so101
+
+    ikservo setup so101 --start elbow_flex        go on where you stopped
+    """
+    model = load_model(arm)
+    if not model.joints:
+        raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
+    helper = _Voice(model, yes=yes, json=json)
+    with _resumable(arm, helper):
+        commission(model, port, helper, start=start, wait_s=wait)
+    note(f"All set. Plug them together, then: ikservo doctor --arm {arm}")
+
+
+class _Voice:
+    """Talks to the person on stderr, and puts what was done on stdout."""
+
+    def __init__(self, model: Model, *, yes: bool, json: bool) -> None:
+        self._model, self._yes, self._json = model, yes, json
+        self.joint: str | None = None
+
+    def ask_for(self, wish: Wish) -> None:
+        self.joint = wish.servo.name
+        numbers = [w.servo.id for w in wishes(self._model)]
+        count = numbers.index(wish.servo.id) + 1
+        note("")
+        for line in sketch(self._model, wish.servo.name):
+            note(f"    {line}")
+        note(
+            f"{count} of {len(numbers)}: plug in only the {wish.servo.table.model_name} "
+            f"of {wish.servo} …"
+        )
+
+    def see(self, found: Sequence[Found]) -> None:
+        if len(found) > 1 or any(servo.crowded for servo in found):
+            listed = "; ".join(map(str, found))
+            note(f"More than one servo answers: {listed}. Leave only that of {self.joint}.")
+
+    def may_write(self, wish: Wish, found: Found) -> bool:
+        note(f"There is {found}, firmware {found.firmware}.")
+        if self._yes or (found.id, found.baud_rate) == (wish.servo.id, wish.baud_rate):
+            return True
+        asked = f"Make it id {wish.servo.id} at {wish.baud_rate} baud, {wish.servo.name}?"
+        if not sys.stdin.isatty():
+            raise InputError(f"{asked} Nobody is here to answer.", "Give --yes.")
+        return typer.confirm(asked, default=True, err=True)
+
+    def settle(self, settled: Settled, *, last: bool) -> None:
+        changes = ", ".join(settled.written) or "nothing to change"
+        if self._json:
+            _print_json(settled)
+        else:
+            print_lines([f"✓ {settled.servo}: {changes}"])
+        if not last:
+            self.joint = self._after(settled)
+            note("Unplug it.")
+
+    def _after(self, settled: Settled) -> str:
+        todo = [wish.servo for wish in wishes(self._model)]
+        return todo[todo.index(settled.servo) + 1].name
+
+
+def _print_json(settled: Settled) -> None:
+    print_json(
+        "setup",
+        joint=settled.servo.name,
+        id=settled.servo.id,
+        model=settled.servo.table.model_name,
+        was_id=settled.found.id,
+        was_baud_rate=settled.found.baud_rate,
+        written=settled.written,
+    )
+
+
+@contextmanager
+def _resumable(arm: str, helper: _Voice) -> Generator[None]:
+    """Say how to go on, whatever stops it."""
+    try:
+        yield
+    except (IkservoError, KeyboardInterrupt):
+        if helper.joint:
+            note(f"Go on with: ikservo setup {arm} --start {helper.joint}")
+        raise

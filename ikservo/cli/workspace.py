@@ -1,0 +1,116 @@
+"""``ikservo workspace``: what the tip can reach inside the limits; nothing moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ikservo.cli.options import ArmOption, JsonOption
+from ikservo.cli.output import print_json, print_lines
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m
+from ikservo.cli.workspace_picture import draw
+from ikservo.cli.workspace_report import (
+    Slice,
+    point_fields,
+    point_lines,
+    region_fields,
+    region_lines,
+    title,
+)
+from ikservo.errors import ExitCode, InputError
+from ikservo.ik import Target, solve
+from ikservo.ik.workspace import front_plane, side_plane, top_plane, workspace
+from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.model import Model, arm_names, load_model
+
+__all__ = ["command"]
+
+
+Tip = Annotated[str | None, typer.Option("--tip", help="The link that is the tool (for a .urdf).")]
+Cut = Annotated[Slice | None, typer.Option("--slice", help="Cut it; the whole volume if absent.")]
+Height = Annotated[
+    float | None,
+    typer.Option("--height", help="Of the top slice.", parser=parse_length_m, metavar="LENGTH"),
+]
+Yaw = Annotated[
+    float | None,
+    typer.Option("--yaw", help="Of side and front.", parser=parse_angle_rad, metavar="ANGLE"),
+]
+Cell = Annotated[
+    float | None,
+    typer.Option("--cell", help="5mm in a slice, else 25mm.", parser=parse_length_m,
+                 metavar="LENGTH"),
+]  # fmt: skip
+Point = Annotated[
+    tuple[str, str, str] | None,
+    typer.Option("--point", metavar="X Y Z", help="Is it inside? Else exit 7."),
+]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Draw it to FILE.svg or FILE.png.")]
+
+
+def command(
+    *,
+    arm: ArmOption = None,
+    tip: Tip = None,
+    cut: Cut = None,
+    height: Height = None,
+    yaw: Yaw = None,
+    cell: Cell = None,
+    point: Point = None,
+    plot: Plot = None,
+    json: JsonOption = False,
+) -> None:
+    """Say what the tip can reach inside the arm's limits; nothing moves.
+
+    ikservo workspace --arm so101 --slice side --plot reach.svg
+    ikservo workspace --arm so101 --point 0.25 0.05 0.15
+    """
+    model = _model(arm, tip)
+    home = model.chain_pose("home") if "home" in model.poses else model.chain.middle()
+    _check(cut, height, yaw, plot)
+    asked = None if point is None else [parse_length_m(text) for text in point]
+    found = None if asked is None else solve(model.chain, Target(asked), home)
+    region = None
+    if found is None or cut or plot or cell is not None:
+        region = workspace(model.chain, _plane(model, home, cut, height, yaw), cell)
+    if region is not None and plot is not None:
+        draw(region, model, home, title(model, cut, region), plot, asked)
+    if json:
+        print_json("workspace", **point_fields(asked, found), **region_fields(cut, region))
+    else:
+        print_lines([*point_lines(asked, found), *region_lines(model, cut, region)])
+    if found is not None and not found.reached:
+        raise typer.Exit(ExitCode.UNREACHABLE)
+
+
+def _model(arm: str | None, tip: str | None) -> Model:
+    if not arm:
+        known = ", ".join(arm_names())
+        raise InputError("Which arm?", f"Give --arm or set IKSERVO_ARM. Known: {known}.")
+    return load_model(arm, tip)
+
+
+def _check(cut: Slice | None, height: float | None, yaw: float | None, plot: Path | None) -> None:
+    """Refuse what would be ignored, before any work is done."""
+    if height is not None and cut is not Slice.TOP:
+        raise InputError("--height belongs to --slice top.", "Side and front are turned by --yaw.")
+    if yaw is not None and cut not in (Slice.SIDE, Slice.FRONT):
+        raise InputError("--yaw belongs to --slice side and front.", "Top is moved by --height.")
+    if plot is not None and plot.suffix.lower() not in (".svg", ".png"):
+        raise InputError(f"{plot} is neither .svg nor .png.", "Give --plot FILE.svg or FILE.png.")
+
+
+def _plane(
+    model: Model, home: Vector, cut: Slice | None, height: float | None, yaw: float | None
+) -> Matrix | None:
+    match cut:
+        case None:
+            return None
+        case Slice.TOP:
+            return top_plane(model.chain, home, height)
+        case Slice.SIDE:
+            return side_plane(model.chain, home, yaw)
+        case Slice.FRONT:
+            return front_plane(model.chain, home, yaw)

@@ -1,0 +1,123 @@
+"""Pictures of the workspace: the reach as a filled shape, the arm at home inside it."""
+
+# matplotlib leaves the types of its keywords open.
+# pyright: reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ikservo.errors import IkservoError
+from ikservo.ik.workspace import Workspace
+from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.model import Model
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["axis_names", "draw"]
+
+_FILL, _EDGE, _ARM, _POINT = "#cfe8e4", "#2a7f74", "#3c4043", "#c0392b"
+
+
+def draw(
+    region: Workspace,
+    model: Model,
+    home: Vector,
+    title: str,
+    file: Path,
+    point_m: Sequence[float] | None = None,
+) -> None:
+    """Draw a slice as one picture, or a volume as its shadows from three sides.
+
+    Args:
+        region: What is reachable.
+        model: The arm.
+        home: The joints (dof,) in which the arm is drawn.
+        title: What stands above.
+        file: Where to; ``.svg`` or ``.png``.
+        point_m: A point (3,) of the base frame to mark, if any.
+
+    Raises:
+        IkservoError: matplotlib is not installed, or the file cannot be written.
+    """
+    views = [2] if region.is_slice else [2, 1, 0]
+    figure = _figure(width_in=6.0 * len(views))
+    for place, along in enumerate(views):
+        axes = figure.add_subplot(1, len(views), place + 1)
+        _draw_reach(axes, region, along)
+        _draw_arm(axes, np.delete(region.grid.to_grid(_skeleton(model, home)), along, axis=1))
+        if point_m is not None:
+            _mark(axes, np.delete(region.grid.to_grid([point_m])[0], along))
+        _label(axes, *np.delete(axis_names(region), along))
+    figure.suptitle(title)
+    _save(figure, file)
+
+
+def axis_names(region: Workspace) -> tuple[str, str, str]:
+    """Name each axis of the grid after the base axis it runs along, or say that it leads out."""
+    names = ("x", "y", "z")
+    along = np.abs(region.grid.T_world_grid[:3, :3])
+    u, v, w = (
+        names[int(column.argmax())] if column.max() > 1 - 1e-9 else "out" for column in along.T
+    )
+    return u, v, w
+
+
+def _figure(width_in: float) -> Figure:
+    try:
+        from matplotlib.figure import Figure  # noqa: PLC0415
+    except ImportError:
+        raise IkservoError(
+            "Pictures need matplotlib, which is not installed.", "Try: pip install 'ikservo[plot]'"
+        ) from None
+    return Figure(figsize=(width_in, 6.0), layout="constrained")
+
+
+def _save(figure: Figure, file: Path) -> None:
+    try:
+        figure.savefig(file, dpi=150)
+    except OSError as reason:
+        raise IkservoError(f"{file} cannot be written: {reason.strerror}.") from reason
+
+
+def _draw_reach(axes: Axes, region: Workspace, along: int) -> None:
+    from matplotlib.patches import PathPatch  # noqa: PLC0415
+    from matplotlib.path import Path as Shape  # noqa: PLC0415
+
+    loops = [Shape(loop, closed=False) for loop in map(_closed, region.outline(along))]
+    if loops:
+        whole = Shape.make_compound_path(*loops)
+        axes.add_patch(PathPatch(whole, facecolor=_FILL, edgecolor=_EDGE, linewidth=1.0))
+
+
+def _closed(loop: Matrix) -> Matrix:
+    return np.vstack([loop, loop[:1]])
+
+
+def _draw_arm(axes: Axes, joints_m: Matrix) -> None:
+    axes.plot(*joints_m.T, "o-", color=_ARM, linewidth=3.0, markersize=5.0)
+
+
+def _mark(axes: Axes, at_m: Vector) -> None:
+    axes.plot(*at_m, "x", color=_POINT, markersize=10.0, markeredgewidth=2.0)
+
+
+def _label(axes: Axes, across: str, up: str) -> None:
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"{across} [m]")
+    axes.set_ylabel(f"{up} [m]")
+    axes.grid(visible=True, color="#e0e0e0", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def _skeleton(model: Model, q: Vector) -> Matrix:
+    """Return the origins (n, 3) of the links from the base to the tip, metres."""
+    chain = model.chain
+    links = [chain.base, *(joint.child for joint in model.urdf.joints_to(chain.tip))]
+    return np.array([chain.forward(q, link)[:3, 3] for link in links])

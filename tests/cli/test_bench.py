@@ -1,0 +1,107 @@
+"""``ikservo bench bus``: how fast the line is, beside what the wire allows; nothing moves."""
+
+import pytest
+
+from tests.cli.desk import run, spoil
+
+# fmt: off
+WIRE_BYTES = {  # question, six answers, goals: the protocol's arithmetic
+    "so101": (8 + 6 + 6 * 8) + (8 + 6 * 3),
+    "koch":  (14 + 6 + 8 + 6 * 8) + (14 + 6 * 5),
+}
+# fmt: on
+
+
+@pytest.fixture(scope="module")
+def rows():
+    arms = ("so101", "koch")
+    said = {arm: run(f"bench bus --arm {arm} --port sim --cycles 100 --json") for arm in arms}
+    return {arm: said[arm].json for arm in arms}
+
+
+@pytest.mark.parametrize("arm", ["so101", "koch"])
+def test_the_bytes_of_a_cycle_are_those_of_the_protocol(rows, arm):
+    positions = rows[arm]["rows"][0]
+    assert positions["sent_bytes"] + positions["received_bytes"] == WIRE_BYTES[arm]
+
+
+def test_the_limit_follows_from_bytes_and_baud_rate(rows):
+    positions = rows["so101"]["rows"][0]
+    assert positions["wire_limit_per_s"] == pytest.approx(1e6 / 10 / WIRE_BYTES["so101"])
+
+
+def test_the_limit_counts_the_return_delay_of_each_answer(rows):
+    positions = rows["koch"]["rows"][0]  # one packet, for fast sync read; 500 µs
+    wire_s = WIRE_BYTES["koch"] * 10 / 1e6 + 500e-6
+    assert positions["wire_limit_per_s"] == pytest.approx(1 / wire_s)
+
+
+@pytest.mark.parametrize("arm", ["so101", "koch"])
+def test_a_cycle_is_never_faster_than_the_wire_and_not_much_slower(rows, arm):
+    for row in rows[arm]["rows"]:
+        assert 0.5 < row["cycles_per_s"] / row["wire_limit_per_s"] <= 1.0
+        assert row["p50_s"] <= row["p99_s"] <= row["p999_s"]
+        assert row["lost"] == 0
+
+
+def test_json_says_arm_and_rate(rows):
+    answer = rows["so101"]
+    assert answer["schema"] == "ikservo/bench/1"
+    assert (answer["arm"], answer["baud_rate"]) == ("so101", 1_000_000)
+    assert [row["what"] for row in answer["rows"]] == [
+        "positions + goals", "full telemetry + goals",
+    ]  # fmt: skip
+
+
+def test_the_table_has_a_line_for_each_kind_of_cycle(say):
+    said = say("bench bus --arm so101 --port sim --cycles 20")
+    assert said.err == "6 servos (STS3215) at 1000000 baud\n"
+    assert said.out.split("\n")[0].split() == [
+        "each", "cycle", "cycles/s", "wire", "limit/s", "of", "limit", "p50", "ms", "p99", "ms",
+        "p99.9", "ms", "host", "ms", "bytes", "lost",
+    ]  # fmt: skip
+    assert [line.partition("  ")[0] for line in said.out.splitlines()[1:]] == [
+        "positions + goals", "full telemetry + goals",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("torque", [0, 1])
+def test_nothing_moves_and_torque_stays_as_it_is(say, monkeypatch, torque):
+    def change(line):
+        for servo in line.world.servos:
+            servo.write("torque_enable", torque)
+
+    ports = spoil(monkeypatch, change)
+    assert say("bench bus --arm so101 --port sim --cycles 50").code == 0
+    servos = ports[0].line.world.servos
+    assert [servo.read("torque_enable") for servo in servos] == [torque] * 6
+    if torque:
+        assert max(abs(s.read("goal_position") - s.read("present_position")) for s in servos) < 64
+
+
+def test_silent_servos_are_named(say, monkeypatch):
+    def change(line):
+        for number in (5, 6):
+            line.servos[number].powered = False
+
+    spoil(monkeypatch, change)
+    said = say("bench bus --arm so101 --port sim --cycles 20")
+    assert said.code == 4
+    assert "wrist_roll (id 5), gripper (id 6)" in said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ("bench", 2, "Missing argument"),
+        ("bench coffee --arm so101 --port sim", 2, "'coffee' is not"),
+        ("bench bus --port sim", 2, "Which arm?"),
+        ("bench bus --arm so101 --port sim --cycles 0", 2, "Invalid value for '--cycles'"),
+        ("bench bus --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
+    ],
+)
+def test_bad_input_is_one_clear_error(say, words, code, message):
+    said = say(words)
+    assert said.code == code
+    assert message in said.err
+    assert said.out == ""

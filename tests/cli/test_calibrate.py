@@ -1,0 +1,314 @@
+"""``ikservo calibrate`` and what follows from it, on an arm that nobody has described."""
+
+import json
+import math
+
+import pytest
+
+from ikservo.arm.calibrating import LooseArm
+from ikservo.calibration.calibration_file import read_calibration
+from tests.calibration.hidden import hidden_arm, load_model
+from tests.calibration.rehearsal import rehearse
+from tests.cli.desk import Comport, plug_in
+
+PORT = "/dev/ttyDESK"
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    plug_in(monkeypatch, [Comport(PORT, serial_number="58FA083")])
+    return tmp_path / "home"
+
+
+@pytest.fixture
+def desk(monkeypatch):
+    """Return a function that puts a hidden arm on the desk."""
+
+    def put(name="planar2", seed=7, **how):
+        arm = hidden_arm(name, seed, pose="home", **how)
+
+        def open_transport(port, baud_rate):
+            arm.port.is_open = True
+            return arm.port
+
+        monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
+        return arm
+
+    return put
+
+
+def hands_on(arm, skipped=()):
+    with arm.open_bus() as bus:
+        subjects = LooseArm(load_model(arm.name), bus).subjects("home")
+    rehearse(arm, subjects, skipped)
+
+
+def calibrated(arm, say, *more):
+    put_home(arm)
+    hands_on(arm)
+    words = f"calibrate {arm.name} --port {PORT} --pose home --margin 0.3 --yes"
+    done = say(" ".join([words, *more]))
+    assert done.code == 0, done.err
+    arm.world.hands.clear()
+    put_home(arm)
+    return done
+
+
+def put_home(arm):
+    for name, position in load_model(arm.name).pose("home").items():
+        arm.world.place(name, position)
+
+
+def file_of(home, name="planar2"):
+    return home / "arms" / f"{name}-58FA083.toml"
+
+
+def test_the_conversation_ends_with_a_saved_file(desk, say, home):
+    done = calibrated(desk(), say)
+    assert done.out == f"Saved to {file_of(home)}\n"
+    calibration = read_calibration(file_of(home))
+    assert (calibration.arm, calibration.usb_serial_number) == ("planar2", "58FA083")
+    assert [joint.swept for joint in calibration.joints] == ["by hand", "by hand"]
+
+
+def test_off_a_terminal_each_step_is_one_line(desk, say):
+    lines = calibrated(desk(), say).err.splitlines()
+    assert [line for line in lines if line[:2] in ("1 ", "2 ")] == [
+        '1  Put the arm in the pose "home": not still yet …',
+        '1  Put the arm in the pose "home": held still: press Enter.',
+        "2  Move joint1 so that the tool goes to the right.",
+        "2  Move joint2 so that the tool goes to the left.",
+        "2  Now move every joint gently to both of its ends.",
+    ]
+
+
+def test_json_is_one_object_with_every_joint(desk, say, home):
+    answer = calibrated(desk(), say, "--json").json
+    assert answer["schema"] == "ikservo/calibrate/1"
+    assert answer["path"] == str(file_of(home))
+    assert [joint["name"] for joint in answer["joints"]] == ["joint1", "joint2"]
+
+
+def test_where_then_names_the_hand_sweep_and_the_truth(desk, say):
+    arm = desk()
+    calibrated(arm, say)
+    answer = say(f"where --arm planar2 --port {PORT} --json").json
+    by_hand = [j for j in answer["joints"] if "hand sweep of" in j["limit_from"]]
+    assert by_hand
+    for joint in answer["joints"]:
+        truth = arm.true_position(joint["name"])
+        assert joint["position_rad"] == pytest.approx(truth, abs=math.radians(0.3))
+
+
+def test_a_calibrated_arm_moves_its_tip(desk, say):
+    arm = desk()
+    calibrated(arm, say)
+    done = say(f"move 0.18 0.05 0.05 --arm planar2 --port {PORT} --yes --json --no-collision")
+    assert done.code == 0, done.err
+    reach = load_model("planar2").chain.forward(
+        [arm.true_position(name) for name in ("joint1", "joint2")]
+    )[:2, 3]
+    assert reach == pytest.approx((0.18, 0.05), abs=3e-3)
+
+
+def test_limits_are_written_only_when_asked_for(desk, say):
+    arm = desk(spoiled=False)
+    calibrated(arm, say)
+    assert arm.register(1, "min_position_limit") == 0
+    calibrated(arm, say, "--write-limits")
+    assert arm.register(1, "min_position_limit") > 0
+
+
+def test_a_script_skips_a_joint(desk, say, home, tmp_path):
+    script = tmp_path / "answers"
+    script.write_text("accept\nskip joint1\naccept\naccept\n")
+    arm = desk()
+    hands_on(arm, skipped=["joint1"])
+    done = say(f"calibrate planar2 --port {PORT} --pose home --from-script {script}")
+    assert done.code == 0, done.err
+    assert "joint1 was skipped" in done.err
+    assert [j.swept for j in read_calibration(file_of(home)).joints] == ["not swept", "by hand"]
+
+
+def test_own_limits_bind_and_say_so(desk, say):
+    arm = desk()
+    calibrated(arm, say, "--limit joint1=-30:40")
+    joints = say(f"where --arm planar2 --port {PORT} --json").json["joints"]
+    assert joints[0]["limit_from"] == "user"
+    assert math.degrees(joints[0]["upper_rad"]) == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize("text", ["joint1", "joint1=3", "joint3=1:2", "joint1=a:b", "joint1=3:1"])
+def test_a_limit_that_is_none_changes_nothing(desk, say, home, text):
+    done = say(f"calibrate planar2 --port {desk() and PORT} --limit {text} --yes")
+    assert done.code in (2, 6)
+    assert not file_of(home).exists()
+
+
+def test_without_a_terminal_the_options_that_answer_are_named(desk, say, home):
+    done = say(f"calibrate planar2 --port {desk() and PORT} --pose home --no-input")
+    assert done.code == 2
+    assert "--yes" in done.err
+    assert "--from-script" in done.err
+
+
+def test_nobody_at_the_arm_ends_with_what_is_missing(desk, say, home, monkeypatch):
+    monkeypatch.setattr("ikservo.calibration.answers._PATIENCE_S", 3.0)
+    done = say(f"calibrate planar2 --port {desk() and PORT} --pose home --yes")
+    assert done.code == 6
+    assert "joint1 has not been moved yet" in done.err
+    assert not file_of(home).exists()
+
+
+def test_an_arm_that_holds_is_not_dropped_without_a_word(desk, say, home):
+    arm = desk()
+    arm.line.servos[1].write("torque_enable", 1)
+    done = say(f"calibrate planar2 --port {PORT} --pose home --no-input")
+    assert "the arm will go limp" in done.err
+    assert done.code == 1
+    assert arm.register(1, "torque_enable") == 1
+
+
+def test_an_unknown_pose_names_the_known_ones(desk, say):
+    done = say(f"calibrate planar2 --port {desk() and PORT} --pose folded --yes")
+    assert done.code == 2
+    assert "home, rest, zero" in done.err
+
+
+# --- without a calibration ---
+
+
+def test_an_uncalibrated_arm_does_not_move_its_tip_on_a_real_port(desk, say):
+    done = say(f"move 0.18 0.05 0.05 --arm planar2 --port {desk() and PORT} --yes")
+    assert done.code == 6
+    assert "planar2 is not calibrated" in done.err
+    assert "ikservo calibrate planar2" in done.err
+
+
+def test_an_uncalibrated_arm_takes_small_agreed_steps_only(desk, say):
+    arm = desk(zero=2048, sign=1)
+    words = f"joints joint1={{}} --arm planar2 --port {PORT} --no-collision"
+    here = math.degrees(arm.true_position("joint1"))
+    far = say(words.format(here - 12) + " --yes")
+    assert (far.code, "more than a small step" in far.err) == (6, True)
+    unasked = say(words.format(here - 5))
+    assert (unasked.code, "--yes" in unasked.err) == (2, True)
+    near = say(words.format(here - 5) + " --yes")
+    assert near.code == 0, near.err
+    assert math.degrees(arm.true_position("joint1")) == pytest.approx(here - 5, abs=0.5)
+
+
+def test_an_uncalibrated_arm_is_let_go_where_it_is_once_that_is_agreed(desk, say):
+    arm = desk()
+    arm.line.servos[1].write("torque_enable", 1)
+    assert say(f"relax --arm planar2 --port {PORT}").code == 1
+    assert arm.register(1, "torque_enable") == 1
+    assert say(f"relax --arm planar2 --port {PORT} --yes").code == 0
+    assert arm.register(1, "torque_enable") == 0
+
+
+def test_a_person_may_vouch_for_the_arm_files_zeros(desk, say):
+    arm = desk(zero=2048, sign=1, spoiled=False)
+    words = f"move 0.18 0.05 0.05 --arm planar2 --port {PORT} --yes --no-collision"
+    done = say(f"{words} --uncalibrated")
+    assert done.code == 0, done.err
+    assert "as the person said" in done.err
+    assert arm.true_position("joint1") != pytest.approx(0.785, abs=0.1)
+
+
+# --- file and servos ---
+
+
+def test_another_offset_in_a_servo_is_refused_with_both_values(desk, say, home):
+    arm = desk()
+    calibrated(arm, say)
+    held = read_calibration(file_of(home)).joints[0].servo.holds["homing_offset"]
+    arm.line.servos[1].write("lock", 0)
+    arm.line.servos[1].write("homing_offset", 77)
+    done = say(f"where --arm planar2 --port {PORT}")
+    assert done.code == 6
+    said = f"homing_offset of joint1 (id 1) is 77 in the servo and {held} in the calibration"
+    assert said in done.err
+    assert "ikservo calibration push" in done.err
+
+
+def changed(arm, say):
+    """Calibrate, then let another program move a servo's offset a little."""
+    calibrated(arm, say)
+    servo = arm.line.servos[1]
+    servo.write("lock", 0)
+    offset = servo.read("homing_offset")
+    servo.write("homing_offset", offset - 20 if offset > 0 else offset + 20)
+    servo.write("lock", 1)
+    return offset
+
+
+def test_diff_lists_every_register_that_differs_and_exits_with_6(desk, say):
+    arm = desk()
+    calibrated(arm, say)
+    same = say(f"calibration diff planar2 --port {PORT}")
+    assert (same.code, same.out) == (0, "The servos hold what the calibration says.\n")
+    offset = changed(arm, say)
+    done = say(f"calibration diff planar2 --port {PORT} --json")
+    assert done.code == 6
+    (row,) = done.json["differences"]
+    assert (row["register"], row["filed"]) == ("homing_offset", str(offset))
+
+
+def test_push_makes_the_servos_hold_what_the_file_says(desk, say):
+    arm = desk()
+    offset = changed(arm, say)
+    assert say(f"calibration push planar2 --port {PORT}").code == 1
+    assert say(f"calibration push planar2 --port {PORT} --yes").code == 0
+    assert arm.register(1, "homing_offset") == offset
+    assert say(f"where --arm planar2 --port {PORT}").code == 0
+
+
+def test_pull_makes_the_file_say_what_the_servos_hold_and_zeros_stay_where_they_are(desk, say):
+    arm = desk()
+    changed(arm, say)
+    assert say(f"calibration pull planar2 --port {PORT} --yes").code == 0
+    joint = say(f"where --arm planar2 --port {PORT} --json").json["joints"][0]
+    assert joint["position_rad"] == pytest.approx(arm.true_position("joint1"), abs=0.006)
+
+
+def test_an_arm_without_a_calibration_has_nothing_to_push(desk, say):
+    done = say(f"calibration push planar2 --port {desk() and PORT} --yes")
+    assert done.code == 6
+    assert "is not calibrated" in done.err
+
+
+def test_there_is_nothing_to_resume_after_a_calibration_that_went_well(desk, say):
+    done = say(f"calibration resume planar2 --port {desk() and PORT}")
+    assert (done.code, done.out) == (0, "No writing was broken off; nothing to do.\n")
+
+
+def test_an_unknown_action_names_the_known_ones(desk, say):
+    done = say(f"calibration pul planar2 --port {desk() and PORT}")
+    assert done.code == 2
+    assert "Did you mean pull?" in done.err
+
+
+def test_a_spoiled_file_stops_the_arm_with_one_clear_error(desk, say, home):
+    arm = desk()
+    calibrated(arm, say)
+    text = file_of(home).read_text()
+    file_of(home).write_text(text.replace("sign = 1", "sign = -1").replace("sign = -1", "sign = 1"))
+    done = say(f"where --arm planar2 --port {PORT}")
+    assert done.code == 2
+    assert "was cut short or changed after it was written" in done.err
+    assert len(done.err.splitlines()) == 2
+
+
+def test_another_arms_file_is_refused(desk, say, home):
+    calibrated(desk("planar2"), say)
+    file_of(home).rename(file_of(home, "planar3"))
+    done = say(f"where --arm planar3 --port {desk('planar3') and PORT}")
+    assert done.code == 6
+    assert "is of planar2" in done.err
+
+
+def test_errors_of_a_calibration_are_one_json_object(desk, say):
+    done = say(f"calibrate planar2 --port {desk() and PORT} --no-input --json")
+    assert json.loads(done.out)["exit_code"] == 2

@@ -1,0 +1,254 @@
+"""``ikservo doctor``: each trouble has its line, and nothing is changed."""
+
+import re
+
+import pytest
+
+from ikservo.hardware.probe import LineQuality
+from ikservo.hardware.udev import installed_rules, read_rules
+from tests.cli.desk import Comport, plug_in, run, spoil
+
+SIM = "--arm so101 --port sim"
+WELL = """\
+✓ port      sim:{path} opens; nobody else holds it
+✓ servos    all 6 answer at 1000000 baud
+✓ latency   a read takes 0.16 ms (median), … ms (p99)
+✓ loss      0 of 1000 reads lost
+✓ models    6 STS3215
+✓ supply    7.4 V, inside every servo's limits
+✓ heat      25 °C
+✓ firmware  STS3215 3.10
+✓ alarms    none
+✓ delay     servos answer at once
+"""
+
+
+@pytest.fixture(autouse=True)
+def few_reads(monkeypatch):
+    """The thousand reads are read once; the others want only their one line."""
+    monkeypatch.setattr("ikservo.arm.checkup.READS", 60)
+
+
+@pytest.fixture(scope="module")
+def well():
+    return run(f"doctor {SIM}")
+
+
+def test_a_healthy_arm_is_all_ticks(well):
+    path = well.out.partition("sim:")[2].partition(" ")[0]
+    out = re.sub(r"[\d.]+ ms \(p99\)", "… ms (p99)", well.out)
+    assert out == WELL.format(path=path)
+    assert (well.code, well.err) == (0, "")
+
+
+def lines_of(said, topic):
+    return [line for line in said.out.splitlines() if line[2:].startswith(topic)]
+
+
+@pytest.mark.parametrize(
+    ("change", "topic", "line"),
+    [
+        (lambda s: s[3].inject_alarm(0x20), "alarms", "✗ alarms    elbow_flex (id 3): overload"),
+        (lambda s: s[3].memory.put("model_number", 2825), "models",
+         "✗ models    elbow_flex (id 3) is a STS3250, not a STS3215"),
+        (lambda s: s[3].memory.put("model_number", 9), "models",
+         "✗ models    elbow_flex (id 3) is a servo of unknown model 9, not a STS3215"),
+        (lambda s: s[3].memory.put("max_voltage_limit", 60), "supply",
+         "✗ supply    elbow_flex (id 3) is fed 7.4 V; it takes 4.0 to 6.0 V"),
+        (lambda s: setattr(s[3].motor.heat, "temperature_c", 64.0), "heat",
+         "! heat      elbow_flex (id 3) is at 63 °C"),
+        (lambda s: setattr(s[3].motor.heat, "temperature_c", 90.0), "heat",
+         "✗ heat      elbow_flex (id 3) is at 89 °C"),
+        (lambda s: s[3].memory.put("firmware_minor", 9), "firmware",
+         "! firmware  STS3215 servos differ: 3.10: shoulder_pan (id 1), shoulder_lift (id 2), "
+         "wrist_flex (id 4), wrist_roll (id 5), gripper (id 6); 3.9: elbow_flex (id 3)"),
+        (lambda s: s[3].memory.put("return_delay", 250), "delay",
+         "! delay     return delays cost 0.5 ms in each round (elbow_flex (id 3))"),
+        (lambda s: s[3].memory.put("lock", 0), "lock",
+         "! lock      elbow_flex (id 3) leaves its EEPROM open"),
+        (lambda s: setattr(s[6], "powered", False), "servos",
+         "✗ servos    no answer from gripper (id 6)"),
+    ],
+)  # fmt: skip
+def test_each_trouble_has_its_line(say, monkeypatch, change, topic, line):
+    spoil(monkeypatch, lambda on_line: change(on_line.servos))
+    said = say(f"doctor {SIM}")
+    assert lines_of(said, topic)[0] == line
+    assert said.code == (1 if line.startswith("✗") else 0)
+
+
+def test_the_cable_behind_the_last_that_answers_is_named(say, monkeypatch):
+    def change(line):
+        for number in (4, 5, 6):
+            line.servos[number].powered = False
+
+    spoil(monkeypatch, change)
+    assert "look at the cable from elbow_flex to wrist_flex." in say(f"doctor {SIM}").out
+
+
+def test_lost_reads_are_counted(say, monkeypatch):
+    from servosim.faults import Fault
+
+    spoil(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, at_s=0.01, count=3)))
+    (line,) = lines_of(say(f"doctor {SIM}"), "loss")
+    assert line == "✗ loss      3 of 60 reads lost (wrist_flex (id 4): 3)"
+
+
+def test_a_slow_adapter_is_named(say, monkeypatch):
+    slow = LineQuality(1000, {}, (0.0160,) * 900 + (0.0165,) * 100)
+    monkeypatch.setattr("ikservo.arm.checkup.probe", lambda *_: slow)
+    said = say(f"doctor {SIM}")
+    assert lines_of(said, "latency") == [
+        "! latency   a read takes 16.00 ms (median), 16.50 ms (p99)"
+    ]
+    assert said.code == 0
+
+
+def test_an_arm_at_another_rate_is_found_and_told(say, monkeypatch):
+    def change(line):
+        for servo in line.world.servos:
+            servo.memory.put("baud_rate", 4)
+
+    spoil(monkeypatch, change)
+    said = say(f"doctor {SIM}")
+    assert said.code == 1
+    assert "none of this arm's answers; on the line: STS3215 at id 1, 115200 baud" in said.out
+
+
+def test_a_dead_line_asks_for_the_power_supply(say, monkeypatch):
+    def change(line):
+        for servo in line.world.servos:
+            servo.powered = False
+
+    spoil(monkeypatch, change)
+    said = say(f"doctor {SIM}")
+    assert "✗ servos    nobody answers, at 1000000 baud or any other" in said.out
+    assert "Is the servos' own power supply on?" in said.out
+
+
+def test_eeprom_is_compared_with_the_arm_file(say, monkeypatch):
+    spoil(monkeypatch, lambda line: line.servos[13].memory.put("drive_mode", 0))
+    said = say("doctor --arm open_manipulator_x --port sim")
+    assert said.code == 1
+    assert lines_of(said, "eeprom") == [
+        "✗ eeprom    joint3 (id 13) holds drive_mode = 0, the arm file says 4"
+    ]
+
+
+def test_nothing_is_written(say, monkeypatch):
+    def change(line):
+        for servo in line.world.servos:
+            servo.memory.put("return_delay_time", 100)
+            servo.memory.put("drive_mode", 1)
+
+    ports = spoil(monkeypatch, change)
+    before = []
+    spoil(monkeypatch, lambda line: before.extend(bytes(s.memory.image) for s in line.world.servos))
+    say("doctor --arm open_manipulator_x --port sim")
+    after = [bytes(servo.memory.image) for servo in ports[0].line.world.servos]
+    writable = [row for row in ports[0].line.servos[11].table.registers if row.writable]
+    for old, new in zip(before, after, strict=True):
+        assert [old[r.address : r.end] for r in writable] == [
+            new[r.address : r.end] for r in writable
+        ]
+
+
+def test_asked_for_it_writes_what_the_arm_file_says(say, monkeypatch):
+    def change(line):
+        line.servos[13].memory.put("drive_mode", 0)
+        line.servos[12].memory.put("return_delay_time", 100)
+
+    ports = spoil(monkeypatch, change)
+    said = say("doctor --arm open_manipulator_x --port sim --write-eeprom")
+    assert "joint3 (id 13): drive_mode 0 → 4" in said.err
+    assert ports[0].line.servos[12].read("return_delay_time") == 0
+
+
+def test_json_is_one_object_with_every_check(say):
+    answer = say(f"doctor {SIM} --json").json
+    assert (answer["schema"], answer["healthy"]) == ("ikservo/doctor/1", True)
+    assert [check["topic"] for check in answer["checks"]][:3] == ["port", "servos", "latency"]
+    assert set(answer["checks"][0]) == {"level", "topic", "text", "fix"}
+
+
+# --- adapter, permission, rules ---
+
+
+def test_without_an_arm_whoever_answers_is_looked_at(say, monkeypatch):
+    from tests.oracle import CONFIGS
+
+    said = say(f"doctor --port sim:{CONFIGS / 'koch' / 'arm.toml'}")
+    assert said.code == 0
+    assert lines_of(said, "servos")[0].startswith("✓ servos    6 answer at 1000000 baud: XL430")
+    assert lines_of(said, "models") == ["✓ models    2 XL430-W250, 4 XL330-M288"]
+
+
+def test_no_adapter_is_a_trouble_too(say, monkeypatch):
+    plug_in(monkeypatch, [])
+    said = say("doctor --arm so101")
+    assert said.code == 1
+    assert said.out.splitlines()[0] == "✗ port      There is no port to open: none was given."
+
+
+def test_a_port_that_may_not_be_opened_tells_the_group(say, monkeypatch, tmp_path):
+    def forbidden(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    device = tmp_path / "ttyACM0"
+    device.touch()
+    plug_in(monkeypatch, [Comport(str(device))])
+    monkeypatch.setattr("serial.serial_for_url", forbidden)
+    said = say("doctor --arm so101")
+    assert said.code == 1
+    assert "may not be opened by this user." in said.out
+    assert "usermod -aG" in said.out
+    assert lines_of(said, "adapter")[0].startswith("✓ adapter   CH343 (Feetech, Waveshare) at ")
+
+
+@pytest.mark.skipif(installed_rules() is not None, reason="the rule is installed here")
+def test_the_udev_rule_is_printed_where_it_is_missing(say, monkeypatch):
+    plug_in(monkeypatch, [])
+    monkeypatch.setattr("sys.platform", "linux")
+    said = say("doctor")
+    assert lines_of(said, "udev")[0].startswith("! udev      60-ikservo.rules is not installed")
+    for rule in read_rules().splitlines():
+        assert rule in said.out
+
+
+def test_the_installed_rule_is_a_tick(say, monkeypatch, tmp_path):
+    (tmp_path / "60-ikservo.rules").touch()
+    plug_in(monkeypatch, [])
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("ikservo.hardware.udev._FOLDERS", (tmp_path,))
+    assert lines_of(say("doctor"), "udev") == [
+        f"✓ udev      {tmp_path}/60-ikservo.rules is installed"
+    ]
+
+
+def test_the_rule_alone_can_be_piped(say):
+    assert say("doctor --rules").out == read_rules()
+
+
+@pytest.mark.parametrize(
+    "fragment",
+    ['ATTRS{idVendor}=="1a86", ATTRS{idProduct}=="55d3"', 'ATTRS{idVendor}=="0403"',
+     'TAG+="uaccess"', 'SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"'],
+)  # fmt: skip
+def test_the_rule_names_the_adapters(fragment):
+    assert fragment in read_rules()
+    assert "666" not in read_rules()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("doctor --port sim", "Which arm shall be simulated?"),
+        ("doctor --arm so1o1 --port sim", "Did you mean so101?"),
+        ("doctor --write-eeprom --port sim", "Which arm?"),
+    ],
+)
+def test_bad_input_is_one_clear_error(say, words, message):
+    said = say(words)
+    assert said.code == 2
+    assert message in said.err
+    assert said.out == ""

@@ -1,0 +1,31 @@
+"""The search in real time, over a pseudo-terminal as over a serial port."""
+
+import sys
+import time
+
+import pytest
+
+from ikservo.hardware.discovery import scan_port
+from tests.cli.test_over_a_pty import run, served
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
+
+
+@pytest.fixture(scope="module")
+def port():
+    with served("so101") as (port, _):
+        yield port
+
+
+def test_253_silent_ids_take_less_than_two_seconds(port):
+    started_s = time.monotonic()
+    assert scan_port(port, [500_000]) == []
+    assert time.monotonic() - started_s < 2.0
+
+
+def test_every_servo_is_found(port):
+    done = run("scan", port)
+    assert done.returncode == 0, done.stderr
+    assert [line.split()[:2] for line in done.stdout.splitlines()[1:]] == [
+        [str(i), "STS3215"] for i in range(1, 7)
+    ]

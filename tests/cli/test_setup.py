@@ -1,0 +1,259 @@
+"""``ikservo setup``: a person plugs in servo after servo, and each becomes what it shall be."""
+
+import json
+
+import pytest
+
+import servosim
+from tests.cli.desk import run, spoil
+from tests.oracle import CONFIGS
+
+NEW = {"so101": (1, 0), "koch": (1, 1)}  # id and baud code with which a servo is delivered
+RETURN_DELAY = {"so101": "return_delay", "koch": "return_delay_time"}
+
+
+class Person:
+    """Plugs in one new servo after the other, and pulls each out when it has become its own.
+
+    Args:
+        line: The simulated line; nothing is plugged in at first.
+        arm: Whose servos they are.
+        clumsy: Plugs in the third five seconds before the second is pulled.
+    """
+
+    def __init__(self, line, arm, clumsy=False):
+        self.line, self.arm, self.clumsy = line, arm, clumsy
+        self.servos = list(line.world.servos)
+        self.wanted = [(servo.id, servo.baud) for servo in self.servos]
+        self.at, self.next_s = 0, 0.4
+        for servo in self.servos:
+            self._make_new(servo)
+            servo.powered = False
+
+    def _make_new(self, servo):
+        new_id, new_baud = NEW[self.arm]
+        new = {"id": new_id, "baud_rate": new_baud, RETURN_DELAY[self.arm]: 200}
+        for name, value in new.items():
+            servo.memory.put(name, value)
+            servo.memory.keep(name)
+
+    def act(self, now_s):
+        """Do the next thing a second after the last one is done."""
+        if now_s < self.next_s or self.at >= len(self.servos):
+            return
+        servo = self.servos[self.at]
+        if not servo.powered:
+            servo.power_up()
+            servo.powered, self.next_s = True, now_s + 1.0
+        elif (servo.id, servo.baud) == self.wanted[self.at] and self.is_ready(servo):
+            self.pull(servo, now_s)
+
+    def is_ready(self, servo):
+        """The delay is written last, and the lock behind it; then the person may pull."""
+        has_lock = "lock" in servo.table.by_name
+        locked = not has_lock or servo.memory.get("lock") == 1
+        return locked and servo.memory.get(RETURN_DELAY[self.arm]) == 0
+
+    def pull(self, servo, now_s):
+        self.at, self.next_s = self.at + 1, now_s + 1.0
+        if self.clumsy and self.at == 2:
+            self.servos[self.at].power_up()
+            self.servos[self.at].powered, self.next_s = True, now_s + 1.0
+            self.line.world.at(now_s + 5.0, servo.power_down)
+        else:
+            servo.powered = False
+
+
+def at_the_desk(monkeypatch, arm, **habits):
+    """Let a person sit at the simulated line; return them once it is opened."""
+    people = []
+
+    def sit_down(line):
+        person = Person(line, arm, **habits)
+        people.append(person)
+
+        def look():
+            person.act(line.world.time_s)
+            line.world.at(line.world.time_s + 0.05, look)
+
+        look()
+
+    ports = spoil(monkeypatch, sit_down)
+    return people, ports
+
+
+@pytest.fixture(scope="module")
+def set_up():
+    """Set up both arms once: the person, and what was said."""
+    done = {}
+    for arm, options in (("so101", "--json"), ("koch", "")):
+        with pytest.MonkeyPatch.context() as monkeypatch:
+            people, _ = at_the_desk(monkeypatch, arm)
+            said = run(f"setup {arm} --port sim --yes {options}")
+            done[arm] = people[0], said
+    return done
+
+
+@pytest.mark.parametrize("arm", ["so101", "koch"])
+def test_each_servo_becomes_what_the_arm_file_says_and_stays_so_without_power(set_up, arm):
+    person, said = set_up[arm]
+    assert said.code == 0, said.err
+    for servo, (servo_id, baud) in zip(person.servos, person.wanted, strict=True):
+        kept = servo.memory.eeprom
+        rows = servo.table.by_name
+        assert kept[rows["id"].address] == servo_id
+        assert kept[rows[RETURN_DELAY[arm]].address] == 0
+        assert servo.baud == baud
+
+
+def test_the_memory_of_each_servo_is_locked_again(set_up):
+    person, _ = set_up["so101"]
+    assert [servo.memory.get("lock") for servo in person.servos] == [1] * 6
+
+
+def test_stdout_tells_what_was_written(set_up):
+    _, said = set_up["koch"]
+    assert said.out.splitlines()[:3] == [
+        "✓ shoulder_pan (id 1): baud_rate 1 → 3, return_delay_time 200 → 0",
+        "✓ shoulder_lift (id 2): id 1 → 2, baud_rate 1 → 3, return_delay_time 200 → 0",
+        "✓ elbow_flex (id 3): id 1 → 3, baud_rate 1 → 3, return_delay_time 200 → 0",
+    ]
+
+
+def test_json_gives_one_object_a_servo(set_up):
+    _, said = set_up["so101"]
+    rows = [json.loads(line) for line in said.out.splitlines()]
+    assert [row["joint"] for row in rows][::5] == ["shoulder_pan", "gripper"]
+    assert rows[5] == {
+        "schema": "ikservo/setup/1", "joint": "gripper", "id": 6, "model": "STS3215", "was_id": 1,
+        "was_baud_rate": 1_000_000, "written": ["id 1 → 6", "return_delay 200 → 0"],
+    }  # fmt: skip
+
+
+def test_the_person_is_shown_the_joint_and_asked_to_unplug(set_up):
+    _, said = set_up["koch"]
+    assert "@ elbow_flex" in said.err
+    assert "3 of 6: plug in only the XL330-M288 of elbow_flex (id 3) …" in said.err
+    assert said.err.count("Unplug it.") == 5
+    assert said.err.splitlines()[-1] == (
+        "All set. Plug them together, then: ikservo doctor --arm koch"
+    )
+
+
+def test_a_servo_plugged_in_too_early_is_not_taken_for_the_one_before(say, monkeypatch):
+    people, _ = at_the_desk(monkeypatch, "so101", clumsy=True)
+    said = say("setup so101 --port sim --yes")
+    assert said.code == 0, said.err
+    assert [servo.id for servo in people[0].servos] == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_whole_arm_plugged_in_is_refused_and_nothing_is_written(say, monkeypatch):
+    ports = spoil(monkeypatch, lambda line: None)
+    said = say("setup so101 --port sim --yes --wait 5")
+    assert said.code == 4
+    assert "More than one servo answers: STS3215 at id 1, 1000000 baud; " in said.err
+    assert "brings 6 servos instead of one, for 5 s." in said.err
+    assert [servo.memory.eeprom_writes for servo in ports[0].line.world.servos] == [
+        servo.memory.eeprom_writes for servo in fresh_servos()
+    ]
+
+
+def fresh_servos():
+    return servosim.open_port(f"sim:{CONFIGS / 'so101' / 'arm.toml'}").line.world.servos
+
+
+def all_but(number):
+    def change(line):
+        for servo in line.world.servos:
+            servo.powered = servo.id == number
+
+    return change
+
+
+def test_two_servos_at_the_same_id_are_refused(say, monkeypatch):
+    def change(line):
+        all_but(3)(line)
+        line.servos[4].powered = True
+        line.servos[4].memory.put("id", 3)
+
+    spoil(monkeypatch, change)
+    said = say("setup so101 --port sim --yes --start elbow_flex --wait 5")
+    assert said.code == 4
+    assert "More than one servo answers: several servos at id 3" in said.err
+
+
+def test_a_servo_that_is_right_already_is_not_written(say, monkeypatch):
+    ports = spoil(monkeypatch, all_but(6))
+    said = say("setup so101 --port sim --start gripper --yes")
+    assert said.out == "✓ gripper (id 6): nothing to change\n"
+    assert said.code == 0
+    before = fresh_servos()[5].memory.eeprom_writes
+    assert ports[0].line.servos[6].memory.eeprom_writes == before
+
+
+def test_another_model_is_refused_and_nothing_is_written(say, monkeypatch):
+    spoil(monkeypatch, all_but(3))
+    said = say("setup koch --port sim --yes")
+    assert said.code == 6
+    assert "shoulder_pan (id 1) must be a XL430-W250; plugged in is a XL330-M288." in said.err
+
+
+def test_nobody_came_and_it_says_how_to_go_on(say, monkeypatch):
+    spoil(monkeypatch, all_but(99))
+    said = say("setup so101 --port sim --yes --start wrist_flex --wait 3")
+    assert said.code == 4
+    assert "brings no servo within 3 s." in said.err
+    assert "Go on with: ikservo setup so101 --start wrist_flex" in said.err
+
+
+def test_where_nobody_can_answer_the_flag_is_named(say, monkeypatch):
+    def change(line):
+        all_but(6)(line)
+        line.servos[6].memory.put("id", 9)
+
+    ports = spoil(monkeypatch, change)
+    said = say("setup so101 --port sim --start gripper")
+    assert said.code == 2
+    assert "Nobody is here to answer.\nGive --yes." in said.err
+    assert 9 in ports[0].line.servos
+
+
+def test_settings_of_the_arm_file_are_written_too(say, monkeypatch):
+    def change(line):
+        all_but(9)(line)
+        line.servos[9].memory.put("velocity_limit", 265)
+        line.servos[9].memory.put("return_delay_time", 0)
+
+    ports = spoil(monkeypatch, change)
+    said = say("setup wx250s --port sim --yes --start gripper")
+    assert said.out == "✓ gripper (id 9): velocity_limit 265 → 131\n"
+    assert ports[0].line.servos[9].read("velocity_limit") == 131
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ("setup", 2, "Missing argument 'ARM'"),
+        ("setup so1o1 --port sim", 2, "Did you mean so101?"),
+        ("setup so101 --port sim --start elbow", 2, "Did you mean elbow_flex?"),
+        ("setup so101 --port sim --wait 0", 2, "Invalid value for '--wait'"),
+        ("setup so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
+    ],
+)
+def test_bad_input_is_one_clear_error(say, words, code, message):
+    said = say(words)
+    assert said.code == code
+    assert message in said.err
+    assert said.out == ""
+
+
+def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(say, monkeypatch):
+    spoil(monkeypatch, all_but(5))
+    said = say("setup so101 --port sim --start wrist_roll --yes --wait 3")
+    assert said.code == 4
+    assert said.out == "✓ wrist_roll (id 5): nothing to change\n"
+    assert said.err.splitlines()[-3:] == [
+        "Go on with: ikservo setup so101 --start gripper",
+        f"sim:{CONFIGS / 'so101' / 'arm.toml'} still brings answers from id 5 after 3 s.",
+        "Pull out the servo that is done.",
+    ]

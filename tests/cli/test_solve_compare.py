@@ -1,0 +1,286 @@
+"""``ikservo solve`` with every method, every solution, every iterate, and as a picture."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+
+from ikservo.cli.pictures import skeleton
+from ikservo.model import load_model
+from tests.oracle import ARMS, tip_from_joints
+
+POINT = "solve 0.25 0.05 0.15 --arm so101"
+FLAT = "solve 0.15 0.15 0.05 --arm planar3"
+SO101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+LECTURE = ("pseudo_inverse", "transpose", "ccd")
+
+
+def tip_of_so101(q_rad):
+    return tip_from_joints("so101", dict(zip(SO101, q_rad, strict=True)))
+
+
+@pytest.mark.parametrize("method", LECTURE)
+def test_a_method_of_the_lecture_can_be_asked_for(say, method):
+    answer = say(f"{POINT} --method {method} --json").json
+    assert answer["method"] == method
+    np.testing.assert_allclose(tip_of_so101(answer["q_rad"]), (0.25, 0.05, 0.15), atol=1e-5)
+
+
+def test_a_comparison_has_a_row_for_every_method(say):
+    rows = [line.split() for line in say(f"{POINT} --compare").out.splitlines()]
+    assert rows[0] == ["method", "reached", "iterations", "time", "error"]
+    assert [row[0] for row in rows[1:]] == ["bounded", "closed_form", *LECTURE]
+    assert {row[1] for row in rows[1:]} == {"yes"}
+
+
+def test_every_time_and_error_of_a_comparison_has_a_unit(say):
+    row = say(f"{POINT} --compare").out.splitlines()[-1]
+    assert re.fullmatch(r"ccd +yes +\d+ +[\d.]+ ms +[\d.]+ mm", row.strip())
+
+
+def test_each_answer_of_a_comparison_is_true(say):
+    for entry in say(f"{POINT} --compare --json").json["methods"]:
+        tip = tip_of_so101(entry["q_rad"])
+        gap_m = float(np.linalg.norm(tip - (0.25, 0.05, 0.15)))
+        assert entry["position_error_m"] == pytest.approx(gap_m, abs=1e-9)
+        assert entry["time_s"] > 0
+
+
+def test_the_json_of_a_comparison_has_the_keys_that_others_rely_on(say):
+    answer = say(f"{POINT} --compare --json").json
+    assert answer["schema"] == "ikservo/compare/1"
+    assert answer["target_m"] == [0.25, 0.05, 0.15]
+    assert set(answer["methods"][0]) == {
+        "method", "answered_by", "reached", "iterations", "time_s", "position_error_m",
+        "orientation_error_rad", "q_rad", "nearest_m", "binding",
+    }  # fmt: skip
+
+
+def test_a_comparison_out_of_reach_is_exit_7_with_how_far_each_came(say):
+    said = say("solve 0.9 0.9 0.05 --arm planar3 --compare --json")
+    assert said.code == 7
+    best = math.hypot(0.9, 0.9) - 0.32
+    for entry in said.json["methods"]:
+        assert not entry["reached"]
+        assert entry["position_error_m"] == pytest.approx(best, abs=1e-3)
+
+
+def test_where_one_method_hands_over_to_another_the_row_says_so(say):
+    said = say("solve 0.9 0 0.2 --arm so101 --compare")
+    assert "closed_form (by bounded)" in said.out
+
+
+def test_with_a_wanted_direction_the_angle_is_compared_too(say):
+    said = say(f"{FLAT} --direction 1,0,0 --tool-axis x --compare")
+    assert said.out.splitlines()[0].split()[-1] == "angle"
+    assert said.out.splitlines()[1].endswith("°")
+
+
+def test_a_wanted_direction_is_met(say):
+    answer = say(f"{FLAT} --direction 0,1,0 --tool-axis x --json").json
+    assert answer["reached"]
+    assert sum(answer["q_rad"]) == pytest.approx(math.pi / 2, abs=1e-4)
+
+
+def test_a_direction_may_begin_with_a_minus(say):
+    words = f"{FLAT} --direction -0.5,1,0 --tool-axis x --json"
+    assert sum(say(words).json["q_rad"]) == pytest.approx(math.atan2(1.0, -0.5), abs=1e-4)
+
+
+def test_a_direction_that_cannot_be_had_is_told_in_degrees(say):
+    said = say(f"{FLAT} --direction 0,0,1 --tool-axis x")
+    assert said.code == 7
+    assert "held back by the arm's build" in said.out
+    assert "0.0 mm and 90.0° away" in said.out
+
+
+def test_all_solutions_reach_and_differ(say):
+    found = say(f"{FLAT} --direction 1,0,0 --tool-axis x --all --json").json
+    assert found["schema"] == "ikservo/solutions/1"
+    joints = [solution["q_rad"] for solution in found["solutions"]]
+    assert len(joints) == 2
+    names = load_model("planar3").chain.names
+    for q in joints:
+        tip = tip_from_joints("planar3", dict(zip(names, q, strict=True)))
+        np.testing.assert_allclose(tip, (0.15, 0.15, 0.05), atol=1e-5)
+    assert np.abs(np.subtract(*joints)).max() > 0.1
+
+
+def test_all_solutions_are_a_table_in_degrees(say):
+    lines = say(f"{FLAT} --all").out.splitlines()
+    assert lines[0].split() == ["#", "joint1", "joint2", "joint3", "error"]
+    assert re.fullmatch(r"1( +-?[\d.]+°){3} +0\.0000 mm", lines[1].strip())
+
+
+def test_where_the_last_link_is_free_its_directions_are_told(say):
+    assert "last link free from" in say(f"{FLAT} --all").out
+
+
+def test_without_any_solution_the_nearest_point_is_told(say):
+    said = say("solve 0.9 0 0.05 --arm planar3 --all")
+    assert said.code == 7
+    assert "mm away" in said.out
+
+
+def test_without_any_solution_the_list_is_empty(say):
+    said = say("solve 0.9 0 0.05 --arm planar3 --all --json")
+    assert said.code == 7
+    assert said.json["solutions"] == []
+
+
+def test_an_arm_without_a_closed_form_says_so(say, skewed):
+    said = say(f"solve 0.1 0.1 0.1 --arm {skewed} --tip tip --all")
+    assert said.code == 2
+    assert "has no closed form" in said.err
+
+
+def test_an_arm_without_a_closed_form_is_compared_without_it(say, skewed):
+    said = say(f"solve 0.1 0.1 0.1 --arm {skewed} --tip tip --compare --json")
+    assert [e["method"] for e in said.json["methods"]] == ["bounded", *LECTURE]
+
+
+@pytest.fixture
+def skewed(tmp_path):
+    """Return a .urdf whose axes are neither parallel nor meet, and of which one slides."""
+    text = '<robot name="skewed">' + "".join(f'<link name="{n}"/>' for n in ("a", "b", "c", "tip"))
+    for kind, parent, child, axis in (
+        ("revolute", "a", "b", "0 0 1"), ("prismatic", "b", "c", "1 1 0"),
+        ("revolute", "c", "tip", "1 0.3 0"),
+    ):  # fmt: skip
+        text += (
+            f'<joint name="{parent}{child}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="0.1 0.05 0.02"/><axis xyz="{axis}"/>'
+            '<limit lower="-0.5" upper="0.5" effort="1" velocity="1"/></joint>'
+        )
+    (tmp_path / "skewed.urdf").write_text(text + "</robot>")
+    return tmp_path / "skewed.urdf"
+
+
+def traced(said):
+    return [json.loads(line) for line in said.out.splitlines()]
+
+
+@pytest.mark.parametrize("method", ["bounded", *LECTURE])
+def test_a_trace_is_one_object_for_each_iterate(say, method):
+    lines = traced(say(f"{POINT} --method {method} --trace"))
+    assert [line["iteration"] for line in lines] == list(range(len(lines)))
+    assert set(lines[0]) == {
+        "schema", "method", "iteration", "q_rad", "position_error_m", "orientation_error_rad",
+    }  # fmt: skip
+    assert {line["schema"] for line in lines} == {"ikservo/trace/1"}
+
+
+def test_a_trace_begins_at_home_and_ends_at_the_target(say):
+    lines = traced(say(f"{POINT} --method ccd --trace"))
+    assert np.degrees(lines[0]["q_rad"]).round(6).tolist() == [0, -45, 45, 60, 0]
+    assert lines[-1]["position_error_m"] <= 1e-5
+
+
+def test_the_errors_of_a_trace_are_those_of_its_joints(say):
+    for line in traced(say(f"{POINT} --method transpose --trace"))[::10]:
+        gap_m = float(np.linalg.norm(tip_of_so101(line["q_rad"]) - (0.25, 0.05, 0.15)))
+        assert line["position_error_m"] == pytest.approx(gap_m, abs=1e-9)
+
+
+def test_a_comparison_can_be_traced(say):
+    lines = traced(say(f"{FLAT} --compare --trace"))
+    assert {line["method"] for line in lines} == {"bounded", "closed_form", *LECTURE}
+
+
+def test_a_trace_that_does_not_arrive_is_exit_7(say):
+    assert say("solve 0.9 0 0.05 --arm planar3 --method ccd --trace").code == 7
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--all --compare", "--all iterates nothing"),
+        ("--all --trace", "--all iterates nothing"),
+        ("--all --method ccd", "--all chooses the method itself"),
+        ("--compare --method ccd", "--compare chooses the method itself"),
+        ("--plot arm.gif", "arm.gif is neither .svg nor .png"),
+        ("--plot nowhere/arm.svg", "There is no folder nowhere"),
+        ("--direction 1,0", "'1,0' is not a direction"),
+        ("--direction 1,0,up", "'1,0,up' is not a direction"),
+        ("--direction 0,0,0", "The wanted direction is zero"),
+        ("--tool-axis w", "'w' is not a direction"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_any_work(say, words, message):
+    said = say(f"{FLAT} {words}")
+    assert said.code == 2
+    assert message in said.err
+    assert said.out == ""
+
+
+def test_without_matplotlib_the_extra_is_named(say, monkeypatch, tmp_path):
+    monkeypatch.setattr("ikservo.cli.pictures.find_spec", lambda _: None)
+    said = say(f"{FLAT} --plot {tmp_path}/arm.svg")
+    assert said.code == 1
+    assert "pip install 'ikservo[plot]'" in said.err
+    assert said.out == ""
+
+
+def words_of(svg):
+    return re.findall(r"<text[^>]*>([^<]*)</text>", svg.read_text())
+
+
+def test_the_picture_of_a_comparison_names_every_method_and_has_units(say, tmp_path):
+    file = tmp_path / "methods.svg"
+    said = say(f"{POINT} --compare --plot {file}")
+    assert said.err.endswith(f"Picture: {file}\n")
+    words = words_of(file)
+    assert {"before", "bounded", "closed_form", *LECTURE} <= set(words)
+    assert {"x [m]", "y [m]", "z [m]", "out from the base axis [m]", "iteration",
+            "position error [mm]"} <= set(words)  # fmt: skip
+    assert "SO-101 follower: the tip to (0.250, 0.050, 0.150) m" in words
+
+
+def test_a_wanted_direction_has_a_curve_of_its_own(say, tmp_path):
+    file = tmp_path / "arm.svg"
+    say(f"{FLAT} --direction 1,0,0 --tool-axis x --method ccd --plot {file}")
+    assert "angle left [°]" in words_of(file)
+
+
+def test_an_arm_in_a_plane_is_drawn_from_above_only(say, tmp_path):
+    file = tmp_path / "arm.svg"
+    say(f"{FLAT} --method ccd --plot {file}")
+    assert "z [m]" not in words_of(file)
+
+
+def test_out_of_reach_the_picture_says_how_far_each_is_short(say, tmp_path):
+    file = tmp_path / "arm.svg"
+    assert say(f"solve 0.9 0 0.05 --arm planar3 --method ccd --plot {file}").code == 7
+    assert any(re.fullmatch(r"ccd, 5\d\d\.\d mm short", word) for word in words_of(file))
+
+
+def test_all_solutions_are_drawn_without_curves(say, tmp_path):
+    file = tmp_path / "arm.svg"
+    say(f"{FLAT} --all --plot {file}")
+    words = words_of(file)
+    assert {"solution 1", "solution 2"} <= set(words)
+    assert "iteration" not in words
+
+
+def test_the_same_question_draws_the_same_picture(say, tmp_path):
+    first, second = tmp_path / "a.svg", tmp_path / "b.svg"
+    for file in (first, second):
+        say(f"{FLAT} --method ccd --plot {file}")
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_a_png_is_a_png(say, tmp_path):
+    say(f"{FLAT} --method ccd --plot {tmp_path}/arm.PNG")
+    assert (tmp_path / "arm.PNG").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_drawn_line_leads_from_the_base_to_the_tip(name):
+    model = load_model(name)
+    home = model.chain_pose("home")
+    line, joints = skeleton(model, home)
+    assert line[0].tolist() == [0, 0, 0]
+    np.testing.assert_allclose(line[-1], model.chain.forward(home)[:3, 3], atol=1e-12)
+    assert len(joints) == model.chain.dof
