@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ikservo.arm import Arm, open_arm
     from ikservo.errors import IkservoError
-    from ikservo.ik import Result, Solver, Target, solve
+    from ikservo.ik import Result, Solver, Target, solve, solve_batch
     from ikservo.kinematics import Chain
     from ikservo.model import Model, arm_names, load_model
 
@@ -35,6 +35,7 @@ __all__ = [
     "load_model",
     "open_arm",
     "solve",
+    "solve_batch",
 ]
 
 _HOMES = {
@@ -49,6 +50,7 @@ _HOMES = {
     "load_model": "model",
     "open_arm": "arm",
     "solve": "ik",
+    "solve_batch": "ik",
 }
 
 

@@ -220,6 +220,17 @@ class BusError(IkservoError):
         subject = f"{place} " if place else ""
         super().__init__(f"{subject}{found}{question}.", hint or self._hint())
 
+    @property
+    def detail(self) -> str:
+        """Return the bytes of question and answer in hex, for a bug report."""
+        if not self.sent:
+            return ""
+        heard = self.received.hex(" ").upper() or "nothing"
+        return f"Sent {self.sent.hex(' ').upper()}, received {heard}."
+
+    def __str__(self) -> str:
+        return "\n".join(filter(None, (super().__str__(), self.detail)))
+
     def _hint(self) -> str:
         return ""
 

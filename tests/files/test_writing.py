@@ -1,0 +1,95 @@
+"""A file is the old one or the new one, whatever happens while it is written."""
+
+import errno
+import os
+import random
+
+import pytest
+
+from ikservo.files import writing
+from ikservo.files.writing import FileWriteError, remove, write_whole
+from tests.files.power import FailingOs, Power, PowerCut
+
+OLD, NEW = "the old text\n" * 50, "the new text, which is longer\n" * 80
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "arms" / "so101.toml"
+    write_whole(path, OLD)
+    return path
+
+
+def test_a_file_is_written_with_its_folders(tmp_path):
+    write_whole(tmp_path / "a" / "b" / "c.toml", NEW)
+    assert (tmp_path / "a" / "b" / "c.toml").read_text() == NEW
+
+
+def test_the_old_file_is_kept_beside_the_new_one(path):
+    write_whole(path, NEW, keep_old=True)
+    assert path.read_text() == NEW
+    assert path.with_name("so101.toml.bak").read_text() == OLD
+
+
+def test_nothing_else_is_left_in_the_folder(path):
+    write_whole(path, NEW)
+    assert [p.name for p in path.parent.iterdir()] == ["so101.toml"]
+
+
+def calls_of_a_save(path, monkeypatch):
+    power = Power().feeds_files(monkeypatch)
+    write_whole(path, NEW, keep_old=True)
+    monkeypatch.setattr(writing, "os", os)
+    write_whole(path, OLD)
+    return power.spent
+
+
+def test_power_cut_at_every_call_leaves_the_old_or_the_new_file(path, monkeypatch):
+    calls = calls_of_a_save(path, monkeypatch)
+    assert calls >= 9
+    seen = set()
+    for lasts in range(calls):
+        Power(lasts).feeds_files(monkeypatch)
+        with pytest.raises(PowerCut):
+            write_whole(path, NEW, keep_old=True)
+        monkeypatch.setattr(writing, "os", os)
+        assert path.read_text() in (OLD, NEW)
+        seen.add(path.read_text())
+        write_whole(path, OLD)
+    assert seen == {OLD, NEW}
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS], ids=errno.errorcode.get)
+def test_an_error_at_every_call_is_named_and_leaves_the_old_or_the_new_file(
+    path, monkeypatch, number
+):
+    calls = calls_of_a_save(path, monkeypatch)
+    for nth in range(1, calls + 1):
+        monkeypatch.setattr(writing, "os", FailingOs(nth, number))
+        with pytest.raises(FileWriteError, match=r"cannot be written: .*\n.*try again"):
+            write_whole(path, NEW, keep_old=True)
+        monkeypatch.setattr(writing, "os", os)
+        assert path.read_text() in (OLD, NEW)
+        write_whole(path, OLD)
+
+
+@pytest.mark.campaign
+def test_ten_thousand_random_power_cuts_never_tear_a_file(path, monkeypatch):
+    chance = random.Random(6)
+    calls = calls_of_a_save(path, monkeypatch)
+    for _ in range(10_000):
+        Power(chance.randrange(calls)).feeds_files(monkeypatch)
+        with pytest.raises(PowerCut):
+            write_whole(path, NEW, keep_old=True)
+        monkeypatch.setattr(writing, "os", os)
+        assert path.read_text() in (OLD, NEW)
+        write_whole(path, OLD)
+
+
+def test_removing_what_is_not_there_is_no_trouble(tmp_path):
+    remove(tmp_path / "nothing")
+
+
+def test_a_removed_file_is_gone(path):
+    remove(path)
+    assert not path.exists()
