@@ -21,6 +21,7 @@ from ikservo.model.directions import direction
 __all__ = ["Screen", "screen"]
 
 _BAR = 24
+_EVERY = 4  # readings between two pictures
 _KEYS = "Enter when all ✓   u undo   s skip joint   r measure joint again   f turns freely"
 
 
@@ -68,8 +69,12 @@ class _Live:
     def __init__(self, model: Model, pose: str, live: Live) -> None:
         self._model, self._pose, self._live = model, pose, live
         self._message = ""
+        self._beats = 0
 
     def show(self, wizard: Wizard) -> None:
+        self._beats += 1
+        if self._beats % _EVERY:
+            return
         parts: list[Text | Table] = [Text(_task(self._model, self._pose, wizard), style="bold")]
         if wizard.stage is Stage.SWEEP:
             parts += [_table(wizard), Text(_KEYS, style="dim")]

@@ -9,6 +9,7 @@ import typer
 
 from ikservo.cli.options import ArmOption, JsonOption
 from ikservo.cli.output import print_json, print_lines
+from ikservo.cli.pictures import check_picture
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.workspace_picture import draw
 from ikservo.cli.workspace_report import (
@@ -98,8 +99,8 @@ def _check(cut: Slice | None, height: float | None, yaw: float | None, plot: Pat
         raise InputError("--height belongs to --slice top.", "Side and front are turned by --yaw.")
     if yaw is not None and cut not in (Slice.SIDE, Slice.FRONT):
         raise InputError("--yaw belongs to --slice side and front.", "Top is moved by --height.")
-    if plot is not None and plot.suffix.lower() not in (".svg", ".png"):
-        raise InputError(f"{plot} is neither .svg nor .png.", "Give --plot FILE.svg or FILE.png.")
+    if plot is not None:
+        check_picture(plot)
 
 
 def _plane(

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ikservo.errors import IkservoError
+from ikservo.cli.pictures import length_axes, save, sheet, skeleton
 from ikservo.ik.workspace import Workspace
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 __all__ = ["axis_names", "draw"]
 
@@ -44,19 +43,20 @@ def draw(
         point_m: A point (3,) of the base frame to mark, if any.
 
     Raises:
-        IkservoError: matplotlib is not installed, or the file cannot be written.
+        InputError: The file cannot be written.
     """
     views = [2] if region.is_slice else [2, 1, 0]
-    figure = _figure(width_in=6.0 * len(views))
+    figure = sheet(6.0 * len(views), 6.0)
+    arm_m, _ = skeleton(model, home)
     for place, along in enumerate(views):
         axes = figure.add_subplot(1, len(views), place + 1)
         _draw_reach(axes, region, along)
-        _draw_arm(axes, np.delete(region.grid.to_grid(_skeleton(model, home)), along, axis=1))
+        _draw_arm(axes, np.delete(region.grid.to_grid(arm_m), along, axis=1))
         if point_m is not None:
             _mark(axes, np.delete(region.grid.to_grid([point_m])[0], along))
-        _label(axes, *np.delete(axis_names(region), along))
+        length_axes(axes, *np.delete(axis_names(region), along))
     figure.suptitle(title)
-    _save(figure, file)
+    save(figure, file)
 
 
 def axis_names(region: Workspace) -> tuple[str, str, str]:
@@ -67,23 +67,6 @@ def axis_names(region: Workspace) -> tuple[str, str, str]:
         names[int(column.argmax())] if column.max() > 1 - 1e-9 else "out" for column in along.T
     )
     return u, v, w
-
-
-def _figure(width_in: float) -> Figure:
-    try:
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError:
-        raise IkservoError(
-            "Pictures need matplotlib, which is not installed.", "Try: pip install 'ikservo[plot]'"
-        ) from None
-    return Figure(figsize=(width_in, 6.0), layout="constrained")
-
-
-def _save(figure: Figure, file: Path) -> None:
-    try:
-        figure.savefig(file, dpi=150)
-    except OSError as reason:
-        raise IkservoError(f"{file} cannot be written: {reason.strerror}.") from reason
 
 
 def _draw_reach(axes: Axes, region: Workspace, along: int) -> None:
@@ -106,18 +89,3 @@ def _draw_arm(axes: Axes, joints_m: Matrix) -> None:
 
 def _mark(axes: Axes, at_m: Vector) -> None:
     axes.plot(*at_m, "x", color=_POINT, markersize=10.0, markeredgewidth=2.0)
-
-
-def _label(axes: Axes, across: str, up: str) -> None:
-    axes.set_aspect("equal")
-    axes.set_xlabel(f"{across} [m]")
-    axes.set_ylabel(f"{up} [m]")
-    axes.grid(visible=True, color="#e0e0e0", linewidth=0.6)
-    axes.set_axisbelow(True)
-
-
-def _skeleton(model: Model, q: Vector) -> Matrix:
-    """Return the origins (n, 3) of the links from the base to the tip, metres."""
-    chain = model.chain
-    links = [chain.base, *(joint.child for joint in model.urdf.joints_to(chain.tip))]
-    return np.array([chain.forward(q, link)[:3, 3] for link in links])

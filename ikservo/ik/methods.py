@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from ikservo.errors import UnknownNameError
+from ikservo.ik.answer import closer
 from ikservo.ik.bounded import bounded
 from ikservo.ik.ccd import ccd
-from ikservo.ik.closed_form import closed_form_seeds, structure
+from ikservo.ik.closed_form import structure
 from ikservo.ik.closed_form.method import closed_form
 from ikservo.ik.options import Options
 from ikservo.ik.pseudo_inverse import pseudo_inverse
@@ -32,18 +33,17 @@ METHODS: Mapping[str, Method] = {
 
 
 def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
-    """Answer in closed form where that is exact for the arm, else with ``bounded``.
+    """Ask ``bounded``, which is compiled; where it finds no way, ask the closed form besides.
 
-    Where it is nearly exact it gives ``bounded`` its first starting points. A posture to lean
-    towards, and a search that may not restart or leave its branch, are ``bounded``'s alone.
+    A posture to lean towards, and a search that may not restart or leave its branch, are
+    ``bounded``'s alone.
     """
-    arm = structure(chain, target.frame)
+    found = bounded(chain, target, q0, options)
     alone = options.track or options.restarts == 1 or options.posture is not None
-    if arm is None or alone:
-        return bounded(chain, target, q0, options)
-    if arm.exact:
-        return closed_form(chain, target, q0, options)
-    return bounded(chain, target, q0, options, closed_form_seeds(chain, target, q0))
+    if found.reached or alone or structure(chain, target.frame) is None:
+        return found
+    formula = closed_form(chain, target, q0, options)
+    return formula if closer(formula, found, options.tolerance) else found
 
 
 def method_named(name: str) -> Method:

@@ -22,7 +22,7 @@ def desk_for(chain, q):
     return desk
 
 
-@pytest.mark.parametrize("frame", ["gripper_frame", "lower_arm"])
+@pytest.mark.parametrize("frame", ["gripper_frame", "forearm"])
 def test_the_packed_arm_is_placed_where_the_chain_is(frame):
     chain, q, offset = (
         load_model("so101").chain,

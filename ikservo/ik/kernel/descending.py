@@ -27,7 +27,7 @@ _SLOW = 0.3
 _FINE, _STEP_END, _PULL_END = 1e-3, 1e-11, 1e-12
 _NUDGE, _NUDGES = 0.02, 3
 # Second derivatives of more joints than this cost more than the steps that they save.
-_MANY = 200
+_MANY = 60
 
 
 @inner

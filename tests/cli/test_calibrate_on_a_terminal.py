@@ -1,0 +1,120 @@
+"""On a terminal the calibration draws meters and listens to single keys."""
+
+import io
+import math
+import os
+import sys
+
+import pytest
+from rich.console import Console
+from rich.live import Live
+
+from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.cli import calibrate_screen
+from ikservo.cli.calibrate_talk import answers, converse
+from ikservo.cli.keyboard import keys
+from tests.calibration.hidden import hidden_arm, load_model
+from tests.calibration.rehearsal import rehearse
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Yield what types on the terminal that is stdin."""
+    master, slave = os.openpty()
+    stdin = os.fdopen(slave, "r")
+    monkeypatch.setattr(sys, "stdin", stdin)
+    yield lambda text: os.write(master, text.encode())
+    stdin.close()
+    os.close(master)
+
+
+@pytest.fixture
+def picture(monkeypatch):
+    """Draw into memory, and return what was drawn last."""
+    console = Console(file=io.StringIO(), force_terminal=True, width=110, color_system=None)
+    drawn = []
+    update = Live.update
+
+    def noted(live, renderable, **more):
+        with console.capture() as capture:
+            console.print(renderable)
+        drawn.append(capture.get())
+        update(live, renderable, **more)
+
+    monkeypatch.setattr(Live, "update", noted)
+    monkeypatch.setattr(calibrate_screen, "Console", lambda **_: console)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    return drawn
+
+
+def test_a_key_is_there_at_once_and_none_is_waited_for(terminal):
+    with keys() as key:
+        assert key() == ""
+        terminal("u")
+        assert key() == "u"
+        assert key() == ""
+
+
+def conversation(arm, terminal, typed):
+    """Hold a conversation; ``typed`` is asked at each reading for what the person types."""
+    with arm.loose() as loose:
+        loose.let_go()
+        rehearse(arm, loose.subjects("home"))
+        wizard = Wizard.begin(loose.subjects("home"), math.radians(0.3))
+        with (
+            answers(None, yes=False, ask=True) as person,
+            calibrate_screen.screen(load_model(arm.name), "home") as shown,
+        ):
+            original = shown.show
+
+            def show(wizard):
+                original(wizard)
+                terminal(typed(wizard, loose.bus.clock.now_s()))
+
+            shown.show = show
+            return converse(loose, wizard, person, shown)
+
+
+def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
+    def typed(wizard, now_s):
+        if wizard.stage is Stage.ANCHOR:
+            return "\n" if wizard.still else ""
+        return "\n" if now_s > 6.5 else ""
+
+    wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
+    assert wizard.stage is Stage.REVIEW
+    swept = picture[-1]
+    assert "joint1" in swept
+    assert "expected -150.0° … 150.0°" in swept
+    assert "━" in swept
+    assert swept.count("✓") >= 2
+
+
+def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
+    said = []
+
+    def typed(wizard, now_s):
+        said.append(picture[-1] if picture else "")
+        if wizard.stage is Stage.ANCHOR:
+            return "\n" if wizard.still else ""
+        return "\n" if now_s < 1.0 or now_s > 6.5 else ""
+
+    wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
+    assert wizard.stage is Stage.REVIEW
+    assert any("joint1 has not been moved yet. Move it, or skip it." in text for text in said)
+
+
+def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, picture):
+    pressed = iter(["s", "u", "s"])
+
+    def typed(wizard, now_s):
+        if wizard.stage is Stage.ANCHOR:
+            return "\n" if wizard.still else ""
+        if now_s < 1.0:
+            return next(pressed, "")
+        return "\n" if now_s > 6.5 else ""
+
+    wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
+    assert wizard.skipped == {"joint1"}
