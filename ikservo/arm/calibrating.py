@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 
 from ikservo.arm.line import open_line
-from ikservo.arm.own import check_models, serial_number_of
+from ikservo.arm.own import check_models, holds_free, serial_number_of, within_a_turn
 from ikservo.calibration import Limits
 from ikservo.calibration.calibration_file import text_of
 from ikservo.calibration.compare import contradictions_with, refuse
@@ -130,6 +130,21 @@ class LooseArm:
         found = facts or self.facts
         return conclude(wizard, found, about, write_limits=write_limits, user=user)
 
+    def cut_by_servos(self, outcome: Outcome) -> Iterator[str]:
+        """Yield whose range the servo's own limits would cut, one line each."""
+        for joint in self.model.joints:
+            own = outcome.calibration.joint(joint.name)
+            if own is None or own.extended:
+                continue
+            joint_map = own.joint_map(joint.joint_map)
+            limits = outcome.calibration.narrowed(own, joint.limits)
+            held = [own.servo.holds[name] for name in _limit_names(self.facts[own.servo.id])]
+            if any(held) and not holds_free(joint_map, limits, (held[0], held[1])):
+                yield (
+                    f"{joint.name}: its servo's own limits, {held[0]} to {held[1]}, cut into the "
+                    "range found; replace them with --write-limits."
+                )
+
     def save(self, outcome: Outcome) -> Path:
         """Write the servos and the file as one, read everything back, and return the file.
 
@@ -147,7 +162,8 @@ class LooseArm:
         encoder = encoder_of(self.bus.servos[joint.servo.id].table)
         shadows = tuple(servo.id for servo in joint.shadows)
         turn = encoder.ticks if encoder.wraps else 0
-        return Subject(joint.joint_map, turn, joint.limits, pose, shadows, known)
+        expected = within_a_turn(joint.limits, joint.joint_map, encoder)
+        return Subject(joint.joint_map, turn, expected, pose, shadows, known)
 
 
 @contextmanager
@@ -168,6 +184,12 @@ def loose_arm(model: Model, port: str | None, *, settled: bool = True) -> Genera
         check_models(bus)
         bus.learn_return_delays()
         yield LooseArm(model, bus, settled=settled)
+
+
+def _limit_names(facts: ServoFacts) -> tuple[str, str]:
+    table = facts.table
+    low, high = table.find(Role.MIN_POSITION_LIMIT), table.find(Role.MAX_POSITION_LIMIT)
+    return low.name, high.name
 
 
 def _bare(facts: ServoFacts, tick: int) -> int:

@@ -69,9 +69,7 @@ def _pulled(joint: CalibratedJoint, facts: Mapping[int, ServoFacts]) -> Calibrat
     lead = facts[joint.servo.id]
     shift = _shift(joint, lead)
     low, high = (tick + shift for tick in joint.travel_ticks)
-    encoder, family = encoder_of(lead.table), lead.table.family
-    extended = family is Family.DYNAMIXEL_2 and lead.held["operating_mode"] in (4, 5)
-    if not extended and not 0 <= low < high < encoder.ticks:
+    if not lead.counts_on and not 0 <= low < high < encoder_of(lead.table).ticks:
         raise CalibrationError(
             f"With what its servo holds, the count of {joint.name} begins again inside its travel.",
             "Write the file's values into the servos instead: ikservo calibration push",
@@ -80,7 +78,7 @@ def _pulled(joint: CalibratedJoint, facts: Mapping[int, ServoFacts]) -> Calibrat
         update={
             "zero_tick": joint.zero_tick + shift,
             "travel_ticks": (low, high),
-            "extended": extended,
+            "extended": lead.counts_on,
             "servo": _holding(joint.servo, facts),
             "shadows": tuple(_holding(shadow, facts) for shadow in joint.shadows),
         }

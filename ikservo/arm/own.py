@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 
+from ikservo.arm.belonging import check_belongs
 from ikservo.arm.trust import Zeros
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.compare import contradictions_with, refuse
+from ikservo.calibration.encoder import Encoder, encoder_of
 from ikservo.calibration.memory import facts_of
 from ikservo.calibration.record import CalibratedJoint, Calibration
 from ikservo.calibration.seam import nearest_turn
-from ikservo.calibration.store import calibration_path, journal_path, load
+from ikservo.calibration.store import journal_path, load
 from ikservo.calibration.transaction import settle
 from ikservo.errors import CalibrationError
 from ikservo.hardware.adapters import adapter_of
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.pseudo_terminal import is_pseudo_terminal
 from ikservo.model import Model, ModelJoint
 from ikservo.registers import Role, table_with_number
 
-__all__ = ["OwnArm", "check_models", "own_arm", "serial_number_of", "simulated"]
+__all__ = [
+    "OwnArm",
+    "check_models",
+    "holds_free",
+    "own_arm",
+    "serial_number_of",
+    "simulated",
+    "within_a_turn",
+]
 
 _SIMULATED = "sim"
 
@@ -54,8 +65,10 @@ class OwnArm:
         if own is None or self.calibration is None:
             in_servo = _between(joint_map, registers) if registers else joint.limits
             return joint.limits.intersect(in_servo) if self.zeros.known else in_servo
-        limits = self.calibration.narrowed(own, joint.limits)
-        if own.extended or not registers or _holds(joint_map, limits, registers):
+        encoder = encoder_of(self._bus.servos[own.servo.id].table)
+        limits = within_a_turn(joint.limits, joint.joint_map, encoder)
+        limits = self.calibration.narrowed(own, limits)
+        if own.extended or not registers or holds_free(joint_map, limits, registers):
             return limits
         return limits.intersect(_between(joint_map, registers))
 
@@ -98,9 +111,10 @@ def own_arm(bus: ServoBus, model: Model, *, uncalibrated: bool = False) -> OwnAr
     settle(bus, journal_path(model.name, serial))
     calibration = load(model.name, serial)
     if calibration is None:
-        return OwnArm(bus, model, _nominal(model, uncalibrated), None)
-    for complaint in _contradicts_arm_file(calibration, model, serial):
-        raise complaint
+        served = is_pseudo_terminal(bus.port.name)
+        zeros = Zeros.SIMULATED if served else _nominal(model, uncalibrated)
+        return OwnArm(bus, model, zeros, None)
+    check_belongs(calibration, model, serial)
     servos = [servo.id for joint in calibration.joints for servo in joint.servos]
     facts = {i: facts_of(bus, i) for i in servos}
     refuse(contradictions_with(calibration, facts))
@@ -145,32 +159,21 @@ def _nominal(model: Model, accepted: bool) -> Zeros:
     return Zeros.ACCEPTED if accepted else Zeros.UNKNOWN
 
 
-def _contradicts_arm_file(
-    calibration: Calibration, model: Model, serial: str
-) -> Iterator[CalibrationError]:
-    path = calibration_path(model.name, serial)
-    filed = {j.name: [(s.id, s.model) for s in j.servos] for j in calibration.joints}
-    wanted = {j.name: [(s.id, s.model) for s in (j.servo, *j.shadows)] for j in model.joints}
-    if calibration.arm != model.name or calibration.usb_serial_number != serial:
-        yield CalibrationError(
-            f"{path} is of {calibration.arm} on adapter {calibration.usb_serial_number or '?'}.",
-            "It was moved there. Calibrate this arm: ikservo calibrate",
-        )
-    for name in filed.keys() | wanted.keys():
-        if filed.get(name) != wanted.get(name):
-            yield CalibrationError(
-                f"{name} has the servos {filed.get(name, 'none')} in {path} and "
-                f"{wanted.get(name, 'none')} in the arm file.",
-                "Choose the right arm with --arm, or calibrate again: ikservo calibrate",
-            )
-
-
 def _between(joint_map: JointMap, registers: tuple[int, int]) -> Limits:
     lower, upper = sorted(joint_map.position(tick) for tick in registers)
     return Limits.of(joint_map.joint, lower, upper, "servo register", joint_map.unit)
 
 
-def _holds(joint_map: JointMap, limits: Limits, registers: tuple[int, int]) -> bool:
-    """Return whether the servo's own limits leave every whole tick of a range free."""
+def holds_free(joint_map: JointMap, limits: Limits, registers: tuple[int, int]) -> bool:
+    """Return whether a servo's own limits leave every whole tick of a range free."""
     low, high = joint_map.ticks_inside(limits.lower.value, limits.upper.value)
     return registers[0] <= low and high <= registers[1]
+
+
+def within_a_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
+    """Return limits that a servo can tell apart, where the arm file gives a joint none."""
+    if math.isfinite(limits.upper.value - limits.lower.value):
+        return limits
+    half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick
+    turn = Limits.of(limits.joint, -half, half, "one turn of its servo", limits.unit)
+    return limits.intersect(turn)

@@ -87,6 +87,11 @@ class JointMap:
         """Return the map of the same joint with its servo mounted another way."""
         return replace(self, sign=sign, zero_tick=zero_tick)
 
+    @property
+    def gear(self) -> float:
+        """Return the horn's turns for one of a joint that turns; 1 for one that slides."""
+        return self.horn_rad_per_tick / self.unit_per_tick if self.unit == "rad" else 1.0
+
     def position(self, tick: float) -> float:
         """Return the joint position [rad or m] at a tick."""
         if self.crank:

@@ -10,7 +10,7 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.identify import firmware_of
 from ikservo.registers import Family, Register, Role, ServoTable
 
-__all__ = ["ServoFacts", "differs", "facts_of", "held_registers", "wanted_memory"]
+__all__ = ["ServoFacts", "counts_on", "differs", "facts_of", "held_registers", "wanted_memory"]
 
 _ROLES = (
     Role.HOMING_OFFSET,
@@ -53,8 +53,13 @@ class ServoFacts:
     @property
     def counts_on(self) -> bool:
         """Return whether the servo counts on beyond one turn."""
-        mode = self.held.get("operating_mode")
-        return self.table.family is Family.DYNAMIXEL_2 and mode in (EXTENDED, CURRENT_POSITION)
+        return counts_on(self.held)
+
+
+def counts_on(held: Mapping[str, int]) -> bool:
+    """Return whether a servo that holds these numbers counts on beyond one turn."""
+    dynamixel = "drive_mode" in held
+    return dynamixel and held["operating_mode"] in (EXTENDED, CURRENT_POSITION)
 
 
 def held_registers(table: type[ServoTable]) -> list[Register]:

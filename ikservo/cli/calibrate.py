@@ -14,6 +14,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.calibrating import LooseArm, loose_arm
+from ikservo.arm.own import simulated
 from ikservo.arm.sketch import sketch
 from ikservo.calibration import Limits
 from ikservo.calibration.obstacles import findings
@@ -190,6 +191,8 @@ def _reviewed(
     for joint in outcome.calibration.joints:
         if joint.extended and own:
             note(f"3  {joint.name} counts on beyond one turn: its servo cannot hold its limits.")
+    for line in loose.cut_by_servos(outcome):
+        note(f"3  {line}")
     return outcome
 
 
@@ -203,4 +206,7 @@ def show(outcome: Outcome, wizard: Wizard, path: Path, *, json: bool) -> None:
         )
         return
     print_lines([f"Saved to {path}"])
-    note(f"Look at it: ikservo where --arm {calibration.arm}")
+    if simulated(calibration.usb_serial_number):
+        note("This simulated arm ends here; the next one is mounted as the arm file says.")
+    else:
+        note(f"Look at it: ikservo where --arm {calibration.arm}")

@@ -85,6 +85,8 @@ def watched() -> Generator[Callable[[Progress], None] | None]:
 
 
 def _warn_uncalibrated(machine: Arm) -> None:
+    if machine.zeros is Zeros.SIMULATED and not machine.port_name.startswith("sim:"):
+        note(f"{machine.port_name} is a pseudo-terminal: the arm behind it is taken for simulated.")
     if machine.zeros in (Zeros.ACCEPTED, Zeros.UNKNOWN):
         note(
             f"{machine.model.title} is not calibrated; its zeros are {machine.zeros.value}: "

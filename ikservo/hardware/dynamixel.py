@@ -10,17 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from dynamixel_sdk.robotis_def import COMM_TX_ERROR
 
+from ikservo.hardware.dynamixel_packets import PacketHandler
 from ikservo.hardware.exchange import Exchange
 from ikservo.hardware.fast_sync import combined_size, split
 from ikservo.hardware.port import Port
-from ikservo.hardware.protocol_2 import Answers, CombinedAnswer, crc
+from ikservo.hardware.protocol_2 import Answers, CombinedAnswer
 from ikservo.hardware.replies import Fault, Reply
 from ikservo.hardware.roll_call import RollCall, hear_all
 from ikservo.hardware.span import Span
-from ikservo.hardware.stuffing import stuffed, unstuffed
 
 __all__ = ["DynamixelDriver"]
 
@@ -29,30 +28,9 @@ _PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x0
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _BULK_READ, _BULK_WRITE = 0x92, 0x93
 _PING_SIZE = 3  # model number and firmware
-_FAST_FAILURES = 2  # in a row; then the firmware is too old, or a servo is absent
+_FAST_FAILURES = 2  # in a row; then the firmware is too old, a servo is absent, or the line bad
+_TRY_AGAIN = 200  # readings, after which the fast way gets another chance
 _LONGEST_RETURN_DELAY_S = 254 * 2e-6
-
-_LEN, _INSIDE = 5, 7  # where the length field and the instruction stand
-
-
-class _Handler(Protocol2PacketHandler):
-    """The SDK's packet handler with its stuffing put right (D1, D2)."""
-
-    def addStuffing(self, packet: list[int]) -> list[int]:  # noqa: N802 (the SDK calls it)
-        """Stuff in place: ``txPacket`` does not look at what this returns."""
-        inside = stuffed(bytes(packet[_INSIDE:-2]))
-        packet[_LEN:] = [*(len(inside) + 2).to_bytes(2, "little"), *inside, 0, 0]
-        return packet
-
-    def removeStuffing(self, packet: list[int]) -> list[int]:  # noqa: N802 (the SDK calls it)
-        """Unstuff in place."""
-        inside = unstuffed(bytes(packet[_INSIDE:-2]))
-        packet[_LEN:-2] = [*(len(inside) + 2).to_bytes(2, "little"), *inside]
-        return packet
-
-    def updateCRC(self, crc_accum: int, data_blk_ptr: Sequence[int], data_blk_size: int) -> int:  # noqa: N802
-        """Return the SDK's own CRC, which it computes with a table made anew for each packet."""
-        return crc(crc_accum, data_blk_ptr, data_blk_size)
 
 
 class DynamixelDriver:
@@ -66,7 +44,7 @@ class DynamixelDriver:
     can_sync_read = can_bulk_write = True
 
     def __init__(self, port: Port, *, fast: bool = True) -> None:
-        self._port, self._handler = port, _Handler()
+        self._port, self._handler = port, PacketHandler()
         self._dialect = Answers(COMM_TX_ERROR)
         self.exchange = Exchange(port, self._dialect, _LONGEST_RETURN_DELAY_S)
         self._combined = Exchange(port, CombinedAnswer(COMM_TX_ERROR), _LONGEST_RETURN_DELAY_S)
@@ -116,7 +94,8 @@ class DynamixelDriver:
 
     def _is_fast(self, servo_ids: tuple[int, ...]) -> bool:
         failures = self._fast_failures.get(servo_ids, 0)
-        return self._fast and len(servo_ids) > 1 and failures < _FAST_FAILURES
+        worth_it = failures < _FAST_FAILURES or failures % _TRY_AGAIN == 0
+        return self._fast and len(servo_ids) > 1 and worth_it
 
     def _slow_sync_read(self, servo_ids: tuple[int, ...], span: Span) -> dict[int, Reply]:
         window = self.exchange.window(servo_ids, span)

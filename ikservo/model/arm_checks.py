@@ -21,6 +21,7 @@ def contradictions(arm: ArmFile) -> Iterator[Complaint]:
     yield from _repeated(_names(arm), "a name of its own")
     yield from _arm_after_gripper(arm)
     yield from _repeated(_ids(arm), "an id of its own on the bus")
+    yield from _transmissions(arm)
     yield from _poses(arm)
 
 
@@ -50,6 +51,18 @@ def _arm_after_gripper(arm: ArmFile) -> Iterator[Complaint]:
     for i, role in enumerate(roles):
         if role == "arm" and "gripper" in roles[:i]:
             yield Complaint(("joints", i, "role"), 'is "arm" after a gripper', "the gripper last")
+
+
+def _transmissions(arm: ArmFile) -> Iterator[Complaint]:
+    for i, joint in enumerate(arm.joints):
+        servo, where = joint.servo, ("joints", i, "servo")
+        ways = (servo.m_per_turn is not None) + (servo.crank is not None) + (servo.gear != 1.0)
+        if ways > 1:
+            expected = "one of m_per_turn, crank and gear"
+            yield Complaint(where, "has several transmissions", expected)
+        if servo.crank and servo.crank.radius_m >= servo.crank.rod_m:
+            found = f"is {servo.crank.radius_m}, not shorter than the rod"
+            yield Complaint((*where, "crank", "radius_m"), found, "radius_m < rod_m")
 
 
 def _poses(arm: ArmFile) -> Iterator[Complaint]:

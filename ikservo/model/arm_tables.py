@@ -10,6 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 
 __all__ = [
     "ArmBus",
+    "ArmCrank",
     "ArmFile",
     "ArmJoint",
     "ArmPose",
@@ -77,10 +78,20 @@ class ArmShadow(_Table):
     eeprom: Mapping[Register, RegisterValue] = Field(default={}, description=_EEPROM)
 
 
+class ArmCrank(_Table):
+    """A crank and a rod between the horn and a joint that slides; see ``calibration.crank``."""
+
+    radius_m: Positive = Field(description="metres from the horn's axis to the pin")
+    rod_m: Positive = Field(description="metres from the pin to the slide")
+    zero_deg: float = Field(gt=0, lt=180, description="the crank's angle at position 0, degrees")
+
+
 class ArmServo(ArmShadow):
-    """The servo that answers for a joint; with ``m_per_turn`` that joint slides."""
+    """The servo that answers for a joint; with ``m_per_turn`` or ``crank`` that joint slides."""
 
     m_per_turn: Positive | None = Field(default=None, description="metres a turn, above 0")
+    crank: ArmCrank | None = Field(default=None, description="a table { radius_m = …, … }")
+    gear: Positive = Field(default=1.0, description="turns of the horn for one of the joint")
 
 
 class ArmJoint(_Table):
@@ -97,7 +108,7 @@ class ArmJoint(_Table):
     @property
     def slides(self) -> bool:
         """Whether the joint is prismatic, so that poses give it in metres."""
-        return self.servo.m_per_turn is not None
+        return self.servo.m_per_turn is not None or self.servo.crank is not None
 
 
 class ArmPose(_Table):

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.calibration import JointMap, Limits, say
+from ikservo.calibration import Crank, JointMap, Limits, say
 from ikservo.errors import FileFormatError, InputError, UnknownNameError
 from ikservo.kinematics import Chain
 from ikservo.model.arm_file import ArmFile, ArmJoint, ArmPose, ArmSpeed, read_arm_file
@@ -47,7 +47,7 @@ class ModelJoint:
     Attributes:
         limits: The range the arm file's URDF gives.
         joint_map: How the servo's ticks relate to the joint, as the arm file gives it.
-        travel_per_turn: What one turn of the horn is worth: 2 pi rad, or metres of a slide.
+        travel_per_turn: What one turn of the horn is worth at most: rad, or metres of a slide.
         shadows: Servos that turn the same joint together with the first.
         zero_from: ``vendor`` where the maker fixes the zero, ``nominal`` where each arm differs.
     """
@@ -227,7 +227,7 @@ def _joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> ModelJoint:
         role=entry.role,
         limits=Limits.of(entry.name, body.lower, body.upper, _ARM_FILE, joint_map.unit),
         joint_map=joint_map,
-        travel_per_turn=entry.servo.m_per_turn or 2.0 * math.pi,
+        travel_per_turn=joint_map.unit_per_tick / joint_map.horn_rad_per_tick * math.tau,
         servo=ModelServo(entry.servo.id, entry.servo.model, entry.servo.eeprom),
         shadows=tuple(ModelServo(s.id, s.model, s.eeprom) for s in entry.shadows),
         zero_from=entry.zero_from,
@@ -269,8 +269,11 @@ def _moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> UrdfJo
 def _joint_map(entry: ArmJoint, ticks_per_turn: float) -> JointMap:
     servo = entry.servo
     place = (entry.name, servo.id, servo.sign, servo.zero_tick, ticks_per_turn)
+    if servo.crank:
+        crank = Crank(servo.crank.radius_m, servo.crank.rod_m, math.radians(servo.crank.zero_deg))
+        return JointMap.cranked(*place, crank)
     if servo.m_per_turn is None:
-        return JointMap.revolute(*place)
+        return JointMap.revolute(*place, servo.gear)
     return JointMap.prismatic(*place, servo.m_per_turn)
 
 

@@ -49,6 +49,11 @@ class HiddenArm:
     def true_position(self, name):
         return self.joint(name).position
 
+    def direction(self, servo_id):
+        """Return the sign of growing reported ticks in the joint's coordinate."""
+        servo = self.line.servos[servo_id]
+        return getattr(servo, "direction", servo.shaft.sign)
+
     def register(self, servo_id, name):
         return self.line.servos[servo_id].read(name)
 

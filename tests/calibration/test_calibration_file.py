@@ -15,6 +15,7 @@ from ikservo.files.guarded import with_checksum
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.plain import plain_calibration
 
+CAMPAIGN = (pytest.mark.campaign, pytest.mark.timeout(1200))
 WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
 
 
@@ -25,8 +26,9 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def calibration():
-    with hidden_arm("open_manipulator_x", 5).loose() as loose:
-        return plain_calibration(loose, WHEN)
+    arm = hidden_arm("open_manipulator_x", 5)
+    with arm.loose() as loose:
+        return plain_calibration(arm, loose, WHEN)
 
 
 @pytest.fixture
@@ -125,8 +127,9 @@ def test_a_travel_that_cannot_be_is_refused(calibration, path, travel):
 
 
 def test_an_sts_offset_that_its_register_cannot_hold_is_refused(path):
-    with hidden_arm("planar2", 5, spoiled=False).loose() as loose:
-        text = text_of(plain_calibration(loose, WHEN))
+    arm = hidden_arm("planar2", 5, spoiled=False)
+    with arm.loose() as loose:
+        text = text_of(plain_calibration(arm, loose, WHEN))
     line = next(line for line in text.splitlines() if line.startswith("homing_offset"))
     body = text.partition("\n")[2].replace(line, "homing_offset = 2114", 1)
     assert "homing_offset" in refusal(path, with_checksum(body)).where
@@ -163,7 +166,7 @@ def accepts(path, data):
         return None
 
 
-@pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("count", [600, pytest.param(100_000, marks=CAMPAIGN)])
 def test_mutated_files_are_refused_or_say_exactly_the_same(calibration, path, count):
     chance, text = random.Random(13), text_of(calibration)
     taken = [accepts(path, mutated(text, chance)) for _ in range(count)]
@@ -171,7 +174,7 @@ def test_mutated_files_are_refused_or_say_exactly_the_same(calibration, path, co
     assert taken.count(None) > 0.9 * count
 
 
-@pytest.mark.parametrize("count", [300, pytest.param(20_000, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("count", [300, pytest.param(20_000, marks=CAMPAIGN)])
 def test_mutated_bodies_under_a_fresh_checksum_never_pass_the_seam_or_turn_a_range_over(
     calibration, path, count
 ):

@@ -33,7 +33,7 @@ def arm_and_outcome(name):
     """Return an arm as delivered and a calibration that changes every servo of it."""
     arm = hidden_arm(name, 3, spoiled=False)
     with arm.loose() as loose:
-        calibration = plain_calibration(loose, WHEN)
+        calibration = plain_calibration(arm, loose, WHEN)
     memory = {servo.id: servo.holds for joint in calibration.joints for servo in joint.servos}
     return arm, Outcome(calibration, memory)
 
@@ -127,6 +127,7 @@ def check_consistent(arm, finish, before, outcome, old_text):
 
 
 @pytest.mark.campaign
+@pytest.mark.timeout(1200)
 def test_a_thousand_random_power_cuts_on_any_arm(monkeypatch, tmp_path):
     chance, names = random.Random(12), ["so101", "koch", "px100", "so100", "planar2", "vx300s"]
     truths = {name: arm_and_outcome(name) for name in names}

@@ -176,6 +176,15 @@ def test_an_unknown_pose_names_the_known_ones(desk, say):
     assert "home, rest, zero" in done.err
 
 
+def test_limits_in_the_servos_that_cut_the_range_are_named(desk, say):
+    arm = desk(spoiled=False, zero=2048, sign=1)
+    arm.line.servos[2].write("lock", 0)
+    arm.line.servos[2].write("max_position_limit", 2100)
+    said = calibrated(arm, say).err
+    assert "joint2: its servo's own limits, 0 to 2100, cut into the range found" in said
+    assert "--write-limits" in said
+
+
 # --- without a calibration ---
 
 

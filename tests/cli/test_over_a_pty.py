@@ -60,7 +60,7 @@ def ticks_by_the_vendors_sdk(arm, port):
 @pytest.mark.parametrize("arm", ["so101", "open_manipulator_x"])
 def test_the_tip_goes_to_the_point_and_stays_there(arm):
     with served(arm) as (port, _):
-        done = run("move", *TARGET, "--arm", arm, "--port", port, "--json", "--uncalibrated")
+        done = run("move", *TARGET, "--arm", arm, "--port", port, "--json")
         assert done.returncode == 0, done.stderr
         tip_m = tip_from_ticks(arm, ticks_by_the_vendors_sdk(arm, port))
     np.testing.assert_allclose(tip_m, (0.25, 0.05, 0.15), atol=2e-3)
@@ -95,7 +95,7 @@ def test_when_the_server_ends_the_loss_is_named():
 def test_ctrl_c_in_mid_motion_holds_and_exits_with_130():
     with served("so101") as (port, _):
         words = ["joints", "shoulder_pan=100", "--arm", "so101", "--port", port, "--speed", "slow"]
-        words += ["--uncalibrated", "--no-collision"]  # a limp arm has sunk onto the table
+        words += ["--no-collision"]  # a limp arm has sunk onto the table
         moving = subprocess.Popen([*IKSERVO, *words], stderr=subprocess.PIPE, text=True)
         with moving:
             while "slow" not in moving.stderr.readline():

@@ -39,9 +39,11 @@ def bus(request):
     path = CONFIGS / arm / "arm.toml"
     servos = [servo for servo in servos_of(path) if "shadow" not in servo.name]
     absent = ServoSpec(ABSENT.id, servos[0].table, ABSENT.name)
-    with _Place(request, place, path) as name:
-        with ServoBus(open_port(name, 1_000_000), [*servos, absent]) as bus:
-            yield bus
+    with (
+        _Place(request, place, path) as name,
+        ServoBus(open_port(name, 1_000_000), [*servos, absent]) as bus,
+    ):
+        yield bus
 
 
 class _Place:

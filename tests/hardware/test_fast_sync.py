@@ -94,3 +94,14 @@ def test_each_servo_keeps_its_own_refusal(bus, line):
     readings = read(bus)
     assert readings.values == {3: 166, 4: 1023}
     assert isinstance(readings.errors[7], ServoRefusedError)
+
+
+def test_after_200_slow_readings_the_fast_way_gets_another_chance(bus, line):
+    for _ in range(2):
+        line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
+    for _ in range(198):
+        line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
+    line.expect(FAST, COMBINED)
+    for _ in range(201):
+        line.clock.s += 0.3  # nothing is owed any more
+        assert read(bus).complete() == TICKS

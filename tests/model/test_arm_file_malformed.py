@@ -41,7 +41,7 @@ SLIPS = {
     "key at the top":      ("format = 1", "format = 1\nspeed = 2", "speed", "is not a known key",
                             "speeds (known here: format, name, title, urdf, tip, source, bus, speeds, joints, poses, surroundings)"),
     "key of a servo":      ("zero_tick = 1024", "zero_tick = 1024, zero = 0", "joints[1].servo.zero", "is not a known key",
-                            "zero_tick (known here: id, model, sign, zero_tick, eeprom, m_per_turn)"),
+                            "zero_tick (known here: id, model, sign, zero_tick, eeprom, m_per_turn, crank, gear)"),
     "key of a pose":       ("[poses.home]\ndeg", "[poses.home]\nrad = {}\ndeg", "poses.home.rad", "is not a known key", "one of deg, m"),
     "key to be quoted":    ("baud = ", '"a b" = 1\nbaud = ', 'bus."a b"', "is not a known key", "one of family, baud"),
     "no bus":              ('[bus]\nfamily = "dynamixel_2"\nbaud = 1_000_000', "", "bus", "is missing", "a table [bus]"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ikservo.ik.kernel.compiling import inner
 from ikservo.ik.kernel.layout import DIRECTION, POSITION_ONLY, WANTED_ROTATION
 from ikservo.kinematics.se3 import Vector
@@ -13,11 +15,11 @@ _ROTATION_TOLERANCE = 1e-5
 
 @inner
 def is_finite(values: Vector) -> bool:
-    """Return whether no value is infinite or NaN: these times zero are NaN."""
-    total = 0.0
-    for value in values:
-        total += value * 0.0
-    return total == 0.0
+    """Return whether no value is infinite or NaN."""
+    for value in values:  # noqa: SIM110  # numba compiles no generators
+        if not math.isfinite(value):
+            return False
+    return True
 
 
 @inner

@@ -1,0 +1,49 @@
+"""Whether a calibration file is of the arm that an arm file describes."""
+
+from __future__ import annotations
+
+from ikservo.calibration.record import CalibratedJoint, Calibration
+from ikservo.calibration.store import calibration_path
+from ikservo.errors import CalibrationError
+from ikservo.model import Model, ModelJoint
+
+__all__ = ["check_belongs"]
+
+
+def check_belongs(calibration: Calibration, model: Model, usb_serial_number: str) -> None:
+    """Compare a calibration with the arm file and the adapter.
+
+    Raises:
+        CalibrationError: It is another arm's, or the arm file has changed since.
+    """
+    path = calibration_path(model.name, usb_serial_number)
+    own = (calibration.arm, calibration.usb_serial_number)
+    if own != (model.name, usb_serial_number):
+        raise CalibrationError(
+            f"{path} is of {own[0]} on adapter {own[1] or 'without a number'}.",
+            "It was moved there. Calibrate this arm: ikservo calibrate",
+        )
+    filed = {joint.name: _filed(joint) for joint in calibration.joints}
+    wanted = {joint.name: _wanted(joint) for joint in model.joints}
+    for name in filed.keys() | wanted.keys():
+        if filed.get(name) != wanted.get(name):
+            raise CalibrationError(
+                f"{name} is {filed.get(name, 'unknown')} in {path} and "
+                f"{wanted.get(name, 'unknown')} in the arm file.",
+                "Choose the right arm with --arm, or calibrate again: ikservo calibrate",
+            )
+
+
+def _filed(joint: CalibratedJoint) -> str:
+    return _said([(servo.id, servo.model) for servo in joint.servos], joint.gear)
+
+
+def _wanted(joint: ModelJoint) -> str:
+    servos = [(servo.id, servo.model) for servo in (joint.servo, *joint.shadows)]
+    return _said(servos, joint.joint_map.gear)
+
+
+def _said(servos: list[tuple[int, str]], gear: float) -> str:
+    """Return servos as a person reads them: ``XM430-W350 (id 2)``."""
+    listed = " and ".join(f"{model} (id {servo_id})" for servo_id, model in servos)
+    return listed if abs(gear - 1.0) < 1e-9 else f"{listed} with gear {gear:.6g}"

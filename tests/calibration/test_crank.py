@@ -1,0 +1,63 @@
+"""A slide behind a crank, a rack or a gear is told in its own metres and radians."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ikservo.calibration import Crank, JointMap
+from ikservo.errors import BadValueError
+
+CRANK = Crank(radius_m=0.022, rod_m=0.036, zero_rad=math.radians(90))
+angles = st.floats(-1.2, 1.2)
+
+
+@given(angles)
+def test_a_position_behind_a_crank_is_reached_by_one_angle_only(angle):
+    assert CRANK.turned_rad(CRANK.position(angle)) == pytest.approx(angle, abs=1e-9)
+
+
+@given(angles, st.sampled_from([-1, 1]), st.integers(-800, 800))
+def test_ticks_and_metres_behind_a_crank_are_exact_inverses(angle, sign, tick):
+    joint_map = JointMap.cranked("gripper", 5, sign, 2048.0, 4096, CRANK)
+    assert joint_map.tick(joint_map.position(2048 + tick)) == 2048 + tick
+
+
+def test_a_crank_upright_moves_its_slide_by_its_radius_for_a_radian():
+    slope = (CRANK.position(1e-6) - CRANK.position(-1e-6)) / 2e-6
+    assert slope == pytest.approx(0.022, rel=1e-6)
+
+
+@given(angles)
+def test_no_tick_behind_a_crank_is_worth_more_than_the_map_says(angle):
+    joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
+    tick = 2048 + angle / joint_map.horn_rad_per_tick
+    step = joint_map.position(tick + 1) - joint_map.position(tick)
+    assert 0 < step <= joint_map.unit_per_tick * (1 + 1e-3)
+
+
+def test_growing_ticks_open_the_slide_where_the_sign_is_positive():
+    joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
+    assert joint_map.position(2148) > joint_map.position(2048) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("radius", "rod", "zero"), [(0.04, 0.03, 1), (0, 0.03, 1), (0.02, 0.03, 4)]
+)
+def test_a_crank_that_cannot_turn_is_refused(radius, rod, zero):
+    with pytest.raises(BadValueError, match="crank"):
+        Crank(radius, rod, zero)
+
+
+@given(st.floats(0.2, 5.0), st.integers(-4000, 4000))
+def test_a_gear_divides_what_a_tick_is_worth_and_stays_exact(gear, tick):
+    joint_map = JointMap.revolute("waist", 1, -1, 100.5, 4096, gear)
+    assert joint_map.unit_per_tick == pytest.approx(math.tau / 4096 / gear)
+    assert joint_map.tick(joint_map.position(tick)) == tick
+    assert joint_map.gear == pytest.approx(gear)
+
+
+def test_a_potentiometers_tick_is_300_degrees_by_1024():
+    joint_map = JointMap.revolute("elbow", 3, 1, 512, 1024 * 360 / 300)
+    assert math.degrees(joint_map.unit_per_tick) == pytest.approx(300 / 1024)
