@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,10 +11,14 @@ import numpy as np
 
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.line import open_line
-from ikservo.arm.own import OwnArm, check_models, own_arm
+from ikservo.arm.own import OwnArm, check_models, own_arm, serial_number_of
 from ikservo.arm.servos import Servos
+from ikservo.arm.trust import Zeros
 from ikservo.errors import InputError
+from ikservo.files.writing import FileWriteError
 from ikservo.guard import Box, Fence, Space
+from ikservo.hardware.backup import back_up_once
+from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.discovery import remember_port
 from ikservo.kinematics import Chain
 from ikservo.model import Model, ModelJoint, load_model
@@ -62,6 +67,7 @@ def open_arm(
         remember_port(model.name, line.name)
         bus.learn_return_delays()
         own = own_arm(bus, model, uncalibrated=uncalibrated)
+        _keep_copies(bus, model, own)
         fences = [_fence(own, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         servos = Servos(bus, fences, shadows, line.clock)
@@ -71,6 +77,13 @@ def open_arm(
     except BaseException:
         line.close()
         raise
+
+
+def _keep_copies(bus: ServoBus, model: Model, own: OwnArm) -> None:
+    """Copy every servo's EEPROM to a file at the first contact, where there is a file to write."""
+    if own.zeros is not Zeros.SIMULATED:
+        with contextlib.suppress(FileWriteError):
+            back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
 
 
 def _fence(own: OwnArm, model: Model, joint: ModelJoint) -> Fence:

@@ -191,3 +191,21 @@ def test_a_joint_that_the_arm_file_leaves_endless_gets_one_turn_of_its_servo():
     limits = within_a_turn(endless, joint_map, Encoder(4096, 4096.0))
     assert limits.source == "one turn of its servo"
     assert limits.upper.value == pytest.approx(math.pi, abs=0.01)
+
+
+def test_at_first_contact_every_servos_eeprom_is_copied_once(desk, tmp_path):
+    arm = desk("so101")
+    with opened(arm):
+        copies = sorted(path.name for path in (tmp_path / "backups").rglob("*.toml"))
+    assert copies == [f"id_00{i}_STS3215.toml" for i in range(1, 7)]
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "backups").rglob("*.toml")}
+    with opened(arm):
+        pass
+    after = {path: path.stat().st_mtime_ns for path in (tmp_path / "backups").rglob("*.toml")}
+    assert after == before
+
+
+def test_a_simulated_arm_leaves_no_copies(tmp_path):
+    with ikservo.open_arm("so101", port="sim"):
+        pass
+    assert not (tmp_path / "backups").exists()
