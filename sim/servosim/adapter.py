@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from servosim.errors import SimulatorError
 from servosim.inbox import Inbox
 
 __all__ = ["Adapter", "AdapterOptions"]
 
 PACKET_BYTES = 62  # an FTDI chip sends a packet when it is full, or when its timer runs out
+
+LONGEST_DELAY_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +28,11 @@ class AdapterOptions:
     echo: bool = False
     usb_frame_s: float = 0.0
     latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for delay_s in (self.usb_frame_s, self.latency_s):
+            if not 0.0 <= delay_s <= LONGEST_DELAY_S:
+                raise SimulatorError(f"an adapter delays by 0 to 1000 ms, not {delay_s * 1000} ms")
 
 
 @dataclass(slots=True)

@@ -60,9 +60,15 @@ class MassTree:
         self._driven = driven
         self._count = count
         self._rows = [_row(joint, by) for joint, by in zip(joints, driven, strict=True)]
-        self._subtrees = [self._subtree(index) for index in range(len(joints))]
+        self._below = np.zeros((len(joints), len(joints)))  # 1 where a body hangs on a joint
+        for index in range(len(joints)):
+            self._below[index, self._subtree(index)] = 1.0
         self._masses_kg = np.array([joint.body.mass_kg for joint in joints])
-        self._below_kg = [float(self._masses_kg[below].sum()) for below in self._subtrees]
+        self._below_kg = [float(mass_kg) for mass_kg in self._below @ self._masses_kg]
+        self._mounts = np.array([joint.T_parent_joint for joint in joints])
+        self._sliding = np.array([joint.sliding for joint in joints])
+        self._centres_m = np.array([joint.body.com_m for joint in joints])
+        self._tensors = np.array([joint.body.inertia_kg_m2 for joint in joints])
 
     def torques(self, positions: Sequence[float]) -> list[float]:
         """The slope of the potential energy, downhill, along each driven position.
@@ -98,26 +104,28 @@ class MassTree:
 
     def inertias(self, positions: Sequence[float]) -> list[float]:
         """The inertia along each driven position while all others are held [kg m² or kg]."""
-        T = np.stack(self._frames(positions))
-        R, bodies = T[:, :3, :3], [joint.body for joint in self._joints]
-        centres_m = (R @ np.array([body.com_m for body in bodies])[:, :, None])[:, :, 0]
-        centres_m += T[:, :3, 3]
-        tensors = R @ np.array([body.inertia_kg_m2 for body in bodies]) @ R.transpose(0, 2, 1)
+        T = self._frames(positions)
+        R, origins_m = T[:, :3, :3], T[:, :3, 3]
+        centres_m = (R @ self._centres_m[:, :, None])[:, :, 0] + origins_m
+        tensors = R @ self._tensors @ R.transpose(0, 2, 1)
+        alone = self._inertias_about(R[:, :, 2], origins_m, centres_m, tensors)
         inertias = [0.0] * self._count
-        for index, (driver, multiplier, _) in enumerate(self._driven):
+        for (driver, multiplier, _), inertia in zip(self._driven, alone, strict=True):
             if driver >= 0:
-                inertia = self._inertia(index, T[index], centres_m, tensors)
-                inertias[driver] += multiplier**2 * inertia
+                inertias[driver] += multiplier**2 * float(inertia)
         return inertias
 
-    def _inertia(self, index: int, T: Matrix, centres_m: Matrix, tensors: Matrix) -> float:
-        """Parallel axes: what hangs behind a joint with frame `T`, about its z axis."""
-        if self._joints[index].sliding:
-            return self._below_kg[index]
-        below, axis = self._subtrees[index], T[:3, 2]
-        r = centres_m[below] - T[:3, 3]
-        arms_m2 = (r * r).sum(axis=1) - (r @ axis) ** 2  # |axis × r|²
-        return float(self._masses_kg[below] @ arms_m2 + axis @ tensors[below].sum(axis=0) @ axis)
+    def _inertias_about(
+        self, axes: Matrix, origins_m: Matrix, centres_m: Matrix, tensors: Matrix
+    ) -> Matrix:
+        """Parallel axes: what hangs behind each joint, about its z axis; slid along it, a mass."""
+        r = centres_m - origins_m[:, None]  # from each joint to each body
+        along_m = (r @ axes[:, :, None])[:, :, 0]
+        arms_m2 = (r * r).sum(axis=2) - along_m**2  # |axis × r|²
+        below = self._below @ tensors.reshape(-1, 9)
+        spins = (axes[:, None] @ below.reshape(-1, 3, 3) @ axes[:, :, None])[:, 0, 0]
+        turning = (self._below * self._masses_kg * arms_m2).sum(axis=1) + spins
+        return np.where(self._sliding, self._below_kg, turning)
 
     def _subtree(self, index: int) -> list[int]:
         found = [index]
@@ -126,13 +134,24 @@ class MassTree:
                 found.append(k)
         return found
 
-    def _frames(self, positions: Sequence[float]) -> list[Matrix]:
-        frames: list[Matrix] = []
-        for joint, (driver, multiplier, offset) in zip(self._joints, self._driven, strict=True):
-            q = offset if driver < 0 else multiplier * positions[driver] + offset
-            T = joint.T_parent_joint @ _motion(joint.sliding, q)
-            frames.append(T if joint.parent < 0 else frames[joint.parent] @ T)
+    def _frames(self, positions: Sequence[float]) -> Matrix:
+        steps = self._mounts @ self._motions(positions)
+        frames = np.empty_like(steps)
+        for index, joint in enumerate(self._joints):
+            above = joint.parent
+            frames[index] = steps[index] if above < 0 else frames[above] @ steps[index]
         return frames
+
+    def _motions(self, positions: Sequence[float]) -> Matrix:
+        """What each joint's own coordinate does: a turn about z, or a slide along it."""
+        T = np.zeros((len(self._joints), 4, 4)) + np.eye(4)
+        for index, (driver, multiplier, offset) in enumerate(self._driven):
+            q = offset if driver < 0 else multiplier * positions[driver] + offset
+            if self._joints[index].sliding:
+                T[index, 2, 3] = q
+            else:
+                T[index, :2, :2] = (cos(q), -sin(q)), (sin(q), cos(q))
+        return T
 
 
 def _advance(row: _Row, above: _Frame, positions: Sequence[float]) -> _Frame:
@@ -162,12 +181,3 @@ def _row(joint: MovingJoint, driven: Driven) -> _Row:
     T, body = joint.T_parent_joint, joint.body
     numbers = [*T[:3, :3].ravel(), *T[:3, 3], body.mass_kg, *body.com_m]
     return _Row(joint.parent, *driven, joint.sliding, *(float(number) for number in numbers))
-
-
-def _motion(sliding: bool, q: float) -> Matrix:
-    T = np.eye(4)
-    if sliding:
-        T[2, 3] = q
-    else:
-        T[:2, :2] = (cos(q), -sin(q)), (sin(q), cos(q))
-    return T

@@ -43,7 +43,12 @@ class Inbox:
 
     def waiting(self, now_s: float) -> int:
         """Return how many bytes have arrived and are not taken."""
-        return sum(burst.arrived(now_s) for burst in self._bursts)
+        count = 0
+        for burst in self._bursts:
+            if burst.start_s > now_s:
+                break
+            count += burst.arrived(now_s)
+        return count
 
     def take(self, limit: int, now_s: float) -> bytes:
         """Take at most ``limit`` of the bytes that have arrived."""

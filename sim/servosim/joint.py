@@ -67,8 +67,11 @@ class Joint:
 
     def turn(self, load: float) -> None:
         """Let the servos turn for one step under an outer load, which they share."""
-        share_nm = load * self.m_per_rad / len(self.servos)
         lead = self.servos[0]
+        if len(self.servos) == 1:
+            lead.step(STEP_S, load * self.m_per_rad)
+            return
+        share_nm = load * self.m_per_rad / len(self.servos)
         for follower in self.servos[1:]:
             pull_nm = _coupling_nm(lead, follower)
             follower.step(STEP_S, share_nm + pull_nm)

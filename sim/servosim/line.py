@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from servosim.adapter import Adapter, AdapterOptions
 from servosim.collision import collide
+from servosim.errors import SimulatorError
 from servosim.faults import FaultScript
 from servosim.frames import Frame, FrameReader
 from servosim.inbox import Inbox
@@ -45,6 +46,10 @@ class LineOptions:
     noise: float = 0.0
     seed: int = 0
     adapter: AdapterOptions = field(default_factory=AdapterOptions)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.noise <= 1.0:
+            raise SimulatorError(f"noise is a chance from 0 to 1, not {self.noise}")
 
 
 @dataclass(slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from struct import Struct
 
 from servosim.tables import Area, Register, ServoTable
@@ -19,12 +20,15 @@ class Memory:
 
     def __init__(self, table: ServoTable, delivered: Mapping[str, int] | None = None) -> None:
         self.table = table
-        self._where = {
-            row.name: (Struct(_format(row)).unpack_from, row.address, row.sign_bit)
+        self._eeprom_end = max(row.end for row in table.registers if row.area is Area.EEPROM)
+        self.image = bytearray(table.size)  # one object for ever: the line below holds on to it
+        self._rows = {
+            row.name: (
+                partial(Struct(_format(row)).unpack_from, self.image, row.address),
+                row.sign_bit,
+            )
             for row in table.registers
         }
-        self._eeprom_end = max(row.end for row in table.registers if row.area is Area.EEPROM)
-        self.image = bytearray(table.size)
         self.eeprom = bytearray(table.size)
         self.eeprom_writes = 0
         self.restore_factory()
@@ -35,12 +39,12 @@ class Memory:
     def read(self, address: int, length: int) -> bytes:
         """Return bytes; gaps between registers and addresses behind the table read as zero."""
         raw = bytes(self.image[address : address + length])
-        return raw.ljust(length, b"\x00")
+        return raw if len(raw) == length else raw.ljust(length, b"\x00")
 
     def get(self, name: str) -> int:
         """Return a register's number."""
-        unpack, address, sign_bit = self._where[name]
-        value: int = unpack(self.image, address)[0]
+        unpack, sign_bit = self._rows[name]
+        value: int = unpack()[0]
         if not sign_bit:
             return value
         magnitude = value & (sign_bit - 1)

@@ -78,7 +78,8 @@ class Motor:
         self.place(position_rad)
 
     def place(self, position_rad: float) -> None:
-        """Put the shaft somewhere, at rest, in the middle of its play."""
+        """Put the shaft somewhere inside its stops, at rest, in the middle of its play."""
+        position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
         self._gear_rad = self.position_rad = position_rad
         self._lash_rad = self.velocity_rad_s = 0.0
         self.torque_nm = self.current_a = self.pwm = self._slope = self._full_nm = 0.0

@@ -11,6 +11,8 @@ import numpy as np
 from servosim.errors import ArmFileError
 from servosim.parameters import MotorParameters
 
+FRICTION_HOLDS = 0.9999  # MuJoCo's own 0.95 lets a limp joint creep by degrees a second
+
 
 class MujocoBody:
     """An arm on a floor in MuJoCo: all joints pull at each other, links collide.
@@ -53,6 +55,8 @@ class MujocoBody:
             self._model.dof_armature[dof] = sum(m.armature_kg_m2 for m in on_joint)
             self._model.dof_damping[dof] = sum(m.viscous_damping_nm_s for m in on_joint)
             self._model.dof_frictionloss[dof] = sum(m.coulomb_friction_nm for m in on_joint)
+            solimp = self._model.dof_solimp  # pyright: ignore[reportAttributeAccessIssue, reportUnknownVariableType, reportUnknownMemberType] - tools/typings lacks it
+            solimp[dof, :2] = FRICTION_HOLDS
 
     def place(self, positions: Sequence[float]) -> None:
         """Put the arm somewhere, at rest."""

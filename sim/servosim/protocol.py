@@ -16,6 +16,8 @@ class Protocol(Enum):
     DYNAMIXEL_2 = "dynamixel 2.0"
     FEETECH = "feetech"
 
+    __hash__ = object.__hash__  # every frame asks for it, and an Enum's own is slow
+
     @property
     def framing(self) -> type[FrameReader]:
         """The reader of its frames."""

@@ -251,8 +251,10 @@ class Servo:
 
     def hears(self, baud: int, now_s: float) -> bool:
         """Say whether bytes at ``baud`` reach the firmware: within 3 % of its own rate, awake."""
-        awake = self.powered and now_s >= self.deaf_until_s
-        return awake and abs(self.baud - baud) <= 0.03 * baud
+        if not self.powered or now_s < self.deaf_until_s:
+            return False
+        own = self.bauds.get(self.memory.image[self._baud_at], 0.0)
+        return abs(own - baud) <= 0.03 * baud
 
     def _plan(self, address: int, length: int) -> tuple[_Live, ...]:
         rows = self.table.covered(address, length)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 __all__ = ["Shaft"]
 
@@ -16,16 +16,16 @@ class Shaft:
         sign: +1 or -1, direction of growing ticks in the joint's coordinate.
         zero_tick: Tick of the sensor at joint zero; may be fractional.
         ticks: Ticks of one turn of the servo's shaft.
+        rad_per_tick: Radians of one tick.
     """
 
     sign: int = 1
     zero_tick: float = 2048.0
     ticks: float = 4096
+    rad_per_tick: float = field(init=False)
 
-    @property
-    def rad_per_tick(self) -> float:
-        """Radians of one tick."""
-        return 2.0 * math.pi / self.ticks
+    def __post_init__(self) -> None:
+        self.rad_per_tick = 2.0 * math.pi / self.ticks
 
     def tick_at(self, angle_rad: float) -> int:
         """Return the nearest tick, counted on over whole turns."""

@@ -21,6 +21,7 @@ GRAVITY_EVERY = 4  # steps between two looks at the arm's posture
 SUPERVISE_EVERY = 10  # steps between two looks of the firmware at heat, load and watchdog
 DOZE_EVERY = 20  # likewise while nothing moves
 STILL_STEPS = 20  # steps without any motion after which the world may doze
+CREEP_RAD, CREEP_STEPS = 1e-4, 100  # likewise for a body with soft friction (MuJoCo)
 
 
 @runtime_checkable
@@ -89,7 +90,7 @@ class World:
     @property
     def dozing(self) -> bool:
         """Whether nothing moves and nothing is about to."""
-        return self._still >= STILL_STEPS
+        return self._still >= (STILL_STEPS if self._mover is None else CREEP_STEPS)
 
     def advance_to(self, time_s: float) -> None:
         """Let time pass up to the last whole step before ``time_s``."""
@@ -160,9 +161,18 @@ class World:
 
     def _watch_for_rest(self) -> None:
         positions = [servo.motor.position_rad for servo in self.servos]
-        moving = positions != self._positions or any(servo.restless for servo in self.servos)
-        self._positions = positions
-        self._still = 0 if moving or self.hands else self._still + 1
+        moving = self._apart(positions)
+        if moving:
+            self._positions = positions
+        busy = moving or self.hands or any(servo.restless for servo in self.servos)
+        self._still = 0 if busy else self._still + 1
+
+    def _apart(self, positions: list[float]) -> bool:
+        """Say whether the servos are elsewhere than when last seen to move."""
+        if self._mover is None or not self._positions:
+            return positions != self._positions
+        ways = zip(positions, self._positions, strict=True)
+        return any(abs(now - before) > CREEP_RAD for now, before in ways)
 
     def _turn_each(self) -> None:
         """Turn each joint for itself under gravity and the hands."""

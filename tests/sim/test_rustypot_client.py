@@ -35,9 +35,11 @@ def server():
 
 
 def wait_until_at(read, goal_rad):
-    end_s = time.monotonic() + 5.0
-    while abs(read() - goal_rad) > 0.01 and time.monotonic() < end_s:
-        pass
+    """Wait until it stays there: a step without a profile swings over."""
+    start_s = away_s = time.monotonic()
+    while time.monotonic() < min(away_s + 0.2, start_s + 5.0):
+        if abs(read() - goal_rad) > 0.01:
+            away_s = time.monotonic()
     return read()
 
 

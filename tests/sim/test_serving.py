@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import socket
 import subprocess
 import sys
@@ -14,6 +15,8 @@ import dynamixel_sdk
 import pytest
 import scservo_sdk
 
+import servosim
+from servosim.serving.link import point_link, remove_link
 from servosim.serving.options import parse
 from servosim.serving.remote import Remote
 from servosim.traffic import Audit, Journal
@@ -39,6 +42,11 @@ class TestOptions:
             (["--servo", "x:sts3215"], "'x' are no ids"),
             (["--servo", "1-300:sts3215"], "ids go from 0 to 252"),
             (["arm.toml", "--protocol", "3"], "invalid choice"),
+            (["--servo", "3-1:sts3215"], "no id in '3-1'"),
+            (["arm.toml", "--baud", "0"], "'0' is no rate"),
+            (["arm.toml", "--protocol", "1"], "--protocol is an option of --servo"),
+            (["--servo", "1:sts3215", "--physics"], "--physics is an option of an arm"),
+            (["--servo", "1:sts3215", "--pose", "rest"], "--pose is an option of an arm"),
         ],
     )
     def test_that_make_no_sense_exit_with_a_message(self, argv, complaint, capsys):
@@ -117,6 +125,11 @@ class TestRemote:
         self.ask(port, {"do": "place", "joint": "servo_1", "deg": 90})
         assert port.line.servos[1].read("present_position") == 3072
 
+    def test_places_no_joint_outside_its_stops(self, desk):
+        port = desk("SCS0009")
+        self.ask(port, {"do": "place", "joint": "servo_1", "deg": 9000})
+        assert port.line.world.joint("servo_1").position == pytest.approx(math.radians(150))
+
     def test_leads_a_joint_by_the_hand(self, desk):
         port = desk("STS3215")
         self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
@@ -162,6 +175,14 @@ class TestRemote:
             ('{"do": "place", "joint": "servo_1"}', "'m' is missing"),
             ('{"do": "fault", "fault": {"kind": "gremlin"}}', "no fault is named"),
             ("[1]", "list indices"),
+            ("[" * 100_000, "recursion"),
+            ('{"do": "place", "joint": "servo_1", "deg": NaN}', "deg = nan"),
+            ('{"do": "place", "joint": "servo_1", "deg": 1%s}' % ("0" * 400), "too large"),
+            ('{"do": "hand", "joint": "servo_1", "deg": 9, "speed": 0}', "speed = 0"),
+            ('{"do": "hand", "joint": "servo_1", "deg": 9, "force": -1}', "force = -1"),
+            ('{"do": "hand", "joint": "knee", "release": true}', "no joint is named 'knee'"),
+            ('{"do": "temperature", "id": 9, "celsius": 60}', "no servo has id 9"),
+            ('{"do": "voltage", "volts": NaN}', "volts = nan is not between 0 and 60"),
         ],
     )
     def test_explains_what_it_cannot_do(self, desk, text, error):
@@ -277,6 +298,16 @@ def test_log_audit_and_quit(server, configs, tmp_path):
     assert not control.exists()
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_cleanly(server, tmp_path, number):
+    link = tmp_path / "arm"
+    process, _ = server("--servo", "1:sts3215", "--link", link)
+    assert link.is_symlink()
+    process.send_signal(number)
+    assert process.wait(10) == 0
+    assert not link.is_symlink()
+
+
 def test_a_cable_can_be_pulled_and_plugged_in_again(server, configs, tmp_path):
     link, control = tmp_path / "arm", tmp_path / "control"
     server(configs / "koch" / "arm.toml", "--link", link, "--control", control)
@@ -299,6 +330,40 @@ def test_what_cannot_be_served_is_explained(tmp_path):
     result = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
     assert (result.returncode, result.stdout) == (2, "")
     assert "arm.toml" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--link", "taken"], "taken is there already and is no link"),
+        (["--control", "taken"], "taken is there already and is no socket"),
+        (["--link", "nowhere/arm"], "nowhere/arm"),
+        (["--log", "nowhere/log"], "nowhere/log"),
+        (["--audit", "nowhere/audit"], "nowhere/audit"),
+        (["--control", "nowhere/control"], "nowhere/control"),
+        (["--noise", "2"], "noise is a chance from 0 to 1"),
+        (["--latency-ms", "nan"], "an adapter delays by 0 to 1000 ms"),
+    ],
+)
+def test_places_that_cannot_be_used_are_explained_and_left_alone(
+    options, complaint, configs, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    Path("taken").write_text("precious")
+    assert servosim.serve([str(configs / "koch" / "arm.toml"), *options]) == 2
+    assert complaint in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+    assert Path("taken").read_text() == "precious"
+
+
+def test_a_link_that_another_server_has_taken_over_stays(tmp_path):
+    link, mine, other = (tmp_path / name for name in ("arm", "mine", "other"))
+    point_link(link, mine)
+    point_link(link, other)
+    remove_link(link, mine)
+    assert link.readlink() == other
+    remove_link(link, other)
+    assert not link.is_symlink()
 
 
 def talk(path: Path, request):

@@ -125,3 +125,11 @@ def test_a_limp_arm_in_mujoco_comes_to_lie_on_the_floor(configs):
     run(port, 6.0)
     speed = port.line.world.joint("shoulder_lift").velocity
     assert math.isclose(speed, 0.0, abs_tol=0.05)
+
+
+def test_a_limp_arm_in_mujoco_comes_to_rest_and_dozes(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?physics=1")
+    port.clock.sleep_until(0.05)
+    assert not port.line.world.dozing
+    port.clock.sleep_until(2.0)
+    assert port.line.world.dozing

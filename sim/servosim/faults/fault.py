@@ -14,6 +14,21 @@ from servosim.errors import FaultError
 
 __all__ = ["Fault", "read_faults"]
 
+_WHOLE = ("id", "bytes", "bits")
+_RANGES = {
+    "id": (0, 253),
+    "at_s": (-math.inf, math.inf),
+    "for_s": (0.0, math.inf),
+    "count": (0, math.inf),
+    "probability": (0.0, 1.0),
+    "delay_s": (0.0, 3600.0),
+    "bytes": (0, 4096),
+    "bits": (0, 255),
+    "volts": (0.0, 60.0),
+    "celsius": (-55.0, 300.0),
+    "grip": (0.0, 1.0),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Fault:
@@ -46,6 +61,16 @@ class Fault:
     volts: float = 4.0
     celsius: float = 90.0
     grip: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name, (lower, upper) in _RANGES.items():
+            value = getattr(self, name)
+            if name == "id" and value is None:
+                continue
+            if name in _WHOLE and (isinstance(value, bool) or not isinstance(value, int)):
+                raise FaultError(f"{name} = {value!r} is no whole number")
+            if not lower <= value <= upper:
+                raise FaultError(f"{name} = {value!r} is not between {lower:g} and {upper:g}")
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Fault:

@@ -71,6 +71,8 @@ class FaultScript:
     def replies(self, servo: Servo | None, at_s: float, data: bytes) -> list[Arrival]:
         """Return what reaches the host of a reply: delays behind its time, and bytes."""
         arrivals: list[Arrival] = [(0.0, data)]
+        if not self._replies:
+            return arrivals
         for running in self._replies:
             concerns = servo is not None and running.fault.id in (None, servo.id)
             if concerns and data and running.strikes_now(at_s, self._random):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from array import array
+from struct import unpack
+
 from servosim.frames.reader import Frame, FrameReader
 
 __all__ = ["Dynamixel2Reader", "crc16", "encode2", "stuff", "unstuff"]
@@ -18,14 +21,24 @@ def _crc_row(byte: int) -> int:
     return crc & 0xFFFF
 
 
-_CRC = tuple(_crc_row(byte) for byte in range(256))
+def _crc_pairs() -> array[int]:
+    """Return the CRC of every two bytes, the first of them the high byte of the index."""
+    last = [_crc_row(byte) for byte in range(256)]
+    first = [(crc << 8) & 0xFFFF ^ last[crc >> 8] for crc in last]
+    return array("H", [a ^ b for a in first for b in last])
 
 
-def crc16(data: bytes, crc: int = 0) -> int:
-    """Return the CRC of ``data``, continuing from ``crc``."""
-    table = _CRC
-    for byte in data:
-        crc = ((crc << 8) & 0xFFFF) ^ table[(crc >> 8) ^ byte]
+_CRC = _crc_pairs()
+
+
+def crc16(data: bytes) -> int:
+    """Return the CRC of ``data``; a zero byte in front does not change it, so pairs will do."""
+    if len(data) & 1:
+        data = b"\x00" + data
+    pairs: tuple[int, ...] = unpack(f">{len(data) // 2}H", data)
+    crc, table = 0, _CRC
+    for pair in pairs:
+        crc = table[crc ^ pair]
     return crc
 
 
@@ -42,7 +55,8 @@ def unstuff(body: bytes) -> bytes:
 def encode2(id_: int, instruction: int, params: bytes = b"") -> bytes:
     """Return the frame; for a status, ``params`` starts with the error byte."""
     body = stuff(bytes((instruction,)) + params)
-    frame = HEADER + bytes((id_,)) + (len(body) + 2).to_bytes(2, "little") + body
+    length = len(body) + 2
+    frame = HEADER + bytes((id_, length & 0xFF, length >> 8)) + body
     return frame + crc16(frame).to_bytes(2, "little")
 
 

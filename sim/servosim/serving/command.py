@@ -26,11 +26,12 @@ from servosim.traffic import Audit, Journal
 
 __all__ = ["serve"]
 
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last: its terminal was closed
 GAP_S = 0.020  # a client's scheduler tears frames apart where a wire would not
 
 
 def serve(argv: Sequence[str]) -> int:
-    """Serve an arm or loose servos until SIGINT or SIGTERM; the first line is the port.
+    """Serve an arm or loose servos until SIGINT, SIGTERM or SIGHUP; the first line is the port.
 
     Args:
         argv: Path of an ``arm.toml`` or ``--servo``, then options; ``--help`` lists them.
@@ -39,19 +40,24 @@ def serve(argv: Sequence[str]) -> int:
         0 after a signal, 2 when the options cannot be used.
     """
     options = parse(argv)
-    try:
-        line = build_line(options)
-    except SimulatorError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
     with contextlib.ExitStack() as stack:
-        bus = PtyBus(line, options.link)
-        stack.callback(bus.unplug)
-        _attach_witnesses(line, options, stack)
-        remote = stack.enter_context(Remote(options.control, line))
-        screen = stack.enter_context(Screen(bus))
+        try:
+            bus, remote, screen = _open(options, stack)
+        except (SimulatorError, OSError) as error:
+            sys.stderr.write(f"{error}\n")
+            return 2
         _work_until_signal(bus, remote, screen)
     return 0
+
+
+def _open(options: Options, stack: contextlib.ExitStack) -> tuple[PtyBus, Remote, Screen]:
+    """Build and open everything; the stack puts it away again, the port last."""
+    line = build_line(options)
+    bus = PtyBus(line, options.link)
+    stack.callback(bus.unplug)
+    _attach_witnesses(line, options, stack)
+    remote = stack.enter_context(Remote(options.control, line))
+    return bus, remote, stack.enter_context(Screen(bus))
 
 
 def build_line(options: Options) -> Line:
@@ -72,7 +78,7 @@ def build_line(options: Options) -> Line:
     if options.arm is not None:
         arm = read_arm_file(options.arm)
         arm = replace(arm, baud=options.baud or arm.baud)
-        world = world_of_arm(arm, options.pose, options.seed, physics=options.physics)
+        world = world_of_arm(arm, options.pose or "rest", options.seed, physics=options.physics)
         line = Line(world, arm.baud, line_options)
     else:
         world = loose_world(options.servos, options.baud, options.seed, protocol=options.protocol)
@@ -90,12 +96,13 @@ def _attach_witnesses(line: Line, options: Options, stack: contextlib.ExitStack)
         stack.callback(journal.close)
         line.witnesses.append(journal)
     if options.audit is not None:
-        audit, path = Audit(line.world.servos), options.audit
+        audit = Audit(line.world.servos)
+        file = stack.enter_context(options.audit.open("w", encoding="utf-8"))
         line.witnesses.append(audit)
 
         def report() -> None:
-            text = json.dumps(audit.report(list(line.readers.values())), indent=2)
-            path.write_text(text + "\n", encoding="utf-8")
+            json.dump(audit.report(list(line.readers.values())), file, indent=2)
+            file.write("\n")
 
         stack.callback(report)
 
@@ -113,12 +120,11 @@ def _work_until_signal(bus: PtyBus, remote: Remote, screen: Screen) -> None:
 
 @contextlib.contextmanager
 def _signals_as_pipe() -> Generator[int, None, None]:
-    """Give a file descriptor that can be read once SIGINT or SIGTERM has arrived."""
+    """Give a file descriptor that can be read once a signal to end has arrived."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     before = signal.set_wakeup_fd(writer)
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    handlers = {number: signal.signal(number, _nothing) for number in numbers}
+    handlers = {number: signal.signal(number, _nothing) for number in ENDING}
     try:
         yield reader
     finally:

@@ -26,7 +26,7 @@ class Options(argparse.Namespace):
     servos: list[LooseServo]
     protocol: int | None
     baud: int | None
-    pose: str
+    pose: str | None
     seed: int
     link: Path | None
     faults: Path | None
@@ -51,6 +51,11 @@ def parse(argv: Sequence[str]) -> Options:
         parser.error(
             "give an arm or --servo, not both" if options.servos else "give an arm or --servo"
         )
+    mine = ("protocol",) if options.arm is not None else ("pose", "physics")
+    for name in mine:
+        if getattr(options, name):
+            other = "--servo" if options.arm is not None else "an arm"
+            parser.error(f"--{name} is an option of {other}")
     return options
 
 
@@ -73,8 +78,8 @@ def _parser() -> argparse.ArgumentParser:
         help="servos without an arm, as 4:sts3215 or 1-3:xl430-w250; may be repeated",
     )
     add("--protocol", type=int, choices=(1, 2), help="protocol of --servo Dynamixel X servos")
-    add("--baud", type=int, help="rate the servos are set to (--servo: as from the factory)")
-    add("--pose", default="rest", help="pose of the arm to start at (rest)")
+    add("--baud", type=_rate, help="rate the servos are set to (--servo: as from the factory)")
+    add("--pose", help="pose of the arm to start at (rest)")
     add("--seed", type=int, default=0, help="of all chance (0)")
     add("--link", type=Path, help="symbolic link to the port, removed at exit")
     add("--faults", type=Path, metavar="FILE", help="what goes wrong, TOML or JSON")
@@ -102,9 +107,17 @@ def _servos(text: str) -> list[LooseServo]:
         numbers = [number for part in ids.split(",") for number in _range(part)]
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{ids!r} are no ids; try 1-3:{wanted}") from error
+    if not numbers:
+        raise argparse.ArgumentTypeError(f"no id in {ids!r}; try 1-3:{wanted}")
     if not all(0 <= number <= 252 for number in numbers):
         raise argparse.ArgumentTypeError(f"ids go from 0 to 252, not {ids}")
     return [LooseServo(number, models[wanted.lower()]) for number in numbers]
+
+
+def _rate(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no rate; try 1000000")
+    return int(text)
 
 
 def _range(part: str) -> range:

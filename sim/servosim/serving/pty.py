@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from servosim.line import Line
+from servosim.serving.link import point_link, remove_link
 from servosim.serving.termios2 import line_speed
 
 __all__ = ["PtyBus"]
@@ -18,7 +19,7 @@ __all__ = ["PtyBus"]
 SPIN_S = 100e-6  # the kernel wakes us about this late: the rest is waited for awake
 AWAKE_STEP_S = 0.002  # a world in motion is kept up to date in small steps
 DOZING_STEP_S = 0.050
-NOBODY_STEP_S = 0.005  # between two looks whether somebody has opened the terminal
+NOBODY_STEP_S = 0.010  # between two looks whether somebody has opened the terminal
 
 
 class PtyBus:
@@ -50,8 +51,7 @@ class PtyBus:
         os.close(slave)
         os.set_blocking(self._master, False)
         if self.link is not None:
-            self.link.unlink(missing_ok=True)
-            self.link.symlink_to(self.path)
+            point_link(self.link, self.path)
 
     def unplug(self) -> None:
         """Close the terminal: the client sees what a pulled USB cable gives."""
@@ -59,7 +59,7 @@ class PtyBus:
             os.close(self._master)
             self._master = -1
         if self.link is not None:
-            self.link.unlink(missing_ok=True)
+            remove_link(self.link, self.path)
 
     def now_s(self) -> float:
         """Return the line's time: real seconds since the start."""

@@ -29,6 +29,7 @@ __all__ = ["Remote"]
 
 HAND_SPEED = 1.0  # rad/s, or m/s / 10 on a sliding joint
 Request = dict[str, Any]
+_UNFIT = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 class Remote:
@@ -42,11 +43,7 @@ class Remote:
 
     def __enter__(self) -> Remote:
         if self._path is not None:
-            self._path.unlink(missing_ok=True)
-            self._server = socket.socket(socket.AF_UNIX)
-            self._server.bind(str(self._path))
-            self._server.listen()
-            self._server.setblocking(False)
+            self._server = _listen(self._path)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -67,6 +64,7 @@ class Remote:
                 self._receive(fd)
             elif self._server is not None and fd == self._server.fileno():
                 client = self._server.accept()[0]
+                client.setblocking(False)  # who does not read his answers is hung up on
                 self._clients[client.fileno()] = (client, bytearray())
         return self._quit
 
@@ -75,7 +73,7 @@ class Remote:
         try:
             request: Request = json.loads(text)
             return {"ok": True, **self._do(request)}
-        except (SimulatorError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (SimulatorError, *_UNFIT) as error:
             reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             return {"ok": False, "error": reason}
 
@@ -122,18 +120,21 @@ class Remote:
 
     def _hand(self, request: Request) -> None:
         world, name = self._line.world, request["joint"]
+        joint = world.joint(name)
         if request.get("release"):
             world.release(name)
             return
-        joint = world.joint(name)
         speed = HAND_SPEED if joint.m_per_rad == 1.0 else HAND_SPEED / 10
-        path = glide(joint.position, _coordinate(request), request.get("speed", speed))
-        world.grasp(name, Hand(path, limit=float(request.get("force", 2.0))))
+        speed = _finite(request.get("speed", speed), "speed", above=0.0)
+        force = _finite(request.get("force", 2.0), "force", above=0.0)
+        path = glide(joint.position, _coordinate(request), speed)
+        world.grasp(name, Hand(path, limit=force))
 
     def _fault(self, request: Request) -> None:
-        fault = dict(request["fault"])
-        fault.setdefault("at_s", self._line.world.time_s)
-        self._line.faults.add(Fault.of(fault))
+        fault = Fault.of({"at_s": self._line.world.time_s, **request["fault"]})
+        if fault.id is not None and fault.id not in self._line.servos:
+            raise SimulatorError(f"no servo has id {fault.id}")
+        self._line.faults.add(fault)
 
     def _event(self, request: Request) -> None:
         """Start a fault of the same name now; the keys are the fault's."""
@@ -147,8 +148,32 @@ class Remote:
         self._quit = True
 
 
+def _listen(path: Path) -> socket.socket:
+    """Return a socket that listens at a path; an older socket gives way, anything else does not."""
+    if path.exists() and not path.is_socket():
+        raise SimulatorError(f"{path} is there already and is no socket; choose another name")
+    path.unlink(missing_ok=True)
+    server = socket.socket(socket.AF_UNIX)
+    server.setblocking(False)
+    try:
+        server.bind(str(path))
+    except OSError as error:
+        server.close()
+        raise SimulatorError(f"{path}: {error}") from error
+    server.listen()
+    return server
+
+
 def _coordinate(request: Request) -> float:
     """Return the joint coordinate that a request names in degrees, radians or metres."""
     if "deg" in request:
-        return math.radians(float(request["deg"]))
-    return float(request["rad"] if "rad" in request else request["m"])
+        return math.radians(_finite(request["deg"], "deg"))
+    name = "rad" if "rad" in request else "m"
+    return _finite(request[name], name)
+
+
+def _finite(value: float | str, name: str, above: float = -math.inf) -> float:
+    number = float(value)
+    if not above < number < math.inf:
+        raise SimulatorError(f"{name} = {value!r} will not do")
+    return number

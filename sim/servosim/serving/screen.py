@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from typing import Any
@@ -58,8 +59,9 @@ class Screen:
         return [HEAD, *(_row(row) for row in rows)]
 
     def _put(self, text: str) -> None:
-        sys.stdout.write(text)
-        sys.stdout.flush()
+        with contextlib.suppress(OSError):  # the terminal may be gone: the servos go on
+            sys.stdout.write(text)
+            sys.stdout.flush()
 
 
 def _row(state: dict[str, Any]) -> str:

@@ -22,6 +22,9 @@ __all__ = ["DynamixelX"]
 BAUDS = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 PROTOCOL_1_ALARMS = 0x25  # voltage, heat and overload have the same bits in both protocols
 
+ASKED_EACH_TIME = (  # registers of one byte that each frame on the line is judged by
+    "secondary_id", "return_delay_time", "status_return_level", "hardware_error_status",
+)  # fmt: skip
 MODES = {
     0: Mode.CURRENT,
     1: Mode.VELOCITY,
@@ -48,7 +51,9 @@ class DynamixelX(Servo):
     ) -> None:
         super().__init__(table, motor, shaft, delivered, seed)
         self._unmount(delivered or {})
-        self._second_at = table.by_name["secondary_id"].address
+        self._second_at, self._delay_at, self._level_at, self._error_at = (
+            table.by_name[name].address for name in ASKED_EACH_TIME
+        )
         self.turn_base_tick = 0
         self.mode = 3
         self.reversed = False
@@ -65,12 +70,12 @@ class DynamixelX(Servo):
     @property
     def return_delay_s(self) -> float:
         """The return delay register, 2 µs a step."""
-        return self.memory.get("return_delay_time") * 2e-6
+        return self.memory.image[self._delay_at] * 2e-6
 
     @property
     def status_level(self) -> int:
         """The status return level register."""
-        return self.memory.get("status_return_level")
+        return self.memory.image[self._level_at]
 
     @property
     def secondary_id(self) -> int | None:
@@ -81,7 +86,7 @@ class DynamixelX(Servo):
     @property
     def alarm(self) -> int:
         """The alarm bits of a status packet: protocol 2.0 has one for all causes."""
-        bits = self.memory.get("hardware_error_status")
+        bits = self.memory.image[self._error_at]
         return bits & PROTOCOL_1_ALARMS if self.protocol is Protocol.DYNAMIXEL_1 else bits and 0x80
 
     def refusal(self, address: int, data: bytes) -> Refusal | None:
@@ -90,11 +95,16 @@ class DynamixelX(Servo):
 
     def read_bytes(self, address: int, length: int) -> bytes:
         """Read, following indirect addresses."""
+        if address + length <= self.rules.first_data:
+            return super().read_bytes(address, length)
         return self.rules.read(address, length, super().read_bytes)
 
     def store(self, address: int, data: bytes) -> None:
         """Store, following indirect addresses."""
-        self.rules.store(address, data, super().store)
+        if address + len(data) <= self.rules.first_data:
+            super().store(address, data)
+        else:
+            self.rules.store(address, data, super().store)
 
     def supervise(self, dt_s: float) -> None:
         """Look after heat, load, voltage and the bus."""
@@ -210,7 +220,7 @@ class DynamixelX(Servo):
         if self.memory.get("drive_mode") & 8 and not self.drive.torque_on:
             self.memory.put("torque_enable", 1)
             self.set_torque()
-        self.orders.set_goal()
+        self.orders.set_position_goal()
 
     def trajectory_tick(self) -> int:
         """Return the position trajectory register's number."""

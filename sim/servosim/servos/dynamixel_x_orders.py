@@ -32,15 +32,19 @@ class Orders:
         self.current_unit_a = 0.001 if servo.table.model.startswith("XL330") else 0.00269
         self._profile = (0.0, 0.0, 0.0, 0.0)  # times, then limits, as the drive has them
 
-    def set_goal(self) -> None:
-        """A goal was written: hand it over with the profile that belongs to it."""
-        drive, get = self.servo.drive, self.servo.memory.get
+    def set_position_goal(self) -> None:
+        """A goal position was written: hand it over with the profile that belongs to it."""
+        drive = self.servo.drive
         (
             drive.profile_time_s, drive.acceleration_time_s,
             drive.velocity_limit_rad_s, drive.acceleration_rad_s2,
         ) = self._profile  # fmt: skip
-        sign = self.servo.direction
-        drive.goal_rad = self.servo.angle_at(get("goal_position"))
+        drive.goal_rad = self.servo.angle_at(self.servo.memory.get("goal_position"))
+
+    def set_goal(self) -> None:
+        """Any goal was written, or what goals mean has changed: hand all of them over."""
+        self.set_position_goal()
+        drive, get, sign = self.servo.drive, self.servo.memory.get, self.servo.direction
         drive.goal_velocity_rad_s = sign * get("goal_velocity") * VELOCITY_RAD_S
         goal_pwm = get("goal_pwm") / PWM_FULL
         drive.goal_pwm = sign * goal_pwm

@@ -22,7 +22,11 @@ _GOALS = frozenset((*_LIMIT_OF, "goal_position"))
 
 
 class Rules:
-    """Judges writes to one servo's memory."""
+    """Judges writes to one servo's memory.
+
+    Attributes:
+        first_data: Where indirect data begin; below it no address is indirect.
+    """
 
     def __init__(self, servo: DynamixelX) -> None:
         self.servo = servo
@@ -35,10 +39,12 @@ class Rules:
             for row in self.table.registers
             if row.name.startswith("indirect_data_")
         }
-        self._first_data = min(self._data)
+        self.first_data = min(self._data)
 
     def refusal(self, address: int, data: bytes) -> Refusal | None:
         """Return why a write is refused; runs through indirect data are judged where they land."""
+        if address + len(data) <= self.first_data:
+            return self._direct(address, data)
         for start, part in self._runs(address, data):
             refusal = self._direct(start, part)
             if refusal is not None:
@@ -47,8 +53,6 @@ class Rules:
 
     def read(self, address: int, length: int, read: Callable[[int, int], bytes]) -> bytes:
         """Read, following indirect addresses."""
-        if address + length <= self._first_data:
-            return read(address, length)
         return b"".join(read(self._target(at), 1) for at in range(address, address + length))
 
     def store(self, address: int, data: bytes, store: Callable[[int, bytes], None]) -> None:
@@ -64,8 +68,6 @@ class Rules:
 
     def _runs(self, address: int, data: bytes) -> list[tuple[int, bytes]]:
         """Split a write into runs of neighbouring bytes, indirect addresses followed."""
-        if address + len(data) <= self._first_data:
-            return [(address, data)]
         runs: list[tuple[int, bytes]] = []
         for k in range(len(data)):
             target = self._target(address + k)

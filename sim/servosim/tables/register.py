@@ -38,7 +38,7 @@ class Family(Enum):
     FEETECH_SCS = "feetech_scs"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Register:
     """One row of a control table.
 
@@ -56,6 +56,7 @@ class Register:
         end: First byte behind it.
         sign_bit: The bit that makes a sign-magnitude number negative, or 0.
         twos: Whether negative numbers are two's complements.
+        mask: All its bits.
     """
 
     address: int
@@ -71,12 +72,14 @@ class Register:
     end: int = field(init=False)
     sign_bit: int = field(init=False)
     twos: bool = field(init=False)
+    mask: int = field(init=False)
 
     def __post_init__(self) -> None:
         bit = self.sign.value
         object.__setattr__(self, "end", self.address + self.size)
         object.__setattr__(self, "sign_bit", 1 << bit if bit > 0 else 0)
         object.__setattr__(self, "twos", self.sign is Sign.TWOS)
+        object.__setattr__(self, "mask", (1 << 8 * self.size) - 1)
 
     def decode(self, raw: bytes | bytearray) -> int:
         """Return the number that ``raw`` spells."""
@@ -92,7 +95,7 @@ class Register:
         bit = self.sign_bit
         if bit:
             value = abs(value) & (bit - 1) | (bit if value < 0 else 0)
-        return (value & ((1 << 8 * self.size) - 1)).to_bytes(self.size, self.order)
+        return (value & self.mask).to_bytes(self.size, self.order)
 
     def accepts(self, value: int) -> bool:
         """Say whether the datasheet's range holds ``value``."""

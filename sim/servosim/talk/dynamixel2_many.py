@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from servosim.frames import crc16
 from servosim.frames.dynamixel2 import HEADER, LONGEST
 from servosim.servo import Servo
-from servosim.talk.dynamixel2_one import STATUS, read, status, touches_eeprom, word, write
+from servosim.talk.dynamixel2_one import STATUS, read_at, status, touches_eeprom, word, write
 from servosim.talk.turn import BROADCAST, Reply, Turn, by_id
 
 __all__ = ["TO_MANY"]
@@ -84,13 +84,12 @@ def _bulk_requests(params: bytes) -> Iterator[_Request]:
 
 def _read_turn(request: _Request, servos: Sequence[Servo]) -> Turn:
     id_, address, length = request
-    asked = address.to_bytes(2, "little") + length.to_bytes(2, "little")
-    replies = tuple(
-        Reply(servo, status(id_, servo, read(servo, asked)))
+    replies = [
+        Reply(servo, status(id_, servo, read_at(servo, address, length)))
         for servo in servos
         if servo.status_level >= 1
-    )
-    return Turn(replies, size=11 + length)
+    ]
+    return Turn(tuple(replies), 11 + length)
 
 
 def _fast_turns(requests: list[_Request], servos: Sequence[Servo]) -> list[Turn]:

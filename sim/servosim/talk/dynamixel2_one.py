@@ -15,7 +15,7 @@ __all__ = [
     "Outcome",
     "perform",
     "ping",
-    "read",
+    "read_at",
     "status",
     "touches_eeprom",
     "word",
@@ -71,7 +71,11 @@ def read(servo: Servo, params: bytes) -> Outcome:
     """Address and length: the bytes there."""
     if len(params) != 4:
         return Refusal.LENGTH
-    address, length = word(params, 0), word(params, 2)
+    return read_at(servo, word(params, 0), word(params, 2))
+
+
+def read_at(servo: Servo, address: int, length: int) -> Outcome:
+    """The bytes at an address, if all of them are inside the memory."""
     if length == 0 or address + length > servo.table.size:
         return Refusal.ACCESS
     return servo.read_bytes(address, length)

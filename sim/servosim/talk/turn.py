@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from servosim.servo import Servo
 
@@ -12,16 +12,14 @@ __all__ = ["BROADCAST", "Reply", "Turn", "by_id", "one_turn"]
 BROADCAST = 0xFE
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
+class Reply(NamedTuple):
     """Bytes that a servo sends."""
 
     servo: Servo
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(NamedTuple):
     """A place in the order of answers.
 
     Attributes:
