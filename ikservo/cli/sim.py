@@ -26,7 +26,7 @@ def command(words: Words = None) -> None:
 
     ikservo sim so101
     """
-    words = words or ["--help"]
+    words = [word.replace("\N{MINUS SIGN}", "-") for word in words or ["--help"]]
     if not words[0].startswith("-"):
         words = [str(find_arm(words[0]).resolve()), *words[1:]]
     raise typer.Exit(_server()(words))
