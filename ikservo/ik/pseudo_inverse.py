@@ -50,6 +50,9 @@ def pseudo_inverse(chain: Chain, target: Target, q0: Vector, options: Options) -
     return iterate("pseudo_inverse", step, task, q0, options, _MAX_ITERATIONS, settle=settle)
 
 
+_NOTHING = 1e-150  # below it even the reciprocal is no number
+
+
 def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
     """Return the pseudo-inverse (n, m) of J (m, n) by truncated SVD (lecture L8).
 
@@ -57,7 +60,7 @@ def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
     least-squares solution of ``J Δ = E`` where there is none, the least norm where there are many.
     """
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    kept = s > epsilon * s.max(initial=0.0)
+    kept = s > max(epsilon * s.max(initial=0.0), _NOTHING)
     return (Vt[kept].T / s[kept]) @ U[:, kept].T
 
 

@@ -12,10 +12,12 @@ from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik import Options, Solver, Target, solve, solve_batch
 from ikservo.model import load_model
 from tests.ik.campaigns import closest_of_many, missed_within_narrowed_limits, narrowed, tool_axis
-from tests.ik.walks import largest_step_on_lines
+from tests.ik.walks import LEAST_LEVER, STEP_M, largest_step_on_lines
 from tests.kinematics.chains import planar
 from tests.oracle import ARMS
 
+# What the worst lever allowed asks of a joint for one step along a line.
+GEOMETRY_RAD = STEP_M / LEAST_LEVER
 KINDS = ("position", "direction", "pose")
 FEW_JOINTS = ("koch", "omx_f", "open_manipulator_x", "px100", "so100", "so101")
 
@@ -100,16 +102,18 @@ def test_by_weights_position_and_orientation_share_what_is_missing():
 
 
 def test_lines_are_followed_without_flips():
-    assert largest_step_on_lines("so101", "position", 8, seed=3) < 0.2
-    assert largest_step_on_lines("wx250s", "pose", 8, seed=3) < 0.2
+    assert largest_step_on_lines("so101", "position", 8, seed=3) < 1.5 * GEOMETRY_RAD
+    assert largest_step_on_lines("wx250s", "pose", 8, seed=3) < 1.5 * GEOMETRY_RAD
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("name", ARMS)
-@pytest.mark.parametrize("kind", ["position", "pose"])
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [*((name, "position") for name in ARMS), ("vx300s", "pose"), ("wx250s", "pose")],
+)
 def test_a_thousand_lines_are_followed_without_flips(name, kind):
-    assert largest_step_on_lines(name, kind, 1000, seed=3) < 0.2
+    assert largest_step_on_lines(name, kind, 1000, seed=3) < 1.5 * GEOMETRY_RAD
 
 
 def test_tracking_out_of_reach_goes_on_along_the_edge_and_names_the_limit():
@@ -189,8 +193,8 @@ def test_a_prepared_solver_refuses_what_makes_no_sense(T, q0):
 
 
 def test_a_kind_that_does_not_exist_is_refused():
-    with pytest.raises(UnknownNameError, match="Did you mean position"):
-        Solver(planar(0.3, 0.2), "positon")
+    with pytest.raises(UnknownNameError, match="Did you mean pose"):
+        Solver(planar(0.3, 0.2), "poses")
 
 
 def test_a_batch_is_answered_as_every_question_alone():

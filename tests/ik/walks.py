@@ -3,16 +3,17 @@
 import numpy as np
 
 from ikservo.ik import Solver
+from ikservo.kinematics import room_to_limits
 from ikservo.model import load_model
 
-POINTS, STEP_M, LEAST_LEVER = 100, 1e-3, 0.05
+POINTS, STEP_M, LEAST_LEVER, NEAR_LIMIT_RAD = 100, 1e-3, 0.05, 0.05
 
 
 def largest_step_on_lines(name, kind, lines, seed):
     """Return the largest joint step between neighbouring points 1 mm apart.
 
-    Lines that leave what can be reached, or pass a singular posture, have no smooth solution and
-    are left out where they do.
+    Lines end where they leave what can be reached or pass a posture, singular without the joints
+    that stand at a limit, in which no small step would do.
     """
     chain, random, largest = load_model(name).chain, np.random.default_rng(seed), 0.0
     solver, followed = Solver(chain, kind), 0
@@ -28,14 +29,21 @@ def largest_step_on_lines(name, kind, lines, seed):
 
 
 def walk(solver, chain, q, step_m):
+    """Follow one line; return the steps, and whether it could be followed to its end."""
     T, steps = chain.forward(q), []
     for _ in range(POINTS):
         T[:3, 3] += step_m
-        rows = 6 if solver.kind == "pose" else 3 if chain.dof > 3 else 2
-        levers = np.linalg.svd(chain.jacobian(q)[:rows], compute_uv=False)
         after, reached = solver.track(T, q)
-        if not reached or levers[-1] < LEAST_LEVER:
+        if not reached or least_lever(solver, chain, q, after) < LEAST_LEVER:
             return steps, False
         steps.append(float(np.abs(after - q).max()))
         q = after
     return steps, True
+
+
+def least_lever(solver, chain, q, after):
+    """Return the tool's least way for a radian, in metres, joints at limits left out."""
+    room = np.minimum(room_to_limits(chain, q), room_to_limits(chain, after))
+    rows = 6 if solver.kind == "pose" else 3 if chain.dof > 3 else 2
+    J = chain.jacobian(q)[:rows, room > NEAR_LIMIT_RAD]
+    return np.linalg.svd(J, compute_uv=False)[rows - 1] if J.shape[1] >= rows else 0.0
