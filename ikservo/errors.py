@@ -28,6 +28,7 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
@@ -302,7 +303,7 @@ class UnreachableError(IkservoError, ValueError):
     ) -> None:
         self.target_m, self.nearest_m = tuple(target_m), tuple(nearest_m)
         self.binding, self.instead_m = tuple(binding), instead_m and tuple(instead_m)
-        gap_m = sum((a - b) ** 2 for a, b in zip(target_m, nearest_m, strict=True)) ** 0.5
+        gap_m = math.dist(target_m, nearest_m)
         held = f" (held back by {', '.join(self.binding)})" if self.binding else ""
         words = "" if instead_m is None else " ".join(f"{x:.3f}" for x in instead_m)
         super().__init__(

@@ -20,6 +20,8 @@ __all__ = ["Plan", "Planner"]
 
 # No joint turns further than this between two looks at what the body comes near.
 _LOOK_RAD = 0.05
+# No servo's joint goes further, many turns included.
+_FURTHEST_RAD = 1000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,8 +86,8 @@ class Planner:
             raise BadValueError("The list of joints", "empty", "at least one joint")
         goal = here.copy()
         for name, position in positions.items():
-            if not math.isfinite(position):
-                raise BadValueError(f"The goal of {name}", position, "a finite number")
+            if not abs(position) <= _FURTHEST_RAD:
+                raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
             goal[self.column(name)] = position
         return self._plan(here, goal, speed)
 

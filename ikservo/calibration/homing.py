@@ -84,7 +84,7 @@ def choose_homing(
     Raises:
         CalibrationError: The travel is a turn or more, or crosses a seam that cannot be moved.
     """
-    if travel.width >= encoder.ticks:
+    if travel.width > encoder.ticks - 2:  # a tick is needed to tell the ends apart
         raise CalibrationError(
             f"{joint} would travel {travel.width} ticks; a turn of its servo has {encoder.ticks}.",
             "A servo that counts one turn cannot tell its ends apart. If nothing stops the joint, "
@@ -98,13 +98,14 @@ def choose_homing(
 
 
 def _sts(travel: Travel, offset: int, turn: int) -> Homing:
-    """Keep the offset if the seam stays clear of the travel, else put the middle at half a turn."""
-    clear = min(_CLEAR, (turn - 1 - travel.width) // 2)
+    """Keep the offset if the seam stays clear of the travel, else put the travel in the middle."""
+    room = (turn - 1 - travel.width) // 2
+    clear = min(_CLEAR, room)
     low = (travel.low - offset) % turn
-    if abs(offset) > STS_MOST or low < clear or low + travel.width > turn - 1 - clear:
-        middle = (travel.low + travel.high) // 2
-        wanted = short_way(0, middle - turn // 2, turn)
-        offset = max(-STS_MOST, min(STS_MOST, wanted))
+    if abs(offset) > STS_MOST or not clear <= low <= turn - 1 - travel.width - clear:
+        wanted = short_way(0, travel.low - room, turn)
+        # -2048 and 2048 are one place, and neither fits; a tick beside it there is always room.
+        offset = STS_MOST if wanted < -STS_MOST else wanted
         low = (travel.low - offset) % turn
     return Homing(offset, False, travel.low - low)
 

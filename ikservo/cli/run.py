@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import os
 import re
 import sys
 from collections.abc import Sequence
@@ -26,12 +29,26 @@ def main(words: Sequence[str] | None = None) -> int:
         The exit code, see ``ExitCode``.
     """
     words = list(sys.argv[1:] if words is None else words)
+    _ready_streams()
     try:
         return _run([_NEGATIVE.sub("\N{MINUS SIGN}", word) for word in words])
     except IkservoError as error:
         return _report(error.message, error.hint, error.exit_code, as_json="--json" in words)
     except KeyboardInterrupt:
         return _report("Stopped.", "", ExitCode.STOPPED, as_json="--json" in words)
+    except OSError as error:  # a full disk behind stdout, a reader that has gone
+        _abandon_stdout()
+        return _report(f"The answer could not be written: {error}.", "", ExitCode.FAILED)
+
+
+def _ready_streams() -> None:
+    """Let output that cannot be shown be shown as it can, and closed streams swallow it."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by the shell: >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _run(words: list[str]) -> int:
@@ -61,7 +78,13 @@ def _report_usage(error: Exception, message: str, *, as_json: bool) -> int:
     return _report(message, f"Try: {path} --help", ExitCode.USAGE, as_json=as_json)
 
 
-def _report(message: str, hint: str, code: ExitCode, *, as_json: bool) -> int:
+def _abandon_stdout() -> None:
+    """Keep Python from writing what is left to a stdout that takes no more."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _report(message: str, hint: str, code: ExitCode, *, as_json: bool = False) -> int:
     if as_json:
         answer = {"schema": "ikservo/error/1", "error": message, "hint": hint, "exit_code": code}
         print(json.dumps(answer, ensure_ascii=False))  # noqa: T201

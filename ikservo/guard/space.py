@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError, RefusedError
 from ikservo.kinematics.body import Body, Gaps
@@ -54,15 +55,15 @@ class Space:
     def check_way(self, way: Sequence[Vector]) -> None:
         """Check joint vectors (dof,) along a way, the first being where the arm is.
 
-        Where the arm touches something already at the start it may leave it, not go deeper.
+        An arm that lies on the table, or on itself, may get up: what touches at the start is
+        looked at only from where it is free. It must not end deeper than it began.
 
         Raises:
             RefusedError: Something would be touched; says what, and how far along the way.
         """
-        q = np.array(way)
-        for gaps in self._gaps(q):
-            free = np.minimum(gaps.gap_m[0], 0.0) - _TOUCH_M
-            looks, pairs = np.nonzero(gaps.gap_m < free)
+        for gaps in self._gaps(np.array(way)):
+            touching = _touching(gaps.gap_m)
+            looks, pairs = np.nonzero(touching)
             if len(looks):
                 first, pair = int(looks[0]), int(pairs[0])
                 share = first / max(1, len(way) - 1)
@@ -74,6 +75,14 @@ class Space:
             yield self._body.above(q, self._floor_m)
         for box in self._boxes:
             yield self._body.beside(q, box.low_m, box.high_m, box.name)
+
+
+def _touching(gap_m: Matrix) -> NDArray[np.bool_]:
+    """Return (looks, pairs) where a pair touches that need not."""
+    been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
+    touching = (gap_m < -_TOUCH_M) & been_free
+    touching[-1] |= gap_m[-1] < np.minimum(gap_m[0], 0.0) - _TOUCH_M
+    return touching
 
 
 def _touch(link: str, other: str, gap_m: float, share: float) -> RefusedError:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.errors import BadValueError
 from ikservo.ik.methods import method_named
 from ikservo.ik.options import Options, Posture, Tolerance
 from ikservo.ik.result import Result
@@ -11,6 +13,10 @@ from ikservo.ik.target import Target
 from ikservo.kinematics import Chain, finite_vector
 
 __all__ = ["solve"]
+
+
+# A million radians still have a tenth of a nanoradian between two numbers.
+_FURTHEST_RAD = 1e6
 
 
 def solve(
@@ -66,4 +72,6 @@ def solve(
         track,
     )
     start = chain.middle() if q0 is None else finite_vector(q0, chain.dof, "q0")
+    if float(np.abs(start).max()) > _FURTHEST_RAD:
+        raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
     return method_named(method)(chain, target, start, options)

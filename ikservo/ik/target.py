@@ -16,6 +16,8 @@ from ikservo.kinematics.se3 import Matrix, Vector, log_so3
 __all__ = ["Target"]
 
 _ROTATION_TOLERANCE = 1e-6
+# Beyond it squares of distances drown what a joint can do, and nobody has such an arm.
+_FURTHEST_M = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,10 @@ class Target:
     @cached_property
     def position(self) -> Vector:
         """Return the wanted position (3,) [m]."""
-        return finite_vector(self.position_m, 3, "The target position")
+        position = finite_vector(self.position_m, 3, "The target position")
+        if float(np.abs(position).max()) > _FURTHEST_M:
+            raise BadValueError("The target position", position.tolist(), "metres, within 1 km")
+        return position
 
     @cached_property
     def wanted_axis(self) -> Vector | None:

@@ -89,6 +89,9 @@ def check_zeros_and_signs(arm, model):
                 truth = arm.true_position(joint.name) - arm.held[joint.name]
                 error = joint_map.position(tick) - truth
                 assert abs(error) <= 2 * joint_map.unit_per_tick, joint.name
+                for shadow in joint.shadows:  # both obey one goal, so they must count alike
+                    other = arm.register(shadow.id, "present_position")
+                    assert abs(other - tick) <= 4, joint.name
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ TURN = 4096
 MAGNET, POTENTIOMETER = Encoder(4096, 4096.0), Encoder(1024, 1024 * 1.2)
 STS, X = Family.FEETECH_STS, Family.DYNAMIXEL_2
 travels = st.builds(
-    lambda low, width: Travel(low, low + width), st.integers(-9000, 9000), st.integers(50, 4095)
+    lambda low, width: Travel(low, low + width), st.integers(-9000, 9000), st.integers(50, 4094)
 )
 
 
@@ -77,16 +77,28 @@ def test_an_offset_that_serves_is_kept_so_that_nothing_has_to_be_written():
     assert choose_homing("elbow", X, Travel(900, 2500), -30, MAGNET).offset == -30
 
 
-def test_the_middle_at_bare_tick_zero_asks_for_an_offset_that_the_register_has_not():
-    # -2048 and 2048 are the same place, and neither fits sign and 11 bits: LeRobot's 2114.
-    homing = choose_homing("elbow", STS, Travel(-1500, 1500), 0, MAGNET)
-    assert homing.offset == -2047
+@pytest.mark.parametrize("width", [50, 3000, 3001, 4093, 4094])
+def test_no_travel_asks_for_the_offset_that_sign_and_11_bits_cannot_hold(width):
+    # -2048 and 2048 are the same place, and neither fits: LeRobot's "Magnitude 2114".
+    for low in range(4096):
+        homing = choose_homing("elbow", STS, Travel(low, low + width), 2048, MAGNET)
+        assert abs(homing.offset) <= 2047
+        assert low - homing.shift >= 0
+        assert low + width - homing.shift <= TURN - 1
+
+
+@given(st.integers(0, 4095), st.integers(-2047, 2047))
+def test_a_travel_of_almost_a_turn_finds_its_one_offset_wherever_the_horn_is(low, offset):
+    travel = Travel(low, low + 4094)
+    homing = choose_homing("elbow", STS, travel, offset, MAGNET)
+    assert abs(homing.offset) <= 2047
+    assert 0 <= travel.low - homing.shift < travel.high - homing.shift <= TURN - 1
 
 
 @pytest.mark.parametrize("family", [STS, X])
 def test_a_travel_of_a_turn_is_refused(family):
-    with pytest.raises(CalibrationError, match=r"elbow would travel 4096 ticks.*\n.*--free elbow"):
-        choose_homing("elbow", family, Travel(0, 4096), 0, MAGNET)
+    with pytest.raises(CalibrationError, match=r"elbow would travel 4095 ticks.*\n.*--free elbow"):
+        choose_homing("elbow", family, Travel(0, 4095), 0, MAGNET)
 
 
 def test_a_servo_without_an_offset_refuses_a_travel_across_its_seam():

@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,8 @@ SIM = "--arm so101 --port sim"
         (f"move nan 0 0.1 {SIM}", 2, "'nan' is not a length"),
         (f"move 0.2 -inf 0.1 {SIM}", 2, "'-inf' is not a length"),
         (f"move 0.2 1e400 0.1 {SIM}", 2, "'1e400' is not finite"),
+        (f"move 1e308 0 0.1 {SIM}", 2, "within 1 km"),
+        (f"joints elbow_flex=1e308 {SIM}", 2, "at most 1000"),
         (f"move 0.2 0 10deg {SIM}", 2, "'10deg' is not a length"),
         (f"move 0.2 0 {SIM}", 2, "Missing argument"),
         (f"move 0.2 0 0.1 0.4 {SIM}", 2, "unexpected extra argument"),
@@ -138,3 +142,14 @@ def test_tiny_numbers_are_numbers(say, number):
     assert math.isfinite(number)
     said = say(f"solve {0.25 + number} {number} 0.15 --arm so101 --json")
     assert json.loads(said.out)["reached"] is True
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a full disk at hand")
+def test_an_answer_that_cannot_be_written_is_said_in_one_line():
+    command = [sys.executable, "-c", "import sys; from ikservo.cli import main; sys.exit(main())"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*command, "arms"], stdout=full, stderr=subprocess.PIPE, text=True,
+                              check=False)  # fmt: skip
+    assert done.returncode == 1
+    assert "could not be written" in done.stderr
+    assert "Traceback" not in done.stderr

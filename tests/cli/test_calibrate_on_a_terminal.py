@@ -33,6 +33,7 @@ def terminal(monkeypatch):
 @pytest.fixture
 def picture(monkeypatch):
     """Draw into memory, and return what was drawn last."""
+    monkeypatch.setenv("TERM", "xterm")  # rich takes a dumb terminal for 80 columns wide
     console = Console(file=io.StringIO(), force_terminal=True, width=110, color_system=None)
     drawn = []
     update = Live.update

@@ -74,6 +74,7 @@ def test_an_error_at_every_call_is_named_and_leaves_the_old_or_the_new_file(
 
 
 @pytest.mark.campaign
+@pytest.mark.timeout(1200)
 def test_ten_thousand_random_power_cuts_never_tear_a_file(path, monkeypatch):
     chance = random.Random(6)
     calls = calls_of_a_save(path, monkeypatch)

@@ -58,6 +58,19 @@ def test_an_arm_that_touches_already_may_leave():
     Space(BODY, boxes=[lid]).check_way(straight(HOME, away))
 
 
+def test_an_arm_that_sank_onto_the_table_may_get_up_but_not_lie_deeper():
+    sunk = HOME + np.array([0, 0.8, 0, 0, 0])
+    Space(BODY).check_way(straight(sunk, HOME))
+    with pytest.raises(RefusedError, match="would touch the floor"):
+        Space(BODY).check_way(straight(sunk, sunk + np.array([0, 0.1, 0, 0, 0])))
+
+
+def test_what_has_been_left_must_not_be_touched_again():
+    sunk = HOME + np.array([0, 0.8, 0, 0, 0])
+    with pytest.raises(RefusedError, match="would touch the floor"):
+        Space(BODY).check_way([*straight(sunk, HOME), *straight(HOME, sunk)])
+
+
 @pytest.mark.parametrize(
     ("low", "high"),
     [((0, 0, 0), (0, 1, 1)), ((0, 0, math.nan), (1, 1, 1)), ((0, 0, 0), (1, 1, math.inf))],
