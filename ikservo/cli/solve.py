@@ -8,10 +8,8 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.comparison import compare, print_comparison, print_traces
 from ikservo.cli.options import ArmOption, JsonOption, Length
 from ikservo.cli.output import note, point, print_json, print_lines
-from ikservo.cli.pictures import check_picture
 from ikservo.cli.quantities import parse_axis
 from ikservo.cli.solutions import all_solutions, joint_words, print_solutions
 from ikservo.errors import ExitCode, InputError
@@ -91,6 +89,8 @@ def _check(
         other = "--all" if everything else "--compare"
         raise InputError(f"{other} chooses the method itself.", "Leave --method away.")
     if plot is not None:
+        from ikservo.cli.pictures import check_picture  # noqa: PLC0415  # few draw
+
         check_picture(plot)
 
 
@@ -116,6 +116,8 @@ def _print_all(
 def _print_comparison(
     model: Model, target: Target, start: Vector, *, trace: bool, json: bool
 ) -> list[tuple[str, Result]]:
+    from ikservo.cli.comparison import compare, print_comparison, print_traces  # noqa: PLC0415
+
     entries = compare(model.chain, target, start)
     answers = [(e.method, e.result) for e in entries if e.method == e.result.method]
     if trace:
@@ -127,6 +129,8 @@ def _print_comparison(
 
 def _print_one(model: Model, target: Target, result: Result, *, trace: bool, json: bool) -> None:
     if trace:
+        from ikservo.cli.comparison import print_traces  # noqa: PLC0415
+
         print_traces(model.chain, target, [(result.method, result)])
     elif json:
         print_json("solve", **_fields(result))
