@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 
-RUNS = 15
+RUNS = 9
 POINT = ["0.25", "0.05", "0.15", "--arm", "so101"]
 COMMANDS = {
     "python -c pass": [sys.executable, "-c", "pass"],
