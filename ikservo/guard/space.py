@@ -88,5 +88,6 @@ def _touching(gap_m: Matrix) -> NDArray[np.bool_]:
 def _touch(link: str, other: str, gap_m: float, share: float) -> RefusedError:
     return RefusedError(
         f"On the way, {share:.0%} along, {link} would touch {other} ({-gap_m * 1000:.1f} mm deep).",
-        "Nothing was sent. Go by another point, or check the arm's surroundings in its arm file.",
+        "Nothing was sent. Go by another point, mend the surroundings in the arm file, or use "
+        "--no-collision where you see that the way is free.",
     )

@@ -73,13 +73,17 @@ def with_arm(name: str, arm_file: Path | None) -> str:
     """Tell the simulated bus which arm is on it; ``sim:?seed=3`` passes options on.
 
     Raises:
-        InputError: A bus is to be simulated, but no arm is named.
+        InputError: A bus is to be simulated, but no arm is named, or the wrong way.
     """
     scheme, _, options = name.partition(":")
     if scheme != _SIMULATED or options.startswith("/"):
         return name
     if arm_file is None:
         raise InputError("Which arm shall be simulated?", "Give --arm, as in --arm so101.")
+    if options and not options.startswith("?"):
+        raise InputError(
+            f"The port {name!r} is none.", "--port is sim, or sim:?seed=3; the arm goes to --arm."
+        )
     return f"{_SIMULATED}:{arm_file.resolve()}{options}"
 
 

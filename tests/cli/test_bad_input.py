@@ -30,6 +30,7 @@ SIM = "--arm so101 --port sim"
         ("move 0.2 0 0.1 --arm so1o1 --port sim", 2, "Did you mean so101?"),
         ("move 0.2 0 0.1 --arm ../so101 --port sim", 2, "no arm or arm file named"),
         ("move 0.2 0 0.1 --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
+        ("where --arm so101 --port sim:px100", 2, "the arm goes to --arm"),
         ("move 0.2 0 0.1 --arm configs/so101/arm.urdf --port sim", 2, "which link is the tool"),
         (f"joints elbow_flex=130 {SIM}", 8, "past 96.8° (arm file)"),
         (f"joints elbow=10 {SIM}", 2, "Did you mean elbow_flex?"),
