@@ -75,6 +75,8 @@ def _positions(goals: list[str], model: Model) -> dict[str, float]:
         name, equals, text = goal.partition("=")
         if not equals:
             raise BadValueError("A joint's goal", repr(goal), "JOINT=POSITION, as in elbow_flex=30")
+        if name in positions:
+            raise BadValueError(f"The goal of {name}", "given twice", "one position a joint")
         slides = model.joint(name).joint_map.unit == "m"
         positions[name] = parse_length_m(text) if slides else parse_angle_rad(text)
     return positions

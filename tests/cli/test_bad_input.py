@@ -35,6 +35,7 @@ SIM = "--arm so101 --port sim"
         (f"joints elbow_flex=130 {SIM}", 8, "past 96.8° (arm file)"),
         (f"joints elbow=10 {SIM}", 2, "Did you mean elbow_flex?"),
         (f"joints elbow_flex {SIM}", 2, "JOINT=POSITION"),
+        (f"joints elbow_flex=30 elbow_flex=40 {SIM}", 2, "given twice"),
         (f"joints elbow_flex=nan {SIM}", 2, "is not an angle"),
         (f"joints elbow_flex=10 wrist_flex=200 {SIM}", 8, "wrist_flex would have to go"),
         (f"pose hom {SIM}", 2, "Did you mean home?"),
