@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.journey import Watcher, correct, settle, travel
+from ikservo.arm.arrival import correct, settle
+from ikservo.arm.journey import Watcher, travel
 from ikservo.arm.planning import Plan, Planner
 from ikservo.arm.reports import JointReport, MoveReport, Progress, Whereabouts
 from ikservo.arm.servos import Servos
