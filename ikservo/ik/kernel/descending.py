@@ -6,7 +6,7 @@ import math
 
 from ikservo.ik.kernel.compiling import inner
 from ikservo.ik.kernel.desk import BACK, CHORD2, FREE, GAUGE, HIGH, LOW, NOTED, STEP, Q
-from ikservo.ik.kernel.layout import BUDGET, KIND
+from ikservo.ik.kernel.layout import BUDGET, KIND, TRACK
 from ikservo.ik.kernel.looking import look, met
 from ikservo.ik.kernel.stepping import curves_down, downhill, release
 from ikservo.kinematics.packing import DOF
@@ -14,8 +14,8 @@ from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["descend"]
 
-# The linear model is good for about this far; it also keeps the search on its branch.
-_RADIUS = 0.5
+# The linear model is good for about this far; tracking stays nearer, and so on its branch.
+_RADIUS, _RADIUS_ON_TRACK = 0.8, 0.5
 # Damping against singular directions, as a share of the squared error: it vanishes where the
 # error does, so that the last steps are Newton's (Levenberg-Marquardt after Fan and Yuan 2005).
 _DAMPING = 0.1
@@ -46,13 +46,14 @@ def descend(
     slow one after another, or after the budget.
     """
     n, kind = int(arm[0, DOF]), int(settings[KIND])
-    half, radius, longest, back = math.inf, _RADIUS, 0.0, False
+    widest = _RADIUS_ON_TRACK if settings[TRACK] == 1.0 else _RADIUS
+    half, radius, longest, back = math.inf, widest, 0.0, False
     steps, nudges, slow = 0, 0, 0
     while True:
         there = look(arm, question, kind, weight, desk)
         if there < half:
             slow = slow + 1 if there > (1.0 - _SLOW) * half else 0
-            radius = min(2.0 * radius, _RADIUS)
+            radius = min(2.0 * radius, widest)
             half = there
             _note(n, trace, desk)
         elif not back:

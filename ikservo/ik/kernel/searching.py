@@ -29,6 +29,8 @@ __all__ = ["search_all"]
 
 # How many slow steps in a row end a quick attempt: the start is given more than the others.
 _PATIENCE, _PATIENCE_AT_START, _ENDLESS = 2, 4, 1 << 30
+# A solution that was found this early is worth a look for a nearer one.
+_EARLY = 4
 # How many ends are refined.
 _REFINED = 24
 
@@ -106,7 +108,7 @@ def _search(
         counts = reached or thorough or placing
         if counts and is_better(settings, reached, way, best_way, desk, tail):
             if reached and tail[REACHED] == 0.0:
-                last = 1 if k == 0 else min(last, k + 1 + int(settings[EXTRA_RESTARTS]))
+                last = min(last, k + 1 + (int(settings[EXTRA_RESTARTS]) if 0 < k < _EARLY else 0))
             best_way = way
             write(reached, seed, n, trace, desk, answer)
         k += 1
