@@ -13,7 +13,7 @@ from ikservo.hardware.chain_order import silence_hint
 from ikservo.hardware.conversation import Conversation
 from ikservo.hardware.gathering import scatter
 from ikservo.hardware.notation import Wanted, own_register
-from ikservo.hardware.plan import Plan, Round, is_telling, plan_reading
+from ikservo.hardware.plan import Cell, Plan, Round, plan_reading, plan_writing
 from ikservo.hardware.port import Port
 from ikservo.hardware.readings import Readings
 from ikservo.hardware.roll_call import RollCall
@@ -50,6 +50,7 @@ class ServoBus(Conversation):
     ) -> None:
         super().__init__(port, servos, retries=retries, fast=fast)
         self._plans: dict[Hashable, Plan] = {}
+        self._writings: dict[Hashable, Sequence[Cell]] = {}
 
     @overload
     def sync_read(
@@ -143,21 +144,28 @@ class ServoBus(Conversation):
         Raises:
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
         """
-        packets: dict[Family, dict[int, tuple[int, bytes]]] = {}
-        for servo_id, value in values.items():
-            servo = self._servo(servo_id)
-            register = own_register(servo, wanted)
-            data = self._permitted(servo, register, value, raw=raw)
-            packets.setdefault(servo.table.family, {})[servo_id] = (register.address, data)
-        for family, rows in packets.items():
-            scatter(self._questions.drivers[family], rows)
-        for servo_id in values:
-            servo = self.servos[servo_id]
-            register = own_register(servo, wanted)
-            if is_telling(servo, register):
-                self._note(
-                    servo, register, register.decode(packets[servo.table.family][servo_id][1])
-                )
+        cells = self._cells(tuple(values), wanted)
+        rows = {
+            cell.servo.id: self._permitted(cell.servo, cell.register, value, raw=raw)
+            for cell, value in zip(cells, values.values(), strict=True)
+        }
+        packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
+        for cell in cells:
+            own = packets[cell.servo.table.family]
+            own[cell.servo.id] = (cell.register.address, rows[cell.servo.id])
+        for family, packet in packets.items():
+            scatter(self._questions.drivers[family], packet)
+        for cell in cells:
+            if cell.telling:
+                self._note(cell.servo, cell.register, cell.register.decode(rows[cell.servo.id]))
+
+    def _cells(self, ids: tuple[int, ...], wanted: Wanted) -> Sequence[Cell]:
+        key = (ids, wanted)
+        if key not in self._writings:
+            if len(self._writings) >= _MOST_PLANS:
+                self._writings.clear()
+            self._writings[key] = plan_writing(map(self._servo, ids), wanted)
+        return self._writings[key]
 
     def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:
         """Write of each servo its own registers; the protocols give no answer to this.

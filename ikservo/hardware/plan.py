@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ikservo.hardware.block import rounds
@@ -11,7 +11,7 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.span import Span
 from ikservo.registers import Register, Role
 
-__all__ = ["Plan", "Round", "Slot", "is_telling", "plan_reading"]
+__all__ = ["Cell", "Plan", "Round", "Slot", "is_telling", "plan_reading", "plan_writing"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,29 @@ class Plan:
 
     servo_ids: Sequence[int]
     rounds: Sequence[Round]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One servo's own register of a writing.
+
+    Attributes:
+        telling: See ``is_telling``.
+    """
+
+    servo: ServoSpec
+    register: Register
+    telling: bool
+
+
+def plan_writing(servos: Iterable[ServoSpec], wanted: Wanted) -> list[Cell]:
+    """Return the servos' own registers for what is to be written.
+
+    Raises:
+        UnknownNameError: A servo has no such register.
+    """
+    own = [(servo, own_register(servo, wanted)) for servo in servos]
+    return [Cell(servo, register, is_telling(servo, register)) for servo, register in own]
 
 
 def plan_reading(wanted: Mapping[ServoSpec, Sequence[Wanted]]) -> Plan:
