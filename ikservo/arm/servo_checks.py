@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
+from ikservo.arm.eeprom_checks import check_eeprom
 from ikservo.arm.findings import Finding, bad, good, odd
-from ikservo.errors import BusError, UnknownNameError
+from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.eeprom import Difference, differences, update_eeprom
 from ikservo.hardware.identify import firmware_of
-from ikservo.hardware.notation import Wanted
 from ikservo.hardware.servo import ServoSpec
-from ikservo.model import Model, ModelServo
+from ikservo.model import Model
 from ikservo.registers import Role, table_with_number
 
-__all__ = ["check_servos", "write_eeprom"]
+__all__ = ["check_servos"]
 
 _WARM_C = 60.0
 _HOT_C = 70.0
 _LONG_DELAY_S = 1e-4  # of all servos together
-_CALIBRATED = {"homing_offset", "min_position_limit", "max_position_limit"}  # may be this arm's own
 
 
 def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
@@ -37,7 +35,7 @@ def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
         except BusError as error:
             yield bad(check.__name__.strip("_"), error.message, error.hint)
     if model:
-        yield from _eeprom(bus, model)
+        yield from check_eeprom(bus, model)
 
 
 def _models(bus: ServoBus) -> Iterator[Finding]:
@@ -136,77 +134,6 @@ def _locks(bus: ServoBus) -> Iterator[Finding]:
         lock = servo.table.eeprom_lock
         if lock and not bus.read(servo.id, lock, raw=True):
             yield odd("lock", f"{servo} leaves its EEPROM open", "Any write to it wears it out.")
-
-
-def _eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
-    compared, alike = 0, True
-    for own in listed_servos(model):
-        if own.id not in bus.servos or not own.eeprom:
-            continue
-        compared += len(own.eeprom)
-        for finding in _servo_eeprom(bus, own):
-            alike = False
-            yield finding
-    if compared and alike:
-        yield good("eeprom", f"{compared} values are as the arm file says")
-
-
-def _servo_eeprom(bus: ServoBus, own: ModelServo) -> Iterator[Finding]:
-    servo = bus.servos[own.id]
-    try:
-        left = differences(bus, own.id, wanted_eeprom(servo, own.eeprom))
-    except (BusError, UnknownNameError) as error:
-        yield bad("eeprom", f"{servo}: {error.message}", error.hint)
-        return
-    for one in left:
-        kind = odd if one.register.name in _CALIBRATED else bad
-        yield kind(
-            "eeprom",
-            f"{servo} holds {one.register} = {one.found}, the arm file says {one.wanted}",
-            "Write what the arm file says: ikservo doctor --write-eeprom",
-        )
-
-
-def listed_servos(model: Model) -> list[ModelServo]:
-    """Return every servo of the arm file, shadows behind the servo they follow."""
-    return [servo for joint in model.joints for servo in (joint.servo, *joint.shadows)]
-
-
-def wanted_eeprom(servo: ServoSpec, values: Mapping[str, int]) -> dict[Wanted, int]:
-    """Return the arm file's raw values by the servo's own registers.
-
-    Raises:
-        UnknownNameError: The servo has no such register.
-    """
-    registers = servo.table.registers
-    unknown = [name for name in values if name not in registers]
-    if unknown:
-        raise UnknownNameError(f"{servo.table.model_name} register", unknown[0], registers)
-    return {registers[name]: number for name, number in values.items()}
-
-
-def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[Difference]]:
-    """Make every servo hold what the arm file says, and answer at once; return what changed.
-
-    Raises:
-        RegisterAccessError: Torque is on, or a register forbids its number; servos before it
-            are written.
-        ServoRefusedError: A number did not last.
-        BusError: A servo does not answer.
-    """
-    changed: dict[ServoSpec, list[Difference]] = {}
-    for own in listed_servos(model):
-        servo = bus.servos[own.id]
-        changes = update_eeprom(bus, own.id, at_once(servo) | wanted_eeprom(servo, own.eeprom))
-        if changes:
-            changed[servo] = changes
-    return changed
-
-
-def at_once(servo: ServoSpec) -> dict[Wanted, int]:
-    """Return the return delay as it should be, where the servo has one."""
-    has_delay = Role.RETURN_DELAY not in servo.table.lacks
-    return {servo.table.return_delay: 0} if has_delay else {}
 
 
 def _counted(names: Iterable[str]) -> str:

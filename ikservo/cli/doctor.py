@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.checkup import check_up, rules_text
+from ikservo.arm.eeprom_checks import write_eeprom
 from ikservo.arm.findings import Finding, Level
 from ikservo.arm.line import open_line
-from ikservo.arm.servo_checks import write_eeprom
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.cli.progress import bar

@@ -164,6 +164,19 @@ def test_asked_for_it_writes_what_the_arm_file_says(say, monkeypatch):
     assert ports[0].line.servos[12].read("return_delay_time") == 0
 
 
+def test_what_a_calibration_rests_on_is_left_to_the_calibration(say, monkeypatch):
+    def change(line):
+        line.servos[12].memory.put("max_position_limit", 3000)
+        line.servos[12].memory.put("return_delay_time", 100)
+
+    monkeypatch.setattr("ikservo.arm.eeprom_checks.load", lambda arm, serial: object())
+    ports = spoil(monkeypatch, change)
+    said = say("doctor --arm open_manipulator_x --port sim --write-eeprom")
+    assert "max_position_limit" not in said.err
+    assert ports[0].line.servos[12].read("max_position_limit") == 3000
+    assert ports[0].line.servos[12].read("return_delay_time") == 0
+
+
 def test_json_is_one_object_with_every_check(say):
     answer = say(f"doctor {SIM} --json").json
     assert (answer["schema"], answer["healthy"]) == ("ikservo/doctor/1", True)
