@@ -18,6 +18,8 @@ from ikservo.registers import Role
 
 __all__ = ["at_once", "check_eeprom", "listed_servos", "wanted_eeprom", "write_eeprom"]
 
+_ITS_OWN = {"homing_offset", "min_position_limit", "max_position_limit"}  # may be this arm's
+
 
 def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
     """Yield where servos hold other numbers than the arm file says.
@@ -47,7 +49,7 @@ def _differing(bus: ServoBus, own: ModelServo, own_numbers: bool) -> Iterator[Fi
         yield bad("eeprom", f"{servo}: {error.message}", error.hint)
         return
     for one in left:
-        kind = odd if one.register in held_registers(servo.table) else bad
+        kind = odd if one.register.name in _ITS_OWN else bad
         yield kind(
             "eeprom",
             f"{servo} holds {one.register} = {one.found}, the arm file says {one.wanted}",
