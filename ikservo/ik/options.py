@@ -53,7 +53,7 @@ class Options:
     """
 
     tolerance: Tolerance = field(default_factory=Tolerance)
-    restarts: int = 200
+    restarts: int = 400
     max_iterations: int | None = None
     posture: Posture | None = None
     trace: bool = False

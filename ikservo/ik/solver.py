@@ -58,7 +58,8 @@ def solve(
         The solution, or the nearest point that was found and the limits that bind there.
 
     Raises:
-        BadValueError: q0 has a wrong shape or is not finite, or an option makes no sense.
+        BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or there is
+            no chain or no target.
         UnknownNameError: No such method, or the target's frame is no link of the arm.
     """
     options = Options(
@@ -71,7 +72,15 @@ def solve(
         turn_weight_m_rad,
         track,
     )
+    _check_kinds(chain, target)
     start = chain.middle() if q0 is None else finite_vector(q0, chain.dof, "q0")
     if float(np.abs(start).max()) > _FURTHEST_RAD:
         raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
     return method_named(method)(chain, target, start, options)
+
+
+def _check_kinds(chain: object, target: object) -> None:
+    if not isinstance(chain, Chain):
+        raise BadValueError("The chain", repr(chain), 'a Chain, as in load_model("so101").chain')
+    if not isinstance(target, Target):
+        raise BadValueError("The target", repr(target), "a Target, as in Target((0.25, 0, 0.15))")

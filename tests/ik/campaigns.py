@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ikservo.ik import solve_batch
+from ikservo.ik import Target, solve, solve_batch
 from ikservo.model import load_model
 
 TOOL_AXES = {"so100": (0, -1, 0), "so101": (0, 0, 1), "koch": (0, 0, 1)}
@@ -35,6 +35,18 @@ def missed_within_narrowed_limits(name, kind, limits, targets, seed=0):
         assert (answers.q <= chain.upper_rad).all()
         missed += int((~answers.reached).sum())
     return missed
+
+
+def out_of_reach(name, random, *, narrow):
+    """Return an arm, within random limits if narrow, and a point (3,) [m] that it cannot reach."""
+    chain = load_model(name).chain
+    if narrow:
+        chain = narrowed(chain, random)
+    reach_m = np.abs(chain.forward(chain.middle())[:3, 3]).max() + 0.3
+    while True:
+        target_m = random.uniform(-reach_m, reach_m, 3)
+        if not solve(chain, Target(target_m), method="bounded").reached:
+            return chain, target_m
 
 
 def closest_of_many(chain, target_m, samples=20_000, rounds=6, seed=0):
