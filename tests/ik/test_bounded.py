@@ -46,12 +46,12 @@ def test_out_of_reach_no_dense_search_comes_closer():
     random = np.random.default_rng(5)
     for _ in range(2):
         chain, target_m = out_of_reach("so101", random, narrow=True)
-    """Return how much further off than the best of 2,000 walks each nearest point is (targets,)."""
+        found_m = solve(chain, Target(target_m), method="bounded").position_error_m
         assert found_m - closest_of_many(chain, target_m) < 1e-3
 
 
 def gaps_to_many_restarts_m(name, targets, seed, *, narrow):
-    """Return how much further off than the best of 2,000 walks the nearest points are (targets,)."""
+    """Return how much further off than the best of 2,000 walks nearest points are (targets,)."""
     random = np.random.default_rng(seed)
     gaps_m = np.zeros(targets)
     for i in range(targets):
