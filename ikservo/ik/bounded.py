@@ -38,7 +38,7 @@ def bounded(
     ready = prepared(chain, target.frame, _offset(target), _axis(target, kind), restarts)
     seeds = ready.seeds
     if first and restarts > 1:
-        seeds = np.vstack([ready.beside(np.array(first)), seeds])
+        seeds = np.vstack([ready.beside(chain, np.array(first)), seeds])
     worker = Worker(chain.dof, restarts, traced=_TRACED if options.trace else 0)
     _ask(target, kind, worker)
     worker.start[0] = q0

@@ -100,21 +100,22 @@ class Worker:
 class Prepared:
     """An arm with one point of it, as the kernels read them.
 
+    It must not hold the chain, which is the key that it is kept under: neither would ever go.
+
     Attributes:
         arm: The packed chain.
         seeds: Starting points beside the caller's (m, dof + 12), the tool's pose beside each.
     """
 
-    chain: Chain
     frame: str | None
     offset_m: Vector | None
     tool_axis: Vector | None
     arm: Matrix
     seeds: Matrix
 
-    def beside(self, q: Matrix) -> Matrix:
+    def beside(self, chain: Chain, q: Matrix) -> Matrix:
         """Return joints (m, dof) with the tool's pose there beside them (m, dof + 12)."""
-        T = self.chain.forward(q, self.frame, self.offset_m)
+        T = chain.forward(q, self.frame, self.offset_m)
         R = T[:, :3, :3]
         if self.tool_axis is not None:
             R = R @ turn_z_onto(self.tool_axis)
@@ -136,9 +137,9 @@ def prepared(
         while len(kept) >= _KEPT:
             kept.pop(next(iter(kept)), None)
         arm, none = pack(chain, frame, offset_m, tool_axis), np.zeros((0, chain.dof + 12))
-        ready = kept[key] = Prepared(chain, frame, offset_m, tool_axis, arm, none)
+        ready = kept[key] = Prepared(frame, offset_m, tool_axis, arm, none)
     if len(ready.seeds) < restarts - 1:
-        more = ready.beside(seeds(chain, restarts - 1))
+        more = ready.beside(chain, seeds(chain, restarts - 1))
         ready = kept[key] = replace(ready, seeds=more)
     return ready
 

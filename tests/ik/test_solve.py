@@ -1,6 +1,8 @@
 """The bounded solver: inside the limits always, and honest about what it reached."""
 
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -129,3 +131,12 @@ def test_a_prepared_solver_follows_a_line_without_jumps():
         assert reached
         largest, q = max(largest, float(np.abs(after - q).max())), after
     assert largest < 0.05
+
+
+def test_an_arm_that_nobody_uses_any_more_is_forgotten():
+    chain = ARM.with_limits(ARM.lower_rad / 2, ARM.upper_rad / 2)
+    solve(chain, Target([0.3, 0.2, 0.0]), method="bounded")
+    known = weakref.ref(chain)
+    del chain
+    gc.collect()
+    assert known() is None
