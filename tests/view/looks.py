@@ -1,0 +1,98 @@
+"""Arms and cameras that the view's tests look at and through."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from hypothesis import strategies as st
+
+from ikservo.model import load_model
+from ikservo.view.camera import Camera, Viewport, looking_along
+from ikservo.view.drag import Drag, Sight
+from ikservo.view.pick import Picker
+from ikservo.view.posing import link_poses
+from ikservo.view.scene import Theatre
+from ikservo.view.shapes import capsules_of, shapes_of
+from ikservo.view.stage import stage_of
+from ikservo.view.views import View, camera_of
+
+VIEWPORT = Viewport(800.0, 600.0)
+
+_unit = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
+directions = _unit.filter(lambda v: float(v @ v) > 0.01)
+points = st.tuples(*[st.floats(-2, 2)] * 3).map(np.array)
+viewports = st.builds(
+    Viewport, st.floats(200, 4000), st.floats(200, 4000), st.sampled_from([1.0, 1.5, 2.0, 3.0])
+)
+
+
+def _upwards(forward, helper):
+    return helper if np.linalg.norm(np.cross(forward, helper)) > 0.05 else helper[[1, 2, 0]]
+
+
+cameras = st.builds(
+    lambda viewport, eye, forward, helper, scale, perspective: Camera(
+        viewport, eye, looking_along(forward, _upwards(forward, helper)), scale, perspective
+    ),
+    viewports,
+    points,
+    directions,
+    st.sampled_from(list(np.eye(3))),
+    st.floats(50, 5000),
+    st.booleans(),
+)
+
+
+@cache
+def model_of(name):
+    return load_model(name)
+
+
+@cache
+def stage(name):
+    return stage_of(model_of(name))
+
+
+@cache
+def theatre(name):
+    return Theatre(model_of(name))
+
+
+@cache
+def picker(name):
+    return Picker(shapes_of(capsules_of(model_of(name))))
+
+
+def looked_at(name, view, q=None, viewport=VIEWPORT):
+    """Return the camera of a view of an arm at joints q, those of home if None."""
+    the_stage = stage(name)
+    yaw_rad = the_stage.yaw_rad(the_stage.home if q is None else q)
+    return camera_of(the_stage, View(view), viewport, yaw_rad)
+
+
+def sight(name, view, q=None):
+    q = stage(name).home if q is None else q
+    return Sight(looked_at(name, view, q), (q,))
+
+
+def drag_of(name):
+    return Drag(model_of(name).chain, picker(name))
+
+
+def pixel_of(name, view, q, link, offset_m=(0.0, 0.0, 0.0)):
+    """Return where a point of a link is on the screen."""
+    T = model_of(name).chain.forward(q, link, offset_m)
+    return looked_at(name, view, q).project(T[:3, 3])[0]
+
+
+def pixel_on(name, look, link):
+    """Return a pixel at which a link of the arm can be seen."""
+    poses = link_poses(model_of(name).chain, look.arms[0], look.beside)
+    for capsule in capsules_of(model_of(name)):
+        if capsule.link == link:
+            px, _ = look.camera.project(sum(capsule.ends(poses[link])) / 2)
+            hit = picker(name).at(look.camera, poses, px, 1)
+            if hit is not None and hit.link == link:
+                return px
+    raise AssertionError(f"{link} is hidden")

@@ -1,0 +1,436 @@
+"""Pointer, wheel and keys become wishes, and wishes become goals that never leave the limits."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ikservo.errors import UnknownNameError
+from ikservo.kinematics import room_to_limits
+from ikservo.view.drag import Drag, Sight
+from ikservo.view.pick import Picker
+from ikservo.view.puppet import LONGEST_RAD, Puppet
+from ikservo.view.wishes import Hold, Turn
+from tests.kinematics.chains import crane
+from tests.view.looks import drag_of, looked_at, model_of, pixel_of, pixel_on, sight, stage
+
+EMPTY_PX = np.array([60.0, 60.0])
+pixels = st.tuples(st.floats(0, 800), st.floats(0, 600)).map(np.array)
+
+
+def play(name, drag, look, moves, q):
+    """Let a pointer that has been pressed move; return the goals, each frame one answer."""
+    puppet, goals = Puppet(model_of(name).chain), [q]
+    for px in moves:
+        goals.append(puppet.answer(drag.move(px), goals[-1]).q)
+    return np.array(goals)
+
+
+# --- grabbing ---
+
+
+@pytest.mark.parametrize("view", ["side", "top", "orbit"])
+@pytest.mark.parametrize("link", ["forearm", "gripper"])
+def test_a_press_grabs_the_point_under_the_pointer(link, view):
+    home, look = stage("so101").home, sight("so101", view)
+    px = pixel_on("so101", look, link)
+    target = drag_of("so101").press(px, look).target
+    assert target.frame == link
+    there = model_of("so101").chain.forward(home, target.frame, target.offset_m)[:3, 3]
+    np.testing.assert_allclose(there, target.position, atol=1e-9)
+    np.testing.assert_allclose(look.camera.project(there)[0], px, atol=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-60, 60), st.floats(-60, 60))
+def test_the_grabbed_point_goes_where_the_pointer_goes_parallel_to_the_screen(dx, dy):
+    look, drag = sight("so101", "orbit"), drag_of("so101")
+    px = pixel_of("so101", "orbit", look.arms[0], "forearm", (-0.05, 0.0, 0.0))
+    start = drag.press(px, look).target.position
+    target = drag.move(px + np.array([dx, dy])).target
+    seen, depth_m = look.camera.project(np.array([start, target.position]))
+    np.testing.assert_allclose(seen[1] - seen[0], (dx, dy), atol=1e-6)
+    assert depth_m[1] == pytest.approx(depth_m[0])
+
+
+def test_only_the_joints_up_to_the_grabbed_link_move():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.03, 0.0, 0.0))
+    assert drag.press(px, look).target.frame == "forearm"
+    goals = play(
+        "so101", drag, look, [px + np.array([0, 3.0 * k]) for k in range(12)], look.arms[0]
+    )
+    moved = np.abs(goals[-1] - goals[0])
+    assert moved[:3].max() > 0.02
+    np.testing.assert_array_equal(moved[3:], 0.0)
+
+
+def test_a_pulled_link_follows_the_pointer():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.03, 0.0, 0.0))
+    start = drag.press(px, look).target
+    goals = play("so101", drag, look, [px - (0, 1.5 * k) for k in range(20)], look.arms[0])
+    chain = model_of("so101").chain
+    at = chain.forward(goals[-1], start.frame, start.offset_m)[:3, 3]
+    held_px = look.camera.project(start.position)[0] - (0.0, 28.5)
+    np.testing.assert_allclose(look.camera.project(at)[0], held_px, atol=0.1)
+
+
+def test_a_jaw_is_pulled_together_with_the_hand_that_carries_it():
+    look = sight("so101", "side")
+    look = Sight(look.camera, look.arms, beside={"gripper": 1.0})
+    drag = drag_of("so101")
+    target = drag.press(pixel_on("so101", look, "jaw"), look).target
+    assert target.frame == "gripper"
+    assert drag.grabbed == "jaw"
+
+
+def test_the_ghost_is_grabbed_before_the_arm_behind_it():
+    home = stage("so101").home
+    goal = model_of("so101").chain.clip(home + np.array([0, 0.4, 0.3, 0, 0]))
+    camera, drag = looked_at("so101", "side"), drag_of("so101")
+    px = pixel_of("so101", "side", goal, "forearm", (-0.05, 0.0, 0.0))
+    wish = drag.press(px, Sight(camera, (goal, home)))
+    chain = model_of("so101").chain
+    at = chain.forward(goal, wish.target.frame, wish.target.offset_m)[:3, 3]
+    np.testing.assert_allclose(at, wish.target.position, atol=1e-9)
+
+
+def test_the_arm_itself_is_grabbed_where_no_ghost_is():
+    home = stage("so101").home
+    goal = model_of("so101").chain.clip(home + np.array([0, 0.9, 0.3, 0, 0]))
+    px = pixel_of("so101", "side", home, "forearm", (-0.05, 0.0, 0.0))
+    look = Sight(looked_at("so101", "side"), (goal, home))
+    assert drag_of("so101").press(px, look).target.frame == "forearm"
+
+
+def test_release_ends_the_drag():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    drag.press(pixel_of("so101", "side", look.arms[0], "forearm", (-0.05, 0, 0)), look)
+    drag.release()
+    assert not drag.busy
+    assert drag.move((400.0, 300.0)) is None
+
+
+def test_a_second_finger_neither_moves_nor_ends_a_drag():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    drag.press(EMPTY_PX, look, pointer=7)
+    assert drag.press((400.0, 300.0), look, pointer=8) is None
+    assert drag.move((400.0, 300.0), pointer=8) is None
+    drag.release(pointer=8)
+    assert drag.move((100.0, 100.0), pointer=7) is not None
+
+
+def test_cancel_lets_go_and_holds():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    drag.press(EMPTY_PX, look)
+    assert drag.cancel() == Hold()
+    assert not drag.busy
+
+
+def test_the_camera_stays_while_something_is_held():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    drag.press(EMPTY_PX, look)
+    assert drag.camera is look.camera
+
+
+# --- clicks on nothing ---
+
+
+@pytest.mark.parametrize("view", ["side", "top", "front", "orbit"])
+def test_a_click_on_nothing_sends_the_tip_there_in_the_plane_of_the_view(view):
+    look = sight("so101", view)
+    wish = drag_of("so101").press(EMPTY_PX, look)
+    px, depth_m = look.camera.project(wish.target.position)
+    tip = model_of("so101").chain.forward(look.arms[0])[:3, 3]
+    np.testing.assert_allclose(px, EMPTY_PX, atol=1e-6)
+    assert wish.target.frame is None
+    assert depth_m == pytest.approx(look.camera.depth_of(tip))
+
+
+def test_the_base_is_as_good_as_nothing():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_of("so101", "side", look.arms[0], "base", (0.0, 0.0, 0.01))
+    assert drag.press(px, look).target.frame is None
+    assert drag_of("so101").hover(px, look) is None
+
+
+def test_a_click_may_fold_the_arm_another_way_and_a_drag_may_not():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    assert drag.press(EMPTY_PX, look).jump
+    assert not drag.move(EMPTY_PX + 5.0).jump
+
+
+@pytest.mark.parametrize("name", ["so101", "wx250s", "planar3"])
+def test_a_click_on_a_reachable_point_is_reached_at_once(name):
+    chain, random = model_of(name).chain, np.random.default_rng(5)
+    puppet, q = Puppet(chain), stage(name).home
+    drag = Drag(chain, Picker({}))
+    view = "plane" if name == "planar3" else "top"
+    for _ in range(20):
+        there = chain.forward(random.uniform(chain.lower_rad, chain.upper_rad))[:3, 3]
+        camera = looked_at(name, view)
+        wish = drag.press(camera.project(there)[0], Sight(camera, (q,), plane_m=there))
+        drag.release()
+        answer = puppet.answer(wish, q)
+        assert answer.aim.reached
+        assert answer.settled
+        np.testing.assert_allclose(chain.forward(answer.q)[:3, 3], there, atol=1e-4)
+
+
+# --- limits ---
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(pixels, min_size=1, max_size=12), st.sampled_from(["side", "top", "orbit"]))
+@pytest.mark.parametrize("name", ["so101", "wx250s"])
+def test_dragging_never_asks_beyond_the_limits(name, path, view):
+    chain, look, drag = model_of(name).chain, sight(name, view), drag_of(name)
+    drag.press(pixel_of(name, view, look.arms[0], "forearm", (-0.05, 0, 0)), look)
+    goals = play(name, drag, look, path, look.arms[0])
+    assert room_to_limits(chain, goals).min() >= 0.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(pixels, min_size=2, max_size=12), st.sampled_from(["side", "top", "orbit"]))
+def test_turning_one_joint_never_asks_beyond_its_limits(path, view):
+    chain, look, drag = model_of("so101").chain, sight("so101", view), drag_of("so101")
+    q = look.arms[0]
+    drag.press(pixel_of("so101", view, q, "forearm", (-0.05, 0, 0)), look, shift=True)
+    goals = play("so101", drag, look, path, q)
+    assert room_to_limits(chain, goals).min() >= 0.0
+
+
+def test_a_start_outside_the_limits_is_brought_back_to_them():
+    chain = model_of("so101").chain
+    outside = chain.upper_rad + 0.05
+    np.testing.assert_array_equal(Puppet(chain).answer(Hold(), outside).q, chain.upper_rad)
+
+
+def test_a_joint_that_the_arm_does_not_have_is_refused():
+    with pytest.raises(UnknownNameError):
+        Puppet(model_of("so101").chain).answer(Turn("knee", 0.0), stage("so101").home)
+
+
+# --- past the reach ---
+
+ARMS = ["so101", "koch", "open_manipulator_x", "px100", "wx250s", "planar2", "planar3"]
+
+
+def path_outside(name, turns=1.0, frames=400):
+    """Return the drag, and pixels of a path that goes round outside the reach and back in."""
+    view = "plane" if name.startswith("planar") else "side"
+    look, drag = sight(name, view), drag_of(name)
+    tip_px = look.camera.project(model_of(name).chain.forward(look.arms[0])[:3, 3])[0]
+    drag.press(EMPTY_PX, look)
+    centre = pixel_of(name, view, look.arms[0], "upper_arm")
+    way = tip_px - centre
+    angles = turns * np.linspace(0.0, 1.2, frames)
+    stretch = 1.0 + 2.5 * np.sin(np.linspace(0.0, math.pi, frames)) ** 2
+    c, s = np.cos(angles) * stretch, np.sin(angles) * stretch
+    path = centre + np.stack([c * way[0] + s * way[1], c * way[1] - s * way[0]], axis=1)
+    return look, drag, path
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_pointer_that_leaves_the_reach_is_followed_without_a_jump(name):
+    look, drag, path = path_outside(name)
+    goals = play(name, drag, look, path, look.arms[0])
+    assert np.abs(np.diff(goals, axis=0)).max() <= LONGEST_RAD + 1e-12
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_pointer_that_leaves_the_reach_is_followed_without_chattering(name):
+    """A joint turns back where a limit takes over, and not again and again."""
+    look, drag, path = path_outside(name)
+    goals = play(name, drag, look, path, look.arms[0])
+    steps = np.diff(goals[20:], axis=0)
+    to_and_fro = np.minimum(np.abs(steps[1:]), np.abs(steps[:-1])) * (steps[1:] * steps[:-1] < 0)
+    assert (to_and_fro > math.radians(0.5)).sum() <= 3
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_pointer_that_rests_outside_the_reach_lets_the_arm_rest(name):
+    look, drag, path = path_outside(name)
+    goals = play(name, drag, look, [*path[:200], *([path[200]] * 60)], look.arms[0])
+    assert np.abs(np.diff(goals[-20:], axis=0)).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_outside_the_reach_no_reachable_point_nearby_is_nearer_to_the_pointer(name):
+    chain, random = model_of(name).chain, np.random.default_rng(11)
+    look, drag, path = path_outside(name)
+    goals = play(name, drag, look, [*path[:200], *([path[200]] * 60)], look.arms[0])
+    target = drag.move(path[200]).target.position
+    here = math.dist(chain.forward(goals[-1])[:3, 3], target)
+    around = chain.clip(goals[-1] + random.normal(scale=0.05, size=(400, chain.dof)))
+    others = np.linalg.norm(chain.forward(around)[:, :3, 3] - target, axis=1)
+    assert others.min() >= here - 1e-6
+
+
+def test_a_target_out_of_reach_names_the_nearest_point_and_the_limit():
+    chain, q = model_of("planar2").chain, stage("planar2").home
+    look = sight("planar2", "plane")
+    wish = drag_of("planar2").press((5.0, 300.0), look)
+    aim = Puppet(chain).answer(wish, q).aim
+    assert not aim.reached
+    assert aim.gap_m == pytest.approx(math.dist(aim.nearest_m, wish.target.position))
+
+
+def test_a_jerk_of_the_pointer_is_followed_in_bounded_steps_until_it_is_settled():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    drag.press(pixel_of("so101", "side", look.arms[0], "gripper", (0, 0, -0.02)), look)
+    wish, puppet, q, answers = drag.move((200.0, 150.0)), Puppet(model_of("so101").chain), None, []
+    q = look.arms[0]
+    for _ in range(60):
+        answers.append(puppet.answer(wish, q))
+        assert np.abs(answers[-1].q - q).max() <= LONGEST_RAD + 1e-12
+        q = answers[-1].q
+    assert not answers[0].settled
+    assert answers[-1].settled
+
+
+# --- one joint ---
+
+
+@pytest.mark.parametrize("view", ["side", "orbit"])
+def test_a_shift_drag_turns_only_the_joint_that_carries_the_link(view):
+    look, drag = sight("so101", view), drag_of("so101")
+    q = look.arms[0]
+    px = pixel_of("so101", view, q, "forearm", (-0.05, 0.0, 0.0))
+    drag.press(px, look, shift=True)
+    wish = drag.move(px + np.array([0.0, 20.0]))
+    assert wish.joint == "elbow_flex"
+    goal = Puppet(model_of("so101").chain).answer(wish, q).q
+    assert np.flatnonzero(goal != q).tolist() == [2]
+
+
+@pytest.mark.parametrize("view", ["side", "orbit"])
+@pytest.mark.parametrize("link", ["upper_arm", "forearm"])
+@pytest.mark.parametrize("angle_rad", [-0.3, 0.2])
+def test_a_shift_drag_turns_the_link_to_the_pointer(view, link, angle_rad):
+    """Where the pointer goes is where the grabbed point gets, as far as a circle allows."""
+    chain, look, drag = model_of("so101").chain, sight("so101", view), drag_of("so101")
+    q = look.arms[0]
+    offset = {"upper_arm": (-0.08, 0.0, 0.0), "forearm": (-0.08, 0.0, 0.0)}[link]
+    column = {"upper_arm": 1, "forearm": 2}[link]
+    target = q + angle_rad * np.eye(chain.dof)[column]
+    drag.press(pixel_of("so101", view, q, link, offset), look, shift=True)
+    path = [
+        look.camera.project(chain.forward(q + s * (target - q), link, offset)[:3, 3])[0]
+        for s in np.linspace(0, 1, 15)
+    ]
+    goals = play("so101", drag, look, path, q)
+    assert goals[-1][column] == pytest.approx(target[column], abs=0.04)
+
+
+def test_a_joint_dragged_past_its_limit_comes_back_where_the_pointer_does():
+    chain, look, drag = model_of("planar2").chain, sight("planar2", "plane"), drag_of("planar2")
+    q = look.arms[0]
+    hub, px = (pixel_of("planar2", "plane", q, "upper_arm", (x, 0, 0)) for x in (0.0, 0.09))
+    drag.press(px, look, shift=True)
+    angles = np.concatenate([np.linspace(0, -3.0, 60), np.linspace(-3.0, 0, 60)])
+    arm = px - hub
+    path = [hub + np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
+            for c, s in zip(np.cos(angles), np.sin(angles), strict=True)]  # fmt: skip
+    goals = play("planar2", drag, look, path, q)
+    assert room_to_limits(chain, goals)[:, 0].min() == 0.0
+    np.testing.assert_allclose(goals[-1], q, atol=1e-9)
+
+
+def test_a_shift_press_on_nothing_does_nothing():
+    assert drag_of("so101").press(EMPTY_PX, sight("so101", "side"), shift=True) is None
+
+
+@pytest.mark.parametrize("notches", [1.0, -3.0])
+def test_a_notch_of_the_wheel_turns_the_joint_under_it_by_a_degree(notches):
+    look = sight("so101", "side")
+    px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.06, 0.0, 0.0))
+    wish = drag_of("so101").wheel(px, notches, look)
+    assert wish.joint == "elbow_flex"
+    assert wish.position == pytest.approx(look.arms[0][2] + notches * math.radians(1.0))
+
+
+def test_with_alt_the_wheel_turns_by_a_tenth():
+    look = sight("so101", "side")
+    px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.06, 0.0, 0.0))
+    wish = drag_of("so101").wheel(px, 1.0, look, fine=True)
+    assert wish.position == pytest.approx(look.arms[0][2] + math.radians(0.1))
+
+
+def test_the_wheel_over_nothing_does_nothing():
+    assert drag_of("so101").wheel(EMPTY_PX, 1.0, sight("so101", "side")) is None
+
+
+def test_the_wheel_over_a_joints_hub_turns_that_joint():
+    look = sight("so101", "side")
+    wrist = pixel_of("so101", "side", look.arms[0], "wrist")
+    assert drag_of("so101").wheel(wrist, 1.0, look).joint == "wrist_flex"
+
+
+def test_a_slide_is_pushed_by_the_wheel_in_millimetres():
+    chain, q = crane(), np.array([0.3, 0.2])
+    look = Sight(looked_at("so101", "orbit"), (q,))
+    px = look.camera.project(chain.forward(q, "cart")[:3, 3])[0]
+    assert Drag(chain, Picker({})).wheel(px, 1.0, look) == Turn("slide", pytest.approx(0.201))
+
+
+# --- keys ---
+
+
+@pytest.mark.parametrize(
+    ("key", "way"),
+    [("ArrowLeft", (-1, 0)), ("ArrowRight", (1, 0)), ("ArrowUp", (0, -1)), ("ArrowDown", (0, 1))],
+)
+@pytest.mark.parametrize(("fine", "step_m"), [(False, 0.005), (True, 0.001)])
+def test_an_arrow_moves_the_target_on_the_screen(key, way, fine, step_m):
+    look = sight("so101", "side")
+    tip = model_of("so101").chain.forward(look.arms[0])[:3, 3]
+    wish = drag_of("so101").key(key, look, fine=fine)
+    before, after = look.camera.project(np.array([tip, wish.target.position]))[0]
+    np.testing.assert_allclose(after - before, step_m * look.camera.scale_px * np.array(way),
+                               atol=1e-6)  # fmt: skip
+
+
+def test_arrows_add_up_from_the_last_target():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    first = drag.key("ArrowUp", look).target.position
+    second = drag.key("ArrowUp", look).target.position
+    assert math.dist(first, second) == pytest.approx(0.005)
+
+
+def test_arrows_go_on_from_where_a_click_sent_the_tip():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    clicked = drag.press(EMPTY_PX, look).target.position
+    drag.release()
+    assert math.dist(drag.key("ArrowUp", look).target.position, clicked) == pytest.approx(0.005)
+
+
+def test_arrows_begin_at_the_tip_after_a_joint_was_turned():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    drag.press(EMPTY_PX, look)
+    drag.release()
+    drag.wheel(pixel_of("so101", "side", look.arms[0], "forearm", (-0.06, 0, 0)), 1.0, look)
+    tip = model_of("so101").chain.forward(look.arms[0])[:3, 3]
+    assert math.dist(drag.key("ArrowUp", look).target.position, tip) == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize("key", ["Escape", " "])
+def test_escape_and_space_hold(key):
+    look, drag = sight("so101", "side"), drag_of("so101")
+    drag.press(EMPTY_PX, look)
+    assert drag.key(key, look) == Hold()
+    assert not drag.busy
+
+
+def test_other_keys_mean_nothing():
+    assert drag_of("so101").key("a", sight("so101", "side")) is None
+
+
+def test_hovering_names_the_link_that_a_press_would_grab():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.06, 0.0, 0.0))
+    assert drag.hover(px, look) == "forearm"
+    assert drag.hover(EMPTY_PX, look) is None

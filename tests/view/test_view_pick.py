@@ -1,0 +1,235 @@
+"""Picking: the nearest link under a pixel, against rays marched through every shape."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from ikservo.kinematics.capsules import segment_distance
+from ikservo.kinematics.se3 import exp_so3, pose
+from ikservo.view.casting import cast_at_all
+from ikservo.view.pick import Picker
+from ikservo.view.posing import link_poses
+from ikservo.view.shapes import capsule_rows, capsules_of, shapes_of, triangle_rows
+from tests.view.looks import VIEWPORT, cameras, looked_at, model_of, picker, points, stage
+
+VIEWS = ["side", "top", "front", "orbit"]
+laws = settings(max_examples=25, deadline=None)
+
+
+def cloud(random, count, kind):
+    """Return so many random shapes in a box of two metres, as rows."""
+    size = 0.6 / count ** (1 / 3)
+    middles = random.uniform(-1, 1, (count, 3))
+    if kind == "triangles":
+        return triangle_rows(middles[:, None] + size * random.normal(size=(count, 3, 3)))
+    ways = size * random.normal(size=(count, 3)) * (kind == "capsules")
+    return capsule_rows(middles, middles + ways, size * random.uniform(0.1, 0.5, count))
+
+
+def rays_at(random, count):
+    """Return rays from around the box into it."""
+    origins = random.normal(size=(count, 3))
+    origins *= 4.0 / np.linalg.norm(origins, axis=1)[:, None]
+    directions = random.uniform(-1, 1, (count, 3)) - origins
+    return origins, directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+def places(random, links):
+    return {link: pose(random.uniform(-1, 1, 3), exp_so3(random.normal(size=3))) for link in links}
+
+
+def in_world(rows, T):
+    """Return capsules and triangles moved to where their link is."""
+    moved = rows.copy()
+    for columns in (slice(1, 4), slice(4, 7), slice(7, 10)):
+        moved[:, columns] = rows[:, columns] @ T[:3, :3].T + T[:3, 3]
+    capsules = rows[:, 0] == 0.0
+    moved[capsules, 7:] = rows[capsules, 7:]
+    return moved
+
+
+@pytest.mark.parametrize("kind", ["capsules", "balls", "triangles"])
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 120))
+def test_boxes_find_what_looking_at_every_shape_finds(kind, seed, count):
+    random = np.random.default_rng(seed)
+    shapes = {link: cloud(random, count, kind) for link in ("a", "b", "c")}
+    poses, (origins, directions) = places(random, shapes), rays_at(random, 20)
+    ways, _ = Picker(shapes).cast(origins, directions, poses)
+    nearest = np.empty(2)
+    for i, link in enumerate(shapes):
+        rows = in_world(shapes[link], poses[link])
+        for k in range(len(origins)):
+            cast_at_all(origins[k], directions[k], rows, nearest)
+            assert ways[k, i] == pytest.approx(nearest[0], abs=1e-9)
+
+
+@laws
+@given(points, points, st.floats(0.02, 0.5), st.integers(0, 2**32 - 1))
+def test_a_ray_meets_a_capsule_where_it_first_comes_as_near_as_its_radius(a, b, radius_m, seed):
+    (origin,), (direction,) = rays_at(np.random.default_rng(seed), 1)
+    assume(segment_distance(origin, origin, a, b) > radius_m)
+    rows = capsule_rows(a[None], b[None], np.array([radius_m]))
+    ways, _ = Picker({"x": rows}).cast(origin[None], direction[None], {"x": np.eye(4)})
+    way = ways[0, 0]
+    if np.isinf(way):
+        assert segment_distance(origin, origin + 20 * direction, a, b) >= radius_m - 1e-6
+    else:
+        met = origin + way * direction
+        assert segment_distance(met, met, a, b) == pytest.approx(radius_m, abs=1e-7)
+        assert segment_distance(origin, met, a, b) >= radius_m - 1e-6
+
+
+@laws
+@given(points, points, points, st.integers(0, 2**32 - 1))
+def test_a_ray_meets_a_triangle_where_its_own_plane_and_sides_say(a, b, c, seed):
+    (origin,), (direction,) = rays_at(np.random.default_rng(seed), 1)
+    normal = np.cross(b - a, c - a)
+    assume(np.linalg.norm(normal) > 1e-2 and abs(normal @ direction) > 1e-2)
+    way = float((a - origin) @ normal / (direction @ normal))
+    shares = np.linalg.solve(np.array([a, b, c]).T + 10.0, origin + way * direction + 10.0)
+    assume(way > 0 and np.abs(shares).min() > 1e-6)
+    rows = triangle_rows(np.array([[a, b, c]]))
+    ways, _ = Picker({"x": rows}).cast(origin[None], direction[None], {"x": np.eye(4)})
+    assert ways[0, 0] == pytest.approx(way if shares.min() > 0 else np.inf, abs=1e-6)
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("name", ["so101", "wx250s", "open_manipulator_x"])
+def test_the_middle_of_a_capsule_in_view_picks_its_own_link(name, view):
+    """What hides it, where anything does, is nearer: never something behind."""
+    home = stage(name).home
+    poses, camera = link_poses(model_of(name).chain, home, {}), looked_at(name, view)
+    seen = 0
+    for capsule in capsules_of(model_of(name)):
+        a, b = capsule.ends(poses[capsule.link])
+        px, depth_m = camera.project(0.5 * (a + b))
+        hit = picker(name).at(camera, poses, px)
+        assert hit.link == capsule.link or hit.depth_m < depth_m
+        seen += hit.link == capsule.link
+    assert seen > 5
+
+
+@laws
+@given(st.integers(0, 2**32 - 1), st.sampled_from(VIEWS))
+def test_a_visible_point_of_a_link_picks_that_link_at_that_very_point(seed, view):
+    random, chain = np.random.default_rng(seed), model_of("so101").chain
+    q = random.uniform(chain.lower_rad, chain.upper_rad)
+    poses, camera = link_poses(chain, q, {}), looked_at("so101", view, q)
+    capsule = random.choice(capsules_of(model_of("so101")))
+    a, b = capsule.ends(poses[capsule.link])
+    hit = picker("so101").at(camera, poses, camera.project(a + random.random() * (b - a))[0], 1)
+    np.testing.assert_allclose(chain.forward(q, hit.link, hit.offset_m)[:3, 3], hit.point_m,
+                               atol=1e-12)  # fmt: skip
+    px, depth_m = camera.project(hit.point_m)
+    again = picker("so101").at(camera, poses, px, 1)
+    assert again.link == hit.link
+    assert again.depth_m == pytest.approx(depth_m, abs=1e-9)
+
+
+@laws
+@given(cameras, st.integers(0, 2**32 - 1))
+def test_hits_come_nearest_first(camera, seed):
+    random = np.random.default_rng(seed)
+    shapes = {link: cloud(random, 10, "capsules") for link in "abcd"}
+    hits = Picker(shapes).all_at(camera, places(random, shapes), camera.viewport.centre_px)
+    depths = [hit.depth_m for hit in hits]
+    assert depths == sorted(depths)
+
+
+def ball_beside_the_pointer(away_px, behind=()):
+    """Return what is picked at the middle when a ball of 10 px begins so far to the right."""
+    camera = looked_at("so101", "top")
+    middle = VIEWPORT.centre_px
+    centre = camera.unproject(middle + np.array([away_px + 10.0, 0.0]), 9.0)
+    radius_m = 10.0 / camera.scale_px
+    rows = {"ball": capsule_rows(centre[None], centre[None], np.array([radius_m]))}
+    for name, depth_m in behind:
+        wall = camera.unproject(middle, depth_m)[None]
+        rows[name] = capsule_rows(wall, wall, np.array([0.05]))
+    return Picker(rows), camera, {link: np.eye(4) for link in rows}, middle
+
+
+def test_a_link_within_two_pixels_of_the_pointer_is_picked():
+    thing, camera, poses, px = ball_beside_the_pointer(1.9)
+    assert thing.at(camera, poses, px).link == "ball"
+
+
+def test_a_link_three_pixels_away_is_not():
+    thing, camera, poses, px = ball_beside_the_pointer(3.1)
+    assert thing.at(camera, poses, px) is None
+
+
+def test_what_is_right_under_the_pointer_is_preferred_to_what_is_nearer_beside_it():
+    thing, camera, poses, px = ball_beside_the_pointer(1.5, behind=[("wall", 9.5)])
+    assert thing.at(camera, poses, px).link == "wall"
+
+
+def test_all_that_is_near_the_pointer_is_listed_by_depth():
+    thing, camera, poses, px = ball_beside_the_pointer(1.5, [("far", 9.9), ("near", 9.5)])
+    assert [hit.link for hit in thing.all_at(camera, poses, px)] == ["ball", "near", "far"]
+
+
+def test_over_empty_space_nothing_is_picked():
+    camera, poses = looked_at("so101", "side"), link_poses(model_of("so101").chain,
+                                                           stage("so101").home, {})  # fmt: skip
+    assert picker("so101").at(camera, poses, (5.0, 5.0)) is None
+
+
+def test_an_arm_without_shapes_can_be_looked_at():
+    camera = looked_at("so101", "side")
+    assert Picker({}).all_at(camera, {}, (5.0, 5.0)) == ()
+
+
+def test_a_jaw_is_picked_where_it_is_opened_to():
+    model, camera = model_of("so101"), looked_at("so101", "side")
+    poses = link_poses(model.chain, stage("so101").home, {"gripper": 1.2})
+    jaw = next(c for c in capsules_of(model) if c.link == "jaw")
+    a, b = jaw.ends(poses["jaw"])
+    hits = picker("so101").all_at(camera, poses, camera.project(0.5 * (a + b))[0])
+    assert "jaw" in [hit.link for hit in hits]
+
+
+@pytest.mark.parametrize("kind", ["capsules", "triangles"])
+@pytest.mark.parametrize("count", [1000, 10_000])
+def test_boxes_leave_out_nearly_all_shapes(kind, count):
+    """One in twenty of a thousand shapes; the more there are, the smaller the share."""
+    random = np.random.default_rng(7)
+    thing = Picker({"x": cloud(random, count, kind)})
+    origins, directions = rays_at(random, 200)
+    thing.cast(origins, directions, {"x": np.eye(4)})
+    assert thing.looked / len(origins) < 50.0
+
+
+def test_the_arms_own_shapes_stay_where_the_link_puts_them():
+    model = model_of("so101")
+    rows = shapes_of(capsules_of(model))
+    assert set(rows) == {capsule.link for capsule in capsules_of(model)}
+    assert sum(map(len, rows.values())) == len(capsules_of(model))
+
+
+def test_boxes_are_faster_than_looking_at_a_thousand_shapes():
+    """Ten times is usual; both are timed in turn and the best of several runs is taken."""
+    random = np.random.default_rng(3)
+    rows = cloud(random, 1000, "capsules")
+    thing, (origins, directions), nearest = Picker({"x": rows}), rays_at(random, 100), np.empty(2)
+
+    def through_boxes():
+        thing.cast(origins, directions, {"x": np.eye(4)})
+
+    def through_all():
+        for origin, direction in zip(origins, directions, strict=True):
+            cast_at_all(origin, direction, rows, nearest)
+
+    times = [[_seconds(run) for run in (through_boxes, through_all)] for _ in range(7)]
+    boxes_s, all_s = np.min(times, axis=0)
+    assert all_s > 2 * boxes_s
+
+
+def _seconds(run):
+    began = time.thread_time()
+    run()
+    return time.thread_time() - began

@@ -1,0 +1,50 @@
+"""What the page says beside the picture: numbers with units, in the words of the command line."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ikservo.arm import JointState
+from ikservo.ik import Binding
+from ikservo.view.aim import Aim
+from ikservo.view.texts import aim_words, health_rows, point, range_words, solver_words
+from tests.kinematics.chains import planar
+
+TIP = np.array([0.2, 0.0, 0.15])
+
+
+def test_the_words_of_a_target_out_of_reach_are_those_of_the_command_line():
+    aim = Aim(
+        TIP + np.array([0.5, 0, 0]), TIP, reached=False, binding=(Binding("elbow_flex", "upper"),)
+    )
+    assert aim_words(aim) == (
+        "(0.700, 0.000, 0.150) m cannot be reached (held back by elbow_flex at its upper limit). "
+        "Nearest reachable point: (0.200, 0.000, 0.150) m, 500.0 mm away."
+    )
+
+
+def test_points_and_times_have_units():
+    assert point(TIP) == "(0.200, 0.000, 0.150) m"
+    assert solver_words(0.000042) == "0.04 ms"
+
+
+@pytest.mark.parametrize(
+    ("said", "level"),
+    [({}, "good"), ({"temperature_c": 61.0}, "amber"), ({"load_percent": -85.0}, "amber"),
+     ({"temperature_c": 66.0}, "red"), ({"alarms": ("overload",)}, "red")],
+)  # fmt: skip
+def test_a_servos_health_has_a_level(said, level):
+    state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, None, torque=True)
+    assert health_rows([replace(state, **said)])[0]["level"] == level
+
+
+def test_health_is_said_in_units():
+    state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
+    row = health_rows([state])[0]
+    assert (row["temperature"], row["voltage"], row["load"]) == ("31 °C", "12.1 V", "4 %")
+
+
+def test_a_joint_without_limits_turns_freely():
+    free = planar(0.1, limit_rad=np.inf)
+    assert range_words(free, 0, 0.5, "arm file") == "j1 28.6°, turns freely"
