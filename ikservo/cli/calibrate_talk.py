@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
@@ -27,14 +27,20 @@ class Answers(Protocol):
         ...
 
 
-def converse(loose: LooseArm, wizard: Wizard, who: Answers, screen: Screen) -> Wizard:
-    """Read the servos and take answers until the review.
+def converse(
+    loose: LooseArm,
+    wizard: Wizard,
+    who: Answers,
+    screen: Screen,
+    stages: Sequence[Stage] = (Stage.ANCHOR, Stage.SWEEP),
+) -> Wizard:
+    """Read the servos and take answers as long as the conversation is at one of some stages.
 
     Raises:
         CalibrationError: Nobody is there to mend what is missing.
         BusError: The servos went silent.
     """
-    while wizard.stage in (Stage.ANCHOR, Stage.SWEEP):
+    while wizard.stage in stages:
         reading = loose.read()
         if reading is None:
             continue

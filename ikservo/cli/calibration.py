@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ikservo.arm.adopting import adopt, adoptable
 from ikservo.arm.calibrating import LooseArm, loose_arm
 from ikservo.arm.filing import differences, pull, push
 from ikservo.calibration.transaction import resume, revert
-from ikservo.cli.calibrate import ArmWord, consent
+from ikservo.cli.calibrate_meeting import consent
+from ikservo.cli.calibrate_options import ArmWord
 from ikservo.cli.options import JsonOption, PortOption, YesOption
 from ikservo.cli.output import note, print_json, print_lines, print_table
 from ikservo.cli.session import chosen_model
-from ikservo.errors import ExitCode, IkservoError, UnknownNameError
+from ikservo.errors import ExitCode, IkservoError, InputError, UnknownNameError
 
 __all__ = ["command"]
 
-ACTIONS = ("diff", "push", "pull", "resume", "revert")
+ACTIONS = ("diff", "push", "pull", "adopt", "resume", "revert")
 Action = Annotated[
     str,
     typer.Argument(
-        metavar="diff|push|pull|resume|revert",
-        help="Compare; file into servos; servos into file; finish or undo a broken-off writing.",
+        metavar="diff|push|pull|adopt|resume|revert",
+        help="Compare; file into servos; servos into file; take over the one of another adapter; "
+        "finish or undo a broken-off writing.",
     ),
+]
+Source = Annotated[
+    Path | None, typer.Option("--from", metavar="FILE", help="The calibration to adopt.")
 ]
 
 
@@ -33,6 +40,7 @@ def command(
     arm: ArmWord = None,
     *,
     port: PortOption = None,
+    source: Source = None,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -43,15 +51,21 @@ def command(
     ikservo calibration push so101          the servos hold what the file says
 
     ikservo calibration pull so101          the file says what the servos hold
+
+    ikservo calibration adopt so101         the arm hangs on another adapter than before
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)
+    if source and action != "adopt":
+        raise InputError(f"{action} takes no other file.", "With --from goes: adopt")
     interrupted = action in ("resume", "revert")
     with loose_arm(chosen_model(arm), port, settled=not interrupted) as loose:
         if action == "diff":
             _diff(loose, json=json)
         elif interrupted:
             _interrupted(loose, action)
+        elif action == "adopt":
+            _adopt(loose, source, yes=yes)
         else:
             _carry(loose, action, yes=yes)
 
@@ -82,6 +96,17 @@ def _carry(loose: LooseArm, action: str, *, yes: bool) -> None:
         raise IkservoError("Nothing was written.", "Without asking: --yes")
     path = push(loose) if action == "push" else pull(loose)
     print_lines([f"Servos and {path} agree."])
+
+
+def _adopt(loose: LooseArm, source: Path | None, *, yes: bool) -> None:
+    path, calibration = adoptable(loose, source)
+    made_on = calibration.usb_serial_number or "without a number"
+    note(f"{path}, made on adapter {made_on}: ids, models, offsets and limits are these servos'.")
+    asks = not yes and sys.stdin.isatty()
+    if not consent("Is it this very arm?", default=yes, asks=asks):
+        raise IkservoError("Nothing was saved.", "Without asking: --yes")
+    print_lines([f"Saved to {adopt(loose, calibration)}"])
+    note(f"See that each joint is the right one: ikservo calibrate {calibration.arm} --wiggle")
 
 
 def _interrupted(loose: LooseArm, action: str) -> None:

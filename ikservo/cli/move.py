@@ -1,4 +1,4 @@
-"""``ikservo move``: the tip goes to a point."""
+"""``ikservo move``: the tip goes to a point, on a line or through others if wanted."""
 
 from __future__ import annotations
 
@@ -6,24 +6,41 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import MoveReport, Plan
+from ikservo.arm import Arm, MoveReport, Plan
+from ikservo.arm.planning import Stance
+from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
     JsonOption,
     Length,
+    NoWiggleOption,
     PortOption,
     SpeedOption,
     UncalibratedOption,
     YesOption,
 )
 from ikservo.cli.output import point, print_json, print_lines
+from ikservo.cli.plan_report import print_plan, turned
+from ikservo.cli.quantities import parse_length_m, parse_point_m
 from ikservo.cli.session import announce, opened, watched
+from ikservo.cli.stance import DirectionOption, KeepOption, PitchOption, RollOption, stance_of
 from ikservo.errors import ExitCode
 
 __all__ = ["command"]
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Plan and print, but do not move.")]
+Line = Annotated[bool, typer.Option("--line", help="On a straight line of the tip.")]
+Via = Annotated[
+    list[str] | None,
+    typer.Option("--via", metavar="X,Y,Z", help="A point to pass without a stop; repeatable."),
+]
+Blend = Annotated[
+    float,
+    typer.Option(
+        "--blend", parser=parse_length_m, metavar="LENGTH", help="How near a --via is passed."
+    ),
+]
 
 
 def command(
@@ -34,29 +51,59 @@ def command(
     arm: ArmOption = None,
     port: PortOption = None,
     speed: SpeedOption = "normal",
+    line: Line = False,
+    via: Via = None,
+    blend: Blend = 0.02,
+    pitch: PitchOption = None,
+    roll: RollOption = None,
+    direction: DirectionOption = None,
+    keep: KeepOption = False,
     collision: CollisionOption = True,
     dry_run: DryRun = False,
     uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
     """Move the tip to the point X Y Z in the arm's base frame.
 
+    The tool keeps how it stands as well as the arm can, or stands as it is asked to.
+
     ikservo move 0.25 0.05 0.15 --arm so101 --port sim
 
-    ikservo move 250mm -50mm 0.15 --speed slow
+    ikservo move 250mm -50mm 0.15 --line --pitch -60
+
+    ikservo move 0.2 0.1 0.1 --via 0.2,0,0.2 --via 0.25,0.05,0.2 --blend 30mm
     """
+    stance = stance_of(pitch, roll, direction, keep=keep)
+    points = [*(parse_point_m(text) for text in via or ()), (x, y, z)]
     with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        plan = machine.plan_to((x, y, z), speed=speed)
+        plan = _planned(machine, points, stance, speed, blend_m=blend, line=line)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:
-            _print_plan(plan, machine.chain.names, json=json)
+            print_plan(plan, machine.chain.names, json=json)
             return
+        if not no_wiggle:
+            check_once(machine, yes=yes)
         with watched() as draw:
             report = machine.carry_out(plan, draw)
     _print(report, json=json)
     if not report.reached:
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _planned(
+    machine: Arm,
+    points: list[tuple[float, float, float]],
+    stance: Stance,
+    speed: str,
+    *,
+    blend_m: float,
+    line: bool,
+) -> Plan:
+    if len(points) == 1 and not line:
+        return machine.plan_to(points[0], speed=speed, stance=stance)
+    return machine.plan_through(points, blend_m=blend_m, line=line, speed=speed, stance=stance)
 
 
 def _print(report: MoveReport, *, json: bool) -> None:
@@ -70,6 +117,7 @@ def _print(report: MoveReport, *, json: bool) -> None:
             duration_s=report.duration_s,
             reached=report.reached,
             binding=report.binding,
+            orientation_error_rad=report.orientation_error_rad,
         )
         return
     print_lines(
@@ -78,17 +126,9 @@ def _print(report: MoveReport, *, json: bool) -> None:
             f"commanded  {point(report.commanded_tip_m.tolist())}",
             f"measured   {point(report.measured_tip_m.tolist())}",
             f"error      {report.error_m * 1000:.2f} mm",
+            f"tool       {turned(report.orientation_error_rad)}",
             f"duration   {report.duration_s:.2f} s",
             f"reached    {'yes' if report.reached else 'no'}",
+            *(f"binds      {words}" for words in report.binding),
         ]
     )
-
-
-def _print_plan(plan: Plan, names: tuple[str, ...], *, json: bool) -> None:
-    assert plan.solution is not None  # noqa: S101  # plan_to always solves
-    q = dict(zip(names, plan.solution.q.tolist(), strict=True))
-    if json:
-        print_json("plan", target_m=plan.target_m, q_rad=q, duration_s=plan.duration_s)
-        return
-    print_lines([f"{name} {value:.4f} rad" for name, value in q.items()])
-    print_lines([f"duration {plan.duration_s:.2f} s"])

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from ikservo.cli.completing import arms
 from ikservo.cli.quantities import parse_length_m
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "CollisionOption",
     "JsonOption",
     "Length",
+    "NoWiggleOption",
     "PortOption",
     "SpeedOption",
     "UncalibratedOption",
@@ -21,7 +23,12 @@ __all__ = [
 
 ArmOption = Annotated[
     str | None,
-    typer.Option("--arm", envvar="IKSERVO_ARM", help="Arm: a name of `ikservo arms`, or a file."),
+    typer.Option(
+        "--arm",
+        envvar="IKSERVO_ARM",
+        help="Arm: a name of `ikservo arms`, or a file.",
+        autocompletion=arms,
+    ),
 ]
 PortOption = Annotated[
     str | None,
@@ -40,4 +47,8 @@ UncalibratedOption = Annotated[
     typer.Option(
         "--uncalibrated", help="Trust the arm file's zeros, for an arm without a calibration."
     ),
+]
+NoWiggleOption = Annotated[
+    bool,
+    typer.Option("--no-wiggle", help="Skip the look at each joint after the arm's files changed."),
 ]

@@ -52,7 +52,7 @@ def note(message: str) -> None:
 
 def point(position_m: Sequence[float]) -> str:
     """Return ``(0.250, 0.050, 0.150) m``."""
-    return f"({', '.join(f'{x:.3f}' for x in position_m)}) m"
+    return f"({', '.join(f'{x:z.3f}' for x in position_m)}) m"
 
 
 def _plain(value: Any) -> object:  # noqa: ANN401

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from ikservo.arm import Arm
+from ikservo.cli.completing import poses
 from ikservo.cli.joints import move_joints, print_report
 from ikservo.cli.options import (
     ArmOption,
@@ -16,15 +18,21 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
+from ikservo.cli.output import print_json, print_lines
 from ikservo.cli.session import opened
 
 __all__ = ["command"]
 
-Name = Annotated[str, typer.Argument(metavar="NAME", help="rest, home, zero, or another.")]
+Name = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="NAME", help="rest, home, zero, or one you taught.", autocompletion=poses
+    ),
+]
 
 
 def command(
-    name: Name,
+    name: Name = None,
     *,
     arm: ArmOption = None,
     port: PortOption = None,
@@ -34,10 +42,20 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Move to a pose that the arm file names.
+    """Move to a pose of the arm file or to one you taught; without a name, list them.
 
     ikservo pose home --arm so101 --port sim
     """
     with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        report = move_joints(machine, machine.model.pose(name), speed, yes=yes)
+        if name is None:
+            _list(machine, json=json)
+            return
+        report = move_joints(machine, machine.poses.named(name), speed, yes=yes)
     print_report(report, machine.model, json=json)
+
+
+def _list(machine: Arm, *, json: bool) -> None:
+    if json:
+        print_json("poses", poses=machine.poses.all(), taught=sorted(machine.poses.taught()))
+    else:
+        print_lines(machine.poses.all())

@@ -7,22 +7,31 @@ import re
 
 import typer
 
-__all__ = ["parse_angle_rad", "parse_axis", "parse_length_m"]
+__all__ = ["parse_angle_rad", "parse_axis", "parse_length_m", "parse_time_s"]
 
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z°]*)", re.IGNORECASE)
 _METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 0.001, "min": 60.0}
 _RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0}
 
 
-def parse_length_m(text: str) -> float:
+def parse_length_m(text: str | float) -> float:
     """Return metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``."""
-    return _parse(text, _METRES, "a length like 0.25, 250mm or 25cm")
+    return _parse(str(text), _METRES, "a length like 0.25, 250mm or 25cm")
 
 
 def parse_angle_rad(text: str) -> float:
     """Return radians from degrees, ``30`` or ``30deg``, or from ``0.2rad``."""
     return _parse(text, _RADIANS, "an angle like 30, 30deg or 0.2rad")
+
+
+def parse_time_s(text: str | float) -> float:
+    """Return seconds above 0 from ``2``, ``2s``, ``500ms`` or ``1min``."""
+    time_s = _parse(str(text), _SECONDS, "a time like 2, 2s, 500ms or 1min")
+    if time_s <= 0.0:
+        raise typer.BadParameter(f"{text!r} is not a time above 0.")
+    return time_s
 
 
 def parse_axis(text: str) -> tuple[float, float, float]:
@@ -36,6 +45,14 @@ def parse_axis(text: str) -> tuple[float, float, float]:
     if len(parts) != 3 or len(numbers) != 3:
         raise typer.BadParameter(f"{text!r} is not a direction like x, or 0,0,-1.")
     return (numbers[0], numbers[1], numbers[2])
+
+
+def parse_point_m(text: str) -> tuple[float, float, float]:
+    """Return a point from three lengths like ``0.25,-50mm,0.1``, metres."""
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise typer.BadParameter(f"{text!r} is not a point like 0.25,-50mm,0.1.")
+    return (parse_length_m(parts[0]), parse_length_m(parts[1]), parse_length_m(parts[2]))
 
 
 def _parse(text: str, units: dict[str, float], expected: str) -> float:

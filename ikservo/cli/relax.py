@@ -7,10 +7,11 @@ import sys
 import typer
 
 from ikservo.arm import Arm
+from ikservo.arm.elsewhere import ask_to_relax
 from ikservo.cli.joints import print_report
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
 from ikservo.cli.output import note
-from ikservo.cli.session import announce, opened, watched
+from ikservo.cli.session import announce, chosen_model, opened, watched
 from ikservo.errors import IkservoError
 
 __all__ = ["command"]
@@ -24,7 +25,15 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Lower the arm to its rest pose, slowly, then switch torque off."""
+    """Lower the arm to its rest pose, slowly, then switch torque off.
+
+    Where another program of yours has the port, that one stops what it does and relaxes the arm.
+    """
+    model = chosen_model(arm)
+    elsewhere = ask_to_relax(model, port)
+    if elsewhere is not None:
+        print_report(elsewhere, model, json=json)
+        return
     with opened(arm, port, uncalibrated=uncalibrated) as machine:
         if not machine.zeros.known:
             _drop(machine, yes=yes)

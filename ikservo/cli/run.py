@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from ikservo.cli.hints import addressed
 from ikservo.errors import ExitCode, IkservoError
 
 __all__ = ["console", "main"]
@@ -49,7 +50,8 @@ def main(words: Sequence[str] | None = None) -> int:
         sys.stdout.flush()  # here, where a full disk can still be told of
         return code
     except IkservoError as error:
-        return _report(error.message, error.hint, error.exit_code, as_json="--json" in words)
+        hint = addressed(error.hint, words)
+        return _report(error.message, hint, error.exit_code, as_json="--json" in words)
     except KeyboardInterrupt:
         return _report("Stopped.", "", ExitCode.STOPPED, as_json="--json" in words)
     except OSError as error:  # a full disk behind stdout, a reader that has gone

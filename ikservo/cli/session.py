@@ -10,10 +10,11 @@ import typer
 
 from ikservo.arm import Arm, Plan, Progress, Zeros, open_arm
 from ikservo.cli.output import note, point
+from ikservo.cli.stopping import stoppable
 from ikservo.errors import IkservoError, InputError
 from ikservo.model import Model, arm_names, load_model
 
-__all__ = ["announce", "chosen_model", "opened", "watched"]
+__all__ = ["agree", "announce", "chosen_model", "opened", "watched"]
 
 
 def chosen_model(arm: str | None) -> Model:
@@ -36,7 +37,8 @@ def opened(
     model = chosen_model(arm)
     with open_arm(model, port, collisions=collisions, uncalibrated=uncalibrated) as machine:
         _warn_uncalibrated(machine)
-        yield machine
+        with stoppable(machine):
+            yield machine
 
 
 def announce(plan: Plan, machine: Arm, *, yes: bool) -> None:
@@ -49,6 +51,18 @@ def announce(plan: Plan, machine: Arm, *, yes: bool) -> None:
     where_to = "" if plan.target_m is None else f" to {point(plan.target_m.tolist())}"
     note(f"{machine.model.title} on {machine.port_name}{where_to}: {plan.duration_s:.1f} s, "
          f"{plan.speed}.")  # fmt: skip
+    if plan.slowed:
+        note("It is the first motion after torque comes on, therefore slow.")
+    agree(machine, yes=yes)
+
+
+def agree(machine: Arm, *, yes: bool) -> None:
+    """Ask once whether what was announced shall move, where a person can answer.
+
+    Raises:
+        IkservoError: The person said no.
+        InputError: An arm whose zeros nobody knows would move and nobody is asked.
+    """
     if yes or machine.zeros is Zeros.SIMULATED:
         return
     if not sys.stdin.isatty():

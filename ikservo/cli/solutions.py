@@ -96,6 +96,6 @@ def _fields(found: Solutions) -> dict[str, object]:
 def _freedom(free: Directions) -> str:
     low, high = math.degrees(free.lower_rad), math.degrees(free.upper_rad)
     return (
-        f"last link free from {low:.1f}° to {high:.1f}° "
-        f"(yaw {math.degrees(free.yaw_rad):.1f}°, elbow {free.elbow})"
+        f"last link free from {low:z.1f}° to {high:z.1f}° "
+        f"(yaw {math.degrees(free.yaw_rad):z.1f}°, elbow {free.elbow})"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -28,9 +29,17 @@ WORDS = {
     "where": "Where the arm is: tip, joints, limits, health.",
     "move": "Move the tip to a point.",
     "joints": "Move single joints.",
+    "jog": "Move a joint or the tip while a key is held.",
+    "gripper": "Open, close, grasp.",
     "pose": "Move to a named pose.",
+    "teach": "Give the pose in your hand a name.",
+    "record": "Write a motion of your hand to a file.",
+    "replay": "Play a recorded motion back.",
+    "follow": "Lead this arm by another one in your hand.",
+    "stop": "Hold now, whatever program moves the arm.",
     "relax": "Lower the arm to its rest pose and release it.",
     "recover": "Clear overload and other alarms.",
+    "view": "A page on which the arm is grabbed and pulled.",
     "solve": "Find joints for a point; nothing moves.",
     "workspace": "What the tip can reach: counts, a test of a point, a picture.",
     "bench": "How fast the servos can be read and told.",
@@ -56,6 +65,14 @@ class Words(TyperGroup):
         if self._listing:
             return TyperCommand(cmd_name, help=WORDS[cmd_name])
         return _load(cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
+        """Return the command that is meant, or offer the closest where there is none."""
+        if args and not args[0].startswith("-") and args[0] not in WORDS:
+            close = difflib.get_close_matches(args[0].lower(), WORDS, n=1)
+            offer = f" Did you mean {close[0]}?" if close else ""
+            ctx.fail(f"No such command {args[0]!r}.{offer}")
+        return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
         """Print the help without importing any command."""

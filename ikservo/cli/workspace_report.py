@@ -83,7 +83,7 @@ def region_lines(model: Model, cut: Slice | None, region: Workspace | None) -> l
     if region.extent_m is not None:
         shown = 2 if region.is_slice else 3  # nobody asks how thick a slice is
         ends = list(zip(axis_names(region), *region.extent_m, strict=True))[:shown]
-        lines += [f"{name}  {low:.3f} m to {high:.3f} m" for name, low, high in ends]
+        lines += [f"{name}  {low:z.3f} m to {high:z.3f} m" for name, low, high in ends]
     return lines
 
 
@@ -93,8 +93,8 @@ def title(model: Model, cut: Slice | None, region: Workspace) -> str:
     if cut is None:
         return f"{model.title}, whole workspace"
     if cut is Slice.TOP:
-        return f"{model.title}, top: the plane at a height of {T[2, 3]:.3f} m"
-    return f"{model.title}, {cut.value}: the upright plane along {_yaw_deg(T):.0f}°"
+        return f"{model.title}, top: the plane at a height of {T[2, 3]:z.3f} m"
+    return f"{model.title}, {cut.value}: the upright plane along {_yaw_deg(T):z.0f}°"
 
 
 def _yaw_deg(T: Matrix) -> float:

@@ -22,7 +22,7 @@ LATEST_S = 0.25
 
 _TWIN_S = 0.020  # an adapter that delivers an answer twice does so within a few USB frames
 _HEALTHY_TWINS, _WARY_TWINS = 3, 6  # latest questions whose answers may come a second time
-_WIDEST = 24  # bytes more than were asked for
+_WIDEST = 64  # bytes more than were asked for
 
 _Ids = tuple[int, ...]
 

@@ -168,4 +168,6 @@ class VendorPort:
         try:
             yield
         except _LINE_FAILS as error:
+            if not self.is_open:
+                raise PortError(f"{self.name} was closed.", "Open it again.") from error
             raise PortLostError(self.name, str(error)) from error

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 
 from ikservo.files.complaints import Complaint, Location, spelled
 from ikservo.files.quoting import quoted
-from ikservo.model.arm_tables import ArmFile, ArmJoint, ArmPose
+from ikservo.model.arm_tables import ArmFile, ArmGripper, ArmHealth, ArmJoint, ArmPose
 
 __all__ = ["REQUIRED_POSES", "contradictions"]
 
@@ -23,6 +24,10 @@ def contradictions(arm: ArmFile) -> Iterator[Complaint]:
     yield from _repeated(_ids(arm), "an id of its own on the bus")
     yield from _transmissions(arm)
     yield from _poses(arm)
+    yield from _health(arm.health)
+    if not arm.calibration.auto and arm.calibration.reason is None:
+        yield Complaint(("calibration", "reason"), "is missing", "why auto = false")
+    yield from _gripper(arm.gripper, [joint for joint in arm.joints if joint.role == "gripper"])
 
 
 def _names(arm: ArmFile) -> Iterator[tuple[Location, str | int]]:
@@ -74,6 +79,39 @@ def _poses(arm: ArmFile) -> Iterator[Complaint]:
     for name, pose in arm.poses.items():
         yield from _misnamed(("poses", name), pose, joints)
         yield from _left_out(("poses", name), pose, joints)
+
+
+def _health(health: ArmHealth) -> Iterator[Complaint]:
+    stages = (("warn_c", health.warn_c), ("hold_c", health.hold_c), ("release_c", health.release_c))
+    for (first, low), (then, high) in itertools.pairwise(stages):
+        if not low <= high:
+            yield Complaint(("health", then), f"is {high}, below {first}", f"{low} or more")
+    if health.low_v and health.high_v and health.low_v >= health.high_v:
+        found = f"is {health.low_v}, not below high_v"
+        yield Complaint(("health", "low_v"), found, f"less than {health.high_v}")
+
+
+def _gripper(gripper: ArmGripper, joints: Sequence[ArmJoint]) -> Iterator[Complaint]:
+    if not joints:
+        if gripper != ArmGripper():
+            yield Complaint(("gripper",), "is there", 'none, or a joint with role = "gripper"')
+        return
+    slides = joints[0].slides
+    for key, pairs, fits in (
+        ("width_m_by_deg", gripper.width_m_by_deg, not slides),
+        ("width_m_by_m", gripper.width_m_by_m, slides),
+    ):
+        if pairs and not fits:
+            yield Complaint(("gripper", key), "is there", f"the other, {joints[0].name} is none")
+        elif pairs and not _one_way(pairs):
+            expected = "two or more pairs, both numbers growing or one growing and one falling"
+            yield Complaint(("gripper", key), "does not go one way", expected)
+
+
+def _one_way(pairs: Sequence[tuple[float, float]]) -> bool:
+    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(pairs)]
+    growing = all(first > 0 and second > 0 for first, second in steps)
+    return bool(steps) and (growing or all(first > 0 > second for first, second in steps))
 
 
 def _misnamed(

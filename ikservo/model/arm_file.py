@@ -15,6 +15,8 @@ from ikservo.model.arm_checks import contradictions
 from ikservo.model.arm_tables import (
     ArmBus,
     ArmFile,
+    ArmGripper,
+    ArmHealth,
     ArmJoint,
     ArmPose,
     ArmServo,
@@ -27,6 +29,8 @@ from ikservo.model.catalogue import catalogue_name
 __all__ = [
     "ArmBus",
     "ArmFile",
+    "ArmGripper",
+    "ArmHealth",
     "ArmJoint",
     "ArmPose",
     "ArmServo",

@@ -10,8 +10,11 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 
 __all__ = [
     "ArmBus",
+    "ArmCalibration",
     "ArmCrank",
     "ArmFile",
+    "ArmGripper",
+    "ArmHealth",
     "ArmJoint",
     "ArmPose",
     "ArmServo",
@@ -135,6 +138,42 @@ class ArmSurroundings(_Table):
     )
 
 
+class ArmHealth(_Table):
+    """``[health]``: what the servos may be asked to bear, where it is not as usual."""
+
+    warn_c: Positive = Field(default=60.0, description="degrees Celsius, such as 60.0")
+    hold_c: Positive = Field(default=65.0, description="degrees Celsius, such as 65.0")
+    release_c: Positive = Field(default=70.0, description="degrees Celsius, such as 70.0")
+    load_percent: Positive = Field(default=90.0, description="a share of the most, in percent")
+    load_s: Positive = Field(default=3.0, description="seconds above 0")
+    low_v: Positive | None = Field(default=None, description="volts, such as 6.5")
+    high_v: Positive | None = Field(default=None, description="volts, such as 8.4")
+
+
+Width = Annotated[tuple[float, Annotated[float, Field(ge=0)]], Field(strict=False)]
+
+
+class ArmGripper(_Table):
+    """``[gripper]``: what cannot be told from the joint with that role."""
+
+    closes_to: Literal["lower", "upper"] | None = Field(
+        default=None, description="lower or upper, the limit at which the jaws meet"
+    )
+    width_m_by_deg: tuple[Width, ...] = Field(
+        default=(), strict=False, description="pairs [degrees, metres between the jaws]"
+    )
+    width_m_by_m: tuple[Width, ...] = Field(
+        default=(), strict=False, description="pairs [metres, metres between the jaws]"
+    )
+
+
+class ArmCalibration(_Table):
+    """``[calibration]``: whether the arm may look for its own stops."""
+
+    auto: bool = Field(default=True, description="true or false")
+    reason: Text | None = Field(default=None, description=_TEXT)
+
+
 class ArmFile(_Table):
     """A whole ``arm.toml``, each value by itself as it should be."""
 
@@ -151,6 +190,11 @@ class ArmFile(_Table):
     surroundings: ArmSurroundings = Field(
         default=ArmSurroundings(), description="a table [surroundings]"
     )
+    health: ArmHealth = Field(default=ArmHealth(), description="a table [health]")
+    calibration: ArmCalibration = Field(
+        default=ArmCalibration(), description="a table [calibration]"
+    )
+    gripper: ArmGripper = Field(default=ArmGripper(), description="a table [gripper]")
 
     _folder: Path = PrivateAttr(default=Path())
 

@@ -7,7 +7,7 @@ import numpy as np
 from ikservo.kinematics.se3 import Vector
 from ikservo.model.model import Model, ModelJoint
 
-__all__ = ["direction"]
+__all__ = ["axes", "direction"]
 
 # A joint that moves the tip by less than this for a radian rolls the tool.
 _ROLLS_M_PER_RAD = 0.03
@@ -31,7 +31,7 @@ def direction(model: Model, joint: ModelJoint, pose: str, towards: int) -> str:
         return _of_gripper(model, joint, towards)
     column = model.chain.names.index(joint.name)
     T, J = model.chain.linearise(model.chain_pose(pose))
-    speed: Vector = towards * (_axes(model) @ J[:3, column])
+    speed: Vector = towards * (axes(model) @ J[:3, column])
     if float(np.linalg.norm(speed)) < _ROLLS_M_PER_RAD:
         axis: Vector = towards * J[3:, column]
         return _of_roll(axis, T[:3, 3] - _origin(model, joint, pose))
@@ -39,7 +39,7 @@ def direction(model: Model, joint: ModelJoint, pose: str, towards: int) -> str:
     return f"so that the tool goes {_WORDS[along][0 if speed[along] > 0 else 1]}"
 
 
-def _axes(model: Model) -> Vector:
+def axes(model: Model) -> Vector:
     """Return forwards, left and up as the rows (3, 3) of a matrix, in the base frame."""
     tip: Vector = model.chain.forward(model.chain_pose("home"))[:3, 3]
     ahead = np.array([tip[0], tip[1], 0.0])

@@ -14,8 +14,18 @@ from numpy.typing import NDArray
 from ikservo.calibration import Crank, JointMap, Limits, say
 from ikservo.errors import FileFormatError, InputError, UnknownNameError
 from ikservo.kinematics import Chain
-from ikservo.model.arm_file import ArmFile, ArmJoint, ArmPose, ArmSpeed, read_arm_file
+from ikservo.model.arm_file import (
+    ArmFile,
+    ArmGripper,
+    ArmHealth,
+    ArmJoint,
+    ArmPose,
+    ArmSpeed,
+    read_arm_file,
+)
 from ikservo.model.catalogue import find_arm
+from ikservo.model.gripper import Gripper
+from ikservo.model.health import HealthLimits
 from ikservo.model.skeleton import chain_of
 from ikservo.model.urdf import Urdf, UrdfJoint, read_urdf
 from ikservo.registers import MODELS, Family, ServoTable
@@ -23,6 +33,7 @@ from ikservo.registers import MODELS, Family, ServoTable
 __all__ = ["KeepOut", "Model", "ModelJoint", "ModelServo", "Speed", "load_model"]
 
 _ARM_FILE = "arm file"
+_USUAL_HEALTH = HealthLimits()
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +105,9 @@ class Model:
         path: The file it was loaded from.
         floor_m: Height of the table in the base frame; None where nobody says.
         keep_out: What else the arm keeps clear of.
+        health: What its servos may be asked to bear.
+        auto_unsafe: Why it must not look for its own stops; empty where it may.
+        gripper: What is known of its jaws; None where no servo moves any.
     """
 
     name: str
@@ -108,6 +122,9 @@ class Model:
     path: Path
     floor_m: float | None = None
     keep_out: tuple[KeepOut, ...] = ()
+    health: HealthLimits = _USUAL_HEALTH
+    auto_unsafe: str = ""
+    gripper: Gripper | None = None
 
     def joint(self, name: str) -> ModelJoint:
         """Return the joint of that name.
@@ -202,6 +219,9 @@ def _from_arm_file(path: Path, tip: str | None) -> Model:
         keep_out=tuple(
             KeepOut(box.name, box.low_m, box.high_m) for box in arm.surroundings.keep_out
         ),
+        health=_health(arm.health),
+        auto_unsafe="" if arm.calibration.auto else arm.calibration.reason or "no reason given",
+        gripper=_gripper(arm.gripper, joints),
     )
 
 
@@ -283,3 +303,20 @@ def _positions(pose: ArmPose) -> dict[str, float]:
 
 def _speed(speed: ArmSpeed) -> Speed:
     return Speed(math.radians(speed.deg_s), math.radians(speed.deg_s2), math.radians(speed.deg_s3))
+
+
+def _health(health: ArmHealth) -> HealthLimits:
+    given = {name: value for name, value in health if value is not None}
+    return HealthLimits(**given)
+
+
+def _gripper(gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
+    """Return the jaws; they close towards the end of the range that is nearer to zero."""
+    jaws = next((joint for joint in joints if joint.role == "gripper"), None)
+    if jaws is None:
+        return None
+    ends = jaws.limits.lower.value, jaws.limits.upper.value
+    closed = min(ends, key=abs) if gripper.closes_to is None else ends[gripper.closes_to == "upper"]
+    turned = tuple((math.radians(deg), width) for deg, width in gripper.width_m_by_deg)
+    away = ends[1] if closed == ends[0] else ends[0]
+    return Gripper(jaws.name, closed, away, turned or gripper.width_m_by_m)

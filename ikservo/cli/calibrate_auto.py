@@ -1,0 +1,85 @@
+"""``ikservo calibrate --auto``: from a named pose the arm finds its ranges by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ikservo.arm.auto import SelfCalibration, check_safe
+from ikservo.arm.calibrating import LooseArm, loose_arm
+from ikservo.arm.confirmation import confirm
+from ikservo.arm.wiggling import expected, wiggle
+from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.cli.calibrate_hands import Wishes, reviewed, show, with_wishes
+from ikservo.cli.calibrate_meeting import consent, greet, let_go
+from ikservo.cli.calibrate_screen import screen
+from ikservo.cli.calibrate_talk import answers, converse
+from ikservo.cli.output import note
+from ikservo.errors import CalibrationError, IkservoError, InputError
+from ikservo.model import Model
+
+__all__ = ["by_itself"]
+
+_WARNING = (
+    "The arm will drive every joint to its stops, slowly and with little force, and end in its "
+    "rest pose. Clear its whole reach. Ctrl-C stops it; it then holds."
+)
+
+
+def by_itself(model: Model, port: str | None, wishes: Wishes, script: Path | None) -> None:
+    """Take the pose, let the arm find its ranges, and save what was found.
+
+    Raises:
+        CalibrationError: The arm file forbids it, or a joint met what cannot be its stop.
+        InputError: Nobody agreed.
+        StoppedError: The person interrupted; the arm holds.
+    """
+    check_safe(model)
+    _agree(wishes)
+    with loose_arm(model, port) as loose:
+        let_go(loose, asks=wishes.asks, yes=wishes.yes)
+        greet(loose, wishes.pose)
+        wizard = _anchored(loose, wishes, script)
+        auto = SelfCalibration(loose, wizard, wishes.pose, lambda words: note(f"2  {words}"))
+        _show_directions(auto, wishes)
+        auto.sweep()
+        wizard = auto.finish()
+        outcome = reviewed(loose, wizard, wishes.with_user(auto.felt))
+        path = loose.save(outcome)
+        if wishes.asks:
+            confirm(model, loose.bus.port.name)  # each direction has just been agreed to
+    show(outcome, wizard, path, json=wishes.json)
+
+
+def _agree(wishes: Wishes) -> None:
+    note(_WARNING)
+    if wishes.yes:
+        return
+    if not wishes.asks:
+        raise InputError("Nobody is here to agree to this.", "Give --yes.")
+    if not consent("May it begin?", default=False, asks=True):
+        raise IkservoError("Nothing moved.")
+
+
+def _anchored(loose: LooseArm, wishes: Wishes, script: Path | None) -> Wizard:
+    """Return the conversation once the arm has been held in its pose."""
+    wizard = Wizard.begin(loose.subjects(wishes.pose), wishes.margin_rad)
+    with (
+        answers(script, yes=wishes.yes, ask=wishes.asks) as who,
+        screen(loose.model, wishes.pose) as shown,
+    ):
+        begun = with_wishes(wizard, wishes.free, wishes.skip)
+        return converse(loose, begun, who, shown, (Stage.ANCHOR,))
+
+
+def _show_directions(auto: SelfCalibration, wishes: Wishes) -> None:
+    """Move each joint a little, so that a mirrored sign or exchanged ids show before anything."""
+    for joint in auto.arm.model.joints:
+        motion = expected(auto.arm, joint.name)
+        note(f"1  {motion.joint} moves {motion.words}, then back.")
+        wiggle(auto.arm, motion)
+        question = f"Did {motion.joint} move {motion.words}?"
+        if not consent(question, default=True, asks=wishes.asks):
+            raise CalibrationError(
+                f"{motion.joint} does not move as the arm file says; the arm holds.",
+                f"Calibrate it by hand, which finds signs: ikservo calibrate {auto.arm.model.name}",
+            )

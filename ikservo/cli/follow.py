@@ -1,0 +1,106 @@
+"""``ikservo follow``: a second arm, led by hand, leads this one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+from ikservo.arm import Arm, open_arm
+from ikservo.arm.following import FollowReport
+from ikservo.cli.completing import arms
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    JsonOption,
+    PortOption,
+    SpeedOption,
+    UncalibratedOption,
+    YesOption,
+)
+from ikservo.cli.output import note, point, print_json, print_lines
+from ikservo.cli.quantities import parse_time_s
+from ikservo.cli.session import agree, opened
+from ikservo.model import load_model
+
+__all__ = ["command"]
+
+Leader = Annotated[
+    str,
+    typer.Argument(
+        metavar="LEADER", help="The arm that leads: a name or a file.", autocompletion=arms
+    ),
+]
+LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="The leader's serial port.")]
+Time = Annotated[
+    float | None, typer.Option("--time", parser=parse_time_s, help="How long; until Ctrl-C if not.")
+]
+
+
+def command(
+    leader: Leader,
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    leader_port: LeaderPort = None,
+    speed: SpeedOption = "fast",
+    time: Time = None,
+    collision: CollisionOption = True,
+    uncalibrated: UncalibratedOption = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Follow an arm that you lead by hand, joint by joint of the same name; Ctrl-C holds.
+
+    The leader stays limp. This arm keeps its own limits and speed.
+
+    ikservo follow so101 --leader-port /dev/ttyACM1 --arm so101 --port /dev/ttyACM0
+    """
+    model = load_model(leader)
+    with (
+        open_arm(model, leader_port, uncalibrated=uncalibrated) as leading,
+        opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine,
+    ):
+        _say(leading, machine)
+        agree(machine, yes=yes)
+        report = machine.follow_arm(leading, speed=speed, until=_until(machine, time))
+    _print(report, json=json)
+
+
+def _say(leading: Arm, machine: Arm) -> None:
+    note(f"{machine.model.title} on {machine.port_name} follows {leading.model.title} on "
+         f"{leading.port_name}; Ctrl-C holds.")  # fmt: skip
+    if any(state.torque for state in leading.where().joints):
+        note(f"The leader holds. Release it with: ikservo relax --arm {leading.model.name} "
+             f"--port {leading.port_name}")  # fmt: skip
+
+
+def _until(machine: Arm, time_s: float | None) -> Callable[[], bool]:
+    end_s = None if time_s is None else machine.workings.now_s() + time_s
+    return lambda: end_s is not None and machine.workings.now_s() >= end_s
+
+
+def _print(report: FollowReport, *, json: bool) -> None:
+    if json:
+        print_json(
+            "follow",
+            wishes=report.wishes,
+            unreached=report.unreached,
+            refused=report.refused,
+            reason=report.reason,
+            ended=report.ended,
+            measured_rad=report.measured_rad,
+            measured_tip_m=report.measured_tip_m,
+            duration_s=report.duration_s,
+        )
+        return
+    refused = f", {report.refused} refused: {report.reason}" if report.refused else ""
+    print_lines(
+        [
+            f"ended     {report.ended}",
+            f"wishes    {report.wishes}{refused}",
+            f"tip       {point(report.measured_tip_m.tolist())}",
+            f"duration  {report.duration_s:.2f} s",
+        ]
+    )

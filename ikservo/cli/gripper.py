@@ -1,0 +1,73 @@
+"""``ikservo gripper``: open, close, or go to a width, and say whether something is held."""
+
+from __future__ import annotations
+
+from typing import Annotated, cast
+
+import typer
+
+from ikservo.arm import Arm
+from ikservo.arm.gripping import GripReport, Opening
+from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
+from ikservo.cli.output import print_json, print_lines
+from ikservo.cli.quantities import parse_length_m
+from ikservo.cli.session import opened, watched
+from ikservo.errors import ExitCode
+
+__all__ = ["command"]
+
+To = Annotated[str, typer.Argument(metavar="open|close|WIDTH", help="open, close, or like 30mm.")]
+Force = Annotated[
+    float | None,
+    typer.Option("--force", help="Share of the servo's torque, 0.05 to 1; 0.3 if not."),
+]
+
+
+def command(
+    to: To,
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    force: Force = None,
+    uncalibrated: UncalibratedOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Open or close the gripper; it stops at what stands between its jaws and holds it.
+
+    ikservo gripper close --force 0.2 --arm so101 --port sim
+
+    ikservo gripper 30mm --arm px100 --port sim
+    """
+    goal = cast("Opening", to) if to.isalpha() else parse_length_m(to)
+    with opened(arm, port, uncalibrated=uncalibrated) as machine, watched() as draw:
+        report = machine.gripper(goal, force=force, on_progress=draw)
+    _print(report, machine, json=json)
+    if not (report.reached or report.grasped):
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _print(report: GripReport, machine: Arm, *, json: bool) -> None:
+    if json:
+        print_json(
+            "gripper",
+            grasped=report.grasped,
+            reached=report.reached,
+            position_rad=report.position_rad,
+            width_m=report.width_m,
+            load_percent=report.load_percent,
+            force=report.force,
+            duration_s=report.duration_s,
+        )
+        return
+    jaws = machine.model.gripper
+    at = machine.model.joint(jaws.joint).joint_map.say(report.position_rad) if jaws else ""
+    width = "" if report.width_m is None else f", jaws {report.width_m * 1000:z.1f} mm apart"
+    load = "" if report.load_percent is None else f", load {report.load_percent:z.0f} %"
+    print_lines(
+        [
+            f"grasped   {'yes' if report.grasped else 'no'}",
+            f"gripper   {at}{width}{load}",
+            f"reached   {'yes' if report.reached else 'no'}",
+            f"duration  {report.duration_s:.2f} s",
+        ]
+    )

@@ -1,0 +1,70 @@
+"""``ikservo record``: where the joints are, at a fixed rate, into a file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ikservo.arm.elsewhere import record_from_here
+from ikservo.arm.recording import RecordReport
+from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
+from ikservo.cli.output import note, print_json, print_lines
+from ikservo.cli.quantities import parse_time_s
+from ikservo.cli.session import chosen_model, opened
+from ikservo.errors import InputError
+
+__all__ = ["command"]
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="A new file, JSON lines.")]
+Time = Annotated[
+    float | None, typer.Option("--time", parser=parse_time_s, help="How long; until Ctrl-C if not.")
+]
+Period = Annotated[
+    float, typer.Option("--period", parser=parse_time_s, help="Between two samples: 20ms.")
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
+
+
+def command(
+    file: File,
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    time: Time = None,
+    period: Period = 0.02,  # pyright: ignore[reportArgumentType]
+    overwrite: Overwrite = False,
+    uncalibrated: UncalibratedOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Record the joints while you lead the limp arm, or while another program moves it.
+
+    ikservo record wave.jsonl --arm so101
+
+    ikservo replay wave.jsonl --arm so101
+    """
+    if time is None and not sys.stdin.isatty():
+        raise InputError("Nobody is here to end the recording.", "Give --time, as in --time 10.")
+    model = chosen_model(arm)
+    if time is None:
+        note("Recording; Ctrl-C ends it.")
+    report = record_from_here(model, port, file, time, period, overwrite=overwrite)
+    if report is None:
+        with opened(arm, port, uncalibrated=uncalibrated) as machine:
+            report = machine.record(file, duration_s=time, until=None if time else _never,
+                                    period_s=period, overwrite=overwrite)  # fmt: skip
+    _print(report, json=json)
+
+
+def _never() -> bool:
+    return False
+
+
+def _print(report: RecordReport, *, json: bool) -> None:
+    if json:
+        print_json("record", path=str(report.path), samples=report.samples,
+                   duration_s=report.duration_s)  # fmt: skip
+    else:
+        print_lines([f"{report.samples} samples in {report.duration_s:.2f} s: {report.path}"])

@@ -1,0 +1,52 @@
+"""After Ctrl-C: the arm holds; a second one lowers it to its rest pose and lets go."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+
+from ikservo.arm import Arm
+from ikservo.arm.signals import CTRL_C
+from ikservo.cli.output import note
+from ikservo.errors import StoppedError
+
+__all__ = ["stoppable"]
+
+# How long to listen for a second Ctrl-C; a person needs a moment, a script knows what it wants.
+_PERSON_S, _SCRIPT_S = 2.0, 1.0
+
+
+@contextmanager
+def stoppable(machine: Arm) -> Generator[None]:
+    """Let a second Ctrl-C, soon after one that stopped the arm, lower it and let go.
+
+    A stop for another reason than Ctrl-C ends the command at once; the arm holds.
+    """
+    try:
+        yield
+    except StoppedError:
+        if machine.stopped_for == CTRL_C and _said_again(machine):
+            _lower(machine)
+        raise
+
+
+def _said_again(machine: Arm) -> bool:
+    if machine.stops_asked > 1:
+        return True
+    person = sys.stdin.isatty()
+    if person:
+        note("The arm holds. Ctrl-C again lowers it to its rest pose and lets go.")
+    try:
+        time.sleep(_PERSON_S if person else _SCRIPT_S)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def _lower(machine: Arm) -> None:
+    note("Lowering the arm to its rest pose; it lets go there. Ctrl-C makes it hold.")
+    machine.acknowledge()
+    machine.relax()
+    note("Torque is off.")

@@ -1,0 +1,92 @@
+"""``ikservo view``: a page on which the arm is grabbed and pulled."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ikservo.cli.options import ArmOption, CollisionOption, PortOption, UncalibratedOption
+from ikservo.cli.output import note, print_lines
+from ikservo.cli.session import chosen_model
+from ikservo.errors import InputError
+
+__all__ = ["command"]
+
+_NEEDS = ("starlette", "uvicorn", "websockets")
+_LISTEN_HELP = "IP address of the page; other than this machine's loopback lets the network in."
+
+Http = Annotated[int, typer.Option("--http", min=0, max=65535, help="Port of the page; 0: any.")]
+Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
+NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
+
+
+def command(
+    arm: ArmOption = None,
+    *,
+    port: PortOption = None,
+    http: Http = 8420,
+    listen: Listen = "127.0.0.1",
+    no_open: NoOpen = False,
+    collision: CollisionOption = True,
+    uncalibrated: UncalibratedOption = False,
+) -> None:
+    """Serve a page that shows the arm; it moves once Live is thrown there.
+
+    ikservo view --port sim                      no arm needed
+
+    ikservo view --arm so101 --port /dev/ttyACM0
+    """
+    _check_installed()
+    from ikservo.view.house import House  # noqa: PLC0415  # what --help does not need
+
+    simulated = (port or "").partition(":")[0] == "sim"
+    model = chosen_model(arm or ("so101" if simulated else None))
+    house = House(model, port, listen, http, collisions=collision, uncalibrated=uncalibrated)
+    with house as urls:
+        print_lines([urls.control])
+        note(f"To watch only: {urls.watch}")
+        for warning in urls.warnings:
+            note(warning)
+        note("Ctrl-C ends; the arm then holds.")
+        sys.stdout.flush()
+        with _shown(urls.control, wanted=not no_open and _has_display()):
+            house.serve()
+    note("The arm holds where it had torque. Release it with: ikservo relax")
+
+
+def _check_installed() -> None:
+    missing = [name for name in _NEEDS if find_spec(name) is None]
+    if missing:
+        raise InputError(
+            f"The view needs {', '.join(missing)}, not installed here.",
+            "Try: pip install 'ikservo[view]'",
+        )
+
+
+@contextmanager
+def _shown(url: str, *, wanted: bool) -> Generator[None]:
+    """Open a browser by way of a file that only its owner reads: a command line is read by all."""
+    if not wanted:
+        yield
+        return
+    with tempfile.TemporaryDirectory(prefix="ikservo-") as folder:
+        page = Path(folder) / "view.html"
+        page.touch(mode=0o600)
+        page.write_text(f'<meta http-equiv="refresh" content="0; url={url}">', encoding="utf-8")
+        webbrowser.open(page.as_uri())
+        yield
+
+
+def _has_display() -> bool:
+    if sys.platform != "linux":
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,140 @@
+"""``ikservo where --watch``: joints against their limits, heat and load, again and again."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+import sys
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from ikservo.arm import JointState, Whereabouts
+from ikservo.arm.elsewhere import ask_where
+from ikservo.cli.output import point, print_json
+from ikservo.cli.session import opened
+from ikservo.errors import IkservoError
+from ikservo.model import Model
+
+__all__ = ["bar", "watch_arm"]
+
+# Characters between the limits, and what the other columns take.
+_SHORTEST, _LONGEST, _REST = 9, 31, 68
+_NEAR_RAD = math.radians(5.0)
+_WARM_C, _HOT_C = 60.0, 65.0
+
+Look = Callable[[], Whereabouts]
+
+
+def watch_arm(
+    model: Model,
+    port: str | None,
+    interval_s: float,
+    times: int | None,
+    *,
+    uncalibrated: bool,
+    json: bool,
+) -> None:
+    """Look until Ctrl-C, or so many times; a line of JSON each, or a table that stays in place."""
+    with _looking(model, port, uncalibrated=uncalibrated) as look, _quietly():
+        looks = _looks(look, interval_s, times)
+        if json:
+            for here in looks:
+                print_json("where", tip_m=here.tip_m, joints=here.joints)
+                sys.stdout.flush()
+            return
+        console = Console(highlight=False)
+        with Live(console=console, auto_refresh=False) if console.is_terminal else _plain() as live:
+            for here in looks:
+                screen = _screen(here, model, console.width)
+                live.update(screen, refresh=True) if live else console.print(screen)
+
+
+@contextmanager
+def _looking(model: Model, port: str | None, *, uncalibrated: bool) -> Generator[Look]:
+    """Yield what looks: through the program that owns the port, or on the port itself."""
+    if ask_where(model, port) is not None:
+        yield lambda: _asked(model, port)
+        return
+    with opened(str(model.path), port, uncalibrated=uncalibrated) as machine:
+        yield machine.where
+
+
+def _asked(model: Model, port: str | None) -> Whereabouts:
+    here = ask_where(model, port)
+    if here is None:
+        raise IkservoError("The program that had the port has ended.", "Watch again.")
+    return here
+
+
+def _plain() -> contextlib.nullcontext[None]:
+    return contextlib.nullcontext()
+
+
+@contextmanager
+def _quietly() -> Generator[None]:
+    with contextlib.suppress(KeyboardInterrupt):  # how a person ends it
+        yield
+
+
+def _looks(look: Look, interval_s: float, times: int | None) -> Iterator[Whereabouts]:
+    for number in itertools.count(1):
+        yield look()
+        if number == times:
+            return
+        time.sleep(interval_s)
+
+
+def _screen(here: Whereabouts, model: Model, width: int) -> Group:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    alarms = ["alarms"] if any(state.alarms for state in here.joints) else []
+    for column in ("joint", "position", "lower", "", "upper", "°C", "V", "load", "torque", *alarms):
+        numeric = column in ("position", "lower", "upper", "°C", "V", "load")
+        table.add_column(column, justify="right" if numeric else "left", no_wrap=True)
+    length = min(max(width - _REST, _SHORTEST), _LONGEST)
+    for state in here.joints:
+        row = _row(state, model, length)
+        table.add_row(*row, *([Text(", ".join(state.alarms), "red")] if alarms else []))
+    return Group(f"tip {point(here.tip_m.tolist())}", "", table)
+
+
+def _row(state: JointState, model: Model, length: int) -> list[Text | str]:
+    say = model.joint(state.name).joint_map.say
+    colour = _colour(state)
+    return [
+        state.name,
+        Text(say(state.position_rad), colour),
+        say(state.lower_rad),
+        Text(bar(state.position_rad, state.lower_rad, state.upper_rad, length), colour),
+        say(state.upper_rad),
+        Text(f"{state.temperature_c:.0f}", _heat(state)),
+        f"{state.voltage_v:.1f}",
+        "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+        "on" if state.torque else "off",
+    ]
+
+
+def _heat(state: JointState) -> str:
+    return "red" if state.temperature_c >= _HOT_C else "yellow" * (state.temperature_c >= _WARM_C)
+
+
+def _colour(state: JointState) -> str:
+    """Return red outside the limits, yellow near one; a slide is near in its last twentieth."""
+    span = state.upper_rad - state.lower_rad
+    room = min(state.position_rad - state.lower_rad, state.upper_rad - state.position_rad)
+    if room < 0.0:
+        return "red"
+    return "yellow" if room < min(_NEAR_RAD, span / 20) else ""
+
+
+def bar(position: float, lower: float, upper: float, length: int) -> str:
+    """Return ``├────●────┤``: where a position lies between two limits."""
+    share = (position - lower) / (upper - lower) if math.isfinite(upper - lower) else 0.5
+    at = min(max(round(share * (length - 1)), 0), length - 1)
+    return f"├{'─' * at}●{'─' * (length - 1 - at)}┤"
