@@ -4,11 +4,13 @@ import math
 
 import numpy as np
 import pytest
+import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, RefusedError
 from ikservo.motion import JointMove, Pace, State, brake
+from tests.motion.laws import assert_keeps_paces
 
 PACES = [Pace(1.0, 2.0, 20.0), Pace(0.5, 3.0, 15.0)]
 joints = st.tuples(st.floats(-3, 3), st.floats(-3, 3)).map(np.array)
@@ -123,3 +125,67 @@ def test_on_a_way_no_joint_steps_further_than_asked(start, goal):
     assert np.abs(np.diff(way, axis=0)).max() <= 0.05 + 1e-9
     np.testing.assert_allclose(way[0], start, atol=1e-12)
     np.testing.assert_allclose(way[-1], goal, atol=1e-12)
+
+
+SLOW_AND_FAST = [Pace(1.0, 2.0, 20.0), Pace(0.5, 3.0, 15.0), Pace(2.0, 9.0, 60.0)]
+three = st.tuples(*[st.floats(-3, 3)] * 3).map(np.array)
+
+
+@settings(max_examples=60, deadline=None)
+@given(three, three)
+def test_speed_acceleration_and_jerk_are_kept_at_every_instant(start, goal):
+    assert_keeps_paces(JointMove(start, goal, SLOW_AND_FAST), SLOW_AND_FAST)
+
+
+@settings(max_examples=60, deadline=None)
+@given(three, three)
+def test_all_joints_arrive_together(start, goal):
+    move = JointMove(start, goal, SLOW_AND_FAST)
+    before = move.at(move.duration_s - min(0.02, 0.1 * move.duration_s))
+    far = np.abs(goal - start) > 1e-3
+    assert (np.abs(before - goal)[far] > 0).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(three, three, st.floats(0.0, 1.0))
+def test_braking_keeps_acceleration_and_jerk_too(start, goal, share):
+    move = JointMove(start, goal, SLOW_AND_FAST)
+    assert_keeps_paces(brake(move.state(share * move.duration_s), SLOW_AND_FAST), SLOW_AND_FAST)
+
+
+def test_its_extent_is_how_far_each_joint_goes():
+    moving = State(np.zeros(1), np.ones(1), np.zeros(1))
+    lowest, highest = JointMove(moving, [-0.5], [PACES[0]]).extent
+    assert lowest == pytest.approx([-0.5])
+    assert 0.2 < highest[0] < 0.5
+
+
+@pytest.mark.parametrize("what", ["velocity", "acceleration"])
+def test_a_start_that_is_no_state_is_refused(what):
+    broken = {"velocity": np.zeros(2), "acceleration": np.zeros(2)} | {
+        what: np.array([0, math.nan])
+    }
+    with pytest.raises(BadValueError, match=f"{what} at the start"):
+        JointMove(State(np.zeros(2), **broken), [1, 1], PACES)
+
+
+def test_what_ruckig_cannot_solve_is_refused_and_not_streamed():
+    with pytest.raises(RefusedError, match="No motion to the goal was found"):
+        JointMove([0.0], [1e300], [PACES[0]])
+
+
+def test_a_failure_that_ruckig_only_returns_is_refused_too(monkeypatch):
+    failed = ruckig.Result.ErrorSynchronizationCalculation
+    monkeypatch.setattr("ikservo.motion.joint_move.Ruckig", lambda _: Failing(failed))
+    with pytest.raises(RefusedError, match="ErrorSynchronizationCalculation"):
+        JointMove([0.0], [1.0], [PACES[0]])
+
+
+class Failing:
+    """Answers as ruckig does where it has no answer."""
+
+    def __init__(self, result):
+        self.result = result
+
+    def calculate(self, wanted, trajectory):
+        return self.result

@@ -1,66 +1,174 @@
 """The tool goes straight, the joints keep their pace, and what cannot be done is said before."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
 
-from ikservo.errors import BadValueError, UnreachableError
+from ikservo.errors import BadValueError, LineError
+from ikservo.ik import Target, solve
+from ikservo.kinematics.se3 import log_so3
 from ikservo.model import load_model
-from ikservo.motion import Pace, ToolLine
+from ikservo.motion import JointMove, Pace, ToolLine, ToolRoute
+from tests.motion.laws import assert_inside, assert_keeps_paces, assert_smooth, sampled
+from tests.oracle import ARMS
 
 MODEL = load_model("so101")
 CHAIN = MODEL.chain
 HOME = MODEL.chain_pose("home")
 PACES = [Pace(1.0, 3.0, 30.0)] * CHAIN.dof
 FROM = CHAIN.forward(HOME)[:3, 3]
+TOGETHER = [(name, seed) for name in ARMS for seed in range(1)]
 
 
 def line(dx=0.0, dy=0.1, dz=0.05, **kwargs):
     return ToolLine(CHAIN, HOME, FROM + np.array([dx, dy, dz]), PACES, **kwargs)
 
 
-@pytest.mark.parametrize("step", [(0, 0.12, 0), (0.08, 0, 0.1), (-0.05, -0.1, 0.08), (0, 0, 0.15)])
-def test_the_tip_strays_less_than_half_a_millimetre_from_the_line(step):
-    motion = line(*step)
-    along = np.array(step) / np.linalg.norm(step)
-    for time_s in np.linspace(0, motion.duration_s, 150):
-        gone = CHAIN.forward(motion.at(time_s))[:3, 3] - FROM
-        assert np.linalg.norm(gone - (gone @ along) * along) < 5e-4
+@cache
+def seeded(name, seed):
+    """Return an arm's chain and some line of its tool that can be followed."""
+    model, rng = load_model(name), np.random.default_rng(seed)
+    chain = model.chain
+    while True:
+        q = chain.clip(model.chain_pose("home") + rng.normal(0.0, 0.25, chain.dof))
+        way_m = rng.normal(size=3) * (1.0, 1.0, 0.0 if name.startswith("planar") else 1.0)
+        goal_m = chain.forward(q)[:3, 3] + rng.uniform(0.02, 0.2) * way_m / np.linalg.norm(way_m)
+        try:
+            return chain, ToolLine(chain, q, goal_m, [PACES[0]] * chain.dof)
+        except LineError:
+            continue
+
+
+def strays_m(chain, motion):
+    """Return how far the tip is from the straight line between its ends, sampled densely."""
+    _, joints, _, _ = sampled(motion, 1000)
+    tips = chain.forward(joints)[:, :3, 3]
+    along = (tips[-1] - tips[0]) / np.linalg.norm(tips[-1] - tips[0])
+    gone = tips - tips[0]
+    return np.linalg.norm(gone - np.outer(gone @ along, along), axis=1)
+
+
+@pytest.mark.parametrize(("name", "seed"), TOGETHER)
+def test_the_tip_strays_less_than_half_a_millimetre_from_the_line(name, seed):
+    assert strays_m(*seeded(name, seed)).max() < 5e-4
+
+
+@pytest.mark.parametrize(("name", "seed"), TOGETHER)
+def test_every_joint_keeps_its_pace_at_every_instant(name, seed):
+    chain, motion = seeded(name, seed)
+    assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
+
+
+@pytest.mark.parametrize(("name", "seed"), TOGETHER)
+def test_no_joint_leaves_its_limits_nor_jumps(name, seed):
+    chain, motion = seeded(name, seed)
+    assert_inside(motion, chain.lower_rad, chain.upper_rad)
+    assert_smooth(motion, count=1000)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", range(1, 40))
+@pytest.mark.parametrize("name", ARMS)
+def test_many_lines_of_every_arm_keep_every_law(name, seed):
+    chain, motion = seeded(name, seed)
+    assert strays_m(chain, motion).max() < 5e-4
+    assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
+    assert_inside(motion, chain.lower_rad, chain.upper_rad)
+    assert_smooth(motion, count=1000)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.02, 0.25, 5.0])
+def test_the_tip_is_no_faster_than_it_may(speed_m_s):
+    motion = line(speed_m_s=speed_m_s)
+    times_s, joints, _, _ = sampled(motion, 800)
+    tips = CHAIN.forward(joints)[:, :3, 3]
+    speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / times_s[1]
+    assert speeds.max() <= speed_m_s * 1.001
 
 
 def test_it_ends_at_the_goal():
     motion = line()
-    np.testing.assert_allclose(CHAIN.forward(motion.at(motion.duration_s))[:3, 3],
-                               FROM + np.array([0, 0.1, 0.05]), atol=1e-5)  # fmt: skip
+    np.testing.assert_allclose(CHAIN.forward(motion.goal)[:3, 3],
+                               FROM + np.array([0, 0.1, 0.05]), atol=1e-6)  # fmt: skip
 
 
-@pytest.mark.parametrize("speed_m_s", [0.02, 0.25, 5.0])
-def test_no_joint_exceeds_its_pace_and_the_tip_not_its_speed(speed_m_s):
-    motion = line(speed_m_s=speed_m_s)
-    dt_s = motion.duration_s / 800
-    states = [motion.state(i * dt_s) for i in range(801)]
-    velocity, acceleration = (np.array([getattr(s, name) for s in states])
-                              for name in ("velocity", "acceleration"))  # fmt: skip
-    jerk = np.diff(acceleration, axis=0) / dt_s
-    assert np.abs(velocity).max() <= 1.0
-    assert np.abs(acceleration).max() <= 3.0
-    assert np.abs(jerk).max() <= 30.0
-    tips = np.array([CHAIN.forward(s.position)[:3, 3] for s in states])
-    assert np.linalg.norm(np.diff(tips, axis=0), axis=1).max() / dt_s <= speed_m_s * 1.001
+@pytest.mark.parametrize("name", ["wx250s", "vx300s"])
+def test_an_arm_with_a_free_wrist_keeps_the_whole_orientation(name):
+    model = load_model(name)
+    chain, q = model.chain, model.chain_pose("home")
+    goal_m = chain.forward(q)[:3, 3] + (0.03, 0.1, 0.05)
+    motion = ToolLine(chain, q, goal_m, [PACES[0]] * chain.dof)
+    turned = chain.forward(motion.goal)[:3, :3] @ chain.forward(q)[:3, :3].T
+    assert math.degrees(np.linalg.norm(log_so3(turned))) < 0.1
+    assert math.degrees(motion.left_rad.max()) < 0.1
 
 
-def test_the_velocity_is_the_derivative_of_the_position():
-    motion, h = line(), 1e-5
-    for time_s in np.linspace(0.1, motion.duration_s - 0.1, 20):
-        slope = (motion.at(time_s + h) - motion.at(time_s - h)) / (2 * h)
-        np.testing.assert_allclose(motion.state(time_s).velocity, slope, atol=1e-5)
+@pytest.mark.parametrize("name", ["so101", "omx_f", "open_manipulator_x", "px100"])
+def test_an_arm_without_one_keeps_how_steep_the_tool_is(name):
+    model = load_model(name)
+    chain, q = model.chain, model.chain_pose("home")
+    goal_m = chain.forward(q)[:3, 3] + (-0.03, 0.06, 0.02)
+    motion = ToolLine(chain, q, goal_m, [PACES[0]] * chain.dof)
+    _, joints, _, _ = sampled(motion, 50)
+    steep = chain.forward(joints)[:, 2, :3]
+    np.testing.assert_allclose(steep, np.tile(steep[0], (50, 1)), atol=2e-3)
+
+
+def test_turned_along_it_ends_with_the_tool_as_asked():
+    model = load_model("wx250s")
+    chain, q = model.chain, model.chain_pose("home")
+    end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
+    goal = chain.forward(end)
+    motion = ToolLine(chain, q, goal[:3, 3], [PACES[0]] * chain.dof, end=end)
+    there = chain.forward(motion.goal)
+    np.testing.assert_allclose(there, goal, atol=1e-4)
+    assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
+
+
+def test_turned_along_the_turn_goes_evenly():
+    model = load_model("wx250s")
+    chain, q = model.chain, model.chain_pose("home")
+    end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
+    motion = ToolLine(chain, q, chain.forward(end)[:3, 3], [PACES[0]] * chain.dof, end=end)
+    assert math.degrees(motion.left_rad.max()) < 0.1
+
+
+def test_a_turn_in_place_leaves_the_tip_where_it_is():
+    model = load_model("wx250s")
+    chain, q = model.chain, model.chain_pose("home")
+    end = q + np.array([0, 0, 0, 0, 0, 0.5])
+    motion = ToolLine(chain, q, chain.forward(q)[:3, 3], [PACES[0]] * chain.dof, end=end)
+    np.testing.assert_allclose(motion.goal, end, atol=1e-3)
+    _, joints, _, _ = sampled(motion, 50)
+    np.testing.assert_allclose(
+        chain.forward(joints)[:, :3, 3], np.tile(chain.forward(q)[:3, 3], (50, 1)), atol=2.5e-4
+    )
 
 
 def test_a_line_out_of_reach_is_refused_with_the_last_point_that_is_not():
-    with pytest.raises(UnreachableError) as caught:
-        line(dx=0.5)
-    assert FROM[0] + 0.05 < caught.value.nearest_m[0] < FROM[0] + 0.3
+    with pytest.raises(LineError) as caught:
+        line(dx=0.5, dy=0.0, dz=0.0)
+    error = caught.value
+    assert FROM[0] + 0.05 < error.nearest_m[0] < FROM[0] + 0.3
+    assert error.target_m[0] - FROM[0] == pytest.approx(error.along_m)
+    assert error.binding
+
+
+def test_a_line_past_the_base_axis_is_refused_as_a_singularity():
+    model = load_model("open_manipulator_x")
+    chain = model.chain
+    q = solve(chain, Target((0.06, 0.0, 0.25)), model.chain_pose("home")).q
+    with pytest.raises(LineError, match="singularity") as caught:
+        ToolLine(chain, q, (-0.06, 0.0005, 0.25), [PACES[0]] * chain.dof)
+    assert 0.0 < caught.value.along_m < 0.12
+
+
+def test_an_orientation_that_must_be_kept_and_cannot_is_refused_with_the_place():
+    with pytest.raises(LineError, match="tool would turn") as caught:
+        line(0.0, 0.15, 0.0, strict=True)
+    assert 0.0 < caught.value.along_m < 0.15
 
 
 def test_a_line_of_no_length_takes_no_time():
@@ -71,3 +179,42 @@ def test_a_line_of_no_length_takes_no_time():
 def test_a_speed_is_positive(speed_m_s):
     with pytest.raises(BadValueError, match="speed of the tool"):
         line(speed_m_s=speed_m_s)
+
+
+CORNERS = [FROM + np.array(way_m) for way_m in ((0, 0.08, 0), (0, 0.08, 0.08), (0, -0.05, 0.08))]
+
+
+@pytest.mark.parametrize("blend_m", [0.005, 0.02, 0.05])
+def test_a_route_passes_each_point_within_the_blend(blend_m):
+    route = ToolRoute(CHAIN, HOME, CORNERS, PACES, blend_m=blend_m)
+    _, joints, _, _ = sampled(route, 3000)
+    tips = CHAIN.forward(joints)[:, :3, 3]
+    for corner in CORNERS[:-1]:
+        assert np.linalg.norm(tips - corner, axis=1).min() <= 0.375 * blend_m + 5e-4
+    np.testing.assert_allclose(tips[-1], CORNERS[-1], atol=1e-5)
+
+
+def test_a_route_keeps_every_law_of_a_line():
+    route = ToolRoute(CHAIN, HOME, CORNERS, PACES)
+    assert_keeps_paces(route, PACES, count=1500)
+    assert_smooth(route, count=1500)
+    assert_inside(route, CHAIN.lower_rad, CHAIN.upper_rad)
+
+
+def test_a_route_stops_nowhere_but_at_its_end():
+    route = ToolRoute(CHAIN, HOME, CORNERS, PACES)
+    _, _, velocity, _ = sampled(route, 400)
+    assert (np.abs(velocity[20:-20]).max(axis=1) > 0.01).all()
+
+
+def test_a_route_takes_less_time_than_its_lines_one_after_the_other():
+    lines_s, q = 0.0, HOME
+    for corner in CORNERS:
+        motion = ToolLine(CHAIN, q, corner, PACES)
+        lines_s, q = lines_s + motion.duration_s, motion.goal
+    assert ToolRoute(CHAIN, HOME, CORNERS, PACES).duration_s < lines_s
+
+
+def test_a_line_takes_little_longer_than_the_same_joints_without_one():
+    motion = line()
+    assert motion.duration_s < 1.5 * JointMove(HOME, motion.goal, PACES).duration_s

@@ -2,18 +2,22 @@
 
 from enum import Enum
 
-class ControlInterface(Enum):
-    Position = ...
-    Velocity = ...
+class RuckigError(RuntimeError): ...
+
+class Result(Enum):
+    Working = 0
+    Finished = 1
 
 class Synchronization(Enum):
-    Time = ...
-    Phase = ...
-    No = ...
+    Time = 0
+    Phase = 2
+    No = 3
+
+class ControlInterface(Enum):
+    Position = 0
+    Velocity = 1
 
 class InputParameter:
-    control_interface: ControlInterface
-    synchronization: Synchronization
     current_position: list[float]
     current_velocity: list[float]
     current_acceleration: list[float]
@@ -23,14 +27,34 @@ class InputParameter:
     max_velocity: list[float]
     max_acceleration: list[float]
     max_jerk: list[float]
-    def __init__(self, dofs: int) -> None: ...
+    control_interface: ControlInterface
+    synchronization: Synchronization
+
+    def __init__(self, degrees_of_freedom: int) -> None: ...
+
+class BrakeProfile:
+    duration: float
+    t: list[float]
+    p: list[float]
+    v: list[float]
+    a: list[float]
+    j: list[float]
+
+class Profile:
+    t: list[float]
+    p: list[float]
+    v: list[float]
+    a: list[float]
+    j: list[float]
+    brake: BrakeProfile
 
 class Trajectory:
-    @property
-    def duration(self) -> float: ...
-    def __init__(self, dofs: int) -> None: ...
+    duration: float
+    profiles: list[list[Profile]]
+
+    def __init__(self, degrees_of_freedom: int) -> None: ...
     def at_time(self, time: float) -> tuple[list[float], list[float], list[float]]: ...
 
 class Ruckig:
-    def __init__(self, dofs: int, delta_time: float = ...) -> None: ...
-    def calculate(self, input: InputParameter, trajectory: Trajectory) -> object: ...
+    def __init__(self, degrees_of_freedom: int) -> None: ...
+    def calculate(self, input: InputParameter, trajectory: Trajectory) -> Result: ...  # noqa: A002

@@ -1,0 +1,110 @@
+"""An arm that takes its tip along straight lines, and through points without a stop."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+
+from numpy.typing import ArrayLike
+
+from ikservo.arm.planning import AS_IT_CAN, Plan, Stance
+from ikservo.arm.reports import MoveReport, Progress
+from ikservo.arm.skills import Skills
+from ikservo.kinematics.se3 import Vector
+
+__all__ = ["BLEND_M", "Lines"]
+
+BLEND_M = 0.02
+"""How far from a way-point the arm leaves its way to go on to the next."""
+
+_Planning = Callable[[Vector, str], Plan]
+"""Makes a plan from where the joints are (n,), for a speed."""
+
+
+class Lines(Skills):
+    """What ``Arm`` does besides going to one point; each plans first and moves then."""
+
+    @abstractmethod
+    def plan_by(self, planning: _Planning, speed: str) -> Plan:
+        """Make a plan from where the arm is, at the speed it may go, and look at its way."""
+
+    @abstractmethod
+    def carry_out(
+        self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
+    ) -> MoveReport:
+        """Carry out a plan; see ``Arm``."""
+
+    def plan_line(
+        self, position_m: ArrayLike, *, speed: str = "normal", stance: Stance = AS_IT_CAN
+    ) -> Plan:
+        """Plan a straight line of the tip to a point; see ``move_line``."""
+        return self.plan_through([position_m], line=True, speed=speed, stance=stance)
+
+    def move_line(
+        self,
+        position_m: ArrayLike,
+        *,
+        speed: str = "normal",
+        stance: Stance = AS_IT_CAN,
+        on_progress: Callable[[Progress], None] | None = None,
+    ) -> MoveReport:
+        """Move the tip to a point on a straight line, and block until the arm is at rest.
+
+        Args:
+            position_m: The point (3,), metres, in the arm's base frame.
+            speed: slow, normal or fast.
+            stance: How the tool shall stand at the end, turned evenly on the way; if nothing is
+                asked it is kept, as well as the arm can.
+            on_progress: Called at every beat.
+
+        Raises:
+            UnreachableError: Something on the line cannot be reached; nothing has moved.
+            OrientationError: The tool cannot stand as asked; nothing has moved.
+            RefusedError: The guard will not pass it.
+            StoppedError: The person interrupted; the arm holds.
+        """
+        plan = self.plan_line(position_m, speed=speed, stance=stance)
+        return self.carry_out(plan, on_progress)
+
+    def plan_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        blend_m: float = BLEND_M,
+        line: bool = False,
+        speed: str = "normal",
+        stance: Stance = AS_IT_CAN,
+    ) -> Plan:
+        """Plan a motion through points without a stop; see ``move_through``."""
+        planner = self.workings.planner
+        make = planner.on_lines if line else planner.through
+        return self.plan_by(lambda here, pace: make(here, points_m, pace, blend_m, stance), speed)
+
+    def move_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        blend_m: float = BLEND_M,
+        line: bool = False,
+        speed: str = "normal",
+        stance: Stance = AS_IT_CAN,
+        on_progress: Callable[[Progress], None] | None = None,
+    ) -> MoveReport:
+        """Move the tip through points, rest at the last, and block until then.
+
+        Args:
+            points_m: The points (k, 3), metres, in the arm's base frame.
+            blend_m: Within which distance the tip passes each point but the last.
+            line: Whether it goes straight from point to point; else the joints do.
+            speed: slow, normal or fast.
+            stance: How the tool shall stand at the last point.
+            on_progress: Called at every beat.
+
+        Raises:
+            UnreachableError: A point, or a line to it, cannot be reached; nothing has moved.
+            OrientationError: The tool cannot stand as asked; nothing has moved.
+            RefusedError: The guard will not pass it.
+            StoppedError: The person interrupted; the arm holds.
+        """
+        plan = self.plan_through(points_m, blend_m=blend_m, line=line, speed=speed, stance=stance)
+        return self.carry_out(plan, on_progress)

@@ -1,0 +1,8 @@
+"""What a motion would be before it starts: where it goes, how, how long, and what comes close."""
+
+from ikservo.arm.planning.beginning import begun
+from ikservo.arm.planning.plan import NearLimit, Plan
+from ikservo.arm.planning.planner import Planner
+from ikservo.arm.planning.stance import AS_IT_CAN, Stance
+
+__all__ = ["AS_IT_CAN", "NearLimit", "Plan", "Planner", "Stance", "begun"]

@@ -1,0 +1,155 @@
+"""A person asks for straight lines and way-points; the servos' registers say what came."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import BadValueError, LineError, RefusedError, UnreachableError
+from tests.arm.simulated import line_of, registers, true_tip_m
+from tests.oracle import tip_from_ticks
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim") as machine:
+        yield machine
+
+
+@pytest.fixture
+def ready(arm):
+    """Return an arm whose first, slow motion is over."""
+    arm.move_joints({"wrist_roll": 0.05})
+    return arm
+
+
+def tips_m(arm, plan):
+    """Carry a plan out and return where the servos' registers said the tip was (n, 3)."""
+    tips = []
+    arm.carry_out(plan, lambda _: tips.append(true_tip_m(arm)))
+    return np.array(tips)
+
+
+def from_line_m(points, begin, end):
+    along = (end - begin) / np.linalg.norm(end - begin)
+    gone = points - begin
+    return np.linalg.norm(gone - np.outer(gone @ along, along), axis=1)
+
+
+def test_the_tip_goes_straight_as_the_servos_own_registers_say(ready):
+    begin, goal = true_tip_m(ready), np.array((0.22, -0.08, 0.18))
+    tips = tips_m(ready, ready.plan_line(goal))
+    np.testing.assert_allclose(true_tip_m(ready), goal, atol=2e-3)
+    # Servos follow with a lag and sag under their load; the goals themselves stray 0.5 mm at most.
+    assert from_line_m(tips, begin, goal).max() < 8e-3
+
+
+def test_the_goals_of_a_line_stay_on_it(ready):
+    names, goals = ready.model.name, []
+    begin = ready.plan_line((0.22, -0.08, 0.18)).course.state(0.0).position
+    ready.move_line(
+        (0.22, -0.08, 0.18),
+        on_progress=lambda _: goals.append(
+            tip_from_ticks(names, registers(ready, "goal_position"))
+        ),
+    )
+    start = ready.chain.forward(begin[: ready.chain.dof])[:3, 3]
+    on_the_way = np.array(goals[: len(goals) // 2])
+    assert from_line_m(on_the_way, start, np.array((0.22, -0.08, 0.18))).max() < 1.5e-3
+
+
+def test_what_was_checked_is_what_a_plan_carries(ready):
+    plan = ready.plan_line((0.22, -0.08, 0.18))
+    np.testing.assert_array_equal(plan.course.state(plan.duration_s).position, plan.goal)
+    assert plan.course.duration_s == plan.duration_s
+    begin_m = ready.chain.forward(plan.course.state(0.0).position[: ready.chain.dof])[:3, 3]
+    assert plan.path_m == pytest.approx(np.linalg.norm(plan.tip_m - begin_m), abs=1e-3)
+
+
+def test_a_line_names_what_sets_its_time_and_what_comes_close_to_a_limit(ready):
+    plan = ready.plan_line((0.22, -0.08, 0.18))
+    assert {words.split()[0] for words in plan.setters} <= set(ready.chain.names)
+    assert all(near.room < 0.2 for near in plan.near)
+
+
+def test_a_line_that_leaves_what_is_reachable_moves_nothing_and_says_where(ready):
+    before = registers(ready, "goal_position")
+    with pytest.raises(UnreachableError):
+        ready.move_line((0.6, 0.05, 0.15))
+    assert registers(ready, "goal_position") == before
+
+
+def test_a_line_through_what_is_not_reachable_is_refused_before_it_begins(ready):
+    ready.move_to((0.0, 0.22, 0.15))
+    before = registers(ready, "goal_position")
+    with pytest.raises(LineError) as caught:
+        ready.move_line((0.0, -0.22, 0.15))
+    assert 0.0 < caught.value.along_m < 0.44
+    assert registers(ready, "goal_position") == before
+
+
+def test_a_line_through_the_table_or_the_arm_itself_is_refused(ready):
+    with pytest.raises(RefusedError, match=r"On the way, .* would touch"):
+        ready.move_line((0.25, 0.0, -0.05))
+
+
+@pytest.mark.parametrize("line", [True, False])
+def test_way_points_are_passed_without_a_stop(ready, line):
+    via, goal = np.array((0.22, -0.02, 0.2)), np.array((0.2, -0.08, 0.15))
+    plan = ready.plan_through([via, goal], line=line, blend_m=0.02)
+    states = [plan.course.state(t) for t in np.linspace(0.0, plan.duration_s, 800)]
+    tips = ready.chain.forward(np.array([s.position for s in states])[:, : ready.chain.dof])
+    assert np.linalg.norm(tips[:, :3, 3] - via, axis=1).min() <= 0.02
+    assert min(np.abs(s.velocity).max() for s in states[40:-40]) > 0.01
+    assert ready.carry_out(plan).reached
+    np.testing.assert_allclose(true_tip_m(ready), goal, atol=2e-3)
+
+
+@pytest.mark.parametrize("blend_m", [0.0, -0.01, math.nan, math.inf])
+@pytest.mark.parametrize("line", [True, False])
+def test_a_blend_is_positive(arm, blend_m, line):
+    with pytest.raises(BadValueError, match="blend"):
+        arm.plan_through([(0.25, 0, 0.2), (0.25, 0.05, 0.15)], line=line, blend_m=blend_m)
+
+
+@pytest.mark.parametrize("points", [[], [(0.25, 0.0)], [(0.25, 0, math.nan)]])
+def test_points_that_are_none_move_nothing(arm, points):
+    with pytest.raises(BadValueError):
+        arm.move_through(points)
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_a_plan_is_not_carried_out_from_elsewhere(ready):
+    plan = ready.plan_line((0.22, -0.08, 0.18))
+    ready.move_to((0.2, 0.1, 0.2))
+    with pytest.raises(RefusedError, match="not where the plan begins"):
+        ready.carry_out(plan)
+
+
+def test_the_first_motion_after_torque_comes_on_is_slow(arm):
+    first = arm.plan_to((0.25, 0.05, 0.15), speed="fast")
+    assert (first.speed, first.slowed) == ("slow", True)
+    arm.carry_out(first)
+    second = arm.plan_to((0.22, -0.05, 0.15), speed="fast")
+    assert (second.speed, second.slowed) == ("fast", False)
+
+
+def test_the_first_motion_is_slow_also_where_torque_was_switched_on_before(arm):
+    arm.enable()
+    assert arm.plan_joints({"elbow_flex": 0.3}).speed == "slow"
+
+
+def test_an_arm_that_holds_already_need_not_begin_slowly(ready):
+    servos = line_of(ready).servos
+    assert all(servo.read("torque_enable") for servo in servos.values())
+    ready._enabled = False  # as for a program that opens an arm that holds
+    assert ready.plan_to((0.22, -0.05, 0.15)).speed == "normal"
+
+
+def test_after_letting_go_the_next_motion_is_slow_again(ready):
+    plan = ready.plan_to((0.22, -0.05, 0.15))
+    ready.release()
+    assert ready.plan_to((0.22, -0.05, 0.15)).speed == "slow"
+    with pytest.raises(RefusedError, match="Torque went off"):
+        ready.carry_out(plan)

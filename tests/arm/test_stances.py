@@ -1,0 +1,130 @@
+"""How the tool stands at a point: as asked, or as well as the arm can keep it."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ikservo.arm.planning import Planner, Stance
+from ikservo.errors import BadValueError, OrientationError, UnreachableError
+from ikservo.kinematics.se3 import log_so3
+from ikservo.model import load_model
+from ikservo.model.tool import tool_of
+
+DEG = math.radians
+
+
+@cache
+def bench(name):
+    """Return an arm's planner, chain, tool, and its joints at home."""
+    model = load_model(name)
+    names = [joint.name for joint in model.joints]
+    here = np.array([model.pose("home")[joint] for joint in names])
+    return Planner(model, model.chain, names), model.chain, tool_of(model), here
+
+
+def planned(name, point_m, **asked):
+    """Plan from home; return the plan and the tool's orientation there (3, 3)."""
+    planner, chain, _, here = bench(name)
+    plan = planner.to_point(here, point_m, "normal", Stance(**asked))
+    return plan, chain.forward(plan.goal[: chain.dof])[:3, :3]
+
+
+@pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "px100", "omx_f", "wx250s"])
+@pytest.mark.parametrize("degrees", [-70, -60, -45])
+def test_a_pitch_is_met_exactly_where_the_arm_has_it(name, degrees):
+    plan, R = planned(name, (0.2, 0.04, 0.08), pitch_rad=DEG(degrees))
+    assert math.degrees(bench(name)[2].pitch_rad(R)) == pytest.approx(degrees, abs=0.1)
+    np.testing.assert_allclose(plan.tip_m, (0.2, 0.04, 0.08), atol=2e-5)
+
+
+@pytest.mark.parametrize("name", ["so101", "omx_f", "wx250s"])
+def test_pitch_and_roll_are_met_together(name):
+    _, R = planned(name, (0.2, 0.04, 0.08), pitch_rad=DEG(-50), roll_rad=DEG(25))
+    tool = bench(name)[2]
+    assert math.degrees(tool.pitch_rad(R)) == pytest.approx(-50, abs=0.1)
+    assert math.degrees(tool.roll_rad(R, 0.0)) == pytest.approx(25, abs=0.5)
+
+
+def test_a_roll_alone_leaves_the_pitch_as_it_was():
+    _, chain, tool, here = bench("so101")
+    _, R = planned("so101", (0.2, 0.04, 0.12), roll_rad=DEG(40))
+    before = tool.pitch_rad(chain.forward(here[: chain.dof])[:3, :3])
+    assert math.degrees(tool.roll_rad(R, 0.0)) == pytest.approx(40, abs=0.5)
+    assert math.degrees(tool.pitch_rad(R)) == pytest.approx(math.degrees(before), abs=1.0)
+
+
+def test_a_direction_is_met_by_an_arm_with_a_free_wrist():
+    _, R = planned("wx250s", (0.2, 0.04, 0.15), direction=(1, 0.5, -1))
+    np.testing.assert_allclose(
+        R @ bench("wx250s")[2].ahead, np.array((1, 0.5, -1)) / 1.5, atol=1e-3
+    )
+
+
+def test_a_kept_orientation_is_the_same_in_the_world():
+    _, chain, _, here = bench("wx250s")
+    _, R = planned("wx250s", (0.22, 0.06, 0.2), keep=True)
+    before = chain.forward(here[: chain.dof])[:3, :3]
+    assert math.degrees(np.linalg.norm(log_so3(R @ before.T))) < 0.1
+
+
+@pytest.mark.parametrize("name", ["so101", "omx_f", "open_manipulator_x", "px100"])
+def test_asked_nothing_the_tool_stays_as_steep_as_it_was(name):
+    _, chain, tool, here = bench(name)
+    point_m = chain.forward(here[: chain.dof])[:3, 3] + np.array((-0.02, 0.05, 0.02))
+    plan, R = planned(name, point_m)
+    before = chain.forward(here[: chain.dof])[:3, :3]
+    assert tool.pitch_rad(R) == pytest.approx(tool.pitch_rad(before), abs=DEG(0.2))
+    assert math.degrees(plan.left_rad) < 0.2
+
+
+def test_asked_nothing_a_point_is_reached_even_where_nothing_can_be_kept():
+    plan, _ = planned("so101", (0.02, 0.02, 0.45))
+    np.testing.assert_allclose(plan.tip_m, (0.02, 0.02, 0.45), atol=2e-5)
+    assert math.degrees(plan.left_rad) > 5.0
+
+
+@pytest.mark.parametrize(("name", "asked", "word"), [
+    ("open_manipulator_x", {"roll_rad": DEG(20)}, "roll 20.0°"),
+    ("so101", {"pitch_rad": DEG(60)}, "pitch 60.0°"),
+    ("so101", {"keep": True}, "the orientation it has now"),
+    ("px100", {"direction": (0, 1, 0)}, "direction 0,1,0"),
+])  # fmt: skip
+def test_what_an_arm_has_not_is_refused_with_what_it_has_instead(name, asked, word):
+    with pytest.raises(OrientationError, match="cannot stand") as caught:
+        planned(name, (0.2, 0.06, 0.12), **asked)
+    error = caught.value
+    assert word in error.message
+    assert error.left_rad > DEG(0.5)
+    assert "pitch" in error.instead
+
+
+def test_the_pitch_that_is_offered_instead_can_be_had():
+    with pytest.raises(OrientationError) as caught:
+        planned("so101", (0.2, 0.06, 0.12), pitch_rad=DEG(60))
+    offered = float(caught.value.instead.split("pitch ")[1].split("°")[0])
+    planned("so101", (0.2, 0.06, 0.12), pitch_rad=DEG(offered))
+
+
+def test_a_point_out_of_reach_is_that_and_no_matter_of_orientation():
+    with pytest.raises(UnreachableError, match="cannot be reached"):
+        planned("so101", (0.9, 0.0, 0.1), pitch_rad=0.0)
+
+
+@pytest.mark.parametrize("asked", [
+    {"pitch_rad": 2.0}, {"pitch_rad": math.nan}, {"roll_rad": 7.0}, {"roll_rad": math.inf},
+    {"direction": (0, 0, 0)}, {"direction": (1, math.nan, 0)}, {"direction": (1, 0)},
+    {"keep": True, "pitch_rad": 0.1}, {"direction": (1, 0, 0), "pitch_rad": 0.1},
+])  # fmt: skip
+def test_a_stance_that_is_none_is_refused(asked):
+    with pytest.raises(BadValueError):
+        Stance(**asked)
+
+
+def test_on_a_line_the_tool_is_turned_to_what_is_asked_at_its_end():
+    planner, chain, tool, here = bench("so101")
+    goal_m = chain.forward(here[: chain.dof])[:3, 3] + np.array((-0.02, 0.05, 0.03))
+    plan = planner.on_lines(here, [goal_m], "normal", 0.02, Stance(pitch_rad=DEG(-40)))
+    R = chain.forward(plan.goal[: chain.dof])[:3, :3]
+    assert math.degrees(tool.pitch_rad(R)) == pytest.approx(-40, abs=0.5)

@@ -1,0 +1,32 @@
+"""How far a motion goes is known exactly, also where a joint turns round between its knots."""
+
+import numpy as np
+import pytest
+
+from ikservo.motion import JointMove, Pace, State, brake
+
+SEEDS = range(12)
+
+
+def motions(seed):
+    """Return motions from states within and beyond the paces: to a goal, and to a stop."""
+    rng = np.random.default_rng(seed)
+    paces = [Pace(*(10 ** rng.uniform(-0.5, 0.5, 3) * [1, 5, 50])) for _ in range(3)]
+    start = State(rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 3), rng.uniform(-10, 10, 3))
+    goal = rng.uniform(-1, 1, 3)
+    return [
+        JointMove(start, goal, paces),
+        JointMove(start, goal, paces, together=False),
+        brake(start, paces),
+    ]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_sampled_position_lies_outside_and_some_reach_the_ends(seed):
+    for motion in motions(seed):
+        looks = np.array([motion.at(t) for t in np.linspace(0, motion.duration_s, 1500)])
+        lowest, highest = motion.extent
+        assert (looks >= lowest - 1e-9).all()
+        assert (looks <= highest + 1e-9).all()
+        np.testing.assert_allclose(looks.min(axis=0), lowest, atol=2e-4)
+        np.testing.assert_allclose(looks.max(axis=0), highest, atol=2e-4)

@@ -1,0 +1,102 @@
+"""Through way-points without a stop: inside every pace, near every point, all joints together."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from ikservo.errors import BadValueError
+from ikservo.motion import JointMove, JointRoute, Pace
+from tests.motion.laws import assert_inside, assert_keeps_paces, assert_smooth, sampled
+
+PACES = [Pace(1.0, 3.0, 30.0), Pace(0.4, 5.0, 40.0), Pace(2.0, 6.0, 90.0)]
+SEEDS = range(5)
+
+
+def points_of(seed):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1.5, 1.5, (int(rng.integers(2, 6)), 3))
+
+
+def route_of(seed, blend=0.2):
+    return JointRoute(np.zeros(3), points_of(seed), PACES, blend)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_every_pace_is_kept_at_every_instant(seed):
+    assert_keeps_paces(route_of(seed), PACES, count=1200)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_nothing_jumps(seed):
+    assert_smooth(route_of(seed), count=1200)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_joint_leaves_the_range_that_the_points_span(seed):
+    corners = np.vstack([np.zeros(3), points_of(seed)])
+    assert_inside(route_of(seed), corners.min(axis=0), corners.max(axis=0), count=800)
+
+
+@pytest.mark.parametrize("blend", [0.02, 0.2])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_each_point_is_passed_within_the_blend(seed, blend):
+    _, position, _, _ = sampled(route_of(seed, blend), 4000)
+    for point in points_of(seed):
+        assert np.abs(position - point).max(axis=1).min() <= 0.375 * blend + 2e-3
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_it_stops_nowhere_but_at_its_end(seed):
+    route = route_of(seed)
+    _, _, velocity, _ = sampled(route, 400)
+    inner = velocity[20:-20]
+    assert (np.abs(inner).max(axis=1) > 1e-3).all()
+    np.testing.assert_allclose(route.state(route.duration_s).velocity, 0, atol=1e-9)
+    np.testing.assert_allclose(route.at(route.duration_s), points_of(seed)[-1], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_without_stops_it_is_never_much_slower_than_with_them(seed):
+    corners = [np.zeros(3), *points_of(seed)]
+    stopping = sum(JointMove(a, b, PACES).duration_s for a, b in pairwise(corners))
+    assert route_of(seed).duration_s <= 1.15 * stopping
+
+
+def test_one_point_is_reached_as_by_a_move():
+    alike = [PACES[0]] * 3
+    route = JointRoute(np.zeros(3), [[1.0, 0.5, -0.7]], alike, 0.1)
+    move = JointMove(np.zeros(3), [1.0, 0.5, -0.7], alike)
+    assert route.duration_s == pytest.approx(move.duration_s, rel=0.01)
+
+
+def test_a_way_there_and_back_turns_round_at_the_point():
+    route = JointRoute(np.zeros(3), [[1.0, 0.2, 0.4], [0.0, 0.0, 0.0]], PACES, 0.1)
+    _, position, _, _ = sampled(route, 2000)
+    assert position[:, 0].max() == pytest.approx(1.0, abs=0.0376)
+    assert_keeps_paces(route, PACES, count=1200)
+
+
+def test_points_that_are_one_are_one():
+    twice = JointRoute(np.zeros(3), [[1.0, 0, 0], [1.0, 0, 0], [1.0, 0.5, 0]], PACES, 0.1)
+    once = JointRoute(np.zeros(3), [[1.0, 0, 0], [1.0, 0.5, 0]], PACES, 0.1)
+    assert twice.duration_s == pytest.approx(once.duration_s)
+
+
+def test_a_route_to_where_it_is_takes_no_time():
+    assert JointRoute(np.zeros(3), [np.zeros(3), np.zeros(3)], PACES, 0.1).duration_s == 0.0
+
+
+@pytest.mark.parametrize("blend", [0.0, -1.0, math.nan, math.inf])
+def test_a_blend_is_positive(blend):
+    with pytest.raises(BadValueError, match="blend"):
+        JointRoute(np.zeros(3), [np.ones(3), np.zeros(3)], PACES, blend)
+
+
+@pytest.mark.parametrize(
+    ("points", "blends"), [([], 0.1), ([[1, 2]], 0.1), ([[1, 2, math.nan]], 0.1),
+                           ([[1, 2, 3], [0, 0, 0]], [0.1, 0.1])])  # fmt: skip
+def test_a_route_that_is_none_is_refused(points, blends):
+    with pytest.raises(BadValueError):
+        JointRoute(np.zeros(3), points, PACES, blends)
