@@ -4,13 +4,13 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check campaign bench clean
+.PHONY: demo test check campaign mutate bench pictures clean
 
 demo: $(VENV)/installed  ## move the simulated SO-101 to a coordinate and print the report
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
 
-test: $(VENV)/tested  ## the whole suite on the simulated bus
-	$(BIN)/python -m pytest
+test: $(VENV)/tested  ## the whole suite on the simulated bus, on every core
+	$(BIN)/python -m pytest -n auto
 
 check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/ruff check .
@@ -22,8 +22,14 @@ check: $(VENV)/checked  ## what a commit must pass besides the tests
 campaign: $(VENV)/tested  ## long seeded campaigns
 	$(BIN)/python -m pytest -m campaign
 
+mutate: $(VENV)/tested  ## every small change of the guard must make a test fail
+	$(BIN)/python tools/mutate.py
+
 bench: $(VENV)/tested  ## how long the commands take; results belong in docs/benchmarks.md
 	$(BIN)/python tools/bench/startup.py
+
+pictures: $(VENV)/tested  ## the page's pictures in the README, by way of its browser tests
+	IKSERVO_PICTURES=docs/pictures $(BIN)/python -m pytest -m browser tests/browser/test_browser_pictures.py
 
 clean:
 	rm -rf $(VENV) build dist
