@@ -1,71 +1,93 @@
-"""Arrival: wait until the joints are at rest, then take out what load left of the error."""
+"""Arrival: joints are led to where they belong by what their sensors say is missing."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from ikservo.arm.journey import BEAT_S, travel
+from ikservo.arm.aim import Aim
+from ikservo.arm.beat import Beat
+from ikservo.arm.correction import Correction
 from ikservo.arm.servos import Servos
+from ikservo.arm.stream import Stream
 from ikservo.errors import NotSettledError
 from ikservo.kinematics.se3 import Vector
-from ikservo.motion import JointMove, Metronome, Pace
+from ikservo.motion import Pace
 
-__all__ = ["correct", "settle"]
-
-_STILL_TICKS = 2
-_STILL_BEATS = 5
-_SETTLE_S = 3.0
-
-# Servos without an integral part sag under their load by up to this; more is a jam.
-_LARGEST_CORRECTION_RAD = 0.12
-_ROUNDS = 4
+__all__ = ["Arrival", "arrive"]
 
 
-def settle(servos: Servos) -> Vector:
-    """Wait until no joint moves any more; return where they are (n,), rad or m.
+@dataclass(frozen=True, slots=True, eq=False)
+class Arrival:
+    """Where a motion ended.
+
+    Attributes:
+        measured: Where the joints are (n,), rad or m.
+        short: Which joints did not arrive, by how much and why, in words.
+        motion_s: How long the motion took up to its planned end.
+        settling_s: How long it took from there until all joints stood where they belong.
+    """
+
+    measured: Vector
+    short: tuple[str, ...]
+    motion_s: float
+    settling_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time from the first goal to rest."""
+        return self.motion_s + self.settling_s
+
+
+def arrive(
+    stream: Stream,
+    servos: Servos,
+    aim: Aim,
+    paces: Sequence[Pace],
+    speed_rad_s: float,
+    motion_s: float,
+) -> Arrival:
+    """Lead the goals until the joints stand where they are wanted, as near as they can.
+
+    Where a joint can go no further the others make up for it, once.
+
+    Args:
+        stream: The way to the servos.
+        servos: The arm, at the end of its motion.
+        aim: Where the joints belong.
+        paces: How fast each may go.
+        speed_rad_s: The motion's top speed at the horns.
+        motion_s: How long the motion took up to here.
 
     Raises:
         NotSettledError: Some joint still moves after three seconds.
+        StoppedError, RefusedError, BusError, ServoAlarmError: See ``Stream.run``.
     """
-    still, last = 0, servos.measure()
-    quiet = np.array([_STILL_TICKS * fence.joint_map.unit_per_tick for fence in servos.fences])
-    for elapsed_s in Metronome(servos.clock, BEAT_S):
-        now = servos.measure()
-        moving = np.abs(now - last) > quiet
-        still, last = (0 if moving.any() else still + 1), now
-        if still > _STILL_BEATS:
-            return now
-        if elapsed_s > _SETTLE_S:
-            names = ", ".join(np.array(servos.names)[moving].tolist())
-            raise NotSettledError(
-                f"{names or 'The arm'} does not come to rest.", "Look for a loose horn or load."
-            )
-    raise AssertionError("the metronome never ends")
+    started_s = servos.clock.now_s()
+    first = last = _led(stream, servos, aim.ticks, paces, speed_rad_s)
+    instead = aim.without(first.held, first.measured) if first.held else None
+    if instead is not None:
+        last = _led(stream, servos, instead, paces, speed_rad_s)
+    settling_s = servos.clock.now_s() - started_s
+    short = tuple(dict.fromkeys(first.short + last.short))
+    return Arrival(last.measured, short, motion_s, settling_s)
 
 
-def correct(servos: Servos, goal: Vector, measured: Vector, paces: list[Pace]) -> Vector:
-    """Lead the goals by what the load keeps the joints from reaching.
+def _led(
+    stream: Stream,
+    servos: Servos,
+    wanted: Sequence[int | None],
+    paces: Sequence[Pace],
+    speed_rad_s: float,
+) -> Correction:
+    goals = [f.tick(float(goal)) for f, goal in zip(servos.fences, servos.goals(), strict=True)]
+    course = Correction(servos.fences, goals, wanted, paces)
 
-    Args:
-        servos: The arm at rest.
-        goal: Where the joints should be (n,), rad or m.
-        measured: Where they are (n,).
-        paces: How fast each may be moved.
+    def look(beat: Beat) -> None:
+        course.see(beat.time_s, beat.measured)
 
-    Returns:
-        Where the joints are in the end (n,).
-    """
-    half_tick = np.array([0.5 * fence.joint_map.unit_per_tick for fence in servos.fences])
-    for _ in range(_ROUNDS):
-        residual = goal - measured
-        if (np.abs(residual) <= half_tick).all():
-            break
-        lead = np.clip(
-            servos.goals() + residual - goal, -_LARGEST_CORRECTION_RAD, _LARGEST_CORRECTION_RAD
-        )
-        wanted = servos.nearest(goal + lead)
-        if np.array_equal(wanted, servos.goals()):
-            break
-        travel(servos, JointMove(servos.goals(), wanted, paces))
-        measured = settle(servos)
-    return measured
+    stream.run(course, look, speed_rad_s=speed_rad_s)
+    if course.moving:
+        names = ", ".join(course.moving)
+        raise NotSettledError(f"{names} does not come to rest.", "Look for a loose horn or load.")
+    return course

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from servosim.errors import ArmFileError
+from servosim.transmission import DIRECT, CrankAndRod, Ratio, Transmission
 
 __all__ = ["ArmFile", "JointEntry", "ServoEntry", "read_arm_file"]
 
@@ -23,7 +24,7 @@ class ServoEntry:
         model: As the datasheet calls it.
         sign: Direction of growing ticks in the joint's coordinate.
         zero_tick: Reported tick at joint zero.
-        m_per_turn: Travel of a prismatic joint for one turn, None for a revolute one.
+        transmission: Between its horn and the joint.
         eeprom: Register values it was delivered with.
     """
 
@@ -31,7 +32,7 @@ class ServoEntry:
     model: str
     sign: int
     zero_tick: float
-    m_per_turn: float | None = None
+    transmission: Transmission = DIRECT
     eeprom: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
@@ -102,15 +103,25 @@ def _joint(entry: dict[str, Any]) -> JointEntry:
 
 
 def _servo(entry: dict[str, Any]) -> ServoEntry:
-    travel = entry.get("m_per_turn")
     return ServoEntry(
         id=int(entry["id"]),
         model=str(entry["model"]),
         sign=int(entry["sign"]),
         zero_tick=float(entry["zero_tick"]),
-        m_per_turn=None if travel is None else float(travel),
+        transmission=_transmission(entry),
         eeprom={str(name): int(value) for name, value in entry.get("eeprom", {}).items()},
     )
+
+
+def _transmission(entry: dict[str, Any]) -> Transmission:
+    """Return a rack (`m_per_turn`), a `crank`, a `gear`, or the horn itself."""
+    if "crank" in entry:
+        crank = entry["crank"]
+        zero_rad = math.radians(float(crank["zero_deg"]))
+        return CrankAndRod(float(crank["radius_m"]), float(crank["rod_m"]), zero_rad)
+    if "m_per_turn" in entry:
+        return Ratio(float(entry["m_per_turn"]) / (2.0 * math.pi), slides=True)
+    return Ratio(1.0 / float(entry.get("gear", 1.0)))
 
 
 def _pose(table: dict[str, Any]) -> dict[str, float]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from servosim.arm_file import ArmFile, JointEntry, ServoEntry
 from servosim.body import FreeBody, GravityBody
 from servosim.errors import ArmFileError, SimulatorError
 from servosim.joint import Joint
-from servosim.motor import PARAMETERS, Motor
+from servosim.motor import PARAMETERS, Motor, MotorParameters
 from servosim.servo import Servo
 from servosim.servos import baud_code, make_servo
 from servosim.shaft import Shaft
@@ -21,6 +21,7 @@ __all__ = ["LooseServo", "loose_world", "world_of_arm"]
 
 STOP_MARGIN_RAD = math.radians(2.0)  # hard stops lie this far beyond the URDF's limits
 STOP_MARGIN_M = 0.0005
+MOST_PLAY_DEG = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,12 @@ class LooseServo:
 
 
 def world_of_arm(
-    arm: ArmFile, pose: str = "rest", seed: int = 0, *, physics: bool = False
+    arm: ArmFile,
+    pose: str = "rest",
+    seed: int = 0,
+    *,
+    physics: bool = False,
+    backlash_deg: float | None = None,
 ) -> World:
     """Return an arm at a pose, torque off, its servos as they were delivered.
 
@@ -41,18 +47,21 @@ def world_of_arm(
         pose: Where it starts.
         seed: Of the servos' tolerances.
         physics: True for bodies and contacts from MuJoCo instead of independent joints.
+        backlash_deg: Free play of every servo's gears; None for what its maker promises.
 
     Raises:
         ArmFileError: No such pose, or a URDF without the joints.
-        SimulatorError: MuJoCo is not installed.
+        SimulatorError: MuJoCo is not installed, or a play that no gears have.
         UnknownModelError: A servo model without a table.
     """
     if pose not in arm.poses:
         raise ArmFileError(arm.path, f"poses.{pose}", f"no such pose; has: {', '.join(arm.poses)}")
+    if backlash_deg is not None and not 0.0 <= backlash_deg <= MOST_PLAY_DEG:
+        raise SimulatorError(f"gears have a play of 0 to {MOST_PLAY_DEG:g}°, not {backlash_deg}°")
     names = [joint.name for joint in arm.joints]
     body = GravityBody(arm.urdf, names)
     joints = [
-        _joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed)
+        _joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed, backlash_deg)
         for entry, limits in zip(arm.joints, body.limits, strict=True)
     ]
     return World(joints, _mujoco(arm, joints) if physics else body)
@@ -100,29 +109,46 @@ def loose_world(
 
 
 def _joint(
-    arm: ArmFile, entry: JointEntry, position: float, limits: tuple[float, float], seed: int
+    arm: ArmFile,
+    entry: JointEntry,
+    position: float,
+    limits: tuple[float, float],
+    seed: int,
+    backlash_deg: float | None,
 ) -> Joint:
-    travel = entry.servos[0].m_per_turn
-    m_per_rad = 1.0 if travel is None else travel / (2.0 * math.pi)
-    margin = STOP_MARGIN_RAD if travel is None else STOP_MARGIN_M
-    stops = sorted(((limits[0] - margin) / m_per_rad, (limits[1] + margin) / m_per_rad))
+    transmission = entry.servos[0].transmission
+    margin = STOP_MARGIN_M if transmission.slides else STOP_MARGIN_RAD
+    turned_rad = transmission.turned_rad(position)
+    stops = sorted(transmission.turned_rad(end) for end in (limits[0] - margin, limits[1] + margin))
     servos = tuple(
-        _servo(arm, servo, position / m_per_rad, stops, seed + servo.id) for servo in entry.servos
+        _servo(arm, servo, turned_rad, stops, seed + servo.id, backlash_deg)
+        for servo in entry.servos
     )
-    return Joint(entry.name, servos, m_per_rad)
+    return Joint(entry.name, servos, transmission)
 
 
 def _servo(
-    arm: ArmFile, entry: ServoEntry, angle_rad: float, stops: list[float], seed: int
+    arm: ArmFile,
+    entry: ServoEntry,
+    angle_rad: float,
+    stops: list[float],
+    seed: int,
+    backlash_deg: float | None,
 ) -> Servo:
     table = table_for(entry.model)
     unknown = [name for name in entry.eeprom if name not in table.by_name]
     if unknown:
         raise ArmFileError(arm.path, f"servo {entry.id}", f"no register named {unknown[0]!r}")
     delivered = {**entry.eeprom, **_baud(table, arm.baud), "id": entry.id}
-    motor = Motor(PARAMETERS[table.model], angle_rad, *stops)
+    motor = Motor(_motor(table.model, backlash_deg), angle_rad, *stops)
     shaft = Shaft(entry.sign, entry.zero_tick, table.ticks_per_turn)
     return make_servo(table.model, motor, shaft, delivered, seed)
+
+
+def _motor(model: str, backlash_deg: float | None) -> MotorParameters:
+    if backlash_deg is None:
+        return PARAMETERS[model]
+    return replace(PARAMETERS[model], backlash_rad=math.radians(backlash_deg))
 
 
 def _protocol(table: ServoTable, protocol: int | None) -> dict[str, int]:

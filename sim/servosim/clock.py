@@ -6,7 +6,9 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["Clock", "RealClock", "VirtualClock"]
+__all__ = ["Clock", "PacedClock", "RealClock", "VirtualClock"]
+
+LEAST_SLEEP_S = 0.001
 
 
 class Clock(Protocol):
@@ -44,6 +46,28 @@ class VirtualClock:
         self._now_s = deadline_s
         if self._on_advance is not None:
             self._on_advance(deadline_s)
+
+
+class PacedClock(VirtualClock):
+    """Virtual time that keeps step with the machine's, for a person who watches.
+
+    Waits below a millisecond are saved up, for the kernel cannot sleep so short; where the machine
+    was slow, time catches up with it at the next wait.
+    """
+
+    def __init__(
+        self, on_advance: Callable[[float], None] | None = None, machine: Clock | None = None
+    ) -> None:
+        super().__init__(0.0, on_advance)
+        self._machine = machine or RealClock()
+        self._start_s = self._machine.now_s()
+
+    def sleep_until(self, deadline_s: float) -> None:
+        """Wait as long as a person would have to."""
+        machine_s = self._machine.now_s() - self._start_s
+        super().sleep_until(max(deadline_s, machine_s))
+        if self.now_s() - machine_s >= LEAST_SLEEP_S:
+            self._machine.sleep_until(self._start_s + self.now_s())
 
 
 class RealClock:

@@ -54,12 +54,14 @@ class Hand:
     Attributes:
         path: Where the hand wants to be.
         limit: Its greatest force: N m, or N on a sliding joint.
+        only: +1 or -1 for one that lies there and pushes only that way: an obstacle. 0 for a grip.
         force: What it pressed with in the last step; positive forward.
         time_s: Since the grasp.
     """
 
     path: Path
     limit: float = 2.0
+    only: int = 0
     force: float = field(default=0.0, init=False)
     time_s: float = field(default=0.0, init=False)
 
@@ -69,5 +71,7 @@ class Hand:
         goal, goal_velocity = self.path(self.time_s)
         wanted = STIFFNESS_RAD_S * (goal - position) + 2.0 * (goal_velocity - velocity)
         wanted *= STIFFNESS_RAD_S * inertia
+        if self.only and (goal - position) * self.only <= 0.0:
+            wanted = 0.0  # the joint has not come to it
         self.force = min(self.limit, max(-self.limit, wanted))
         return self.force

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from servosim.hand import Hand
 from servosim.servo import Servo
+from servosim.transmission import DIRECT, Transmission
 
 __all__ = ["STEP_S", "Joint"]
 
@@ -22,17 +23,27 @@ class Joint:
     Attributes:
         name: The joint's name in the body.
         servos: Those that turn it; all but the first are tied to it by a stiff spring.
-        m_per_rad: Metres of a prismatic joint for one radian of the servo; 1 for a revolute.
+        transmission: Between their horns and the joint.
     """
 
     name: str
     servos: tuple[Servo, ...]
-    m_per_rad: float = 1.0
+    transmission: Transmission = DIRECT
+
+    @property
+    def slides(self) -> bool:
+        """Whether it is prismatic."""
+        return self.transmission.slides
+
+    @property
+    def m_per_rad(self) -> float:
+        """Joint motion for one radian of the horn, where it stands: 1 without a transmission."""
+        return self.transmission.slope(self.servos[0].motor.position_rad)
 
     @property
     def position(self) -> float:
         """Joint coordinate."""
-        return self.servos[0].motor.position_rad * self.m_per_rad
+        return self.transmission.position(self.servos[0].motor.position_rad)
 
     @property
     def velocity(self) -> float:
@@ -54,7 +65,7 @@ class Joint:
     def place(self, position: float) -> None:
         """Put the joint somewhere, at rest."""
         for servo in self.servos:
-            servo.motor.place(position / self.m_per_rad)
+            servo.motor.place(self.transmission.turned_rad(position))
 
     def hang(self, inertia: float) -> None:
         """Hang a body of this inertia on the joint."""
@@ -88,8 +99,9 @@ class Joint:
 
     def carry(self, position: float, velocity: float) -> None:
         """Take the servos to where the joint turned out to be."""
+        turned_rad = self.transmission.turned_rad(position)
         for servo in self.servos:
-            servo.motor.carry(position / self.m_per_rad, velocity / self.m_per_rad)
+            servo.motor.carry(turned_rad, velocity / self.transmission.slope(turned_rad))
 
 
 def _coupling_nm(lead: Servo, follower: Servo) -> float:

@@ -8,7 +8,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 from servosim.adapter import AdapterOptions
 from servosim.arm_file import read_arm_file
 from servosim.assembly import world_of_arm
-from servosim.clock import VirtualClock
+from servosim.clock import PacedClock, VirtualClock
 from servosim.errors import PortClosedError, SimulatorError
 from servosim.faults import read_faults
 from servosim.line import Line, LineOptions
@@ -23,7 +23,8 @@ def open_port(url: str) -> SimulatedPort:
     """Return a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
 
     The query may hold ``pose``, ``seed``, ``faults`` (a file), ``hand=sweep``, and ``physics``,
-    ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as numbers.
+    ``backlash_deg``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as
+    numbers; ``paced=1`` lets time pass no faster than a person's.
 
     Raises:
         ArmFileError: The arm file cannot be used.
@@ -36,16 +37,22 @@ def open_port(url: str) -> SimulatedPort:
     query = _Query(parts.query)
     seed = int(query.number("seed", 0))
     arm = read_arm_file(Path(unquote(parts.path)))
-    physics = bool(query.number("physics", 0))
-    world = world_of_arm(arm, query.text("pose", "rest"), seed, physics=physics)
+    world = world_of_arm(
+        arm,
+        query.text("pose", "rest"),
+        seed,
+        physics=bool(query.number("physics", 0)),
+        backlash_deg=query.optional("backlash_deg"),
+    )
     line = Line(world, arm.baud, query.line_options(seed))
     if query.text("faults", ""):
         for fault in read_faults(Path(query.text("faults", ""))):
             line.faults.add(fault)
     if query.text("hand", "") == "sweep":
         SweepingHands(world)
+    paced = bool(query.number("paced", 0))
     query.check()
-    return SimulatedPort(line, url)
+    return SimulatedPort(line, url, paced=paced)
 
 
 class _Query:
@@ -67,6 +74,10 @@ class _Query:
             return float(value)
         except ValueError as error:
             raise SimulatorError(f"{key}={value} is no number") from error
+
+    def optional(self, key: str) -> float | None:
+        """Return a value as a number, None where there is none."""
+        return self.number(key, 0.0) if self.text(key, "") else None
 
     def line_options(self, seed: int) -> LineOptions:
         """Return the options of the line."""
@@ -94,7 +105,7 @@ class SimulatedPort:
     """A serial port whose other end is a simulated line.
 
     Time is virtual: it passes in ``read`` while bytes are on their way, and in
-    ``clock.sleep_until``; nothing sleeps.
+    ``clock.sleep_until``; nothing sleeps, unless time is ``paced`` for a person who watches.
 
     Attributes:
         port: The address it was opened with.
@@ -104,9 +115,10 @@ class SimulatedPort:
         is_open: False after ``close`` or a pulled cable.
     """
 
-    def __init__(self, line: Line, port: str = "sim:") -> None:
+    def __init__(self, line: Line, port: str = "sim:", *, paced: bool = False) -> None:
         self.line, self.port = line, port
-        self.clock = VirtualClock(on_advance=line.run_until)
+        clock = PacedClock if paced else VirtualClock
+        self.clock: VirtualClock = clock(on_advance=line.run_until)
         self.timeout: float | None = None
         self.is_open = True
 

@@ -78,7 +78,13 @@ def build_line(options: Options) -> Line:
     if options.arm is not None:
         arm = read_arm_file(options.arm)
         arm = replace(arm, baud=options.baud or arm.baud)
-        world = world_of_arm(arm, options.pose or "rest", options.seed, physics=options.physics)
+        world = world_of_arm(
+            arm,
+            options.pose or "rest",
+            options.seed,
+            physics=options.physics,
+            backlash_deg=options.backlash_deg,
+        )
         line = Line(world, arm.baud, line_options)
     else:
         world = loose_world(options.servos, options.baud, options.seed, protocol=options.protocol)

@@ -32,6 +32,7 @@ class Options(argparse.Namespace):
     faults: Path | None
     wire_time: bool
     physics: bool
+    backlash_deg: float | None
     hand: str | None
     log: Path | None
     audit: Path | None
@@ -51,11 +52,11 @@ def parse(argv: Sequence[str]) -> Options:
         parser.error(
             "give an arm or --servo, not both" if options.servos else "give an arm or --servo"
         )
-    mine = ("protocol",) if options.arm is not None else ("pose", "physics")
+    mine = ("protocol",) if options.arm is not None else ("pose", "physics", "backlash_deg")
     for name in mine:
         if getattr(options, name):
             other = "--servo" if options.arm is not None else "an arm"
-            parser.error(f"--{name} is an option of {other}")
+            parser.error(f"--{name.replace('_', '-')} is an option of {other}")
     return options
 
 
@@ -85,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--faults", type=Path, metavar="FILE", help="what goes wrong, TOML or JSON")
     add("--no-wire-time", dest="wire_time", action="store_false", help="bytes take no time")
     add("--physics", action="store_true", help="bodies and contacts from MuJoCo")
+    add("--backlash-deg", type=float, metavar="DEG", help="free play of the arm's gears")
     add("--hand", choices=("sweep",), help="move every limp joint back and forth")
     add("--log", type=Path, metavar="FILE", help="write each frame down")
     add("--audit", type=Path, metavar="FILE", help="write a report at exit, JSON")

@@ -124,7 +124,7 @@ class Remote:
         if request.get("release"):
             world.release(name)
             return
-        speed = HAND_SPEED if joint.m_per_rad == 1.0 else HAND_SPEED / 10
+        speed = HAND_SPEED / 10 if joint.slides else HAND_SPEED
         speed = _finite(request.get("speed", speed), "speed", above=0.0)
         force = _finite(request.get("force", 2.0), "force", above=0.0)
         path = glide(joint.position, _coordinate(request), speed)

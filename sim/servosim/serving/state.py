@@ -34,7 +34,7 @@ def servo_state(joint: Joint, servo: Servo) -> dict[str, Any]:
 
 def joint_state(joint: Joint) -> dict[str, Any]:
     """Return the truth about a joint: degrees of a revolute one, metres of a prismatic one."""
-    if joint.m_per_rad != 1.0:
+    if joint.slides:
         return {"position_m": joint.position, "velocity_m_s": joint.velocity}
     return {
         "position_deg": math.degrees(joint.position),

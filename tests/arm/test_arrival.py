@@ -1,0 +1,118 @@
+"""Arrival under gravity and play, judged by the simulated joints' true positions."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm.planning import begun
+from ikservo.errors import IkservoError
+from tests.arm.simulated import line_of, registers, servo_id, true_joints
+from tests.oracle import tip_from_joints
+
+PORT = "sim:?backlash_deg=0.5"
+NAMES = ("so101", "open_manipulator_x")
+
+
+def true_tip_m(arm):
+    """Return the tip (3,) [m] that the joints have, finer than any tick."""
+    return tip_from_joints(
+        arm.model.name, {joint.name: joint.position for joint in line_of(arm).world.joints}
+    )
+
+
+def plans(arm, count):
+    """Plan to points drawn from one seed, each from where the arm is by then."""
+    rng = np.random.default_rng(11)
+    while count:
+        q = rng.uniform(arm.chain.lower_rad, arm.chain.upper_rad)
+        try:
+            plan = arm.plan_to(arm.chain.forward(q)[:3, 3], speed="fast")
+        except IkservoError:
+            continue
+        yield plan
+        count -= 1
+
+
+def left_by_rounding_m(name, count):
+    with ikservo.open_arm(name, port=PORT) as arm:
+        for plan in plans(arm, count):
+            servos = arm._servos
+            with arm._moving():
+                paces = arm._planner.paces(plan.speed)
+                arm._stream.run(begun(plan, servos.goals(), paces, servos.names))
+            servos.clock.sleep_until(servos.clock.now_s() + 2.0)
+            yield np.linalg.norm(true_tip_m(arm) - plan.target_m)
+
+
+def left_by_us_m(name, count):
+    with ikservo.open_arm(name, port=PORT) as arm:
+        for plan in plans(arm, count):
+            arm.carry_out(plan)
+            yield np.linalg.norm(true_tip_m(arm) - plan.target_m)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "count", [3, pytest.param(500, marks=[pytest.mark.campaign, pytest.mark.timeout(7200)])]
+)
+def test_the_true_tip_is_within_half_a_millimetre_and_a_third_of_plain_rounding(name, count):
+    ours = float(np.median(list(left_by_us_m(name, count))))
+    assert ours <= 0.5e-3
+    assert ours <= float(np.median(list(left_by_rounding_m(name, count)))) / 3.0
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port=PORT) as machine:
+        yield machine
+
+
+def test_the_report_parts_motion_from_settling(arm):
+    plan = arm.plan_to((0.25, 0.05, 0.15))
+    report = arm.carry_out(plan)
+    assert report.motion_s == pytest.approx(plan.duration_s, rel=0.05)
+    assert report.duration_s == pytest.approx(report.motion_s + report.settling_s)
+
+
+def test_joints_that_nobody_named_stay_where_they_were(arm):
+    arm.move_to((0.25, 0.05, 0.15), speed="fast")
+    before = true_joints(arm)
+    for angle in (0.2, 0.0):
+        arm.move_joints({"shoulder_pan": angle}, speed="fast")
+    for name in ("shoulder_lift", "elbow_flex", "wrist_flex"):
+        assert true_joints(arm)[name] == pytest.approx(before[name], abs=math.radians(0.3))
+
+
+def test_a_gripper_that_nobody_named_keeps_its_goal(arm):
+    gripper = servo_id("so101", "gripper")
+    arm.move_joints({"gripper": 0.5}, speed="fast")
+    goal = registers(arm, "goal_position")[gripper]
+    line_of(arm).servos[gripper].motor.stuck = True
+    arm.move_to((0.25, 0.05, 0.15), speed="fast")
+    assert registers(arm, "goal_position")[gripper] == goal
+
+
+def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm):
+    arm.move_to((0.25, 0.05, 0.15), speed="fast")
+    held = servo_id("so101", "wrist_flex")
+    line_of(arm).servos[held].motor.stuck = True
+    wrist = true_joints(arm)["wrist_flex"]
+    report = arm.move_joints({"wrist_flex": wrist + math.radians(3.0)}, speed="fast")
+    lead = registers(arm, "goal_position")[held] - registers(arm, "present_position")[held]
+    assert abs(lead) <= arm._servos.fences[held - 1].lead_ticks(0.0) + 1
+    assert not report.reached
+    assert report.binding == ("wrist_flex is 3.0° short: at its lead limit",)
+
+
+def test_the_others_make_up_for_a_joint_that_cannot_be_led_past_its_limit(arm):
+    home = dict(zip(arm.chain.names, arm.model.chain_pose("home"), strict=True))
+    at_its_limit = home | {"elbow_flex": float(arm.chain.lower_rad[2]), "shoulder_lift": 0.6}
+    target_m = arm.chain.forward([at_its_limit[name] for name in arm.chain.names])[:3, 3]
+    arm.move_joints(at_its_limit, speed="fast")
+    sagged_m = np.linalg.norm(true_tip_m(arm) - target_m)
+    report = arm.move_to(target_m)
+    assert sagged_m > 1e-3
+    assert any("elbow_flex" in words and "at its limit" in words for words in report.binding)
+    assert np.linalg.norm(true_tip_m(arm) - target_m) < 0.7e-3

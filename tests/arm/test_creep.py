@@ -1,0 +1,94 @@
+"""A goal that creeps on until its joint has arrived: fed tick by tick, without any servo."""
+
+import pytest
+
+from ikservo.arm.creep import Creep
+from ikservo.calibration import JointMap, Limits
+from ikservo.guard import Fence
+
+BEAT_S = 0.01
+
+
+def creep(goal=2000, wanted=2000, lower=-1.0, upper=1.0):
+    limits = Limits.of("elbow", lower, upper, "hand sweep of 2026-11-02")
+    fence = Fence(JointMap.revolute("elbow", 3, 1, 2048, 4096), limits, speed=2.0)
+    return Creep(fence, goal, wanted, acceleration=2000.0)
+
+
+def feed(joint, ticks, start_s=0.0):
+    """Let the joint be seen at these ticks, a beat apart; return its goals."""
+    goals = []
+    for beat, tick in enumerate(ticks):
+        joint.see(tick, start_s + beat * BEAT_S, BEAT_S)
+        goals.append(joint.goal)
+    return goals
+
+
+def test_a_joint_that_sags_is_led_on():
+    goals = feed(creep(), [1980] * 20)
+    assert goals == sorted(goals)
+    assert goals[-1] > 2000
+
+
+def test_the_goal_of_a_joint_that_has_arrived_stays():
+    goals = feed(creep(goal=2030), [2000] * 20)
+    assert set(goals) == {2030.0}
+
+
+def test_a_joint_that_only_has_to_stand_keeps_its_goal():
+    goals = feed(creep(wanted=None), [1950] * 20)
+    assert set(goals) == {2000.0}
+
+
+def test_a_goal_never_leads_a_held_joint_further_than_the_guard_allows_at_rest():
+    joint = creep()
+    goals = feed(joint, [1990] * 2000)
+    assert max(goals) <= 1990 + joint.fence.lead_ticks(0.0) + 1
+    assert joint.bound == "at its lead limit"
+
+
+def test_a_lead_that_is_already_too_long_is_not_taken_back():
+    goals = feed(creep(goal=2100), [1990] * 20)
+    assert set(goals) == {2100.0}
+
+
+def test_a_goal_stays_inside_the_limits_and_says_which_one_binds():
+    joint = creep(goal=2690, wanted=2699, upper=1.0)
+    goals = feed(joint, [2680] * 500)
+    assert max(goals) <= joint.fence.ticks[1]
+    assert joint.bound == "at its limit of 57.3° (hand sweep of 2026-11-02)"
+
+
+def test_a_joint_that_has_gone_across_is_not_turned_round_for_a_tick():
+    joint = creep()
+    feed(joint, [1998] * 5 + [2001] * 30)
+    assert joint.there
+    assert joint.short == -1
+
+
+def test_a_joint_that_has_gone_far_across_is_brought_back():
+    joint = creep()
+    feed(joint, [1998] * 5 + [2005] * 5)
+    goals = feed(joint, [2005] * 30, start_s=0.2)
+    assert not joint.there
+    assert goals[-1] < goals[0]
+
+
+def test_near_its_place_a_joint_that_has_just_moved_is_waited_for():
+    joint = creep()
+    feed(joint, [1996] * 10)
+    waiting = feed(joint, [1998, 1998, 1998], start_s=0.1)
+    assert len(set(waiting[1:])) == 1
+
+
+def test_a_flickering_sensor_does_not_hold_the_goal_up():
+    joint = creep()
+    goals = feed(joint, [1997, 1998] * 50)
+    assert goals[-1] - goals[0] > 5
+
+
+@pytest.mark.parametrize("ticks", [[1998, 1999] * 20, [1999] * 40])
+def test_a_flickering_sensor_counts_as_standing(ticks):
+    joint = creep()
+    feed(joint, ticks)
+    assert joint.still_since_s <= BEAT_S
