@@ -7,7 +7,7 @@ from ikservo.calibration.store import calibration_path
 from ikservo.errors import CalibrationError
 from ikservo.model import Model, ModelJoint
 
-__all__ = ["check_belongs"]
+__all__ = ["check_belongs", "check_joints"]
 
 
 def check_belongs(calibration: Calibration, model: Model, usb_serial_number: str) -> None:
@@ -21,8 +21,17 @@ def check_belongs(calibration: Calibration, model: Model, usb_serial_number: str
     if own != (model.name, usb_serial_number):
         raise CalibrationError(
             f"{path} is of {own[0]} on adapter {own[1] or 'without a number'}.",
-            "It was moved there. Calibrate this arm: ikservo calibrate",
+            "Is it the same arm? Then: ikservo calibration adopt. Else: ikservo calibrate",
         )
+    check_joints(calibration, model, str(path))
+
+
+def check_joints(calibration: Calibration, model: Model, path: str) -> None:
+    """Compare the joints of a calibration with the arm file's.
+
+    Raises:
+        CalibrationError: The arm file has other servos or another chain.
+    """
     filed = {joint.name: _filed(joint) for joint in calibration.joints}
     wanted = {joint.name: _wanted(joint) for joint in model.joints}
     for name in filed.keys() | wanted.keys():
@@ -31,6 +40,17 @@ def check_belongs(calibration: Calibration, model: Model, usb_serial_number: str
                 f"{name} is {filed.get(name, 'unknown')} in {path} and "
                 f"{wanted.get(name, 'unknown')} in the arm file.",
                 "Choose the right arm with --arm, or calibrate again: ikservo calibrate",
+            )
+    _check_origins(calibration, model)
+
+
+def _check_origins(calibration: Calibration, model: Model) -> None:
+    known = {step.joint.name for step in model.chain.way()}
+    for origin in calibration.geometry.origins if calibration.geometry else ():
+        if origin.joint not in known:
+            raise CalibrationError(
+                f"The touch-off moved {origin.joint}, which is not on the way to the tip.",
+                "The arm file has changed since. Touch off again: ikservo calibrate --touch",
             )
 
 

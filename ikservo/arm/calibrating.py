@@ -93,6 +93,18 @@ class LooseArm:
         Raises:
             BusError: Servos have been silent for half a second.
         """
+        reading = self.read_reported()
+        if reading is None:
+            return None
+        at_s, ticks = reading
+        return at_s, {i: _bare(self.facts[i], tick) for i, tick in ticks.items()}
+
+    def read_reported(self) -> tuple[float, dict[int, int]] | None:
+        """Wait for the next beat; return time [s] and ticks as the servos report them by id.
+
+        Raises:
+            BusError: Servos have been silent for half a second.
+        """
         clock = self.bus.clock
         clock.sleep_until(self._next_s)
         self._next_s = max(self._next_s + READ_EVERY_S, clock.now_s())
@@ -102,8 +114,7 @@ class LooseArm:
             readings.complete()
         if readings.errors:
             return None
-        ticks = {i: _bare(self.facts[i], tick) for i, tick in readings.values.items()}
-        return clock.now_s(), ticks
+        return clock.now_s(), dict(readings.values)
 
     def conclude(
         self,

@@ -12,7 +12,7 @@ from ikservo.calibration.encoder import encoder_of
 from ikservo.calibration.memory import ServoFacts
 from ikservo.calibration.outcome import Outcome
 from ikservo.calibration.record import CalibratedJoint, CalibratedServo, Calibration
-from ikservo.calibration.store import load, save
+from ikservo.calibration.store import calibrations_of, load, save
 from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
@@ -26,11 +26,14 @@ def own_calibration(loose: LooseArm) -> Calibration:
         CalibrationError: There is none.
         FileFormatError: It is spoiled.
     """
-    calibration = load(loose.model.name, loose.serial_number)
+    name = loose.model.name
+    calibration = load(name, loose.serial_number)
     if calibration is None:
+        others = calibrations_of(name)
+        adopt = f" Or take over the one of another adapter: ikservo calibration adopt {name}"
         raise CalibrationError(
-            f"{loose.model.name} is not calibrated: there is no {loose.path}.",
-            f"Calibrate it: ikservo calibrate {loose.model.name}",
+            f"{name} is not calibrated: there is no {loose.path}.",
+            f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}",
         )
     return calibration
 

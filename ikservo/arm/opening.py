@@ -70,10 +70,12 @@ def open_arm(
         _keep_copies(bus, model, own)
         fences = [_fence(own, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
-        servos = Servos(bus, fences, shadows, line.clock)
+        servos = Servos(bus, fences, shadows, line.clock, model.health)
         space = _space(model) if collisions else None
-        chain = _narrowed(model.chain, fences)
-        return Arm(model, chain, servos, line, on_exit, space, own.zeros)
+        chain = _narrowed(own.chain(), fences)
+        machine = Arm(model, chain, servos, line, on_exit, space, own.zeros)
+        machine.listen()
+        return machine
     except BaseException:
         line.close()
         raise

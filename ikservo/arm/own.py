@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from ikservo.arm.asking import ask_all
 from ikservo.arm.belonging import check_belongs
 from ikservo.arm.trust import Zeros
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.compare import contradictions_with, refuse
 from ikservo.calibration.encoder import Encoder, encoder_of
 from ikservo.calibration.memory import facts_of
-from ikservo.calibration.record import CalibratedJoint, Calibration
+from ikservo.calibration.record import CalibratedGeometry, CalibratedJoint, Calibration
 from ikservo.calibration.seam import nearest_turn
 from ikservo.calibration.store import journal_path, load
 from ikservo.calibration.transaction import settle
@@ -18,6 +21,8 @@ from ikservo.errors import CalibrationError
 from ikservo.hardware.adapters import adapter_of
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.pseudo_terminal import is_pseudo_terminal
+from ikservo.kinematics import Chain
+from ikservo.kinematics.geometry import Geometry, corrected
 from ikservo.model import Model, ModelJoint
 from ikservo.registers import Role, table_with_number
 
@@ -71,6 +76,11 @@ class OwnArm:
         if own.extended or not registers or holds_free(joint_map, limits, registers):
             return limits
         return limits.intersect(_between(joint_map, registers))
+
+    def chain(self) -> Chain:
+        """Return the arm's chain with the links and the base that a touch-off found."""
+        chain, filed = self._model.chain, self.calibration and self.calibration.geometry
+        return corrected(chain, _geometry(filed)) if filed else chain
 
     def _own(self, joint: ModelJoint) -> CalibratedJoint | None:
         return self.calibration.joint(joint.name) if self.calibration else None
@@ -128,7 +138,7 @@ def check_models(bus: ServoBus) -> None:
         CalibrationError: A servo is of another model.
         BusError: A servo does not answer; names all that do not.
     """
-    numbers = bus.sync_read(bus.servos, Role.MODEL_NUMBER, raw=True).complete()
+    numbers = ask_all(bus, bus.servos, Role.MODEL_NUMBER)
     for servo_id, number in numbers.items():
         servo = bus.servos[servo_id]
         if number != servo.table.number:
@@ -153,6 +163,14 @@ def serial_number_of(port_name: str) -> str:
     return adapter.serial_number if adapter else ""
 
 
+def _geometry(filed: CalibratedGeometry) -> Geometry:
+    return Geometry(
+        base_m=np.array(filed.base_moved_mm) / 1000.0,
+        base_rad=np.radians(filed.base_turned_deg),
+        origins_m={row.joint: np.array(row.moved_mm) / 1000.0 for row in filed.origins},
+    )
+
+
 def _nominal(model: Model, accepted: bool) -> Zeros:
     if all(joint.zero_from == "vendor" for joint in model.joints):
         return Zeros.VENDOR
@@ -160,7 +178,7 @@ def _nominal(model: Model, accepted: bool) -> Zeros:
 
 
 def _between(joint_map: JointMap, registers: tuple[int, int]) -> Limits:
-    lower, upper = sorted(joint_map.position(tick) for tick in registers)
+    lower, upper = sorted(joint_map.furthest(tick) for tick in registers)
     return Limits.of(joint_map.joint, lower, upper, "servo register", joint_map.unit)
 
 

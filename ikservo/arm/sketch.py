@@ -17,9 +17,13 @@ Point = tuple[float, float]
 Cell = tuple[int, int]
 
 
-def sketch(model: Model, joint: str) -> list[str]:
-    """Return the lines of a side view at the pose ``home``: ``@`` the joint, ``o`` the others."""
-    places = _places(model)
+def sketch(model: Model, joint: str, pose: str = "home") -> list[str]:
+    """Return the lines of a side view in a named pose: ``@`` the joint, ``o`` the others.
+
+    Raises:
+        UnknownNameError: The arm has no such pose.
+    """
+    places = _places(model, pose)
     points = [(0.0, 0.0), *places.values()]
     cells = _Paper(points)
     for begin, end in pairwise(points):
@@ -30,9 +34,9 @@ def sketch(model: Model, joint: str) -> list[str]:
     return [*cells.lines(), "=" * _COLUMNS, f"{_MARK} {joint}"]
 
 
-def _places(model: Model) -> dict[str, Point]:
+def _places(model: Model, pose: str) -> dict[str, Point]:
     """Return every joint's place: how far out and how high, metres; a gripper sits at the tip."""
-    q = model.chain_pose("home")
+    q = model.chain_pose(pose)
     children = {joint.name: joint.child for joint in model.urdf.joints}
     frames = set(model.chain.frames)
     places: dict[str, Point] = {}

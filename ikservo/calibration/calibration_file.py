@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -29,12 +29,7 @@ def text_of(calibration: Calibration) -> str:
     """Return what stands in the file."""
     import tomli_w  # noqa: PLC0415  # only who writes needs it
 
-    tables = calibration.model_dump(mode="python", exclude_none=True)
-    for joint in tables["joints"]:
-        joint["travel_ticks"] = list(joint["travel_ticks"])
-        joint["shadows"] = list(joint["shadows"])
-        if not joint["shadows"]:
-            del joint["shadows"]
+    tables = _plain(calibration.model_dump(mode="python", exclude_none=True))
     return with_checksum(_HEADER + tomli_w.dumps(tables))
 
 
@@ -59,6 +54,16 @@ def parse_calibration(path: Path, text: str) -> Calibration:
     if complaints:
         raise first_of(complaints, path)
     return calibration
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401  # tables of tables
+    """Return tables as the writer wants them: lists for tuples, and no empty ones."""
+    if isinstance(value, Mapping):
+        rows = cast("Mapping[str, Any]", value)
+        return {key: _plain(item) for key, item in rows.items() if item != ()}
+    if isinstance(value, tuple):
+        return [_plain(item) for item in cast("tuple[Any, ...]", value)]
+    return value
 
 
 def _refuse_other_formats(path: Path, tables: Mapping[str, Any]) -> None:

@@ -19,6 +19,7 @@ def contradictions(calibration: Calibration) -> Iterator[Complaint]:
     """Yield each contradiction between values, in the order of the file."""
     if calibration.written.tzinfo is None:
         yield Complaint(("written",), "has no offset", "a time such as 2026-11-02T14:03:22Z")
+    yield from _geometry(calibration)
     yield from _repeated_names(calibration)
     yield from _repeated_ids(calibration)
     for i, joint in enumerate(calibration.joints):
@@ -26,6 +27,20 @@ def contradictions(calibration: Calibration) -> Iterator[Complaint]:
             yield from _servo(("joints", i, "servo"), servo, calibration.family)
         yield from _travel(("joints", i), joint)
         yield from _range(("joints", i), joint)
+
+
+def _geometry(calibration: Calibration) -> Iterator[Complaint]:
+    geometry = calibration.geometry
+    if geometry is None:
+        return
+    if geometry.touched.tzinfo is None:
+        expected = "a time such as 2026-11-02T14:03:22Z"
+        yield Complaint(("geometry", "touched"), "has no offset", expected)
+    names = [origin.joint for origin in geometry.origins]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            where = ("geometry", "origins", i, "joint")
+            yield Complaint(where, f"is {quoted(name)} a second time", "a joint of its own")
 
 
 def _repeated_names(calibration: Calibration) -> Iterator[Complaint]:

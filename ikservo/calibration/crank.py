@@ -43,6 +43,10 @@ class Crank:
         cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
         return self.zero_rad - math.acos(min(1.0, max(-1.0, cosine)))
 
+    def until_dead_centre(self, turned_rad: float) -> float:
+        """Return a turn of the horn from zero, cut where the slide would begin to come back."""
+        return min(self.zero_rad, max(self.zero_rad - math.pi, turned_rad))
+
     @property
     def steepest_m_per_rad(self) -> float:
         """Return the most that the slide moves for a small turn of the horn."""

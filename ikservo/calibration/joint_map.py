@@ -98,6 +98,13 @@ class JointMap:
             return self.crank.position(self.sign * (tick - self.zero_tick) * self.horn_rad_per_tick)
         return self.sign * (tick - self.zero_tick) * self.unit_per_tick
 
+    def furthest(self, tick: float) -> float:
+        """Return the position [rad or m] on the way to a tick that may lie past a dead centre."""
+        if self.crank:
+            turned_rad = self.sign * (tick - self.zero_tick) * self.horn_rad_per_tick
+            return self.crank.position(self.crank.until_dead_centre(turned_rad))
+        return self.position(tick)
+
     def exact_tick(self, position: float) -> float:
         """Return the tick, with its fraction, at a joint position [rad or m]."""
         return self.zero_tick + self.ticks_from_zero(position)

@@ -73,7 +73,8 @@ def measure(wizard: Wizard, subject: Subject) -> Measured:
         expected = subject.expected
         ends = placed.ticks_inside(expected.lower.value, expected.upper.value)
         return Measured(placed, Travel(*ends), "not swept")
-    return Measured(placed, Travel(track.low, track.high), "by hand")
+    who: Swept = "by itself" if wizard.driven else "by hand"
+    return Measured(placed, Travel(track.low, track.high), who)
 
 
 def _around(subject: Subject, known: Travel, anchor: float) -> Travel:

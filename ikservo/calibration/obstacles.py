@@ -34,7 +34,8 @@ def complete(wizard: Wizard, subject: Subject) -> bool:
     if not wizard.measured(subject) or subject.name in wizard.free:
         return True
     width = wizard.tracks[subject.servo_id].width
-    return subject.name in wizard.signs and width >= _COMPLETE * subject.expected_ticks
+    known = wizard.signs.keys() | wizard.trusted
+    return subject.name in known and width >= _COMPLETE * subject.expected_ticks
 
 
 def obstacles(wizard: Wizard) -> Iterator[CalibrationError]:

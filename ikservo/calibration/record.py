@@ -12,9 +12,16 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from ikservo.calibration.joint_map import JointMap
 from ikservo.calibration.limits import Limit, Limits
 
-__all__ = ["CalibratedJoint", "CalibratedServo", "Calibration", "Swept"]
+__all__ = [
+    "CalibratedGeometry",
+    "CalibratedJoint",
+    "CalibratedOrigin",
+    "CalibratedServo",
+    "Calibration",
+    "Swept",
+]
 
-Swept = Literal["by hand", "by LeRobot", "not swept"]
+Swept = Literal["by hand", "by LeRobot", "by itself", "not swept"]
 
 
 def _whole(value: object) -> object:
@@ -29,6 +36,10 @@ Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{0,200}$")]
 Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
+# What is further off than this is another arm, not this one's tolerances.
+Move = Annotated[float, Field(ge=-50.0, le=50.0)]
+Turn = Annotated[float, Field(ge=-20.0, le=20.0)]
+_MOVE, _TURN = "[x, y, z] in mm, none beyond 50", "[x, y, z] in degrees, none beyond 20"
 
 
 class _Table(BaseModel):
@@ -53,7 +64,7 @@ class CalibratedJoint(_Table):
     zero_tick: float = Field(ge=-(2**20), le=2**20, description="a tick, such as 2047.5")
     gear: float = Field(gt=0, description="turns of the horn for one of the joint")
     extended: bool = Field(description="true where the servo counts on beyond one turn")
-    swept: Swept = Field(description="by hand, by LeRobot or not swept")
+    swept: Swept = Field(description="by hand, by LeRobot, by itself or not swept")
     travel_ticks: tuple[Tick, Tick] = Field(
         strict=False, description="[lowest, highest] tick, as reported and counted on"
     )
@@ -89,6 +100,28 @@ class CalibratedJoint(_Table):
         return nominal.placed(self.sign, self.zero_tick)
 
 
+class CalibratedOrigin(_Table):
+    """A joint that sits elsewhere than the arm file says: a link of another length."""
+
+    joint: Name = Field(description="a joint of the way to the tip")
+    moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
+
+
+class CalibratedGeometry(_Table):
+    """``[geometry]``: how this very arm's links and base differ from the arm file, by touch-off."""
+
+    touched: datetime = Field(description="a date and time with its offset")
+    touches: int = Field(ge=1, le=10_000, description="a whole number")
+    left_out: int = Field(ge=0, le=10_000, description="a whole number")
+    before_mm: float = Field(ge=0, description="millimetres, on touches kept aside")
+    after_mm: float = Field(ge=0, description="millimetres, on touches kept aside")
+    base_moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
+    base_turned_deg: tuple[Turn, Turn, Turn] = Field(strict=False, description=_TURN)
+    origins: tuple[CalibratedOrigin, ...] = Field(
+        default=(), strict=False, description="tables [[geometry.origins]]"
+    )
+
+
 class Calibration(_Table):
     """A whole calibration file, each value by itself as it should be."""
 
@@ -103,6 +136,7 @@ class Calibration(_Table):
     joints: tuple[CalibratedJoint, ...] = Field(
         strict=False, min_length=1, description="tables [[joints]]"
     )
+    geometry: CalibratedGeometry | None = Field(default=None, description="a table [geometry]")
 
     def joint(self, name: str) -> CalibratedJoint | None:
         """Return the joint of that name, or None."""
@@ -126,7 +160,8 @@ class Calibration(_Table):
 
     def source(self, joint: CalibratedJoint) -> str:
         """Return who found a joint's range: ``hand sweep of 2026-11-02``."""
-        who = "LeRobot's sweep" if joint.swept == "by LeRobot" else "hand sweep"
+        sweeps = {"by LeRobot": "LeRobot's sweep", "by itself": "the arm's own sweep"}
+        who = sweeps.get(joint.swept, "hand sweep")
         return f"{who} of {self.written:%Y-%m-%d}"
 
 

@@ -10,7 +10,14 @@ from ikservo.calibration.record import Calibration
 from ikservo.files.writing import write_whole
 from ikservo.hardware.remembered import config_folder
 
-__all__ = ["calibration_path", "calibrations_of", "journal_path", "load", "save"]
+__all__ = [
+    "calibration_path",
+    "calibrations_of",
+    "confirmation_path",
+    "journal_path",
+    "load",
+    "save",
+]
 
 _FOREIGN = re.compile(r"[^A-Za-z0-9]+")
 _LONGEST = 64
@@ -24,6 +31,11 @@ def calibration_path(arm: str, usb_serial_number: str) -> Path:
 def journal_path(arm: str, usb_serial_number: str) -> Path:
     """Return where it is noted what is being written into that arm's servos."""
     return config_folder() / "journal" / f"{_stem(arm, usb_serial_number)}.toml"
+
+
+def confirmation_path(arm: str, usb_serial_number: str) -> Path:
+    """Return where it is noted which files an arm's joints were last seen to obey."""
+    return config_folder() / "confirmed" / f"{_stem(arm, usb_serial_number)}.txt"
 
 
 def calibrations_of(arm: str) -> list[Path]:

@@ -45,6 +45,8 @@ class Wizard:
         signs: Directions found so far, by joint.
         skipped: Joints that keep the arm file's range and sign.
         free: Joints that the person says nothing stops.
+        trusted: Joints whose sign is believed as the arm file has it.
+        driven: Whether the servos move the joints, not a hand.
         asked_from: The tick from which the joint that is asked for shall move.
         before: The state before the person's last answer.
     """
@@ -58,6 +60,8 @@ class Wizard:
     signs: Mapping[str, int] = field(default_factory=dict[str, int])
     skipped: frozenset[str] = frozenset()
     free: frozenset[str] = frozenset()
+    trusted: frozenset[str] = frozenset()
+    driven: bool = False
     asked_from: int | None = None
     before: Wizard | None = None
 
@@ -73,8 +77,8 @@ class Wizard:
         """Return the joint that shall now be moved in its shown direction, if any."""
         if self.stage is not Stage.SWEEP:
             return None
-        waiting = (s for s in self.subjects if s.name not in self.signs.keys() | self.skipped)
-        return next(waiting, None)
+        settled = self.signs.keys() | self.skipped | self.trusted
+        return next((s for s in self.subjects if s.name not in settled), None)
 
     @property
     def still(self) -> bool:
@@ -119,6 +123,11 @@ class Wizard:
         counted = {i: track.tick for i, track in tracks.items()}
         after = replace(self, tracks=tracks, stillness=self.stillness.with_reading(at_s, counted))
         return after._with_direction()
+
+    def counted(self, at_s: float, ticks: Mapping[int, int]) -> Wizard:
+        """Take bare ticks that are counted over the seam already, as the servos' driver knows."""
+        tracks = {i: track.counted(ticks[i], at_s) for i, track in self.tracks.items()}
+        return replace(self, tracks=tracks)
 
     def accept(self) -> Wizard:
         """Go on: take the pose, end the sweep, or agree to what is to be saved.

@@ -58,6 +58,11 @@ class Track:
             lost=self.lost or bool(strayed or silent),
         )
 
+    def counted(self, tick: int, at_s: float) -> Track:
+        """Return the track with one more reading whose turn is known."""
+        low, high = min(self.low, tick), max(self.high, tick)
+        return replace(self, tick=tick, low=low, high=high, at_s=at_s)
+
     def again(self) -> Track:
         """Return a track that has seen nothing but where it is; the count goes on."""
         return replace(self, low=self.tick, high=self.tick, lost=False)

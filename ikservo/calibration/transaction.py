@@ -54,7 +54,7 @@ def commit(
         bus: The servos, torque off.
         journal_path: Where the journal stands meanwhile.
         path: The calibration file.
-        text: What it shall hold.
+        text: What it shall hold; empty for no file.
         changes: What the servos shall hold.
 
     Raises:
@@ -148,7 +148,9 @@ def _write(bus: ServoBus, journal: Journal) -> None:
 
 def _save(journal: Journal) -> None:
     path = Path(journal.path)
-    if not path.exists() or path.read_text("utf-8") != journal.new_text:
+    if not journal.new_text:
+        remove(path)
+    elif not path.exists() or path.read_text("utf-8") != journal.new_text:
         write_whole(path, journal.new_text, keep_old=True)
 
 

@@ -13,5 +13,5 @@ JointUnit = Literal["rad", "m"]
 def say(position: float, unit: JointUnit) -> str:
     """Return ``101.3°`` for a position in rad, ``12.0 mm`` for one in m."""
     if unit == "m":
-        return f"{position * 1000:.1f} mm"
-    return f"{math.degrees(position):.1f}°"
+        return f"{position * 1000:z.1f} mm"
+    return f"{math.degrees(position):z.1f}°"

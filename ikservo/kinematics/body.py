@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ikservo.kinematics.capsules import Capsule, segment_box_distance, segment_distance
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointKind
+from ikservo.kinematics.packed_body import PackedBody, pack_capsules, pack_links
 from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["Body", "Gaps"]
@@ -84,6 +85,21 @@ class Body:
         starts, ends = self._place(q)
         return self._by_link(
             segment_box_distance(starts, ends, low_m, high_m) - self._radii_m, name
+        )
+
+    def packed(self) -> PackedBody:
+        """Return the body as arrays of numbers."""
+        names, links = pack_links(self._chain)
+        pair = np.searchsorted(self._first, np.arange(len(self._ones)), side="right") - 1
+        return PackedBody(
+            base=self._chain.base,
+            dof=self._chain.dof,
+            names=names,
+            links=links,
+            capsules=pack_capsules(self._capsules, names),
+            pairs=self.pairs,
+            rows=np.stack([self._ones, self._others, pair], axis=1).astype(np.float64),
+            overlap_m=self._overlap_m,
         )
 
     def _place(self, q: ArrayLike) -> tuple[Matrix, Matrix]:

@@ -106,6 +106,13 @@ class Chain:
                 raise BadValueError(f"The range of {name}", f"[{a:g}, {b:g}]", "lower <= upper")
         return replace(self, lower_rad=frozen(low), upper_rad=frozen(high))
 
+    def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
+        """Return the same chain with some joints elsewhere: ``T_parent_joint`` (4, 4) by joint."""
+        ways = {
+            link: tuple(_placed(step, origins) for step in way) for link, way in self._ways.items()
+        }
+        return replace(self, _ways=ways)
+
     def clip(self, q: ArrayLike) -> Vector:
         """Return ``q`` (dof,) or (n, dof) with every joint at its nearest value inside limits."""
         clipped: Vector = np.clip(np.asarray(q, dtype=np.float64), self.lower_rad, self.upper_rad)
@@ -203,6 +210,14 @@ class Chain:
             finite_vector(np.where(open_ended, 0.0, array), self.dof, what)
             return array
         return finite_vector(array, self.dof, what)
+
+
+def _placed(step: Step, origins: Mapping[str, Matrix]) -> Step:
+    """Return the step with its joint's origin (4, 4) exchanged, where there is another."""
+    if step.joint.name not in origins:
+        return step
+    joint = replace(step.joint, origin=frozen(origins[step.joint.name]))
+    return Step(joint, step.column, step.scale, step.shift)
 
 
 def _at_the_base(q: Vector) -> Matrix:

@@ -1,6 +1,5 @@
 """Power is cut before every single write; the next start finds the old arm or the new one."""
 
-import os
 import random
 from datetime import UTC, datetime
 
@@ -15,11 +14,10 @@ from ikservo.calibration.outcome import Outcome
 from ikservo.calibration.store import calibration_path, journal_path
 from ikservo.calibration.transaction import resume, revert
 from ikservo.errors import CalibrationError, ExitCode, FileFormatError, PortLostError
-from ikservo.files import writing
 from ikservo.files.writing import write_whole
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.plain import plain_calibration
-from tests.files.power import Power, PowerCut, is_write
+from tests.files.power import Power, PowerCut, is_write, unplugged
 
 WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
 
@@ -68,7 +66,7 @@ def cut_after(arm, outcome, lasts, monkeypatch):
             loose.save(outcome)
     except PowerCut:
         pass
-    monkeypatch.setattr(writing, "os", os)
+    unplugged(monkeypatch)
     del arm.port.write
     return power.gone
 

@@ -1,8 +1,12 @@
 """A power supply for tests: it fails at a chosen moment, for files and for servos alike."""
 
 import os
+import tempfile
 
 from ikservo.files import writing
+
+# Everything of a save that the system may refuse or a power cut come before.
+CALLS = ("open", "write", "fsync", "replace", "close", "unlink")
 
 
 class PowerCut(BaseException):
@@ -26,7 +30,7 @@ class Power:
 
     def feeds_files(self, monkeypatch):
         """Let every system call of a save need power."""
-        monkeypatch.setattr(writing, "os", _Os(self))
+        powered(monkeypatch, self.spend)
         return self
 
     def feeds_port(self, port):
@@ -49,39 +53,43 @@ def is_write(packet):
     return (packet[7] if packet[:4] == b"\xff\xff\xfd\x00" else packet[4]) == 3
 
 
-class _Os:
-    """The module os, each of whose calls that touch a disk needs power."""
+def powered(monkeypatch, before):
+    """Call ``before`` ahead of every call of a save that touches a disk."""
+    monkeypatch.setattr(writing, "os", _Calls(os, CALLS, before))
+    monkeypatch.setattr(writing, "tempfile", _Calls(tempfile, ("mkstemp",), before))
 
-    def __init__(self, power):
-        self._power = power
+
+def unplugged(monkeypatch):
+    """Give the real calls back."""
+    monkeypatch.setattr(writing, "os", os)
+    monkeypatch.setattr(writing, "tempfile", tempfile)
+
+
+class _Calls:
+    """A module, some of whose calls need something first."""
+
+    def __init__(self, module, names, before):
+        self._module, self._names, self._before = module, names, before
 
     def __getattr__(self, name):
-        real = getattr(os, name)
-        if name not in ("open", "write", "fsync", "replace"):
+        real = getattr(self._module, name)
+        if name not in self._names:
             return real
 
         def call(*words, **more):
-            self._power.spend()
+            self._before()
             return real(*words, **more)
 
         return call
 
 
-class FailingOs:
-    """The module os, whose nth call of a save fails with an error."""
+class Refusals:
+    """Lets the nth call of a save fail with an error."""
 
     def __init__(self, nth, number):
         self.nth, self.number, self.calls = nth, number, 0
 
-    def __getattr__(self, name):
-        real = getattr(os, name)
-        if name not in ("open", "write", "fsync", "replace"):
-            return real
-
-        def call(*words, **more):
-            self.calls += 1
-            if self.calls == self.nth:
-                raise OSError(self.number, os.strerror(self.number))
-            return real(*words, **more)
-
-        return call
+    def __call__(self):
+        self.calls += 1
+        if self.calls == self.nth:
+            raise OSError(self.number, os.strerror(self.number))

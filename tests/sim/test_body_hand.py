@@ -128,6 +128,20 @@ def test_a_joint_let_go_is_under_its_motor_again() -> None:
     assert bench.motors["joint"].position_rad == pytest.approx(0.0, abs=0.005)
 
 
+def test_an_obstacle_stops_a_joint_that_comes_to_it() -> None:
+    drive = Drive(torque_on=True, goal_rad=0.5, torque_limit=0.3)
+    bench = free(drive=drive, hand=Hand(hold(0.2), limit=10.0, only=-1)).run(1.0)
+    assert bench.motors["joint"].position_rad == pytest.approx(0.2, abs=0.01)
+
+
+def test_an_obstacle_leaves_a_joint_alone_that_goes_away_from_it() -> None:
+    drive = Drive(torque_on=True, goal_rad=-0.5)
+    hand = Hand(hold(0.2), limit=10.0, only=-1)
+    bench = free(drive=drive, hand=hand).run(1.0)
+    assert hand.force == 0.0
+    assert bench.motors["joint"].position_rad == pytest.approx(-0.5, abs=0.02)
+
+
 @pytest.mark.parametrize("model", sorted(PARAMETERS))
 def test_a_hand_holds_joints_of_every_inertia_without_shaking(model: str) -> None:
     bench = free(model, hand=Hand(hold(0.2))).run(1.0)

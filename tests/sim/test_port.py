@@ -107,7 +107,7 @@ def test_an_arm_starts_at_the_pose_asked_for(configs, name):
     arm = servosim.read_arm_file(path)
     for entry in arm.joints:
         servo = entry.servos[0]
-        per_tick = (servo.m_per_turn or 2 * math.pi) / 4096
+        per_tick = servo.transmission.slope(0.0) * 2 * math.pi / 4096
         tick = servo.zero_tick + servo.sign * arm.poses["home"][entry.name] / per_tick
         assert port.line.servos[servo.id].read("present_position") == pytest.approx(tick, abs=1)
 
@@ -132,6 +132,18 @@ def test_servos_of_one_joint_turn_together(configs):
     assert ticks == [pytest.approx(1700, abs=25), pytest.approx(ticks[0], abs=3)]
 
 
+def test_every_servo_has_the_play_asked_for(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?backlash_deg=0.5")
+    plays = {servo.motor.parameters.backlash_rad for servo in port.line.servos.values()}
+    assert plays == {math.radians(0.5)}
+
+
+@pytest.mark.parametrize("play", ["-1", "50", "nan", "much"])
+def test_a_play_that_no_gears_have_is_refused(configs, play):
+    with pytest.raises(SimulatorError, match=r"play|number"):
+        servosim.open_port(f"sim:{configs}/so101/arm.toml?backlash_deg={play}")
+
+
 def test_an_unknown_pose_is_named_with_those_there_are(configs):
     with pytest.raises(ArmFileError, match=r"poses\.nowhere.*rest, home, zero"):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=nowhere")
@@ -144,7 +156,10 @@ def test_an_address_that_is_none_is_refused():
 
 @pytest.mark.parametrize(
     ("query", "complaint"),
-    [("seed=x", "seed=x is no number"), ("colour=red", "has no option 'colour'; known: echo")],
+    [
+        ("seed=x", "seed=x is no number"),
+        ("colour=red", "has no option 'colour'; known: backlash_deg, echo"),
+    ],
 )
 def test_an_option_that_makes_no_sense_is_refused(configs, query, complaint):
     with pytest.raises(SimulatorError, match=complaint):

@@ -1,0 +1,41 @@
+"""Before a joint is driven to its stop the others stand so that nothing is in the way."""
+
+import numpy as np
+import pytest
+
+from ikservo.arm.auto_postures import Postures
+from tests.calibration.hidden import load_model
+
+
+@pytest.fixture(scope="module")
+def so101():
+    model = load_model("so101")
+    return model, Postures(model)
+
+
+def towards(so101, joint, end):
+    model, postures = so101
+    column = model.chain.names.index(joint)
+    return postures.towards(column, 0.0, end, model.chain_pose("rest"))
+
+
+def test_the_way_to_the_posture_touches_nothing(so101):
+    model, postures = so101
+    way = towards(so101, "wrist_flex", 1.7)
+    here = model.chain_pose("rest")
+    for posture in way:
+        postures.space.check_way(list(np.linspace(here, posture, 30)))
+        here = posture
+
+
+def test_in_the_posture_the_joint_goes_to_its_end_above_the_table(so101):
+    model, _ = so101
+    posture = towards(so101, "elbow_flex", -1.75)[-1]
+    rows = np.tile(posture, (30, 1))
+    rows[:, 2] = np.linspace(0.0, -1.75, 30)
+    heights = model.chain.forward(rows)[:, 2, 3]
+    assert (heights > 0.0).all()
+
+
+def test_an_end_that_lies_below_the_table_in_every_posture_is_left_alone(so101):
+    assert towards(so101, "shoulder_lift", 1.8) is None

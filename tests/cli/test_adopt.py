@@ -1,0 +1,80 @@
+"""An arm that is plugged into another adapter keeps its calibration, if a person says so."""
+
+import pytest
+
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.store import calibration_path
+from tests.cli.real_port import PORT, calibrate_plainly, put
+
+NAME, OLD, NEW = "planar2", "58FA083", "9C0FFEE"
+WORDS = f"calibration adopt {NAME} --port {PORT}"
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+@pytest.fixture
+def arm(monkeypatch):
+    """Return an arm that was calibrated on an old adapter and hangs on a new one."""
+    arm = put(monkeypatch, NAME, serial=NEW, spoiled=False)
+    calibrate_plainly(arm, serial="")
+    calibration = read_calibration(calibration_path(NAME, ""))
+    move(calibration, OLD)
+    calibration_path(NAME, "").unlink()
+    return arm
+
+
+def move(calibration, serial):
+    from ikservo.calibration.store import save
+
+    return save(calibration.model_copy(update={"usb_serial_number": serial}))
+
+
+def test_the_calibration_of_the_old_adapter_holds_on_the_new_one(arm, say):
+    assert say(f"calibration diff {NAME} --port {PORT}").code == 6
+    done = say(f"{WORDS} --yes")
+    assert done.code == 0, done.err
+    assert f"made on adapter {OLD}" in done.err
+    adopted = read_calibration(calibration_path(NAME, NEW))
+    assert adopted.usb_serial_number == NEW
+    assert say(f"calibration diff {NAME} --port {PORT}").code == 0
+
+
+def test_an_arm_without_a_calibration_is_told_of_the_other_adapters(arm, say):
+    done = say(f"calibration diff {NAME} --port {PORT}")
+    assert f"ikservo calibration adopt {NAME}" in done.err
+
+
+def test_nothing_is_adopted_unasked(arm, say):
+    assert say(WORDS).code == 1
+    assert not calibration_path(NAME, NEW).exists()
+
+
+def test_servos_that_hold_other_numbers_are_another_arms(arm, say):
+    arm.line.servos[2].write("lock", 0)
+    arm.line.servos[2].write("homing_offset", 77)
+    done = say(f"{WORDS} --yes")
+    assert done.code == 6
+    assert "homing_offset of joint2 (id 2) is 77 in the servo" in done.err
+    assert not calibration_path(NAME, NEW).exists()
+
+
+def test_of_several_that_fit_one_must_be_named(arm, say):
+    calibration = read_calibration(calibration_path(NAME, OLD))
+    other = move(calibration, "ANOTHER")
+    assert say(f"{WORDS} --yes").code == 6
+    assert say(f"{WORDS} --yes --from {other}").code == 0
+
+
+def test_another_arms_file_is_refused(arm, say):
+    calibration = read_calibration(calibration_path(NAME, OLD))
+    other = move(calibration.model_copy(update={"arm": "planar3"}), OLD)
+    done = say(f"{WORDS} --yes --from {other}")
+    assert (done.code, "it is of planar2" in done.err, "it is of planar3" in done.err) == (
+        6, False, True)  # fmt: skip
+
+
+def test_other_actions_take_no_file(arm, say):
+    assert say(f"calibration push {NAME} --port {PORT} --from x").code == 2

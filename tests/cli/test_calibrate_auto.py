@@ -1,0 +1,182 @@
+"""``ikservo calibrate --auto``: the arm finds its stops itself, gently, and says what it met."""
+
+import math
+import re
+import signal
+
+import pytest
+
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.store import calibration_path
+from tests.calibration.hidden import Person, load_model
+from tests.cli.real_port import PORT, SERIAL, put
+from tests.oracle import CONFIGS
+
+MARGIN_DEG = 0.3
+SEARCH = math.radians(40 + 20)  # past the ends of the arm file
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory):
+    """Return an arm file of a planar arm whose joints go 40° to both sides."""
+    folder = tmp_path_factory.mktemp("narrow")
+    text = (CONFIGS / "planar2" / "arm.toml").read_text()
+    text = re.sub(r"joint([12]) = -?[\d.]+", r"joint\1 = 5.0", text)
+    (folder / "arm.toml").write_text(text.replace('name   = "planar2"', 'name = "narrow"'))
+    urdf = (CONFIGS / "planar2" / "arm.urdf").read_text()
+    urdf = re.sub(r'lower="[^"]*"', 'lower="-0.698"', urdf)
+    (folder / "arm.urdf").write_text(re.sub(r'upper="[^"]*"', 'upper="0.698"', urdf))
+    return str(folder / "arm.toml")
+
+
+@pytest.fixture
+def arm(monkeypatch, narrow):
+    return put(monkeypatch, narrow, sign=1)
+
+
+def auto(say, narrow, *more):
+    words = f"calibrate {narrow} --port {PORT} --pose home --margin {MARGIN_DEG} --auto --yes"
+    return say(" ".join([words, *more]))
+
+
+def saved():
+    path = calibration_path("narrow", SERIAL)
+    return read_calibration(path) if path.exists() else None
+
+
+def watch(arm):
+    """Note how far goals go and how hard servos may press, fifty times a second."""
+    seen = {"goals": [], "limits": []}
+
+    def look():
+        for joint in arm.world.joints:
+            servo = joint.servos[0]
+            if servo.drive.torque_on:
+                tick = (servo.read("goal_position") + servo.read("homing_offset")) % 4096
+                turns = (tick - servo.shaft.zero_tick + 2048) % 4096 - 2048
+                seen["goals"].append(servo.shaft.sign * turns * math.tau / 4096)
+                seen["limits"].append(servo.read("torque_limit"))
+        arm.world.at(arm.world.time_s + 0.02, look)
+
+    look()
+    return seen
+
+
+def test_every_stop_is_found_within_half_a_degree_and_the_limit_lies_inside(arm, narrow, say):
+    seen = watch(arm)
+    done = auto(say, narrow)
+    assert done.code == 0, done.err
+    for joint in saved().joints:
+        low, high = arm.stops[joint.name]
+        swept = joint.swept_range()
+        assert joint.swept == "by itself"
+        assert 0.0 <= swept[0] - low <= math.radians(0.6), joint.name
+        assert 0.0 <= high - swept[1] <= math.radians(0.6), joint.name
+    assert max(map(abs, seen["goals"])) <= SEARCH + 0.002
+    assert 300 in seen["limits"]
+    assert not any(servo.drive.torque_on for servo in arm.line.servos.values())
+    where = say(f"where --arm {narrow} --port {PORT} --json").json["joints"]
+    assert any("the arm's own sweep of" in joint["limit_from"] for joint in where)
+
+
+def set_stops(arm, name, low, high):
+    motor = arm.joint(name).servos[0].motor
+    motor.lower_stop_rad, motor.upper_stop_rad = low, high
+
+
+def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, say):
+    set_stops(arm, "joint2", -0.2, 0.7)
+    done = auto(say, narrow)
+    assert done.code == 6
+    assert re.search(r"joint2 met something at -1[12]\.\d°; its stop is expected at -40", done.err)
+    assert saved() is None
+    assert all(servo.drive.torque_on for servo in arm.line.servos.values())
+    assert {servo.read("torque_limit") for servo in arm.line.servos.values()} == {1000}
+
+
+def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, say):
+    set_stops(arm, "joint2", -math.inf, math.inf)
+    done = auto(say, narrow)
+    assert (done.code, "joint2 met no stop up to" in done.err) == (6, True)
+    assert "--free joint2" in done.err
+    assert saved() is None
+
+
+def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, say):
+    arm.world.at(arm.world.time_s + 7.0, lambda: signal.raise_signal(signal.SIGINT))
+    done = auto(say, narrow)
+    assert done.code == 130
+    assert saved() is None
+    assert all(servo.drive.torque_on for servo in arm.line.servos.values())
+
+
+def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, say):
+    arm = put(monkeypatch, "planar2", sign=1)
+    where = {joint.name: joint.position for joint in arm.world.joints}
+    done = say(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
+    assert done.code == 0, done.err
+    assert "looks for its stop" not in done.err
+    assert where.keys() == {"joint1", "joint2"}
+
+
+def test_nobody_agreed_so_nothing_moves(arm, narrow, say):
+    done = say(f"calibrate {narrow} --port {PORT} --pose home --auto --no-input")
+    assert (done.code, "--yes" in done.err) == (2, True)
+    assert not any(servo.drive.torque_on for servo in arm.line.servos.values())
+
+
+def test_an_arm_whose_file_forbids_it_is_refused_with_the_reason(say):
+    done = say(f"calibrate vx300s --port {PORT} --auto --yes")
+    assert done.code == 6
+    assert "strong enough to hurt somebody" in done.err
+
+
+@pytest.mark.parametrize("pair", ["--auto --touch", "--touch --wiggle", "--auto --wiggle"])
+def test_one_way_of_calibrating_at_a_time(say, pair):
+    assert say(f"calibrate planar2 --port {PORT} {pair} --yes").code == 2
+
+
+def letting_go_when_it_holds(arm):
+    """Hold every joint by hand until its torque comes on."""
+    Person(arm).hold_all()
+
+    def look():
+        for joint in arm.world.joints:
+            if not joint.free and joint.name in arm.world.hands:
+                arm.world.release(joint.name)
+        arm.world.at(arm.world.time_s + 0.05, look)
+
+    look()
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", ["so101", "so100", "koch", "px100"])
+def test_shipped_arms_find_their_stops_under_gravity(monkeypatch, say, name, seed):
+    from tests.calibration import hidden
+
+    sides = {joint.name: joint.joint_map.sign for joint in load_model(name).joints}
+    mounted = hidden._mounted
+
+    def as_filed(entry, chance, how):
+        return mounted(entry, chance, {**how, "sign": sides[entry.name]})
+
+    monkeypatch.setattr(hidden, "_mounted", as_filed)
+    arm = put(monkeypatch, name, seed, gravity=True)
+    letting_go_when_it_holds(arm)
+    done = say(f"calibrate {name} --port {PORT} --pose home --margin 0.3 --auto --yes")
+    assert done.code == 0, done.err
+    found = read_calibration(calibration_path(name, SERIAL)).joints
+    assert sum(joint.swept == "by itself" for joint in found) >= 3
+    for joint in found:
+        if joint.swept == "by itself":
+            low, high = arm.stops[joint.name]
+            swept = joint.swept_range()
+            assert abs(swept[0] - low) < math.radians(1.5), joint.name
+            assert abs(swept[1] - high) < math.radians(1.5), joint.name

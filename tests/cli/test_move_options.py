@@ -1,0 +1,80 @@
+"""``ikservo move`` with lines, way-points and stances, and what it tells before it moves."""
+
+import math
+
+import numpy as np
+import pytest
+
+SO101 = "--arm so101 --port sim"
+
+
+def test_a_line_is_gone_and_reported_like_any_move(say):
+    said = say(f"move 0.25 0.05 0.15 --line {SO101} --json")
+    assert said.code == 0
+    np.testing.assert_allclose(said.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
+
+
+def test_way_points_are_lengths_with_or_without_units(say):
+    said = say(f"move 0.25 0.05 0.15 --via 0.22,-20mm,0.2 --blend 3cm {SO101} --dry-run --json")
+    assert said.code == 0
+    straight = say(f"move 0.25 0.05 0.15 {SO101} --dry-run --json")
+    assert said.json["path_m"] > straight.json["path_m"]
+
+
+def test_a_preview_tells_time_way_speed_and_limits(say):
+    answer = say(f"move 0.25 0.05 0.15 --line {SO101} --dry-run --json").json
+    assert set(answer) == {
+        "schema", "target_m", "q_rad", "duration_s", "path_m", "speed", "binding", "near_limits",
+        "orientation_error_rad",
+    }  # fmt: skip
+    assert answer["path_m"] > 0.05
+    assert answer["binding"]
+    assert {"joint", "side", "room_rad"} == set(answer["near_limits"][0])
+
+
+def test_a_preview_for_a_person_has_a_unit_on_every_number(say):
+    lines = say(f"move 0.25 0.05 0.15 {SO101} --dry-run").out.splitlines()
+    words = [line.split()[0] for line in lines[5:]]
+    assert words[:3] == ["duration", "path", "speed"]
+    assert words[-1] == "tool"
+
+
+def test_the_first_motion_is_said_to_be_slow(say):
+    said = say(f"move 0.25 0.05 0.15 --speed fast {SO101} --dry-run")
+    assert "first motion after torque comes on, therefore slow" in said.err
+    assert "slow." in said.err.splitlines()[0]
+
+
+def test_a_pitch_in_degrees_may_be_negative(say):
+    said = say(f"move 0.25 0.05 0.15 --pitch -60 {SO101} --dry-run --json")
+    assert said.code == 0
+    assert abs(said.json["orientation_error_rad"]) < math.radians(0.5)
+
+
+def test_a_stance_that_the_arm_has_not_moves_nothing_and_exits_7(say):
+    said = say(f"move 0.25 0.05 0.15 --pitch 40 {SO101}")
+    assert said.code == 7
+    assert said.out == ""
+    assert "the tool cannot stand at pitch 40.0°" in said.err
+    assert "The nearest there: pitch" in said.err
+
+
+@pytest.mark.parametrize(("words", "code", "said_words"), [
+    ("move 0.25 0.05 0.15 --pitch 20 --keep", 2, "asked twice"),
+    ("move 0.25 0.05 0.15 --pitch 20 --direction 1,0,0", 2, "asked twice"),
+    ("move 0.25 0.05 0.15 --pitch 120", 2, "at most ±90°"),
+    ("move 0.25 0.05 0.15 --pitch steep", 2, "is not an angle"),
+    ("move 0.25 0.05 0.15 --direction up", 2, "is not a direction"),
+    ("move 0.25 0.05 0.15 --direction 0,0,0", 2, "zero"),
+    ("move 0.25 0.05 0.15 --via 0.2,0.1", 2, "is not a point"),
+    ("move 0.25 0.05 0.15 --via 0.2,0.1,far", 2, "is not a length"),
+    ("move 0.25 0.05 0.15 --via 0.2,0,0.2 --blend 0", 2, "blend"),
+    ("move 0.25 0.05 0.15 --via 0.2,0,0.2 --blend wide", 2, "is not a length"),
+    ("move 0.25 0.05 0.15 --via 0.9,0,0.2", 7, "(0.900, 0.000, 0.200) m cannot be reached"),
+    ("move 0.9 0.05 0.15 --line", 7, "cannot be reached"),
+])  # fmt: skip
+def test_what_cannot_be_is_one_clear_message_with_its_exit_code(say, words, code, said_words):
+    said = say(f"{words} {SO101}")
+    assert said.code == code
+    assert said_words in said.err
+    assert "Traceback" not in said.err

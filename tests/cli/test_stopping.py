@@ -1,0 +1,82 @@
+"""Ctrl-C in mid-motion: the arm holds; a second one lowers it to its rest pose and lets go."""
+
+import contextlib
+import signal
+
+import pytest
+
+from ikservo.arm import open_arm
+from ikservo.cli import session, stopping
+from ikservo.cli.run import main
+
+
+@pytest.fixture
+def servos(monkeypatch):
+    """Return the simulated servos of the arm that the command opens."""
+    opened = {}
+
+    def remember(*words, **options):
+        arm = open_arm(*words, **options)
+        opened.update(arm._port.transport.line.servos)
+        return arm
+
+    monkeypatch.setattr(session, "open_arm", remember)
+    return opened
+
+
+def press(monkeypatch, numbers):
+    """Send signals at successive moments of the first motion that a command watches."""
+    left = list(numbers)
+
+    @contextlib.contextmanager
+    def watched(*_, **__):
+        def draw(progress):
+            if left and progress.elapsed_s > 0.3 + 0.05 * (len(numbers) - len(left)):
+                signal.raise_signal(left.pop(0))
+
+        yield draw
+
+    monkeypatch.setattr("ikservo.cli.joints.watched", watched)
+
+
+def move():
+    return main(["joints", "shoulder_pan=50", "--arm", "so101", "--port", "sim", "--yes"])
+
+
+def torques(servos):
+    return {servo.read("torque_enable") for servo in servos.values()}
+
+
+def test_ctrl_c_leaves_the_arm_holding_and_says_how_to_release_it(servos, monkeypatch, capsys):
+    press(monkeypatch, [signal.SIGINT])
+    monkeypatch.setattr(stopping.time, "sleep", lambda _: None)
+    assert move() == 130
+    said = capsys.readouterr().err
+    assert "Stopped; the arm holds." in said
+    assert "ikservo relax" in said
+    assert torques(servos) == {1}
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_being_told_to_end_leaves_the_arm_holding(servos, monkeypatch, number):
+    press(monkeypatch, [number])
+    assert move() == 130
+    assert torques(servos) == {1}
+
+
+def test_a_second_ctrl_c_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys):
+    press(monkeypatch, [signal.SIGINT, signal.SIGINT])
+    assert move() == 130
+    assert "Lowering the arm" in capsys.readouterr().err
+    assert torques(servos) == {0}
+    assert abs(servos[2].read("present_position") - 922) < 40  # its rest pose
+
+
+def test_a_second_ctrl_c_is_heard_while_the_arm_already_stands(servos, monkeypatch):
+    def again(_):
+        raise KeyboardInterrupt
+
+    press(monkeypatch, [signal.SIGINT])
+    monkeypatch.setattr(stopping.time, "sleep", again)
+    assert move() == 130
+    assert torques(servos) == {0}

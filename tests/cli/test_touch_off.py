@@ -1,0 +1,197 @@
+"""``ikservo calibrate --touch`` on an arm whose zeros and links are a little wrong."""
+
+import math
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+
+from ikservo.arm.own import own_arm
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.store import calibration_path
+from tests.calibration.hidden import load_model
+from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
+from tests.model.touch.hidden_geometry import HiddenGeometry
+
+NAME = "so101"
+EVERY_S = 2.0
+WORDS = f"calibrate {NAME} --port {PORT} --touch"
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+@pytest.fixture
+def truth():
+    return HiddenGeometry(NAME, 2, load_model(NAME).chain)
+
+
+@pytest.fixture
+def arm(monkeypatch, truth):
+    """Return an arm that was held two degrees off its pose when it was calibrated."""
+    arm = put(monkeypatch, NAME)
+    for name, off in zip(truth.chain.names, truth.zeros, strict=True):
+        arm.world.place(name, arm.true_position(name) + off)
+    calibrate_plainly(arm)
+    return arm
+
+
+def guide(arm, truth, tmp_path, count=15):
+    """Guide the tip to points one after the other; return the file that says where they are."""
+    lines, start_s = [], arm.world.time_s + 0.5
+    for i in range(count):
+        q = truth.posture()
+        arm.world.at(start_s + EVERY_S * i, lambda q=q: place(arm, truth, q))
+        x, y, z = truth.tip(q) + truth.noise()
+        lines.append(f"P{i} {x:.4f} {1000 * y:.1f}mm {z:.4f}")
+    path = tmp_path / "points"
+    path.write_text("# measured\n" + "\n".join(lines))
+    return path
+
+
+def place(arm, truth, q):
+    for name, position in zip(truth.chain.names, q, strict=True):
+        arm.world.place(name, position)
+
+
+def tip_errors_m(arm, truth, count=20):
+    """Return how far the tip is from where the opened arm says it is, at unseen postures."""
+    errors = []
+    with arm.open_bus() as bus:
+        bus.port.name = PORT
+        own = own_arm(bus, load_model(NAME))
+        maps = [own.joint_map(own_joint(name)) for name in truth.chain.names]
+        for _ in range(count):
+            q = truth.posture()
+            place(arm, truth, q)
+            said = [m.position(arm.register(m.servo_id, "present_position")) for m in maps]
+            errors.append(own.chain().forward(said)[:3, 3] - truth.tip(q))
+    return np.linalg.norm(errors, axis=1)
+
+
+def own_joint(name):
+    return load_model(NAME).joint(name)
+
+
+def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
+    arm, truth, tmp_path, say
+):
+    before = tip_errors_m(arm, truth)
+    points = guide(arm, truth, tmp_path)
+    done = say(f"{WORDS} --points {points} --yes --json")
+    assert done.code == 0, done.err
+    after = tip_errors_m(arm, truth)
+    assert math.sqrt(np.mean(before**2)) > 0.008
+    assert math.sqrt(np.mean(after**2)) < 0.0015
+    assert done.json["after_m"] < 0.2 * done.json["before_m"]
+    assert "Tip error on touches kept aside" in done.err
+    geometry = read_calibration(calibration_path(NAME, SERIAL)).geometry
+    assert geometry.touches == 15
+    home = load_model(NAME).chain_pose("home")
+    place(arm, truth, home)
+    move = f"move 0.22 0.03 0.12 --arm {NAME} --port {PORT} --no-collision --no-wiggle --yes"
+    moved = say(move)
+    assert moved.code == 0, moved.err
+    true = truth.tip([arm.true_position(name) for name in truth.chain.names])
+    np.testing.assert_allclose(true, (0.22, 0.03, 0.12), atol=2.5e-3)
+
+
+def test_touching_moves_zeros_and_leaves_the_stops_where_they_are(arm, truth, tmp_path, say):
+    path = calibration_path(NAME, SERIAL)
+    before = read_calibration(path)
+    assert say(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes").code == 0
+    for old, new in zip(before.joints, read_calibration(path).joints, strict=True):
+        assert new.travel_ticks == old.travel_ticks
+        shift_deg = new.sign * (old.zero_tick - new.zero_tick) * 360 / 4096
+        assert new.lower_deg - old.lower_deg == pytest.approx(shift_deg)
+        assert new.upper_deg - old.upper_deg == pytest.approx(shift_deg)
+    assert path.with_name(f"{path.name}.bak").exists()
+
+
+def test_a_script_skips_points_and_takes_answers_back(arm, truth, tmp_path, say):
+    points = guide(arm, truth, tmp_path, 8)
+    script = tmp_path / "script"
+    script.write_text("touch\ntouch\nundo\n" + 7 * "touch\n" + "accept\n")
+    done = say(f"{WORDS} --points {points} --from-script {script} --json")
+    assert [t["point"] for t in done.json["touches"]] == [f"P{i}" for i in range(8)]
+
+
+def test_too_few_touches_save_nothing(arm, truth, tmp_path, say):
+    before = calibration_path(NAME, SERIAL).read_text()
+    done = say(f"{WORDS} --points {guide(arm, truth, tmp_path, 4)} --yes")
+    assert (done.code, "say too little" in done.err) == (6, True)
+    assert calibration_path(NAME, SERIAL).read_text() == before
+
+
+def test_nobody_at_the_arm_ends_with_what_is_missing(arm, tmp_path, say, monkeypatch):
+    monkeypatch.setattr("ikservo.model.touch.answers._PATIENCE_S", 3.0)
+    (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
+    done = say(f"{WORDS} --points {tmp_path / 'points'} --yes")
+    assert (done.code, "Nobody has put the tip on B" in done.err) == (6, True)
+
+
+def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
+    arm, tmp_path, say, monkeypatch
+):
+    monkeypatch.setattr("ikservo.model.touch.answers._PATIENCE_S", 1.0)
+    done = say(f"{WORDS} --sheet-at 250mm --yes")
+    assert "its near edge 250 mm from the middle of the base" in done.err
+    assert "Put the tip on B1 at (0.280, 0.050, 0.000) m" in done.err
+
+
+@pytest.mark.parametrize("line", ["A 1 2", "A 1 2 x", "A 1 2 inf", "A", "A 1 2 3 4"])
+def test_a_line_that_is_no_point_is_named(arm, tmp_path, say, line):
+    (tmp_path / "points").write_text(f"B 0 0 0\n{line}\n")
+    done = say(f"{WORDS} --points {tmp_path / 'points'} --yes")
+    assert done.code == 2
+    assert "line 2" in done.err
+
+
+def test_a_line_of_a_script_that_is_no_answer_is_named(arm, tmp_path, say):
+    (tmp_path / "script").write_text("touch\ntuch\n")
+    done = say(f"{WORDS} --same-point --from-script {tmp_path / 'script'}")
+    assert (done.code, "line 2" in done.err) == (2, True)
+
+
+def test_without_a_terminal_the_options_that_answer_are_named(arm, say):
+    done = say(f"{WORDS} --same-point")
+    assert (done.code, "--from-script" in done.err) == (2, True)
+
+
+def test_an_arm_that_is_not_calibrated_has_nothing_to_touch_off(monkeypatch, say):
+    put(monkeypatch, NAME)
+    done = say(f"{WORDS} --yes")
+    assert (done.code, "is not calibrated" in done.err) == (6, True)
+
+
+def test_points_without_a_touch_off_are_a_slip(arm, say):
+    done = say(f"calibrate {NAME} --port {PORT} --same-point --yes")
+    assert (done.code, "--touch" in done.err) == (2, True)
+
+
+def test_a_person_touches_skips_and_takes_back_by_single_keys(
+    arm, truth, tmp_path, say, monkeypatch
+):
+    points = guide(arm, truth, tmp_path, 8)
+    typed = iter("\nu" + 8 * "\n" + "a")  # the first touch is taken back and made again
+    state = {"next": next(typed)}
+
+    def key():
+        still = arm.world.time_s > key.ready_s
+        if state["next"] and still:
+            pressed, state["next"] = state["next"], next(typed, "")
+            key.ready_s += EVERY_S if (pressed, state["next"]) == ("\n", "\n") else 0.0
+            return pressed
+        return ""
+
+    key.ready_s = arm.world.time_s + 1.5
+    monkeypatch.setattr("ikservo.cli.calibrate_touch.keys", lambda: nullcontext(key))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("typer.confirm", lambda *_, **__: True)
+    done = say(f"{WORDS} --points {points} --json")
+    assert "Enter   s skip   u undo" in done.err
+    assert "8 touched. a: see what they say" in done.err
+    assert len(done.json["touches"]) == 8

@@ -1,0 +1,138 @@
+"""Nobody but a person can see that two joints are exchanged; so they are shown each one."""
+
+from itertools import combinations
+
+import pytest
+
+from ikservo.arm.confirmation import confirmed
+from ikservo.cli import calibrate_wiggle
+from tests.calibration.hidden import load_model
+from tests.cli.real_port import PORT, calibrate_plainly, put
+
+NAME = "planar2"
+MOVE = f"move 0.18 0.05 0.05 --arm {NAME} --port {PORT} --no-collision"
+# Every pair of six; in the suite those in which the first joints show it.
+PAIRS = [
+    pytest.param(pair, marks=() if pair in ((1, 2), (1, 6)) else pytest.mark.campaign)
+    for pair in combinations(range(1, 7), 2)
+]
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+@pytest.fixture
+def arm(monkeypatch):
+    arm = put(monkeypatch, NAME, spoiled=False)
+    calibrate_plainly(arm)
+    return arm
+
+
+@pytest.fixture
+def watcher(monkeypatch):
+    """Return a function that lets somebody watch an arm and say truly which joint moved."""
+
+    def watch(arm):
+        seen = {}
+        original = calibrate_wiggle.wiggle
+
+        def wiggle(machine, motion):
+            before = {j.name: j.position for j in arm.world.joints}
+            most = dict.fromkeys(before, 0.0)
+
+            def look():
+                for joint in arm.world.joints:
+                    moved = joint.position - before[joint.name]
+                    most[joint.name] = max(most[joint.name], moved, key=abs)
+                arm.world.at(arm.world.time_s + 0.05, look)
+
+            arm.world.at(arm.world.time_s, look)
+            original(machine, motion)
+            moved = max(most, key=lambda name: abs(most[name]))
+            seen[motion.joint] = moved == motion.joint and most[moved] * motion.way > 0
+
+        monkeypatch.setattr(calibrate_wiggle, "wiggle", wiggle)
+        monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+        monkeypatch.setattr("typer.confirm", answer(seen))
+        return seen
+
+    return watch
+
+
+def answer(seen):
+    def confirm(question, **how):
+        return seen[question.split()[1]] if question.startswith("Did") else True
+
+    return confirm
+
+
+def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm, say, watcher):
+    watcher(arm)
+    done = say(MOVE)
+    assert done.code == 0, done.err
+    names = [joint.name for joint in load_model(NAME).joints]
+    assert [line.split()[0] for line in done.err.splitlines() if "then back" in line] == names
+    assert "then back" not in say(MOVE).err
+
+
+def test_a_changed_calibration_is_shown_again(arm, say):
+    assert say(f"{MOVE} --yes").code == 0
+    assert confirmed(load_model(NAME), PORT)
+    for servo in arm.line.servos.values():
+        servo.write("torque_enable", 0)
+    calibrate_plainly(arm)  # the arm stands elsewhere by now
+    assert not confirmed(load_model(NAME), PORT)
+
+
+def test_with_nobody_there_an_arm_that_changed_does_not_move(arm, say):
+    before = arm.true_position("joint1")
+    done = say(MOVE)
+    assert (done.code, "--yes" in done.err) == (2, True)
+    assert arm.true_position("joint1") == pytest.approx(before, abs=1e-3)
+
+
+def test_whoever_knows_may_do_without(arm, say):
+    done = say(f"{MOVE} --no-wiggle --yes")
+    assert done.code == 0
+    assert "then back" not in done.err
+
+
+def test_a_dry_run_wiggles_nothing(arm, say):
+    assert "then back" not in say(f"{MOVE} --dry-run --yes").err
+
+
+def test_a_jammed_joint_is_named(arm, say):
+    arm.line.servos[2].motor.stuck = True
+    done = say(f"calibrate {NAME} --port {PORT} --wiggle --yes")
+    assert done.code in (6, 8)
+    assert "joint2" in done.err
+
+
+def swapped(monkeypatch, pair):
+    """Put an uncalibrated arm on the desk, two of whose servos have each other's ids."""
+    arm = put(monkeypatch, "so101", zero=2048, sign=1, spoiled=False)
+    memories = [arm.line.servos[i].memory for i in pair]
+    for memory, new in zip(memories, reversed(pair), strict=True):
+        memory.put("id", new)
+        memory.keep("id")
+    arm.power_cycle()
+    return arm
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids=str)
+def test_any_two_swapped_ids_are_seen(monkeypatch, say, watcher, pair):
+    arm = swapped(monkeypatch, pair)
+    watcher(arm)
+    done = say(f"calibrate so101 --port {PORT} --wiggle --uncalibrated")
+    assert done.code == 6, done.err
+    assert "does not move as the arm's files say" in done.err
+    assert not confirmed(load_model("so101"), PORT)
+
+
+def test_a_mirrored_sign_is_seen(monkeypatch, say, watcher):
+    arm = put(monkeypatch, NAME, zero=2048, sign=-1, spoiled=False)
+    watcher(arm)
+    done = say(f"calibrate {NAME} --port {PORT} --wiggle --uncalibrated")
+    assert (done.code, "It went the other way" in done.err) == (6, True)

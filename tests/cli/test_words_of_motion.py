@@ -1,0 +1,219 @@
+"""The commands that move an arm besides `move`: what they print, and how they refuse."""
+
+import json
+import re
+
+import pytest
+
+import ikservo
+from ikservo.cli import main
+from ikservo.cli.hints import addressed
+from ikservo.cli.output import point
+from ikservo.cli.watching import bar
+from ikservo.errors import UnreachableError
+
+SIM = "--arm so101 --port sim:?pose=home"
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_stop_says_what_became_of_every_joint(say):
+    said = say(f"stop {SIM}")
+    assert said.code == 0
+    first, second = said.out.splitlines()
+    assert first.startswith("so101 on sim:")
+    assert first.endswith("stands")
+    assert second == (
+        "limp    shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper"
+    )
+
+
+def test_stop_without_an_arm_needs_a_program_that_moves_one(say):
+    said = say("stop")
+    assert said.code == 2
+    assert said.err.startswith("No program of yours moves an arm.\nGive --arm")
+
+
+def test_jog_for_a_time(say):
+    said = say(f"jog shoulder_pan --speed -20 --time 300ms {SIM} --json")
+    assert said.code == 0
+    assert said.json["schema"] == "ikservo/jog/1"
+    assert said.json["ended"] == "nobody wanted it to go on"
+    assert -0.2 < said.json["measured_rad"]["shoulder_pan"] < -0.05
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("jog shoulder_pan", "Nobody is here to hold a key."),
+        ("jog shoulder_pan --time 0", "not a time above 0"),
+        ("jog shoulder_pan --time 1 --speed 0", "The speed is 0."),
+        ("jog shoulder_pan --time 1 --speed 20mm", "is not an angle"),
+        ("jog elbow --time 1", "There is no joint or direction named 'elbow'."),
+        ("gripper ajar", "There is no motion of the gripper named 'ajar'."),
+        ("gripper 30mm", "The width is 0.03 m."),
+        ("gripper close --force 2", "The force is 2."),
+        ("teach cup", "Nobody is here to press Enter."),
+        ("teach home --now", "The name of the pose is home, a pose of the arm file."),
+        ("pose cupp", "There is no pose named 'cupp'."),
+        ("record wave.jsonl", "Nobody is here to end the recording."),
+        ("record no/wave.jsonl --time 1", "no/wave.jsonl cannot be written"),
+        ("replay wave.jsonl", "wave.jsonl: cannot be read"),
+        ("replay wave.jsonl --speed swift", "There is no speed named 'swift'."),
+        ("follow so102", "There is no arm named 'so102'."),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line_with_exit_2_or_1(say, words, found):
+    said = say(f"{words} {SIM}")
+    assert said.code in (1, 2)
+    assert found in said.err
+    assert "Traceback" not in said.err
+
+
+def test_gripper_reports_what_it_holds(say):
+    said = say(f"gripper close {SIM}")
+    assert said.code == 0
+    assert re.fullmatch(
+        r"grasped   no\ngripper   -\d+\.\d°, load -?\d+ %\nreached   yes\nduration  \d\.\d\d s\n",
+        said.out,
+    )
+
+
+def test_a_taught_pose_is_listed_and_gone_to(say, home):
+    taught = say(f"teach cup --now {SIM} --json")
+    assert taught.json["schema"] == "ikservo/teach/1"
+    assert set(taught.json["joints_rad"]) == {
+        "shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"
+    }  # fmt: skip
+    assert say(f"pose {SIM}").out == "rest\nhome\nzero\ncup\n"
+    assert say(f"pose cup {SIM}").code == 0
+
+
+def test_what_was_recorded_is_replayed(say, home):
+    recorded = say(f"record wave.jsonl --time 200ms {SIM} --json")
+    assert recorded.json["samples"] in (10, 11)
+    planned = say(f"replay wave.jsonl --dry-run {SIM} --json")
+    assert planned.json["schema"] == "ikservo/replay_plan/1"
+    replayed = say(f"replay wave.jsonl {SIM} --json")
+    assert replayed.code == 0, replayed.err
+    assert replayed.json["samples"] == recorded.json["samples"]
+
+
+def test_a_recording_that_is_there_is_not_lost(say, home):
+    (home / "wave.jsonl").write_text("precious")
+    said = say(f"record wave.jsonl --time 1 {SIM}")
+    assert said.err.startswith("The recording is wave.jsonl, which is there already.")
+    assert (home / "wave.jsonl").read_text() == "precious"
+
+
+def test_a_cut_off_recording_is_refused_with_its_line(say, home):
+    say(f"record wave.jsonl --time 200ms {SIM}")
+    whole = (home / "wave.jsonl").read_text()
+    (home / "wave.jsonl").write_text(whole[:-4])
+    said = say(f"replay wave.jsonl {SIM}")
+    assert said.code == 2
+    assert "line 11: is cut off" in said.err or "line 12: is cut off" in said.err
+
+
+def test_one_arm_follows_another(say):
+    said = say(f"follow so101 --leader-port sim:?pose=home --time 200ms {SIM} --json")
+    assert said.code == 0, said.err
+    assert said.json["ended"] == "the stream ended"
+    assert said.json["wishes"] > 10
+
+
+def test_watching_prints_a_line_of_json_each(say):
+    said = say(f"where --watch --times 3 --interval 1ms {SIM} --json")
+    rows = [json.loads(line) for line in said.out.splitlines()]
+    assert [row["schema"] for row in rows] == ["ikservo/where/1"] * 3
+
+
+def test_watching_shows_joints_between_their_limits(say):
+    said = say(f"where --watch --times 1 {SIM}")
+    assert "shoulder_pan       0.0°  -110.0°  ├" in said.out
+    assert "temperature" not in said.out
+    assert said.out.count("●") == 6
+
+
+@pytest.mark.parametrize(
+    ("position", "drawn"),
+    [(-1.0, "├●────────┤"), (0.0, "├────●────┤"), (1.0, "├────────●┤"), (9.0, "├────────●┤")],
+)
+def test_a_bar_shows_where_a_joint_is(position, drawn):
+    assert bar(position, -1.0, 1.0, 9) == drawn
+
+
+def test_a_joint_without_limits_is_drawn_in_the_middle():
+    assert bar(3.0, -float("inf"), float("inf"), 9) == "├────●────┤"
+
+
+def test_a_misspelled_command_is_answered_with_the_closest(say):
+    said = say("mvoe 1 2 3")
+    assert said.code == 2
+    assert said.err == "No such command 'mvoe'. Did you mean move?\nTry: ikservo --help\n"
+
+
+@pytest.mark.parametrize(
+    ("hint", "whole"),
+    [
+        ("Release it with: ikservo relax", "Release it with: ikservo relax --arm a --port p"),
+        ("Try: ikservo move 0.2 -0.1 0.3", "Try: ikservo move 0.2 -0.1 0.3 --arm a --port p"),
+        ("Its alarms: ikservo where --arm a", "Its alarms: ikservo where --arm a --port p"),
+        ("Try: ikservo move --help", "Try: ikservo move --help --arm a --port p"),
+        ("Calibrate it: ikservo calibrate so101.", "Calibrate it: ikservo calibrate so101."),
+        ("Give --yes.", "Give --yes."),
+        ("", ""),
+    ],
+)
+def test_a_hint_can_be_typed_as_it_stands(hint, whole):
+    assert addressed(hint, ["move", "1", "2", "3", "--arm", "a", "--port=p"]) == whole
+
+
+def test_the_hint_of_an_unreachable_point_can_be_typed(say):
+    said = say(f"move 0.9 0 0.1 {SIM}")
+    words = said.err.strip().rpartition("Try: ikservo ")[2]
+    assert words.endswith("--arm so101 --port 'sim:?pose=home'")
+    assert main([*words.split()[:-2], "--port", "sim:?pose=home", "--dry-run"]) == 0
+
+
+def test_the_shell_completes_arms_and_poses(say, monkeypatch):
+    say(f"teach cup --now {SIM}")
+    from ikservo.cli.completing import arms, poses
+
+    class Context:
+        params = {"arm": "so101"}  # noqa: RUF012
+
+    assert arms("so") == ["so100", "so101"]
+    assert poses(Context(), "") == ["cup", "home", "rest", "zero"]
+    Context.params = {"arm": "nonsense"}
+    assert poses(Context(), "") == []
+
+
+@pytest.mark.parametrize("nothing", [-0.0, -1e-9, -0.0004])
+def test_no_number_is_minus_nothing(nothing):
+    assert point((nothing, 0.0, 0.0)) == "(0.000, 0.000, 0.000) m"
+    assert ikservo.load_model("so101").joint("gripper").joint_map.say(nothing) == "0.0°"
+    assert "-0.000" not in str(UnreachableError((nothing, 0, 0), (0, nothing, 0)))
+
+
+def test_a_held_key_jogs_and_letting_go_stops(say, monkeypatch):
+    from contextlib import contextmanager
+
+    pressed = iter(["", " ", *[" ", "", ""] * 20])
+
+    @contextmanager
+    def keyboard():
+        yield lambda: next(pressed, "")
+
+    monkeypatch.setattr("ikservo.cli.jog.keys", keyboard)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    said = say(f"jog shoulder_pan --speed 20 {SIM} --json")
+    assert said.code == 0, said.err
+    assert said.json["ended"] == "nobody wanted it to go on"
+    assert said.json["measured_rad"]["shoulder_pan"] > 0.2
+    assert "Hold the space bar" in said.err

@@ -1,0 +1,60 @@
+"""What ``[gripper]`` of an arm file may say, and what is made of it."""
+
+import pytest
+
+from ikservo.errors import FileFormatError
+from ikservo.model import load_model
+
+
+def with_gripper(arm_path, arm_text, table):
+    arm_path.write_text(f"{arm_text}\n[gripper]\n{table}\n")
+    return arm_path
+
+
+def test_jaws_close_towards_the_end_that_is_nearer_to_zero(arm_path):
+    gripper = load_model(arm_path).gripper
+    assert (gripper.joint, gripper.closed, gripper.open) == ("gripper", 0.0, 0.02)
+
+
+def test_the_arm_file_may_say_otherwise(arm_path, arm_text):
+    gripper = load_model(with_gripper(arm_path, arm_text, 'closes_to = "upper"')).gripper
+    assert (gripper.closed, gripper.open) == (0.02, 0.0)
+
+
+def test_widths_lie_on_straight_lines_between_the_pairs(arm_path, arm_text):
+    table = "width_m_by_m = [[0.0, 0.01], [0.01, 0.03], [0.02, 0.07]]"
+    gripper = load_model(with_gripper(arm_path, arm_text, table)).gripper
+    assert gripper.width_m(0.015) == pytest.approx(0.05)
+    assert gripper.position(0.02) == pytest.approx(0.005)
+    assert gripper.range_m() == pytest.approx((0.01, 0.07))
+
+
+def test_widths_may_fall_as_the_joint_goes_up(arm_path, arm_text):
+    table = "width_m_by_m = [[0.0, 0.05], [0.02, 0.01]]"
+    gripper = load_model(with_gripper(arm_path, arm_text, table)).gripper
+    assert gripper.position(0.03) == pytest.approx(0.01)
+
+
+def test_without_widths_nobody_knows_them(arm_path):
+    gripper = load_model(arm_path).gripper
+    assert (gripper.width_m(0.01), gripper.range_m()) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("table", "where"),
+    [
+        ('closes_to = "left"', "gripper.closes_to"),
+        ("width_m_by_deg = [[0.0, 0.01], [10.0, 0.03]]", "gripper.width_m_by_deg"),
+        ("width_m_by_m = [[0.0, 0.01]]", "gripper.width_m_by_m"),
+        ("width_m_by_m = [[0.0, 0.01], [0.0, 0.02]]", "gripper.width_m_by_m"),
+        ("width_m_by_m = [[0.0, 0.01], [0.01, 0.03], [0.02, 0.02]]", "gripper.width_m_by_m"),
+        ("width_m_by_m = [[0.0, -0.01], [0.01, 0.03]]", "gripper.width_m_by_m"),
+        ("width_m_by_m = [[0.0, nan], [0.01, 0.03]]", "gripper.width_m_by_m"),
+        ("width_m_by_m = 0.03", "gripper.width_m_by_m"),
+        ("width = 0.03", "gripper.width"),
+    ],
+)
+def test_a_slip_is_named_with_its_place(arm_path, arm_text, table, where):
+    with pytest.raises(FileFormatError) as caught:
+        load_model(with_gripper(arm_path, arm_text, table))
+    assert caught.value.where.startswith(where)

@@ -1,0 +1,134 @@
+"""Fifteen touches make an arm whose zeros and links are wrong good to a millimetre."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from ikservo.errors import CalibrationError
+from ikservo.model.touch import Extent, Touch, estimate
+from ikservo.model.touch.fit import fit
+from tests.calibration.hidden import load_model
+from tests.model.touch.hidden_geometry import HiddenGeometry
+from tests.oracle import ARMS
+
+FEW = [("so101", 11), ("koch", 12), ("planar3", 13), ("vx300s", 14)]
+FIFTY = [(name, seed) for name in ARMS for seed in range(5)]
+
+
+def hidden(name, seed):
+    return HiddenGeometry(name, seed, load_model(name).chain)
+
+
+def touches_of(arm, count=15, offs=()):
+    """Return touches of known points; those of ``offs`` are some centimetres off."""
+    touches = []
+    for i in range(count):
+        q = arm.posture()
+        point = arm.tip(q) + arm.noise() + (0.03 * np.eye(3)[i % 3] if i in offs else 0.0)
+        touches.append(Touch(arm.said(q), f"P{i}", point))
+    return touches
+
+
+def rms_m(arm, tips_of, count=40):
+    """Return the error on postures that no touch has seen."""
+    true = [arm.posture() for _ in range(count)]
+    tips = tips_of(np.array([arm.said(q) for q in true]))
+    errors = np.linalg.norm(tips - [arm.tip(q) for q in true], axis=1)
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+def judge(name, seed):
+    arm = hidden(name, seed)
+    found = estimate(arm.chain, touches_of(arm))
+    before_m = rms_m(arm, lambda q: arm.chain.forward(q)[:, :3, 3])
+    after_m = rms_m(arm, found.fit.tips)
+    assert after_m <= 1.5e-3, f"{1000 * before_m:.1f} -> {1000 * after_m:.2f} mm"
+    return before_m, after_m
+
+
+@pytest.mark.parametrize(("name", "seed"), FEW)
+def test_fifteen_touches_leave_a_millimetre_and_a_half_at_most(name, seed):
+    judge(name, seed)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(600)
+def test_fifty_hidden_arms_are_touched_off():
+    before_m, after_m = np.array([judge(name, seed) for name, seed in FIFTY]).T
+    said = f"{1000 * np.median(before_m):.1f} mm before, {1000 * np.median(after_m):.2f} after"
+    assert np.median(before_m) > 0.008, said
+    assert np.median(after_m) < 0.0009, said
+
+
+def test_touches_that_went_astray_are_left_out_by_name():
+    arm = hidden("so101", 3)
+    found = estimate(arm.chain, touches_of(arm, offs=(4, 9)))
+    assert np.flatnonzero(~found.fit.kept).tolist() == [4, 9]
+    assert rms_m(arm, found.fit.tips) <= 1.5e-3
+
+
+def test_a_third_that_contradicts_the_others_is_refused_and_named():
+    arm = hidden("planar3", 3)
+    with pytest.raises(CalibrationError, match=r"6 of 15 touches contradict the others: P1, P4"):
+        estimate(arm.chain, touches_of(arm, offs=(1, 4, 7, 10, 12, 14)))
+
+
+def test_touches_that_fit_no_arm_at_all_are_refused():
+    arm = hidden("planar2", 3)
+    chaos = [Touch(t.q, t.point, arm.chance.uniform(-0.2, 0.2, 3)) for t in touches_of(arm)]
+    with pytest.raises(CalibrationError, match="fit no arm like this one"):
+        estimate(arm.chain, chaos)
+
+
+def test_an_arm_that_is_right_is_left_alone():
+    arm = hidden("planar2", 4)
+    right = [Touch(q, f"P{i}", arm.chain.forward(q)[:3, 3] + arm.noise())
+             for i, q in enumerate(arm.posture() for _ in range(15))]  # fmt: skip
+    found = estimate(arm.chain, right)
+    assert found.extent is Extent.NOTHING
+    assert not found.improves
+
+
+def test_four_touches_say_too_little():
+    arm = hidden("planar2", 5)
+    with pytest.raises(CalibrationError, match="at least 5 points"):
+        estimate(arm.chain, touches_of(arm, 4))
+
+
+def test_the_error_that_is_promised_is_the_error_that_is_found():
+    arm = hidden("wx250s", 6)
+    found = estimate(arm.chain, touches_of(arm))
+    assert 0.4 < rms_m(arm, found.fit.tips) / found.deviation_m[0] < 2.0
+
+
+def same_point(arm, count):
+    """Return touches of one point that nobody has measured, in different postures."""
+    point, touches = arm.tip(arm.posture()), []
+    while len(touches) < count:
+        answer = least_squares(lambda q: arm.tip(q) - point, arm.posture(),
+                               bounds=(arm.chain.lower_rad, arm.chain.upper_rad))  # fmt: skip
+        if np.linalg.norm(answer.fun) < 1e-5:
+            touches.append(Touch(arm.said(answer.x), "the point"))
+    return touches
+
+
+def test_one_unmeasured_point_makes_an_arm_agree_with_itself_but_places_no_base():
+    arm = hidden("koch", 7)
+    found = estimate(arm.chain, same_point(arm, 12))
+    assert found.after_m < 0.5 * found.before_m
+    assert not found.extent.base
+    assert abs(found.zeros[0]) < math.radians(0.1)  # it turns everything alike: nobody can know
+    fit = found.fit
+    deviation = np.sqrt(np.diag(fit.covariance))[0]
+    assert deviation > 0.9 * fit.layout.prior[0]
+
+
+def test_touches_in_a_plane_do_not_tell_which_part_lies_too_high():
+    arm = hidden("planar2", 8)
+    found = fit(arm.chain, touches_of(arm), Extent.EVERYTHING, np.ones(15, dtype=bool))
+    told = np.sqrt(np.diag(found.covariance)) < 0.5 * found.layout.prior
+    by_name = dict(zip((p.name for p in found.layout.parameters), told.tolist(), strict=True))
+    assert by_name["joint2 zero"]
+    assert not by_name["tool_joint origin z"]

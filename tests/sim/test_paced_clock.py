@@ -1,0 +1,49 @@
+"""Virtual time at a person's pace, against a machine clock that a test turns."""
+
+import pytest
+
+from servosim.clock import PacedClock
+
+
+class Machine:
+    def __init__(self):
+        self.time_s = 100.0
+        self.slept_s = 0.0
+
+    def now_s(self):
+        return self.time_s
+
+    def sleep_until(self, deadline_s):
+        self.slept_s += deadline_s - self.time_s
+        self.time_s = deadline_s
+
+
+@pytest.fixture
+def machine():
+    return Machine()
+
+
+def test_a_wait_takes_as_long_as_it_says(machine):
+    clock = PacedClock(machine=machine)
+    clock.sleep_until(0.5)
+    assert (clock.now_s(), machine.slept_s) == (0.5, 0.5)
+
+
+def test_waits_too_short_for_the_kernel_are_saved_up(machine):
+    clock = PacedClock(machine=machine)
+    for microseconds in range(100, 1600, 100):
+        clock.sleep_until(microseconds * 1e-6)
+    assert machine.slept_s == pytest.approx(0.001)
+
+
+def test_after_a_stall_time_catches_up_with_the_machine(machine):
+    clock = PacedClock(machine=machine)
+    machine.time_s += 2.0
+    clock.sleep_until(0.01)
+    assert (clock.now_s(), machine.slept_s) == (2.0, 0.0)
+
+
+def test_the_world_goes_by_it(machine):
+    told = []
+    PacedClock(told.append, machine).sleep_until(0.25)
+    assert told == [0.25]
