@@ -1,8 +1,26 @@
 """The gate before the bytes: what it lets pass is inside the limits, free of contact, no jump."""
 
+from ikservo.guard.dead_man import DeadMan
 from ikservo.guard.fence import Fence
 from ikservo.guard.following import Following
 from ikservo.guard.gate import Gate
+from ikservo.guard.health import Health, HealthLimits, Vitals
+from ikservo.guard.latch import Latch
+from ikservo.guard.look_ahead import LookAhead
+from ikservo.guard.lost import Losses
 from ikservo.guard.space import Box, Space
 
-__all__ = ["Box", "Fence", "Following", "Gate", "Space"]
+__all__ = [
+    "Box",
+    "DeadMan",
+    "Fence",
+    "Following",
+    "Gate",
+    "Health",
+    "HealthLimits",
+    "Latch",
+    "LookAhead",
+    "Losses",
+    "Space",
+    "Vitals",
+]

@@ -9,6 +9,12 @@ from ikservo.calibration import JointMap, Limits
 
 __all__ = ["Fence"]
 
+# A joint that must not travel further than 60 ticks of 4096 when its program dies; and what a
+# P-controlled servo stands behind its goal under load, or is made to lead by to make up for it.
+_LOOK_S = 0.1
+_MOST_TRAVEL_RAD = 60 * math.tau / 4096
+_STANDING_RAD = 0.12
+
 
 @dataclass(frozen=True, slots=True)
 class Fence:
@@ -57,9 +63,22 @@ class Fence:
         low, high = self.ticks
         return min(max(tick, low), high)
 
-    def step_ticks(self, elapsed_s: float) -> int:
-        """Return how far a goal may move in a time, one tick of rounding included."""
-        return math.floor(self.speed * elapsed_s / self.joint_map.unit_per_tick + 1e-6) + 1
+    @property
+    def ticks_s(self) -> float:
+        """Return how fast goals may move, ticks a second."""
+        return self.speed / self.joint_map.unit_per_tick
+
+    def lead_ticks(self, speed: float) -> int:
+        """Return how far a goal may be ahead of the measured joint in a motion.
+
+        That is what a motion of this speed [rad/s or m/s] goes through in 0.1 s, but no more than
+        60 ticks of 4096 on the horn; and besides what a servo stands behind under load.
+        """
+        horn = self.joint_map.horn_rad_per_tick
+        moving = min(
+            min(speed, self.speed) * _LOOK_S / self.joint_map.unit_per_tick, _MOST_TRAVEL_RAD / horn
+        )
+        return math.floor(moving + 1e-6) + math.floor(_STANDING_RAD / horn)
 
     def beyond(self, tick: int) -> str:
         """Say how a tick leaves the range, with the limit that binds and its source."""

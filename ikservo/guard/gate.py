@@ -8,19 +8,22 @@ from types import MappingProxyType
 from ikservo.clock import Clock
 from ikservo.errors import RefusedError
 from ikservo.guard.fence import Fence
+from ikservo.guard.latch import Latch
+from ikservo.guard.look_ahead import LookAhead
+from ikservo.guard.stride import LONGEST_ELAPSED_S, Stride
+from ikservo.guard.whole import check_whole
 
 __all__ = ["Gate"]
-
-# After a stall of the program goals may not leap by what the joint could have gone meanwhile.
-_LONGEST_ELAPSED_S = 0.05
 
 
 class Gate:
     """Passes whole commands on to the servos, or refuses them whole.
 
     A command is a goal tick for each of some joints. It passes when every joint is known, every
-    goal is inside the joint's limits, and none moves faster than its fence allows. Where a joint
-    stands outside its limits it may be walked back, never further out.
+    goal is inside the joint's limits, none moves faster than its fence allows, and none leads the
+    measured joint by more than its look-ahead. Where a joint stands outside its limits it may be
+    walked back, never further out. Once `trip` was called only `hold` passes, until somebody
+    calls `acknowledge` and `start_from`.
 
     Args:
         fences: One for each joint.
@@ -32,9 +35,12 @@ class Gate:
         self, fences: Sequence[Fence], send: Callable[[Mapping[int, int]], None], clock: Clock
     ) -> None:
         self._fences = {fence.joint: fence for fence in fences}
+        self._ranges = {fence.joint: fence.ticks for fence in fences}
+        self._strides = {fence.joint: Stride(fence.ticks_s) for fence in fences}
         self._send, self._clock = send, clock
+        self._ahead, self._latch = LookAhead(fences), Latch()
         self._goals: dict[str, int] = {}
-        self._passed_s = 0.0
+        self._passed_s = clock.now_s()
 
     def start_from(self, ticks: Mapping[str, int]) -> None:
         """Take the measured ticks of the joints as where goals start from, and send them.
@@ -42,12 +48,49 @@ class Gate:
         This is what makes torque safe to switch on: the servos' goals are where they are.
 
         Raises:
-            RefusedError: A joint is unknown or a tick is no whole number.
+            RefusedError: A joint is unknown, a tick is no whole number, or the arm was stopped.
         """
+        self._latch.check()
         for joint, tick in ticks.items():
             self._fence(joint)
-            _check_whole(joint, tick)
+            check_whole(joint, tick)
         self._commit(ticks, self._clock.now_s())
+
+    def see(self, ticks: Mapping[str, int], time_s: float) -> None:
+        """Take where joints were measured; those that did not answer are left out.
+
+        Goals must stay within the look-ahead of what was seen, and what was seen must be fresh.
+
+        Args:
+            ticks: Measured tick by joint.
+            time_s: When, in the time of the gate's clock.
+
+        Raises:
+            RefusedError: A joint is unknown, a tick no whole number, or the time no number.
+        """
+        for joint in ticks:
+            self._fence(joint)
+        self._ahead.see(ticks, time_s)
+
+    def run_at(self, speeds: Mapping[str, float]) -> None:
+        """Take the top speeds of the motion that begins, rad/s or m/s: slow ones lead less.
+
+        A joint that is left out runs at the speed of its fence.
+
+        Raises:
+            RefusedError: A joint is unknown, or a speed not above zero.
+        """
+        for joint in speeds:
+            self._fence(joint)
+        self._ahead.run_at(speeds)
+
+    def advance_s(self, elapsed_s: float) -> float:
+        """Return by how much a motion may go on in a time: less where a joint lags behind.
+
+        A stream that adds this to its motion's time, in place of the time itself, keeps inside
+        the look-ahead: it waits for the joints.
+        """
+        return self._ahead.advance_s(self._goals, min(elapsed_s, LONGEST_ELAPSED_S))
 
     def send(self, goals: Mapping[str, int]) -> None:
         """Pass goal ticks by joint on to the servos.
@@ -55,16 +98,58 @@ class Gate:
         Raises:
             RefusedError: One of the goals may not pass; nothing was sent for any joint.
         """
+        self._latch.check()
         now_s = self._clock.now_s()
-        elapsed_s = min(now_s - self._passed_s, _LONGEST_ELAPSED_S)
+        elapsed_s = now_s - self._passed_s
         for joint, tick in goals.items():
-            self._check(self._fence(joint), tick, elapsed_s)
+            self._check(joint, tick, elapsed_s)
+            self._ahead.check(joint, tick, self._goals[joint], now_s)
+        for joint, tick in goals.items():
+            self._strides[joint].take(abs(tick - self._goals[joint]), elapsed_s)
         self._commit(goals, now_s)
+
+    def hold(self, ticks: Mapping[str, int]) -> None:
+        """Let joints stay where they are, also while the arm is stopped.
+
+        Args:
+            ticks: A goal by joint: the one that stands, the joint's measured place, or between.
+                One outside the limits is brought to them.
+
+        Raises:
+            RefusedError: A goal would move a joint; nothing was sent for any.
+        """
+        inside = {joint: self.nearest(joint, tick) for joint, tick in ticks.items()}
+        for joint, tick in inside.items():
+            self._check_stays(joint, tick)
+        self._commit(inside, self._clock.now_s())
+
+    def trip(self, reason: str) -> None:
+        """Stop for a reason: from now on nothing but `hold` passes. Safe from any thread."""
+        self._latch.trip(reason)
+
+    def acknowledge(self) -> str:
+        """End a stop and return its reason; goals start anew from where the joints are measured.
+
+        What stood before is forgotten: `start_from` comes before the next goal.
+        """
+        if self._latch.reason:
+            self._goals.clear()
+        return self._latch.acknowledge()
+
+    @property
+    def tripped(self) -> str:
+        """Return why the arm was stopped; empty where it is not."""
+        return self._latch.reason
 
     @property
     def goals(self) -> Mapping[str, int]:
         """Return the goal tick of each joint that last passed."""
         return MappingProxyType(self._goals)
+
+    @property
+    def seen(self) -> Mapping[str, int]:
+        """Return the tick at which each joint was last measured."""
+        return self._ahead.seen
 
     def check_range(self, goals: Mapping[str, int], start: Mapping[str, int]) -> None:
         """Check distant goals before a motion to them starts; sends nothing.
@@ -77,25 +162,52 @@ class Gate:
             RefusedError: A joint is unknown or would leave its limits.
         """
         for joint, tick in goals.items():
-            _check_range(self._fence(joint), tick, start[joint])
+            self._check_range(joint, tick, start[joint])
 
     def nearest(self, joint: str, tick: int) -> int:
-        """Return the tick nearest to ``tick`` that the joint's range lets pass."""
-        low, high = _range(self._fence(joint), self._last(joint))
+        """Return the tick nearest to ``tick`` that the joint's range lets pass.
+
+        Raises:
+            RefusedError: The joint is unknown or was never enabled, or the tick no whole number.
+        """
+        check_whole(joint, tick)
+        low, high = self._range(joint, self._last(joint))
         return min(max(tick, low), high)
 
-    def _check(self, fence: Fence, tick: int, elapsed_s: float) -> None:
-        last = self._last(fence.joint)
-        _check_range(fence, tick, last)
-        step = abs(tick - last)
-        if step > fence.step_ticks(elapsed_s):
+    def _check(self, joint: str, tick: int, elapsed_s: float) -> None:
+        last = self._last(joint)
+        self._check_range(joint, tick, last)
+        step, most = abs(tick - last), self._strides[joint].most(elapsed_s)
+        if step > most:
+            shown_ms = min(elapsed_s, LONGEST_ELAPSED_S) * 1e3
             raise RefusedError(
-                f"{fence.joint} would have to jump {step} ticks in {elapsed_s * 1000:.0f} ms, "
-                f"more than {fence.step_ticks(elapsed_s)}.",
+                f"{joint} would have to jump {step} ticks in {shown_ms:.0f} ms, more than {most}.",
                 "Nothing was sent. Goals must move no faster than the arm file's fastest speed.",
             )
 
+    def _check_stays(self, joint: str, tick: int) -> None:
+        last = self._last(joint)
+        seen = self._ahead.seen.get(joint, last)
+        if not min(last, seen) <= tick <= max(last, seen):
+            raise RefusedError(
+                f"{joint} stands between {seen} and its goal {last}; {tick} would move it.",
+                "Nothing was sent.",
+            )
+
+    def _check_range(self, joint: str, tick: int, last: int) -> None:
+        fence = self._fence(joint)
+        check_whole(joint, tick)
+        low, high = self._range(joint, last)
+        if not low <= tick <= high:
+            raise RefusedError(fence.beyond(tick), "Nothing was sent. Choose a nearer goal.")
+
+    def _range(self, joint: str, last: int) -> tuple[int, int]:
+        """Return the ticks that may pass: the limits, and the way back to them from outside."""
+        low, high = self._ranges[joint]
+        return min(low, last), max(high, last)
+
     def _last(self, joint: str) -> int:
+        self._fence(joint)
         if joint not in self._goals:
             raise RefusedError(
                 f"Nobody has measured where {joint} is.", "Switch its torque on first."
@@ -111,22 +223,3 @@ class Gate:
         self._send({self._fences[joint].servo_id: tick for joint, tick in goals.items()})
         self._goals.update(goals)
         self._passed_s = now_s
-
-
-def _check_range(fence: Fence, tick: int, last: int) -> None:
-    _check_whole(fence.joint, tick)
-    low, high = _range(fence, last)
-    if not low <= tick <= high:
-        raise RefusedError(fence.beyond(tick), "Nothing was sent. Choose a nearer goal.")
-
-
-def _range(fence: Fence, last: int) -> tuple[int, int]:
-    """Return the ticks that may pass: the limits, and the way back to them from outside."""
-    low, high = fence.ticks
-    return min(low, last), max(high, last)
-
-
-def _check_whole(joint: str, tick: object) -> None:
-    # bool is an int in Python, and True is no place to drive a joint to.
-    if not isinstance(tick, int) or isinstance(tick, bool):
-        raise RefusedError(f"The goal of {joint} is {tick!r}.", "Expected a whole number of ticks.")

@@ -7,43 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.calibration import JointMap, Limits
 from ikservo.errors import ExitCode, RefusedError
-from ikservo.guard import Fence, Gate
-
-TICK = 2 * math.pi / 4096
-
-
-class HandClock:
-    time_s = 0.0
-
-    def now_s(self):
-        return self.time_s
-
-
-class Recorder:
-    """The bus behind the gate: everything that came through."""
-
-    def __init__(self):
-        self.sent = []
-
-    def __call__(self, goals):
-        self.sent.append(dict(goals))
-
-
-def fence(name="elbow", servo_id=3, *, low=1000, high=3000, speed_tick_s=10_000):
-    joint_map = JointMap.revolute(name, servo_id, 1, 2048, 4096)
-    limits = Limits.of(name, joint_map.position(low), joint_map.position(high), "hand sweep")
-    return Fence(joint_map, limits, speed_tick_s * TICK)
-
-
-def gate_at(tick, **kwargs):
-    bus, clock = Recorder(), HandClock()
-    gate = Gate([fence(**kwargs), fence("wrist", 4)], bus, clock)
-    gate.start_from({"elbow": tick, "wrist": 2048})
-    bus.sent.clear()
-    clock.time_s = 0.02
-    return gate, bus, clock
+from ikservo.guard import Gate
+from tests.guard.gates import HandClock, Recorder, fence, gate_at
 
 
 @pytest.mark.parametrize(("start", "tick"), [(1010, 1000), (2990, 3000), (1000, 1000)])
@@ -71,6 +37,7 @@ def test_a_refusal_names_the_joint_the_goal_the_limit_and_its_source():
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_step_as_long_as_the_speed_allows_passes(direction):
     gate, bus, _ = gate_at(2048)
+    gate.see({"elbow": 2048 + direction * 100}, 0.02)
     gate.send({"elbow": 2048 + direction * 201})  # 10 000 ticks/s, 20 ms, and one of rounding
     assert bus.sent == [{3: 2048 + direction * 201}]
 
@@ -86,15 +53,18 @@ def test_a_step_one_tick_longer_is_refused(direction):
 def test_after_a_stall_the_next_step_is_no_longer_than_after_50_ms():
     gate, _, clock = gate_at(2048)
     clock.time_s = 5.0
-    with pytest.raises(RefusedError, match="in 50 ms, more than 501"):
+    gate.see({"elbow": 2300, "wrist": 2048}, 5.0)
+    with pytest.raises(RefusedError, match="jump 502 ticks in 50 ms, more than 501"):
         gate.send({"elbow": 2048 + 502})
-    gate.send({"elbow": 2048 + 501})
+    gate.send({"elbow": 2048 + 330})
 
 
 def test_steps_are_counted_from_the_last_goal_that_passed():
     gate, bus, clock = gate_at(2048)
+    gate.see({"elbow": 2200}, 0.02)
     gate.send({"elbow": 2248})
     clock.time_s = 0.04
+    gate.see({"elbow": 2400}, 0.04)
     gate.send({"elbow": 2448})
     assert [goal[3] for goal in bus.sent] == [2248, 2448]
 
@@ -161,8 +131,212 @@ def test_whatever_is_asked_no_goal_outside_the_limits_is_ever_sent(commands):
     gate, bus, clock = gate_at(2048)
     for tick, elapsed_s in commands:
         clock.time_s += elapsed_s
+        gate.see({"elbow": min(max(tick, 900), 3100)}, clock.time_s)
         try:
             gate.send({"elbow": tick})
         except RefusedError:
             continue
     assert all(1000 <= goals[3] <= 3000 for goals in bus.sent)
+
+
+def test_every_joint_of_a_command_is_checked_before_any_is_sent():
+    gate, bus, clock = gate_at(2048)
+    with pytest.raises(RefusedError):
+        gate.send({"wrist": 2050, "elbow": 3001})
+    gate.send({"wrist": 2048 + 67})
+    clock.time_s = 0.0
+    assert (bus.sent, dict(gate.goals)) == ([{4: 2115}], {"elbow": 2048, "wrist": 2115})
+
+
+def test_a_refused_command_does_not_use_up_the_time_of_the_next():
+    gate, bus, clock = gate_at(2048)
+    clock.time_s = 0.01
+    gate.see({"elbow": 2048}, 0.01)
+    with pytest.raises(RefusedError):
+        gate.send({"elbow": 2048 + 102})
+    gate.send({"elbow": 2048 + 101})
+    assert bus.sent == [{3: 2149}]
+
+
+def test_many_commands_in_one_instant_go_no_further_than_one():
+    gate, bus, _ = gate_at(2048)
+    gate.send({"elbow": 2048 + 101})
+    gate.send({"elbow": 2048 + 102})
+    for tick in (2048 + 103, 2048 + 101):
+        with pytest.raises(RefusedError, match="jump 1 ticks in 0 ms, more than 0"):
+            gate.send({"elbow": tick})
+    gate.send({"elbow": 2048 + 102})
+    assert [goals[3] for goals in bus.sent] == [2149, 2150, 2150]
+
+
+def test_a_step_back_uses_up_its_time_as_well():
+    gate, bus, _ = gate_at(2048)
+    gate.see({"elbow": 1948}, 0.02)
+    gate.send({"elbow": 2048 - 201})
+    with pytest.raises(RefusedError, match="jump 1 ticks"):
+        gate.send({"elbow": 2048 - 202})
+    assert bus.sent == [{3: 1847}]
+
+
+def test_goals_may_be_where_the_look_ahead_ends_and_no_tick_further():
+    gate, bus, clock = gate_at(2048)
+    clock.time_s = 0.04
+    gate.see({"elbow": 2048}, 0.04)
+    with pytest.raises(RefusedError, match="139 ticks ahead of the joint, more than 138"):
+        gate.send({"elbow": 2048 + 139})
+    gate.send({"elbow": 2048 + 138})
+    assert bus.sent == [{3: 2186}]
+
+
+def test_a_slow_motion_has_a_shorter_look_ahead():
+    gate, _, clock = gate_at(2048)
+    clock.time_s = 0.04
+    gate.see({"elbow": 2048}, 0.04)
+    gate.run_at({"elbow": 284 * 2 * math.pi / 4096})
+    with pytest.raises(RefusedError, match="107 ticks ahead of the joint, more than 106"):
+        gate.send({"elbow": 2048 + 107})
+    gate.run_at({})
+    gate.send({"elbow": 2048 + 107})
+
+
+def test_a_joint_that_nobody_has_seen_gets_no_goal():
+    bus = Recorder()
+    gate = Gate([fence()], bus, HandClock())
+    gate.start_from({"elbow": 2048})
+    with pytest.raises(RefusedError, match="Nobody has seen where elbow is"):
+        gate.send({"elbow": 2048})
+    assert bus.sent == [{3: 2048}]
+
+
+@pytest.mark.parametrize("call", ["see", "run_at", "start_from", "hold"])
+def test_every_door_knows_the_joints(call):
+    gate, bus, _ = gate_at(2048)
+    rest = (0.02,) if call == "see" else ()
+    with pytest.raises(RefusedError, match="no joint 'elbo'"):
+        getattr(gate, call)({"elbo": 2048}, *rest)
+    assert bus.sent == []
+
+
+def test_what_was_seen_can_be_asked_for():
+    gate, _, _ = gate_at(2000)
+    gate.see({"elbow": 2010}, 0.03)
+    assert gate.seen == {"elbow": 2010, "wrist": 2048}
+
+
+def test_the_way_goes_on_by_no_more_than_the_longest_step_in_time():
+    gate, _, _ = gate_at(2048, speed_tick_s=100)
+    assert gate.advance_s(0.03) == pytest.approx(0.013700, abs=1e-6)  # the wrist: 137 ticks
+    gate.run_at({"wrist": 0.01})
+    assert gate.advance_s(0.03) == 0.03
+    assert gate.advance_s(7.0) == 0.05
+
+
+# --- the stop that stays
+
+
+def test_after_a_stop_nothing_passes_but_a_hold():
+    gate, bus, _ = gate_at(2048)
+    gate.trip("elbow is too hot")
+    for door in (gate.send, gate.start_from):
+        with pytest.raises(RefusedError, match="stopped and stays so: elbow is too hot"):
+            door({"elbow": 2048})
+    gate.hold({"elbow": 2048})
+    assert (bus.sent, gate.tripped) == ([{3: 2048}], "elbow is too hot")
+
+
+def test_after_the_stop_was_acknowledged_goals_start_anew():
+    gate, bus, _ = gate_at(2048)
+    gate.trip("the cable")
+    assert gate.acknowledge() == "the cable"
+    assert gate.tripped == ""
+    with pytest.raises(RefusedError, match="Nobody has measured where elbow is"):
+        gate.send({"elbow": 2048})
+    gate.start_from({"elbow": 1500})
+    assert bus.sent == [{3: 1500}]
+
+
+def test_to_acknowledge_no_stop_forgets_nothing():
+    gate, bus, _ = gate_at(2048)
+    assert gate.acknowledge() == ""
+    gate.send({"elbow": 2048})
+    assert bus.sent == [{3: 2048}]
+
+
+@pytest.mark.parametrize("tick", [2100, 2148, 2120])
+def test_a_joint_may_be_held_anywhere_between_its_place_and_its_goal(tick):
+    gate, bus, _ = gate_at(2148)
+    gate.see({"elbow": 2100}, 0.02)
+    gate.hold({"elbow": tick})
+    assert (bus.sent, gate.goals["elbow"]) == ([{3: tick}], tick)
+
+
+@pytest.mark.parametrize("tick", [2099, 2149])
+@pytest.mark.parametrize("seen", [2100, 2148])
+def test_a_hold_that_would_move_a_joint_is_refused_for_all(tick, seen):
+    gate, bus, _ = gate_at(2100 if seen == 2148 else 2148)
+    gate.see({"elbow": seen}, 0.02)
+    with pytest.raises(RefusedError, match=f"{tick} would move it"):
+        gate.hold({"wrist": 2048, "elbow": tick})
+    assert bus.sent == []
+
+
+def test_a_joint_that_sank_below_its_limits_is_held_on_the_limit():
+    gate, bus, _ = gate_at(1010)
+    gate.see({"elbow": 980}, 0.02)
+    gate.hold({"elbow": 980})
+    assert bus.sent == [{3: 1000}]
+
+
+def test_a_joint_that_was_not_seen_is_held_at_its_goal_only():
+    bus = Recorder()
+    gate = Gate([fence()], bus, HandClock())
+    gate.start_from({"elbow": 2048})
+    with pytest.raises(RefusedError, match="2049 would move it"):
+        gate.hold({"elbow": 2049})
+    gate.hold({"elbow": 2048})
+    assert bus.sent == [{3: 2048}, {3: 2048}]
+
+
+@pytest.mark.parametrize("tick", [math.nan, 2048.0, None, "2048", True])
+def test_a_hold_is_a_whole_number(tick):
+    gate, bus, _ = gate_at(2048)
+    with pytest.raises(RefusedError, match="goal of elbow"):
+        gate.hold({"elbow": tick})
+    assert bus.sent == []
+
+
+def test_after_a_hold_time_counts_anew():
+    gate, _, clock = gate_at(2048)
+    clock.time_s = 0.04
+    gate.hold({"elbow": 2048})
+    with pytest.raises(RefusedError, match="in 0 ms"):
+        gate.send({"elbow": 2050})
+
+
+# --- distant goals
+
+
+@pytest.mark.parametrize(("goal", "start"), [(1000, 2000), (3000, 2000), (950, 950), (960, 950)])
+def test_a_distant_goal_inside_the_limits_or_back_towards_them_is_fine(goal, start):
+    gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
+
+
+@pytest.mark.parametrize(("goal", "start"), [(999, 2000), (3001, 2000), (949, 950), (999.0, 2000)])
+def test_a_distant_goal_outside_is_refused(goal, start):
+    with pytest.raises(RefusedError):
+        gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
+
+
+def test_a_distant_goal_of_an_unknown_joint_is_refused():
+    with pytest.raises(RefusedError, match="no joint 'elbo'"):
+        gate_at(2048)[0].check_range({"elbo": 2048}, {"elbo": 2048})
+
+
+def test_the_nearest_place_of_a_joint_outside_its_limits_is_where_it_is():
+    assert gate_at(950)[0].nearest("elbow", 900) == 950
+
+
+def test_goals_cannot_be_changed_past_the_gate():
+    gate, _, _ = gate_at(2048)
+    with pytest.raises(TypeError):
+        gate.goals["elbow"] = 4000

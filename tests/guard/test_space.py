@@ -8,12 +8,16 @@ import pytest
 
 from ikservo.errors import BadValueError, RefusedError
 from ikservo.guard import Box, Space
-from ikservo.model import load_model
-from ikservo.model.shell import body_of
+from ikservo.kinematics import Chain
+from ikservo.kinematics.body import Body
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.joints import Joint, JointKind
+from ikservo.kinematics.se3 import pose
+from tests.guard.arms import body, model_of
 from tests.oracle import ARMS
 
-SO101 = load_model("so101")
-BODY = body_of(SO101)
+SO101 = model_of("so101")
+BODY = body("so101")
 HOME = SO101.chain_pose("home")
 
 
@@ -23,8 +27,7 @@ def straight(start, goal):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_the_ways_between_the_named_poses_are_free(name):
-    model = load_model(name)
-    space = Space(body_of(model))
+    model, space = model_of(name), Space(body(name))
     poses = [model.chain_pose(pose) for pose in ("rest", "home", "zero", "rest")]
     for start, goal in itertools.pairwise(poses):
         space.check_way(straight(start, goal))
@@ -73,8 +76,168 @@ def test_what_has_been_left_must_not_be_touched_again():
 
 @pytest.mark.parametrize(
     ("low", "high"),
-    [((0, 0, 0), (0, 1, 1)), ((0, 0, math.nan), (1, 1, 1)), ((0, 0, 0), (1, 1, math.inf))],
+    [
+        ((0, 0, 0), (0, 1, 1)),
+        ((0, 0, 0), (1, 1, -1)),
+        ((0, 0, math.nan), (1, 1, 1)),
+        ((0, 0, 0), (1, 1, math.inf)),
+        ((-math.inf, 0, 0), (1, 1, 1)),
+    ],
 )
 def test_a_box_without_an_inside_is_refused(low, high):
     with pytest.raises(BadValueError, match="the cup"):
         Box("the cup", np.array(low), np.array(high))
+
+
+# --- one posture, and ways of two, as a stream looks at them
+
+
+def ball_on_a_rail(radius_m=0.1):
+    """A ball that slides up and down above its base, with another ball on an arm aside."""
+    axis = np.array([0.0, 0.0, 1.0])
+    side = np.array([1.0, 0.0, 0.0])
+    joints = [
+        Joint("lift", JointKind.PRISMATIC, "base", "lift", pose(np.zeros(3)), axis, -9.0, 9.0),
+        Joint("reach", JointKind.PRISMATIC, "lift", "reach", pose(np.zeros(3)), side, -9.0, 9.0),
+    ]
+    here = np.zeros(3)
+    balls = [Capsule(link, here, here, radius_m) for link in ("base", "lift", "reach")]
+    return Body(Chain.from_joints(joints, "base", "reach"), balls)
+
+
+def space_of_balls(**kwargs):
+    return Space(ball_on_a_rail(), **kwargs)
+
+
+@pytest.mark.parametrize("height_m", [0.1001, 0.5])
+def test_a_posture_above_the_floor_is_free(height_m):
+    space_of_balls().check_pose(np.array([height_m, 1.0]))
+
+
+def test_a_posture_below_the_floor_is_named_with_its_depth():
+    with pytest.raises(
+        RefusedError, match=r"^There lift would touch the floor \(20\.0 mm deep\)\."
+    ) as caught:
+        space_of_balls().check_pose(np.array([0.08, 1.0]))
+    assert "Nothing was sent" in caught.value.hint
+
+
+def test_what_stands_on_the_floor_does_not_touch_it():
+    space = space_of_balls(floor_m=0.05)  # the base's ball is 5 cm deep
+    space.check_pose(np.array([1.0, 1.0]))
+
+
+def test_a_higher_floor_is_touched_earlier():
+    with pytest.raises(RefusedError, match=r"the floor \(50\.0 mm"):
+        space_of_balls(floor_m=0.25).check_pose(np.array([0.3, 1.0]))
+
+
+def test_links_that_touch_each_other_are_named():
+    with pytest.raises(RefusedError, match=r"There base would touch reach \(50\.0 mm deep\)"):
+        space_of_balls(floor_m=None).check_pose(np.array([0.15, 0.0]))
+
+
+@pytest.mark.parametrize("depth_m", [0.0, 0.9e-9])
+def test_exactly_touching_is_free(depth_m):
+    space, q = space_of_balls(), np.array([0.1 - depth_m, 1.0])
+    space.check_pose(q)
+    space.check_way([np.array([0.5, 1.0]), q])
+
+
+def test_a_nanometre_is_deep_enough():
+    space, q = space_of_balls(), np.array([0.1 - 1.1e-9, 1.0])
+    for look in (lambda: space.check_pose(q), lambda: space.check_way([np.array([0.5, 1.0]), q])):
+        with pytest.raises(RefusedError, match="the floor"):
+            look()
+
+
+def test_boxes_are_told_apart_by_their_names():
+    cups = [
+        Box("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7])),
+        Box("the jug", np.array([1.5, -0.1, 0.5]), np.array([1.7, 0.1, 0.7])),
+    ]
+    space = space_of_balls(boxes=cups)
+    space.check_pose(np.array([0.6, 1.1]))
+    for reach_m, name in ((0.75, "cup"), (1.45, "jug")):
+        with pytest.raises(RefusedError, match=rf"reach would touch the {name} \(50\.0 mm deep\)"):
+            space.check_pose(np.array([0.6, reach_m]))
+
+
+def test_a_way_of_two_may_not_end_in_something():
+    with pytest.raises(RefusedError, match=r"100% along, lift would touch the floor \(10\.0 mm"):
+        space_of_balls().check_way([np.array([0.5, 1.0]), np.array([0.09, 1.0])])
+
+
+@pytest.mark.parametrize(("height_m", "refused"), [(0.05, False), (0.06, False), (0.049, True)])
+def test_who_lies_on_the_floor_may_stay_or_rise_but_not_sink(height_m, refused):
+    way = [np.array([0.05, 1.0]), np.array([height_m, 1.0])]
+    if refused:
+        with pytest.raises(RefusedError, match="the floor"):
+            space_of_balls().check_way(way)
+    else:
+        space_of_balls().check_way(way)
+
+
+def test_the_first_place_on_the_way_is_named():
+    heights = [0.5, 0.4, 0.08, 0.05, 0.5]
+    with pytest.raises(RefusedError, match=r"50% along, lift would touch the floor \(20\.0 mm"):
+        space_of_balls().check_way([np.array([z, 1.0]) for z in heights])
+
+
+def test_what_is_touched_first_is_named_not_what_comes_later():
+    cup = Box("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7]))
+    way = [(0.6, 2.0), (0.6, 0.75), (0.02, 0.75), (0.6, 2.0), (0.6, 2.0)]
+    with pytest.raises(RefusedError, match=r"25% along, reach would touch the cup \(50\.0 mm"):
+        space_of_balls(boxes=[cup]).check_way([np.array(q) for q in way])
+
+
+@pytest.mark.parametrize(
+    ("heights", "refused"),
+    [
+        ((-1e-9,), False),
+        ((0.5, -1e-9, 0.5), False),
+        ((0.0, -1e-9), False),
+        ((0.5, -1.1e-9, 0.5), True),
+        ((-1e-9, -1.5e-9, 0.5), True),
+        ((0.5e-9, -1.5e-9, 0.5), True),
+        ((-2e-9, -1.5e-9, 0.5), False),
+    ],
+)
+def test_a_nanometre_is_a_touch_and_no_less(heights, refused):
+    points = Space(ball_on_a_rail(radius_m=0.0))
+    way = [np.array([height_m, 1.0]) for height_m in heights]
+    if refused:
+        with pytest.raises(RefusedError, match="the floor"):
+            points.check_way(way)
+    else:
+        points.check_way(way)
+
+
+def test_a_posture_a_nanometre_deep_is_free():
+    Space(ball_on_a_rail(radius_m=0.0)).check_pose(np.array([-1e-9, 1.0]))
+
+
+def test_a_way_of_one_posture_is_looked_at_as_where_the_arm_is():
+    space_of_balls().check_way([np.array([0.05, 1.0])])
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_posture_that_is_no_number_is_refused(bad):
+    space = space_of_balls()
+    with pytest.raises(BadValueError):
+        space.check_pose(np.array([0.5, bad]))
+    with pytest.raises(BadValueError):
+        space.check_way([np.array([0.5, 1.0]), np.array([0.5, bad])])
+
+
+def test_a_posture_of_another_arm_is_refused():
+    with pytest.raises(BadValueError, match="shape"):
+        space_of_balls().check_pose(np.array([0.5, 1.0, 2.0]))
+
+
+def test_links_that_overlap_in_a_posture_known_to_be_free_may_do_so():
+    body = ball_on_a_rail()
+    vouched = Body(body._chain, body._capsules, [np.array([0.15, 0.0])])
+    Space(vouched, None).check_pose(np.array([0.147, 0.0]))  # and 4 mm more
+    with pytest.raises(RefusedError, match="base would touch reach"):
+        Space(vouched, None).check_pose(np.array([0.145, 0.0]))

@@ -1,0 +1,41 @@
+"""A gate of two joints, and the bus behind it that writes down everything that comes through."""
+
+import math
+
+from ikservo.calibration import JointMap, Limits
+from ikservo.guard import Fence, Gate
+
+TICK = 2 * math.pi / 4096
+BEAT_S = 0.02
+
+
+class HandClock:
+    time_s = 0.0
+
+    def now_s(self):
+        return self.time_s
+
+
+class Recorder:
+    def __init__(self):
+        self.sent = []
+
+    def __call__(self, goals):
+        self.sent.append(dict(goals))
+
+
+def fence(name="elbow", servo_id=3, *, low=1000, high=3000, speed_tick_s=10_000):
+    joint_map = JointMap.revolute(name, servo_id, 1, 2048, 4096)
+    limits = Limits.of(name, joint_map.position(low), joint_map.position(high), "hand sweep")
+    return Fence(joint_map, limits, speed_tick_s * TICK)
+
+
+def gate_at(tick, **kwargs):
+    """Return a gate, its bus and its clock; both joints were seen now, 20 ms after the start."""
+    bus, clock = Recorder(), HandClock()
+    gate = Gate([fence(**kwargs), fence("wrist", 4)], bus, clock)
+    gate.start_from({"elbow": tick, "wrist": 2048})
+    bus.sent.clear()
+    clock.time_s = BEAT_S
+    gate.see({"elbow": tick, "wrist": 2048}, BEAT_S)
+    return gate, bus, clock

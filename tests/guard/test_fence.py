@@ -1,0 +1,94 @@
+"""What one servo may be told, in its own ticks."""
+
+import math
+
+import pytest
+
+from ikservo.calibration import Crank, JointMap, Limits
+from ikservo.errors import BadValueError
+from ikservo.guard import Fence
+from tests.guard.gates import TICK, fence
+
+RACK = JointMap.prismatic("jaw", 6, -1, 2048, 4096, 0.05)
+
+
+def test_the_range_is_the_whole_ticks_inside_the_limits():
+    joint_map = JointMap.revolute("elbow", 3, 1, 2048, 4096)
+    limits = Limits.of("elbow", -1.5 * TICK, 2.5 * TICK, "user")
+    assert Fence(joint_map, limits, 1.0).ticks == (2047, 2050)
+
+
+def test_the_positions_are_those_of_the_outermost_ticks():
+    limits = Limits.of("jaw", 0.0, 0.0101, "user", "m")
+    assert Fence(RACK, limits, 1.0).positions == pytest.approx((0.0, 827 * 0.05 / 4096))
+
+
+@pytest.mark.parametrize(("position", "tick"), [(0.4, 2048), (0.6, 2049), (2000.0, 4048)])
+def test_a_position_is_the_nearest_tick_also_outside(position, tick):
+    assert fence().tick(position * TICK) == tick
+
+
+@pytest.mark.parametrize(("position", "tick"), [(-1.5, 2047), (2.5, 2050)])
+def test_a_position_inside_the_limits_is_a_tick_inside(position, tick):
+    joint_map = JointMap.revolute("elbow", 3, 1, 2048, 4096)
+    limits = Limits.of("elbow", -1.5 * TICK, 2.5 * TICK, "user")
+    assert Fence(joint_map, limits, 1.0).tick(position * TICK) == tick
+
+
+def test_no_number_has_no_tick():
+    with pytest.raises(BadValueError, match="goal of elbow"):
+        fence().tick(math.nan)
+
+
+def test_speed_in_ticks_is_that_of_the_joint_and_not_of_its_horn():
+    geared = JointMap.revolute("elbow", 3, 1, 2048, 4096, gear=2.0)
+    limits = Limits.of("elbow", -1.0, 1.0, "user")
+    assert Fence(geared, limits, 1.0).ticks_s == pytest.approx(2 * 4096 / math.tau)
+
+
+@pytest.mark.parametrize(
+    ("speed_deg_s", "lead"), [(25, 106), (52.7, 137), (52.8, 138), (60, 138), (120, 138)]
+)
+def test_the_look_ahead_is_a_tenth_of_a_second_up_to_60_ticks_and_78_standing(speed_deg_s, lead):
+    assert fence().lead_ticks(math.radians(speed_deg_s)) == lead
+
+
+@pytest.mark.parametrize(("short_ticks", "lead"), [(0.9e-6, 28), (1.1e-6, 27)])
+def test_the_last_bit_of_a_speed_costs_no_tick(short_ticks, lead):
+    assert fence().lead_ticks((280.0 - 10.0 * short_ticks) * TICK) == 78 + lead
+
+
+def test_a_finer_encoder_has_the_same_look_ahead():
+    fine = JointMap.revolute("elbow", 3, 1, 0, 409_600)
+    limits = Limits.of("elbow", -1.0, 1.0, "user")
+    assert Fence(fine, limits, 5.0).lead_ticks(5.0) == 6000 + 7822
+
+
+def test_the_look_ahead_of_a_slow_joint_is_short_however_fast_the_motion():
+    assert fence(speed_tick_s=200).lead_ticks(10.0) == 98
+
+
+def test_the_look_ahead_counts_on_the_horn():
+    limits = Limits.of("elbow", -1.0, 1.0, "user")
+    coarse = JointMap.revolute("elbow", 3, 1, 512, 1228.8)  # 1024 ticks on 300 degrees
+    geared = JointMap.revolute("elbow", 3, 1, 2048, 4096, gear=2.0)
+    cranked = JointMap.cranked("jaw", 6, 1, 2048, 4096, Crank(0.01, 0.03, math.radians(60)))
+    slide = Limits.of("jaw", 0.0, 0.005, "user", "m")
+    assert Fence(coarse, limits, 5.0).lead_ticks(5.0) == 18 + 23
+    assert Fence(geared, limits, 5.0).lead_ticks(math.radians(10)) == 22 + 78
+    assert Fence(cranked, slide, 1.0).lead_ticks(1.0) == 138
+
+
+@pytest.mark.parametrize(
+    ("tick", "words"),
+    [
+        (3001, "elbow would have to go to 83.8°, past 83.7° (hand sweep)."),
+        (999, "elbow would have to go to -92.2°, past -92.1° (hand sweep)."),
+    ],
+)
+def test_what_is_beyond_names_the_limit_that_binds(tick, words):
+    assert fence().beyond(tick) == words
+
+
+def test_on_the_upper_limit_the_lower_one_is_never_named():
+    assert "past -92.1°" in fence().beyond(3000)

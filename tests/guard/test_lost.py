@@ -1,0 +1,49 @@
+"""One lost answer is bridged, the third in a row stops the arm."""
+
+import pytest
+
+from ikservo.errors import ServoSilentError
+from ikservo.guard import Losses
+
+BOTH, ONE = {"elbow", "wrist"}, {"wrist"}
+
+
+def test_the_third_cycle_in_a_row_without_an_answer_names_the_joint():
+    losses = Losses(["elbow", "wrist"])
+    losses.see(ONE)
+    losses.see(ONE)
+    with pytest.raises(ServoSilentError, match="elbow gave no answer 3 times in a row"):
+        losses.see(ONE)
+
+
+def test_all_that_are_silent_are_named():
+    losses = Losses(["elbow", "wrist"], most=1)
+    with pytest.raises(ServoSilentError, match="elbow, wrist gave"):
+        losses.see(())
+
+
+def test_an_answer_between_starts_the_count_again():
+    losses = Losses(["elbow", "wrist"])
+    for answered in (ONE, ONE, BOTH, ONE, ONE):
+        losses.see(answered)
+    assert losses.lost == ("elbow",)
+
+
+def test_joints_are_counted_each_for_itself():
+    losses = Losses(["elbow", "wrist"])
+    for answered in ({"elbow"}, {"wrist"}, {"elbow"}, {"wrist"}):
+        losses.see(answered)
+
+
+def test_nothing_is_lost_when_all_answer():
+    losses = Losses(["elbow", "wrist"])
+    losses.see(ONE)
+    losses.see(BOTH)
+    assert losses.lost == ()
+
+
+def test_all_lost_answers_are_counted():
+    losses = Losses(["elbow", "wrist"])
+    for answered in (BOTH, ONE, (), BOTH):
+        losses.see(answered)
+    assert losses.total == 3

@@ -1,0 +1,142 @@
+"""The compiled distances are those of the plain body, for turns, slides, followers and points."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ikservo.guard import Box, Space
+from ikservo.kinematics import Chain
+from ikservo.kinematics.body import Body
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.joints import Joint, JointKind, Mimic
+from ikservo.kinematics.se3 import pose, rotation_rpy
+from tests.guard.arms import body, model_of
+
+TURN, SLIDE, FIXED = JointKind.REVOLUTE, JointKind.PRISMATIC, JointKind.FIXED
+BOXES = [
+    Box("the cup", np.array([0.1, -0.1, 0.0]), np.array([0.2, 0.05, 0.1])),
+    Box("the wall", np.array([-0.3, -0.5, -0.1]), np.array([-0.25, 0.5, 0.4])),
+]
+
+
+def joint(name, kind, parent, axis, xyz=(0.0, 0.0, 0.1), rpy=(0.0, 0.0, 0.0), mimic=None):
+    unit = np.array(axis, dtype=float) / math.sqrt(sum(x * x for x in axis))
+    origin = pose(np.array(xyz), rotation_rpy(*rpy))
+    return Joint(name, kind, parent, name, origin, unit, -2.0, 2.0, mimic)
+
+
+def every_kind_of_joint():
+    """An arm of links named after the joints that carry them, one joint of every kind."""
+    joints = [
+        joint("column", TURN, "base", (0.0, 0.0, 1.0)),
+        joint("rail", SLIDE, "column", (1.0, 2.0, -0.5), (0.05, 0.02, 0.1), (0.1, 0.2, -0.3)),
+        joint("plate", FIXED, "rail", (1.0, 0.0, 0.0), (0.1, -0.02, 0.03), (0.5, -0.4, 0.2)),
+        joint("arm", TURN, "plate", (1.0, -1.0, 0.3), (0.0, 0.05, 0.1), (0.0, 0.7, 0.0)),
+        joint("finger", TURN, "arm", (0.2, 1.0, 0.1), mimic=Mimic("arm", -0.7, 0.2)),
+        joint("hand", TURN, "finger", (0.0, 0.3, 1.0), (0.02, 0.03, 0.08)),
+    ]
+    chain = Chain.from_joints(joints, "base", "hand")
+    rng = np.random.default_rng(5)
+    capsules = [
+        Capsule(link, *rng.uniform(-0.05, 0.05, (2, 3)), radius)
+        for link, radius in (("base", 0.03), ("column", 0.02), ("rail", 0.01), ("plate", 0.02),
+                             ("arm", 0.01), ("arm", 0.02), ("finger", 0.015), ("hand", 0.005))
+    ]  # fmt: skip
+    ball = rng.uniform(-0.05, 0.05, 3)
+    return Body(chain, [*capsules, Capsule("hand", ball, ball, 0.02)], [np.zeros(chain.dof)])
+
+
+def plain_gaps(body, q):
+    """The same numbers from numpy's arrays, by pair."""
+    looks = [body.between_links(q), body.above(q, 0.02)]
+    looks += [body.beside(q, box.low_m, box.high_m, box.name) for box in BOXES]
+    return {pair: gaps.gap_m[:, i] for gaps in looks for i, pair in enumerate(gaps.pairs)}
+
+
+def compiled_gaps(body, q):
+    space = Space(body, 0.02, BOXES)
+    found = space.gaps(list(q))
+    return {pair: found[:, i] for i, pair in enumerate(space.pairs) if found[0, i] < math.inf}
+
+
+def compare(body, q):
+    plain, compiled = plain_gaps(body, q), compiled_gaps(body, q)
+    assert plain.keys() == compiled.keys()
+    for pair, gap_m in plain.items():
+        np.testing.assert_allclose(compiled[pair], gap_m, atol=1e-9, err_msg=str(pair))
+
+
+def test_distances_agree_for_every_kind_of_joint():
+    compare(every_kind_of_joint(), np.random.default_rng(1).uniform(-2.0, 2.0, (6, 4)))
+
+
+@pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "planar2"])
+def test_distances_agree_for_shipped_arms(name):
+    chain = model_of(name).chain
+    q = np.random.default_rng(2).uniform(chain.lower_rad, chain.upper_rad, (3, chain.dof))
+    compare(body(name), q)
+
+
+def two_sticks(a, b, c, d):
+    """Return the distance of segments ab and cd, each fixed to a link of its own."""
+    joints = [
+        joint("one", TURN, "base", (0, 0, 1), (0, 0, 0)),
+        joint("two", TURN, "one", (0, 0, 1), (0, 0, 0)),
+    ]
+    chain = Chain.from_joints(joints, "base", "two")
+    sticks = [Capsule("base", np.array(a), np.array(b), 0.0)]
+    body = Body(chain, [*sticks, Capsule("two", np.array(c), np.array(d), 0.0)])
+    return float(Space(body, None).gaps([np.zeros(2)])[0, 0])
+
+
+AT, X, Y = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "c", "d", "distance"),
+    [
+        (AT, X, (0.5, -1.0, 0.2), (0.5, 1.0, 0.2), 0.2),  # crossing
+        (AT, X, (2.0, -1.0, 0.0), (2.0, 1.0, 0.0), 1.0),  # past the end of the first
+        (AT, X, (0.5, 0.5, 0.0), (0.5, 2.0, 0.0), 0.5),  # before the start of the second
+        (AT, X, (0.5, -2.0, 0.0), (0.5, -0.5, 0.0), 0.5),  # past the end of the second
+        (AT, X, (2.0, 1.0, 0.0), (3.0, 2.0, 0.0), math.sqrt(2)),  # from corner to corner
+        (AT, X, (-1.0, 1.0, 0.0), (-2.0, 3.0, 0.0), math.sqrt(2)),
+        (AT, X, (0.2, 0.3, 0.0), (0.8, 0.3, 0.0), 0.3),  # side by side
+        (AT, X, (2.0, 0.0, 0.0), (3.0, 0.0, 0.0), 1.0),  # one behind the other
+        (AT, X, (3.0, 0.0, 0.0), (2.0, 0.0, 0.0), 1.0),
+        (X, AT, (-1.0, 0.0, 0.0), (-2.0, 0.0, 0.0), 1.0),
+        (AT, AT, (0.0, -1.0, 2.0), (0.0, 1.0, 2.0), 2.0),  # a point and a stick
+        (AT, X, (0.4, 0.0, 0.7), (0.4, 0.0, 0.7), 0.7),  # a stick and a point
+        (AT, X, (4.0, 4.0, 0.0), (4.0, 4.0, 0.0), 5.0),
+        (X, X, Y, Y, math.sqrt(2)),  # two points
+        (AT, X, (0.5, 0.0, 0.0), (0.5, 1.0, 0.0), 0.0),  # touching
+    ],
+)
+def test_sticks_are_as_far_apart_as_a_person_would_measure(a, b, c, d, distance):
+    assert two_sticks(a, b, c, d) == pytest.approx(distance, abs=1e-12)
+    assert two_sticks(c, d, a, b) == pytest.approx(distance, abs=1e-12)
+    assert two_sticks(b, a, d, c) == pytest.approx(distance, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "distance"),
+    [
+        ((-1.0, 2.0, 0.5), (2.0, 2.0, 0.5), 1.0),  # along a face
+        ((2.0, 0.5, 0.5), (5.0, 0.5, 0.5), 1.0),  # the near end
+        ((5.0, 0.5, 0.5), (2.0, 0.5, 0.5), 1.0),
+        ((-5.0, 0.5, 0.5), (-2.0, 0.5, 0.5), 2.0),
+        ((0.5, 0.5, -4.0), (0.5, 0.5, -3.0), 3.0),
+        ((0.5, 0.5, 0.5), (0.6, 0.6, 0.6), 0.0),  # inside
+        ((-1.0, 0.3, 0.5), (0.61, 1.91, 0.5), 0.212132034356),  # past an edge
+        ((1.3, -0.7, 0.5), (0.31, -0.03, 0.5), 0.03),
+        ((2.0, 0.0, 0.5), (0.0, 2.0, 0.5), 0.0),  # touching an edge in one point
+        ((1.7, 0.3, 0.5), (0.1, 1.9, 0.5), 0.0),
+    ],
+)
+def test_a_stick_is_as_far_from_a_box_as_a_person_would_measure(a, b, distance):
+    chain = Chain.from_joints([joint("one", TURN, "base", (0, 0, 1), (0, 0, 0))], "base", "one")
+    stick = Body(chain, [Capsule("one", np.array(a), np.array(b), 0.0)])
+    box = Box("the die", np.zeros(3), np.ones(3))
+    space = Space(stick, None, [box])
+    assert space.gaps([np.zeros(1)])[0].min() == pytest.approx(distance, abs=1e-8)

@@ -1,0 +1,203 @@
+"""M1, M2, M3: whatever a program asks for, no goal outside limits and no leap reaches the line."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import ikservo
+from ikservo.errors import IkservoError, RefusedError
+from tests.arm.simulated import line_of
+from tests.guard.gates import gate_at
+
+WIDE = {"suppress_health_check": list(HealthCheck), "deadline": None}
+NAMES = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
+
+odd = st.one_of(
+    st.sampled_from([math.nan, math.inf, -math.inf, 1e308, -1e308, 1e9, -0.0, 5e-324]),
+    st.sampled_from([None, "0.2", "", b"1", (), [], {}, [0.1], True, object(), 1j]),
+    st.sampled_from([np.float32("nan"), np.float64("inf"), np.array(math.nan), np.array([1.0, 2])]),
+)
+numbers = st.floats(-4.0, 4.0)
+
+
+class Wire:
+    """Counts what the host says, and keeps every goal that a servo was told."""
+
+    def __init__(self, line):
+        self.packets, self.goals = 0, {}
+        for servo_id, servo in line.servos.items():
+            servo.asked = self._watcher(servo_id, servo.table.by_name["goal_position"])
+        line.witnesses.append(self)
+
+    def heard(self, at_s, frame, framing):
+        self.packets += 1
+
+    def said(self, at_s, servo, data):
+        pass
+
+    def _watcher(self, servo_id, register):
+        def watch(address, data):
+            start = register.address - address
+            if start >= 0 and start + register.size <= len(data):
+                goal = register.decode(data[start : start + register.size])
+                self.goals.setdefault(servo_id, []).append(goal)
+
+        return watch
+
+
+@pytest.fixture(scope="module")
+def arm():
+    with ikservo.open_arm("so101", port="sim") as machine:
+        machine.enable()
+        yield machine
+
+
+@pytest.fixture(scope="module")
+def wire(arm):
+    return Wire(line_of(arm))
+
+
+def inside(arm, goals):
+    ranges = {fence.servo_id: fence.ticks for fence in arm._servos.fences}
+    return all(
+        ranges[servo_id][0] <= tick <= ranges[servo_id][1]
+        for servo_id, ticks in goals.items() for tick in ticks
+    )  # fmt: skip
+
+
+def told(ask):
+    """Return whether an entry refused with one of our errors."""
+    try:
+        ask()
+    except IkservoError:
+        return True
+    return False
+
+
+# Each joint's own limits, one step inside and outside, and what is no position at all.
+@settings(max_examples=80, **WIDE)
+@given(st.sampled_from([*NAMES[:4], "", "elbow", None]), st.one_of(odd, st.floats()))
+def test_a_joint_that_is_refused_puts_no_packet_on_the_wire(arm, wire, name, position):
+    before = wire.packets
+    refused = told(lambda: arm.plan_joints({name: position, "wrist_roll": 0.1}))
+    assert wire.packets == before
+    assert refused or -4.0 < float(position) < 4.0
+
+
+@settings(max_examples=40, **WIDE)
+@given(st.one_of(odd, st.lists(st.one_of(odd, numbers), max_size=4)))
+def test_a_point_that_is_none_puts_no_packet_on_the_wire(arm, wire, point):
+    before = wire.packets
+    refused = told(lambda: arm.plan_to(point))
+    assert wire.packets == before
+    assert refused or np.shape(np.asarray(point, dtype=float)) == (3,)
+
+
+@settings(max_examples=40, **WIDE)
+@given(st.dictionaries(st.sampled_from(NAMES), st.one_of(odd, numbers), max_size=6))
+def test_goals_from_any_program_go_through_the_gate_whole_or_not_at_all(arm, wire, asked):
+    """The door below all others: ticks of any kind for any joints."""
+    gate, before = arm._servos._gate, wire.packets
+    ticks = {n: v if not isinstance(v, float) else round(v, 3) for n, v in asked.items()}
+    refused = told(lambda: gate.send(ticks))
+    assert refused or not ticks
+    assert wire.packets == before
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+@pytest.mark.parametrize("name", NAMES)
+def test_every_joint_stops_at_its_last_tick(arm, wire, name, side):
+    fence = next(f for f in arm._servos.fences if f.joint == name)
+    edge = fence.positions[0 if side == "lower" else 1]
+    outwards = -1 if side == "lower" else 1
+    before = wire.packets
+    assert told(lambda: arm.move_joints({name: edge + outwards * fence.joint_map.unit_per_tick}))
+    assert wire.packets == before
+    assert inside(arm, wire.goals)
+
+
+def storm(count, seed):
+    """Send random goals from a random program to a joint that lags and is pushed about.
+
+    Returns:
+        How many passed, and of these how many broke a law, counted by arithmetic of this test.
+    """
+    random = np.random.default_rng(seed)
+    gate, bus, clock = gate_at(2048)
+    measured = last = 2048
+    passed = wrong = 0
+    fresh_s = clock.time_s
+    for wish, kind, elapsed_s, stalls in zip(
+        random.normal(0.0, 120.0, count), random.integers(0, 12, count),
+        random.uniform(0.0, 0.03, count), random.random(count) < 0.01, strict=True,
+    ):  # fmt: skip
+        clock.time_s += float(elapsed_s) + (4.0 if stalls else 0.0)
+        measured += int(0.5 * (last - measured)) + int(random.integers(-3, 4))
+        if kind != 1:
+            gate.see({"elbow": measured}, clock.time_s)
+            fresh_s = clock.time_s
+        goal = (math.nan, int(random.integers(-9999, 9999)))[kind - 2] if kind in (2, 3) else (
+            int(last + 0.3 * wish))  # fmt: skip
+        try:
+            gate.send({"elbow": goal})
+        except RefusedError:
+            continue
+        passed += 1
+        wrong += not 1000 <= goal <= 3000
+        wrong += abs(goal - measured) > max(138, abs(last - measured))
+        wrong += clock.time_s - fresh_s > 0.25
+        last = goal
+    steps = np.abs(np.diff([2048, *(goals[3] for goals in bus.sent)]))
+    wrong += len(bus.sent) != passed
+    wrong += int((steps > 10_000 * 0.05 + 1).sum())
+    return passed, wrong
+
+
+def test_of_a_storm_of_commands_only_lawful_ones_pass():
+    passed, wrong = storm(10_000, seed=4)
+    assert passed > 2000
+    assert wrong == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_of_ten_million_commands_only_lawful_ones_pass():
+    found = [storm(100_000, seed) for seed in range(100)]
+    passed, wrong = (sum(column) for column in zip(*found, strict=True))
+    print(f"10,000,000 commands: {passed} passed, {wrong} of them against a law")  # noqa: T201  # a number to keep
+    assert wrong == 0
+
+
+def longest_step(seed):
+    """Return the longest step of a goal in a motion that stalls, and the longest there may be."""
+    random = np.random.default_rng(seed)
+    with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
+        arm.enable()
+        wire, clock = Wire(line_of(arm)), arm._servos.clock
+
+        def stall(progress):
+            if random.random() < 0.03:
+                clock.sleep_until(clock.now_s() + 0.05 * 100.0 ** random.random())
+
+        arm.move_joints({"shoulder_pan": 0.8, "wrist_roll": -0.8}, speed="fast", on_progress=stall)
+        assert inside(arm, wire.goals)
+        fastest = max(fence.ticks_s for fence in arm._servos.fences)
+        steps = [np.abs(np.diff(ticks)).max() for ticks in wire.goals.values()]
+        return max(steps), fastest * 0.05 + 1
+
+
+def test_a_program_that_stalls_for_up_to_five_seconds_never_makes_a_goal_leap():
+    step, most = longest_step(seed=1)
+    assert step <= most
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_of_many_programs_that_stall_none_makes_a_goal_leap():
+    found = [longest_step(seed) for seed in range(200)]
+    longest, most = max(step for step, _ in found), found[0][1]
+    print(f"200 motions with stalls: longest step {longest} ticks, {most:.0f} allowed")  # noqa: T201  # a number to keep
+    assert longest <= most

@@ -1,0 +1,61 @@
+"""M6: a joint's calibrated range never contains the place where its servo's count begins again."""
+
+import numpy as np
+import pytest
+
+from ikservo.calibration import JointMap, Limits
+from ikservo.calibration.encoder import Encoder
+from ikservo.calibration.homing import Travel, choose_homing
+from ikservo.guard import Fence
+from ikservo.registers import Family
+
+TURN, MAGNET = 4096, Encoder(4096, 4096.0)
+
+
+def reported(family, bare, homing):
+    """Return what a servo says at bare ticks counted on, as its sheet has it."""
+    if family is Family.FEETECH_STS:
+        return (bare - homing.offset) % TURN
+    return bare % TURN + homing.offset
+
+
+def seams_inside(lows, widths, offsets):
+    """Return how many travels were tried, and in how many a servo's count would jump."""
+    cases = jumps = 0
+    for width in widths:
+        for low in lows:
+            travel = Travel(low, low + width)
+            bare = np.linspace(travel.low, travel.high, 9).astype(int)
+            for offset in offsets:
+                for family in (Family.FEETECH_STS, Family.DYNAMIXEL_2):
+                    homing = choose_homing("elbow", family, travel, offset, MAGNET)
+                    cases += 1
+                    if not homing.extended:  # one that counts on has no seam
+                        said = reported(family, bare, homing)
+                        jumps += not np.array_equal(said, bare - homing.shift)
+    return cases, jumps
+
+
+def test_wherever_the_horn_sits_the_count_does_not_jump_inside_the_travel():
+    cases, jumps = seams_inside(range(0, TURN, 127), (2, 800, 2047, 3000, 4094),
+                                range(-2047, 2048, 311))  # fmt: skip
+    assert (cases, jumps) == (33 * 5 * 14 * 2, 0)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_wherever_the_horn_sits_the_count_never_jumps():
+    cases, jumps = seams_inside(range(0, TURN, 13), (2, 800, 2047, 3000, 4094),
+                                range(-2047, 2048, 13))  # fmt: skip
+    print(f"{cases} travels, {jumps} jumps")  # noqa: T201  # a number to keep
+    assert jumps == 0
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_every_tick_of_a_turn_comes_back_from_its_position_inside_and_only_inside(sign):
+    joint_map = JointMap.revolute("elbow", 3, sign, 2048.37, TURN)
+    ends = sorted((joint_map.position(1000), joint_map.position(3000)))
+    fence = Fence(joint_map, Limits.of("elbow", *ends, "hand sweep"), 1.0)
+    ticks = [fence.tick(joint_map.position(tick)) for tick in range(TURN)]
+    assert ticks == list(range(TURN))
+    assert fence.ticks == (1000, 3000)
