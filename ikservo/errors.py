@@ -20,6 +20,8 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     ├── RegisterAccessError ValueError exit 1   a write that the register forbids
     ├── CalibrationError               exit 6   not calibrated, or contradicts the servos
     ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits gets there
+    │   ├── LineError                           not on a straight line; says where it fails
+    │   └── OrientationError                    the point, but not with the tool standing so
     ├── RefusedError                   exit 8   the guard will not pass a goal on
     ├── NotSettledError   TimeoutError exit 1   the arm did not arrive
     └── StoppedError                   exit 130 the person stopped it
@@ -42,8 +44,10 @@ __all__ = [
     "FileFormatError",
     "IkservoError",
     "InputError",
+    "LineError",
     "NoPortError",
     "NotSettledError",
+    "OrientationError",
     "PortBusyError",
     "PortError",
     "PortLostError",
@@ -121,9 +125,9 @@ class InputError(IkservoError, ValueError):
 class UnknownNameError(InputError, LookupError):
     """A name that is not among the known ones; the closest is offered."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
-        close = difflib.get_close_matches(name.lower(), self.known, n=1)
+        close = difflib.get_close_matches(str(name).lower(), self.known, n=1)
         listing = ", ".join(self.known) or "none"
         hint = f"Did you mean {close[0]}? " if close else ""
         super().__init__(f"There is no {kind} named {name!r}.", f"{hint}Known: {listing}.")
@@ -305,12 +309,62 @@ class UnreachableError(IkservoError, ValueError):
         self.binding, self.instead_m = tuple(binding), instead_m and tuple(instead_m)
         gap_m = math.dist(target_m, nearest_m)
         held = f" (held back by {', '.join(self.binding)})" if self.binding else ""
-        words = "" if instead_m is None else " ".join(f"{x:.3f}" for x in instead_m)
+        words = "" if instead_m is None else " ".join(f"{x:z.3f}" for x in instead_m)
         super().__init__(
             f"({_metres(target_m)}) m cannot be reached{held}.",
             f"Nearest reachable point: ({_metres(nearest_m)}) m, {gap_m * 1000:.1f} mm away."
             + (f" Try: ikservo move {words}" if words else ""),
         )
+
+
+class LineError(UnreachableError):
+    """A path of the tool cannot be followed to its end without a jump of the joints.
+
+    Attributes:
+        along_m: How far along the path it fails.
+    """
+
+    def __init__(
+        self,
+        along_m: float,
+        target_m: Sequence[float],
+        nearest_m: Sequence[float],
+        binding: Sequence[str] = (),
+    ) -> None:
+        super().__init__(target_m, nearest_m, binding)
+        self.along_m = along_m
+        self.message = (
+            f"The line cannot be followed further than {along_m:.3f} m, to "
+            f"({_metres(target_m)}) m ({', '.join(binding)})."
+        )
+        self.hint = "Nothing has moved. End it before, or go there without a line."
+
+
+class OrientationError(UnreachableError):
+    """The point can be reached, but not with the tool standing as it was asked to.
+
+    Attributes:
+        asked: How it was to stand, in words.
+        instead: How it can stand, in words.
+        left_rad: The angle between the two.
+    """
+
+    def __init__(
+        self,
+        position_m: Sequence[float],
+        asked: str,
+        instead: str,
+        left_rad: float,
+        binding: Sequence[str] = (),
+    ) -> None:
+        super().__init__(position_m, position_m, binding)
+        self.asked, self.instead, self.left_rad = asked, instead, left_rad
+        held = f" (held back by {', '.join(self.binding)})" if self.binding else ""
+        self.message = (
+            f"At ({_metres(position_m)}) m the tool cannot stand at {asked}: "
+            f"{math.degrees(left_rad):.1f}° are left{held}."
+        )
+        self.hint = f"Nothing has moved. The nearest there: {instead}."
 
 
 class RefusedError(IkservoError):
@@ -330,4 +384,4 @@ class StoppedError(IkservoError):
 
 
 def _metres(point: Sequence[float]) -> str:
-    return ", ".join(f"{x:.3f}" for x in point)
+    return ", ".join(f"{x:z.3f}" for x in point)

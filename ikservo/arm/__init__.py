@@ -2,7 +2,7 @@
 
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.opening import open_arm
-from ikservo.arm.planning import Plan
+from ikservo.arm.planning import Plan, Stance
 from ikservo.arm.reports import JointReport, JointState, MoveReport, Progress, Whereabouts
 from ikservo.arm.trust import Zeros
 
@@ -14,6 +14,7 @@ __all__ = [
     "OnExit",
     "Plan",
     "Progress",
+    "Stance",
     "Whereabouts",
     "Zeros",
     "open_arm",

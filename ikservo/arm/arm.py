@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import TracebackType
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arrival import correct, settle
-from ikservo.arm.journey import Watcher, travel
-from ikservo.arm.planning import Plan, Planner
-from ikservo.arm.reports import JointReport, MoveReport, Progress, Whereabouts
+from ikservo.arm.aim import Aim
+from ikservo.arm.arrival import Arrival, arrive
+from ikservo.arm.beat import Beat
+from ikservo.arm.given import joint_positions
+from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, begun
+from ikservo.arm.reports import JointReport, MoveReport, Progress
+from ikservo.arm.running import Running
 from ikservo.arm.servos import Servos
+from ikservo.arm.stream import OnBeat
 from ikservo.arm.trust import LARGEST_STEP_RAD, Zeros
-from ikservo.errors import BadValueError, StoppedError, UnknownNameError
+from ikservo.errors import (
+    BadValueError,
+    UnknownNameError,
+)
 from ikservo.guard import Space
 from ikservo.hardware.port import Port
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
-from ikservo.motion import JointMove
 
 __all__ = ["Arm", "OnExit"]
 
@@ -33,7 +40,7 @@ ARRIVAL_M = 0.002
 ARRIVAL_RAD = math.radians(0.5)
 
 
-class Arm:
+class Arm(Running):
     """An arm on an open port; see ``open_arm``.
 
     Torque is switched on by the first motion, and stays on when the arm is closed unless
@@ -57,12 +64,8 @@ class Arm:
     ) -> None:
         if on_exit not in ("hold", "relax"):
             raise UnknownNameError("way to exit", on_exit, ("hold", "relax"))
-        self.model, self.chain, self.zeros = model, chain, zeros
-        self._servos, self._port = servos, port
+        super().__init__(model, chain, servos, port, space, zeros)
         self._on_exit: OnExit = on_exit
-        self._space = space
-        self._planner = Planner(model, chain, servos.names)
-        self._enabled = False
 
     def __enter__(self) -> Arm:
         """Return the arm; leaving the block closes it."""
@@ -76,38 +79,37 @@ class Arm:
     ) -> None:
         self.close(self._on_exit if error is None else "hold")
 
-    @property
-    def port_name(self) -> str:
-        """Return the name of the port the arm is on."""
-        return self._port.name
-
-    def where(self) -> Whereabouts:
-        """Return the measured tip, joints and health."""
-        states = self._servos.states()
-        joints = np.array([state.position_rad for state in states])
-        return Whereabouts(self._planner.tip(joints), states)
-
-    def enable(self) -> None:
-        """Let every servo hold where it is; goals are set before torque, so nothing twitches."""
-        self._servos.enable(self.model.speed("fast").rad_s)
-        self._enabled = True
-
-    def plan_to(self, position_m: ArrayLike, *, speed: str = "normal") -> Plan:
+    def plan_to(
+        self, position_m: ArrayLike, *, speed: str = "normal", stance: Stance = AS_IT_CAN
+    ) -> Plan:
         """Find joints that bring the tip to a point and the motion that takes them there.
 
         Args:
             position_m: The point (3,), metres, in the arm's base frame.
-            speed: slow, normal or fast.
+            speed: slow, normal or fast; the first motion after torque comes on is slow.
+            stance: How the tool shall stand there; if nothing is asked, as well as the arm can
+                keep it.
 
         Raises:
             UnreachableError: No joints inside the limits reach it; carries the nearest point.
+            OrientationError: The tool cannot stand there as asked.
             BadValueError: No three finite numbers.
             RefusedError: On the way the arm would touch itself, the table or a box.
             CalibrationError: Nobody knows where the arm's zeros are.
         """
+        return self.plan_by(
+            lambda here, pace: self._planner.to_point(here, position_m, pace, stance), speed
+        )
+
+    def plan_by(self, planning: Callable[[Vector, str], Plan], speed: str) -> Plan:
+        """Make a plan of the tip from where the arm is, at the speed it may go; look at its way.
+
+        Raises:
+            RefusedError: On the way the arm would touch itself, the table or a box.
+            CalibrationError: Nobody knows where the arm's zeros are.
+        """
         self.zeros.check(self.model.name)
-        here = self._here()
-        return self._clear(here, self._planner.to_point(here, position_m, speed))
+        return self._clear(planning(self._here(), self._allowed(speed)), speed)
 
     def plan_joints(self, positions: Mapping[str, float], *, speed: str = "normal") -> Plan:
         """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
@@ -120,36 +122,28 @@ class Arm:
             CalibrationError: Nobody knows where the arm's zeros are, and the way is long.
         """
         here = self._here()
-        plan = self._planner.to_joints(here, positions, speed)
+        plan = self._planner.to_joints(here, joint_positions(positions), self._allowed(speed))
         self.zeros.check_steps(self.model.name, here, plan.goal, self._steps())
         self._servos.check(plan.goal, here)
-        return self._clear(here, plan)
+        return self._clear(plan, speed)
 
-    def go(
-        self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
-    ) -> tuple[Vector, float]:
-        """Carry out a plan; return the measured joints (n,) and how long it took [s].
+    def go(self, plan: Plan, on_progress: Callable[[Progress], None] | None = None) -> Arrival:
+        """Carry out a plan; return where that ended, measured, and how long it took.
 
         Raises:
             StoppedError: The person interrupted; the servos hold.
             RefusedError: The guard stopped it; the servos hold.
         """
-        if not self._enabled:
-            self.enable()
-        started_s = self._servos.clock.now_s()
-        try:
-            measured = self._follow(plan, on_progress)
-        except KeyboardInterrupt:
-            raise StoppedError(
-                "Stopped; the arm holds.", "Release it with: ikservo relax"
-            ) from None
-        return measured, self._servos.clock.now_s() - started_s
+        self._check_speed(plan)
+        with self._moving():
+            return self._follow(plan, on_progress)
 
     def move_to(
         self,
         position_m: ArrayLike,
         *,
         speed: str = "normal",
+        stance: Stance = AS_IT_CAN,
         on_progress: Callable[[Progress], None] | None = None,
     ) -> MoveReport:
         """Move the tip to a point and block until the arm is at rest.
@@ -157,14 +151,16 @@ class Arm:
         Args:
             position_m: The point (3,), metres, in the arm's base frame.
             speed: slow, normal or fast.
+            stance: How the tool shall stand there, see ``plan_to``.
             on_progress: Called at every beat.
 
         Raises:
             UnreachableError: No joints inside the limits reach it; nothing has moved.
+            OrientationError: The tool cannot stand there as asked; nothing has moved.
             RefusedError: The guard will not pass a goal on.
             StoppedError: The person interrupted; the arm holds.
         """
-        return self.carry_out(self.plan_to(position_m, speed=speed), on_progress)
+        return self.carry_out(self.plan_to(position_m, speed=speed, stance=stance), on_progress)
 
     def carry_out(
         self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
@@ -172,17 +168,21 @@ class Arm:
         """Carry out a plan of ``plan_to`` and report how it ended, measured."""
         if plan.target_m is None or plan.solution is None:
             raise BadValueError("The plan", "a motion of joints", "a plan of plan_to")
-        measured, duration_s = self.go(plan, on_progress)
-        tip_m = self._planner.tip(measured)
+        arrival = self.go(plan, on_progress)
+        tip_m = self._planner.tip(arrival.measured)
         error_m = float(np.linalg.norm(plan.target_m - tip_m))
+        limits = tuple(str(limit) for limit in plan.solution.binding)
         return MoveReport(
             target_m=plan.target_m,
             commanded_tip_m=plan.tip_m,
             measured_tip_m=tip_m,
             error_m=error_m,
-            duration_s=duration_s,
+            duration_s=arrival.duration_s,
             reached=error_m <= ARRIVAL_M,
-            binding=tuple(str(limit) for limit in plan.solution.binding),
+            binding=limits + arrival.short,
+            orientation_error_rad=plan.left_rad + self._planner.turned(plan.goal, arrival.measured),
+            motion_s=arrival.motion_s,
+            settling_s=arrival.settling_s,
         )
 
     def move_joints(
@@ -200,7 +200,8 @@ class Arm:
             StoppedError: The person interrupted; the arm holds.
         """
         plan = self.plan_joints(positions, speed=speed)
-        measured, duration_s = self.go(plan, on_progress)
+        arrival = self.go(plan, on_progress)
+        measured = arrival.measured
         there = {name: float(measured[self._planner.column(name)]) for name in positions}
         error_rad = max(abs(there[name] - position) for name, position in positions.items())
         return JointReport(
@@ -208,13 +209,10 @@ class Arm:
             measured_rad=there,
             measured_tip_m=self._planner.tip(measured),
             error_rad=error_rad,
-            duration_s=duration_s,
+            duration_s=arrival.duration_s,
             reached=error_rad <= ARRIVAL_RAD,
+            binding=arrival.short,
         )
-
-    def hold(self) -> None:
-        """Let every servo hold where it is now."""
-        self.enable()
 
     def relax(self, on_progress: Callable[[Progress], None] | None = None) -> JointReport:
         """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
@@ -227,11 +225,6 @@ class Arm:
         self.release()
         return report
 
-    def release(self) -> None:
-        """Switch every servo's torque off where the arm is; what nobody holds falls."""
-        self._servos.release()
-        self._enabled = False
-
     def close(self, on_exit: OnExit | None = None) -> None:
         """Give the port back, leaving the arm held or relaxed."""
         if not self._port.is_open:
@@ -240,32 +233,37 @@ class Arm:
             if (on_exit or self._on_exit) == "relax":
                 self.relax()
         finally:
-            self._port.close()
-
-    def _here(self) -> Vector:
-        """Return where a motion starts: the goals of a holding arm, else the measured joints."""
-        return self._servos.goals() if self._enabled else self._servos.measure()
+            if self._listener is not None:
+                self._listener.close()
+            with self._turn:  # not while another terminal relaxes the arm
+                self._port.close()
 
     def _steps(self) -> dict[str, float]:
         """Return the longest way at once for each joint whose zero nobody knows, rad or m."""
         turns = {joint.name: joint.travel_per_turn / math.tau for joint in self.model.joints}
         return {name: LARGEST_STEP_RAD * turns[name] for name in self._servos.names}
 
-    def _clear(self, here: Vector, plan: Plan) -> Plan:
-        """Return the plan, if the body's way from ``here`` (n,) to its goal is free."""
+    def _clear(self, plan: Plan, asked: str) -> Plan:
+        """Return the plan, if the body's way to its goal is free."""
         if self._space is not None and self.zeros.known:
-            self._space.check_way(self._planner.way(here, plan))
-        return plan
+            self._space.check_way(self._planner.way(plan))
+        return replace(plan, slowed=plan.speed != asked)
 
-    def _follow(self, plan: Plan, on_progress: Callable[[Progress], None] | None) -> Vector:
-        paces = self._planner.paces(plan.speed)
-        move = JointMove(self._servos.goals(), plan.goal, paces)
-        travel(self._servos, move, self._watcher(on_progress))
-        return correct(self._servos, plan.goal, settle(self._servos), paces)
+    def _follow(self, plan: Plan, on_progress: Callable[[Progress], None] | None) -> Arrival:
+        servos, paces = self._servos, self._planner.paces(plan.speed)
+        horn_rad_s = self.model.speed(plan.speed).rad_s
+        aim = Aim(self.chain, servos.fences, plan, servos.measure())
+        course = begun(plan, servos.goals(), paces, servos.names)
+        started_s = servos.clock.now_s()
+        self._stream.run(course, self._watcher(on_progress), speed_rad_s=horn_rad_s)
+        motion_s = servos.clock.now_s() - started_s
+        return arrive(self._stream, servos, aim, paces, horn_rad_s, motion_s)
 
-    def _watcher(self, on_progress: Callable[[Progress], None] | None) -> Watcher | None:
+    def _watcher(self, on_progress: Callable[[Progress], None] | None) -> OnBeat | None:
         if on_progress is None:
             return None
-        return lambda elapsed_s, duration_s, joints: on_progress(
-            Progress(elapsed_s, duration_s, self._planner.tip(joints))
-        )
+
+        def tell(beat: Beat) -> None:
+            on_progress(Progress(beat.time_s, beat.duration_s, self._planner.tip(beat.measured)))
+
+        return tell

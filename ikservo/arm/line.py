@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ikservo.arm.given import port_name
 from ikservo.errors import InputError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.discovery import choose_port, with_arm
@@ -34,8 +35,9 @@ def chosen_port(model: Model, port: str | None) -> str:
 
     Raises:
         NoPortError: There is none to choose.
+        BadValueError: What is given is no name.
     """
-    return with_arm(choose_port(port, model.name), model.path)
+    return with_arm(choose_port(port_name(port), model.name), model.path)
 
 
 def servo_specs(model: Model) -> list[ServoSpec]:

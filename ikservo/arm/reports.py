@@ -72,7 +72,10 @@ class MoveReport:
         error_m: From the target to the measured tip.
         duration_s: From the first goal to rest.
         reached: Whether the error is within the arm's tolerance.
-        binding: The limits the solution stands at, in words.
+        binding: The limits the solution stands at, and the joints that did not arrive, in words.
+        orientation_error_rad: How far the tool is turned from how it should stand, at most.
+        motion_s: From the first goal to the planned end of the motion.
+        settling_s: From there until every joint stood where it belongs.
     """
 
     target_m: Vector
@@ -82,6 +85,9 @@ class MoveReport:
     duration_s: float
     reached: bool
     binding: tuple[str, ...]
+    orientation_error_rad: float = 0.0
+    motion_s: float = 0.0
+    settling_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +101,7 @@ class JointReport:
         error_rad: The largest difference of a revolute or prismatic joint.
         duration_s: From the first goal to rest.
         reached: Whether every joint is within its tolerance.
+        binding: The joints that did not arrive, in words.
     """
 
     goal_rad: dict[str, float]
@@ -103,3 +110,4 @@ class JointReport:
     error_rad: float
     duration_s: float
     reached: bool
+    binding: tuple[str, ...] = ()

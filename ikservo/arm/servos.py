@@ -1,28 +1,28 @@
-"""The arm's servos as one body: measured joints out, goals in through the guard."""
+"""The arm's servos as one body: torque, health and reach, besides what is streamed to them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
+from ikservo.arm.asking import ask_all
+from ikservo.arm.force import limit_force
+from ikservo.arm.halting import Halted, stand_still
+from ikservo.arm.health_round import HealthRound
 from ikservo.arm.reports import JointState
-from ikservo.arm.starting import confirm_goals, nearest_goal
+from ikservo.arm.starting import confirm_goals, goals_taken, holding_ticks, nearest_goal
+from ikservo.arm.states import read_states
+from ikservo.arm.streamed import StreamedServos
 from ikservo.clock import Clock
-from ikservo.guard import Fence, Gate
+from ikservo.guard import Fence, Health, HealthLimits
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.torque import check_supply, torque_off
 from ikservo.kinematics.se3 import Vector
-from ikservo.registers import Alarm, Role
+from ikservo.registers import Role
 
 __all__ = ["Servos"]
 
-# A holding servo sags under its load by less than this; a goal further away is a stale one.
-_STALE_GOAL_TICKS = 64
-_TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
 
-
-class Servos:
+class Servos(StreamedServos):
     """Every joint's servo on one bus, in the order of ``names``.
 
     Args:
@@ -30,6 +30,7 @@ class Servos:
         fences: What each joint's servo may be told.
         shadows: Servo ids that turn a joint besides, by joint.
         clock: The line's time.
+        health: What a servo may be asked to bear.
     """
 
     def __init__(
@@ -38,21 +39,11 @@ class Servos:
         fences: Sequence[Fence],
         shadows: Mapping[str, Sequence[int]],
         clock: Clock,
+        health: HealthLimits | None = None,
     ) -> None:
-        self._bus, self.clock = bus, clock
-        self.fences = tuple(fences)
-        self.names = tuple(fence.joint for fence in fences)
-        self._ids = [fence.servo_id for fence in fences]
+        super().__init__(bus, fences, clock)
         self._shadow_ids = [i for name in self.names for i in shadows.get(name, ())]
-        self._gate = Gate(fences, self._write_goals, clock)
-
-    def measure(self) -> Vector:
-        """Return where the joints are (n,), rad or m, from the servos' own registers."""
-        return self._positions(self._present_ticks())
-
-    def goals(self) -> Vector:
-        """Return where the servos were last told to go (n,), rad or m."""
-        return self._positions(self._gate.goals)
+        self._health = HealthLimits() if health is None else health
 
     def enable(self, speed_rad_s: float) -> None:
         """Switch torque on without a twitch: each servo's goal is where it is, then torque.
@@ -64,24 +55,34 @@ class Servos:
 
         Raises:
             ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
-            RefusedError: A joint stands far outside what its servo allows; likewise.
+            RefusedError: A joint stands far outside what its servo allows, or the arm was stopped
+                and nobody has acknowledged it; likewise.
             ServoRefusedError: A servo keeps an old goal; likewise.
         """
         for fence in self.fences:
             check_supply(self._bus, fence.servo_id)
-        holding = self._torque()
-        present, goals = self._present_ticks(), self._goal_ticks()
-        start = {
-            f.joint: nearest_goal(
-                self._bus, f, _start_tick(holding[f.joint], present[f.joint], goals[f.joint])
-            )
-            for f in self.fences
-        }
+            self._limits.prepare(fence.servo_id)
+        start = self._start_ticks()
         self._gate.start_from(start)
         confirm_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
+        self._limits.forget()
+        self._limits.run_at(speed_rad_s)
         for fence in self.fences:
-            self._limit_speed(fence.servo_id, speed_rad_s)
             self._bus.write(fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
+        health = Health(self._health, self._supply_v())
+        self._round = HealthRound(self._bus, self.fences, self._limits, health, self._warn)
+
+    def standing(self) -> Vector:
+        """Return where ``enable`` would let the joints hold (n,), rad or m; nothing is written.
+
+        That is where they are, or the goals of those that hold already: load has pulled such a
+        joint below its goal, and a motion begins at the goal.
+        """
+        return self._positions(holding_ticks(self._bus, self.fences, self._feedback))
+
+    def holding(self) -> bool:
+        """Return whether every servo's torque is on."""
+        return all(ask_all(self._bus, self._ids, Role.TORQUE_ENABLE).values())
 
     def release(self) -> None:
         """Switch torque off on every servo, also when some fail.
@@ -93,13 +94,22 @@ class Servos:
         for error in failures.values():
             raise error
 
-    def command(self, positions: Vector) -> None:
-        """Send goals (n,), rad or m, through the guard.
+    def latch(self, reason: str) -> None:
+        """Let nothing move until somebody acknowledges it; tells the servos nothing."""
+        self._gate.trip(reason)
+
+    def stand_still(self, reason: str) -> Halted:
+        """Stop what is on its way although nobody streams, and stay so; switches no torque."""
+        self._gate.trip(reason)
+        return stand_still(self._bus, self.fences, self.clock)
+
+    def limit_force(self, joint: str, share: float) -> None:
+        """Limit how hard a joint's servo may press until its torque is switched on anew.
 
         Raises:
-            RefusedError: The guard will not pass them; nothing was sent.
+            RegisterAccessError: The servo has no such limit.
         """
-        self._gate.send(self._ticks(positions))
+        limit_force(self._bus, self._ids[self.names.index(joint)], share)
 
     def check(self, positions: Vector, start: Vector) -> None:
         """Check a distant goal (n,) before a motion to it from ``start`` (n,) begins.
@@ -116,77 +126,25 @@ class Servos:
 
     def states(self) -> tuple[JointState, ...]:
         """Return every joint's position, limits, temperature, voltage, load and torque."""
-        positions, torque = self.measure(), self._torque()
-        temperatures = self._ask(Role.PRESENT_TEMPERATURE)
-        voltages, loads = self._ask(Role.PRESENT_VOLTAGE), self._ask(Role.PRESENT_LOAD)
-        alarms = self._alarms()
-        return tuple(
-            JointState(
-                name=fence.joint,
-                position_rad=float(positions[i]),
-                lower_rad=fence.limits.lower.value,
-                upper_rad=fence.limits.upper.value,
-                limit_from=fence.limits.source,
-                temperature_c=temperatures[fence.servo_id],
-                voltage_v=voltages[fence.servo_id],
-                load_percent=self._percent(fence.servo_id, loads[fence.servo_id]),
-                torque=torque[fence.joint],
-                alarms=tuple(sorted(str(alarm) for alarm in alarms.get(fence.servo_id, ()))),
-            )
-            for i, fence in enumerate(self.fences)
-        )
+        return read_states(self._bus, self.fences, self._feedback.ticks())
 
-    def _limit_speed(self, servo_id: int, speed_rad_s: float) -> None:
-        """Bound how fast a servo turns towards its goal by itself."""
-        drive_mode = self._bus.servos[servo_id].table.registers.get("drive_mode")
-        if drive_mode and self._bus.read(servo_id, drive_mode, raw=True) & _TIME_BASED_PROFILE:
-            # Such a servo is told how long a step takes, not how fast; 0 leaves the steps to us.
-            self._bus.write(servo_id, Role.PROFILE_VELOCITY, 0, raw=True)
-        else:
-            self._bus.write(servo_id, Role.PROFILE_VELOCITY, speed_rad_s)
+    def _start_ticks(self) -> dict[str, int]:
+        """Return where each servo shall hold; the joints are measured last, for limp ones fall."""
+        taken = {f.joint: goals_taken(self._bus, f.servo_id) for f in self.fences}
+        ticks = holding_ticks(self._bus, self.fences, self._feedback)
+        return {f.joint: nearest_goal(f, ticks[f.joint], taken[f.joint]) for f in self.fences}
 
-    def _write_goals(self, goals: Mapping[int, int]) -> None:
-        self._bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+    def _supply_v(self) -> dict[str, tuple[float, float]]:
+        low = ask_all(self._bus, self._ids, Role.MIN_VOLTAGE_LIMIT)
+        high = ask_all(self._bus, self._ids, Role.MAX_VOLTAGE_LIMIT)
+        return {f.joint: self._volts(f.servo_id, low, high) for f in self.fences}
 
-    def _present_ticks(self) -> dict[str, int]:
-        return self._by_joint(self._ask_raw(Role.PRESENT_POSITION))
-
-    def _goal_ticks(self) -> dict[str, int]:
-        return self._by_joint(self._ask_raw(Role.GOAL_POSITION))
-
-    def _torque(self) -> dict[str, bool]:
-        raw = self._by_joint(self._ask_raw(Role.TORQUE_ENABLE))
-        return {name: value != 0 for name, value in raw.items()}
-
-    def _ask(self, role: Role) -> Mapping[int, float]:
-        return self._bus.sync_read(self._ids, role).complete()
-
-    def _ask_raw(self, role: Role) -> Mapping[int, int]:
-        return self._bus.sync_read(self._ids, role, raw=True).complete()
-
-    def _alarms(self) -> Mapping[int, frozenset[Alarm]]:
-        return self._bus.sync_read(self._ids, Role.ALARMS, raw=True).alarms
-
-    def _percent(self, servo_id: int, load: float) -> float:
-        """Return a load as a share of the most there is: of torque, or of the current limit."""
+    def _volts(
+        self, servo_id: int, low: Mapping[int, int], high: Mapping[int, int]
+    ) -> tuple[float, float]:
         table = self._bus.servos[servo_id].table
-        if table.present_load.unit.symbol != "A":
-            return 100.0 * load
-        most = table.registers["current_limit"]
-        return 100.0 * load / most.to_value(most.range[1])
+        least = table.find(Role.MIN_VOLTAGE_LIMIT).to_value(low[servo_id])
+        return least, table.find(Role.MAX_VOLTAGE_LIMIT).to_value(high[servo_id])
 
-    def _by_joint(self, by_id: Mapping[int, int]) -> dict[str, int]:
-        return {fence.joint: by_id[fence.servo_id] for fence in self.fences}
-
-    def _ticks(self, positions: Vector) -> dict[str, int]:
-        return {
-            fence.joint: fence.tick(float(position))
-            for fence, position in zip(self.fences, positions, strict=True)
-        }
-
-    def _positions(self, ticks: Mapping[str, int]) -> Vector:
-        return np.array([f.joint_map.position(ticks[f.joint]) for f in self.fences])
-
-
-def _start_tick(holding: bool, present: int, goal: int) -> int:
-    return goal if holding and abs(goal - present) <= _STALE_GOAL_TICKS else present
+    def _warn(self, words: str) -> None:
+        self.warn(words)

@@ -2,28 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from ikservo.arm.asking import ask_all
+from ikservo.arm.feedback import Feedback
 from ikservo.calibration.memory import CURRENT_POSITION, EXTENDED
 from ikservo.errors import RefusedError, ServoRefusedError
 from ikservo.guard import Fence
 from ikservo.hardware.bus import ServoBus
 from ikservo.registers import Family, Role
 
-__all__ = ["confirm_goals", "nearest_goal"]
+__all__ = ["confirm_goals", "goals_taken", "holding_ticks", "nearest_goal"]
 
 # Further outside its own limits a servo is not a little out of place but on another turn: told
 # to hold, it would go all the way round.
 _FARTHEST_TICKS = 170
 
 
-def nearest_goal(bus: ServoBus, fence: Fence, tick: int) -> int:
+def holding_ticks(bus: ServoBus, fences: Sequence[Fence], feedback: Feedback) -> dict[str, int]:
+    """Return the tick at which each joint holds, or would if its torque came on.
+
+    A servo that already holds keeps its goal, for its load has pulled it a little below; unless
+    the goal is an old one, far from where the joint is.
+
+    Raises:
+        BusError: A servo does not answer.
+    """
+    ids = [fence.servo_id for fence in fences]
+    torque = ask_all(bus, ids, Role.TORQUE_ENABLE)
+    goals = ask_all(bus, ids, Role.GOAL_POSITION)
+    present = feedback.ticks()  # last, for limp joints fall
+    return {
+        f.joint: _holds(f, torque[f.servo_id] != 0, present[f.joint], goals[f.servo_id])
+        for f in fences
+    }
+
+
+def _holds(fence: Fence, torque: bool, present: int, goal: int) -> int:
+    return goal if torque and abs(goal - present) <= fence.lead_ticks(0.0) else present
+
+
+def nearest_goal(fence: Fence, tick: int, taken: tuple[int, int]) -> int:
     """Return the tick nearest to ``tick`` that the servo will take for a goal.
+
+    Args:
+        fence: Of the joint.
+        tick: Where it stands.
+        taken: See ``goals_taken``.
 
     Raises:
         RefusedError: The joint stands far outside what its servo allows; torque stays off.
     """
-    low, high = _takes(bus, fence.servo_id)
+    low, high = taken
     goal = min(max(tick, low), high)
     if abs(goal - tick) > _FARTHEST_TICKS:
         raise RefusedError(
@@ -40,7 +70,7 @@ def confirm_goals(bus: ServoBus, wanted: Mapping[int, int]) -> None:
     Raises:
         ServoRefusedError: A servo keeps another goal; torque stays off.
     """
-    goals = bus.sync_read(wanted, Role.GOAL_POSITION, raw=True).complete()
+    goals = ask_all(bus, wanted, Role.GOAL_POSITION)
     for servo_id, goal in goals.items():
         if goal != wanted[servo_id]:
             raise ServoRefusedError(
@@ -52,7 +82,7 @@ def confirm_goals(bus: ServoBus, wanted: Mapping[int, int]) -> None:
             )
 
 
-def _takes(bus: ServoBus, servo_id: int) -> tuple[int, int]:
+def goals_taken(bus: ServoBus, servo_id: int) -> tuple[int, int]:
     """Return the least and the greatest goal that a servo takes."""
     table = bus.servos[servo_id].table
     low = bus.read(servo_id, Role.MIN_POSITION_LIMIT, raw=True)

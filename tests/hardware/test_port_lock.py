@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -76,21 +77,31 @@ def test_a_port_that_cannot_be_opened_leaves_no_lock(tmp_path):
         pass
 
 
-def test_of_four_that_race_exactly_one_wins(pty_name):
-    racers = [
-        subprocess.Popen(
-            [sys.executable, "-c", HOLD, pty_name],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        for _ in range(4)
-    ]
-    said = [racer.stdout.readline() for racer in racers]
-    for racer in racers:
-        racer.communicate("")
-    assert said.count("held\n") == 1
+def start(pty_name):
+    return subprocess.Popen(
+        [sys.executable, "-c", HOLD, pty_name],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+
+
+LONG = pytest.param(500, marks=[pytest.mark.campaign, pytest.mark.timeout(3600)])
+
+
+@pytest.mark.parametrize("races", [1, LONG])
+def test_of_those_that_race_one_wins_and_once_it_is_killed_the_next_start_succeeds(pty_name, races):
+    chance = random.Random(3)
+    for race in range(races):
+        racers = [start(pty_name) for _ in range(chance.randint(2, 8) if race else 4)]
+        winners = [racer for racer in racers if racer.stdout.readline() == "held\n"]
+        assert len(winners) == 1, f"race {race}"
+        winners[0].send_signal(signal.SIGKILL)
+        for racer in racers:
+            racer.communicate("")
+        with lock_of(pty_name):
+            pass
 
 
 def test_a_lock_file_that_is_a_link_is_not_followed(pty_name, tmp_path):

@@ -1,0 +1,175 @@
+"""The limits that stand in the servos themselves, for when nobody talks to them any more.
+
+All of them are RAM: they are gone after a servo's reset, which is how a reset is noticed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ikservo.errors import RefusedError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.servo import ServoSpec
+from ikservo.registers import Family, Register, Role
+
+__all__ = ["LimitsInServos"]
+
+_TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
+_CURRENT_POSITION = 5  # its operating mode
+_COARSE_SPEED = 50  # ticks a second in one count, where bit 2 of a Feetech's phase is clear
+_FINE_SPEED_BIT = 0b100
+
+# The servo's own ramps: from its speed to a stop in this time. They must be steeper than those of
+# the motion, or the servo could not follow it.
+_RAMP_S = 0.03
+_SLACK = 1.2  # a joint that is behind may catch up
+
+# The least P gain of servos whose own one is so soft that they sag by 6° under an arm: so far a
+# joint would sink when its watchdog makes its goal where it stands.
+_STIFF = {"XL330-M288": 800, "XL330-M077": 800}
+
+_WATCHDOG_COUNTS = 5  # of 20 ms
+_WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
+
+
+class LimitsInServos:
+    """Speed, acceleration and torque limits in RAM, and the watchdog where there is one.
+
+    Args:
+        bus: The line.
+        servo_ids: The servos that are told goals.
+    """
+
+    def __init__(self, bus: ServoBus, servo_ids: Sequence[int]) -> None:
+        self._bus, self._ids = bus, list(servo_ids)
+        self._expected: dict[int, dict[Register, int]] = {i: {} for i in servo_ids}
+        self._plain: dict[int, bool] = {}
+        self._speed_rad_s: float | None = None
+        self._armed = False
+
+    @property
+    def watched(self) -> list[int]:
+        """Return the servos that have a bus watchdog."""
+        return [i for i in self._ids if "bus_watchdog" in self._registers(i)]
+
+    def forget(self) -> None:
+        """Take nothing for granted any more: the servos may have lost their RAM."""
+        self._speed_rad_s = None
+
+    def prepare(self, servo_id: int) -> None:
+        """Make a servo ready to take goals and let it have its torque: once, before it is on.
+
+        A watchdog that has tripped keeps goals from being written until it is cleared.
+
+        Raises:
+            BusError: It does not answer.
+        """
+        registers = self._registers(servo_id)
+        if "bus_watchdog" in registers:
+            self._bus.write(servo_id, registers["bus_watchdog"], 0, raw=True)
+        stiff = _STIFF.get(self._servo(servo_id).table.model_name)
+        gain = registers.get("position_p_gain")
+        if stiff and gain and self._bus.read(servo_id, gain, raw=True) < stiff:
+            self._bus.write(servo_id, gain, stiff, raw=True)
+        limit = self._torque_limit(servo_id)
+        if limit is not None:
+            own, most = limit
+            self._bus.write(servo_id, own, self._bus.read(servo_id, most, raw=True), raw=True)
+
+    def run_at(self, speed_rad_s: float) -> None:
+        """Limit how fast every servo turns towards its goal by itself.
+
+        Args:
+            speed_rad_s: The top speed of the motions that follow, at the horn.
+
+        Raises:
+            BusError: A servo does not take it.
+        """
+        if speed_rad_s == self._speed_rad_s:
+            return
+        for servo_id in self._ids:
+            self._limit(servo_id, _SLACK * speed_rad_s)
+        self._speed_rad_s = speed_rad_s
+
+    def arm_watchdog(self) -> None:
+        """Let servos stop by themselves once nobody has spoken on the bus for a tenth second."""
+        self._armed = bool(self.watched)
+        self._watch(_WATCHDOG_COUNTS)
+
+    def disarm_watchdog(self) -> None:
+        """Let servos hold without being talked to; one packet, no answer needed."""
+        self._watch(0)
+        self._armed = False
+
+    def check_gap(self, elapsed_s: float) -> None:
+        """Raise when nobody has spoken on the bus for so long that the watchdogs have tripped.
+
+        Raises:
+            RefusedError: They have; the servos stand where they were.
+        """
+        if self._armed and elapsed_s > _WATCHDOG_S:
+            raise RefusedError(
+                f"The program was held up for {elapsed_s:.2f} s, so the servos stopped themselves.",
+                "End what loads the computer, then move again.",
+            )
+
+    def canaries(self, servo_id: int) -> Mapping[Register, int]:
+        """Return what must stand in a servo's RAM as long as it was not reset."""
+        registers, expected = self._registers(servo_id), self._expected[servo_id]
+        if self._armed and "bus_watchdog" in registers:
+            return expected | {registers["bus_watchdog"]: _WATCHDOG_COUNTS}
+        return expected
+
+    def _watch(self, counts: int) -> None:
+        for servo_id in self.watched[:1]:
+            register = self._registers(servo_id)["bus_watchdog"]
+            self._bus.sync_write(register, dict.fromkeys(self.watched, counts), raw=True)
+
+    def _limit(self, servo_id: int, speed_rad_s: float) -> None:
+        table = self._servo(servo_id).table
+        speed = table.find(Role.PROFILE_VELOCITY)
+        if not self._is_plain(servo_id):  # it is told how long a step takes; 0 leaves it to us
+            self._expect(servo_id, speed, 0)
+            return
+        self._expect(servo_id, speed, self._speed_counts(servo_id, speed, speed_rad_s))
+        if Role.PROFILE_ACCELERATION not in table.lacks:
+            ramp = table.find(Role.PROFILE_ACCELERATION)
+            counts = min(max(1, ramp.to_raw(speed_rad_s / _RAMP_S)), ramp.range[1])
+            self._expect(servo_id, ramp, counts)
+
+    def _expect(self, servo_id: int, register: Register, counts: int) -> None:
+        """Write a limit; the one written last is the canary."""
+        self._bus.write(servo_id, register, counts, raw=True)
+        self._expected[servo_id] = {register: counts}
+
+    def _speed_counts(self, servo_id: int, register: Register, speed_rad_s: float) -> int:
+        counts = register.to_raw(speed_rad_s)
+        phase = self._registers(servo_id).get("phase")
+        if self._servo(servo_id).table.family is Family.FEETECH_STS and phase is not None:
+            fine = self._bus.read(servo_id, phase, raw=True) & _FINE_SPEED_BIT
+            counts = counts if fine else -(-counts // _COARSE_SPEED)
+        return min(max(1, counts), register.range[1])
+
+    def _is_plain(self, servo_id: int) -> bool:
+        if servo_id not in self._plain:
+            mode = self._registers(servo_id).get("drive_mode")
+            timed = mode and self._bus.read(servo_id, mode, raw=True) & _TIME_BASED_PROFILE
+            self._plain[servo_id] = not timed
+        return self._plain[servo_id]
+
+    def _torque_limit(self, servo_id: int) -> tuple[Register, Register] | None:
+        """Return the RAM register that limits the torque, and the one that holds the most."""
+        registers = self._registers(servo_id)
+        if "torque_limit" in registers and "max_torque" in registers:
+            return registers["torque_limit"], registers["max_torque"]
+        if "goal_current" in registers and "current_limit" in registers:
+            mode = self._bus.read(servo_id, Role.OPERATING_MODE, raw=True)
+            if mode == _CURRENT_POSITION:
+                return registers["goal_current"], registers["current_limit"]
+        return None
+
+    def _registers(self, servo_id: int) -> Mapping[str, Register]:
+        return self._servo(servo_id).table.registers
+
+    def _servo(self, servo_id: int) -> ServoSpec:
+        return self._bus.servos[servo_id]

@@ -1,0 +1,181 @@
+"""An arm that runs: torque without a twitch, one motion at a time, stops that stay, and an ear."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import replace
+from threading import RLock
+
+import numpy as np
+
+from ikservo.arm.answering import Answers
+from ikservo.arm.lines import Lines
+from ikservo.arm.own import serial_number_of, simulated
+from ikservo.arm.owner import Listener, listen
+from ikservo.arm.planning import Plan, Planner
+from ikservo.arm.poses import Poses
+from ikservo.arm.reports import JointState, Whereabouts
+from ikservo.arm.servos import Servos
+from ikservo.arm.signals import interruptible
+from ikservo.arm.stream import STOPPED, OnBeat, Stream
+from ikservo.arm.trust import Zeros
+from ikservo.arm.workings import Begin, Workings
+from ikservo.errors import IkservoError, RefusedError, StoppedError
+from ikservo.guard import Space
+from ikservo.hardware.port import Port
+from ikservo.kinematics import Chain
+from ikservo.kinematics.se3 import Vector
+from ikservo.model import Model
+
+__all__ = ["Running"]
+
+
+class Running(Lines):
+    """What every motion of an ``Arm`` goes through.
+
+    One motion at a time has the turn. A motion that does not end well leaves the arm stopped; the
+    first one after torque came on is slow.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        chain: Chain,
+        servos: Servos,
+        port: Port,
+        space: Space | None,
+        zeros: Zeros,
+    ) -> None:
+        self.model, self.chain, self.zeros = model, chain, zeros
+        self._servos, self._port, self._space = servos, port, space
+        self._planner = Planner(model, chain, servos.names)
+        self._enabled = self._fresh = False
+        self._stream = Stream(servos)
+        self._turn = RLock()
+        self._states: tuple[JointState, ...] = ()
+        self._listener: Listener | None = None
+        self.poses = Poses(model, serial_number_of(port.name))
+        self.workings = Workings(
+            model, chain, servos, self._planner, space, zeros, self._drive, self._allowed
+        )
+
+    @property
+    def port_name(self) -> str:
+        """Return the name of the port the arm is on."""
+        return self._port.name
+
+    def where(self) -> Whereabouts:
+        """Return the measured tip, joints and health."""
+        with self._turn:
+            return self._whereabouts(self._servos.states())
+
+    def glimpse(self) -> Whereabouts:
+        """Return where the arm was at the last beat; asks no servo, so any thread may look.
+
+        Raises:
+            IkservoError: There was none yet.
+        """
+        beat, states = self._stream.beat, self._states
+        if beat is None or not states:
+            raise IkservoError("The arm has just begun to move.", "Ask again.")
+        pairs = zip(states, beat.measured.tolist(), strict=True)
+        return self._whereabouts(tuple(replace(state, position_rad=at) for state, at in pairs))
+
+    def listen(self) -> None:
+        """Let other terminals of this user stop the arm, relax it and ask where it is."""
+        if self._listener is None and not simulated(self._port.name):
+            self._listener = listen(self._port.name, Answers(self, self._turn))
+
+    def enable(self) -> None:
+        """Let every servo hold where it is; goals are set before torque, so nothing twitches."""
+        self._fresh = self._fresh or not self._servos.holding()
+        self._servos.enable(self.model.speed("fast").rad_s)
+        self._enabled = True
+
+    def hold(self) -> None:
+        """Let every servo hold where it is now."""
+        self.enable()
+
+    def stop(self, reason: str = "") -> None:
+        """Brake the running motion within 0.3 s and hold; safe from signals and other threads.
+
+        The motion ends with ``StoppedError``; nothing moves again before ``acknowledge``.
+        """
+        self._stream.request_stop(reason)
+
+    @property
+    def stops_asked(self) -> int:
+        """Return how often a stop was asked for since the last ``acknowledge``."""
+        return self._servos.halt.times
+
+    @property
+    def stopped_for(self) -> str:
+        """Return why the arm was stopped until somebody acknowledges it; empty where it is not."""
+        return self._servos.stopped_for
+
+    def acknowledge(self) -> None:
+        """End a stop: a person has looked, and the arm may be moved again; nothing moves yet."""
+        self._servos.acknowledge()
+        self._enabled = False  # where the joints are is looked at anew
+
+    def release(self) -> None:
+        """Switch every servo's torque off where the arm is; what nobody holds falls."""
+        self._servos.release()
+        self._enabled = False
+
+    @contextmanager
+    def _moving(self) -> Generator[None]:
+        """Have the turn, torque on and signals heard; after a fault torque is looked at anew."""
+        with self._turn:
+            if not self._enabled:
+                self.enable()
+            if self._listener is not None:
+                self._states = self._servos.states()
+            with self._stopping_well():
+                yield
+            self._fresh = False
+
+    @contextmanager
+    def _stopping_well(self) -> Generator[None]:
+        try:
+            with interruptible(self._servos.halt):
+                yield
+        except KeyboardInterrupt:
+            self._enabled = False
+            self._servos.stop(self._servos.halt.reason or STOPPED[0])
+            raise StoppedError(self._servos.stopped_for, STOPPED[1]) from None
+        except BaseException:
+            self._enabled = False
+            raise
+
+    def _drive(self, begin: Begin, on_beat: OnBeat | None, speed: str) -> Vector:
+        """Carry out a course that begins where the servos' goals are; see ``Workings``."""
+        horn_rad_s = self.model.speed(speed).rad_s
+        with self._moving():
+            course = begin(self._servos.goals())
+            return self._stream.run(course, on_beat, speed_rad_s=horn_rad_s)
+
+    def _whereabouts(self, states: tuple[JointState, ...]) -> Whereabouts:
+        joints = np.array([state.position_rad for state in states])
+        return Whereabouts(self._planner.tip(joints), states)
+
+    def _here(self) -> Vector:
+        """Return where a motion starts: the goals of a holding arm, else the measured joints."""
+        return self._servos.goals() if self._enabled else self._servos.standing()
+
+    def _allowed(self, speed: str) -> str:
+        """Return the speed of a motion that could start now: the first one is slow."""
+        self.model.speed(speed)
+        return "slow" if self._is_first() else speed
+
+    def _is_first(self) -> bool:
+        """Return whether no motion has ended well since torque came on, or it is off."""
+        return self._fresh or not (self._enabled or self._servos.holding())
+
+    def _check_speed(self, plan: Plan) -> None:
+        if plan.speed != "slow" and self._is_first():
+            raise RefusedError(
+                "Torque went off since this was planned.",
+                "Nothing was sent. Plan it again: the first motion is slow.",
+            )

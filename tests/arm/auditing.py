@@ -1,0 +1,100 @@
+"""An independent eye on the simulated servos: every goal and torque write, as they arrive."""
+
+from dataclasses import dataclass, field
+
+from tests.arm.simulated import line_of
+from tests.oracle import arm_file, pinocchio_model
+
+LONGEST_S = 0.05  # no goal makes up for a longer pause
+STANDING_TICKS = 79  # what a goal may lead a joint by that carries a load
+TRAVEL_TICKS = 60  # what it may lead by besides, for motion
+
+
+@dataclass
+class Goal:
+    time_s: float
+    servo_id: int
+    tick: int
+    present: int
+    last: int
+
+
+@dataclass
+class Auditor:
+    """Notes what is written to the servos of an open arm, and says what of it was wrong."""
+
+    arm: object
+    goals: list = field(default_factory=list)
+    torque: list = field(default_factory=list)
+
+    def __post_init__(self):
+        self.line = line_of(self.arm)
+        for servo in self.line.world.servos:
+            servo.asked = self._watcher(servo)
+        self.limits = _limits(self.arm.model.name)
+        self.eeprom_writes = lambda: sum(s.memory.eeprom_writes for s in self.line.world.servos)
+        self._eeprom_before = self.eeprom_writes()
+        self._goal_s = {}
+
+    def faults(self):
+        """Return what was wrong with the goals, in words; an empty list for a sound program."""
+        wrong = [w for goal in self.goals for w in self._judge(goal)]
+        if self.eeprom_writes() != self._eeprom_before:
+            wrong.append("EEPROM was written")
+        return wrong
+
+    def goals_after(self, time_s):
+        return [goal for goal in self.goals if goal.time_s > time_s]
+
+    def torque_on_after(self, time_s):
+        return [at_s for at_s, _, on in self.torque if on and at_s > time_s]
+
+    def _watcher(self, servo):
+        table = servo.table.by_name
+
+        def value(name, address, data):
+            row, start = table[name], table[name].address - address
+            inside = start >= 0 and start + row.size <= len(data)
+            return row.decode(data[start : start + row.size]) if inside else None
+
+        def watch(address, data):
+            tick = value("goal_position", address, data)
+            if tick is not None and servo.id in self.limits:
+                present, last = servo.read("present_position"), servo.memory.get("goal_position")
+                self.goals.append(Goal(self.line.world.time_s, servo.id, tick, present, last))
+            torque = value("torque_enable", address, data)
+            if torque is not None:
+                self.torque.append((self.line.world.time_s, servo.id, torque == 1))
+
+        return watch
+
+    def _judge(self, goal):
+        before_s = self._goal_s.get(goal.servo_id, goal.time_s - LONGEST_S)
+        self._goal_s[goal.servo_id] = goal.time_s
+        low, high, ticks_s = self.limits[goal.servo_id]
+        elapsed_s = min(goal.time_s - before_s, LONGEST_S) + 0.002  # the world's own steps
+        back = abs(goal.tick - goal.present) <= abs(goal.last - goal.present)  # nearer to the joint
+        if not min(low, goal.last) <= goal.tick <= max(high, goal.last) and not back:
+            yield f"{goal} is outside {low} to {high}"
+        if abs(goal.tick - goal.last) > ticks_s * elapsed_s + 2 and not back:
+            yield f"{goal} is a jump after {elapsed_s:.3f} s"
+        lead = STANDING_TICKS + min(0.1 * ticks_s, TRAVEL_TICKS)
+        if abs(goal.tick - goal.present) > lead + 0.02 * ticks_s and not back:
+            yield f"{goal} leads too far"
+
+
+def _limits(name):
+    """Return each servo's range in ticks and its top speed in ticks a second, from the files."""
+    arm, model = arm_file(name), pinocchio_model(name)
+    ranges = {}
+    for joint in arm["joints"]:
+        servo = joint["servo"]
+        place = model.joints[model.getJointId(joint["name"])].idx_q
+        turn = servo.get("m_per_turn", 6.283185307179586)
+        ends = [
+            servo["zero_tick"] + servo["sign"] * 4096 * value / turn
+            for value in (model.lowerPositionLimit[place], model.upperPositionLimit[place])
+        ]
+        ticks_s = 1.2 * arm["speeds"]["fast"]["deg_s"] * 4096 / 360
+        ranges[servo["id"]] = (min(ends) - 1, max(ends) + 1, ticks_s)
+    return ranges

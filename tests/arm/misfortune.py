@@ -1,0 +1,146 @@
+"""Seeded motions to which something happens, and what must be true afterwards."""
+
+import random
+from dataclasses import dataclass
+
+import numpy as np
+
+import ikservo
+from ikservo.errors import (
+    BusError,
+    NotSettledError,
+    PortLostError,
+    RefusedError,
+    ServoAlarmError,
+)
+from servosim.faults import Fault
+from tests.arm.auditing import Auditor
+from tests.arm.simulated import line_of, registers, true_joints
+
+NAMED = (BusError, NotSettledError, PortLostError, RefusedError, ServoAlarmError)
+SPEEDS = ("slow", "normal", "fast")
+
+
+@dataclass
+class Outcome:
+    """How one motion ended.
+
+    Attributes:
+        state: The name of the error, or "reached" or "short".
+        noticed_s: From the fault to the end of the motion.
+        beats_after: Moments after the fault at which goals were still sent.
+        wrong: What the audit found.
+    """
+
+    state: str
+    noticed_s: float
+    beats_after: int
+    wrong: list
+
+
+def chance(seed):
+    return random.Random(seed)
+
+
+def swing(arm, dice, speed=None):
+    """Return where every joint shall go: somewhere in the middle half of its range."""
+    goals = {}
+    for fence in arm._servos.fences:
+        low, high = fence.positions
+        goals[fence.joint] = low + (high - low) * dice.uniform(0.25, 0.75)
+    return goals, speed or dice.choice(SPEEDS)
+
+
+def motion_with(name, dice, fault=None, speed=None, hook=None):
+    """Move an arm to somewhere while a fault happens, and say how that ended.
+
+    Args:
+        name: Of the arm.
+        dice: Decides where to, how fast and when.
+        fault: Keys of the ``Fault``; ``at_share`` is its time as a share of the motion.
+        speed: slow, normal or fast; by chance if None.
+        hook: Called with the open arm and its auditor before the motion, and after it.
+    """
+    with ikservo.open_arm(name, port="sim", collisions=False) as arm:
+        arm.enable()
+        goals, speed = swing(arm, dice, speed)
+        line, auditor = line_of(arm), Auditor(arm)
+        plan = arm.plan_joints(goals, speed=speed)
+        fault = dict(fault or {})
+        at_s = line.world.time_s + plan.duration_s * fault.pop("at_share", dice.random())
+        if fault:
+            line.faults.add(Fault(at_s=at_s, **fault))
+        state, wrong = "short", []
+        try:
+            report = arm.move_joints(goals, speed=speed)
+        except NAMED as error:
+            state = type(error).__name__
+        else:
+            state = "reached" if report.reached else "short"
+            wrong += _untrue(arm, report)
+        ended_s = line.world.time_s
+        later = _later(arm, auditor)
+        beats = len({goal.time_s for goal in auditor.goals_after(at_s + 0.002)})
+        wrong += auditor.faults() + later
+        if hook:
+            wrong += hook(arm, auditor, at_s)
+        return Outcome(state, ended_s - at_s, beats, wrong)
+
+
+def _untrue(arm, report):
+    """Say where a report differs from the servos' own registers."""
+    truth = true_joints(arm)
+    return [
+        f"{joint} is at {truth[joint]:.4f}, reported at {told:.4f}"
+        for joint, told in report.measured_rad.items()
+        if not np.isclose(truth[joint], told, atol=0.004)
+    ]
+
+
+def _later(arm, auditor):
+    """Let a second pass without a program, and say what was still sent in it."""
+    clock = arm._port.transport.clock
+    clock.sleep_until(clock.now_s() + 0.01)
+    heard = len(auditor.goals), len(auditor.torque)
+    clock.sleep_until(clock.now_s() + 1.0)
+    moved = (len(auditor.goals), len(auditor.torque)) != heard
+    return ["something was sent after the motion had ended"] if moved else []
+
+
+def random_fault(dice, ids):
+    """Return a fault of servosim's list, with everything about it left to chance."""
+    one = dice.choice(ids)
+    share, some = dice.random(), dice.choice((None, one))
+    window_s = dice.uniform(0.05, 1.0)
+    faults = [
+        {"kind": "silent", "id": some, "for_s": window_s},
+        {"kind": "silent", "id": some, "probability": dice.uniform(0.01, 0.3)},
+        {"kind": "late", "probability": dice.uniform(0, 0.1), "delay_s": dice.uniform(0.001, 0.2)},
+        {"kind": "duplicated", "probability": dice.uniform(0.0, 0.1), "delay_s": 0.003},
+        {"kind": "short", "id": some, "probability": 0.05, "bytes": dice.randrange(8)},
+        {"kind": "truncated", "id": some, "probability": 0.05},
+        {"kind": "flipped", "probability": 0.05, "bits": dice.randrange(1, 5)},
+        {"kind": "checksum", "id": some, "probability": 0.05},
+        {"kind": "garbage", "probability": 0.05, "bytes": dice.randrange(1, 9)},
+        {"kind": "lost", "probability": dice.uniform(0.0, 0.2)},
+        {"kind": "unplug", "for_s": window_s},
+        {"kind": "brownout", "id": some, "for_s": window_s},
+        {"kind": "reset", "id": one},
+        {"kind": "alarm", "id": one, "bits": dice.choice((0x01, 0x04, 0x20)), "for_s": window_s},
+        {"kind": "hot", "id": one, "celsius": dice.uniform(50, 90)},
+        {"kind": "stuck", "id": one, "for_s": window_s},
+        {"kind": "slipping", "id": one, "grip": dice.uniform(0.05, 0.6)},
+        {"kind": "voltage", "volts": dice.uniform(3.0, 9.0), "for_s": window_s},
+        {"kind": "torque_lost", "id": one},
+    ]
+    return {**dice.choice(faults), "at_share": share}
+
+
+def ids_of(name):
+    return [joint.servo.id for joint in ikservo.load_model(name).joints]
+
+
+def held(arm, _auditor, _at_s):
+    """Say which servos have let go."""
+    torque = registers(arm, "torque_enable")
+    return [f"servo {i} has let go" for i, on in torque.items() if not on]

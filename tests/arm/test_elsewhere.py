@@ -1,0 +1,167 @@
+"""Another terminal stops an arm, asks where it is and relaxes it, whoever owns its port."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm import elsewhere
+from ikservo.arm.answering import Answers
+from ikservo.arm.owner import listen
+from ikservo.arm.tape_reading import read_recording
+from ikservo.errors import IkservoError, RefusedError, StoppedError
+from tests.arm.simulated import line_of, registers, true_joints
+
+
+@pytest.fixture
+def device(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    device = tmp_path / "ttyACM0"
+    device.touch()
+    monkeypatch.setattr(elsewhere, "chosen_port", lambda model, port: str(device))
+    return str(device)
+
+
+@pytest.fixture
+def arm(device):
+    """An arm whose own program listens; the simulated bus itself could be asked by nobody."""
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        machine._listener = listen(device, Answers(machine, machine._turn))
+        yield machine
+
+
+@pytest.fixture
+def elsewhere_thread():
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+
+
+def at(seconds, do):
+    """Return what does something once, when a motion has gone on for so long."""
+    left = [do]
+
+    def on_progress(progress):
+        if progress.elapsed_s > seconds and left:
+            left.pop()()
+
+    return on_progress
+
+
+def test_an_arm_at_rest_is_measured_for_whoever_asks(arm):
+    here, asked = arm.where(), elsewhere.ask_where(arm.model, None)
+    np.testing.assert_allclose(asked.tip_m, here.tip_m, atol=1e-3)
+    assert [joint.name for joint in asked.joints] == [joint.name for joint in here.joints]
+    assert asked.joints[0].limit_from == here.joints[0].limit_from
+
+
+def test_a_moving_arm_says_where_it_was_at_the_last_beat(arm, elsewhere_thread):
+    seen = []
+
+    def ask():
+        seen.append(elsewhere_thread.submit(elsewhere.ask_where, arm.model, None).result(20))
+
+    arm.move_joints({"gripper": 0.9}, on_progress=at(0.3, ask))
+    assert 0.53 < seen[0].joints[-1].position_rad < 0.9
+    assert seen[0].joints[-1].torque
+
+
+def test_a_moving_arm_is_stopped_and_stays_so(arm, elsewhere_thread):
+    answers = []
+
+    def stop():
+        answers.append(elsewhere_thread.submit(elsewhere.stop_from_here, arm.model, None))
+        while not arm.stops_asked:
+            threading.Event().wait(0.001)
+
+    with pytest.raises(StoppedError, match="from another terminal"):
+        arm.move_joints({"shoulder_pan": 1.2}, on_progress=at(0.3, stop))
+    stopped = answers[0].result(20)
+    assert (stopped.moving, stopped.limp, stopped.silent) == (True, (), ())
+    assert stopped.held == arm.workings.servos.names
+    assert all(registers(arm, "torque_enable").values())
+    assert true_joints(arm)["shoulder_pan"] < 0.6
+    with pytest.raises(RefusedError, match="from another terminal"):
+        arm.move_joints({"shoulder_pan": 0.0})
+
+
+def test_after_it_was_acknowledged_the_arm_moves_again(arm):
+    elsewhere.stop_from_here(arm.model, None)
+    arm.acknowledge()
+    assert arm.move_joints({"gripper": 0.6}).reached
+
+
+def test_stopping_a_limp_arm_switches_no_torque(arm):
+    stopped = elsewhere.stop_from_here(arm.model, None)
+    assert (stopped.moving, stopped.held) == (False, ())
+    assert stopped.limp == arm.workings.servos.names
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
+    arm.hold()
+    report = elsewhere.ask_to_relax(arm.model, None)
+    assert report.reached
+    assert not any(registers(arm, "torque_enable").values())
+    with pytest.raises(RefusedError, match="Relaxed from another terminal"):
+        arm.move_joints({"gripper": 0.6})
+
+
+def test_every_arm_is_stopped_where_none_is_named(arm):
+    (stopped,) = elsewhere.stop_all()
+    assert stopped.arm == "so101"
+
+
+def test_where_nobody_owns_the_port_nobody_is_asked(device):
+    model = ikservo.load_model("so101")
+    assert elsewhere.ask_where(model, None) is None
+    assert elsewhere.ask_to_relax(model, None) is None
+    assert elsewhere.stop_all() == []
+
+
+@pytest.mark.parametrize("answer", [{}, {"tip_m": [0, 0, 0], "joints": [{"name": "a"}]},
+                                    {"tip_m": "here", "joints": []}, {"held": 3}])  # fmt: skip
+def test_an_answer_of_another_version_is_named(device, answer):
+    listener = listen(device, lambda _: answer)
+    model = ikservo.load_model("so101")
+    for ask in (elsewhere.ask_to_relax, elsewhere.stop_from_here):
+        with pytest.raises(IkservoError, match="another way"):
+            ask(model, None)
+    with pytest.raises(IkservoError):
+        elsewhere.ask_where(model, None)
+    listener.close()
+
+
+def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
+    path = tmp_path / "wave.jsonl"
+    report = elsewhere.record_from_here(arm.model, None, path, 0.1, 0.02, overwrite=False)
+    recording = read_recording(path)
+    assert report.samples == len(recording.times_s) > 2
+    assert recording.joints[0][-1] == pytest.approx(0.52, abs=0.02)
+
+
+def test_servos_that_a_dead_program_left_moving_are_stopped(arm):
+    before = registers(arm, "present_position")[1]
+    arm.hold()
+    line_of(arm).servos[1].write("goal_position", 3000)
+    halted = arm.workings.servos.stand_still("test")
+    assert halted.held == arm.workings.servos.names
+    goal, present = (registers(arm, name)[1] for name in ("goal_position", "present_position"))
+    assert abs(goal - present) < 40
+    assert before <= goal < before + 200
+
+
+def test_a_resting_servo_keeps_its_goal_when_it_is_stopped(arm):
+    arm.move_joints({"gripper": 0.6})
+    before = registers(arm, "goal_position")
+    arm.workings.servos.stand_still("test")
+    assert registers(arm, "goal_position") == before
+
+
+def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
+    arm.hold()
+    line_of(arm).servos[3].power_down()
+    halted = arm.workings.servos.stand_still("test")
+    assert halted.silent == ("elbow_flex",)
+    assert len(halted.held) == 5

@@ -1,0 +1,176 @@
+"""The promises about faults, over many seeded motions; the suite runs a few of each."""
+
+import sys
+
+import pytest
+
+import ikservo
+from ikservo.errors import RefusedError
+from tests.arm.auditing import Auditor
+from tests.arm.misfortune import chance, held, ids_of, motion_with, random_fault
+from tests.arm.simulated import line_of, registers
+
+FAMILIES = ("so101", "koch")
+
+
+def times(few, many):
+    """Run a test over a few seeds, and over many of them in a campaign."""
+    return pytest.mark.parametrize(
+        "seeds",
+        [
+            pytest.param(range(few), id="few"),
+            pytest.param(
+                range(many), id="many", marks=(pytest.mark.campaign, pytest.mark.timeout(0))
+            ),
+        ],
+    )
+
+
+def tell(capsys, text):
+    with capsys.disabled():
+        sys.stdout.write(f"\n  {text}\n")
+
+
+@times(2, 1000)
+def test_whatever_happens_goals_stay_sound_and_the_motion_ends_in_a_named_state(seeds, capsys):
+    states = {}
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        fault = random_fault(dice, ids_of(name))
+        outcome = motion_with(name, dice, fault)
+        assert outcome.wrong == [], (seed, name, fault)
+        states[outcome.state] = states.get(outcome.state, 0) + 1
+    tell(capsys, f"{len(seeds)} motions: {states}")
+
+
+@times(1, 100)
+def test_a_servo_that_falls_silent_stops_the_arm_within_three_beats(seeds, capsys):
+    most = 0
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        fault = {"kind": "silent", "id": dice.choice(ids_of(name)),
+                 "at_share": 0.05 + 0.9 * seed / len(seeds)}  # fmt: skip
+        outcome = motion_with(name, dice, fault, speed="normal", hook=held)
+        assert (outcome.state, outcome.wrong) == ("ServoSilentError", []), (seed, name, fault)
+        most = max(most, outcome.beats_after)
+    tell(capsys, f"{len(seeds)} phases: at most {most} writes of goals, two that hold included")
+    assert most <= 5
+
+
+@times(1, 1000)
+def test_a_reset_is_noticed_within_half_a_second_and_torque_stays_off(seeds, capsys):
+    worst_s = 0.0
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        fault = {"kind": "reset", "id": dice.choice(ids_of(name)),
+                 "at_share": dice.uniform(0.0, 0.6)}  # fmt: skip
+        outcome = motion_with(name, dice, fault, speed="slow", hook=_nothing_switched_on)
+        assert outcome.wrong == [], (seed, name, fault)
+        assert outcome.state not in ("reached", "short"), (seed, name, fault)
+        worst_s = max(worst_s, outcome.noticed_s)
+    tell(capsys, f"{len(seeds)} resets: noticed within {worst_s:.3f} s, 0 switched on again")
+    assert worst_s <= 0.5
+
+
+@times(1, 1000)
+def test_after_a_brown_out_nothing_moves_without_a_person(seeds, capsys):
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        fault = {"kind": "brownout", "for_s": dice.uniform(0.01, 2.0),
+                 "at_share": dice.uniform(0.0, 0.6)}  # fmt: skip
+        outcome = motion_with(name, dice, fault, speed="slow", hook=_stays_down)
+        assert outcome.wrong == [], (seed, name, fault)
+    tell(capsys, f"{len(seeds)} brown-outs: 0 motions after the supply came back")
+
+
+@times(1, 1000)
+def test_a_pulled_cable_ends_the_motion_within_a_tenth_of_a_second(seeds, capsys):
+    worst_s = 0.0
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        fault = {"kind": "unplug", "at_share": dice.uniform(0.0, 0.9)}
+        outcome = motion_with(name, dice, fault, speed="normal")
+        assert (outcome.state, outcome.wrong) == ("PortLostError", []), (seed, name)
+        worst_s = max(worst_s, outcome.noticed_s)
+    tell(capsys, f"{len(seeds)} pulled cables: said within {worst_s * 1000:.0f} ms")
+    assert worst_s <= 0.1
+
+
+@times(1, 500)
+def test_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(seeds, capsys):
+    states = {}
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        fault = {"kind": "lost", "probability": 0.1, "at_share": 0.0}
+        outcome = motion_with(name, dice, fault, speed="normal")
+        assert outcome.wrong == [], (seed, name)
+        states[outcome.state] = states.get(outcome.state, 0) + 1
+    tell(capsys, f"{len(seeds)} motions with 10 % of the instructions lost: {states}")
+    assert set(states) <= {"reached", "short"}
+
+
+@times(4, 1000)
+def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
+    worst = 0
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        with ikservo.open_arm(name, port="sim", collisions=False) as arm:
+            auditor, world = Auditor(arm), line_of(arm).world
+            for fence in arm._servos.fences:
+                low, high = fence.positions
+                world.place(fence.joint, dice.uniform(low, high))
+            before = registers(arm, "present_position")
+            world_s = world.time_s
+            arm.enable()
+            stands = {goal.servo_id: goal for goal in auditor.goals if goal.time_s > world_s}
+            worst = max(worst, *(abs(goal.tick - goal.present) for goal in stands.values()))
+            assert len(before) == len(stands), seed
+    tell(capsys, f"{len(seeds)} placements: torque comes on at most {worst} ticks away")
+    assert worst <= 2
+
+
+@times(1, 100)
+def test_a_jammed_joint_stops_the_motion_within_three_beats(seeds, capsys):
+    most = joints = 0
+    for seed in seeds:
+        name = FAMILIES[seed % 2]
+        for servo_id in ids_of(name)[:1] if len(seeds) < 10 else ids_of(name):
+            dice, watch = chance(seed), _Lead(servo_id)
+            fault = {"kind": "stuck", "id": servo_id, "at_share": 0.7 * seed / len(seeds)}
+            outcome = motion_with(name, dice, fault, speed="fast", hook=watch)
+            assert outcome.wrong == [], (seed, name, servo_id)
+            most, joints = max(most, watch.beats), joints + 1
+    tell(capsys, f"{joints} jams: at most {most} beats beyond the limit")
+    assert most <= 3
+
+
+class _Lead:
+    """Counts the beats in which a joint was behind its goal by more than its motion's limit."""
+
+    def __init__(self, servo_id):
+        self.servo_id, self.beats = servo_id, 0
+
+    def __call__(self, arm, auditor, _at_s):
+        most = arm._servos._following._most
+        for i, fence in enumerate(arm._servos.fences):
+            if fence.servo_id == self.servo_id:
+                ticks = most[i] / fence.joint_map.unit_per_tick
+                own = [g for g in auditor.goals if g.servo_id == self.servo_id]
+                self.beats = sum(abs(goal.last - goal.present) > ticks for goal in own[:-2])
+        return []
+
+
+def _nothing_switched_on(_arm, auditor, at_s):
+    return [f"torque on at {t}" for t in auditor.torque_on_after(at_s)]
+
+
+def _stays_down(arm, auditor, at_s):
+    clock = arm._port.clock
+    clock.sleep_until(clock.now_s() + 3.0)
+    try:
+        arm.move_joints({arm.model.joints[0].name: 0.1})
+    except RefusedError as error:
+        wrong = [] if "stays so" in str(error) else [str(error)]
+    else:
+        wrong = ["it moved"]
+    return wrong + _nothing_switched_on(arm, auditor, at_s)

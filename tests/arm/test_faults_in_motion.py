@@ -1,0 +1,213 @@
+"""Things go wrong in the middle of a motion: the arm stops, says which joint, and stays stopped."""
+
+import pytest
+
+import ikservo
+from ikservo.errors import (
+    PortError,
+    PortLostError,
+    RefusedError,
+    ServoAlarmError,
+    ServoSilentError,
+)
+from servosim.faults import Fault
+from tests.arm.auditing import Auditor
+from tests.arm.simulated import line_of, registers, servo_id
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim", collisions=False) as machine:
+        machine.enable()
+        yield machine
+
+
+@pytest.fixture(params=["so101", "koch"])
+def either(request):
+    """An arm of each family."""
+    with ikservo.open_arm(request.param, port="sim", collisions=False) as machine:
+        machine.enable()
+        yield machine
+
+
+def inject(arm, kind, after_s=0.4, **details):
+    """Let a fault happen so long after the motion has begun; return when that is."""
+    line = line_of(arm)
+    at_s = line.world.time_s + after_s
+    line.faults.add(Fault(kind, at_s=at_s, **details))
+    return at_s
+
+
+def swing(arm, way_rad=0.4):
+    """Move every joint of the arm a good way."""
+    here = zip(arm._servos.fences, arm._servos.standing(), strict=True)
+    goals = {f.joint: at + (way_rad if at < sum(f.positions) / 2 else -way_rad) for f, at in here}
+    return arm.move_joints(goals)
+
+
+def wait(arm, seconds):
+    clock = arm._port.clock
+    clock.sleep_until(clock.now_s() + seconds)
+
+
+def joint_of(arm, servo):
+    return next(j.name for j in arm.model.joints if j.servo.id == servo)
+
+
+def test_a_servo_that_falls_silent_stops_the_others_within_three_beats_and_is_named(either):
+    auditor = Auditor(either)
+    lost_s = inject(either, "silent", id=3)
+    with pytest.raises(ServoSilentError, match=rf"{joint_of(either, 3)} \(id 3\)"):
+        swing(either)
+    beats = {goal.time_s for goal in auditor.goals_after(lost_s)}
+    assert len(beats) <= 4  # three, and the one that holds
+    assert all(registers(either, "torque_enable").values())
+
+
+def test_one_lost_answer_in_ten_does_not_stop_a_motion(arm):
+    inject(arm, "silent", after_s=0.0, probability=0.1)
+    swing(arm)
+
+
+def test_one_lost_instruction_in_ten_does_not_keep_the_arm_from_its_goal():
+    with ikservo.open_arm("so101", port="sim") as arm:
+        arm.enable()
+        inject(arm, "lost", after_s=0.0, probability=0.1)
+        assert arm.move_joints({"shoulder_pan": 0.4}).reached
+
+
+def test_a_servo_that_starts_anew_is_noticed_and_never_switched_on_again_by_itself(either):
+    auditor = Auditor(either)
+    reset_s = inject(either, "reset", id=2)
+    with pytest.raises(
+        (ServoAlarmError, ServoSilentError, RefusedError), match=joint_of(either, 2)
+    ):
+        swing(either)
+    assert line_of(either).world.time_s - reset_s < 0.5
+    wait(either, 2.0)
+    with pytest.raises(RefusedError, match="stopped and stays so"):
+        swing(either)
+    assert not auditor.torque_on_after(reset_s)
+
+
+def test_after_a_brown_out_nothing_moves_until_a_person_says_so(either):
+    auditor = Auditor(either)
+    gone_s = inject(either, "brownout", for_s=0.3)
+    with pytest.raises((ServoAlarmError, ServoSilentError)):
+        swing(either)
+    wait(either, 2.0)
+    with pytest.raises(RefusedError, match="stopped and stays so"):
+        swing(either)
+    assert not auditor.torque_on_after(gone_s)
+    either.acknowledge()
+    swing(either)
+    assert auditor.faults() == []
+
+
+def test_a_pulled_cable_is_said_at_once(arm):
+    pulled_s = inject(arm, "unplug")
+    with pytest.raises(PortLostError):
+        swing(arm)
+    assert line_of(arm).world.time_s - pulled_s < 0.1
+
+
+def test_dynamixels_stop_by_themselves_when_nobody_talks_to_them_any_more():
+    with ikservo.open_arm("koch", port="sim") as arm:
+        arm.enable()
+        inject(arm, "unplug")
+        with pytest.raises(PortLostError):
+            arm.move_joints({"shoulder_pan": 1.0}, speed="fast")
+        arm._port.transport.clock.sleep_until(arm._port.clock.now_s() + 0.5)
+        assert set(registers(arm, "bus_watchdog").values()) == {-1}
+        goals, present = registers(arm, "goal_position"), registers(arm, "present_position")
+        assert abs(goals[1] - present[1]) <= 12
+
+
+def test_a_dynamixel_stopped_by_its_watchdog_moves_again_at_the_next_start():
+    with ikservo.open_arm("koch", port="sim") as arm:
+        arm.enable()
+        for servo in line_of(arm).servos.values():
+            servo.memory.put("bus_watchdog", -1)
+        arm.enable()
+        assert set(registers(arm, "bus_watchdog").values()) == {0}
+        swing(arm)
+
+
+def test_an_overloaded_joint_is_told_to_stay_where_it_is(either):
+    inject(either, "alarm", id=2, bits=0x20)
+    with pytest.raises(ServoAlarmError, match=rf"{joint_of(either, 2)} .*overload") as caught:
+        swing(either)
+    assert caught.value.exit_code == 5
+    servo = line_of(either).servos[2]
+    assert abs(servo.read("goal_position") - servo.read("present_position")) < 40
+
+
+@pytest.mark.parametrize(
+    ("kind", "details", "words"),
+    [("hot", {"celsius": 66.0}, "6[56] °C"), ("voltage", {"volts": 3.9}, "fed|complains|voltage")],
+)
+def test_a_servo_that_is_not_well_is_said_with_its_number(kind, details, words):
+    with ikservo.open_arm("so101", port="sim") as arm:
+        arm.enable()
+        inject(arm, kind, **details)
+        with pytest.raises(ServoAlarmError, match=words):
+            swing(arm)
+
+
+def test_a_motor_that_gives_no_torque_although_it_says_so_stops_the_arm():
+    with ikservo.open_arm("so101", port="sim") as arm:
+        swing(arm)
+        inject(arm, "torque_lost", id=2)
+        with pytest.raises(RefusedError, match="shoulder_lift does not follow"):
+            arm.move_joints({"shoulder_pan": 1.2})
+
+
+def test_a_jammed_joint_stops_the_motion_within_three_beats_of_leading_too_far(arm):
+    name = joint_of(arm, 1)
+    auditor = Auditor(arm)
+    inject(arm, "stuck", id=1)
+    with pytest.raises(RefusedError, match=f"{name} does not follow"):
+        arm.move_joints({name: 1.2}, speed="fast")
+    wait(arm, 0.01)
+    assert auditor.faults() == []
+    pan = line_of(arm).servos[1]
+    assert pan.read("goal_position") == pan.read("present_position")
+
+
+def test_what_was_stopped_moves_again_once_acknowledged(arm):
+    inject(arm, "stuck", id=1, for_s=2.0)
+    with pytest.raises(RefusedError, match="does not follow"):
+        arm.move_joints({joint_of(arm, 1): 1.0})
+    wait(arm, 3.0)
+    assert "does not follow" in arm.stopped_for
+    arm.acknowledge()
+    swing(arm)
+
+
+def test_no_normal_session_writes_eeprom(arm):
+    auditor = Auditor(arm)
+    swing(arm, 0.1)
+    arm.release()
+    assert auditor.faults() == []
+
+
+def test_an_arm_that_was_closed_says_so(arm):
+    arm.close()
+    with pytest.raises(PortError, match="was closed"):
+        arm.where()
+
+
+def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
+    with ikservo.open_arm("so101", port="sim") as arm:
+        world = line_of(arm).world
+        arm.enable()
+        arm.release()
+        world.place("shoulder_pan", 0.7)
+        world.place("wrist_roll", -0.9)
+        before = registers(arm, "present_position")
+        arm.enable()
+        wait(arm, 0.2)
+        after = registers(arm, "present_position")
+    pan, roll = servo_id("so101", "shoulder_pan"), servo_id("so101", "wrist_roll")
+    assert abs(after[pan] - before[pan]) <= 2
+    assert abs(after[roll] - before[roll]) <= 2

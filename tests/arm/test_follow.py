@@ -1,0 +1,259 @@
+"""An arm follows a stream of wishes and stops when it falls silent; a jog lasts while it is fed."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import BadValueError, InputError, RefusedError, UnknownNameError
+from servosim.hand import Hand, glide
+from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        yield machine
+
+
+def beats(arm, seconds):
+    return round(seconds / arm.workings.servos.beat_s)
+
+
+def circle(centre_m, radius_m, count):
+    for angle in np.linspace(0.0, 2 * math.pi, count):
+        yield centre_m + radius_m * np.array([0.0, math.sin(angle), 1.0 - math.cos(angle)])
+
+
+def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
+    centre_m = arm.where().tip_m
+    seen = []
+    report = arm.follow(
+        circle(centre_m, 0.02, beats(arm, 0.8)), speed="fast", on_progress=seen.append
+    )
+    tips = np.array([p.tip_m for p in seen])
+    assert (report.unreached, report.refused, report.ended) == (0, 0, "the stream ended")
+    assert np.ptp(tips[:, 1]) == pytest.approx(0.04, abs=0.01)
+    np.testing.assert_allclose(report.measured_tip_m, true_tip_m(arm), atol=2e-3)
+    assert np.linalg.norm(true_tip_m(arm) - centre_m) < 0.02
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [
+        lambda T: ikservo.Target(T[:3, 3] + (0.0, 0.02, 0.0)),
+        lambda T: ikservo.Target(T[:3, 3], direction=T[:3, 2]),
+        lambda T: T,
+        lambda T: T[:3, 3].tolist(),
+        lambda T: {"gripper": 0.6},
+    ],
+)
+def test_every_kind_of_wish_is_understood(arm, wish):
+    joints = np.array([state.position_rad for state in arm.where().joints])
+    T = arm.chain.forward(arm.workings.in_chain(joints))
+    report = arm.follow([wish(T)] * 5)
+    assert (report.wishes, report.refused) == (5, 0)
+
+
+def test_after_silence_it_holds_and_returns(arm):
+    def stream():
+        yield {"shoulder_pan": 1.0}
+        while True:
+            yield None
+
+    report = arm.follow(stream())
+    assert report.ended == "nothing came for 0.3 s"
+    assert 0.3 <= report.duration_s <= 0.9
+    assert all(registers(arm, "torque_enable").values())
+    assert true_joints(arm)["shoulder_pan"] < 0.6
+
+
+def test_a_stream_that_keeps_it_waiting_is_silence(arm):
+    def stream():
+        yield {"shoulder_pan": 1.0}
+        arm.workings.servos.clock.sleep_until(arm.workings.now_s() + 1.0)
+        yield {"shoulder_pan": -1.0}
+
+    assert arm.follow(stream()).ended == "nothing came for 0.3 s"
+    assert true_joints(arm)["shoulder_pan"] > -0.05
+
+
+def test_what_is_out_of_reach_is_gone_towards_and_counted(arm):
+    report = arm.follow([(0.9, 0.0, 0.2)] * 20)
+    assert report.unreached == 20
+
+
+def test_a_limit_holds_whoever_pulls_past_it(arm):
+    report = arm.follow([{"gripper": -5.0}] * beats(arm, 0.7), speed="fast")
+    lower = math.radians(-10.0)
+    low_tick = 2048 + math.ceil(lower / (2 * math.pi) * 4096)
+    assert registers(arm, "goal_position")[6] == low_tick
+    assert report.measured_rad["gripper"] == pytest.approx(lower, abs=0.06)
+
+
+def test_what_the_guard_refuses_is_not_gone_to_and_the_reason_is_kept(arm):
+    before = true_tip_m(arm)
+    report = arm.follow([{"shoulder_lift": 1.7, "elbow_flex": 0.5}] * 5)
+    assert report.refused == 1
+    assert "would touch" in report.reason
+    assert np.linalg.norm(true_tip_m(arm) - before) < 0.01
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [(0.1, 0.2), "there", (math.nan, 0, 0), {"elbow_flex": math.inf}, {"elbow_flex": "up"},
+     {3: 0.1}, np.zeros((4, 4)), 7],
+)  # fmt: skip
+def test_a_wish_that_is_none_is_refused_and_the_arm_holds(arm, wish):
+    with pytest.raises(InputError):
+        arm.follow([{"shoulder_pan": 0.1}, wish])
+    assert all(registers(arm, "torque_enable").values())
+    assert arm.stopped_for == ""
+
+
+def test_a_joint_it_does_not_have_is_named(arm):
+    with pytest.raises(UnknownNameError, match="Did you mean elbow_flex"):
+        arm.follow([{"elbow_flexx": 0.1}])
+
+
+def test_a_stream_that_stumbles_is_told_after_the_arm_was_braked(arm):
+    def stream():
+        yield {"shoulder_pan": 0.5}
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        arm.follow(stream())
+    assert arm.move_joints({"gripper": 0.4}, speed="fast").reached
+
+
+def test_a_joint_is_jogged_while_it_is_wanted(arm):
+    end_s = arm.workings.now_s() + 0.5
+    report = arm.jog("shoulder_pan", 0.4, wanted=lambda: arm.workings.now_s() < end_s)
+    assert report.ended == "nobody wanted it to go on"
+    assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.2, abs=0.08)
+
+
+def test_a_jog_without_news_ends_after_a_third_of_a_second(arm):
+    report = arm.jog("shoulder_pan", -0.3, wanted=lambda: None)
+    assert report.ended == "nobody wanted it to go on"
+    assert -0.2 < true_joints(arm)["shoulder_pan"] < -0.03
+    assert report.duration_s < 0.8
+
+
+def test_a_jog_ends_at_the_limit(arm):
+    report = arm.jog("gripper", -1.0, wanted=lambda: True)
+    assert report.ended == "gripper is at its limit"
+    assert true_joints(arm)["gripper"] == pytest.approx(math.radians(-10), abs=0.06)
+
+
+def test_the_tip_is_jogged_along_a_straight_line(arm):
+    before = arm.where().tip_m
+    end_s = arm.workings.now_s() + 0.4
+    arm.jog("-y", 0.1, wanted=lambda: arm.workings.now_s() < end_s)
+    way = true_tip_m(arm) - before
+    assert way[1] == pytest.approx(-0.04, abs=0.02)
+    assert abs(way[[0, 2]]).max() < 0.015
+
+
+def test_the_tip_is_not_jogged_through_the_table(arm):
+    report = arm.jog("down", 0.1, wanted=lambda: True)
+    assert "would touch the floor" in report.ended
+    assert true_tip_m(arm)[2] > 0.0
+
+
+@pytest.mark.parametrize("speed", [0, math.nan, math.inf, 2.0, "quick"])
+def test_a_speed_that_is_none_moves_nothing(arm, speed):
+    with pytest.raises(BadValueError, match="The speed"):
+        arm.jog("x", speed, wanted=lambda: True)
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_what_cannot_be_jogged_is_answered_with_what_can(arm):
+    with pytest.raises(UnknownNameError, match="elbow_flex, gripper"):
+        arm.jog("elbow", wanted=lambda: True)
+
+
+@pytest.fixture
+def leader():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        yield machine
+
+
+def test_a_second_arm_does_what_a_hand_does_with_the_first(arm, leader):
+    hand = Hand(glide(0.0, 0.3, speed=0.8), limit=20.0)
+    line_of(leader).world.grasp("shoulder_pan", hand)
+    for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):  # the other hand
+        at = line_of(leader).world.joint(joint).position
+        line_of(leader).world.grasp(joint, Hand(lambda _, at=at: (at, 0.0), limit=20.0))
+    end_s = arm.workings.now_s() + 0.9
+    report = arm.follow_arm(leader, speed="fast", until=lambda: arm.workings.now_s() > end_s)
+    assert report.refused == 0
+    assert true_joints(leader)["shoulder_pan"] == pytest.approx(0.3, abs=0.02)
+    for joint, position in true_joints(leader).items():
+        assert true_joints(arm)[joint] == pytest.approx(position, abs=0.05), joint
+    assert not any(registers(leader, "torque_enable").values())
+
+
+def test_a_leader_that_falls_silent_lets_the_arm_hold(arm, leader):
+    line_of(leader).world.servos[0].power_down()
+    report = arm.follow_arm(leader)
+    assert report.ended == "nothing came for 0.3 s"
+    assert all(registers(arm, "torque_enable").values())
+
+
+def test_arms_without_a_joint_in_common_do_not_lead_each_other(arm):
+    with (
+        ikservo.open_arm("planar3", port="sim") as other,
+        pytest.raises(InputError, match="no joint in common"),
+    ):
+        arm.follow_arm(other)
+
+
+def test_a_recorded_motion_is_played_back(arm, leader, tmp_path):
+    world = line_of(leader).world
+    world.grasp("shoulder_pan", Hand(glide(0.0, 0.2, speed=0.5), limit=20.0))
+    for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):
+        at = world.joint(joint).position
+        world.grasp(joint, Hand(lambda _, at=at: (at, 0.0), limit=20.0))
+    taken = leader.record(tmp_path / "wave.jsonl", duration_s=0.6)
+    assert taken.samples == pytest.approx(30, abs=1)
+    report = arm.replay(tmp_path / "wave.jsonl", speed="fast")
+    assert report.samples == taken.samples
+    assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.2, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (('"so101"', '"koch"'), "is of arm koch"),
+        (('"elbow_flex"', '"ellbow"'), "is of joints"),
+        (('"rad", "rad", "rad", "rad", "rad", "rad"', '"rad", "rad", "rad", "rad", "rad", "m"'),
+         "is of units"),
+    ],
+)  # fmt: skip
+def test_a_recording_of_another_arm_is_refused(arm, tmp_path, change, found):
+    arm.record(tmp_path / "wave.jsonl", duration_s=0.1)
+    text = (tmp_path / "wave.jsonl").read_text().replace(*change)
+    (tmp_path / "wave.jsonl").write_text(text)
+    with pytest.raises(InputError, match=found):
+        arm.replay(tmp_path / "wave.jsonl")
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_a_recording_that_leaves_the_limits_is_refused_with_its_line(arm, tmp_path):
+    arm.record(tmp_path / "wave.jsonl", duration_s=0.1)
+    lines = (tmp_path / "wave.jsonl").read_text().splitlines(keepends=True)
+    lines[3] = '{"t_s": 0.04, "q": [9.0, 0, 0, 0, 0, 0]}\n'
+    (tmp_path / "wave.jsonl").write_text("".join(lines))
+    with pytest.raises(RefusedError, match=r"line 4: shoulder_pan would have to go to 515\.7°"):
+        arm.replay(tmp_path / "wave.jsonl")
+    assert not any(registers(arm, "torque_enable").values())
+
+
+@pytest.mark.parametrize("options", [{}, {"duration_s": 0}, {"duration_s": math.nan},
+                                     {"duration_s": 1, "period_s": 0}])  # fmt: skip
+def test_a_recording_without_end_or_period_is_refused(arm, tmp_path, options):
+    with pytest.raises(BadValueError):
+        arm.record(tmp_path / "wave.jsonl", **options)
+    assert not (tmp_path / "wave.jsonl").exists()

@@ -1,0 +1,138 @@
+"""The gripper opens and closes, stops at what stands between its jaws, and holds it gently."""
+
+import math
+
+import pytest
+
+import ikservo
+from ikservo.errors import BadValueError, IkservoError, UnknownNameError
+from servosim.hand import Hand, hold
+from tests.arm.simulated import line_of, registers, servo_id
+from tests.oracle import arm_file
+
+# An arm with each way of limiting the force: Feetech, XL330, a slide on XM430, XL430.
+ARMS = ("so101", "koch", "open_manipulator_x", "px100")
+LIMITS = {"so101": ("torque_limit", 1000), "koch": ("goal_pwm", 885),
+          "open_manipulator_x": ("goal_pwm", 885), "px100": ("goal_pwm", 885)}  # fmt: skip
+
+
+@pytest.fixture
+def so101():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:  # a third open
+        yield machine
+
+
+def jaws(arm):
+    return arm.model.gripper
+
+
+def put_between(arm, share):
+    """Put something stiff between the jaws: they meet it at that share of the way to open."""
+    closed, opened = jaws(arm).closed, jaws(arm).open
+    at = closed + share * (opened - closed)
+    only = 1 if opened > closed else -1
+    line_of(arm).world.grasp(jaws(arm).joint, Hand(hold(at), limit=1e4, only=only))
+    return at
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_closing_on_something_is_a_grasp_with_no_more_than_the_force(name):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        at = put_between(arm, 0.2)
+        report = arm.gripper("close", force=0.2)
+        own = servo_id(name, jaws(arm).joint)
+        register, full = LIMITS[name]
+        assert (report.grasped, report.reached) == (True, False)
+        span = abs(jaws(arm).open - jaws(arm).closed)
+        assert report.position_rad == pytest.approx(at, abs=0.04 * span)
+        assert abs(line_of(arm).servos[own].motor.pwm) <= 0.21
+        assert registers(arm, register)[own] == pytest.approx(0.2 * full, abs=1)
+
+
+def test_closing_on_nothing_is_no_grasp(so101):
+    report = so101.gripper("close")
+    assert (report.reached, report.grasped) == (True, False)
+    assert report.position_rad == pytest.approx(jaws(so101).closed, abs=0.06)
+
+
+def test_it_goes_on_holding_while_other_joints_move_and_lets_go_when_it_opens(so101):
+    put_between(so101, 0.3)
+    held = so101.gripper("close").position_rad
+    assert so101.move_joints({"shoulder_pan": 0.1}, speed="fast").reached
+    gripper = so101.where().joints[-1]
+    assert (gripper.torque, gripper.position_rad) == (True, pytest.approx(held, abs=0.02))
+    assert so101.gripper("open").reached
+
+
+def test_only_the_grippers_force_is_limited(so101):
+    put_between(so101, 0.33)
+    so101.gripper("close", force=0.25)
+    others = [value for i, value in registers(so101, "torque_limit").items() if i != 6]
+    assert others == [1000] * 5
+
+
+def test_it_opens_to_a_width():
+    with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
+        report = arm.gripper(width_m=0.055)
+        assert report.reached
+        assert report.width_m == pytest.approx(0.055, abs=2e-3)
+        assert arm.gripper(0.05).width_m == pytest.approx(0.05, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ["px100", "wx250s", "vx300s"])
+def test_the_widths_of_cranked_jaws_follow_the_crank(name):
+    radius_m, rod_m = (0.022, 0.036) if name == "vx300s" else (0.014, 0.024)
+    gripper = ikservo.load_model(name).gripper
+    for share in (0.0, 0.3, 0.6, 1.0):
+        angle = gripper.closed + share * (gripper.open - gripper.closed)
+        finger_m = radius_m * math.sin(angle) + math.sqrt(
+            rod_m**2 - (radius_m * math.cos(angle)) ** 2
+        )
+        assert gripper.width_m(angle) == pytest.approx(2 * finger_m, abs=1e-3)
+
+
+@pytest.mark.parametrize("width_m", [-0.01, 0.3, math.nan, math.inf])
+def test_a_width_that_the_jaws_do_not_have_moves_nothing(width_m):
+    with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
+        with pytest.raises(BadValueError, match=r"0\.020 to 0\.082 m"):
+            arm.gripper(width_m=width_m)
+        assert not any(registers(arm, "torque_enable").values())
+
+
+def test_a_width_is_refused_where_nobody_knows_widths(so101):
+    with pytest.raises(BadValueError, match="knows no widths"):
+        so101.gripper(width_m=0.03)
+
+
+@pytest.mark.parametrize("force", [0, -1, 1.01, math.nan, "hard"])
+def test_a_force_that_is_no_share_is_refused(so101, force):
+    with pytest.raises(BadValueError, match="The force"):
+        so101.gripper("close", force=force)
+    assert not any(registers(so101, "torque_enable").values())
+
+
+@pytest.mark.parametrize(("to", "width_m"), [(None, None), ("open", 0.02)])
+def test_it_is_told_one_thing_at_a_time(so101, to, width_m):
+    with pytest.raises(BadValueError, match="open, close or a width"):
+        so101.gripper(to, width_m=width_m)
+
+
+def test_another_word_is_answered_with_those_it_knows(so101):
+    with pytest.raises(UnknownNameError, match="close, open"):
+        so101.gripper("ajar")
+
+
+def test_an_arm_without_gripper_says_so():
+    with (
+        ikservo.open_arm("planar3", port="sim") as arm,
+        pytest.raises(IkservoError, match="has no gripper"),
+    ):
+        arm.gripper("open")
+
+
+def test_every_shipped_gripper_says_which_way_it_closes():
+    for name in ("so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "vx300s"):
+        gripper = ikservo.load_model(name).gripper
+        joint = next(j for j in arm_file(name)["joints"] if j["role"] == "gripper")
+        assert gripper.joint == joint["name"]
+        assert abs(gripper.closed) < abs(gripper.open)

@@ -1,0 +1,58 @@
+"""A program that dies in mid-motion: how far the joints still go, in virtual time."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.motion import JointMove
+from tests.arm.misfortune import SPEEDS, chance, swing
+from tests.arm.simulated import registers
+
+MOST_TICKS = 60  # 5.3 degrees
+FAMILIES = ("so101", "koch")
+
+
+class DeadError(BaseException):
+    """The program is gone."""
+
+
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        pytest.param(range(4), id="few"),
+        pytest.param(range(400), id="many", marks=(pytest.mark.campaign, pytest.mark.timeout(0))),
+    ],
+)
+def test_no_joint_travels_further_than_60_ticks_after_its_program_has_died(seeds, capsys):
+    worst = dict.fromkeys(FAMILIES, 0)
+    for seed in seeds:
+        name = FAMILIES[seed % 2]
+        worst[name] = max(worst[name], travel(name, chance(seed)))
+    with capsys.disabled():
+        sys.stdout.write(f"\n  {len(seeds)} dead programs: at most {worst} ticks\n")
+    assert max(worst.values()) <= MOST_TICKS
+
+
+def travel(name, dice):
+    """Return how far the furthest joint goes once nobody speaks any more, ticks."""
+    with ikservo.open_arm(name, port="sim", collisions=False) as arm:
+        arm.enable()
+        servos, speed = arm._servos, dice.choice(SPEEDS)
+        goals, _ = swing(arm, dice)
+        start, goal = servos.goals(), np.array([goals[joint] for joint in servos.names])
+        move = JointMove(start, goal, arm._planner.paces(speed))
+        at_s, found = dice.uniform(0.0, move.duration_s), []
+
+        def die(beat):
+            if beat.time_s >= at_s:
+                before = registers(arm, "present_position")
+                servos.clock.sleep_until(servos.clock.now_s() + 1.5)
+                after = registers(arm, "present_position")
+                found.append(max(abs(after[i] - before[i]) for i in before))
+                raise DeadError
+
+        with pytest.raises(DeadError):
+            arm._stream.run(move, die, speed_rad_s=arm.model.speed(speed).rad_s)
+        return found[0]

@@ -1,0 +1,83 @@
+"""The servos' own limits: written to RAM at the start, by speed class, and missed when they go."""
+
+import pytest
+
+import ikservo
+from ikservo.errors import ServoAlarmError
+from tests.arm.simulated import line_of, registers
+
+
+@pytest.fixture
+def sts():
+    with ikservo.open_arm("so101", port="sim") as machine:
+        yield machine
+
+
+@pytest.fixture
+def x_series():
+    with ikservo.open_arm("koch", port="sim") as machine:
+        yield machine
+
+
+def joint(arm):
+    return arm.model.joints[0].name
+
+
+@pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
+def test_a_feetech_turns_by_itself_only_little_faster_than_its_speed_class(sts, speed, deg_s):
+    sts.move_joints({joint(sts): 0.05})
+    sts.move_joints({joint(sts): 0.0}, speed=speed)
+    ticks_s = deg_s * 4096 / 360
+    assert all(ticks_s < v <= 1.3 * ticks_s for v in registers(sts, "goal_speed").values())
+    assert all(0 < a <= 254 for a in registers(sts, "acceleration").values())
+
+
+@pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
+def test_a_dynamixel_turns_by_itself_only_little_faster_than_its_speed_class(
+    x_series, speed, deg_s
+):
+    x_series.move_joints({joint(x_series): 0.05})
+    x_series.move_joints({joint(x_series): 0.0}, speed=speed)
+    counts = deg_s / 6 / 0.229
+    assert all(counts < v <= 1.3 * counts for v in registers(x_series, "profile_velocity").values())
+    assert all(a > 0 for a in registers(x_series, "profile_acceleration").values())
+
+
+def test_a_feetech_whose_speeds_count_in_fifties_is_told_in_fifties(sts):
+    line_of(sts).servos[1].memory.put("phase", 8)
+    sts.move_joints({joint(sts): 0.05})
+    sts.move_joints({joint(sts): 0.0}, speed="fast")
+    assert 27 <= line_of(sts).servos[1].read("goal_speed") <= 36
+
+
+def test_a_torque_limit_that_another_program_has_left_is_lifted(sts):
+    line_of(sts).servos[3].write("torque_limit", 100)
+    sts.enable()
+    assert registers(sts, "torque_limit") == registers(sts, "max_torque")
+
+
+def test_the_watchdog_runs_while_goals_are_streamed_and_not_after(x_series):
+    seen = []
+
+    def look(_):
+        seen.append(set(registers(x_series, "bus_watchdog").values()))
+
+    x_series.move_joints({joint(x_series): 0.2}, on_progress=look)
+    clock = x_series._port.clock
+    clock.sleep_until(clock.now_s() + 1.0)
+    assert seen[5] == {5}
+    assert set(registers(x_series, "bus_watchdog").values()) == {0}
+
+
+def test_an_acceleration_that_is_gone_means_a_reset(sts):
+    def lose(progress):
+        if progress.elapsed_s > 0.2:
+            line_of(sts).servos[4].memory.put("acceleration", 0)
+
+    with pytest.raises(ServoAlarmError, match="wrist_flex was reset: its settings are gone"):
+        sts.move_joints({joint(sts): 0.8}, on_progress=lose)
+
+
+def test_a_soft_dynamixel_is_made_stiff_enough_to_carry_its_arm(x_series):
+    x_series.enable()
+    assert {line_of(x_series).servos[i].read("position_p_gain") for i in (3, 4, 5, 6)} == {800}

@@ -1,0 +1,106 @@
+"""What may be said between ikservo's programs, and that nothing else is listened to."""
+
+import json
+import random
+
+import pytest
+
+from ikservo.arm.owner.message import (
+    LONGEST_REQUEST,
+    Errand,
+    Request,
+    answer_line,
+    read_answer,
+    read_request,
+    request_line,
+)
+from ikservo.errors import InputError
+
+GOOD = {"schema": "ikservo/owner/1", "do": "stop", "secret": ""}
+
+
+def line(**changes):
+    return json.dumps({**GOOD, **changes}).encode() + b"\n"
+
+
+@pytest.mark.parametrize("errand", Errand)
+def test_a_request_comes_out_as_it_went_in(errand):
+    assert read_request(request_line(Request(errand, "abc"))) == Request(errand, "abc")
+
+
+def test_a_request_reads_as_this_line():
+    line = b'{"schema":"ikservo/owner/1","do":"stop","secret":""}\n'
+    assert request_line(Request(Errand.STOP)) == line
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        b"",
+        b"\n",
+        b"stop\n",
+        line()[:-1],
+        b"\xff\xfe\n",
+        b"[]\n",
+        b"null\n",
+        b'"stop"\n',
+        b"[" * 400 + b"\n",
+        line(do="dance"),
+        line(do=["stop"]),
+        line(do={"stop": 1}),
+        line(do=None),
+        line(schema="ikservo/owner/2"),
+        line(secret=7),
+        line(goal=5000),
+        b'{"schema":"ikservo/owner/1","do":"stop"}\n',
+        b'{"schema":"ikservo/owner/1","do":"where","do":"stop","secret":""}\n',
+        line(secret="x" * LONGEST_REQUEST),
+        line(secret=float("nan")),
+        b"\x80\x04\x95\x0c\x00\x00\x00\x00\x00\x00\x00\x8c\x08builtins.\n",
+    ],
+)
+def test_anything_else_is_refused(wrong):
+    with pytest.raises(InputError, match="Nothing was done"):
+        read_request(wrong)
+
+
+def test_an_answer_comes_out_as_it_went_in():
+    assert read_answer(answer_line({"tip_m": [0.1, 0.0, 0.2]})) == {"tip_m": [0.1, 0.0, 0.2]}
+
+
+def test_an_answer_without_schema_is_none():
+    with pytest.raises(InputError):
+        read_answer(b'{"error": "x"}\n')
+
+
+def fuzzed(chance):
+    """Return a request with some bytes changed, cut, doubled or thrown in."""
+    data = bytearray(request_line(Request(chance.choice(list(Errand)), chance.randbytes(4).hex())))
+    for _ in range(chance.randrange(1, 6)):
+        at = chance.randrange(len(data) + 1)
+        match chance.randrange(4):
+            case 0:
+                data[at:at] = chance.randbytes(chance.randrange(4))
+            case 1:
+                del data[at : at + chance.randrange(8)]
+            case 2:
+                data[at:at] = data[chance.randrange(len(data) + 1) :][:16]
+            case _:
+                data[at : at + 1] = chance.choice([b'"', b"{", b"[", b"\n", b"\\", b"9", b"\x00"])
+        data = data or bytearray(b"{")
+    return bytes(data)
+
+
+LONG = pytest.param(1_000_000, marks=[pytest.mark.campaign, pytest.mark.timeout(600)])
+
+
+@pytest.mark.parametrize("frames", [10_000, LONG])
+def test_of_fuzzed_requests_each_is_one_of_the_words_or_refused(frames):
+    chance = random.Random(7)
+    for _ in range(frames):
+        frame = fuzzed(chance)
+        try:
+            request = read_request(frame)
+        except InputError:
+            continue
+        assert json.loads(frame) == json.loads(request_line(request)), frame

@@ -1,0 +1,223 @@
+"""The owner of a bus listens to its user's other programs, and to nobody else."""
+
+import os
+import socket
+import stat
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from ikservo.arm.owner import Errand, ask, door, listen
+from ikservo.arm.owner.place import place_of
+from ikservo.errors import ExitCode, IkservoError, RefusedError
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix sockets")
+
+
+@pytest.fixture(params=[pytest.param("unix", marks=posix), "loopback"])
+def kind(request, monkeypatch):
+    monkeypatch.setattr(door, "HAS_UNIX", request.param == "unix")
+    return request.param
+
+
+@pytest.fixture
+def device(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    (tmp_path / "ttyACM0").touch()
+    return str(tmp_path / "ttyACM0")
+
+
+class Owner:
+    """Answers with what it was asked, and remembers it."""
+
+    def __init__(self, device):
+        self.asked = []
+        self.listener = listen(device, self.answer)
+
+    def answer(self, request):
+        self.asked.append(request.do)
+        return {"done": request.do}
+
+
+@pytest.fixture
+def owner(device, kind):
+    owner = Owner(device)
+    yield owner
+    owner.listener.close()
+
+
+def say(device, data):
+    """Say something of our own making to the owner; return what it says."""
+    connection, _ = door.knock(place_of(device), 5.0)
+    with connection:
+        connection.sendall(data)
+        connection.shutdown(socket.SHUT_WR)
+        return connection.makefile("rb").read()
+
+
+def test_an_errand_is_done_and_answered(device, owner):
+    assert ask(device, Errand.STOP) == {"done": "stop"}
+    assert owner.asked == ["stop"]
+
+
+def test_where_nobody_listens_there_is_no_answer(device, kind):
+    assert ask(device, Errand.STOP) is None
+
+
+def test_after_closing_nobody_listens_and_nothing_is_left(device, owner):
+    owner.listener.close()
+    assert ask(device, Errand.STOP) is None
+    assert not place_of(device).exists()
+
+
+def test_every_name_of_a_device_leads_to_its_owner(device, owner, tmp_path):
+    link = tmp_path / "by-id-arm"
+    link.symlink_to(device)
+    assert ask(str(link), Errand.WHERE) == {"done": "where"}
+
+
+def test_another_device_has_another_owner(device, owner, tmp_path):
+    assert ask(str(tmp_path / "ttyACM1"), Errand.WHERE) is None
+
+
+def test_only_its_user_can_enter(device, owner):
+    place = place_of(device)
+    assert stat.S_IMODE(place.parent.stat().st_mode) == 0o700
+    assert stat.S_IMODE(place.stat().st_mode) == 0o600
+
+
+def test_a_folder_that_was_open_to_others_is_closed_to_them(device, kind):
+    place_of(device).parent.mkdir(parents=True)
+    place_of(device).parent.chmod(0o777)
+    Owner(device).listener.close()
+    assert stat.S_IMODE(place_of(device).parent.stat().st_mode) == 0o700
+
+
+def test_a_folder_that_is_a_link_is_not_used(device, kind, tmp_path):
+    place_of(device).parent.parent.mkdir()
+    place_of(device).parent.symlink_to(tmp_path, target_is_directory=True)
+    assert listen(device, dict) is None
+
+
+def test_an_owner_that_was_killed_leaves_nothing_in_the_way(device, kind):
+    left = door.open_door(place_of(device))
+    left.socket.close()  # as the kernel does for a killed process; its file stays
+    assert place_of(device).exists()
+    assert ask(device, Errand.STOP) is None
+    owner = Owner(device)
+    assert ask(device, Errand.STOP) == {"done": "stop"}
+    owner.listener.close()
+
+
+def test_a_living_owner_is_not_pushed_aside(device, owner):
+    assert listen(device, dict) is None
+    assert ask(device, Errand.STOP) == {"done": "stop"}
+
+
+def test_a_newer_owners_socket_is_left_alone(device, kind):
+    old = door.open_door(place_of(device))
+    old.socket.close()
+    owner = Owner(device)
+    old.close()
+    assert ask(device, Errand.STOP) == {"done": "stop"}
+    owner.listener.close()
+
+
+@pytest.mark.parametrize("data", [b"", b"stop\n", b"{}\n", b"[" * 500 + b"\n", b'{"do":"stop"}\n'])
+def test_a_malformed_request_is_refused_and_changes_nothing(device, owner, data):
+    assert b'"exit_code":2' in say(device, data)
+    assert owner.asked == []
+    assert ask(device, Errand.WHERE) == {"done": "where"}
+
+
+def test_a_request_without_end_is_cut_off(device, owner):
+    connection, _ = door.knock(place_of(device), 5.0)
+    with connection, pytest.raises((ConnectionError, TimeoutError)):
+        while True:
+            connection.sendall(b" " * 65_536)
+    assert owner.asked == []
+
+
+def test_without_the_secret_nothing_is_done_on_the_loopback(device, monkeypatch):
+    monkeypatch.setattr(door, "HAS_UNIX", False)
+    owner = Owner(device)
+    said = say(device, b'{"schema":"ikservo/owner/1","do":"stop","secret":"guessed"}\n')
+    owner.listener.close()
+    assert b"belongs to another user" in said
+    assert owner.asked == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says who is on a socket")
+def test_another_user_is_refused(device, monkeypatch):
+    owner = Owner(device)
+    monkeypatch.setattr(door, "_user_behind", lambda connection: os.getuid() + 1)
+    with pytest.raises(IkservoError, match="belongs to another user") as caught:
+        ask(device, Errand.STOP)
+    owner.listener.close()
+    assert caught.value.exit_code is ExitCode.REFUSED
+    assert owner.asked == []
+
+
+def test_the_owners_error_reaches_the_one_who_asked(device, kind):
+    def refuse(request):
+        raise RefusedError("It is locked.", "Unlock it.")
+
+    listener = listen(device, refuse)
+    with pytest.raises(IkservoError, match="It is locked") as caught:
+        ask(device, Errand.RELAX)
+    listener.close()
+    assert (caught.value.hint, caught.value.exit_code) == ("Unlock it.", ExitCode.REFUSED)
+
+
+def test_an_errand_that_stumbles_does_not_end_the_owner(device, kind):
+    replies = iter([ZeroDivisionError("oops"), None])
+
+    def stumble(request):
+        problem = next(replies)
+        if problem:
+            raise problem
+        return {"done": "at last"}
+
+    listener = listen(device, stumble)
+    with pytest.raises(IkservoError, match="ZeroDivisionError: oops"):
+        ask(device, Errand.WHERE)
+    assert ask(device, Errand.WHERE) == {"done": "at last"}
+    listener.close()
+
+
+def test_callers_who_say_nothing_do_not_keep_others_waiting(device, owner):
+    idle = [door.knock(place_of(device), 5.0)[0] for _ in range(10)]
+    assert ask(device, Errand.STOP) == {"done": "stop"}
+    for connection in idle:
+        connection.close()
+
+
+def test_too_many_callers_are_sent_away_and_told(device, kind):
+    entered, leave = threading.Semaphore(0), threading.Event()
+
+    def wait(request):
+        entered.release()
+        leave.wait(20)
+        return {}
+
+    listener = listen(device, wait)
+    with ThreadPoolExecutor(16) as pool:
+        calls = [pool.submit(ask, device, Errand.WHERE, 20.0) for _ in range(16)]
+        for _ in calls:
+            assert entered.acquire(timeout=20)
+        with pytest.raises(IkservoError, match="does not answer"):
+            ask(device, Errand.WHERE)
+        leave.set()
+        assert [call.result() for call in calls] == [{}] * 16
+    listener.close()
+
+
+def test_a_home_with_a_long_path_is_no_trouble(device, monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / ("deep" * 30)))
+    monkeypatch.setenv("TMPDIR", "/tmp")
+    monkeypatch.setattr("tempfile.tempdir", None)
+    owner = Owner(device)
+    assert ask(device, Errand.STOP) == {"done": "stop"}
+    owner.listener.close()

@@ -1,0 +1,173 @@
+"""Poses that a person teaches: kept for this arm, found by name, never at the cost of another."""
+
+import math
+
+import pytest
+
+import ikservo
+from ikservo.arm.poses import Poses, pose_path, poses_of_any
+from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
+from ikservo.files.writing import FileWriteError
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def model():
+    return ikservo.load_model("open_manipulator_x")
+
+
+@pytest.fixture
+def poses(model):
+    return Poses(model, "58FA083")
+
+
+CUP = {"joint1": 0.1, "joint2": -0.2, "joint3": 0.3, "joint4": 0.0, "gripper": 0.012}
+
+
+def test_a_pose_comes_back_as_it_was_kept(poses):
+    poses.save("cup", CUP)
+    assert poses.named("cup") == pytest.approx(CUP, abs=1e-5)
+
+
+def test_the_file_has_degrees_for_turns_and_metres_for_slides(poses):
+    text = poses.save("cup", CUP).read_text()
+    assert "joint1 = 5.7296" in text
+    assert "gripper = 0.012" in text
+
+
+def test_poses_of_the_arm_file_are_found_as_well(poses, model):
+    assert poses.named("home") == model.poses["home"]
+    assert set(poses.all()) == {"rest", "home", "zero"}
+
+
+def test_a_second_pose_leaves_the_first(poses):
+    poses.save("cup", CUP)
+    poses.save("plate", {**CUP, "joint1": 0.5})
+    assert set(poses.taught()) == {"cup", "plate"}
+
+
+def test_a_pose_taught_anew_takes_the_place_of_the_old(poses):
+    poses.save("cup", CUP)
+    poses.save("cup", {**CUP, "joint1": 0.5})
+    assert poses.named("cup")["joint1"] == pytest.approx(0.5, abs=1e-5)
+
+
+def test_each_adapter_has_poses_of_its_own(poses, model):
+    poses.save("cup", CUP)
+    assert Poses(model, "OTHER").taught() == {}
+
+
+def test_an_unknown_pose_is_answered_with_the_closest(poses):
+    poses.save("cup", CUP)
+    with pytest.raises(UnknownNameError, match="Did you mean cup"):
+        poses.named("cpu")
+
+
+@pytest.mark.parametrize(
+    "name", ["", "a b", "../rest", "a/b", "ü", "x" * 65, "cup\n", "cup.toml", "\0"]
+)
+def test_a_name_that_is_none_is_refused(poses, name):
+    with pytest.raises(BadValueError, match="name of the pose"):
+        poses.save(name, CUP)
+    assert not poses.path.exists()
+
+
+@pytest.mark.parametrize("name", ["rest", "home", "zero"])
+def test_a_pose_of_the_arm_file_is_not_replaced(poses, name):
+    with pytest.raises(BadValueError, match="pose of the arm file"):
+        poses.save(name, CUP)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("format = 2\narm = 'open_manipulator_x'\n", "format"),
+        ("format = 1\narm = 'so101'\n", 'is "so101"'),
+        ("format = 1\narm = 'open_manipulator_x'\nspeed = 1\n", "speed"),
+        ("format = 1\narm = 'open_manipulator_x'\n[poses.cup]\ndeg = {joint1 = 1.0}\n", "missing"),
+        ("format = 1\narm = 'open_manipulator_x'\n[poses.cup]\ndeg = {jont1 = 1.0}\n", "jont1"),
+        ("format = 1\narm = 'open_manipulator_x'\n[poses.cup]\ndeg = {joint1 = nan}\n", "joint1"),
+        ("format = 1\narm = 'open_manipulator_x'\n[poses.'a b']\ndeg = {}\n", "a b"),
+        ("format = 1\narm = ", "is not TOML"),
+        ("", "empty"),
+    ],
+)
+def test_a_spoiled_file_is_named_and_left_alone(poses, text, found):
+    poses.path.parent.mkdir(parents=True)
+    poses.path.write_text(text)
+    with pytest.raises(FileFormatError, match=found):
+        poses.named("cup")
+    with pytest.raises(FileFormatError):
+        poses.save("cup", CUP)
+    assert poses.path.read_text() == text
+
+
+def test_a_spoiled_file_does_not_keep_the_arm_from_its_own_poses(poses, model):
+    poses.path.parent.mkdir(parents=True)
+    poses.path.write_text("spoiled")
+    assert poses.named("rest") == model.poses["rest"]
+
+
+def test_a_disk_that_takes_no_file_leaves_the_old_one(poses, monkeypatch):
+    poses.save("cup", CUP)
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(FileWriteError, match="No space left"):
+        poses.save("plate", CUP)
+    monkeypatch.undo()
+
+
+def test_completion_offers_the_poses_of_every_adapter(poses, model):
+    poses.save("cup", CUP)
+    Poses(model, "").save("plate", CUP)
+    assert poses_of_any(model) == ["cup", "home", "plate", "rest", "zero"]
+
+
+def test_the_file_lies_beside_the_calibrations(home):
+    assert pose_path("so101", "58FA083") == home / "poses" / "so101-58FA083.toml"
+
+
+def test_teaching_keeps_where_the_joints_are():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        positions = arm.teach("here")
+        assert arm.poses.named("here") == pytest.approx(positions, abs=1e-5)
+        assert positions["elbow_flex"] == pytest.approx(math.radians(45), abs=0.02)
+        assert not any(state.torque for state in arm.where().joints)
+
+
+def test_teaching_relaxes_a_holding_arm_first_and_waits_for_the_person():
+    with ikservo.open_arm("so101", port="sim:?pose=rest") as arm:
+        arm.hold()
+        seen = []
+
+        def carry():
+            seen.append(any(state.torque for state in arm.where().joints))
+            arm._port.transport.line.world.place("shoulder_pan", 0.7)
+
+        arm.teach("carried", carry, hold=True)
+        assert seen == [False]
+        assert arm.poses.named("carried")["shoulder_pan"] == pytest.approx(0.7, abs=0.02)
+        assert all(state.torque for state in arm.where().joints)
+
+
+def test_a_bad_name_is_refused_before_anybody_carries_the_arm():
+    with ikservo.open_arm("so101", port="sim") as arm:
+        with pytest.raises(BadValueError):
+            arm.teach("../x", lambda: pytest.fail("the person was asked"))
+        assert not any(state.torque for state in arm.where().joints)
+
+
+def test_a_taught_pose_is_gone_to():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        arm.teach("here")
+        arm._port.transport.line.world.place("gripper", 0.4)
+        assert arm.pose("here").reached
+        assert arm.where().joints[-1].position_rad == pytest.approx(math.radians(30), abs=0.02)

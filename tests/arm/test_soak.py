@@ -1,0 +1,66 @@
+"""Streaming for long: memory and file descriptors stay as they are."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+import ikservo
+from ikservo.arm.stream import Stream
+from ikservo.motion import State
+
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
+
+
+class ToAndFro:
+    """A course that swings the first joint slowly, for ever."""
+
+    duration_s = float("inf")
+
+    def __init__(self, start):
+        self._start = start
+
+    def state(self, time_s):
+        position = self._start.copy()
+        share = (time_s / 8.0) % 1.0
+        position[0] += 0.6 * (share if share < 0.5 else 1.0 - share)
+        return State.rest(position)
+
+
+class CountedError(Exception):
+    """Enough beats."""
+
+
+def resident_bytes():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_BYTES
+
+
+def descriptors():
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(0)
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads /proc")
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_a_million_beats_leave_memory_and_descriptors_as_they_were(name, capsys):
+    beats = int(os.environ.get("IKSERVO_SOAK_BEATS", "1000000"))
+    warm, seen = beats // 10, []
+    with ikservo.open_arm(name, port="sim") as arm:
+        arm.enable()
+        count = iter(range(1, beats + 1))
+
+        def look(_):
+            k = next(count)
+            if k in (warm, beats):
+                seen.append((resident_bytes(), descriptors()))
+            if k == beats:
+                raise CountedError
+
+        with pytest.raises(CountedError):
+            Stream(arm._servos).run(ToAndFro(arm._servos.goals()), look)
+    (rss_before, fds_before), (rss_after, fds_after) = seen
+    with capsys.disabled():
+        os.write(1, f"\n  {name}: {beats} beats, {rss_after - rss_before:+} bytes\n".encode())
+    assert rss_after - rss_before < 1_000_000
+    assert fds_after == fds_before

@@ -1,0 +1,201 @@
+"""The stream of goals: steady, braked on demand, unhurried after a stall, stopped by failures."""
+
+import time
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm.servos import Servos
+from ikservo.arm.stream import Stream
+from ikservo.arm.throttle import Throttle
+from ikservo.errors import RefusedError, StoppedError
+from ikservo.motion import JointMove, Pace
+from tests.arm.auditing import Auditor
+from tests.arm.line_faults import Traced, loop_lines
+from tests.arm.simulated import line_of, registers
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim", collisions=False) as machine:
+        machine.enable()
+        yield machine
+
+
+@pytest.fixture(params=["so101", "koch"])
+def either(request):
+    """An arm of each family."""
+    with ikservo.open_arm(request.param, port="sim", collisions=False) as machine:
+        machine.enable()
+        yield machine
+
+
+def course_of(servos: Servos, way_rad=0.6):
+    start = servos.goals()
+    goal = start.copy()
+    goal[0] += way_rad
+    return JointMove(start, goal, [Pace(1.0, 3.0, 30.0)] * len(start))
+
+
+def test_a_course_is_carried_out_to_its_end(either):
+    course = course_of(either._servos)
+    measured = Stream(either._servos).run(course, speed_rad_s=1.0)
+    np.testing.assert_allclose(measured, course.goal, atol=0.16)
+
+
+def test_beats_come_at_their_rate_and_tell_the_time_of_the_motion(arm):
+    stream, beats = Stream(arm._servos), []
+    stream.run(course_of(arm._servos), beats.append)
+    times = [beat.time_s for beat in beats]
+    assert times == sorted(times)
+    assert np.median(np.diff(times)) == pytest.approx(stream.beat_s, rel=0.2)
+    assert times[-1] == beats[-1].duration_s
+
+
+def test_the_rate_is_between_100_and_500_hz(either):
+    assert 0.002 <= Stream(either._servos).beat_s <= 0.010
+
+
+def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
+    stream, asked, clock = Stream(either._servos), [], either._servos.clock
+    auditor = Auditor(either)
+
+    def ask(beat):
+        if beat.time_s > 0.4 and not asked:
+            asked.append(clock.now_s())
+            stream.request_stop("enough")
+
+    with pytest.raises(StoppedError, match="enough"):
+        stream.run(course_of(either._servos, 1.2), ask)
+    assert clock.now_s() - asked[0] < 0.3
+    assert all(registers(either, "torque_enable").values())
+    assert auditor.faults() == []
+
+
+def test_a_stop_slows_down_over_a_quarter_of_a_second_instead_of_at_once():
+    throttle = Throttle(0.005)
+    gaps = [throttle.gap_s(0.005, braking=True) for _ in range(60)]
+    assert gaps == sorted(gaps, reverse=True)
+    assert sum(gap > 0 for gap in gaps) == pytest.approx(50, abs=1)
+
+
+def test_a_stop_that_is_wanted_while_nothing_moves_keeps_the_next_motion_from_beginning(arm):
+    before = registers(arm, "goal_position")
+    arm.stop("wait")
+    with pytest.raises(RefusedError, match="stays so: wait"):
+        arm.move_joints({arm.model.joints[0].name: 0.3})
+    assert registers(arm, "goal_position") == before
+
+
+def test_a_stop_stays_until_somebody_acknowledges_it(arm):
+    stream = Stream(arm._servos)
+    with pytest.raises(StoppedError):
+        stream.run(course_of(arm._servos), lambda _: stream.request_stop("enough"))
+    with pytest.raises(RefusedError, match="enough"):
+        arm.move_joints({arm.model.joints[0].name: 0.3})
+    arm.acknowledge()
+    arm.move_joints({arm.model.joints[0].name: 0.3})
+
+
+@pytest.mark.parametrize("stall_s", [0.06, 0.3, 5.0])
+def test_after_a_stall_goals_go_on_from_where_they_were(stall_s):
+    with ikservo.open_arm("so101", port="sim") as arm:
+        arm.enable()
+        auditor, clock, stalled = Auditor(arm), arm._servos.clock, []
+
+        def stall(beat):
+            if beat.time_s > 0.3 and not stalled:
+                stalled.append(clock.now_s())
+                clock.sleep_until(clock.now_s() + stall_s)
+
+        Stream(arm._servos).run(course_of(arm._servos), stall)
+        assert auditor.faults() == []
+        steps = [abs(goal.tick - goal.last) for goal in auditor.goals_after(stalled[0] + 0.01)]
+        assert max(steps) < 12
+
+
+def test_dynamixels_stop_themselves_in_a_stall_and_the_program_says_so():
+    with ikservo.open_arm("koch", port="sim") as arm:
+        arm.enable()
+        clock = arm._servos.clock
+        with pytest.raises(RefusedError, match=r"held up for 0\.3"):
+            Stream(arm._servos).run(
+                course_of(arm._servos), lambda _: clock.sleep_until(clock.now_s() + 0.3)
+            )
+
+
+def test_a_machine_that_is_always_late_slows_the_motion_to_a_stop():
+    with ikservo.open_arm("so101", port="sim") as arm:
+        arm.enable()
+        clock = arm._servos.clock
+        with pytest.raises(RefusedError, match="too busy"):
+            Stream(arm._servos).run(
+                course_of(arm._servos, 1.5), lambda _: clock.sleep_until(clock.now_s() + 0.04)
+            )
+
+
+def test_steps_of_the_wall_clock_change_nothing(arm, monkeypatch):
+    hours = iter(range(10**9))
+    monkeypatch.setattr(time, "time", lambda: 3600.0 * (-1) ** next(hours))
+    course = course_of(arm._servos)
+    measured = Stream(arm._servos).run(course)
+    np.testing.assert_allclose(measured, course.goal, atol=0.16)
+
+
+def test_goals_lead_the_joints_by_no_more_than_the_look_ahead(arm):
+    auditor = Auditor(arm)
+    line_of(arm).servos[1].motor.grip = 0.3
+    arm.move_joints({arm.model.joints[0].name: 1.0}, speed="fast")
+    assert auditor.faults() == []
+
+
+def test_a_failure_in_any_line_of_the_stream_ends_with_the_arm_told_to_hold():
+    check_lines("so101", [line for line in loop_lines() if "stream.py" in line[0]][::3])
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(0)
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_a_failure_in_any_line_of_the_whole_loop_ends_with_the_arm_told_to_hold(name):
+    check_lines(name, loop_lines())
+
+
+def check_lines(name, lines):
+    """Let each line raise once in mid-motion, and look for the stop on the wire."""
+    with ikservo.open_arm(name, port="sim") as arm:
+        arm.enable()
+        with Traced() as counted:
+            short_motion(arm)
+        reached = [place for place in lines if counted.hits[place]]
+        assert len(reached) > 5
+        for place in reached:
+            arm.acknowledge()
+            arm.enable()
+            auditor = Auditor(arm)
+            way_rad = 0.1 if arm._servos.goals()[0] < 0.0 else -0.1
+            with (
+                Traced(fails=place, at=max(1, counted.hits[place] // 2)),
+                pytest.raises(ZeroDivisionError, match=str(place[1])),
+            ):
+                short_motion(arm, way_rad)
+            check_stopped(arm, auditor, place)
+
+
+def short_motion(arm, way_rad=0.1):
+    Stream(arm._servos).run(course_of(arm._servos, way_rad), lambda _: None)
+
+
+def check_stopped(arm, auditor, place):
+    heard, clock = len(auditor.goals), arm._servos.clock
+    clock.sleep_until(clock.now_s() + 0.2)
+    told = auditor.goals[heard:]
+    servos = line_of(arm).servos
+    assert {goal.servo_id for goal in told} == set(servos), place
+    assert len(told) <= 3 * len(servos), place
+    there = registers(arm, "present_position")
+    clock.sleep_until(clock.now_s() + 0.2)
+    later = registers(arm, "present_position")
+    assert all(abs(later[i] - there[i]) <= 2 for i in servos), place
+    assert auditor.faults() == [], place
+    assert all(registers(arm, "torque_enable").values()), place
