@@ -1,0 +1,126 @@
+"""How steady goals are streamed, with the bus on a pseudo-terminal and a core kept busy.
+
+Run ``python tools/bench/jitter.py``; the table goes to docs/benchmarks.md. Lateness is from the
+instant at which a beat was due to the instant at which its answers had come and its goal was sent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import subprocess
+import sys
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+import ikservo
+from ikservo.arm.beat import Beat
+from ikservo.arm.stream import Stream
+from ikservo.motion import State
+
+SERVE = "import sys; from ikservo.cli.run import console; sys.argv = sys.argv[1:]; console()"
+SWING_RAD, TURN_S = 0.2, 4.0
+
+
+class Swing:
+    """A course that swings one joint to and fro, softly in and out."""
+
+    def __init__(self, start: State, duration_s: float) -> None:
+        self._start, self.duration_s = start, duration_s
+
+    def state(self, time_s: float) -> State:
+        """Return where the joints (n,) shall be."""
+        share = min(max(time_s / self.duration_s, 0.0), 1.0)
+        soft = math.sin(math.pi * share) ** 2
+        position = self._start.position.copy()
+        position[0] += SWING_RAD * soft * math.sin(math.tau * time_s / TURN_S)
+        return State.rest(position)
+
+
+def busy() -> None:
+    """Keep a core busy until the process is ended."""
+    while True:
+        math.sqrt(2.0)
+
+
+@contextmanager
+def load(count: int) -> Generator[None]:
+    """Keep so many cores busy."""
+    processes = [multiprocessing.Process(target=busy, daemon=True) for _ in range(count)]
+    for process in processes:
+        process.start()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.terminate()
+
+
+@contextmanager
+def served(name: str) -> Generator[str]:
+    """Serve an arm on a pseudo-terminal; yield its port."""
+    with tempfile.TemporaryDirectory() as folder:
+        link = str(Path(folder) / "arm")
+        words = ["ikservo", "sim", name, "--link", link, "--pose", "home"]
+        with subprocess.Popen(
+            [sys.executable, "-c", SERVE, *words], stdout=subprocess.PIPE, text=True
+        ) as server:
+            assert server.stdout is not None  # it was asked for
+            server.stdout.readline()
+            try:
+                yield link
+            finally:
+                server.terminate()
+
+
+def measure(port: str, name: str, rate_hz: float, duration_s: float) -> list[float]:
+    """Return when each goal was sent, seconds."""
+    sent_s: list[float] = []
+    with ikservo.open_arm(name, port=port) as arm:
+        arm.enable()
+        servos = arm.workings.servos
+        clock = servos.clock
+
+        def note(_: Beat) -> None:
+            sent_s.append(clock.now_s())
+
+        course = Swing(State.rest(servos.goals()), duration_s)
+        Stream(servos, 1.0 / rate_hz).run(course, note, speed_rad_s=1.0)
+    return sent_s
+
+
+def words(title: str, sent_s: list[float], rate_hz: float) -> str:
+    """Return one row of the table."""
+    beat_s = 1.0 / rate_hz
+    gaps_ms = 1000.0 * np.abs(np.diff(sent_s) - beat_s)
+    missed = int(np.sum(np.round(np.diff(sent_s) / beat_s) - 1))
+    p50, p99, p999 = np.percentile(gaps_ms, [50, 99, 99.9])
+    return (
+        f"| {title} | {len(sent_s)} | {p50:.2f} | {p99:.2f} | {p999:.2f} | {gaps_ms.max():.2f} "
+        f"| {missed} |"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description="How steady goals are streamed")
+    parser.add_argument("--rate", type=float, default=200.0, help="Hz")
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
+    options = parser.parse_args()
+    print(f"| {options.rate:.0f} Hz | beats | p50 ms | p99 ms | p99.9 ms | worst ms | missed |")
+    print("|---|---|---|---|---|---|---|")
+    for name in options.arm or ["so101", "koch"]:
+        for cores in (0, 1):
+            with served(name) as port, load(cores):
+                sent_s = measure(port, name, options.rate, options.seconds)
+            print(words(f"{name}, {cores} cores busy", sent_s, options.rate), flush=True)
+
+
+if __name__ == "__main__":
+    main()
