@@ -32,6 +32,12 @@ def test_the_wheel_carries_the_udev_rule(wheel):
     assert rule == (ROOT / "tools" / "60-ikservo.rules").read_bytes()
 
 
+def test_the_wheel_carries_the_page_of_the_view(wheel):
+    page = {f"ikservo/view/page/{path.name}" for path in (ROOT / "ikservo/view/page").iterdir()}
+    assert "ikservo/view/page/index.html" in page
+    assert page <= set(wheel.namelist())
+
+
 def test_the_wheel_carries_the_simulator_and_its_entry_points(wheel):
     names = wheel.namelist()
     assert "servosim/__init__.py" in names

@@ -1,0 +1,28 @@
+"""One controller at a time; the others watch."""
+
+from __future__ import annotations
+
+__all__ = ["Lease"]
+
+
+class Lease:
+    """Who may move the arm.
+
+    Attributes:
+        holder: The number of the visitor in control, None while nobody is.
+    """
+
+    def __init__(self) -> None:
+        self.holder: int | None = None
+
+    def take(self, visitor: int) -> bool:
+        """Give control to a visitor; return whether it was taken from another."""
+        before, self.holder = self.holder, visitor
+        return before not in (None, visitor)
+
+    def give(self, visitor: int) -> bool:
+        """Take control back from a visitor; return whether it had it."""
+        held = self.holder == visitor
+        if held:
+            self.holder = None
+        return held

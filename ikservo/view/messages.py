@@ -1,0 +1,230 @@
+"""What a page may say: every message with its bounds; whatever is not written here is refused."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from ikservo.errors import InputError
+
+__all__ = [
+    "LONGEST_BYTES",
+    "Acknowledge",
+    "BadMessageError",
+    "Beat",
+    "Calibrate",
+    "Gamepad",
+    "Hello",
+    "Key",
+    "Live",
+    "Look",
+    "Message",
+    "Orbit",
+    "Pointer",
+    "Pose",
+    "SolverChoice",
+    "SpeedChoice",
+    "Stop",
+    "Take",
+    "Wheel",
+    "read_hello",
+    "read_message",
+]
+
+_T = TypeVar("_T")
+
+LONGEST_BYTES = 2048
+_LARGEST_SEQ = 2**53 - 1  # the largest whole number that JavaScript counts without gaps
+
+Pixels = Annotated[float, Field(ge=-16384, le=16384, allow_inf_nan=False)]
+Length = Annotated[float, Field(ge=16, le=16384, allow_inf_nan=False)]
+Axis = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
+
+
+class BadMessageError(InputError):
+    """A message that is none; nothing has changed."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Hello(_Strict):
+    """The first message: the proof for the nonce of this connection."""
+
+    kind: Literal["hello"]
+    proof: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class _Message(_Strict):
+    """What all messages have.
+
+    Attributes:
+        seq: Counts up; a number that was there before is a replay.
+        seen: The latest scene that was drawn when it was sent, which tells its age.
+    """
+
+    seq: Annotated[int, Field(ge=1, le=_LARGEST_SEQ)]
+    seen: Annotated[int, Field(ge=0, le=_LARGEST_SEQ)]
+
+
+class Beat(_Message):
+    """The page lives, and whether a person can see it."""
+
+    kind: Literal["beat"]
+    visible: bool
+
+
+class Look(_Message):
+    """What the page shows: the size of its drawing in CSS pixels, and from where it looks."""
+
+    kind: Literal["look"]
+    w: Length
+    h: Length
+    dpr: Annotated[float, Field(ge=0.25, le=16, allow_inf_nan=False)]
+    view: Literal["side", "top", "front", "orbit", "plane"]
+
+
+class Pointer(_Message):
+    """A pointer, in CSS pixels of the drawing."""
+
+    kind: Literal["pointer"]
+    phase: Literal["down", "move", "up", "cancel", "hover", "leave"]
+    x: Pixels
+    y: Pixels
+    button: Annotated[int, Field(ge=0, le=4)]
+    pointer: Annotated[int, Field(ge=-(2**31), le=2**31)]
+    touch: bool = False
+    shift: bool = False
+    alt: bool = False
+
+
+class Wheel(_Message):
+    """A turn of the wheel over a pixel; positive turns are away from the person."""
+
+    kind: Literal["wheel"]
+    x: Pixels
+    y: Pixels
+    notches: Annotated[float, Field(ge=-20, le=20, allow_inf_nan=False)]
+    alt: bool = False
+
+
+class Key(_Message):
+    """A key that moves the target."""
+
+    kind: Literal["key"]
+    key: Literal["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "PageUp", "PageDown"]
+    alt: bool = False
+    shift: bool = False
+
+
+class Orbit(_Message):
+    """Turn the camera by pixels of dragging, or come nearer."""
+
+    kind: Literal["orbit"]
+    dx: Pixels
+    dy: Pixels
+    zoom: Annotated[float, Field(ge=0.2, le=5, allow_inf_nan=False)] = 1.0
+
+
+class Gamepad(_Message):
+    """The sticks of a gamepad: right, up, and the two of the other stick, each -1 to 1."""
+
+    kind: Literal["gamepad"]
+    axes: Annotated[list[Axis], Field(min_length=4, max_length=4)]
+    grip: Axis = 0.0
+
+
+class Stop(_Message):
+    """Hold now, and stay so until acknowledged."""
+
+    kind: Literal["stop"]
+
+
+class Acknowledge(_Message):
+    """The person has seen why the arm holds."""
+
+    kind: Literal["acknowledge"]
+
+
+class Live(_Message):
+    """Throw the switch between preview and arm."""
+
+    kind: Literal["live"]
+    on: bool
+
+
+class Take(_Message):
+    """Take control, or give it back."""
+
+    kind: Literal["take"]
+    on: bool
+
+
+class SpeedChoice(_Message):
+    """Choose a speed class."""
+
+    kind: Literal["speed"]
+    name: Literal["slow", "normal", "fast"]
+
+
+class SolverChoice(_Message):
+    """Choose the solver."""
+
+    kind: Literal["solver"]
+    name: Name
+
+
+class Pose(_Message):
+    """Go to a named pose."""
+
+    kind: Literal["pose"]
+    name: Name
+
+
+class Calibrate(_Message):
+    """An answer in the conversation of a calibration; ``begin`` and ``leave`` frame it."""
+
+    kind: Literal["calibrate"]
+    word: Literal["begin", "leave", "accept", "undo", "skip", "free", "again"]
+    joint: Name | None = None
+
+
+Message = (
+    Beat | Look | Pointer | Wheel | Key | Orbit | Gamepad | Stop | Acknowledge | Live | Take
+    | SpeedChoice | SolverChoice | Pose | Calibrate
+)  # fmt: skip
+
+_MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])
+_HELLO = TypeAdapter(Hello)
+
+
+def read_hello(text: str) -> Hello:
+    """Return the first message of a connection.
+
+    Raises:
+        BadMessageError: It is none.
+    """
+    return _read(_HELLO, text)
+
+
+def read_message(text: str) -> Message:
+    """Return a message as a value whose every number is inside its bounds.
+
+    Raises:
+        BadMessageError: It is too long, no JSON, or not one of those above.
+    """
+    return _read(_MESSAGES, text)
+
+
+def _read(adapter: TypeAdapter[_T], text: str) -> _T:
+    if len(text) > LONGEST_BYTES:
+        raise BadMessageError("The message is too long.", f"At most {LONGEST_BYTES} characters.")
+    try:
+        return adapter.validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_input=False, include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise BadMessageError(f"The message cannot be used: {place} {first['msg']}.") from None

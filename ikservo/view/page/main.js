@@ -1,0 +1,93 @@
+// Ties the page together: what the server says goes to the drawing and the panel, what the person
+// does goes to the server.
+
+import { Connection } from "./connection.js";
+import { Drawing } from "./drawing.js";
+import { $, choices } from "./elements.js";
+import { Gamepads } from "./gamepad.js";
+import { Panel } from "./panel.js";
+import { Pointing } from "./pointing.js";
+import { Wizard } from "./wizard.js";
+
+const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane: "Plane" };
+
+const canvas = $("drawing");
+const drawing = new Drawing(canvas);
+const key = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
+let arm = null;
+let view = null;
+let scene = null; // the newest that is not drawn yet
+let backdrop = [];
+window.ikservo = { scene: null, status: null, drawn: 0 }; // for whoever looks on, a test for one
+
+const connection = new Connection(key, {
+  arm(message) {
+    arm = message;
+    view = arm.views.includes(view) ? view : arm.views[0];
+    panel.arm(message);
+    look();
+  },
+  scene(message) {
+    message.backdrop ??= scene?.backdrop;
+    scene = message;
+  },
+  status(message) {
+    window.ikservo.status = message;
+    panel.show(message);
+    wizard.show(message.calibration);
+  },
+  refused(message) { panel.banner({ message: message.message, hint: message.hint }); },
+  lost(why) {
+    scene = null;
+    document.body.dataset.mode = "lost";
+    $("live").disabled = true;
+    panel.banner(why === "key"
+      ? { message: "This page's key is not the one of this session.", hint: "Open the address that `ikservo view` printed." }
+      : { message: "The connection is lost; the arm holds.", hint: "Is `ikservo view` still running? Trying again …" });
+  },
+});
+const say = (kind, fields) => connection.say(kind, fields);
+const panel = new Panel(say);
+const wizard = new Wizard(say);
+const pointing = new Pointing(canvas, say);
+const gamepads = new Gamepads(say, (words) => { $("gamepad").textContent = words; });
+
+function look() {
+  if (!arm) return;
+  drawing.fit();
+  const { clientWidth: w, clientHeight: h } = canvas;
+  connection.say("look", { w, h, dpr: devicePixelRatio, view });
+  choices($("views"), arm.views, view, (name) => { view = name; look(); }, (name) => VIEWS[name]);
+}
+
+function frame(now) {
+  requestAnimationFrame(frame);
+  pointing.flush();
+  gamepads.poll(now);
+  if (scene) {
+    if (scene.backdrop) backdrop = scene.backdrop;
+    drawing.show(backdrop, scene.items);
+    canvas.toggleAttribute("data-hover", Boolean(scene.hover));
+    canvas.toggleAttribute("data-held", Boolean(scene.held));
+    window.ikservo.scene = scene;
+    window.ikservo.drawn += 1;
+    connection.drawn(scene.seq);
+    scene = null;
+  }
+}
+
+// Space and Escape stop, wherever the focus is; a button is pressed with Enter.
+addEventListener("keydown", (event) => {
+  if (event.key !== " " && event.key !== "Escape") return;
+  event.preventDefault();
+  event.stopPropagation();
+  if (!event.repeat) say("stop");
+}, { capture: true });
+addEventListener("keyup", (event) => { if (event.key === " ") event.preventDefault(); }, { capture: true });
+
+new ResizeObserver(look).observe(canvas);
+const watchRatio = () => {
+  matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", () => { look(); watchRatio(); }, { once: true });
+};
+watchRatio();
+requestAnimationFrame(frame);

@@ -1,0 +1,112 @@
+// The words and meters beside the drawing; everything shown comes from the server's status.
+
+import { $, choices, make, range, setText } from "./elements.js";
+
+const MODES = {
+  preview: "Preview – the arm does not move",
+  live: "Live – the arm follows",
+  stopped: "Stopped",
+  lost: "Not connected",
+  waiting: "Connecting …",
+  calibration: "Calibration – the arm is limp",
+};
+const SOLVERS = {
+  auto: "automatic", pseudo_inverse: "pseudo-inverse", transpose: "transpose", ccd: "CCD",
+  bounded: "bounded", closed_form: "closed form",
+};
+const title = (word) => word[0].toUpperCase() + word.slice(1).replaceAll("_", " ");
+
+export class Panel {
+  constructor(say) {
+    this.say = say;
+    this.status = null;
+    this.joints = "";
+    $("stop").onclick = () => say("stop");
+    $("acknowledge").onclick = () => say("acknowledge");
+    $("take").onclick = () => say("take", { on: true });
+    $("live").onclick = () => say("live", { on: $("live").getAttribute("aria-checked") !== "true" });
+    $("calibrate").onclick = () => say("calibrate", { word: "begin" });
+  }
+
+  arm(arm) {
+    this.about = arm;
+    document.title = `${arm.title} – ikservo`;
+    setText($("title"), arm.title);
+    setText($("port"), arm.port);
+    $("poses").replaceChildren(...arm.poses.map((name) => make("button", { type: "button", onclick: () => this.say("pose", { name }) }, title(name))));
+    $("calibrate").closest(".card").hidden = arm.right !== "control";
+    $("hint").textContent = matchMedia("(pointer: coarse)").matches
+      ? "Touch the arm and pull, or tap where the tip should go."
+      : "Grab any link and pull · click where the tip should go · Shift turns one joint";
+  }
+
+  show(status) {
+    this.status = status;
+    document.body.dataset.mode = status.mode;
+    const mine = status.controller === "you";
+    setText($("mode"), MODES[status.mode] + (mine || status.mode === "stopped" ? "" : status.controller === "other" ? " · somebody else controls" : " · you watch"));
+    this.controls(status, mine);
+    this.banner(status.banner);
+    this.meters(status.joints);
+    this.solver(status.solver);
+    this.health(status.health);
+    this.tip(status.tip);
+    this.messages(status.messages);
+  }
+
+  controls(status, mine) {
+    choices($("speeds"), this.about.speeds, status.speed, (name) => this.say("speed", { name }), title);
+    choices($("solvers"), this.about.solvers, status.solver.name, (name) => this.say("solver", { name }), (name) => SOLVERS[name] ?? name);
+    const live = $("live");
+    live.setAttribute("aria-checked", status.live);
+    live.disabled = !mine || (status.mode !== "preview" && status.mode !== "live");
+    $("take").hidden = mine || this.about.right !== "control";
+    $("stop").disabled = this.about.right !== "control";
+    for (const button of $("poses").children) button.disabled = !mine || status.mode === "stopped";
+    $("calibrate").disabled = !mine || status.live;
+  }
+
+  banner(banner) {
+    $("banner").hidden = !banner;
+    if (!banner) return;
+    setText($("banner-message"), banner.message);
+    setText($("banner-hint"), banner.hint);
+    $("acknowledge").disabled = this.about?.right !== "control";
+  }
+
+  meters(joints) {
+    const print = JSON.stringify(joints);
+    if (print === this.joints) return;
+    this.joints = print;
+    $("joints").replaceChildren(...joints.map((joint) => make("li", { "data-joint": joint.name },
+      make("span", {}, joint.name),
+      make("span", { class: `value ${joint.state}` }, joint.text),
+      range({ ...joint, value: joint.share, goal: joint.goal, label: `${joint.name}, ${joint.text} of ${joint.low} to ${joint.high}`, low: 0, high: 1 }))));
+  }
+
+  solver(solver) {
+    setText($("solver-time"), solver.time);
+    setText($("solver-words"), solver.words);
+  }
+
+  health(health) {
+    setText($("supply"), health.supply);
+    const rows = health.joints.map((joint) => make("li", { title: `${joint.name}: ${joint.torque === "on" ? "holds" : "limp"}${joint.alarms ? `, ${joint.alarms}` : ""}` },
+      make("span", { class: joint.torque === "on" ? "holds" : "limp" }, joint.name),
+      ...[joint.temperature, joint.load, joint.voltage].map((words) => make("span", { class: joint.level }, words)),
+      joint.alarms ? make("span", { class: "alarms" }, joint.alarms) : null));
+    $("health").replaceChildren(...rows);
+  }
+
+  tip(tip) {
+    $("tip").replaceChildren(...tip.flatMap(([name, words, level]) => [make("dt", {}, name), make("dd", { class: level }, words)]));
+  }
+
+  messages(messages) {
+    const print = JSON.stringify(messages);
+    if (print === this.said) return;
+    this.said = print;
+    $("log").replaceChildren(...messages.map(({ message, hint, level }) => make("li", { class: level }, make("div", {}, message), hint ? make("div", { class: "now" }, hint) : null)));
+    $("log").scrollTop = $("log").scrollHeight;
+  }
+}

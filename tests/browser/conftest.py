@@ -1,0 +1,70 @@
+"""A real Chromium, the system's own; where it is missing and may be installed, it is."""
+
+import os
+import shutil
+import subprocess
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from tests.browser.person import Person, opened_house
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+INSTALL = (
+    ["apt-get", "update"],
+    ["apt-get", "install", "-y", "--no-install-recommends", "chromium"],
+)
+
+
+def found():
+    return next(filter(None, map(shutil.which, NAMES)), None)
+
+
+def installed():
+    """Return why Chromium cannot be installed here; empty once it is."""
+    if shutil.which("apt-get") is None or not hasattr(os, "geteuid") or os.geteuid() != 0:
+        return "no Chromium here, and only root with apt-get could install it"
+    for command in INSTALL:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    return "" if done.returncode == 0 else f"Chromium cannot be installed: {done.stderr[-200:]}"
+
+
+@pytest.fixture(scope="session")
+def browser():
+    reason = "" if found() else installed()
+    if reason:
+        pytest.skip(reason)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=found(), args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def house(request):
+    """A view of a simulated arm in real time; parametrize indirectly with its options."""
+    with opened_house(**getattr(request, "param", {})) as house:
+        yield house
+
+
+@pytest.fixture
+def visit(browser, house, request):
+    """Return a function that opens the page as a person would: visit(key, **context options)."""
+
+    def arrive(*, watch=False, **options):
+        context = browser.new_context(viewport={"width": 1100, "height": 720}, **options)
+        request.addfinalizer(context.close)
+        return Person(context.new_page(), house, watch=watch)
+
+    return arrive
+
+
+@pytest.fixture
+def person(visit):
+    return visit()
+
+
+@pytest.fixture
+def live(person):
+    """A person who has thrown Live, at the fast speed."""
+    return person.throw_live()

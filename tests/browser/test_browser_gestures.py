@@ -1,0 +1,185 @@
+"""From the screen to the servos: what a hand does on the page, and where that brings the arm."""
+
+import numpy as np
+import pytest
+
+from tests.arm.simulated import servo_id
+from tests.browser.person import apart_mm
+
+pytestmark = pytest.mark.browser
+
+# Servos of this class stand within two ticks; a pixel is about a millimetre.
+NEAR_MM = 3.0
+ASIDE = np.array([60.0, -60.0])  # over nothing, within reach
+
+
+def aside(person, move_px):
+    """Return where the tip would be (3,) after a move in the picture: the side view shows x, z."""
+    along = np.array([move_px[0], 0.0, -move_px[1]]) / person.pixels_per_metre
+    return person.stand.tip_m() + along
+
+
+def test_a_click_brings_the_tip_there(live):
+    wanted = aside(live, ASIDE)
+    live.click(live.tip_px() + ASIDE).until_moving().until_still()
+    assert apart_mm(live.stand.tip_m(), wanted) < NEAR_MM
+
+
+def test_in_preview_a_click_moves_nothing(person):
+    before = person.stand.goals()
+    person.click(person.tip_px() + ASIDE).wait_for("status.tip.length > 1")
+    person.until_still()
+    assert person.stand.goals() == before
+    assert person.items("ghost")
+
+
+@pytest.mark.campaign
+def test_throwing_live_after_a_preview_moves_nothing(person):
+    before = person.stand.ticks()
+    person.click(person.tip_px() + ASIDE).wait_for("status.tip.length > 1")
+    person.throw_live().until_still()
+    assert max(abs(person.stand.ticks()[i] - before[i]) for i in before) <= 2
+
+
+def test_a_grabbed_elbow_follows_the_pointer(live):
+    before, move = live.stand.place_m("wrist_flex"), np.array([30.0, 25.0])
+    scale = live.pixels_per_metre
+    live.drag(live.hub_px("wrist_flex"), move).until_moving().until_still().release()
+    wanted = before + np.array([move[0], 0.0, -move[1]]) / scale
+    assert apart_mm(live.stand.place_m("wrist_flex"), wanted) < NEAR_MM
+
+
+@pytest.mark.campaign
+def test_the_joints_beyond_a_grabbed_link_stay(live):
+    before = live.stand.ticks()
+    live.drag(live.hub_px("wrist_flex"), np.array([25.0, 20.0])).until_still().release()
+    assert max(abs(live.stand.ticks()[i] - before[i]) for i in (5, 6)) <= 1
+
+
+def test_a_drag_past_the_limits_ends_at_the_border(live):
+    goals = []
+    live.drag(live.tip_px(), np.array([420.0, -150.0]), steps=20)
+    for _ in range(20):
+        goals.append(live.stand.joints())
+        live.page.wait_for_timeout(30)
+    live.until_still()
+    assert live.items("target_far")
+    nearest = live.stand.tip_m()
+    live.release().wait_for("status.messages.some((m) => m.message.includes('cannot be reached'))")
+    assert apart_mm(live.stand.tip_m(), nearest) < NEAR_MM
+    chain = live.stand.arm.chain
+    for joints in goals:
+        q = np.array([joints[name] for name in chain.names])
+        assert (q >= chain.lower_rad - 2e-3).all()
+        assert (q <= chain.upper_rad + 2e-3).all()
+
+
+def test_a_shift_drag_turns_one_joint_only(live):
+    before = live.stand.ticks()
+    live.page.keyboard.down("Shift")
+    live.drag((live.hub_px("elbow_flex") + live.hub_px("wrist_flex")) / 2, np.array([0.0, 40.0]))
+    live.page.keyboard.up("Shift")
+    live.release().until_still()
+    moved = [i for i, tick in live.stand.ticks().items() if abs(tick - before[i]) > 20]
+    assert moved == [servo_id("so101", "elbow_flex")]
+
+
+@pytest.mark.campaign
+def test_a_notch_of_the_wheel_turns_a_joint_by_a_degree(live):
+    before = live.stand.ticks()
+    live.page.mouse.move(*live.over(live.hub_px("elbow_flex")))
+    live.page.mouse.wheel(0, -500)
+    live.until_moving().until_still()
+    turned = (live.stand.ticks()[3] - before[3]) * 360 / 4096
+    assert abs(abs(turned) - 5.0) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("key", "way_mm"),
+    [
+        ("ArrowUp", (0, 0, 20)),
+        pytest.param("ArrowRight", (20, 0, 0), marks=pytest.mark.campaign),
+        pytest.param("Alt+ArrowDown", (0, 0, -4), marks=pytest.mark.campaign),
+    ],
+)
+def test_arrow_keys_move_the_tip(live, key, way_mm):
+    wanted = live.stand.tip_m() + np.array(way_mm) / 1000
+    live.page.focus("#drawing")
+    for _ in range(4):
+        live.page.keyboard.press(key)
+    live.until_moving().until_still()
+    assert apart_mm(live.stand.tip_m(), wanted) < NEAR_MM
+
+
+def test_a_finger_does_what_a_mouse_does(visit):
+    person = visit(has_touch=True).throw_live()
+    move = np.array([-50.0, -40.0])
+    wanted = aside(person, move)
+    person.page.touchscreen.tap(*person.over(person.tip_px() + move))
+    person.until_moving().until_still()
+    assert apart_mm(person.stand.tip_m(), wanted) < NEAR_MM
+
+
+def test_after_a_resize_on_a_sharp_screen_a_click_still_means_the_same(visit):
+    person = visit(device_scale_factor=2)
+    person.page.set_viewport_size({"width": 800, "height": 900})
+    person.wait_for_picture()
+    person.throw_live()
+    move = np.array([-30.0, -30.0])
+    wanted = aside(person, move)
+    person.click(person.tip_px() + move).until_moving().until_still()
+    assert apart_mm(person.stand.tip_m(), wanted) < NEAR_MM
+    assert person.page.evaluate("drawing.width / drawing.clientWidth") == 2
+
+
+@pytest.mark.campaign
+def test_a_pose_button_brings_every_joint_there(live):
+    live.page.click("text=Rest")
+    live.until_moving().until_still()
+    wanted = live.stand.arm.model.pose("rest")
+    chain = live.stand.arm.chain
+    for name, low, high in zip(chain.names, chain.lower_rad, chain.upper_rad, strict=True):
+        assert abs(live.stand.joints()[name] - min(max(wanted[name], low), high)) < 5e-3
+
+
+PAD = """
+const pad = { id: "a pad", connected: true, axes: [0, 0, 0, 0], buttons: [] };
+navigator.getGamepads = () => [pad];
+window.push = (axes) => { pad.axes = axes; };
+0;
+"""
+
+
+@pytest.mark.campaign
+def test_a_stick_moves_the_tip_while_it_is_held_over(visit):
+    person = visit()
+    person.page.evaluate(PAD)
+    person.throw_live()
+    before = person.stand.tip_m()
+    person.page.evaluate("push([0, -1, 0, 0])")
+    person.page.wait_for_timeout(500)
+    person.page.evaluate("push([0, 0, 0, 0])")
+    person.until_still()
+    rise = person.stand.tip_m() - before
+    assert rise[2] > 0.01
+    assert abs(rise[0]) < 0.004
+
+
+@pytest.mark.parametrize("house", [{"arm": "planar3", "port": "sim"}], indirect=True)
+@pytest.mark.parametrize(
+    "solver", ["ccd", pytest.param("pseudo_inverse", marks=pytest.mark.campaign)]
+)
+def test_a_solver_that_was_chosen_shows_its_iterations(person, solver):
+    person.page.click(f"#solvers button[value={solver}]")
+    person.wait_for(f"status.solver.name === '{solver}'")
+    person.click(person.tip_px() + 2 * ASIDE)
+    person.wait_for("status.solver.words.includes('iteration')")
+    person.wait_for("scene.items.some((item) => item.style === 'iterate')")
+
+
+@pytest.mark.campaign
+def test_no_script_of_the_page_failed(live):
+    live.page.click("#views button[value=orbit]")
+    live.page.click("#views button[value=top]")
+    live.click(live.tip_px())
+    assert live.errors == []

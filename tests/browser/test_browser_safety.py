@@ -1,0 +1,169 @@
+"""A page that moves metal: what stops the arm, who may move it, and who may not."""
+
+import hashlib
+import hmac
+
+import numpy as np
+import pytest
+
+from servosim.faults import Fault
+
+pytestmark = pytest.mark.browser
+
+KEYS = ("Space", "Escape", "Space on Live")
+FAR = np.array([60.0, -100.0])  # over nothing, within reach
+
+
+def under_way(person):
+    """Send the arm far at the slow speed, and return once it moves."""
+    person.page.click("#speeds button[value=slow]")
+    person.wait_for("status.speed === 'slow'")
+    return person.click(person.tip_px() + FAR).until_moving()
+
+
+def stops_there(person):
+    person.wait_for("status.mode === 'stopped'").until_still()
+    stand = person.stand
+    short = max(abs(stand.goals()[i] - stand.ticks()[i]) for i in stand.goals())
+    return short < 60 and not person.status["live"]
+
+
+@pytest.mark.parametrize(
+    "way",
+    ["#stop", *(pytest.param(key, marks=pytest.mark.campaign) for key in KEYS)],
+)
+def test_stop_holds_the_arm_on_its_way(live, way):
+    under_way(live)
+    if way == "Space on Live":
+        live.page.focus("#live")
+    live.page.click(way) if way == "#stop" else live.page.keyboard.press(way.split()[0])
+    assert stops_there(live)
+
+
+def test_a_stop_stays_until_somebody_has_looked(live):
+    live.page.click("#stop")
+    live.wait_for("status.mode === 'stopped'").until_still()
+    before = live.stand.ticks()
+    live.click(live.tip_px() + FAR)
+    live.until_still()
+    assert live.stand.ticks() == before
+    live.page.click("#acknowledge")
+    live.wait_for("status.mode === 'preview'").throw_live()
+    live.click(live.tip_px() + FAR).until_moving()
+
+
+def test_a_servo_that_is_unplugged_is_told_in_the_words_of_the_command_line(live):
+    under_way(live)
+    live.stand.line.faults.add(Fault("silent", id=4, at_s=live.stand.line.world.time_s))
+    live.page.wait_for_selector("#banner:not([hidden])")
+    said = live.page.inner_text("#banner")
+    assert "wrist_flex (id 4)" in said
+    assert "cable" in said
+    live.wait_for("status.mode === 'stopped'")
+
+
+@pytest.mark.campaign
+def test_an_adapter_that_is_unplugged_is_told(live):
+    live.stand.line.plugged = False
+    live.page.wait_for_selector("#banner:not([hidden])")
+    assert "is gone" in live.page.inner_text("#banner-message")
+
+
+@pytest.mark.campaign  # on a busy machine every page hangs a little
+@pytest.mark.parametrize("house", [{"dead_man_s": 0.3}], indirect=True)
+def test_a_page_that_hangs_holds_the_arm(visit):
+    person = visit()
+    under_way(person.throw_live())
+    person.page.evaluate(
+        "(() => { const t = performance.now(); while (performance.now() < t + 900); })()"
+    )
+    person.wait_for("!status.live").until_still()
+    assert "fell silent" in person.status["messages"][-1]["message"]
+
+
+@pytest.mark.campaign
+def test_a_page_that_is_hidden_holds_the_arm(live):
+    under_way(live)
+    live.page.evaluate(
+        "Object.defineProperty(document, 'visibilityState', { get: () => 'hidden' });"
+        "document.dispatchEvent(new Event('visibilitychange'));"
+    )
+    live.wait_for("!status.live && status.mode === 'preview'").until_still()
+
+
+def test_the_second_page_watches(live, visit):
+    other = visit()
+    assert other.status["controller"] == "other"
+    before = live.stand.ticks()
+    other.click(other.tip_px() + FAR)
+    other.until_still()
+    assert max(abs(live.stand.ticks()[i] - before[i]) for i in before) <= 2
+
+
+@pytest.mark.campaign
+def test_who_takes_control_gets_it_and_the_arm_holds(live, visit):
+    other = visit()
+    other.page.click("#take")
+    other.wait_for("status.controller === 'you' && status.mode === 'preview'")
+    live.wait_for("status.controller === 'other' && !status.live")
+
+
+@pytest.mark.campaign
+def test_who_only_watches_cannot_even_ask(visit, person):
+    watcher = visit(watch=True)
+    assert watcher.page.is_disabled("#live")
+    assert watcher.page.is_disabled("#stop")
+    assert watcher.page.is_hidden("#take")
+
+
+KNOCK = """(address) => new Promise((say) => {
+  const socket = new WebSocket(address);
+  socket.onopen = () => say("open");
+  socket.onerror = () => say("refused");
+})"""
+
+
+def test_a_page_of_another_origin_is_refused(person, browser):
+    address = person.stand.urls.control.partition("/#")[0].replace("http", "ws") + "/live"
+    context = browser.new_context()
+    page = context.new_page()
+    page.route("http://evil.example/", lambda route: route.fulfill(body="<p>harmless</p>"))
+    page.goto("http://evil.example/")
+    assert page.evaluate(KNOCK, address) == "refused"
+    context.close()
+
+
+@pytest.mark.campaign
+def test_the_wrong_key_is_told(person):
+    page = person.page.context.new_page()
+    page.goto(person.stand.urls.control.partition("#")[0] + "#token=wrong")
+    page.wait_for_selector("#banner:not([hidden])")
+    assert "key" in page.inner_text("#banner-message")
+
+
+@pytest.mark.campaign
+def test_the_key_leaves_no_trace_in_what_is_sent(browser, house):
+    context = browser.new_context()
+    page, seen = context.new_page(), []
+
+    def hear(frame):
+        seen.append(frame)
+
+    page.on("request", lambda request: seen.append((request.url, str(request.headers))))
+    page.on("websocket", lambda socket: socket.on("framesent", hear))
+    page.goto(house.urls.control)
+    page.wait_for_selector("#views button")
+    assert len(seen) > 5
+    assert not [words for words in seen if house.house.keys.control in str(words)[:4000]]
+    context.close()
+
+
+def test_the_page_proves_its_key_as_the_server_does(person):
+    texts = ["", "abc", "ü" * 40, "x" * 200]
+    script = "async (texts) => { const { hmac } = await import('/page/sha256.js');"
+    found = person.page.evaluate(
+        f"{script} return texts.map((t) => hmac('k\\u00e9y', t)); }}", texts
+    )
+    assert found == [
+        hmac.new("kéy".encode(), t.encode(), hashlib.sha256).hexdigest() for t in texts
+    ]

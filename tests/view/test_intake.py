@@ -1,0 +1,147 @@
+"""What a connection lets in: every bound of every message, order, age and rate."""
+
+import json
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ikservo.view.intake import LARGEST_AGE_S, Intake, TooManyError
+from ikservo.view.messages import LONGEST_BYTES, BadMessageError, Stop
+
+POINTER = {"kind": "pointer", "phase": "down", "x": 1, "y": 2, "button": 0, "pointer": 1}
+
+
+def text(seq=1, seen=0, **fields):
+    return json.dumps({**{"kind": "stop", "seq": seq, "seen": seen}, **fields})
+
+
+@pytest.fixture
+def intake():
+    return Intake(0.0)
+
+
+def test_messages_in_order_come_in(intake):
+    assert [intake.accept(text(seq), 0.0).seq for seq in (1, 2, 5)] == [1, 2, 5]
+
+
+@pytest.mark.parametrize("seq", [1, 2])
+def test_a_replayed_message_is_refused(intake, seq):
+    intake.accept(text(2), 0.0)
+    with pytest.raises(BadMessageError, match="was there before"):
+        intake.accept(text(seq), 0.0)
+
+
+def test_a_message_about_an_old_scene_is_refused(intake):
+    intake.note_sent(1, 0.0)
+    intake.note_sent(2, 0.1)
+    with pytest.raises(BadMessageError, match="too old"):
+        intake.accept(text(1, 1, **POINTER), 0.1 + LARGEST_AGE_S + 0.01)
+
+
+def test_an_old_stop_still_stops(intake):
+    intake.note_sent(1, 0.0)
+    intake.note_sent(2, 0.1)
+    assert isinstance(intake.accept(text(1, 1), 9.0), Stop)
+
+
+def test_a_message_about_the_latest_scene_is_not_old(intake):
+    intake.note_sent(1, 0.0)
+    assert intake.accept(text(1, 1, **POINTER), 9.0).x == 1
+
+
+def test_a_scene_that_was_never_sent_was_not_seen(intake):
+    with pytest.raises(BadMessageError, match="never sent"):
+        intake.accept(text(1, 7), 0.0)
+
+
+def taken(intake, words):
+    """Return how many of the messages come in before the connection is to be closed."""
+    for count, message in enumerate(words):
+        try:
+            intake.accept(message, 0.0)
+        except TooManyError:
+            return count
+        except BadMessageError:
+            continue
+    return math.inf
+
+
+def test_a_flood_ends_the_connection(intake):
+    assert taken(intake, map(text, range(1, 10_000))) == 200
+
+
+def test_what_a_quick_hand_says_is_no_flood(intake):
+    for seq in range(1, 3000):  # 300 a second for 10 s
+        intake.accept(text(seq), seq / 300)
+
+
+def test_many_bad_messages_end_the_connection(intake):
+    assert taken(intake, ["{"] * 100) == 20
+
+
+MALFORMED = [
+    "", "{", "null", "[]", "1", '"stop"', "{}", '{"kind":"stop"}', "\ud800",
+    text(kind="fly"), text(kind=None), text(kind=["stop"]), text(extra=1),
+    text(seq=0), text(seq=-1), text(seq=1.5), text(seq="1"), text(seq=True), text(seq=2**60),
+    text(seen=-1), text(seen=None), text(**{**POINTER, "x": "1"}), text(**{**POINTER, "x": 1e9}),
+    text(**{**POINTER, "x": None}), text(**{**POINTER, "phase": "fly"}),
+    text(**{**POINTER, "button": 9}), text(**{**POINTER, "shift": 1}),
+    text(**POINTER).replace('"x": 1', '"x": NaN'), text(**POINTER).replace('"x": 1', '"x": 1e999'),
+    text(**POINTER).replace('"x": 1', '"x": Infinity'), text(kind="live", on="yes"),
+    text(kind="look", w=0, h=1, dpr=1, view="side"), text(kind="look", w=64, h=64, dpr=1, view="x"),
+    text(kind="gamepad", axes=[0, 0, 0]), text(kind="gamepad", axes=[0, 0, 0, 2]),
+    text(kind="pose", name="../rest"), text(kind="pose", name="x" * 65),
+    text(kind="speed", name="warp"),
+    text(kind="calibrate", word="burn"), text(kind="wheel", x=1, y=1, notches=1e6),
+    text(pad="x" * LONGEST_BYTES), "[" * 1500, '{"a":' * 300,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("words", MALFORMED)
+def test_a_malformed_message_is_refused(intake, words):
+    with pytest.raises(BadMessageError):
+        intake.accept(words, 0.0)
+
+
+def test_a_refused_message_does_not_use_up_its_number(intake):
+    with pytest.raises(BadMessageError):
+        intake.accept(text(1, kind="fly"), 0.0)
+    assert intake.accept(text(1), 0.0).seq == 1
+
+
+@given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
+def test_no_text_at_all_does_harm(words):
+    with pytest.raises(BadMessageError):
+        Intake(0.0).accept(words, 0.0)
+
+
+def mutated(rng, words):
+    """Return a message with a few characters changed, taken out or doubled."""
+    letters = list(words)
+    for _ in range(rng.randint(1, 4)):
+        at = rng.randrange(len(letters))
+        letters[at : at + 1] = rng.choice([[], [letters[at]] * 2, [chr(rng.randrange(1, 300))]])
+    return "".join(letters)
+
+
+def fuzz(count, seed):
+    rng = random.Random(seed)
+    seeds = [text(**POINTER), text(kind="live", on=True), text(kind="gamepad", axes=[0, 1, -1, 0]),
+             text(kind="look", w=900, h=700, dpr=2, view="side")]  # fmt: skip
+    for _ in range(count):
+        try:
+            Intake(0.0).accept(mutated(rng, rng.choice(seeds)), 0.0)
+        except BadMessageError:
+            continue
+
+
+def test_mutated_messages_are_taken_or_refused_and_never_crash():
+    fuzz(2_000, seed=1)
+
+
+@pytest.mark.campaign
+def test_a_million_mutated_messages_never_crash():
+    fuzz(1_000_000, seed=2)

@@ -1,0 +1,238 @@
+"""The page's server over real sockets: who gets in, what is refused, who is dropped."""
+
+import json
+import socket
+from contextlib import ExitStack, suppress
+
+import httpx
+import pytest
+import websockets
+
+from ikservo.clock import RealClock
+from ikservo.view.hosting import Address, hosted
+from ikservo.view.messages import LONGEST_BYTES
+from ikservo.view.server import application
+from ikservo.view.visitors import Keys, Right, proof
+from tests.view.guests import Audience, Guest
+
+PAGES = ["/", "/page/main.js", "/page/style.css"]
+
+
+@pytest.fixture(scope="module")
+def keys():
+    return Keys.new()
+
+
+@pytest.fixture(scope="module")
+def house(keys):
+    everybody = Audience()
+    with hosted(application(everybody, keys, RealClock()), Address("127.0.0.1", 0)) as url:
+        yield everybody, url
+
+
+@pytest.fixture
+def url(house):
+    return house[1]
+
+
+@pytest.fixture
+def audience(house):
+    house[0].forget()
+    return house[0]
+
+
+@pytest.fixture
+def visit(url, audience, request):
+    def arrive(**options):
+        guest = Guest(url, **options)
+        request.addfinalizer(guest.close)
+        return guest
+
+    return arrive
+
+
+def refused_upgrade(url, **options):
+    with pytest.raises(websockets.InvalidStatus) as refused:
+        Guest(url, **options)
+    return refused.value.response.status_code
+
+
+def test_the_page_is_served(url):
+    assert "<canvas" in httpx.get(url).text
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_nothing_is_loaded_from_elsewhere(url, path):
+    policy = httpx.get(url + path).headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "http" not in policy
+
+
+def test_no_answer_opens_the_page_to_others(url):
+    assert "access-control-allow-origin" not in httpx.get(url).headers
+
+
+def test_no_answer_sets_a_cookie(url):
+    assert "set-cookie" not in httpx.get(url).headers
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS"])
+@pytest.mark.parametrize("path", ["/", "/page/main.js", "/live"])
+def test_nothing_but_reading_is_possible_without_a_socket(url, method, path):
+    assert httpx.request(method, url + path).status_code in (404, 405)
+
+
+NO_PAGES = [
+    "/page/", "/page/..%2Fserver.py", "/page/%2Fetc%2Fpasswd", "/server.py", "/page/x.js",
+    "/page/%2e%2e/server.py", "/page/main.js%00", "/.git/config",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("path", NO_PAGES)
+def test_nothing_beside_the_page_is_served(url, path):
+    assert httpx.get(url + path).status_code == 404
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_another_host_reads_nothing(url, path):
+    assert httpx.get(url + path, headers={"host": "rebound.example"}).status_code == 403
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
+def test_another_origin_gets_no_socket(url, audience, origin):
+    assert refused_upgrade(url, origin=origin) == 403
+    assert not audience.rights
+
+
+def test_no_origin_gets_no_socket(url):
+    assert refused_upgrade(url, origin=None) == 403
+
+
+def test_the_key_in_the_query_of_a_url_opens_nothing(url, keys, visit):
+    guest = visit(additional_headers={"cookie": f"token={keys.control}"})
+    guest.send("{}")
+    assert guest.closing_code() == 4401
+
+
+def test_a_visitor_with_a_key_is_let_in(visit, audience, keys):
+    visit().prove(keys.control).hear_of("scene")
+    assert audience.rights == [Right.CONTROL]
+
+
+def test_the_other_key_gives_the_other_right(visit, audience, keys):
+    visit().prove(keys.watch).hear_of("scene")
+    assert audience.rights == [Right.WATCH]
+
+
+@pytest.mark.parametrize("hello", [
+    "{}", "", '{"kind":"stop","seq":1,"seen":0}', '{"kind":"hello"}', '{"kind":"hello","proof":""}',
+    '{"kind":"hello","proof":"' + "0" * 64 + '"}', "x" * LONGEST_BYTES,
+])  # fmt: skip
+def test_who_cannot_prove_a_key_is_sent_away(visit, audience, hello):
+    guest = visit()
+    guest.send(hello)
+    assert guest.closing_code() == 4401
+    assert not audience.rights
+
+
+def test_a_key_of_another_session_opens_nothing(visit, audience):
+    assert visit().prove(Keys.new().control).closing_code() == 4401
+    assert not audience.rights
+
+
+def test_a_proof_that_was_overheard_opens_nothing(visit, keys, audience):
+    overheard = proof(keys.control, visit().nonce)
+    guest = visit()
+    guest.send(json.dumps({"kind": "hello", "proof": overheard}))
+    assert guest.closing_code() == 4401
+    assert not audience.rights
+
+
+def test_what_a_visitor_says_is_heard(visit, audience, keys):
+    guest = visit().prove(keys.control)
+    scene = guest.hear_of("scene")["seq"]
+    guest.say("stop", scene)
+    guest.say("fly", scene)
+    guest.hear_of("refused")
+    assert [message.kind for message in audience.heard] == ["stop"]
+
+
+def test_a_replayed_message_is_refused_and_not_heard_again(visit, audience, keys):
+    guest = visit().prove(keys.control)
+    guest.say("stop")
+    guest.seq -= 1
+    guest.say("stop")
+    assert "was there before" in guest.hear_of("refused")["message"]
+    assert len(audience.heard) == 1
+
+
+def test_an_oversized_message_changes_nothing(visit, audience, keys):
+    guest = visit().prove(keys.control)
+    guest.say("stop", pad="x" * LONGEST_BYTES)
+    assert "too long" in guest.hear_of("refused")["message"]
+    assert not audience.heard
+
+
+@pytest.mark.parametrize("size", [5 * LONGEST_BYTES, 2_000_000])
+def test_a_huge_message_ends_the_connection_unread(visit, audience, keys, size):
+    guest = visit().prove(keys.control)
+    guest.say("stop", pad="x" * size)
+    assert guest.closing_code() == 1009
+    assert not audience.heard
+
+
+def test_bytes_where_text_belongs_end_the_connection(visit, keys):
+    guest = visit().prove(keys.control)
+    guest.send(b"\x00\x01")
+    assert guest.closing_code() == 1008
+
+
+def test_a_flood_is_dropped(visit, keys):
+    guest = visit().prove(keys.control)
+    with suppress(websockets.ConnectionClosed):
+        for _ in range(5_000):
+            guest.say("stop")
+    assert guest.closing_code() == 1008
+
+
+def test_scenes_wait_for_a_page_that_does_not_draw(visit, keys):
+    guest = visit().prove(keys.control)
+    numbers = [guest.hear_of("scene")["seq"], guest.hear_of("scene")["seq"]]
+    guest.say("beat", numbers[-1], visible=True)
+    assert [*numbers, guest.hear_of("scene")["seq"]] == [1, 2, 3]
+
+
+def test_who_leaves_is_forgotten(visit, audience, keys, url):
+    guest = Guest(url).prove(keys.control)
+    guest.hear_of("scene")
+    guest.close()
+    other = visit().prove(keys.watch)  # the server has worked meanwhile
+    other.hear_of("scene")
+    assert len(audience.present) == 1
+
+
+def test_no_more_than_sixteen_visitors_are_let_in(visit):
+    for _ in range(16):
+        visit()
+    with pytest.raises(websockets.ConnectionClosed) as closed:
+        visit()
+    assert closed.value.rcvd.code == 1013
+
+
+def test_two_hundred_idle_sockets_keep_nobody_out(url, visit, keys):
+    host, port = url.removeprefix("http://").split(":")
+    with ExitStack() as open_sockets:
+        for i in range(200):
+            idle = open_sockets.enter_context(socket.create_connection((host, int(port))))
+            idle.send(b"G" * (i % 2))
+        guest = visit().prove(keys.control)
+        for _ in range(20):
+            guest.say("beat", guest.hear_of("scene")["seq"], visible=True)
+
+
+def test_an_address_in_use_is_told(url):
+    from ikservo.errors import PortError
+
+    port = int(url.rpartition(":")[2])
+    with pytest.raises(PortError, match="cannot be served"):
+        Address("127.0.0.1", port)

@@ -1,0 +1,69 @@
+"""A calibration answered from the page, on hands that sweep a simulated arm in virtual time."""
+
+import pytest
+
+from ikservo.arm.calibrating import LooseArm
+from ikservo.calibration.answers import Script
+from ikservo.calibration.sweep import Stage
+from ikservo.model import load_model
+from ikservo.view.ritual import Ritual
+from ikservo.view.ritual_words import shown_talk
+from tests.calibration.hidden import hidden_arm
+from tests.calibration.rehearsal import rehearse
+
+READ_S = 0.02
+LONGEST = 6_000  # readings: two minutes
+
+
+@pytest.fixture
+def ritual():
+    ritual = Ritual(load_model("so101"), "sim")
+    ritual.begin()
+    return ritual
+
+
+@pytest.fixture
+def screens(tmp_path, monkeypatch):
+    """The screens that were new, one after the other, with a patient person before them."""
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    arm, model = hidden_arm("planar2", 7, pose="home"), load_model("planar2")
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda port, rate: arm.port)
+    with arm.open_bus() as bus:
+        rehearse(arm, LooseArm(model, bus).subjects("home"))
+    arm.port.is_open = True
+    return held(Ritual(model, "/dev/ttyDESK", "home"))
+
+
+def held(ritual):
+    script, seen = Script(), {}
+    ritual.begin()
+    for count, talk in enumerate(ritual.hold()):
+        shown = shown_talk(ritual.model, talk, ritual.pose)
+        seen.setdefault(shown["stage"], shown)
+        word = "leave" if shown["stage"] == "saved" or count > LONGEST else "accept"
+        if shown["stage"] in ("anchor", "sweep") and word == "accept":
+            word = script.answer(talk.wizard, count * READ_S) if talk.wizard else word
+        if word:
+            ritual.answer(word)
+    return seen
+
+
+def test_the_screens_follow_the_conversation_until_it_is_saved(screens, tmp_path):
+    assert list(screens) == [stage.value for stage in Stage]
+    assert [meter["name"] for meter in screens["sweep"]["meters"]] == ["joint1", "joint2"]
+    assert screens["saved"]["lines"][0].startswith(str(tmp_path))
+
+
+def test_an_answer_that_does_not_do_is_explained(ritual):
+    talks = ritual.hold()
+    next(talks)
+    ritual.answer("skip nowhere")
+    assert "no joint named" in next(talks).complaint
+    talks.close()
+
+
+def test_who_leaves_ends_it(ritual):
+    talks = ritual.hold()
+    next(talks)
+    ritual.answer("leave")
+    assert len(list(talks)) <= 1

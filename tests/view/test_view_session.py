@@ -1,0 +1,255 @@
+"""The desk and the pilot on a simulated arm in virtual time: who moves it, and what holds it."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from ikservo.arm import open_arm
+from ikservo.view import messages as said
+from ikservo.view.desk import Desk
+from ikservo.view.messages import BadMessageError
+from ikservo.view.pilot import Pilot
+from ikservo.view.visitors import Right
+from servosim.faults import Fault
+from tests.arm.simulated import line_of, registers, true_tip_m
+
+NUMBERS = itertools.count(1)
+
+
+class Room:
+    """A desk, its pilot and the visitors of a test; nothing runs but what a test lets run."""
+
+    def __init__(self):
+        self.arm = open_arm("so101", "sim:?pose=home")
+        self.arm.enable()
+        self.clock = line_of(self.arm) and self.arm._port.clock
+        self.pilot = Pilot(lambda: self.arm, self.clock)
+        self.desk = Desk(self.pilot, self.clock)
+        self.visitor = self.arrive()
+
+    def arrive(self, right=Right.CONTROL):
+        visitor = self.desk.join(right)
+        self.say(said.Look, visitor, w=900, h=700, dpr=1, view="side")
+        return visitor
+
+    def say(self, kind, visitor=None, **fields):
+        word = kind.model_fields["kind"].annotation.__args__[0]
+        message = kind(kind=word, seq=next(NUMBERS), seen=0, **fields)
+        self.desk.receive(visitor or self.visitor, message)
+
+    def point(self, phase, x, y, visitor=None):
+        self.say(said.Pointer, visitor, phase=phase, x=x, y=y, button=0, pointer=1)
+
+    def click(self, x, y, visitor=None):
+        self.point("down", x, y, visitor)
+        self.point("up", x, y, visitor)
+
+    def told(self, visitor=None):
+        """Return the latest status and scene for a visitor."""
+        self.clock.sleep_until(self.clock.now_s() + 0.11)
+        frames = self.desk.frames(visitor or self.visitor)
+        return {frame["kind"]: frame for frame in frames}
+
+    def ticks(self):
+        return registers(self.arm, "present_position")
+
+    def throw_live(self):
+        self.say(said.SpeedChoice, name="fast")
+        self.say(said.Live, on=True)
+        return self
+
+    def run(self, beats=1000, at_beat=lambda _: None):
+        """Let the pilot do one thing, the page beating; ``at_beat`` may say more."""
+        count = itertools.count()
+        see = self.pilot.see
+
+        def seen(beat):
+            see(beat)
+            number = next(count)
+            if number > beats:
+                self.say(said.Live, on=False)
+            elif number % 10 == 0:
+                self.say(said.Beat, visible=True)
+            at_beat(number)
+
+        self.pilot.see = seen
+        self.pilot.step()
+        self.pilot.see = see
+
+
+@pytest.fixture
+def room():
+    room = Room()
+    yield room
+    room.desk.close()
+    room.arm.close()
+
+
+def test_a_click_moves_the_simulated_servos_to_its_place(room):
+    room.throw_live()
+    room.click(480, 300)
+    wanted = room.desk._gestures.aim.target_m
+    room.run()
+    assert math.dist(true_tip_m(room.arm), wanted) < 0.002
+
+
+def test_without_live_a_click_moves_nothing(room):
+    before = registers(room.arm, "goal_position")
+    room.click(480, 300)
+    room.run()
+    assert registers(room.arm, "goal_position") == before
+    assert room.desk._gestures.goal is not None
+
+
+def test_every_goal_of_a_wild_drag_is_inside_the_limits(room):
+    room.throw_live()
+    room.point("down", 480, 300)
+    seen = []
+
+    def wander(number):
+        room.point("move", 450 + 800 * math.sin(number / 7), 350 + 700 * math.cos(number / 11))
+        seen.append(room.pilot.readout.goals)
+
+    room.run(beats=300, at_beat=wander)
+    chain = room.arm.chain
+    goals = np.array(seen)[:, : chain.dof]
+    assert (goals >= chain.lower_rad - 1e-3).all()
+    assert (goals <= chain.upper_rad + 1e-3).all()
+    assert np.abs(np.diff(goals, axis=0)).max() > 0.0
+
+
+def test_a_silent_page_holds_within_the_dead_man_time(room):
+    room.throw_live()
+    room.say(said.SpeedChoice, name="slow")
+    room.click(480, 300)
+    said_s, goals = room.clock.now_s(), []
+    see = room.pilot.see
+    room.pilot.see = lambda beat: (see(beat), goals.append((room.clock.now_s(), beat.goals)))
+    room.pilot.step()
+    moved_s = [s for (s, goal), (_, before) in zip(goals[1:], goals, strict=False)
+               if not np.array_equal(goal, before)]  # fmt: skip
+    braking_s = 0.25 + 0.02  # and two beats
+    assert 0.2 < moved_s[-1] - said_s < 0.3 + braking_s
+    assert not room.told()["status"]["live"]
+
+
+def test_after_silence_only_live_begins_again(room):
+    room.throw_live()
+    room.click(480, 300)
+    room.pilot.step()
+    before = registers(room.arm, "goal_position")
+    room.say(said.Beat, visible=True)
+    room.click(480, 300)
+    room.run(beats=50)
+    assert registers(room.arm, "goal_position") == before
+
+
+def test_a_hidden_page_holds(room):
+    room.throw_live()
+    room.click(480, 300)
+    room.run(at_beat=lambda n: n == 5 and room.say(said.Beat, visible=False))
+    assert not room.told()["status"]["live"]
+
+
+def test_a_page_that_leaves_holds(room):
+    room.throw_live()
+    room.click(480, 300)
+    room.desk.leave(room.visitor)
+    assert not room.pilot.wish.live
+
+
+def test_a_stop_latches(room):
+    room.throw_live()
+    room.click(480, 300)
+    room.run(at_beat=lambda n: n == 5 and room.say(said.Stop))
+    room.pilot.step()
+    assert room.told()["status"]["mode"] == "stopped"
+    with pytest.raises(BadMessageError, match="holds for a reason"):
+        room.throw_live()
+
+
+def test_after_an_acknowledgement_the_arm_moves_again(room):
+    room.say(said.Stop)
+    room.pilot.step()
+    room.say(said.Acknowledge)
+    room.pilot.step()
+    room.throw_live()
+    room.click(480, 300)
+    wanted = room.desk._gestures.aim.target_m
+    room.run()
+    assert math.dist(true_tip_m(room.arm), wanted) < 0.002
+
+
+def test_a_silent_servo_is_named_on_the_banner(room):
+    room.throw_live()
+    room.click(480, 300)
+    silent = Fault("silent", id=3, at_s=line_of(room.arm).world.time_s + 0.1)
+    line_of(room.arm).faults.add(silent)
+    room.run()
+    assert "elbow_flex (id 3)" in room.told()["status"]["banner"]["message"]
+
+
+ASKING = [
+    (said.Live, {"on": True}), (said.Stop, {}), (said.Acknowledge, {}), (said.Take, {"on": True}),
+    (said.SpeedChoice, {"name": "fast"}), (said.SolverChoice, {"name": "ccd"}),
+    (said.Pose, {"name": "rest"}), (said.Calibrate, {"word": "begin"}),
+    (said.Key, {"key": "ArrowUp"}), (said.Gamepad, {"axes": [1, 0, 0, 0]}),
+    (said.Wheel, {"x": 480, "y": 300, "notches": 1}),
+    (said.Pointer, {"phase": "down", "x": 480, "y": 300, "button": 0, "pointer": 1}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "fields"), ASKING, ids=[kind.__name__ for kind, _ in ASKING])
+def test_who_only_watches_changes_nothing(room, kind, fields):
+    watcher = room.arrive(Right.WATCH)
+    wish = room.pilot.wish
+    with pytest.raises(BadMessageError, match="may only look"):
+        room.say(kind, watcher, **fields)
+    assert room.pilot.wish is wish
+
+
+NOT_MINE = [entry for entry in ASKING if entry[0] not in (said.Stop, said.Acknowledge, said.Take)]
+
+
+@pytest.mark.parametrize(("kind", "fields"), NOT_MINE, ids=[kind.__name__ for kind, _ in NOT_MINE])
+def test_who_is_not_in_control_changes_nothing(room, kind, fields):
+    other = room.arrive()
+    wish = room.pilot.wish
+    with pytest.raises(BadMessageError, match="Somebody else"):
+        room.say(kind, other, **fields)
+    assert room.pilot.wish is wish
+
+
+def test_everybody_with_the_key_may_stop(room):
+    room.say(said.Stop, room.arrive())
+    room.pilot.step()
+    assert room.told()["status"]["mode"] == "stopped"
+
+
+def test_taking_control_takes_live_off(room):
+    room.throw_live()
+    other = room.arrive()
+    room.say(said.Take, other, on=True)
+    assert not room.pilot.wish.live
+    assert room.told(other)["status"]["controller"] == "you"
+
+
+@pytest.mark.parametrize("name", ["nowhere", "homes"])
+def test_an_unknown_pose_is_refused_with_the_known_ones(room, name):
+    with pytest.raises(BadMessageError, match="no pose"):
+        room.say(said.Pose, name=name)
+
+
+def test_what_stands_still_is_not_sent_sixty_times_a_second(room):
+    room.told()
+    assert [frame["kind"] for frame in room.desk.frames(room.visitor)] == []
+
+
+def test_the_goal_of_a_wheel_is_a_degree_a_notch(room):
+    hub = next(item for item in room.told()["scene"]["items"]
+               if item["style"] == "hub" and item.get("joint") == "elbow_flex")  # fmt: skip
+    room.say(said.Wheel, x=hub["at"][0], y=hub["at"][1], notches=3)
+    turned = room.desk._gestures.goal - room.pilot.readout.measured
+    assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
