@@ -6,8 +6,10 @@ given the arm file's ranges and a little more, the arm's slowest speed, and noth
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -18,15 +20,16 @@ from ikservo.arm.servos import Servos
 from ikservo.arm.trust import Zeros
 from ikservo.calibration import Limits
 from ikservo.calibration.memory import ServoFacts, facts_of
-from ikservo.calibration.outcome import Outcome
+from ikservo.calibration.outcome import Memory, Outcome
 from ikservo.calibration.subject import Subject
 from ikservo.calibration.sweep import Wizard
 from ikservo.calibration.transaction import changes_for, commit
+from ikservo.errors import BusError
 from ikservo.guard import Fence, Space
 from ikservo.model import ModelJoint
 from ikservo.registers import Role
 
-__all__ = ["BEYOND_RAD", "drivable", "fenced_arm", "set_up_counts"]
+__all__ = ["BEYOND_RAD", "counts_set_back", "drivable", "fenced_arm", "set_up_counts"]
 
 BEYOND_RAD = math.radians(20.0)
 """How far past its expected end a joint may look for its stop, the horn's angle."""
@@ -45,8 +48,7 @@ def drivable(subject: Subject, wizard: Wizard) -> bool:
 def set_up_counts(loose: LooseArm, wizard: Wizard, pose: str) -> Outcome:
     """Let every servo count so that no seam lies where its stop is looked for; torque is off.
 
-    The calibration file is left as it is: where there is one that now contradicts the servos,
-    the next opening says so.
+    The calibration file is left as it is; see ``counts_set_back``.
 
     Returns:
         The arm as it is known from its pose alone.
@@ -60,12 +62,48 @@ def set_up_counts(loose: LooseArm, wizard: Wizard, pose: str) -> Outcome:
     wide = replace(wizard, subjects=subjects, skipped=names, free=frozenset())
     found = loose.conclude(wide, pose, datetime.now(UTC))
     memory = {i: _opened(loose.facts[i], dict(held)) for i, held in found.memory.items()}
+    _write(loose, memory)
+    return found
+
+
+@contextmanager
+def counts_set_back(loose: LooseArm, tell: Callable[[str], None]) -> Generator[None]:
+    """Give limp servos back what they held, where the block ends without a calibration.
+
+    An arm that holds is not dropped for that: then it is told how to get them back.
+
+    Args:
+        loose: The servos, as they were found.
+        tell: Takes what was done or is to do, in words.
+    """
+    memory = {i: facts.held for i, facts in loose.facts.items()}
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(BusError):  # who is silent has been named already
+            _set_back(loose, memory, tell)
+        raise
+
+
+def _set_back(loose: LooseArm, memory: Memory, tell: Callable[[str], None]) -> None:
+    if loose.journal_path.exists() or not changes_for(loose.bus, memory):
+        return
+    if not loose.holding():
+        _write(loose, memory)
+        tell("The servos hold again what they held before.")
+        return
+    again = f"ikservo calibrate {loose.model.name}"
+    old = f"; the calibration before comes back with: ikservo calibration push {loose.model.name}"
+    filed = old if loose.path.exists() else ""
+    tell(f"The servos count as the search needed it. Calibrate anew: {again}{filed}.")
+
+
+def _write(loose: LooseArm, memory: Memory) -> None:
     changes = changes_for(loose.bus, memory)
     if changes:
         text = loose.path.read_text("utf-8") if loose.path.exists() else ""
         commit(loose.bus, loose.journal_path, loose.path, text, changes)
         loose.facts = {servo_id: facts_of(loose.bus, servo_id) for servo_id in loose.bus.servos}
-    return found
 
 
 def fenced_arm(loose: LooseArm, wizard: Wizard, known: Outcome, space: Space) -> Arm:

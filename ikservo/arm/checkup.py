@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from ikservo.arm.findings import Finding, bad, good, odd
 from ikservo.arm.line import chosen_port, servo_specs
@@ -11,6 +11,7 @@ from ikservo.errors import BusError, PortError
 from ikservo.hardware.adapters import Adapter, adapter_of
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.chain_order import silence_hint
+from ikservo.hardware.crowds import UNCROWD, crowded
 from ikservo.hardware.discovery import baud_rates, choose_port, with_arm
 from ikservo.hardware.identify import Found
 from ikservo.hardware.port import Port, open_port
@@ -105,8 +106,12 @@ def _line(line: Port, model: Model | None, on_progress: Progress | None) -> Iter
     else:
         specs = servo_specs(model)
     bus = ServoBus(line, specs, retries=0)
+    crowds = crowded(bus) if model else []
+    if crowds:
+        yield _crowded(spec.id for spec in crowds)
+        specs = [spec for spec in specs if spec not in crowds]
     there = [spec for spec in specs if model is None or _answers(bus, spec.id)]
-    if model:
+    if model and specs:
         yield from _presence(line, specs, there, on_progress)
     if not there:
         return
@@ -128,23 +133,24 @@ def _told(on_progress: Progress | None) -> Callable[[int], None] | None:
 
 
 def _crowd(found: Sequence[Found]) -> Finding:
-    crowds = [str(f.id) for f in found if f.crowded]
+    crowds = [f.id for f in found if f.crowded]
     if crowds:
-        return bad(
-            "servos",
-            f"several servos answer at id {', '.join(crowds)}",
-            "Unplug all but one and give each its own id: ikservo setup ARM",
-        )
+        return _crowded(crowds)
     if not found:
         return bad("servos", "nobody answers at any baud rate", _NO_POWER)
     return good("servos", f"{len(found)} answer at {found[0].baud_rate} baud: {_models(found)}")
+
+
+def _crowded(ids: Iterable[int]) -> Finding:
+    listed = ", ".join(map(str, ids))
+    return bad("servos", f"several servos answer at id {listed}", UNCROWD)
 
 
 _NO_POWER = "Is the servos' own power supply on? Is the cable in the right socket of the adapter?"
 
 
 def _models(found: Sequence[Found]) -> str:
-    return ", ".join(f"{servo.model} (id {servo.id})" for servo in found)
+    return ", ".join(f"{servo.model or 'unknown'} (id {servo.id})" for servo in found)
 
 
 def _answers(bus: ServoBus, servo_id: int) -> bool:

@@ -19,6 +19,7 @@ from ikservo.files.writing import FileWriteError
 from ikservo.guard import Box, Fence, Space
 from ikservo.hardware.backup import back_up_once
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.crowds import refusing_crowds
 from ikservo.hardware.discovery import remember_port
 from ikservo.kinematics import Chain
 from ikservo.model import Model, ModelJoint, load_model
@@ -55,6 +56,7 @@ def open_arm(
         NoPortError: No such port, or none to choose.
         PortBusyError: Another process holds the port.
         ServoSilentError: A servo does not answer; names all that do not.
+        BadReplyError: Two servos answer to one id.
         CalibrationError: A servo is of another model than the arm file says, or holds other
             numbers than when the arm was calibrated; says which.
         FileFormatError: The arm's calibration is spoiled.
@@ -63,11 +65,12 @@ def open_arm(
     bus = open_line(model, port)
     line = bus.port
     try:
-        check_models(bus)
-        remember_port(model.name, line.name)
-        bus.learn_return_delays()
-        own = own_arm(bus, model, uncalibrated=uncalibrated)
-        _keep_copies(bus, model, own)
+        with refusing_crowds(bus):
+            check_models(bus)
+            remember_port(model.name, line.name)
+            bus.learn_return_delays()
+            own = own_arm(bus, model, uncalibrated=uncalibrated)
+            _keep_copies(bus, model, own)
         fences = [_fence(own, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         servos = Servos(bus, fences, shadows, line.clock, model.health)

@@ -24,11 +24,13 @@ from ikservo.hardware.pseudo_terminal import is_pseudo_terminal
 from ikservo.kinematics import Chain
 from ikservo.kinematics.geometry import Geometry, corrected
 from ikservo.model import Model, ModelJoint
-from ikservo.registers import Role, table_with_number
+from ikservo.registers import MODELS, Role, table_with_number
 
 __all__ = [
     "OwnArm",
+    "calibrated_limits",
     "check_models",
+    "geometry_of",
     "holds_free",
     "own_arm",
     "serial_number_of",
@@ -70,9 +72,7 @@ class OwnArm:
         if own is None or self.calibration is None:
             in_servo = _between(joint_map, registers) if registers else joint.limits
             return joint.limits.intersect(in_servo) if self.zeros.known else in_servo
-        encoder = encoder_of(self._bus.servos[own.servo.id].table)
-        limits = within_a_turn(joint.limits, joint.joint_map, encoder)
-        limits = self.calibration.narrowed(own, limits)
+        limits = calibrated_limits(self.calibration, own, joint)
         if own.extended or not registers or holds_free(joint_map, limits, registers):
             return limits
         return limits.intersect(_between(joint_map, registers))
@@ -80,7 +80,7 @@ class OwnArm:
     def chain(self) -> Chain:
         """Return the arm's chain with the links and the base that a touch-off found."""
         chain, filed = self._model.chain, self.calibration and self.calibration.geometry
-        return corrected(chain, _geometry(filed)) if filed else chain
+        return corrected(chain, geometry_of(filed)) if filed else chain
 
     def _own(self, joint: ModelJoint) -> CalibratedJoint | None:
         return self.calibration.joint(joint.name) if self.calibration else None
@@ -163,7 +163,8 @@ def serial_number_of(port_name: str) -> str:
     return adapter.serial_number if adapter else ""
 
 
-def _geometry(filed: CalibratedGeometry) -> Geometry:
+def geometry_of(filed: CalibratedGeometry) -> Geometry:
+    """Return how an arm's links and base differ from its description, in SI units."""
     return Geometry(
         base_m=np.array(filed.base_moved_mm) / 1000.0,
         base_rad=np.radians(filed.base_turned_deg),
@@ -186,6 +187,16 @@ def holds_free(joint_map: JointMap, limits: Limits, registers: tuple[int, int]) 
     """Return whether a servo's own limits leave every whole tick of a range free."""
     low, high = joint_map.ticks_inside(limits.lower.value, limits.upper.value)
     return registers[0] <= low and high <= registers[1]
+
+
+def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: ModelJoint) -> Limits:
+    """Return the range inside arm file, calibration and what the person set.
+
+    Raises:
+        CalibrationError: Nothing lies inside all of them; names the two that exclude it.
+    """
+    encoder = encoder_of(MODELS[own.servo.model])
+    return calibration.narrowed(own, within_a_turn(joint.limits, joint.joint_map, encoder))
 
 
 def within_a_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:

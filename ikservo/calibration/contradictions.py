@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from ikservo.calibration.encoder import encoder_of
 from ikservo.calibration.homing import STS_MOST, X_MOST
+from ikservo.calibration.memory import held_registers
 from ikservo.calibration.obstacles import LEAST_TICKS
 from ikservo.calibration.record import CalibratedJoint, CalibratedServo, Calibration
 from ikservo.files.complaints import Complaint, Location
@@ -74,6 +75,9 @@ def _servo(where: Location, servo: CalibratedServo, family: str) -> Iterator[Com
         elif not table.registers[name].range[0] <= number <= table.registers[name].range[1]:
             low, high = table.registers[name].range
             yield Complaint((*where, "holds", name), f"is {number}", f"{low} to {high}")
+    for register in held_registers(table):
+        if register.name not in servo.holds:
+            yield Complaint((*where, "holds", register.name), "is missing", "what the servo held")
 
 
 def _travel(where: Location, joint: CalibratedJoint) -> Iterator[Complaint]:

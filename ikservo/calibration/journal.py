@@ -71,5 +71,5 @@ def read_journal(path: Path) -> Journal | None:
     except ValidationError as error:
         raise first_of(complaints_of(error, Journal), path) from error
     except FileFormatError as error:
-        hint = f"Compare the servos with: ikservo calibration diff. Then remove {path}."
-        raise FileFormatError(path, error.where, f"{error.found}. {hint}") from error
+        expected = "a whole one. Remove it, then compare the servos: ikservo calibration diff"
+        raise FileFormatError(path, error.where, error.found, expected) from error

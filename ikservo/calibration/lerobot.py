@@ -28,6 +28,7 @@ __all__ = [
 
 _LARGEST_BYTES = 64 * 1024
 _KEYS = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
+_MOST_DIGITS = 100
 _WHOLE_TURN = (0, 4095)
 _OLD_KEYS = {"motor_names", "start_pos", "calib_mode"}
 
@@ -95,6 +96,10 @@ def unsaid(calibration: Calibration) -> Iterator[str]:
             yield f"{joint.name} counts on beyond a turn, which LeRobot's range does not tell."
         if any(end is not None for end in joint.user_range()):
             yield f"{joint.name} has limits of your own, which LeRobot does not get."
+        for shadow in joint.shadows:
+            yield f"Servo {shadow.id} of {joint.name} is not in it; LeRobot gets one servo a joint."
+    if calibration.geometry:
+        yield "The links and the base that a touch-off found are not in it."
 
 
 def _exported(joint: CalibratedJoint) -> LerobotJoint:
@@ -108,7 +113,9 @@ def _exported(joint: CalibratedJoint) -> LerobotJoint:
 
 def _parsed(path: Path, text: str) -> object:
     try:
-        return json.loads(text, object_pairs_hook=_unique, parse_constant=_no_number)
+        return json.loads(
+            text, object_pairs_hook=_unique, parse_constant=_no_number, parse_int=_integer
+        )
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}"
         raise FileFormatError(path, where, f"is not JSON: {error.msg.lower()}") from error
@@ -129,22 +136,34 @@ def _no_number(name: str) -> float:
     raise ValueError(f"{name} stands in it")
 
 
+def _integer(digits: str) -> int:
+    if len(digits) > _MOST_DIGITS:
+        raise ValueError("a number is too long")
+    return int(digits)
+
+
 def _joint(path: Path, name: str, row: object) -> LerobotJoint:
+    shown = _shown(name)
     if not isinstance(row, dict):
-        raise FileFormatError(path, name[:64], "is not a table", ", ".join(_KEYS))
+        raise FileFormatError(path, shown, "is not a table", ", ".join(_KEYS))
     values = cast("dict[str, object]", row)
     for key in _KEYS:
         if key not in values:
-            raise FileFormatError(path, f"{name[:64]}.{key}", "is missing", ", ".join(_KEYS))
+            raise FileFormatError(path, f"{shown}.{key}", "is missing", ", ".join(_KEYS))
     for key in values:
         if key not in _KEYS:
-            raise FileFormatError(path, f"{name[:64]}.{key[:64]}", "is unknown", ", ".join(_KEYS))
-    numbers = {key: _whole(path, f"{name[:64]}.{key}", values[key]) for key in _KEYS}
+            raise FileFormatError(path, f"{shown}.{_shown(key)}", "is unknown", ", ".join(_KEYS))
+    numbers = {key: _whole(path, f"{shown}.{key}", values[key]) for key in _KEYS}
     joint = LerobotJoint(name, **numbers)
     if not joint.range_min < joint.range_max:
         found = f"is {joint.range_min}, not below {joint.range_max}"
-        raise FileFormatError(path, f"{name[:64]}.range_min", found, "range_min < range_max")
+        raise FileFormatError(path, f"{shown}.range_min", found, "range_min < range_max")
     return joint
+
+
+def _shown(name: str) -> str:
+    """Return a name as it may stand in a message: short, and harmless to a terminal."""
+    return name[:64] if name[:64].isprintable() else ascii(name[:64])
 
 
 def _whole(path: Path, where: str, value: object) -> int:
@@ -158,4 +177,4 @@ def _check_ids(path: Path, joints: Sequence[LerobotJoint]) -> None:
     for joint in joints:
         if ids.count(joint.id) > 1:
             found = f"is {joint.id} a second time"
-            raise FileFormatError(path, f"{joint.name[:64]}.id", found, "an id of its own")
+            raise FileFormatError(path, f"{_shown(joint.name)}.id", found, "an id of its own")

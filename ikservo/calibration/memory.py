@@ -10,7 +10,15 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.identify import firmware_of
 from ikservo.registers import Family, Register, Role, ServoTable
 
-__all__ = ["ServoFacts", "counts_on", "differs", "facts_of", "held_registers", "wanted_memory"]
+__all__ = [
+    "ServoFacts",
+    "counts_alike",
+    "counts_on",
+    "differs",
+    "facts_of",
+    "held_registers",
+    "wanted_memory",
+]
 
 _ROLES = (
     Role.HOMING_OFFSET,
@@ -24,6 +32,7 @@ _BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
 
 TURNS_BIT = 0b0001_0000  # of phase: an STS that counts several turns forgets them with the power
 POSITION, EXTENDED, CURRENT_POSITION = 3, 4, 5  # operating modes of Dynamixel X
+_X_POSITIONS = (POSITION, EXTENDED, CURRENT_POSITION)
 STS_POSITION = 0
 
 
@@ -54,6 +63,20 @@ class ServoFacts:
     def counts_on(self) -> bool:
         """Return whether the servo counts on beyond one turn."""
         return counts_on(self.held)
+
+
+def counts_alike(facts: ServoFacts, held: Mapping[str, int]) -> bool:
+    """Return whether a servo counts in the direction that ``held`` says, and goes to positions.
+
+    An offset that the servo ignores counts as no offset that could be relied on, either.
+    """
+    modes = {Family.FEETECH_STS: (STS_POSITION,), Family.DYNAMIXEL_2: _X_POSITIONS}
+    mode = facts.held.get("operating_mode")
+    turned = (name for name in _BITS if name in held and name in facts.held)
+    if any(differs(name, held[name], facts.held[name]) for name in turned):
+        return False
+    ignored = facts.offset != facts.held.get("homing_offset", 0)
+    return not ignored and mode in modes.get(facts.table.family, (mode,))
 
 
 def counts_on(held: Mapping[str, int]) -> bool:

@@ -20,7 +20,7 @@ from ikservo.calibration.sweep import Wizard
 from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
-__all__ = ["About", "Outcome", "conclude"]
+__all__ = ["About", "Memory", "Outcome", "conclude"]
 
 _ALIKE_TICKS = 3  # servos of one joint that differ by less are as alike as their gears
 

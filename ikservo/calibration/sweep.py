@@ -148,7 +148,7 @@ class Wizard:
         if self.before is None or self.stage is Stage.SAVED:
             return self
         tracks = self.before.tracks if self.stage is Stage.SWEEP else self.tracks
-        kept = {i: replace(self.tracks[i], low=t.low, high=t.high) for i, t in tracks.items()}
+        kept = {i: self.tracks[i].with_range_of(track) for i, track in tracks.items()}
         earlier = replace(self.before, tracks=kept, stillness=Stillness())
         return replace(earlier, asked_from=None)._with_direction()
 

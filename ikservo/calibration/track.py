@@ -66,3 +66,8 @@ class Track:
     def again(self) -> Track:
         """Return a track that has seen nothing but where it is; the count goes on."""
         return replace(self, low=self.tick, high=self.tick, lost=False)
+
+    def with_range_of(self, earlier: Track) -> Track:
+        """Return the track where it is, with what was seen earlier, good or lost."""
+        lost = self.lost or earlier.lost
+        return replace(self, low=earlier.low, high=earlier.high, lost=lost)

@@ -7,13 +7,14 @@ take it back.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 
 from ikservo.calibration.journal import Change, Journal, journal_text, read_journal
 from ikservo.errors import CalibrationError, IkservoError
-from ikservo.files.writing import remove, write_whole
+from ikservo.files.writing import FileWriteError, remove, write_whole
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.eeprom import differences, update_eeprom
 from ikservo.hardware.notation import Wanted
@@ -65,8 +66,8 @@ def commit(
     journal = Journal(
         format=1, path=str(path), old_text=old_text, new_text=text, changes=tuple(changes)
     )
-    write_whole(journal_path, journal_text(journal))
     try:
+        write_whole(journal_path, journal_text(journal))
         _write(bus, journal)
     except (IkservoError, KeyboardInterrupt) as error:
         _take_back(bus, journal, journal_path, error)
@@ -96,7 +97,7 @@ def settle(bus: ServoBus, journal_path: Path) -> str:
     Raises:
         CalibrationError: Some servos are changed and some are not; says how to go on.
     """
-    journal = read_journal(journal_path)
+    journal = _interrupted(bus, journal_path)
     if journal is None:
         return ""
     reached = progress(bus, journal)
@@ -118,7 +119,7 @@ def resume(bus: ServoBus, journal_path: Path) -> bool:
     Raises:
         IkservoError: A servo still cannot be written; the journal stays.
     """
-    journal = read_journal(journal_path)
+    journal = _interrupted(bus, journal_path)
     if journal:
         _write(bus, journal)
         _lock(bus, journal)
@@ -132,12 +133,32 @@ def revert(bus: ServoBus, journal_path: Path) -> bool:
     Raises:
         IkservoError: A servo still cannot be written; the journal stays.
     """
-    journal = read_journal(journal_path)
+    journal = _interrupted(bus, journal_path)
     if journal:
         _undo(bus, journal)
         _lock(bus, journal)
         remove(journal_path)
     return journal is not None
+
+
+def _interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
+    """Return what was being written into the servos of this line.
+
+    Raises:
+        CalibrationError: It is of a servo that the arm file does not have, or has as another.
+        FileFormatError: The journal is spoiled.
+    """
+    journal = read_journal(journal_path)
+    for change in journal.changes if journal else ():
+        servo = bus.servos.get(change.id)
+        names = change.old.keys() | change.new.keys()
+        if servo is None or not names <= servo.table.registers.keys():
+            raise CalibrationError(
+                f"{journal_path} tells of an interrupted writing into another servo {change.id}.",
+                "Has the arm file changed? Go on with the one of then, or remove the journal "
+                "and compare: ikservo calibration diff",
+            )
+    return journal
 
 
 def _write(bus: ServoBus, journal: Journal) -> None:
@@ -171,9 +192,10 @@ def _restore_file(journal: Journal) -> None:
 def _take_back(bus: ServoBus, journal: Journal, journal_path: Path, cause: BaseException) -> None:
     try:
         _undo(bus, journal)
-        remove(journal_path)
     except IkservoError:
         raise _unfinished() from cause
+    with contextlib.suppress(FileWriteError):  # one that stays tells of nothing that was changed
+        remove(journal_path)
 
 
 def _lock(bus: ServoBus, journal: Journal) -> None:

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.bench import CYCLES, BusSpeed, bench_bus
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_table
 from ikservo.cli.progress import bar
-from ikservo.cli.session import chosen_model
 from ikservo.model import Model
 
 __all__ = ["command"]

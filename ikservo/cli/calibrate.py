@@ -27,8 +27,9 @@ from ikservo.cli.calibrate_options import (
 )
 from ikservo.cli.calibrate_touch import TouchWishes, touch_off
 from ikservo.cli.calibrate_wiggle import wiggle_all
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import JsonOption, PortOption, UncalibratedOption, YesOption
-from ikservo.cli.session import chosen_model, opened
+from ikservo.cli.session import opened
 from ikservo.errors import InputError
 
 __all__ = ["command"]

@@ -5,15 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from ikservo.arm.auto import SelfCalibration, check_safe
+from ikservo.arm.auto_setup import counts_set_back
 from ikservo.arm.calibrating import LooseArm, loose_arm
 from ikservo.arm.confirmation import confirm
 from ikservo.arm.wiggling import expected, wiggle
 from ikservo.calibration.sweep import Stage, Wizard
-from ikservo.cli.calibrate_hands import Wishes, reviewed, show, with_wishes
+from ikservo.cli.calibrate_hands import Wishes, check_wishes, reviewed, show, with_wishes
 from ikservo.cli.calibrate_meeting import consent, greet, let_go
 from ikservo.cli.calibrate_screen import screen
 from ikservo.cli.calibrate_talk import answers, converse
 from ikservo.cli.output import note
+from ikservo.cli.stopping import stoppable
 from ikservo.errors import CalibrationError, IkservoError, InputError
 from ikservo.model import Model
 
@@ -34,17 +36,17 @@ def by_itself(model: Model, port: str | None, wishes: Wishes, script: Path | Non
         StoppedError: The person interrupted; the arm holds.
     """
     check_safe(model)
+    check_wishes(model, wishes, script)
     _agree(wishes)
     with loose_arm(model, port) as loose:
         let_go(loose, asks=wishes.asks, yes=wishes.yes)
         greet(loose, wishes.pose)
         wizard = _anchored(loose, wishes, script)
-        auto = SelfCalibration(loose, wizard, wishes.pose, lambda words: note(f"2  {words}"))
-        _show_directions(auto, wishes)
-        auto.sweep()
-        wizard = auto.finish()
-        outcome = reviewed(loose, wizard, wishes.with_user(auto.felt))
-        path = loose.save(outcome)
+        with counts_set_back(loose, note):
+            auto = SelfCalibration(loose, wizard, wishes.pose, lambda words: note(f"2  {words}"))
+            wizard = _driven(auto, wishes)
+            outcome = reviewed(loose, wizard, wishes.with_user(auto.felt))
+            path = loose.save(outcome)
         if wishes.asks:
             confirm(model, loose.bus.port.name)  # each direction has just been agreed to
     show(outcome, wizard, path, json=wishes.json)
@@ -69,6 +71,14 @@ def _anchored(loose: LooseArm, wishes: Wishes, script: Path | None) -> Wizard:
     ):
         begun = with_wishes(wizard, wishes.free, wishes.skip)
         return converse(loose, begun, who, shown, (Stage.ANCHOR,))
+
+
+def _driven(auto: SelfCalibration, wishes: Wishes) -> Wizard:
+    """Let the arm find its ranges; a second Ctrl-C lowers it and lets go."""
+    with stoppable(auto.arm):
+        _show_directions(auto, wishes)
+        auto.sweep()
+        return auto.finish()
 
 
 def _show_directions(auto: SelfCalibration, wishes: Wishes) -> None:

@@ -9,8 +9,10 @@ from pathlib import Path
 
 from ikservo.arm.calibrating import LooseArm, loose_arm
 from ikservo.arm.confirmation import confirm
+from ikservo.arm.filing import lost_by_saving
 from ikservo.arm.own import simulated
 from ikservo.calibration import Limits
+from ikservo.calibration.answers import read_script
 from ikservo.calibration.obstacles import findings
 from ikservo.calibration.outcome import Outcome
 from ikservo.calibration.sweep import Wizard
@@ -22,7 +24,15 @@ from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.errors import BadValueError, IkservoError
 from ikservo.model import Model
 
-__all__ = ["Wishes", "by_hand", "own_limits", "reviewed", "show", "with_wishes"]
+__all__ = [
+    "Wishes",
+    "by_hand",
+    "check_wishes",
+    "own_limits",
+    "reviewed",
+    "show",
+    "with_wishes",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +68,7 @@ class Wishes:
 
 def by_hand(model: Model, port: str | None, wishes: Wishes, script: Path | None) -> None:
     """Hold the conversation of a calibration by hand, and save what it ends with."""
+    check_wishes(model, wishes, script)
     with loose_arm(model, port) as loose:
         let_go(loose, asks=wishes.asks, yes=wishes.yes or script is not None)
         greet(loose, wishes.pose)
@@ -73,6 +84,23 @@ def by_hand(model: Model, port: str | None, wishes: Wishes, script: Path | None)
         if all(joint.sign_from == "by hand" for joint in outcome.calibration.joints):
             confirm(model, loose.bus.port.name)  # the hands have just shown which joint is which
     show(outcome, wizard, path, json=wishes.json)
+
+
+def check_wishes(model: Model, wishes: Wishes, script: Path | None) -> None:
+    """Refuse what would fail later, before an arm goes limp for it.
+
+    Raises:
+        CalibrationError: A range of the person's own has nothing in common with the arm file's.
+        FileFormatError: The script is none.
+        UnknownNameError: There is no such pose or joint.
+    """
+    model.pose(wishes.pose)
+    for name in (*wishes.free, *wishes.skip):
+        model.joint(name)
+    for name, limits in wishes.user.items():
+        model.joint(name).limits.intersect(limits)
+    if script:
+        read_script(script)
 
 
 def with_wishes(wizard: Wizard, free: Sequence[str], skip: Sequence[str]) -> Wizard:
@@ -97,7 +125,10 @@ def own_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
             raise BadValueError("The limit", repr(text), "JOINT=LOW:HIGH, as in elbow_flex=-80:80")
         unit = model.joint(name).joint_map.unit
         parse = parse_length_m if unit == "m" else parse_angle_rad
-        limits[name] = Limits.of(name, parse(low), parse(high), "user", unit)
+        lower, upper = parse(low), parse(high)
+        if not lower < upper:
+            raise BadValueError(f"The limit of {name}", repr(ends), "the lower end first")
+        limits[name] = Limits.of(name, lower, upper, "user", unit)
     return limits
 
 
@@ -107,7 +138,7 @@ def reviewed(loose: LooseArm, wizard: Wizard, wishes: Wishes) -> Outcome:
     Raises:
         IkservoError: The person said no; nothing was changed.
     """
-    for line in findings(wizard):
+    for line in (*findings(wizard), *lost_by_saving(loose)):
         note(f"3  {line}")
     if not consent(f"Save to {loose.path}?", default=True, asks=wishes.asks):
         raise IkservoError("Nothing was saved or written.")

@@ -10,6 +10,7 @@ from ikservo.arm.calibrating import LooseArm
 from ikservo.arm.sketch import sketch
 from ikservo.cli.output import note
 from ikservo.errors import IkservoError
+from ikservo.files.writing import check_writable
 
 __all__ = ["consent", "greet", "let_go"]
 
@@ -23,8 +24,11 @@ def let_go(loose: LooseArm, *, asks: bool, yes: bool) -> None:
     """Switch torque off, once the person knows.
 
     Raises:
+        FileWriteError: No calibration could be saved afterwards.
         IkservoError: Servos hold the arm and nobody agreed; nothing was changed.
     """
+    for path in (loose.path, loose.journal_path):
+        check_writable(path.parent)
     if loose.settled:
         note(loose.settled)
     holding = loose.holding()

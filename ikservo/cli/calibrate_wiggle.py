@@ -17,6 +17,8 @@ __all__ = ["check_once", "wiggle_all"]
 def check_once(machine: Arm, *, yes: bool) -> None:
     """Wiggle every joint before the first motion with files that nobody has seen obeyed.
 
+    An arm whose zeros nobody knows goes in small steps that are each agreed to, without this.
+
     Args:
         machine: The arm, before it moves.
         yes: Whether nobody is asked what they saw.
@@ -25,7 +27,9 @@ def check_once(machine: Arm, *, yes: bool) -> None:
         CalibrationError: A joint is not the one it should be.
         InputError: Nobody is there to see.
     """
-    if machine.zeros is Zeros.SIMULATED or confirmed(machine.model, machine.port_name):
+    if machine.zeros in (Zeros.SIMULATED, Zeros.UNKNOWN):
+        return
+    if confirmed(machine.model, machine.port_name):
         return
     note("The arm's files are new or have changed: first each joint moves a little, and back.")
     _each(machine, yes=yes)

@@ -12,11 +12,11 @@ from ikservo.arm.adopting import adopt, adoptable
 from ikservo.arm.calibrating import LooseArm, loose_arm
 from ikservo.arm.filing import differences, pull, push
 from ikservo.calibration.transaction import resume, revert
-from ikservo.cli.calibrate_meeting import consent
+from ikservo.cli.calibrate_meeting import consent, let_go
 from ikservo.cli.calibrate_options import ArmWord
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import JsonOption, PortOption, YesOption
 from ikservo.cli.output import note, print_json, print_lines, print_table
-from ikservo.cli.session import chosen_model
 from ikservo.errors import ExitCode, IkservoError, InputError, UnknownNameError
 
 __all__ = ["command"]
@@ -63,7 +63,7 @@ def command(
         if action == "diff":
             _diff(loose, json=json)
         elif interrupted:
-            _interrupted(loose, action)
+            _interrupted(loose, action, yes=yes)
         elif action == "adopt":
             _adopt(loose, source, yes=yes)
         else:
@@ -109,11 +109,12 @@ def _adopt(loose: LooseArm, source: Path | None, *, yes: bool) -> None:
     note(f"See that each joint is the right one: ikservo calibrate {calibration.arm} --wiggle")
 
 
-def _interrupted(loose: LooseArm, action: str) -> None:
-    loose.let_go()
-    step = resume if action == "resume" else revert
-    if not step(loose.bus, loose.journal_path):
+def _interrupted(loose: LooseArm, action: str, *, yes: bool) -> None:
+    if not loose.journal_path.exists():
         print_lines(["No writing was broken off; nothing to do."])
         return
+    let_go(loose, asks=not yes and sys.stdin.isatty(), yes=yes)
+    step = resume if action == "resume" else revert
+    step(loose.bus, loose.journal_path)
     done = "finished" if action == "resume" else "taken back"
     print_lines([f"The calibration that was broken off is {done}."])

@@ -12,10 +12,10 @@ from ikservo.arm.checkup import check_up, rules_text
 from ikservo.arm.eeprom_checks import write_eeprom
 from ikservo.arm.findings import Finding, Level
 from ikservo.arm.line import open_line
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.cli.progress import bar
-from ikservo.cli.session import chosen_model
 from ikservo.errors import ExitCode
 from ikservo.model import load_model
 

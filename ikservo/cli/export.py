@@ -11,10 +11,10 @@ from ikservo.arm.own import serial_number_of
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, unsaid
 from ikservo.calibration.store import calibration_path, calibrations_of
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.import_ import Kind, check_kind
 from ikservo.cli.options import ArmOption, PortOption
 from ikservo.cli.output import note
-from ikservo.cli.session import chosen_model
 from ikservo.errors import CalibrationError, InputError
 from ikservo.files.writing import write_whole
 from ikservo.model import Model

@@ -9,11 +9,13 @@ import typer
 
 from ikservo.arm import Arm, open_arm
 from ikservo.arm.following import FollowReport
+from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.completing import arms
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
     JsonOption,
+    NoWiggleOption,
     PortOption,
     SpeedOption,
     UncalibratedOption,
@@ -48,6 +50,7 @@ def command(
     time: Time = None,
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -64,6 +67,8 @@ def command(
     ):
         _say(leading, machine)
         agree(machine, yes=yes)
+        if not no_wiggle:
+            check_once(machine, yes=yes)
         report = machine.follow_arm(leading, speed=speed, until=_until(machine, time))
     _print(report, json=json)
 

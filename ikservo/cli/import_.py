@@ -12,7 +12,9 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.calibrating import LooseArm, loose_arm
+from ikservo.arm.filing import lost_by_saving
 from ikservo.arm.importing import as_recorded, check_recorded, known_travels, unlike_servos
+from ikservo.calibration.answers import read_script
 from ikservo.calibration.lerobot import LerobotJoint, read_lerobot
 from ikservo.calibration.lerobot_places import find_lerobot
 from ikservo.calibration.outcome import Outcome
@@ -22,9 +24,9 @@ from ikservo.cli.calibrate_meeting import consent, greet, let_go
 from ikservo.cli.calibrate_options import FromScript, Margin, NoInput, Pose
 from ikservo.cli.calibrate_screen import screen
 from ikservo.cli.calibrate_talk import Answers, answers, converse
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, YesOption
 from ikservo.cli.output import note
-from ikservo.cli.session import chosen_model
 from ikservo.errors import IkservoError, UnknownNameError
 
 __all__ = ["Kind", "check_kind", "command"]
@@ -57,6 +59,9 @@ def command(
     check_kind(kind)
     model, path = chosen_model(arm), find_lerobot(source)
     joints = read_lerobot(path)
+    model.pose(pose)
+    if from_script:
+        read_script(from_script)  # before an arm goes limp for it
     asks = not (yes or no_input or from_script) and sys.stdin.isatty()
     with loose_arm(model, port) as loose:
         check_recorded(joints, model, loose)
@@ -65,6 +70,8 @@ def command(
         with answers(from_script, yes=yes, ask=asks) as who:
             wizard = _converse(loose, joints, pose, margin, who)
         outcome = _concluded(loose, joints, wizard, pose)
+        for line in lost_by_saving(loose):
+            note(f"3  {line}")
         if not consent(f"Save to {loose.path}?", default=True, asks=asks):
             raise IkservoError("Nothing was saved or written.")
         saved = loose.save(outcome)

@@ -11,13 +11,16 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.arm.jogging import DIRECTIONS, JogReport, Wanted
+from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.keyboard import keys
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
     JsonOption,
+    NoWiggleOption,
     PortOption,
     UncalibratedOption,
+    YesOption,
 )
 from ikservo.cli.output import note, point, print_json, print_lines
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_time_s
@@ -50,6 +53,8 @@ def command(
     time: Time = None,
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
+    yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
     """Let a joint or the tip go on in one direction, for as long as you hold the space bar.
@@ -64,6 +69,8 @@ def command(
         raise InputError("Nobody is here to hold a key.", "Give --time, as in --time 1.")
     with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         wished = _speed(machine, what, speed)
+        if not no_wiggle:
+            check_once(machine, yes=yes)
         with _wanted(machine, time) as wanted:
             report = machine.jog(what, wished, wanted=wanted)
     _print(report, json=json)

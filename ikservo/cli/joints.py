@@ -8,10 +8,12 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm, JointReport
+from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
     JsonOption,
+    NoWiggleOption,
     PortOption,
     SpeedOption,
     UncalibratedOption,
@@ -38,6 +40,7 @@ def command(
     speed: SpeedOption = "normal",
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -46,15 +49,18 @@ def command(
     ikservo joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim
     """
     with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        report = move_joints(machine, _positions(goals, machine.model), speed, yes=yes)
+        positions = _positions(goals, machine.model)
+        report = move_joints(machine, positions, speed, yes=yes, wiggle=not no_wiggle)
     print_report(report, machine.model, json=json)
 
 
 def move_joints(
-    machine: Arm, positions: Mapping[str, float], speed: str, *, yes: bool
+    machine: Arm, positions: Mapping[str, float], speed: str, *, yes: bool, wiggle: bool
 ) -> JointReport:
     """Announce a motion of joints, carry it out and return how it ended."""
     announce(machine.plan_joints(positions, speed=speed), machine, yes=yes)
+    if wiggle:
+        check_once(machine, yes=yes)
     with watched() as draw:
         return machine.move_joints(positions, speed=speed, on_progress=draw)
 

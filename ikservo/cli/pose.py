@@ -13,6 +13,7 @@ from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
     JsonOption,
+    NoWiggleOption,
     PortOption,
     SpeedOption,
     UncalibratedOption,
@@ -39,6 +40,7 @@ def command(
     speed: SpeedOption = "normal",
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -50,7 +52,8 @@ def command(
         if name is None:
             _list(machine, json=json)
             return
-        report = move_joints(machine, machine.poses.named(name), speed, yes=yes)
+        positions = machine.poses.named(name)
+        report = move_joints(machine, positions, speed, yes=yes, wiggle=not no_wiggle)
     print_report(report, machine.model, json=json)
 
 

@@ -10,10 +10,11 @@ import typer
 
 from ikservo.arm.elsewhere import record_from_here
 from ikservo.arm.recording import RecordReport
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import chosen_model, opened
+from ikservo.cli.session import opened
 from ikservo.errors import InputError
 
 __all__ = ["command"]

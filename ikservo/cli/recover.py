@@ -9,9 +9,9 @@ import typer
 
 from ikservo.arm.line import open_line
 from ikservo.arm.recovery import Recovery, recover
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_table
-from ikservo.cli.session import chosen_model
 from ikservo.errors import ExitCode, IkservoError
 
 __all__ = ["command"]

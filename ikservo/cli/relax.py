@@ -8,10 +8,11 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.arm.elsewhere import ask_to_relax
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.joints import print_report
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
 from ikservo.cli.output import note
-from ikservo.cli.session import announce, chosen_model, opened, watched
+from ikservo.cli.session import announce, opened, watched
 from ikservo.errors import IkservoError
 
 __all__ = ["command"]

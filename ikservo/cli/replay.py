@@ -9,10 +9,12 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.replaying import ReplayReport, playback_of
+from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
     JsonOption,
+    NoWiggleOption,
     PortOption,
     SpeedOption,
     UncalibratedOption,
@@ -36,6 +38,7 @@ def command(
     collision: CollisionOption = True,
     dry_run: DryRun = False,
     uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -58,6 +61,8 @@ def command(
                            duration_s=playback.duration_s, slower=playback.slower)  # fmt: skip
             return
         agree(machine, yes=yes)
+        if not no_wiggle:
+            check_once(machine, yes=yes)
         with watched() as draw:
             report = machine.replay(file, speed=speed, on_progress=draw)
     _print(report, json=json)

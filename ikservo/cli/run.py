@@ -60,7 +60,9 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _ready_streams() -> None:
-    """Let output that cannot be shown be shown as it can, and closed streams swallow it."""
+    """Let output that cannot be shown be shown as it can, and closed streams be empty ones."""
+    if sys.stdin is None:  # closed by the shell: <&-
+        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: PTH123, SIM115
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:  # closed by the shell: >&-

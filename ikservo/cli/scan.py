@@ -28,7 +28,8 @@ __all__ = ["command"]
 Port = Annotated[str | None, typer.Argument(metavar="[PORT]", help="The same as --port.")]
 Every = Annotated[bool, typer.Option("--all", help="Go on after the first rate with servos.")]
 Rates = Annotated[
-    list[int] | None, typer.Option("--baud", min=1_200, help="Only this rate; may be repeated.")
+    list[int] | None,
+    typer.Option("--baud", min=1_200, max=12_000_000, help="Only this rate; may be repeated."),
 ]
 
 
@@ -48,7 +49,7 @@ def command(
     ikservo scan --port sim --arm so101
     """
     where = with_arm(choose_port(name or port, arm or ""), _arm_file(arm))
-    wanted = rates or baud_rates()
+    wanted = list(dict.fromkeys(rates or baud_rates()))
     with _watched() as draw:
         found = scan_port(where, wanted, every=every or bool(rates), on_step=draw)
     if not found:

@@ -9,24 +9,12 @@ from contextlib import contextmanager
 import typer
 
 from ikservo.arm import Arm, Plan, Progress, Zeros, open_arm
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.output import note, point
 from ikservo.cli.stopping import stoppable
 from ikservo.errors import IkservoError, InputError
-from ikservo.model import Model, arm_names, load_model
 
-__all__ = ["agree", "announce", "chosen_model", "opened", "watched"]
-
-
-def chosen_model(arm: str | None) -> Model:
-    """Return the model of ``--arm``.
-
-    Raises:
-        InputError: No arm was chosen; lists them.
-    """
-    if not arm:
-        known = ", ".join(arm_names())
-        raise InputError("Which arm?", f"Give --arm or set IKSERVO_ARM. Known: {known}.")
-    return load_model(arm)
+__all__ = ["agree", "announce", "opened", "watched"]
 
 
 @contextmanager

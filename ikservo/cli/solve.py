@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ikservo.cli.choosing import known_model, start_of
 from ikservo.cli.options import ArmOption, JsonOption, Length
-from ikservo.cli.output import note, point, print_json, print_lines
+from ikservo.cli.output import note
 from ikservo.cli.quantities import parse_axis
-from ikservo.cli.solutions import all_solutions, joint_words, print_solutions
+from ikservo.cli.solutions import all_solutions, print_solutions
+from ikservo.cli.solve_report import print_result
+from ikservo.cli.stance import DirectionOption, KeepOption, PitchOption, RollOption, stance_of
 from ikservo.errors import ExitCode, InputError
 from ikservo.ik import Result, Target, solve
 from ikservo.kinematics.se3 import Vector
-from ikservo.model import Model, arm_names, load_model
+from ikservo.model import Model
+from ikservo.model.tool import tool_of
+
+if TYPE_CHECKING:
+    from ikservo.arm.planning import Stance
 
 __all__ = ["command"]
 
 _METHODS = "auto, bounded, closed_form, pseudo_inverse, transpose or ccd."
 
 Tip = Annotated[str | None, typer.Option("--tip", help="The link that is the tool (for a .urdf).")]
-Direction = Annotated[
-    str | None, typer.Option("--direction", help="Where the tool axis shall point: X,Y,Z.")
-]
 ToolAxis = Annotated[
-    str, typer.Option("--tool-axis", help="The tool axis in the tool's frame: x, y, z or X,Y,Z.")
+    str | None,
+    typer.Option(
+        "--tool-axis",
+        help="What --direction points, in the tip's frame: x, y, z or X,Y,Z; else the tool.",
+    ),
 ]
 Method = Annotated[str, typer.Option("--method", help=_METHODS)]
 All = Annotated[bool, typer.Option("--all", help="Every solution in closed form.")]
@@ -44,8 +52,11 @@ def command(
     *,
     arm: ArmOption = None,
     tip: Tip = None,
-    direction: Direction = None,
-    tool_axis: ToolAxis = "z",
+    pitch: PitchOption = None,
+    roll: RollOption = None,
+    direction: DirectionOption = None,
+    keep: KeepOption = False,
+    tool_axis: ToolAxis = None,
     method: Method = "auto",
     everything: All = False,
     comparison: Compare = False,
@@ -53,24 +64,36 @@ def command(
     plot: Plot = None,
     json: JsonOption = False,
 ) -> None:
-    """Find joints inside the arm file's limits that bring the tip to X Y Z; nothing moves.
+    """Find joints inside this arm's limits that bring the tip to X Y Z; nothing moves.
+
+    The limits are those of the arm's calibration, or of its arm file where there is none.
+    --direction leaves an angle where it must; --pitch, --roll and --keep are met, or exit 7.
 
     ikservo solve 0.25 0.05 0.15 --arm so101
 
     ikservo solve 0.25 0.05 0.15 --arm so101 --compare --plot methods.svg
     """
     _check(method, plot, everything=everything, comparison=comparison, trace=trace)
-    axis = None if direction is None else parse_axis(direction)
-    target = Target((x, y, z), direction=axis, tool_axis=parse_axis(tool_axis))
-    model = _model(arm, tip)
-    start = model.chain_pose("home") if "home" in model.poses else model.chain.middle()
+    posed = pitch is not None or roll is not None or keep
+    if posed and (everything or comparison or trace or tool_axis or method != "auto"):
+        raise InputError(
+            "--pitch, --roll and --keep are solved in one way only.",
+            "Give them without --all, --compare, --trace, --method and --tool-axis.",
+        )
+    stance = stance_of(pitch, roll, direction, keep=keep) if posed else None
+    model = known_model(arm, tip)
+    target, start = _target((x, y, z), model, direction, tool_axis), start_of(model)
     if everything:
         answers = _print_all(model, target, start, json=json)
     elif comparison:
         answers = _print_comparison(model, target, start, trace=trace, json=json)
     else:
-        keep = trace or plot is not None
-        result = solve(model.chain, target, start, method, trace=keep)
+        keep_trace = trace or plot is not None
+        result = (
+            _stood(model, target, stance, start)
+            if stance
+            else solve(model.chain, target, start, method, trace=keep_trace)
+        )
         answers = [(result.method, result)]
         _print_one(model, target, result, trace=trace, json=json)
     if plot is not None:
@@ -94,11 +117,21 @@ def _check(
         check_picture(plot)
 
 
-def _model(arm: str | None, tip: str | None) -> Model:
-    if not arm:
-        known = ", ".join(arm_names())
-        raise InputError("Which arm?", f"Give --arm or set IKSERVO_ARM. Known: {known}.")
-    return load_model(arm, tip)
+def _target(
+    position_m: tuple[float, float, float], model: Model, direction: str | None, axis: str | None
+) -> Target:
+    """Return the target; what points in its direction is the tool, unless another axis is told."""
+    tool_axis = tool_of(model).ahead if axis is None else parse_axis(axis)
+    wanted = None if direction is None else parse_axis(direction)
+    return Target(position_m, direction=wanted, tool_axis=tool_axis)
+
+
+def _stood(model: Model, target: Target, stance: Stance, start: Vector) -> Result:
+    """Return joints at which the tool stands as ``move`` would bring it there."""
+    from ikservo.arm.planning.standing import stand  # noqa: PLC0415  # few ask
+
+    standing = stand(model.chain, tool_of(model), Target(target.position), stance, start)
+    return replace(standing.solution, orientation_error_rad=standing.left_rad)
 
 
 def _print_all(
@@ -107,7 +140,7 @@ def _print_all(
     found = all_solutions(model, target, start)
     if not found.results and not json:
         nearest = solve(model.chain, target, start)
-        print_lines(_lines(nearest, target, model))
+        print_result(model, target, nearest, json=False)
         return [("nearest", nearest)]
     print_solutions(model, found, json=json)
     return [(f"solution {i}", result) for i, result in enumerate(found.results, start=1)]
@@ -132,10 +165,8 @@ def _print_one(model: Model, target: Target, result: Result, *, trace: bool, jso
         from ikservo.cli.comparison import print_traces  # noqa: PLC0415
 
         print_traces(model.chain, target, [(result.method, result)])
-    elif json:
-        print_json("solve", **_fields(result))
     else:
-        print_lines(_lines(result, target, model))
+        print_result(model, target, result, json=json)
 
 
 def _draw(
@@ -145,36 +176,3 @@ def _draw(
 
     draw(file, model, target, start, answers)
     note(f"Picture: {file}")
-
-
-def _fields(result: Result) -> dict[str, object]:
-    return {
-        "reached": result.reached,
-        "q_rad": result.q,
-        "position_error_m": result.position_error_m,
-        "orientation_error_rad": result.orientation_error_rad,
-        "method": result.method,
-        "iterations": result.iterations,
-        "nearest_m": result.nearest_m,
-        "binding": [str(limit) for limit in result.binding],
-    }
-
-
-def _lines(result: Result, target: Target, model: Model) -> list[str]:
-    words = joint_words(model.chain, result.q)
-    lines = [f"{name}  {word}" for name, word in zip(model.chain.names, words, strict=True)]
-    lines.append(f"{result.method}, {result.iterations} iterations")
-    if result.reached:
-        return [*lines, f"error  {_left(result, target)}"]
-    build = "the arm's length" if target.only_position else "the arm's build"
-    held = ", ".join(str(limit) for limit in result.binding) or build
-    nearest = point(result.nearest_m.tolist())
-    lines.append(f"not reachable: held back by {held}")
-    return [*lines, f"nearest  {nearest}, {_left(result, target, 1)} away"]
-
-
-def _left(result: Result, target: Target, digits: int = 4) -> str:
-    gap = f"{result.position_error_m * 1000:.{digits}f} mm"
-    if target.only_position:
-        return gap
-    return f"{gap} and {math.degrees(result.orientation_error_rad):.{digits}f}°"

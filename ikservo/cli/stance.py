@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ikservo.arm.planning import Stance
 from ikservo.cli.quantities import parse_angle_rad, parse_axis
+
+if TYPE_CHECKING:
+    from ikservo.arm.planning import Stance
 
 __all__ = ["DirectionOption", "KeepOption", "PitchOption", "RollOption", "stance_of"]
 
@@ -45,5 +47,7 @@ def stance_of(
     Raises:
         BadValueError: They contradict each other, or an angle is too large.
     """
+    from ikservo.arm.planning import Stance  # noqa: PLC0415  # brings the servos' rooms along
+
     axis = None if direction is None else parse_axis(direction)
     return Stance(pitch_rad, roll_rad, axis, keep)

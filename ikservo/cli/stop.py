@@ -5,9 +5,9 @@ from __future__ import annotations
 import typer
 
 from ikservo.arm.elsewhere import Stopped, stop_all, stop_from_here
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import print_json, print_lines
-from ikservo.cli.session import chosen_model
 from ikservo.errors import ExitCode, InputError
 
 __all__ = ["command"]

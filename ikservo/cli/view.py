@@ -14,9 +14,9 @@ from typing import Annotated
 
 import typer
 
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, CollisionOption, PortOption, UncalibratedOption
 from ikservo.cli.output import note, print_lines
-from ikservo.cli.session import chosen_model
 from ikservo.errors import InputError
 
 __all__ = ["command"]

@@ -8,10 +8,11 @@ import typer
 
 from ikservo.arm import JointState, Whereabouts
 from ikservo.arm.elsewhere import ask_where
+from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
 from ikservo.cli.output import point, print_json, print_lines, print_table
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import chosen_model, opened
+from ikservo.cli.session import opened
 from ikservo.model import Model
 
 __all__ = ["command"]

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ikservo.cli.choosing import known_model, start_of
 from ikservo.cli.options import ArmOption, JsonOption
 from ikservo.cli.output import print_json, print_lines
 from ikservo.cli.pictures import check_picture
@@ -24,7 +25,7 @@ from ikservo.errors import ExitCode, InputError
 from ikservo.ik import Target, solve
 from ikservo.ik.workspace import front_plane, side_plane, top_plane, workspace
 from ikservo.kinematics.se3 import Matrix, Vector
-from ikservo.model import Model, arm_names, load_model
+from ikservo.model import Model
 
 __all__ = ["command"]
 
@@ -63,14 +64,16 @@ def command(
     plot: Plot = None,
     json: JsonOption = False,
 ) -> None:
-    """Say what the tip can reach inside the arm's limits; nothing moves.
+    """Say what the tip can reach inside this arm's limits; nothing moves.
+
+    The limits are those of the arm's calibration, or of its arm file where there is none.
 
     ikservo workspace --arm so101 --slice side --plot reach.svg
     ikservo workspace --arm so101 --point 0.25 0.05 0.15
     """
-    model = _model(arm, tip)
-    home = model.chain_pose("home") if "home" in model.poses else model.chain.middle()
     _check(cut, height, yaw, plot)
+    model = known_model(arm, tip)
+    home = start_of(model)
     asked = None if point is None else [parse_length_m(text) for text in point]
     found = None if asked is None else solve(model.chain, Target(asked), home)
     region = None
@@ -79,18 +82,11 @@ def command(
     if region is not None and plot is not None:
         draw(region, model, home, title(model, cut, region), plot, asked)
     if json:
-        print_json("workspace", **point_fields(asked, found), **region_fields(cut, region))
+        print_json("workspace", **point_fields(model, asked, found), **region_fields(cut, region))
     else:
-        print_lines([*point_lines(asked, found), *region_lines(model, cut, region)])
+        print_lines([*point_lines(model, asked, found), *region_lines(model, cut, region)])
     if found is not None and not found.reached:
         raise typer.Exit(ExitCode.UNREACHABLE)
-
-
-def _model(arm: str | None, tip: str | None) -> Model:
-    if not arm:
-        known = ", ".join(arm_names())
-        raise InputError("Which arm?", f"Give --arm or set IKSERVO_ARM. Known: {known}.")
-    return load_model(arm, tip)
 
 
 def _check(cut: Slice | None, height: float | None, yaw: float | None, plot: Path | None) -> None:

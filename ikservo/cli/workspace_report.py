@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from enum import Enum
 
+from ikservo.cli.choosing import limit_words
 from ikservo.cli.output import point as say_point
 from ikservo.cli.workspace_picture import axis_names
 from ikservo.ik import Result
@@ -24,7 +25,9 @@ class Slice(Enum):
     FRONT = "front"
 
 
-def point_fields(asked: Sequence[float] | None, found: Result | None) -> dict[str, object]:
+def point_fields(
+    model: Model, asked: Sequence[float] | None, found: Result | None
+) -> dict[str, object]:
     """Return what JSON says of a point that was asked for; nothing if none was."""
     if found is None:
         return {}
@@ -33,17 +36,17 @@ def point_fields(asked: Sequence[float] | None, found: Result | None) -> dict[st
         "inside": found.reached,
         "distance_m": 0.0 if found.reached else found.position_error_m,
         "nearest_m": found.nearest_m,
-        "binding": [str(limit) for limit in found.binding],
+        "binding": [limit_words(model, limit) for limit in found.binding],
     }
 
 
-def point_lines(asked: Sequence[float] | None, found: Result | None) -> list[str]:
+def point_lines(model: Model, asked: Sequence[float] | None, found: Result | None) -> list[str]:
     """Return what a person reads of a point that was asked for."""
     if asked is None or found is None:
         return []
     if found.reached:
         return [f"{say_point(asked)}  inside"]
-    held = ", ".join(str(limit) for limit in found.binding) or "the arm's length"
+    held = ", ".join(limit_words(model, limit) for limit in found.binding) or "the arm's length"
     nearest = say_point(found.nearest_m.tolist())
     return [
         f"{say_point(asked)}  outside: held back by {held}",

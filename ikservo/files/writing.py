@@ -6,24 +6,34 @@ import contextlib
 import os
 import sys
 import tempfile
+from collections.abc import Generator
 from pathlib import Path
 
 from ikservo.errors import IkservoError
 
-__all__ = ["FileWriteError", "remove", "write_whole"]
+__all__ = ["FileWriteError", "check_writable", "remove", "write_whole"]
 
 BACKUP_SUFFIX = ".bak"
+_PROBE_BYTES = 64 * 1024  # more than a calibration and its journal
+_UNCHANGED = "What was there is unchanged"
 
 
 class FileWriteError(IkservoError, OSError):
-    """A file could not be written; what was there before is still there."""
+    """A file could not be written; what was there before is still there, unless ``changed``.
 
-    def __init__(self, path: Path, why: str) -> None:
-        self.path, self.why = path, why
+    Attributes:
+        path: The file.
+        why: What the system says.
+        changed: Whether the file is as it should be, but the disk did not take its folder.
+    """
+
+    def __init__(self, path: Path, why: str, *, changed: bool = False) -> None:
+        self.path, self.why, self.changed = path, why, changed
+        state = "It is changed, but may not outlive a power cut" if changed else _UNCHANGED
         IkservoError.__init__(
             self,
             f"{path} cannot be written: {why}.",
-            "What was there is unchanged. Free space or mend the permissions, then try again.",
+            f"{state}. Free space or mend the permissions, then try again.",
         )
 
 
@@ -39,29 +49,48 @@ def write_whole(path: Path, text: str, *, keep_old: bool = False) -> None:
         keep_old: Whether the present content is kept beside it with ``.bak``.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; the file is unchanged.
+        FileWriteError: The disk is full, read-only or broken; says whether the file is changed.
     """
-    try:
+    with _refusing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         if keep_old and path.exists():
             _replace(path.with_name(path.name + BACKUP_SUFFIX), path.read_bytes())
+            _sync_folder(path.parent)
         _replace(path, text.encode("utf-8"))
-    except OSError as error:
-        raise FileWriteError(path, error.strerror or str(error)) from error
+    with _refusing(path, changed=True):
+        _sync_folder(path.parent)
+
+
+def check_writable(folder: Path) -> None:
+    """Refuse a folder that takes no file, before somebody has worked for what shall lie there.
+
+    Raises:
+        FileWriteError: The disk is full, read-only or broken.
+    """
+    probe = folder / ".probe"
+    write_whole(probe, " " * _PROBE_BYTES)
+    remove(probe)
 
 
 def remove(path: Path) -> None:
     """Remove a file for good; one that is not there is no trouble.
 
     Raises:
-        FileWriteError: It stays.
+        FileWriteError: It stays, or may come back after a power cut; says which.
     """
-    try:
+    with _refusing(path):
         path.unlink(missing_ok=True)
+    with _refusing(path, changed=True):
         if path.parent.is_dir():
             _sync_folder(path.parent)
+
+
+@contextlib.contextmanager
+def _refusing(path: Path, *, changed: bool = False) -> Generator[None]:
+    try:
+        yield
     except OSError as error:
-        raise FileWriteError(path, error.strerror or str(error)) from error
+        raise FileWriteError(path, error.strerror or str(error), changed=changed) from error
 
 
 def _replace(path: Path, data: bytes) -> None:
@@ -73,7 +102,6 @@ def _replace(path: Path, data: bytes) -> None:
         with contextlib.suppress(OSError):
             os.unlink(name)  # noqa: PTH108
         raise
-    _sync_folder(path.parent)
 
 
 def _write_out(handle: int, data: bytes) -> None:

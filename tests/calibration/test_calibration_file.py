@@ -120,6 +120,7 @@ SLIPS = {
     "two of one name": ('"joint2"', '"joint1"', "joints[1].name"),
     "unknown model": ('"XM430-W350"', '"XM999"', "joints[0].servo.model"),
     "unknown register": ("homing_offset", "homing_ofset", "joints[0].servo.holds.homing_ofset"),
+    "a register left out": ("homing_offset = ", "# homing_offset = ", "holds.homing_offset"),
     "no register value": ("operating_mode = ", "operating_mode = 99 # ", ""),
     "swept by nobody": ('swept = "by hand"', 'swept = "by foot"', "joints[0].swept"),
     "swept without limits": ('swept = "by hand"', 'swept = "not swept"', "joints[0].swept"),

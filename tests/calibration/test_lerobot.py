@@ -2,13 +2,17 @@
 
 import json
 import random
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
-from ikservo.calibration.lerobot import dump_lerobot, parse_lerobot, read_lerobot
+from ikservo.calibration.lerobot import dump_lerobot, parse_lerobot, read_lerobot, unsaid
 from ikservo.calibration.lerobot_places import find_lerobot
 from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
+from tests.calibration.hidden import hidden_arm
+from tests.calibration.plain import plain_calibration
+from tests.calibration.test_calibration_file import GEOMETRY
 
 ROW = {"id": 1, "drive_mode": 0, "homing_offset": -1043, "range_min": 750, "range_max": 3450}
 TABLE = {"shoulder_pan": ROW, "gripper": {**ROW, "id": 6, "homing_offset": 2047}}
@@ -97,7 +101,8 @@ SPOILED = {
     "not a number": (TEXT.replace("-1043", "NaN"), "NaN stands in it"),
     "infinity": (TEXT.replace("-1043", "1e999"), "no whole number"),
     "a huge number": (TEXT.replace("-1043", "9" * 30), "no whole number"),
-    "digits without end": (TEXT.replace("-1043", "9" * 5000), "is not a calibration"),
+    "digits without end": (TEXT.replace("-1043", "9" * 5000), "a number is too long"),
+    "a name for the terminal": ('{"\\u001b[31m": {"id": 1}}', "is missing"),
     "a joint twice": (TEXT.replace('"gripper"', '"shoulder_pan"'), "twice"),
     "an id twice": (TEXT.replace('"id": 6', '"id": 1'), "second time"),
     "a range turned over": (TEXT.replace("750", "3451", 1), "not below"),
@@ -116,6 +121,7 @@ def test_a_spoiled_file_is_one_clear_error(tmp_path, text, found):
     with pytest.raises(FileFormatError) as caught:
         read_lerobot(path)
     assert found in caught.value.message
+    assert caught.value.message.isprintable()
 
 
 @pytest.mark.parametrize("count", [400, pytest.param(100_000, marks=CAMPAIGN)])
@@ -131,3 +137,13 @@ def test_mutated_files_are_read_or_refused_but_never_trip_the_reader(tmp_path, c
         except IkservoError:
             continue
         assert all(joint.range_min < joint.range_max for joint in joints)
+
+
+def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    arm = hidden_arm("vx300s", 3, spoiled=False)
+    with arm.loose() as loose:
+        calibration = plain_calibration(arm, loose, datetime(2026, 11, 2, tzinfo=UTC))
+    said = "\n".join(unsaid(calibration.model_copy(update={"geometry": GEOMETRY})))
+    assert "Servo 3 of shoulder is not in it" in said
+    assert "that a touch-off found are not in it" in said

@@ -175,6 +175,13 @@ def test_a_joint_that_was_turned_too_fast_must_be_measured_again():
         hand.accept()
 
 
+def test_undo_does_not_make_a_lost_range_a_good_one():
+    hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
+    hand.move(1500, step=1500).say("again elbow").say("undo")
+    with pytest.raises(CalibrationError, match="faster than it could be followed"):
+        hand.accept()
+
+
 def test_a_range_that_fits_only_mirrored_is_refused():
     lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
     hand = Hand(lopsided).rest().accept()

@@ -2,19 +2,20 @@
 
 import random
 from datetime import UTC, datetime
+from unittest.mock import Mock
 
 import pytest
 
 from ikservo.arm.calibrating import LooseArm
 from ikservo.arm.own import own_arm
 from ikservo.calibration.calibration_file import read_calibration, text_of
-from ikservo.calibration.journal import read_journal
+from ikservo.calibration.journal import Change, Journal, journal_text, read_journal
 from ikservo.calibration.memory import facts_of
 from ikservo.calibration.outcome import Outcome
 from ikservo.calibration.store import calibration_path, journal_path
-from ikservo.calibration.transaction import resume, revert
+from ikservo.calibration.transaction import resume, revert, settle
 from ikservo.errors import CalibrationError, ExitCode, FileFormatError, PortLostError
-from ikservo.files.writing import write_whole
+from ikservo.files.writing import FileWriteError, write_whole
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.plain import plain_calibration
 from tests.files.power import Power, PowerCut, is_write, unplugged
@@ -191,5 +192,29 @@ def test_every_eeprom_is_locked_again_afterwards():
 def test_a_spoiled_journal_is_one_clear_error():
     path = journal_path("planar2", "")
     write_whole(path, "checksum = 7\n")
-    with pytest.raises(FileFormatError, match="calibration diff"):
+    with pytest.raises(FileFormatError, match=r"Remove it, then .*calibration diff"):
         read_journal(path)
+
+
+def test_a_journal_that_the_disk_will_not_take_leaves_no_trace(monkeypatch):
+    arm, outcome = arm_and_outcome("planar2")
+    before = state_of(arm)
+    monkeypatch.setattr("ikservo.files.writing._sync_folder", Mock(side_effect=OSError("broken")))
+    with arm.open_bus() as bus, pytest.raises(FileWriteError):
+        LooseArm(load_model(arm.name), bus).save(outcome)
+    assert state_of(arm) == before
+    assert read_journal(journal_path(arm.name, "")) is None
+
+
+@pytest.mark.parametrize("act", [settle, resume, revert])
+@pytest.mark.parametrize("change", [(9, "homing_offset"), (1, "goal_pwm")], ids=["id", "register"])
+def test_a_journal_of_another_servo_is_one_clear_error(act, change):
+    arm, _ = arm_and_outcome("planar2")
+    before, (servo_id, register) = state_of(arm), change
+    changes = (Change(id=servo_id, old={register: 0}, new={register: 5}),)
+    path = journal_path("planar2", "")
+    journal = Journal(format=1, path="x", old_text="", new_text="", changes=changes)
+    write_whole(path, journal_text(journal))
+    with arm.open_bus() as bus, pytest.raises(CalibrationError, match=f"servo {servo_id}"):
+        act(bus, path)
+    assert state_of(arm) == before

@@ -2,14 +2,20 @@
 
 import json
 import math
+import sys
 
 import pytest
 
 from ikservo.arm.calibrating import LooseArm
-from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.calibration_file import read_calibration, text_of
+from ikservo.calibration.journal import Journal, journal_text
+from ikservo.calibration.store import journal_path, save
+from ikservo.files.writing import write_whole
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.rehearsal import rehearse
+from tests.calibration.test_calibration_file import GEOMETRY
 from tests.cli.desk import Comport, plug_in
+from tests.cli.real_port import calibrate_plainly, put
 
 PORT = "/dev/ttyDESK"
 
@@ -282,6 +288,38 @@ def test_pull_makes_the_file_say_what_the_servos_hold_and_zeros_stay_where_they_
     assert joint["position_rad"] == pytest.approx(arm.true_position("joint1"), abs=0.006)
 
 
+TURNED = [("planar2", "phase", 1), ("planar2", "operating_mode", 1), ("koch", "drive_mode", 1)]
+IGNORED = [("koch", "homing_offset", 1500)]
+
+
+@pytest.mark.parametrize(("name", "register", "flips"), TURNED + IGNORED)
+def test_servos_that_count_otherwise_are_not_pulled(monkeypatch, say, name, register, flips):
+    arm = put(monkeypatch, name, spoiled=False, zero=2048, sign=1)
+    calibrate_plainly(arm)
+    servo = arm.line.servos[2]
+    if name == "planar2":
+        servo.write("lock", 0)
+    servo.write(register, servo.read(register) ^ flips)
+    done = say(f"calibration pull {name} --port {PORT} --yes")
+    assert (done.code, "no longer counts as it was calibrated" in done.err) == (6, True)
+    assert say(f"calibration diff {name} --port {PORT}").code == 6
+
+
+@pytest.mark.parametrize("action", ["push", "pull"])
+@pytest.mark.parametrize("other", [{"id": 7}, {"model": "STS3250"}], ids=str)
+def test_a_file_of_other_servos_is_neither_pushed_nor_pulled(desk, say, home, action, other):
+    calibrated(desk(), say)
+    calibration = read_calibration(file_of(home))
+    first, second = calibration.joints
+    servo = second.servo.model_copy(update=other)
+    joints = (first, second.model_copy(update={"servo": servo}))
+    text = text_of(calibration.model_copy(update={"joints": joints}))
+    file_of(home).write_text(text)
+    done = say(f"calibration {action} planar2 --port {PORT} --yes")
+    assert (done.code, "in the arm file" in done.err) == (6, True)
+    assert file_of(home).read_text() == text
+
+
 def test_an_arm_without_a_calibration_has_nothing_to_push(desk, say):
     done = say(f"calibration push planar2 --port {desk() and PORT} --yes")
     assert done.code == 6
@@ -291,6 +329,66 @@ def test_an_arm_without_a_calibration_has_nothing_to_push(desk, say):
 def test_there_is_nothing_to_resume_after_a_calibration_that_went_well(desk, say):
     done = say(f"calibration resume planar2 --port {desk() and PORT}")
     assert (done.code, done.out) == (0, "No writing was broken off; nothing to do.\n")
+
+
+def holding(arm):
+    for servo in arm.line.servos.values():
+        servo.write("torque_enable", 1)
+    return lambda: all(servo.drive.torque_on for servo in arm.line.servos.values())
+
+
+SLIPS = [
+    "calibrate planar2 --pose folded --yes",
+    "calibrate planar2 --skip joint9 --yes",
+    "calibrate planar2 --free joint9 --yes",
+    "calibrate planar2 --limit joint1=400:500 --yes",
+    "calibrate planar2 --limit joint1=3:1 --yes",
+    "calibrate planar2 --from-script /nowhere",
+    "calibrate planar2 --auto --yes --skip joint9",
+    "calibration resume planar2",
+    "calibration revert planar2",
+]
+
+
+@pytest.mark.parametrize("words", SLIPS)
+def test_no_arm_goes_limp_for_a_slip(desk, say, words):
+    holds = holding(desk())
+    say(f"{words} --port {PORT}")
+    assert holds()
+
+
+def test_no_arm_goes_limp_where_nothing_could_be_saved(desk, say, home):
+    home.write_text("no folder")
+    holds = holding(desk())
+    done = say(f"calibrate planar2 --port {PORT} --pose home --yes")
+    assert (done.code, "cannot be written" in done.err) == (1, True)
+    assert holds()
+
+
+@pytest.mark.parametrize("action", ["resume", "revert"])
+def test_an_arm_that_holds_is_asked_about_before_a_writing_is_mended(desk, say, action):
+    holds = holding(desk())
+    journal = Journal(format=1, path="x", old_text="", new_text="", changes=())
+    write_whole(journal_path("planar2", "58FA083"), journal_text(journal))
+    done = say(f"calibration {action} planar2 --port {PORT}")
+    assert (done.code, "the arm will go limp" in done.err) == (1, True)
+    assert holds()
+
+
+def test_a_new_calibration_says_that_it_drops_what_a_touch_off_found(desk, say, home):
+    arm = desk()
+    calibrated(arm, say)
+    calibration = read_calibration(file_of(home))
+    save(calibration.model_copy(update={"geometry": GEOMETRY}))
+    assert "3  What the touch-off of 2026-11-03 found" in calibrated(arm, say).err
+    assert read_calibration(file_of(home)).geometry is None
+
+
+def test_a_closed_stdin_is_nobody_who_answers(desk, say, monkeypatch):
+    monkeypatch.setattr("sys.stdin", None)
+    done = say(f"calibrate planar2 --port {desk() and PORT} --pose home")
+    sys.stdin.close()
+    assert (done.code, "Nobody is here" in done.err) == (2, True)
 
 
 def test_an_unknown_action_names_the_known_ones(desk, say):

@@ -9,7 +9,7 @@ import pytest
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.store import calibration_path
 from tests.calibration.hidden import Person, load_model
-from tests.cli.real_port import PORT, SERIAL, put
+from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
 from tests.oracle import CONFIGS
 
 MARGIN_DEG = 0.3
@@ -113,6 +113,26 @@ def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, say):
     assert done.code == 130
     assert saved() is None
     assert all(servo.drive.torque_on for servo in arm.line.servos.values())
+
+
+def counts(arm):
+    return [servo.read("homing_offset") for servo in arm.line.servos.values()]
+
+
+def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, say, monkeypatch):
+    before = counts(arm)
+    monkeypatch.setattr("ikservo.cli.calibrate_hands.consent", lambda *_, **__: False)
+    done = auto(say, narrow, "--skip joint1 --skip joint2")
+    assert (done.code, "hold again what they held before" in done.err) == (1, True)
+    assert counts(arm) == before
+
+
+def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm, narrow, say):
+    calibrate_plainly(arm)
+    arm.world.at(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
+    assert "ikservo calibration push narrow" in auto(say, narrow).err
+    assert say(f"calibration push {narrow} --port {PORT} --yes").code == 0
+    assert say(f"where --arm {narrow} --port {PORT}").code == 0
 
 
 def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, say):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from servosim.faults import Fault
 from tests.cli.desk import spoil
 
 SCAN = "scan --port sim"
@@ -84,6 +85,31 @@ def test_all_goes_on_to_the_last_rate(say, monkeypatch):
     servos = say(f"{SCAN} --arm koch --all --json").json["servos"]
     assert [(s["id"], s["baud_rate"]) for s in servos][-1] == (6, 57_600)
     assert len(servos) == 6
+
+
+def test_a_rate_that_is_named_twice_is_tried_once(say):
+    servos = say(f"{SCAN} --arm so101 --baud 1000000 --baud 1000000 --json").json["servos"]
+    assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("rate", ["99999999999999999999", "1", "٣"])
+def test_a_rate_that_no_adapter_makes_is_refused_by_name(say, rate):
+    said = say(f"{SCAN} --arm so101 --baud {rate}")
+    assert said.code == 2
+    assert "--baud" in said.err
+
+
+@pytest.mark.parametrize("arm", ["so101", "koch"])
+def test_behind_an_adapter_that_holds_bytes_for_16_ms_models_are_known_all_the_same(say, arm):
+    slow = say(f"scan sim:?latency_ms=16&usb_frame_ms=1 --arm {arm} --json").json["servos"]
+    assert slow == say(f"{SCAN} --arm {arm} --json").json["servos"]
+
+
+@pytest.mark.parametrize("arm", ["so101", "koch"])
+def test_a_servo_whose_first_answer_is_lost_is_found_all_the_same(say, monkeypatch, arm):
+    spoil(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, count=1)))
+    servos = say(f"{SCAN} --arm {arm} --json").json["servos"]
+    assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 
 
 def test_only_the_wanted_rate_is_tried(say):

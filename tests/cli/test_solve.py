@@ -15,8 +15,8 @@ def test_the_joints_it_prints_put_the_tip_there(say):
 
 def test_the_json_has_the_keys_that_others_rely_on(say):
     assert set(say("solve 0.25 0.05 0.15 --arm so101 --json").json) == {
-        "schema", "reached", "q_rad", "position_error_m", "orientation_error_rad", "method",
-        "iterations", "nearest_m", "binding",
+        "schema", "reached", "q_rad", "limit_from", "position_error_m", "orientation_error_rad",
+        "method", "iterations", "nearest_m", "binding",
     }  # fmt: skip
 
 

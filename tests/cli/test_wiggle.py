@@ -77,6 +77,32 @@ def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm
     assert "then back" not in say(MOVE).err
 
 
+@pytest.mark.parametrize(
+    "words", ["joints joint1=2 --no-collision", "pose home", "jog joint1 --time 0.2"]
+)
+def test_every_way_of_moving_shows_the_joints_first(arm, say, watcher, words):
+    watcher(arm)
+    done = say(f"{words} --arm {NAME} --port {PORT}")
+    assert done.code == 0, done.err
+    assert done.err.count("then back") == 2
+    assert confirmed(load_model(NAME), PORT)
+
+
+def test_a_replay_shows_the_joints_first(arm, say, watcher, tmp_path):
+    tape = tmp_path / "wave.jsonl"
+    assert say(f"record {tape} --time 0.3 --arm {NAME} --port {PORT}").code == 0
+    watcher(arm)
+    done = say(f"replay {tape} --arm {NAME} --port {PORT}")
+    assert done.code == 0, done.err
+    assert done.err.count("then back") == 2
+
+
+def test_an_arm_that_nobody_calibrated_takes_its_agreed_step_and_no_other(monkeypatch, say):
+    put(monkeypatch, NAME, zero=2048, sign=1, spoiled=False)
+    done = say(f"joints joint1=5 --arm {NAME} --port {PORT} --no-collision --yes")
+    assert "then back" not in done.err
+
+
 def test_a_changed_calibration_is_shown_again(arm, say):
     assert say(f"{MOVE} --yes").code == 0
     assert confirmed(load_model(NAME), PORT)

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from ikservo.files.writing import FileWriteError, remove, write_whole
+from ikservo.files.writing import FileWriteError, check_writable, remove, write_whole
 from tests.files.power import Power, PowerCut, Refusals, powered, unplugged
 
 OLD, NEW = "the old text\n" * 50, "the new text, which is longer\n" * 80
@@ -58,16 +58,17 @@ def test_power_cut_at_every_call_leaves_the_old_or_the_new_file(path, monkeypatc
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS], ids=errno.errorcode.get)
-def test_an_error_at_every_call_is_named_and_leaves_the_old_or_the_new_file(
+def test_an_error_at_every_call_says_whether_the_file_is_the_old_or_the_new_one(
     path, monkeypatch, number
 ):
     calls = calls_of_a_save(path, monkeypatch)
     for nth in range(1, calls + 1):
         powered(monkeypatch, Refusals(nth, number))
-        with pytest.raises(FileWriteError, match=r"cannot be written: .*\n.*try again"):
+        with pytest.raises(FileWriteError, match=r"cannot be written: .*\n.*try again") as caught:
             write_whole(path, NEW, keep_old=True)
         unplugged(monkeypatch)
-        assert path.read_text() in (OLD, NEW)
+        assert path.read_text() == (NEW if caught.value.changed else OLD)
+        assert ("is unchanged" in caught.value.hint) is not caught.value.changed
         assert {p.name for p in path.parent.iterdir()} <= {"so101.toml", "so101.toml.bak"}
         write_whole(path, OLD)
 
@@ -93,3 +94,14 @@ def test_removing_what_is_not_there_is_no_trouble(tmp_path):
 def test_a_removed_file_is_gone(path):
     remove(path)
     assert not path.exists()
+
+
+def test_a_folder_that_takes_no_file_is_refused_beforehand(tmp_path):
+    (tmp_path / "no_folder").write_text("")
+    with pytest.raises(FileWriteError):
+        check_writable(tmp_path / "no_folder" / "arms")
+
+
+def test_looking_whether_a_folder_takes_files_leaves_none(tmp_path):
+    check_writable(tmp_path / "arms")
+    assert not list((tmp_path / "arms").iterdir())

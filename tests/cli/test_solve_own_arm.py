@@ -1,0 +1,72 @@
+"""``ikservo solve`` and ``workspace`` inside the limits of the arm that a person has."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from ikservo.calibration.store import save
+from tests.calibration.hidden import hidden_arm
+from tests.calibration.plain import plain_calibration
+
+WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
+AT_THE_SIDE = "0 0.25 0.1 --arm so101"  # the sweep below turns the pan by 63° and no further
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+
+
+@pytest.fixture
+def file():
+    """Return where the calibration lies of a SO-101 swept by 63° to both sides of home."""
+    arm = hidden_arm("so101", 4, spoiled=False)
+    with arm.loose() as loose:
+        calibration = plain_calibration(arm, loose, WHEN)
+    older = {"written": WHEN - timedelta(days=9), "usb_serial_number": "OLDER"}
+    save(calibration.model_copy(update=older))
+    return save(calibration)
+
+
+def test_what_the_arm_file_reaches_may_be_beyond_the_sweep(say, file):
+    assert say(f"solve {AT_THE_SIDE}").code == 7
+    file.unlink()
+    (file.parent / "so101-OLDER.toml").unlink()
+    assert say(f"solve {AT_THE_SIDE}").code == 0
+
+
+def test_the_limit_that_binds_names_the_sweep(say, file):
+    binding = say(f"solve {AT_THE_SIDE} --json").json["binding"]
+    assert any(
+        words.startswith("shoulder_pan at its ") and words.endswith("(hand sweep of 2026-11-02)")
+        for words in binding
+    )
+
+
+def test_each_joint_says_where_its_limits_come_from(say, file):
+    assert any("hand sweep" in s for s in say(f"solve {AT_THE_SIDE} --json").json["limit_from"])
+
+
+def test_which_file_is_used_is_said_on_stderr(say, file):
+    said = say(f"solve {AT_THE_SIDE}")
+    assert said.err == f"This arm's own ranges: {file} (the newest; 1 older beside it)\n"
+
+
+@pytest.mark.parametrize("how", ["--all", "--compare", "--method closed_form", "--pitch 0"])
+def test_every_way_of_solving_keeps_to_the_sweep(say, file, how):
+    assert say(f"solve {AT_THE_SIDE} {how}").code == 7
+
+
+def test_the_workspace_is_that_of_the_sweep(say, file):
+    said = say(f"workspace --arm so101 --point {AT_THE_SIDE.split(' --')[0]}")
+    assert said.code == 7
+    assert "(hand sweep of 2026-11-02)" in said.out
+    assert str(file) in said.err
+
+
+def test_a_spoiled_calibration_is_one_clear_error(say, file):
+    file.write_text("format = 1\n")
+    said = say(f"solve {AT_THE_SIDE}")
+    assert said.code != 0
+    assert str(file) in said.err
+    assert said.out == ""
