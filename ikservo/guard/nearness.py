@@ -17,6 +17,7 @@ from ikservo.kinematics.packed_body import (
     LINK,
     ORIGIN,
     PARENT,
+    PLACE,
     RADIUS,
     SCALE,
     SHIFT,
@@ -100,10 +101,7 @@ def _compose(a: Matrix, i: int, links: Matrix, j: int, out: Matrix, k: int) -> N
                 + z * links[j, ORIGIN + 6 + c]
             )
         out[k, 9 + r] = (
-            a[i, 9 + r]
-            + x * links[j, ORIGIN + 9]
-            + y * links[j, ORIGIN + 10]
-            + z * links[j, ORIGIN + 11]
+            a[i, 9 + r] + x * links[j, PLACE] + y * links[j, PLACE + 1] + z * links[j, PLACE + 2]
         )
 
 

@@ -89,7 +89,7 @@ class Chain:
         """
         try:
             return self._ways[self.tip if frame is None else frame]
-        except KeyError:
+        except (KeyError, TypeError):  # no such name, or no name at all
             raise UnknownNameError("link", str(frame), self._ways) from None
 
     def with_limits(self, lower: ArrayLike, upper: ArrayLike) -> Chain:

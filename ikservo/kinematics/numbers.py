@@ -39,8 +39,10 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector
 def numbers(values: ArrayLike, what: str, expected: str) -> Vector:
     """Return ``values`` as an array of floats of any shape, or say what was expected."""
     try:
+        if np.iscomplexobj(values):
+            raise BadValueError(what, repr(values), expected)
         return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise BadValueError(what, repr(values), expected) from None
 
 

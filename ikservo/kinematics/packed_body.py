@@ -20,6 +20,7 @@ __all__ = [
     "LINK",
     "ORIGIN",
     "PARENT",
+    "PLACE",
     "RADIUS",
     "SCALE",
     "SHIFT",
@@ -31,7 +32,7 @@ __all__ = [
 ]
 
 # fmt: off
-ORIGIN, AXIS                         = 0, 12               # link: R row by row (9), p (3); axis (3)
+ORIGIN, PLACE, AXIS                  = 0, 9, 12            # link: R row by row (9), p (3); axis (3)
 PARENT, SLIDES, COLUMN, SCALE, SHIFT = 15, 16, 17, 18, 19  # link: value = SCALE * q[COLUMN] + SHIFT
 START, END, RADIUS, LINK             = 0, 3, 6, 7          # capsule: both ends (3), in its link
 # fmt: on
@@ -83,7 +84,7 @@ def pack_capsules(capsules: Sequence[Capsule], links: Sequence[str]) -> Matrix:
 def _fill(row: Matrix, step: Step) -> None:
     joint = step.joint
     row[ORIGIN : ORIGIN + 9] = joint.origin[:3, :3].ravel()
-    row[ORIGIN + 9 : ORIGIN + 12] = joint.origin[:3, 3]
+    row[PLACE : PLACE + 3] = joint.origin[:3, 3]
     if joint.kind is JointKind.FIXED:
         return
     row[AXIS : AXIS + 3] = joint.axis
