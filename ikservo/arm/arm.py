@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Literal
@@ -15,7 +16,7 @@ from ikservo.arm.aim import Aim
 from ikservo.arm.arrival import Arrival, arrive
 from ikservo.arm.beat import Beat
 from ikservo.arm.given import joint_positions
-from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, begun
+from ikservo.arm.planning import AS_IT_CAN, RISEN, Plan, Stance, begun, risen
 from ikservo.arm.reports import JointReport, MoveReport, Progress
 from ikservo.arm.running import Running
 from ikservo.arm.servos import Servos
@@ -23,6 +24,7 @@ from ikservo.arm.stream import OnBeat
 from ikservo.arm.trust import LARGEST_STEP_RAD, Zeros
 from ikservo.errors import (
     BadValueError,
+    RefusedError,
     UnknownNameError,
 )
 from ikservo.guard import Space
@@ -104,12 +106,21 @@ class Arm(Running):
     def plan_by(self, planning: Callable[[Vector, str], Plan], speed: str) -> Plan:
         """Make a plan of the tip from where the arm is, at the speed it may go; look at its way.
 
+        An arm that lies limp and folded touches itself on nearly every way: it rises first.
+
         Raises:
             RefusedError: On the way the arm would touch itself, the table or a box.
             CalibrationError: Nobody knows where the arm's zeros are.
         """
         self.zeros.check(self.model.name)
-        return self._clear(planning(self._here(), self._allowed(speed)), speed)
+        limp, here, pace = self._limp(), self._here(), self._allowed(speed)
+        try:
+            return self._clear(planning(here, pace), speed)
+        except RefusedError:
+            found = self._rising(planning, here, pace, speed) if limp else None
+            if found is None:
+                raise
+            return found
 
     def plan_joints(self, positions: Mapping[str, float], *, speed: str = "normal") -> Plan:
         """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
@@ -221,7 +232,11 @@ class Arm(Running):
             CalibrationError: Nobody knows where the rest pose is; see ``release``.
         """
         self.zeros.check(self.model.name)
-        report = self.move_joints(self.model.pose("rest"), speed="slow", on_progress=on_progress)
+        self._enabled = False  # torque is looked at anew, by limits that let it come down
+        with self._servos.bearing_heat():
+            report = self.move_joints(
+                self.model.pose("rest"), speed="slow", on_progress=on_progress
+            )
         self.release()
         return report
 
@@ -242,6 +257,17 @@ class Arm(Running):
         """Return the longest way at once for each joint whose zero nobody knows, rad or m."""
         turns = {joint.name: joint.travel_per_turn / math.tau for joint in self.model.joints}
         return {name: LARGEST_STEP_RAD * turns[name] for name in self._servos.names}
+
+    def _rising(
+        self, planning: Callable[[Vector, str], Plan], here: Vector, pace: str, asked: str
+    ) -> Plan | None:
+        """Return a plan by way of a pose where the arm stands free; None where there is no way."""
+        for pose in RISEN:
+            goals = {n: q for n, q in self.model.pose(pose).items() if n in self.chain.names}
+            first = self._planner.to_joints(here, goals, pace)
+            with suppress(RefusedError):
+                return self._clear(risen(first, planning(first.goal, pace), pose), asked)
+        return None
 
     def _clear(self, plan: Plan, asked: str) -> Plan:
         """Return the plan, if the body's way to its goal is free."""

@@ -23,7 +23,7 @@ Opening = Literal["open", "close"]
 
 _FORCE = 0.3  # of a servo's torque: holds a full cup, and can be held for an hour
 _LEAST_FORCE = 0.05
-_CALM = 0.65  # of the normal speed
+_CALM = 0.65  # of the speed class
 # A jaw that is told to move and has not for so long stands against something.
 _STILL_S = 0.08
 _STILL_TICKS = 3.0
@@ -84,6 +84,7 @@ class _Jaws:
 
     def __init__(self, arm: Workings, column: int, goal: float) -> None:
         self._arm, self._column, self._goal = arm, column, goal
+        self.speed = arm.allowed("normal")
         fence = arm.servos.fences[column]
         self._unit = fence.joint_map.unit_per_tick
         self._per_horn = self._unit / fence.joint_map.horn_rad_per_tick
@@ -118,9 +119,9 @@ class _Jaws:
 
     def _paces(self) -> list[Pace]:
         """Return paces at which the goal turns round soon enough when the jaws meet something."""
-        normal, fast = (self._arm.planner.paces(speed) for speed in ("normal", "fast"))
+        usual, fast = (self._arm.planner.paces(speed) for speed in (self.speed, "fast"))
         return [replace(quick, speed_rad_s=_CALM * pace.speed_rad_s)
-                for pace, quick in zip(normal, fast, strict=True)]  # fmt: skip
+                for pace, quick in zip(usual, fast, strict=True)]  # fmt: skip
 
     def _stands(self, at: float, goal: float) -> bool:
         """Return whether the jaw has not moved while its goal was well ahead of it."""
@@ -159,7 +160,7 @@ def grip(
         if on_progress:
             on_progress(Progress(beat.time_s, beat.duration_s, arm.planner.tip(beat.measured)))
 
-    arm.drive(begin, on_beat, "normal")
+    arm.drive(begin, on_beat, jaws.speed)
     state = arm.servos.states()[column]
     at = state.position_rad
     reached = jaws.arrived(at)

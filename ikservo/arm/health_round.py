@@ -57,6 +57,11 @@ class HealthRound:
         self._next, self._asked_s = 0, -math.inf
         self._told: set[str] = set()
 
+    @property
+    def too_hot(self) -> bool:
+        """Return whether a servo was so hot that it must be let go."""
+        return self._health.release
+
     def begin(self) -> None:
         """Ask everybody everything before a motion.
 

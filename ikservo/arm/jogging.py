@@ -146,7 +146,8 @@ class _Jogger:
 
 def jog(arm: Workings, what: str, speed: float | None, wanted: Wanted) -> JogReport:
     """Jog a joint or the tip; see ``Arm.jog``."""
-    aims, paces = _aims(arm, what, speed)
+    at_most = arm.allowed("normal")
+    aims, paces = _aims(arm, what, speed, at_most)
     lower, upper = arm.limits()
     jogger = _Jogger(arm, aims, wanted)
     started_s = arm.now_s()
@@ -154,7 +155,7 @@ def jog(arm: Workings, what: str, speed: float | None, wanted: Wanted) -> JogRep
     measured = arm.drive(
         lambda here: jogger.begin(Pursuit(here, paces, lower=lower, upper=upper)),
         jogger.beat,
-        "normal",
+        at_most,
     )
     return JogReport(
         ended=jogger.ended,
@@ -164,8 +165,8 @@ def jog(arm: Workings, what: str, speed: float | None, wanted: Wanted) -> JogRep
     )
 
 
-def _aims(arm: Workings, what: str, speed: float | None) -> tuple[_Aims, list[Pace]]:
-    paces = arm.planner.paces("normal")
+def _aims(arm: Workings, what: str, speed: float | None, at_most: str) -> tuple[_Aims, list[Pace]]:
+    paces = arm.planner.paces(at_most)
     if what in arm.servos.names:
         column = arm.planner.column(what)
         slow = arm.planner.paces("slow")[column].speed_rad_s

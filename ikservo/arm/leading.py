@@ -20,6 +20,8 @@ _MOST_RAD = 0.06
 _NEAR_RAD = 0.002  # more than a tick
 _SETTLE_S = 0.2
 _ROUNDS = 6
+# The first motion after torque comes on is slow until it is as near as this to what is wanted.
+_MET_RAD = 0.05
 
 
 class Leader(Protocol):
@@ -55,11 +57,12 @@ class _Led:
         self._ahead = np.zeros(0)
         self._looked_s = 0.0
         self._rounds = 0  # an arm that was only held is left where it stands
+        self._careful = arm.allowed(speed) != speed
         self.error: Exception | None = None
 
     def begin(self, here: Vector) -> Pursuit:
         lower, upper = self._arm.limits()
-        paces = self._arm.planner.paces(self._speed)
+        paces = self._arm.planner.paces("slow" if self._careful else self._speed)
         self._pursuit = Pursuit(here, paces, lower=lower, upper=upper)
         self._wanted, self._ahead = here, np.zeros_like(here)
         return self._pursuit
@@ -78,6 +81,8 @@ class _Led:
             self._aim(pursuit, goal, beat)
         elif self._rests(pursuit, beat):
             self._lift(pursuit, beat)
+        if self._careful and self._rounds:
+            self._take_up_speed(pursuit, beat.time_s)
 
     def _aim(self, pursuit: Pursuit, goal: Vector, beat: Beat) -> None:
         self._wanted, self._rounds = goal, _ROUNDS
@@ -86,6 +91,12 @@ class _Led:
             pursuit.aim(goal + self._ahead, beat.time_s)
         except RefusedError as error:
             self._leader.refused(error)
+
+    def _take_up_speed(self, pursuit: Pursuit, time_s: float) -> None:
+        missing = np.abs(pursuit.goal - pursuit.state(time_s).position)
+        if missing.max() <= _MET_RAD:
+            self._careful = False
+            pursuit.run_at(self._arm.planner.paces(self._speed))
 
     def _rests(self, pursuit: Pursuit, beat: Beat) -> bool:
         """Return whether the joints had time to come to rest since the last change."""

@@ -21,7 +21,7 @@ from ikservo.arm.signals import interruptible
 from ikservo.arm.stream import STOPPED, OnBeat, Stream
 from ikservo.arm.trust import Zeros
 from ikservo.arm.workings import Begin, Workings
-from ikservo.errors import IkservoError, RefusedError, StoppedError
+from ikservo.errors import IkservoError, RefusedError, ServoAlarmError, StoppedError
 from ikservo.guard import Space
 from ikservo.hardware.port import Port
 from ikservo.kinematics import Chain
@@ -50,7 +50,7 @@ class Running(Lines):
         self.model, self.chain, self.zeros = model, chain, zeros
         self._servos, self._port, self._space = servos, port, space
         self._planner = Planner(model, chain, servos.names)
-        self._enabled = self._fresh = False
+        self._enabled = self._fresh = self._lowering = False
         self._stream = Stream(servos)
         self._turn = RLock()
         self._states: tuple[JointState, ...] = ()
@@ -88,10 +88,16 @@ class Running(Lines):
             self._listener = listen(self._port.name, Answers(self, self._turn))
 
     def enable(self) -> None:
-        """Let every servo hold where it is; goals are set before torque, so nothing twitches."""
-        self._fresh = self._fresh or not self._servos.holding()
-        self._servos.enable(self.model.speed("fast").rad_s)
-        self._enabled = True
+        """Let every servo hold where it is; goals are set before torque, so nothing twitches.
+
+        Raises:
+            RefusedError: A motion is running; ``stop`` ends it.
+        """
+        with self._turn:
+            self._check_idle()
+            self._fresh = self._fresh or not self._servos.holding()
+            self._servos.enable(self.model.speed("fast").rad_s)
+            self._enabled = True
 
     def hold(self) -> None:
         """Let every servo hold where it is now."""
@@ -128,6 +134,7 @@ class Running(Lines):
     def _moving(self) -> Generator[None]:
         """Have the turn, torque on and signals heard; after a fault torque is looked at anew."""
         with self._turn:
+            self._check_idle()
             if not self._enabled:
                 self.enable()
             if self._listener is not None:
@@ -145,9 +152,33 @@ class Running(Lines):
             self._enabled = False
             self._servos.stop(self._servos.halt.reason or STOPPED[0])
             raise StoppedError(self._servos.stopped_for, STOPPED[1]) from None
+        except ServoAlarmError as error:
+            self._enabled = False
+            self._let_go_of_the_hot(error.message)
+            raise
         except BaseException:
             self._enabled = False
             raise
+
+    def _let_go_of_the_hot(self, reason: str) -> None:
+        """Lower the arm and let it go where a servo is too hot to hold it any longer."""
+        if not self._servos.too_hot or self._lowering:
+            return
+        self._lowering = True
+        try:
+            self._servos.acknowledge()
+            self.relax()
+        except IkservoError as error:
+            self._servos.warn(f"It could not be lowered: {error.message}")
+        finally:
+            self._lowering = False
+            self._servos.latch(reason)
+
+    def _check_idle(self) -> None:
+        if self._servos.halt.heeded:
+            raise RefusedError(
+                "The arm is moving.", "Wait for the motion's end, or stop it: arm.stop()."
+            )
 
     def _drive(self, begin: Begin, on_beat: OnBeat | None, speed: str) -> Vector:
         """Carry out a course that begins where the servos' goals are; see ``Workings``."""
@@ -171,7 +202,10 @@ class Running(Lines):
 
     def _is_first(self) -> bool:
         """Return whether no motion has ended well since torque came on, or it is off."""
-        return self._fresh or not (self._enabled or self._servos.holding())
+        return self._fresh or self._limp()
+
+    def _limp(self) -> bool:
+        return not (self._enabled or self._servos.holding())
 
     def _check_speed(self, plan: Plan) -> None:
         if plan.speed != "slow" and self._is_first():

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 
 from ikservo.arm.asking import ask_all
 from ikservo.arm.force import limit_force
@@ -71,6 +74,23 @@ class Servos(StreamedServos):
             self._bus.write(fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
         health = Health(self._health, self._supply_v())
         self._round = HealthRound(self._bus, self.fences, self._limits, health, self._warn)
+
+    @contextmanager
+    def bearing_heat(self) -> Generator[None]:
+        """Let heat alone stop no motion for which torque is switched on meanwhile.
+
+        A servo that is too hot to go on must be let go, and before that the arm must come down.
+        """
+        usual, self._health = self._health, replace(self._health, hold_c=math.inf)
+        try:
+            yield
+        finally:
+            self._health = usual
+
+    @property
+    def too_hot(self) -> bool:
+        """Return whether a servo was so hot in the last motion that it must be let go."""
+        return self._round is not None and self._round.too_hot
 
     def standing(self) -> Vector:
         """Return where ``enable`` would let the joints hold (n,), rad or m; nothing is written.

@@ -88,9 +88,10 @@ class Stream:
             if on_beat:
                 on_beat(self._beat)
             throttle.check()
-            if throttle.stands:
+            ended = time_s >= course.duration_s
+            if ended or throttle.stands:
                 self._heed()
-            if time_s >= course.duration_s:
+            if ended:
                 return measured
         raise AssertionError("the metronome never ends")
 

@@ -168,9 +168,9 @@ class StreamedServos:
         self._following = Following.of(self.fences, speeds)
         self._feedback.begin()
         self._limits.arm_watchdog()
+        self._beat_at_s = self.clock.now_s()
         if self._round:
             self._round.begin()
-        self._beat_at_s = self.clock.now_s()
 
     def _hold(self) -> None:
         self._gate.hold({name: self._holding_tick(name) for name in self._gate.goals})

@@ -39,6 +39,8 @@ def announce(plan: Plan, machine: Arm, *, yes: bool) -> None:
     where_to = "" if plan.target_m is None else f" to {point(plan.target_m.tolist())}"
     note(f"{machine.model.title} on {machine.port_name}{where_to}: {plan.duration_s:.1f} s, "
          f"{plan.speed}.")  # fmt: skip
+    if plan.by:
+        note(f"It lies folded, and rises to its pose {plan.by} first.")
     if plan.slowed:
         note("It is the first motion after torque comes on, therefore slow.")
     agree(machine, yes=yes)

@@ -16,6 +16,7 @@ from ikservo.hardware.notation import Wanted, own_register
 from ikservo.hardware.plan import Cell, Plan, Round, plan_reading, plan_writing
 from ikservo.hardware.port import Port
 from ikservo.hardware.readings import Readings
+from ikservo.hardware.replug import reopen
 from ikservo.hardware.roll_call import RollCall
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Family, Register, Role
@@ -215,6 +216,20 @@ class ServoBus(Conversation):
             ids = [i for i, servo in self.servos.items() if servo.table.family is family]
             if readings.errors.keys().isdisjoint(ids):
                 driver.exchange.return_delay_s = max(readings.values[i] for i in ids)
+
+    def reopen(self, serial_number: str, within_s: float) -> None:
+        """Go on after the adapter was pulled and plugged in again; nothing moves.
+
+        Args:
+            serial_number: Of the adapter, from ``serial_number_of`` before the loss.
+            within_s: How long to wait for it.
+
+        Raises:
+            PortLostError: It did not come back in time.
+        """
+        reopen(self.port, serial_number, within_s)
+        self._torque_on.clear()
+        self.sync_read(self.servos, Role.TORQUE_ENABLE)  # the servos may have been without power
 
     def close(self) -> None:
         """Give the port back."""

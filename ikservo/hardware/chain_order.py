@@ -21,7 +21,10 @@ def silence_hint(
     """
     asked = [servo for servo in chain if servo.id in answering or servo.id in silent]
     if not answering:
-        return "No servo answers: check the power supply, the baud rate and the first cable."
+        return (
+            "No servo answers: check the power supply, the baud rate and the first cable; "
+            "ikservo doctor tries every rate."
+        )
     first = next(place for place, servo in enumerate(asked) if servo.id in silent)
     facts = _facts(asked, answering, silent)
     if first and all(servo.id in silent for servo in asked[first:]):

@@ -102,14 +102,24 @@ def _identified(port: Port, framing: Framing, found: Found, said: bytes) -> Foun
         return replace(
             found, model_number=number, table=table_with_number(Family.DYNAMIXEL_2, number)
         )
-    head = driver_for(Family.FEETECH_STS, port).read(found.id, 0, _HEAD_BYTES)
-    if not isinstance(head, Status):
+    head = _head(port, found.id)
+    if head is None:
         return found
     tables = [table for table in MODELS.values() if table.family in framing.families]
     for table in tables:
-        if _reads(head.data, table) == (table.number, found.id):
+        if _reads(head, table) == (table.number, found.id):
             return replace(found, model_number=table.number, table=table)
-    return replace(found, model_number=_likely_number(head.data, found.id, tables))
+    return replace(found, model_number=_likely_number(head, found.id, tables))
+
+
+def _head(port: Port, servo_id: int) -> bytes | None:
+    """Return the first registers; all families of protocol 1 are read alike."""
+    driver = driver_for(Family.FEETECH_STS, port)
+    for _ in range(_READS):
+        reply = driver.read(servo_id, 0, _HEAD_BYTES)
+        if isinstance(reply, Status):
+            return reply.data
+    return None
 
 
 def _reads(head: bytes, table: type[ServoTable]) -> tuple[int, int]:
@@ -147,7 +157,8 @@ def _described(port: Port, found: Found) -> Found:
 
 
 def _with_health(bus: ServoBus, found: Found) -> Found:
-    wanted = (Role.PRESENT_POSITION, Role.PRESENT_VOLTAGE, Role.PRESENT_TEMPERATURE, Role.ALARMS)
+    roles = (Role.PRESENT_POSITION, Role.PRESENT_VOLTAGE, Role.PRESENT_TEMPERATURE, Role.ALARMS)
+    wanted = [role for role in roles if role not in bus.servos[found.id].table.lacks]
     values = bus.sync_read_many([found.id], wanted).complete()[found.id]
     return replace(
         found,

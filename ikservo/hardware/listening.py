@@ -140,7 +140,8 @@ class Listening:
             self._heard = self._scan(bytes(self._raw), final=True)
             self._answers = self._found(self._heard.frames, final=True)
         if not self._answers:
-            port.patience.miss()
+            if not self._heard.frames and not self._heard.junk:  # a part would have come as fast
+                port.patience.miss()
             if self._stale:
                 port.pace.mistrust()
 

@@ -8,7 +8,8 @@ __all__ = ["Patience"]
 
 _LEARNED = 16  # answers before their times are trusted
 _MARGIN = 4.0  # times the slowest answer of late
-_MOST_FACTOR = 64.0
+_MOST_DOUBLINGS = 6
+_OWN_FAULT = 2  # silences in a row that are rather a servo's than the adapter's
 
 
 class Patience:
@@ -21,7 +22,7 @@ class Patience:
     def __init__(self, least_s: float, most_s: float) -> None:
         self.least_s, self.most_s = least_s, most_s
         self._overheads_s: deque[float] = deque(maxlen=64)
-        self._factor = 1.0
+        self._silences = 0
 
     @property
     def allowance_s(self) -> float:
@@ -29,13 +30,14 @@ class Patience:
         if len(self._overheads_s) < _LEARNED:
             return self.most_s
         learned_s = max(self.least_s, _MARGIN * max(self._overheads_s))
-        return min(learned_s * self._factor, self.most_s)
+        factor = 2.0 ** min(max(self._silences - _OWN_FAULT, 0), _MOST_DOUBLINGS)
+        return min(learned_s * factor, self.most_s)
 
     def learn(self, overhead_s: float) -> None:
         """Remember by how much an answer exceeded its time on the wire."""
         self._overheads_s.append(overhead_s)
-        self._factor = 1.0
+        self._silences = 0
 
     def miss(self) -> None:
-        """Wait twice as long the next time, because nobody answered at all."""
-        self._factor = min(2.0 * self._factor, _MOST_FACTOR)
+        """Wait twice as long, from the third time in a row on which nobody answers at all."""
+        self._silences += 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
+from ikservo.errors import PortError, PortLostError
 from ikservo.hardware.framing import FRAMINGS, Framing
 from ikservo.hardware.identify import Found, look_closer
 from ikservo.hardware.port import Port
@@ -92,7 +93,9 @@ def scan_rate(
     """
     try:
         port.setBaudRate(rate)
-    except ValueError:  # pyserial's word for a rate that the adapter does not know
+    except PortLostError:
+        raise
+    except PortError:  # the adapter cannot make this rate
         return []
     speaking = [framing for framing in framings if _may_speak(framing, rate)]
     return [found for framing in speaking for found in _scan_framing(port, framing, on_step)]
@@ -109,7 +112,11 @@ def _scan_framing(port: Port, framing: Framing, on_step: Listener | None) -> Ite
             on_step(ScanStep(port.baudrate, framing.name, count, len(framing.ids)))
 
     heard = sweep(port, framing, framing.ids, tell)
-    for servo_id in sorted(heard.suspects | heard.frames.keys()):
+    there = heard.suspects | heard.frames.keys()
+    if there:  # somebody is on the line: who has not answered is asked once more
+        rest = [servo_id for servo_id in framing.ids if servo_id not in there]
+        there |= sweep(port, framing, rest, echoes=heard.echoes).frames.keys()
+    for servo_id in sorted(there):
         found = look_closer(port, framing, servo_id, echoes=heard.echoes)
         if found:
             yield found

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import sys
 import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from pathlib import Path
 from typing import Protocol, cast
 
 import serial
 from serial import rfc2217
-from serial.tools import list_ports
 
-from ikservo.errors import NoPortError, PortBusyError, PortError
-from ikservo.hardware.holder import holder_of
+from ikservo.errors import NoPortError
 from ikservo.hardware.port_lock import PortLock, lock_of
+from ikservo.hardware.why_closed import known_devices, why_closed
 
 __all__ = ["GROUP", "Transport", "open_transport"]
 
 GROUP = "ikservo.ports"
 """Entry point group: ``name:anything`` is opened by the plug-in called ``name``."""
 
-_BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _WRITE_TIMEOUT_S = 1.0  # a line that takes no bytes for so long is gone
 
 
@@ -74,22 +70,22 @@ def open_transport(name: str, baud_rate: int) -> Transport:
         PortError: It may not be opened.
     """
     if not name:
-        raise NoPortError("", _known_devices())
+        raise NoPortError("", known_devices())
     for plug_in in entry_points(group=GROUP, name=name.partition(":")[0]):
         return _open_plug_in(plug_in.load(), name, baud_rate)
     lock = PortLock() if "://" in name else lock_of(name)
     try:
         return cast("Transport", _Held(_open_serial(name, baud_rate), lock))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, OverflowError) as error:
         lock.release()
-        raise _explained(name, error) from error
+        raise why_closed(name, baud_rate, error) from error
 
 
 def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int) -> Transport:
     try:
         transport = opener(name)
     except Exception as error:  # a plug-in has errors of its own; all mean that there is no port
-        raise NoPortError(name, why=str(error)) from error
+        raise NoPortError(name, known_devices(), why=str(error)) from error
     transport.baudrate = baud_rate
     return transport
 
@@ -166,30 +162,3 @@ def _lower_latency(port: serial.SerialBase) -> None:
     if ask:
         with contextlib.suppress(ValueError, OSError, NotImplementedError):
             ask(True)
-
-
-def _explained(name: str, error: OSError | ValueError) -> PortError:
-    code = error.errno if isinstance(error, OSError) else None
-    if code in _BUSY:
-        return PortBusyError(name, holder_of(name))
-    if code in {errno.EACCES, errno.EPERM} or "PermissionError" in str(error):
-        return PortError(f"The port {name} may not be opened by this user.", _permission(name))
-    if "://" not in name and Path(name).exists():
-        return PortError(f"The port {name} cannot be opened: {error}.")
-    return NoPortError(name, _known_devices(), "" if code == errno.ENOENT else str(error))
-
-
-def _permission(name: str) -> str:
-    if sys.platform != "linux":
-        return "Another program may hold it; end that program, or plug the adapter in again."
-    group = "dialout"
-    with contextlib.suppress(OSError, KeyError):
-        group = Path(name).group()
-    return (
-        f"Join the group that owns it, then log in again: sudo usermod -aG {group} $USER "
-        '(or a udev rule with TAG+="uaccess").'
-    )
-
-
-def _known_devices() -> list[str]:
-    return sorted(port.device for port in list_ports.comports())

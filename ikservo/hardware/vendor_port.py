@@ -20,7 +20,7 @@ _BITS_PER_BYTE = 10  # 8N1: start, eight data bits, stop
 
 # A real adapter may hold bytes back for 16 ms, a busy machine for longer.
 _REAL_S = (0.002, 0.040)
-_VIRTUAL_S = (0.001, 0.001)
+_VIRTUAL_S = (0.001, 0.020)
 
 
 def _line_failures() -> tuple[type[Exception], ...]:
@@ -113,7 +113,7 @@ class VendorPort:
         try:
             with self._named_loss():
                 self.transport.baudrate = baudrate
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             self.transport.baudrate = self.baudrate
             raise PortError(
                 f"The adapter at {self.name} cannot talk at {baudrate} baud ({error}).",

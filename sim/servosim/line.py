@@ -26,6 +26,7 @@ BITS_PER_BYTE = 10
 PING_PACKET = 14  # bytes of the longest ping status: a slot of the broadcast ping
 PING_PAUSE_S = 0.0005  # assumed: between two slots
 PATIENCE_S = 0.0005  # assumed: how much longer than a reply the next in a sync read waits
+ROUNDING_S = 1e-9
 CRYSTAL_S = 4e-6  # assumed: spread of a servo's reaction time
 
 
@@ -209,7 +210,7 @@ class Line:
     def _deliver(self, speech: _Speech) -> None:
         """Send a reply to the host, unless the host itself is speaking over it."""
         for host in self._hosts:
-            if host.start_s < speech.end_s and speech.start_s < host.end_s:
+            if _overlap(host, speech):
                 host.garbled = speech.garbled = True
         if speech.garbled:
             speech.data = self.random.randbytes(len(speech.data))
@@ -222,7 +223,7 @@ class Line:
     def _garble_overlapped(self, speech: _Speech) -> None:
         """Garble what the host says into a reply that is still on the line."""
         for reply in self._replies:
-            if reply.start_s < speech.end_s and speech.start_s < reply.end_s:
+            if _overlap(reply, speech):
                 speech.garbled = True
 
     def _noisy(self, data: bytes) -> bytes:
@@ -239,6 +240,11 @@ class Line:
             reader.reset()
 
 
+def _overlap(one: _Speech, other: _Speech) -> bool:
+    """Return whether two speak at once, by more than sums of byte times are wrong."""
+    return one.start_s < other.end_s - ROUNDING_S and other.start_s < one.end_s - ROUNDING_S
+
+
 def _merge(speeches: list[_Speech]) -> list[_Speech]:
     """Turn speeches that overlap into the one that a receiver makes of them."""
     if len(speeches) < 2:
@@ -246,7 +252,7 @@ def _merge(speeches: list[_Speech]) -> list[_Speech]:
     merged: list[_Speech] = []
     for speech in sorted(speeches, key=lambda speech: speech.start_s):
         before = merged[-1] if merged else None
-        if before is None or speech.start_s >= before.end_s - 1e-9:
+        if before is None or speech.start_s >= before.end_s - ROUNDING_S:
             merged.append(speech)
             continue
         both = [(before.start_s, before.data), (speech.start_s, speech.data)]

@@ -89,7 +89,7 @@ def test_the_cable_behind_the_last_that_answers_is_named(say, monkeypatch):
 def test_lost_reads_are_counted(say, monkeypatch):
     from servosim.faults import Fault
 
-    spoil(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, at_s=0.01, count=3)))
+    spoil(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, at_s=0.11, count=3)))
     (line,) = lines_of(say(f"doctor {SIM}"), "loss")
     assert line == "✗ loss      3 of 60 reads lost (wrist_flex (id 4): 3)"
 

@@ -58,7 +58,7 @@ def test_every_way_of_solving_keeps_to_the_sweep(say, file, how):
 
 
 def test_the_workspace_is_that_of_the_sweep(say, file):
-    said = say(f"workspace --arm so101 --point {AT_THE_SIDE.split(' --')[0]}")
+    said = say(f"workspace --arm so101 --point {AT_THE_SIDE.split(' --', maxsplit=1)[0]}")
     assert said.code == 7
     assert "(hand sweep of 2026-11-02)" in said.out
     assert str(file) in said.err

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from ikservo.hardware import Port, ServoBus, ServoSpec, open_port
+from ikservo.hardware.patience import Patience
 from ikservo.hardware.trust import Trust
 from ikservo.registers import STS3215, XL430W250, table_for
 
@@ -103,9 +104,9 @@ def line():
 
 @pytest.fixture
 def port(line):
-    """Give our port on the scripted line, which it has come to believe."""
+    """Give our port on the scripted line, which it has come to believe and to know as quick."""
     port = Port(line, "scripted", 1_000_000)
-    port.trust = Trust(doubts=0)
+    port.trust, port.patience = Trust(doubts=0), Patience(0.001, 0.001)
     return port
 
 

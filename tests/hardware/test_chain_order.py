@@ -28,7 +28,8 @@ CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
         ),
         (
             [1, 2, 3, 4, 5, 6],
-            "No servo answers: check the power supply, the baud rate and the first cable.",
+            "No servo answers: check the power supply, the baud rate and the first cable; "
+            "ikservo doctor tries every rate.",
         ),
     ],
 )

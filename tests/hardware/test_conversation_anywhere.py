@@ -23,8 +23,13 @@ SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
 ABSENT = ServoSpec(99, STS3215, "nobody")
 
 ARMS = ("so101", "koch")
+MODES = ("", "?echo=1", "?echo=1&usb_frame_ms=1", "?latency_ms=16&usb_frame_ms=1")
 PLACES = [
-    *(pytest.param(("virtual", arm), id=f"virtual-{arm}") for arm in ARMS),
+    *(
+        pytest.param((f"sim{mode}", arm), id=f"virtual{mode}-{arm}")
+        for arm in ARMS
+        for mode in MODES
+    ),
     *(pytest.param(("pty", arm), id=f"pty-{arm}") for arm in ARMS),
     pytest.param(("real", ""), marks=pytest.mark.hardware, id="real"),
 ]
@@ -53,8 +58,8 @@ class _Place:
         self.request, self.place, self.path, self.server = request, place, path, None
 
     def __enter__(self):
-        if self.place == "virtual":
-            return f"sim:{self.path}"
+        if self.place.startswith("sim"):
+            return f"sim:{self.path}{self.place.removeprefix('sim')}"
         if self.place == "real":
             return self.request.config.getoption("--real-port") or pytest.skip("no --real-port")
         pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")

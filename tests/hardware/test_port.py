@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import os
 import socket
+import sys
 
 import pytest
 import serial
 
 from ikservo.clock import RealClock
 from ikservo.errors import NoPortError, PortBusyError, PortError, PortLostError
-from ikservo.hardware import Port, open_port
-from ikservo.hardware import transport as transport_module
+from ikservo.hardware import Port, open_port, transport, why_closed
 
 
 class TestOpening:
     """What a person reads when a port cannot be opened."""
 
     def test_a_missing_device_lists_the_ports_that_exist(self, monkeypatch):
-        monkeypatch.setattr(transport_module, "_known_devices", lambda: ["/dev/ttyACM7"])
+        monkeypatch.setattr(why_closed, "known_devices", lambda: ["/dev/ttyACM7"])
         with pytest.raises(NoPortError, match=r"Ports here: /dev/ttyACM7\. .*--port sim"):
             open_port("/dev/ttyNOTHERE", 1_000_000)
 
@@ -31,6 +31,24 @@ class TestOpening:
         file.touch()
         with pytest.raises(PortError, match="cannot be opened"):
             open_port(str(file), 1_000_000)
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="these are names of Unix")
+    @pytest.mark.parametrize("name", ["/", "/dev/null", "/dev/zero", __file__])
+    def test_what_is_no_port_is_said_to_be_none_without_the_systems_numbers(self, name):
+        with pytest.raises(NoPortError, match=r": it is no serial port\.\nPorts here: "):
+            open_port(name, 1_000_000)
+
+    @pytest.mark.parametrize(
+        "name", ["socket://", "socket://host", "socket://h:99999", "rfc2217://"]
+    )
+    def test_an_address_without_host_and_port_is_answered_with_one_that_has_both(self, name):
+        with pytest.raises(NoPortError, match=r"written like socket://192\.168\.1\.5:4000"):
+            open_port(name, 1_000_000)
+
+    @pytest.mark.parametrize("rate", [2**31, 2**64])
+    def test_a_rate_beyond_all_numbers_is_refused(self, pty_name, rate):
+        with pytest.raises(PortError, match=f"cannot talk at {rate} baud"):
+            open_port(pty_name, rate)
 
     def test_a_missing_permission_names_the_group_to_join(self, monkeypatch):
         self._fail_with(monkeypatch, serial.SerialException(13, "Permission denied"))
@@ -69,7 +87,7 @@ class TestOpening:
         def entry_points(*, group, name):
             return [EntryPoint()] if (group, name) == ("ikservo.ports", "echo") else []
 
-        monkeypatch.setattr(transport_module, "entry_points", entry_points)
+        monkeypatch.setattr(transport, "entry_points", entry_points)
         with open_port("echo:loud", 57_600) as port:
             assert port.clock is line.clock
         assert line.baudrate == 57_600
@@ -176,11 +194,19 @@ class TestPatience:
                 port.patience.learn(0.0001)
             assert port.patience.allowance_s == 0.002
 
+    def test_one_silent_servo_asked_twice_is_no_reason_to_wait_longer(self, pty_name):
+        with open_port(pty_name, 1_000_000) as port:
+            for _ in range(16):
+                port.patience.learn(0.0001)
+            for _ in range(2):
+                port.patience.miss()
+            assert port.patience.allowance_s == 0.002
+
     def test_it_doubles_while_nobody_answers_at_all(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
                 port.patience.learn(0.0001)
-            for _ in range(3):
+            for _ in range(5):
                 port.patience.miss()
             assert port.patience.allowance_s == 0.016
 

@@ -8,6 +8,7 @@ import pytest
 
 from ikservo.errors import PortError
 from ikservo.hardware import open_port
+from ikservo.hardware.scanning import scan_rate
 from ikservo.registers import MODELS
 
 RATES = sorted({rate for table in MODELS.values() for rate in table.baud_rates.values()})
@@ -48,3 +49,15 @@ def test_a_rate_that_the_adapter_cannot_make_is_refused_and_the_old_one_stays(po
     finally:
         del type(line).baudrate
     assert port.getBaudRate() == 1_000_000
+
+
+def test_a_scan_passes_over_the_rates_that_an_adapter_cannot_make(port, line):
+    def refuse(self, rate):
+        if rate == 4_500_000:
+            raise ValueError("invalid rate")
+
+    type(line).baudrate = property(lambda self: 1_000_000, refuse)
+    try:
+        assert scan_rate(port, 4_500_000) == []
+    finally:
+        del type(line).baudrate

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import pytest
 
 from ikservo.errors import PortLostError
-from ikservo.hardware import open_port, reopen, serial_number_of
+from ikservo.hardware import ServoBus, ServoSpec, open_port, reopen, serial_number_of
+from ikservo.registers import STS3215
 
 from .conftest import StillClock
 
@@ -84,6 +85,14 @@ def test_what_was_learned_of_the_old_line_is_forgotten(desk, new_pty):
     assert port.echoes is None
     assert port.trust is not doubts
     port.close()
+
+
+def test_a_bus_goes_on_with_the_servos_behind_the_adapter_that_came_back(desk, new_pty):
+    (old, _), (new, _) = new_pty(), new_pty()
+    with ServoBus(open_port(old, 1_000_000), [ServoSpec(1, STS3215)]) as bus:
+        desk(Comport(new))
+        bus.reopen("58FA083", within_s=1.0)
+        assert (bus.port.name, bus.port.is_open) == (new, True)
 
 
 def test_another_adapter_is_not_taken_for_it(desk, new_pty):

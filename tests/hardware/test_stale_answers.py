@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from ikservo.errors import BadReplyError, BusError, ServoSilentError
 from ikservo.hardware.ghosts import LATEST_S, Ghosts
+from ikservo.hardware.patience import Patience
 from ikservo.hardware.span import Span
 from ikservo.hardware.trust import Pace, Trust
 from ikservo.registers import STS3215, XL430W250, Role
@@ -23,9 +24,9 @@ both = pytest.mark.parametrize("model", LIMITS)
 
 @pytest.fixture
 def bus(model):
-    """Give a bus that never repeats, whose line it has come to believe."""
+    """Give a bus that never repeats, whose line it has come to believe and to know as quick."""
     bus = bus_with({1: model}, retries=0)
-    bus.port.trust = Trust(doubts=0)
+    bus.port.trust, bus.port.patience = Trust(doubts=0), Patience(0.001, 0.001)
     return bus
 
 

@@ -3,6 +3,7 @@
 from ikservo.arm.planning.beginning import begun
 from ikservo.arm.planning.plan import NearLimit, Plan
 from ikservo.arm.planning.planner import Planner
+from ikservo.arm.planning.rising import RISEN, risen
 from ikservo.arm.planning.stance import AS_IT_CAN, Stance
 
-__all__ = ["AS_IT_CAN", "NearLimit", "Plan", "Planner", "Stance", "begun"]
+__all__ = ["AS_IT_CAN", "RISEN", "NearLimit", "Plan", "Planner", "Stance", "begun", "risen"]

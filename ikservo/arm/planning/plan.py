@@ -46,6 +46,7 @@ class Plan:
         solution: What the solver answered; None for a motion of joints.
         left_rad: How far the tool will be from how it should stand, at worst.
         slowed: Whether it goes slower than asked, for it is the first after torque comes on.
+        by: The pose to which an arm that lies folded rises first; empty where it need not.
     """
 
     start: Vector
@@ -61,3 +62,4 @@ class Plan:
     solution: Result | None = None
     left_rad: float = 0.0
     slowed: bool = False
+    by: str = ""

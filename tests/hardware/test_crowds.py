@@ -1,0 +1,114 @@
+"""Two servos with one id: found out before anything else, and never seen where there are none."""
+
+from __future__ import annotations
+
+import random
+import sys
+
+import pytest
+
+import ikservo
+from ikservo.errors import BadReplyError
+from ikservo.hardware import Port, ServoBus, ServoSpec
+from ikservo.hardware.crowds import crowded, refuse_crowds
+from ikservo.hardware.framing import framing_of
+from ikservo.hardware.identify import look_closer
+from ikservo.registers import table_for
+from tests.cli import desk
+
+from .campaign import DYNAMIXEL, EVERYTHING, FEETECH
+from .desk import BAUD, ECHO, FTDI, bus_with, line_with, spoil
+
+FAMILIES = [
+    ("STS3215", "STS3250"),
+    ("XL430-W250", "XL330-M288", "XM430-W350"),
+    ("AX-12A", "MX-28"),
+    ("SCS0009", "SCS15"),
+]
+DELAYS = (0, 0, 1, 10, 50, 250)  # raw; the same ones let two servos speak at once
+both = pytest.mark.parametrize("models", [FEETECH, DYNAMIXEL], ids=["Feetech", "Dynamixel"])
+
+
+def crowded_bus(seed):
+    """Return a bus of chance on which one id is two servos' own, and that id."""
+    chance = random.Random(seed)
+    family = FAMILIES[seed % len(FAMILIES)]
+    models = {i: chance.choice(family) for i in range(1, chance.randrange(2, 7))}
+    twin = chance.choice([*models])
+    alike = chance.random() < 0.5
+    second = models[twin] if alike else chance.choice(family)
+    transport = line_with([*models.items(), (twin, second)], BAUD, seed)
+    for servo in transport.line.world.servos:
+        if servo.id == twin:
+            _make_own(servo, chance, alike=alike)
+    servos = [ServoSpec(i, table_for(model), f"joint_{i}") for i, model in models.items()]
+    return ServoBus(Port(transport, "desk", BAUD), servos), twin
+
+
+def _make_own(servo, chance, *, alike):
+    names = servo.table.by_name
+    delay = "return_delay" if "return_delay" in names else "return_delay_time"
+    if delay in names:
+        servo.memory.put(delay, chance.choice(DELAYS))
+    for name in () if alike else ("max_temperature_limit", "temperature_limit", "max_torque"):
+        if name in names:
+            servo.memory.put(name, chance.randrange(20, 80))
+
+
+def eeprom_writes(bus):
+    return sum(servo.memory.eeprom_writes for servo in bus.port.transport.line.world.servos)
+
+
+@pytest.mark.parametrize(
+    "buses", [pytest.param(24, id="suite"), pytest.param(400, marks=pytest.mark.campaign)]
+)
+@pytest.mark.timeout(600)
+def test_on_random_buses_no_shared_id_is_missed_and_nothing_is_written(buses, capsys):
+    for seed in range(buses):
+        bus, twin = crowded_bus(seed)
+        before = eeprom_writes(bus)
+        assert [servo.id for servo in crowded(bus)] == [twin], seed
+        assert eeprom_writes(bus) == before
+    with capsys.disabled():
+        sys.stdout.write(f"\nB4: {buses} buses with a shared id, 0 missed\n" * (buses > 100))
+
+
+def test_it_is_refused_with_the_joint_and_what_to_do():
+    bus, twin = crowded_bus(3)
+    with pytest.raises(BadReplyError, match=rf"joint_{twin} \(id {twin}\).*\n.*ikservo setup ARM"):
+        refuse_crowds(bus)
+
+
+@both
+@pytest.mark.parametrize("adapter", [None, ECHO, FTDI], ids=["plain", "echo", "FTDI"])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bad_line_is_not_taken_for_two_servos(models, adapter, seed):
+    bus = bus_with(models, seed=seed, adapter=adapter)
+    spoil(bus, *EVERYTHING)
+    assert crowded(bus) == []
+
+
+def test_one_servo_on_an_adapter_that_hears_itself_is_one():
+    assert crowded(bus_with({1: "STS3215"}, adapter=ECHO)) == []
+
+
+@pytest.mark.parametrize("model", ["AX-12A", "MX-28", "SCS0009", "STS3215", "XM430-W350"])
+def test_a_closer_look_knows_every_family(model):
+    bus = bus_with({1: model})
+    table = bus.servos[1].table
+    found = look_closer(bus.port, framing_of(table.family), 1)
+    assert (found.table, found.temperature_c) == (table, 25.0)
+
+
+@both
+def test_whoever_is_silent_is_left_to_others_to_miss(models):
+    bus = bus_with(models)
+    spoil(bus, ("silent", {"id": 3}))
+    assert crowded(bus) == []
+
+
+@pytest.mark.parametrize("arm", ["so101", "koch"])
+def test_an_arm_with_two_servos_on_one_id_is_not_opened(monkeypatch, arm):
+    desk.spoil(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
+    with pytest.raises(BadReplyError, match=r"\(id 2\) on .* answers like more than one servo"):
+        ikservo.open_arm(arm, port="sim")
