@@ -15,7 +15,7 @@ from ikservo.arm.recording import heading_of
 from ikservo.arm.reports import Progress
 from ikservo.arm.tape import Heading, Recording
 from ikservo.arm.tape_reading import read_recording
-from ikservo.arm.workings import Workings
+from ikservo.arm.workings import Workings, straight
 from ikservo.errors import FileFormatError, RefusedError
 from ikservo.kinematics.se3 import Vector
 from ikservo.motion import JointMove
@@ -77,7 +77,7 @@ def replay(
     started_s = arm.now_s()
 
     def approach(here: Vector) -> JointMove:
-        arm.check_way(here, playback.start)
+        arm.check_recorded(straight(here, playback.start))
         return JointMove(here, playback.start, paces)
 
     def on_beat(beat: Beat) -> None:

@@ -25,6 +25,8 @@ __all__ = ["StreamedServos"]
 
 # A joint that is further behind its goal than its load explains presses against something.
 _PRESSING_RAD = math.radians(8.0)  # at the horn
+# After a beat as long as this a lost answer is asked for once more.
+_STALL_S = 0.1
 
 
 class StreamedServos:
@@ -126,6 +128,8 @@ class StreamedServos:
         now_s, before_s = self.clock.now_s(), self._beat_at_s
         self._beat_at_s = now_s
         measured = self._feedback.beat()
+        if self.lost and now_s - before_s > _STALL_S:  # nobody has seen that joint for long
+            measured = self._feedback.beat()
         self._limits.check_gap(now_s - before_s)
         self._gate.see(self._feedback.fresh, self.clock.now_s())
         self._following.see(self.goals(), measured)

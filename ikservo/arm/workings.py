@@ -17,7 +17,7 @@ from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model
 from ikservo.motion import Course, JointMove
 
-__all__ = ["Begin", "Workings"]
+__all__ = ["Begin", "Workings", "straight"]
 
 _LIES_M, _SINKS_M = 0.005, 0.010
 
@@ -86,15 +86,13 @@ class Workings:
         """
         if self.space is None or not self.zeros.known:
             return
-        looks = 2 + int(np.abs(goal - here).max() / step)
-        way = np.linspace(here, goal, looks)
-        self.space.check_way(list(self.in_chain(way)))
+        self.space.check_way(list(self.in_chain(straight(here, goal, step))))
 
     def check_recorded(self, way: Matrix) -> None:
         """Check a recorded way (k, n) of the joints for contact of the body.
 
-        A limp arm lies on itself or on the table and sinks on; so what it lay on at the start it
-        may lie on again, a little deeper, for it was led there by hand.
+        A limp arm lies on itself or on the table and sinks on; so what it lay on at one of the
+        ends it may lie on again, a little deeper, for it was led there by hand.
 
         Raises:
             RefusedError: Something would be touched.
@@ -103,6 +101,12 @@ class Workings:
             return
         looks = list(self.in_chain(way))
         gap_m = self.space.gaps(looks)
-        least_m = np.where(gap_m[0] < _LIES_M, -_SINKS_M, 0.0)
+        ends_m = np.minimum(gap_m[0], gap_m[-1])
+        least_m = np.where(ends_m < _LIES_M, np.minimum(ends_m, 0.0) - _SINKS_M, 0.0)
         if (gap_m < least_m).any():
             self.space.check_way(looks)
+
+
+def straight(here: Vector, goal: Vector, step: float = 0.05) -> Matrix:
+    """Return the straight way (k, n) from joints to others, no further apart than a step."""
+    return np.linspace(here, goal, 2 + int(np.abs(goal - here).max() / step))

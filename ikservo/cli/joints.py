@@ -12,6 +12,7 @@ from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
+    DryRunOption,
     JsonOption,
     NoWiggleOption,
     PortOption,
@@ -20,12 +21,13 @@ from ikservo.cli.options import (
     YesOption,
 )
 from ikservo.cli.output import point, print_json, print_lines
+from ikservo.cli.plan_report import print_plan
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.session import announce, opened, watched
 from ikservo.errors import BadValueError, ExitCode
 from ikservo.model import Model
 
-__all__ = ["command", "move_joints", "print_report"]
+__all__ = ["command", "move_joints", "preview", "print_report"]
 
 Goals = Annotated[
     list[str], typer.Argument(metavar="JOINT=POSITION…", help="Degrees or 0.2rad; 12mm on slides.")
@@ -39,6 +41,7 @@ def command(
     port: PortOption = None,
     speed: SpeedOption = "normal",
     collision: CollisionOption = True,
+    dry_run: DryRunOption = False,
     uncalibrated: UncalibratedOption = False,
     no_wiggle: NoWiggleOption = False,
     yes: YesOption = False,
@@ -50,6 +53,9 @@ def command(
     """
     with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         positions = _positions(goals, machine.model)
+        if dry_run:
+            preview(machine, positions, speed, json=json)
+            return
         report = move_joints(machine, positions, speed, yes=yes, wiggle=not no_wiggle)
     print_report(report, machine.model, json=json)
 
@@ -63,6 +69,15 @@ def move_joints(
         check_once(machine, yes=yes)
     with watched() as draw:
         return machine.move_joints(positions, speed=speed, on_progress=draw)
+
+
+def preview(machine: Arm, positions: Mapping[str, float], speed: str, *, json: bool) -> None:
+    """Print what a motion of joints would be; nothing moves."""
+    plan = machine.plan_joints(positions, speed=speed)
+    announce(plan, machine, yes=True)
+    print_plan(
+        plan, positions, lambda name, at: machine.model.joint(name).joint_map.say(at), json=json
+    )
 
 
 def print_report(report: JointReport, model: Model, *, json: bool) -> None:
@@ -96,6 +111,7 @@ def _fields(report: JointReport) -> dict[str, object]:
         "error_rad": report.error_rad,
         "duration_s": report.duration_s,
         "reached": report.reached,
+        "binding": report.binding,
     }
 
 
@@ -110,4 +126,5 @@ def _lines(report: JointReport, model: Model) -> list[str]:
         f"tip  {point(report.measured_tip_m.tolist())}",
         f"duration  {report.duration_s:.2f} s",
         f"reached  {'yes' if report.reached else 'no'}",
+        *(f"binds  {words}" for words in report.binding),
     ]

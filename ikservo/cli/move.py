@@ -12,6 +12,7 @@ from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
+    DryRunOption,
     JsonOption,
     Length,
     NoWiggleOption,
@@ -29,7 +30,6 @@ from ikservo.errors import ExitCode
 
 __all__ = ["command"]
 
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Plan and print, but do not move.")]
 Line = Annotated[bool, typer.Option("--line", help="On a straight line of the tip.")]
 Via = Annotated[
     list[str] | None,
@@ -59,7 +59,7 @@ def command(
     direction: DirectionOption = None,
     keep: KeepOption = False,
     collision: CollisionOption = True,
-    dry_run: DryRun = False,
+    dry_run: DryRunOption = False,
     uncalibrated: UncalibratedOption = False,
     no_wiggle: NoWiggleOption = False,
     yes: YesOption = False,
@@ -81,7 +81,7 @@ def command(
         plan = _planned(machine, points, stance, speed, blend_m=blend, line=line)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:
-            print_plan(plan, machine.chain.names, json=json)
+            _preview(plan, machine, json=json)
             return
         if not no_wiggle:
             check_once(machine, yes=yes)
@@ -104,6 +104,13 @@ def _planned(
     if len(points) == 1 and not line:
         return machine.plan_to(points[0], speed=speed, stance=stance)
     return machine.plan_through(points, blend_m=blend_m, line=line, speed=speed, stance=stance)
+
+
+def _preview(plan: Plan, machine: Arm, *, json: bool) -> None:
+    names = machine.chain.names
+    goals = dict(zip(machine.workings.servos.names, plan.goal.tolist(), strict=True))
+    joints = {name: goals[name] for name in names}
+    print_plan(plan, joints, lambda _, value: f"{value:.4f} rad", json=json)
 
 
 def _print(report: MoveReport, *, json: bool) -> None:

@@ -12,6 +12,7 @@ from ikservo.cli.quantities import parse_length_m
 __all__ = [
     "ArmOption",
     "CollisionOption",
+    "DryRunOption",
     "JsonOption",
     "Length",
     "NoWiggleOption",
@@ -40,6 +41,7 @@ CollisionOption = Annotated[
     bool,
     typer.Option("--collision/--no-collision", help="Look at the body's way before moving."),
 ]
+DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Plan and print, but do not move.")]
 SpeedOption = Annotated[str, typer.Option("--speed", help="slow, normal or fast.")]
 Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]
 UncalibratedOption = Annotated[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 
 from ikservo.arm import Plan
 from ikservo.arm.planning import NearLimit
@@ -12,14 +12,14 @@ from ikservo.cli.output import print_json, print_lines
 __all__ = ["print_plan", "turned"]
 
 
-def print_plan(plan: Plan, names: Sequence[str], *, json: bool) -> None:
-    """Print a plan to a point, with where the joints of those names would end."""
-    assert plan.solution is not None  # noqa: S101  # what goes to a point was solved
-    joints = dict(zip(names, plan.solution.q.tolist(), strict=True))
+def print_plan(
+    plan: Plan, joints: Mapping[str, float], say: Callable[[str, float], str], *, json: bool
+) -> None:
+    """Print a plan, and where joints would end; ``say`` says it of one by its name."""
     if json:
         print_json("plan", **_fields(plan, joints))
         return
-    print_lines([f"{name} {value:.4f} rad" for name, value in joints.items()])
+    print_lines([f"{name} {say(name, value)}" for name, value in joints.items()])
     print_lines(_lines(plan))
 
 
@@ -28,7 +28,7 @@ def turned(left_rad: float) -> str:
     return f"{math.degrees(left_rad):.1f}° from how it should stand"
 
 
-def _fields(plan: Plan, joints: dict[str, float]) -> dict[str, object]:
+def _fields(plan: Plan, joints: Mapping[str, float]) -> dict[str, object]:
     return {
         "target_m": plan.target_m,
         "q_rad": joints,
@@ -51,7 +51,7 @@ def _lines(plan: Plan) -> list[str]:
         f"speed    {plan.speed}",
         *(f"binds    {words}" for words in _binding(plan)),
         *(f"near     {_say(near)}" for near in plan.near),
-        f"tool     {turned(plan.left_rad)}",
+        *([] if plan.target_m is None else [f"tool     {turned(plan.left_rad)}"]),
     ]
 
 

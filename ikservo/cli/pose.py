@@ -8,10 +8,11 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.cli.completing import poses
-from ikservo.cli.joints import move_joints, print_report
+from ikservo.cli.joints import move_joints, preview, print_report
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
+    DryRunOption,
     JsonOption,
     NoWiggleOption,
     PortOption,
@@ -39,6 +40,7 @@ def command(
     port: PortOption = None,
     speed: SpeedOption = "normal",
     collision: CollisionOption = True,
+    dry_run: DryRunOption = False,
     uncalibrated: UncalibratedOption = False,
     no_wiggle: NoWiggleOption = False,
     yes: YesOption = False,
@@ -53,6 +55,9 @@ def command(
             _list(machine, json=json)
             return
         positions = machine.poses.named(name)
+        if dry_run:
+            preview(machine, positions, speed, json=json)
+            return
         report = move_joints(machine, positions, speed, yes=yes, wiggle=not no_wiggle)
     print_report(report, machine.model, json=json)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -81,7 +82,7 @@ def watched() -> Generator[Callable[[Progress], None] | None]:
             bar.update(
                 task,
                 completed=progress.elapsed_s,
-                total=progress.duration_s,
+                total=progress.duration_s if math.isfinite(progress.duration_s) else None,
                 description=point(progress.tip_m.tolist()),
             )
 

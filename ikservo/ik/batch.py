@@ -16,13 +16,18 @@ from ikservo.ik.preparing import (
     Kind,
     KindName,
     Worker,
+    check_bottom,
+    check_chain,
+    check_options,
     kernel,
     kind_named,
     prepared,
     settings_of,
     unit_axis,
 )
+from ikservo.ik.target import FURTHEST_M
 from ikservo.kinematics import Chain, finite_array, finite_vector
+from ikservo.kinematics.numbers import numbers
 from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["BatchResult", "solve_batch"]
@@ -79,7 +84,10 @@ def solve_batch(
         BadValueError: A shape is wrong, a number is not finite, a rotation is none.
         UnknownNameError: No such kind or frame.
     """
+    check_chain(chain)
+    _check_workers(workers)
     options = options or Options()
+    check_options(options)
     questions, asked = _questions(targets, kind, unit_axis(tool_axis))
     starts = _starts(chain, q0s, len(questions))
     offset = None if offset_m is None else finite_vector(offset_m, 3, "offset_m")
@@ -113,12 +121,15 @@ def solve_batch(
 
 def _questions(targets: ArrayLike, kind: KindName | None, axis: Vector) -> tuple[Matrix, Kind]:
     """Return the rows that the kernels read (m, 12), and what they ask for."""
-    array = np.asarray(targets, dtype=np.float64)
-    questions = np.zeros((len(array), 12))
+    array = numbers(targets, "targets", "numbers of shape (m, 3) or (m, 4, 4)")
+    count = len(array) if array.ndim else 0
+    questions = np.zeros((count, 12))
     if array.ndim == 2 and kind in (None, "position"):
-        questions[:, :3] = finite_array(array, (len(array), 3), "targets")
+        questions[:, :3] = _near(finite_array(array, (count, 3), "targets"))
         return questions, Kind.POSITION
-    poses = finite_array(array, (len(array), 4, 4), "targets")
+    poses = finite_array(array, (count, 4, 4), "targets")
+    check_bottom(poses, "a target")
+    _near(poses[:, :3, 3])
     asked = Kind.POSE if kind is None else kind_named(kind)
     questions[:, :3] = poses[:, :3, 3]
     if asked is Kind.POSE:
@@ -128,11 +139,22 @@ def _questions(targets: ArrayLike, kind: KindName | None, axis: Vector) -> tuple
     return questions, asked
 
 
+def _near(points_m: Matrix) -> Matrix:
+    if points_m.size and float(np.abs(points_m).max()) > FURTHEST_M:
+        raise BadValueError("A target", f"{np.abs(points_m).max():g} m away", "within 1 km")
+    return points_m
+
+
+def _check_workers(workers: object) -> None:
+    if workers is not None and not (isinstance(workers, int) and workers >= 1):
+        raise BadValueError("workers", repr(workers), "a whole number, at least 1, or None")
+
+
 def _starts(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
     if q0s is None:
         starts = np.tile(chain.middle(), (count, 1))
     else:
-        given = np.asarray(q0s, dtype=np.float64)
+        given = numbers(q0s, "q0s", "numbers of shape (m, dof) or (dof,)")
         shape = (chain.dof,) if given.ndim == 1 else (count, chain.dof)
         starts = np.broadcast_to(finite_array(given, shape, "q0s"), (count, chain.dof))
     return np.array(starts, order="C")

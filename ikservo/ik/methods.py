@@ -35,11 +35,14 @@ METHODS: Mapping[str, Method] = {
 def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Ask ``bounded``, which is compiled; where it finds no way, ask the closed form besides.
 
-    A posture to lean towards, and a search that may not restart or leave its branch, are
-    ``bounded``'s alone.
+    A search that may not restart or leave its branch is ``bounded``'s alone. Towards a posture
+    ``pseudo_inverse`` goes on from the solution.
     """
     found = bounded(chain, target, q0, options)
-    alone = options.track or options.restarts == 1 or options.posture is not None
+    if found.reached and options.posture is not None and not options.track:
+        leaning = pseudo_inverse(chain, target, found.q, options)
+        return leaning if leaning.reached else found
+    alone = options.track or options.restarts == 1
     if found.reached or alone or structure(chain, target.frame) is None:
         return found
     formula = closed_form(chain, target, q0, options)
@@ -54,6 +57,6 @@ def method_named(name: str) -> Method:
     """
     if name == "auto":
         return auto
-    if name not in METHODS:
+    if str(name) not in METHODS:
         raise UnknownNameError("method", name, ("auto", *METHODS))
     return METHODS[name]

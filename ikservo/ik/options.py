@@ -5,21 +5,35 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
 
-__all__ = ["Options", "Posture", "Tolerance"]
+__all__ = ["RESTARTS", "Options", "Posture", "Tolerance"]
+
+RESTARTS = 400
+"""How many starting points a search tries at most, if nobody says otherwise."""
 
 _FULL_POSE_DOF = 6
+# More starting points than this are a slip of the pen: their table would fill the memory.
+_MOST = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How close counts as reached."""
+    """How close counts as reached.
+
+    Raises:
+        BadValueError: No number above 0.
+    """
 
     position_m: float = 1e-5
     orientation_rad: float = 1e-4
+
+    def __post_init__(self) -> None:
+        _check_above_0("A tolerance in metres", self.position_m)
+        _check_above_0("A tolerance in radians", self.orientation_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +67,7 @@ class Options:
     """
 
     tolerance: Tolerance = field(default_factory=Tolerance)
-    restarts: int = 400
+    restarts: int = RESTARTS
     max_iterations: int | None = None
     posture: Posture | None = None
     trace: bool = False
@@ -62,13 +76,33 @@ class Options:
     track: bool = False
 
     def __post_init__(self) -> None:
-        if self.restarts < 1:
-            raise BadValueError("restarts", self.restarts, "at least 1")
-        if self.max_iterations is not None and self.max_iterations < 1:
-            raise BadValueError("max_iterations", self.max_iterations, "at least 1")
-        if not 0.0 < self.turn_weight_m_rad < math.inf:
-            raise BadValueError("turn_weight_m_rad", self.turn_weight_m_rad, "above 0 and finite")
+        _check_count("restarts", self.restarts)
+        if self.max_iterations is not None:
+            _check_count("max_iterations", self.max_iterations)
+        _check_above_0("turn_weight_m_rad", self.turn_weight_m_rad)
+        if math.isinf(self.turn_weight_m_rad):
+            raise BadValueError("turn_weight_m_rad", self.turn_weight_m_rad, "a finite number")
+        _check_kind("The tolerance", self.tolerance, Tolerance)
+        if self.posture is not None:
+            _check_kind("The posture", self.posture, Posture)
 
     def puts_position_first(self, dof: int) -> bool:
         """Return whether an arm with so many joints meets the position before all else."""
         return dof < _FULL_POSE_DOF if self.position_first is None else self.position_first
+
+
+def _check_above_0(what: str, value: float) -> None:
+    array = np.asarray(value)
+    if array.shape or array.dtype.kind not in "iuf" or not value > 0.0:
+        raise BadValueError(what, repr(value), "a number above 0")
+
+
+def _check_count(what: str, value: int) -> None:
+    array = np.asarray(value)
+    if array.shape or array.dtype.kind not in "iu" or not 1 <= value <= _MOST:
+        raise BadValueError(what, repr(value), f"a whole number, at least 1, at most {_MOST}")
+
+
+def _check_kind(what: str, value: object, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise BadValueError(what, repr(value), f"a {kind.__name__}")

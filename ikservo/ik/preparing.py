@@ -21,10 +21,14 @@ from ikservo.kinematics.packing import turn_z_onto
 from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = [
+    "BOTTOM",
     "Kind",
     "KindName",
     "Prepared",
     "Worker",
+    "check_bottom",
+    "check_chain",
+    "check_options",
     "kernel",
     "kind_named",
     "prepared",
@@ -33,6 +37,9 @@ __all__ = [
 ]
 
 KindName = Literal["position", "direction", "pose"]
+
+BOTTOM = [0.0, 0.0, 0.0, 1.0]
+"""The last row of every pose."""
 
 _BUDGET = 60
 _EXTRA_RESTARTS = 1
@@ -47,13 +54,31 @@ class Kind(IntEnum):
     POSE = 2
 
 
+def check_chain(chain: object) -> None:
+    """Raise BadValueError where something else is given for a chain."""
+    if not isinstance(chain, Chain):
+        raise BadValueError("The chain", repr(chain), 'a Chain, as in load_model("so101").chain')
+
+
+def check_options(options: object) -> None:
+    """Raise BadValueError where something else is given for options."""
+    if not isinstance(options, Options):
+        raise BadValueError("The options", repr(options), "Options, as in Options(restarts=20)")
+
+
+def check_bottom(poses: Matrix, what: str) -> None:
+    """Raise BadValueError where the last row of a pose (4, 4), or of many, is not 0 0 0 1."""
+    if not np.allclose(poses[..., 3, :], BOTTOM, rtol=0.0, atol=1e-9):
+        raise BadValueError(f"The last row of {what}", "another", "[0, 0, 0, 1]: is it transposed?")
+
+
 def kind_named(name: str) -> Kind:
     """Return the kind of target of that name.
 
     Raises:
         UnknownNameError: There is none.
     """
-    if name.upper() not in Kind.__members__:
+    if str(name).upper() not in Kind.__members__:
         raise UnknownNameError("kind of target", name, [kind.name.lower() for kind in Kind])
     return Kind[name.upper()]
 
@@ -130,7 +155,7 @@ def prepared(
     restarts: int,
 ) -> Prepared:
     """Return the arm made ready for so many starting points; the last few are kept."""
-    key = (frame, _bytes(offset_m), _bytes(tool_axis))
+    key = (None if frame is None else str(frame), _bytes(offset_m), _bytes(tool_axis))
     kept = _prepared.setdefault(chain, {})
     ready = kept.get(key)
     if ready is None:

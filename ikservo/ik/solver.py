@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
 from ikservo.ik.methods import method_named
-from ikservo.ik.options import Options, Posture, Tolerance
+from ikservo.ik.options import RESTARTS, Options, Posture, Tolerance
+from ikservo.ik.preparing import check_chain
 from ikservo.ik.result import Result
 from ikservo.ik.target import Target
 from ikservo.kinematics import Chain, finite_vector
@@ -26,7 +27,7 @@ def solve(
     method: str = "auto",
     *,
     tolerance: Tolerance | None = None,
-    restarts: int = 100,
+    restarts: int = RESTARTS,
     max_iterations: int | None = None,
     posture: Posture | None = None,
     trace: bool = False,
@@ -47,7 +48,8 @@ def solve(
         tolerance: How close counts as reached.
         restarts: How many starting points to try at most, the given one first.
         max_iterations: How many steps from one start; the method's own number if None.
-        posture: A configuration to lean towards where the target leaves freedom.
+        posture: A configuration to lean towards where the target leaves freedom (``auto`` and
+            ``pseudo_inverse``; the other methods have no null space and ignore it).
         trace: Whether the result shall carry every iterate.
         position_first: Whether the position is met exactly, and the orientation as well as what
             remains allows; if None for arms with fewer than six joints. Else both are weighed.
@@ -72,15 +74,14 @@ def solve(
         turn_weight_m_rad,
         track,
     )
-    _check_kinds(chain, target)
+    check_chain(chain)
+    _check_target(target)
     start = chain.middle() if q0 is None else finite_vector(q0, chain.dof, "q0")
     if float(np.abs(start).max()) > _FURTHEST_RAD:
         raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
     return method_named(method)(chain, target, start, options)
 
 
-def _check_kinds(chain: object, target: object) -> None:
-    if not isinstance(chain, Chain):
-        raise BadValueError("The chain", repr(chain), 'a Chain, as in load_model("so101").chain')
+def _check_target(target: object) -> None:
     if not isinstance(target, Target):
         raise BadValueError("The target", repr(target), "a Target, as in Target((0.25, 0, 0.15))")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,9 +12,13 @@ from ikservo.errors import BadValueError
 from ikservo.ik.kernel.layout import REACHED
 from ikservo.ik.options import Options, Tolerance
 from ikservo.ik.preparing import (
+    BOTTOM,
     Kind,
     KindName,
     Worker,
+    check_bottom,
+    check_chain,
+    check_options,
     kernel,
     kind_named,
     prepared,
@@ -61,7 +66,9 @@ class Solver:
         offset_m: ArrayLike | None = None,
         options: Options | None = None,
     ) -> None:
+        check_chain(chain)
         options = options or Options(tolerance or Tolerance())
+        check_options(options)
         self.chain, self.kind = chain, kind
         self._kind = kind_named(kind)
         self._axis = unit_axis(tool_axis)
@@ -116,13 +123,18 @@ class Solver:
         answer = worker.answer[0]
         q = answer[: self.chain.dof].copy() if out is None else out
         if out is not None:
-            out[:] = answer[: self.chain.dof]
+            _fill(out, answer[: self.chain.dof])
         return q, bool(answer[self._reached])
 
     def _write(self, T: ArrayLike, q0: ArrayLike) -> None:
-        pose, start = np.asarray(T, dtype=np.float64), np.asarray(q0, dtype=np.float64)
+        try:
+            pose, start = np.asarray(T, dtype=np.float64), np.asarray(q0, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            self._refuse(T, q0)
         if pose.shape != (4, 4) or start.shape != self._shape:
             self._refuse(T, q0)
+        if pose[3].tolist() != BOTTOM:
+            check_bottom(pose, "T_world_tool")
         question = self._worker.question[0]
         question[:3] = pose[:3, 3]
         if self._kind is Kind.POSE:
@@ -131,8 +143,15 @@ class Solver:
             self._rotation[:, 2] = pose[:3, :3] @ self._axis
         self._worker.start[0] = start
 
-    def _refuse(self, T: ArrayLike, q0: ArrayLike) -> None:
+    def _refuse(self, T: ArrayLike, q0: ArrayLike) -> NoReturn:
         """Say what is wrong with a question that the kernel did not accept."""
         finite_vector(q0, self.chain.dof, "q0")
         finite_array(T, (4, 4), "T_world_tool")
         raise BadValueError("The rotation of T_world_tool", "none", "R Rᵀ = 1 and det R = 1")
+
+
+def _fill(out: Vector, q: Vector) -> None:
+    try:
+        out[:] = q
+    except (TypeError, ValueError):
+        raise BadValueError("out", repr(out), f"an array of shape {q.shape}") from None

@@ -13,11 +13,11 @@ from ikservo.errors import BadValueError
 from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.se3 import Matrix, Vector, log_so3
 
-__all__ = ["Target"]
+__all__ = ["FURTHEST_M", "Target"]
 
 _ROTATION_TOLERANCE = 1e-6
-# Beyond it squares of distances drown what a joint can do, and nobody has such an arm.
-_FURTHEST_M = 1000.0
+FURTHEST_M = 1000.0
+"""Beyond it squares of distances drown what a joint can do, and nobody has such an arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +48,14 @@ class Target:
         if self.direction is not None and self.orientation is not None:
             raise BadValueError("The target", "over-determined", "a direction or an orientation")
         _ = self.position, self.wanted_axis, self.rotation, self.axis
+        _check_frame(self.frame)
         if self.offset_m is not None:
-            finite_vector(self.offset_m, 3, "offset_m")
+            _near(self.offset_m, "offset_m")
 
     @cached_property
     def position(self) -> Vector:
         """Return the wanted position (3,) [m]."""
-        position = finite_vector(self.position_m, 3, "The target position")
-        if float(np.abs(position).max()) > _FURTHEST_M:
-            raise BadValueError("The target position", position.tolist(), "metres, within 1 km")
-        return position
+        return _near(self.position_m, "The target position")
 
     @cached_property
     def wanted_axis(self) -> Vector | None:
@@ -105,17 +103,32 @@ def _across(a: Vector) -> Vector:
     return _unit(np.cross(a, helper), "axis")
 
 
+def _check_frame(frame: object) -> None:
+    if frame is not None and not isinstance(frame, str):
+        raise BadValueError("The frame", repr(frame), "the name of a link, or None for the tip")
+
+
+def _near(v: ArrayLike, what: str) -> Vector:
+    point = finite_vector(v, 3, what)
+    if float(np.abs(point).max()) > FURTHEST_M:
+        raise BadValueError(what, point.tolist(), "metres, within 1 km")
+    return point
+
+
 def _unit(v: ArrayLike, what: str) -> Vector:
     vector = finite_vector(v, 3, what)
-    length = math.sqrt(float(vector @ vector))
+    length = math.hypot(*vector.tolist())
     if length < 1e-12:
         raise BadValueError(what, "zero", "a direction")
+    if math.isinf(length):
+        raise BadValueError(what, vector.tolist(), "a direction of a length that is a number")
     return vector / length
 
 
 def _rotation(R: ArrayLike) -> Matrix:
     matrix = finite_array(R, (3, 3), "The orientation")
-    off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    largest = float(np.abs(matrix).max())
+    off = largest if largest > 2.0 else float(np.abs(matrix @ matrix.T - np.eye(3)).max())
     if off > _ROTATION_TOLERANCE or float(np.linalg.det(matrix)) < 0.0:
         raise BadValueError("The orientation", "no rotation matrix", "R Rᵀ = 1 and det R = 1")
     return matrix

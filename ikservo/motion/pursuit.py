@@ -112,6 +112,10 @@ class Pursuit:
         self._aimed_s = time_s
         return wanted
 
+    def run_at(self, paces: Sequence[Pace]) -> None:
+        """Take other paces for the ways from the next aim on, none slower than those before."""
+        self._paces = tuple(paces)
+
     def end(self, time_s: float) -> None:
         """Come to rest as soon as the paces allow, from a time on; ``duration_s`` is then finite.
 

@@ -38,6 +38,7 @@ class Desk:
 
     def __init__(self, pilot: Pilot, clock: Clock) -> None:
         self._pilot, self._clock = pilot, clock
+        self._arm = pilot.arm
         self._gestures = Gestures(pilot.arm)
         self._posters = Posters(pilot, self._gestures, clock)
         self._lease = Lease()
@@ -160,9 +161,10 @@ class Desk:
         elif isinstance(message, said.Pose):
             gestures.pose(message.name)
         elif visitor.viewport is not None and pilot.readout.trouble is None:
-            gestures.hear(
-                message, self._posters.camera(visitor), pilot.readout, self._clock.now_s()
+            sight = gestures.sight(
+                self._posters.camera(visitor), pilot.readout, self._posters.plane_m(visitor)
             )
+            gestures.hear(message, sight, pilot.readout, self._clock.now_s())
 
     def _switch(self, *, on: bool) -> None:
         """Throw Live: the arm starts from where it stands, whatever the preview showed."""
@@ -184,9 +186,18 @@ class Desk:
 
     def _follow_pilot(self) -> None:
         """Notice that a flight has ended; what it went for is forgotten with it."""
+        if self._pilot.arm is not self._arm:
+            self._furnish()
         wish, readout = self._pilot.wish, self._pilot.readout
         if wish.live and readout.ended >= wish.flight:
             self._ground()
+
+    def _furnish(self) -> None:
+        """Begin anew with an arm that was opened again: its limits may be others."""
+        self._arm = self._pilot.arm
+        self._posters.close()
+        self._gestures = Gestures(self._arm)
+        self._posters = Posters(self._pilot, self._gestures, self._clock)
 
     def _ground(self) -> None:
         self._gestures.forget()

@@ -42,7 +42,7 @@ class Door:
         headers = cast("Iterable[tuple[bytes, bytes]]", scope["headers"])
         upgrade = scope["type"] == "websocket"
         if not door_opens(headers, tuple(scope["server"]), upgrade=upgrade):
-            await _refuse(send, "websocket.http.response" if upgrade else "http.response")
+            await (send({"type": "websocket.close"}) if upgrade else _refuse(send))  # 403, both
             return
 
         async def send_strictly(message: Message) -> None:
@@ -53,7 +53,7 @@ class Door:
         await self._app(scope, receive, send_strictly)
 
 
-async def _refuse(send: Send, kind: str) -> None:
+async def _refuse(send: Send) -> None:
     headers = [(b"content-type", b"text/plain"), *_ALWAYS]
-    await send({"type": f"{kind}.start", "status": 403, "headers": headers})
-    await send({"type": f"{kind}.body", "body": _SORRY})
+    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.body", "body": _SORRY})

@@ -43,7 +43,7 @@ class Flight:
         self._watcher, self._clock, self._dead_man_s = watcher, clock, dead_man_s
         self._number, self.speed = watcher.wish.flight, watcher.wish.speed
         self._here: Vector | None = None
-        self.silent = False
+        self._gone = self.silent = False
 
     def goal(self, beat: Beat) -> Vector | None:
         """Return where the joints shall be (n,); None once the flight is over."""
@@ -52,9 +52,14 @@ class Flight:
         if self._here is None:
             self._here = beat.goals.copy()
         self.silent = self._clock.now_s() - wish.fresh_s > self._dead_man_s
-        if self.silent or self.over or wish.speed != self.speed:
+        if self.silent or self.over or wish.speed != self.speed or self._let_go(wish):
             return None
         return self._here if wish.goal is None else wish.goal
+
+    def _let_go(self, wish: Wish) -> bool:
+        """Return whether the goal was taken back: the arm brakes, and stays where that ends."""
+        self._gone = self._gone or wish.goal is not None
+        return self._gone and wish.goal is None
 
     @property
     def over(self) -> bool:

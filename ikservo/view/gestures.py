@@ -15,6 +15,7 @@ from ikservo.view import messages as said
 from ikservo.view.aim import Aim
 from ikservo.view.camera import Camera, Viewport
 from ikservo.view.drag import Drag, Sight
+from ikservo.view.jaws import Jaws, jaws_of
 from ikservo.view.messages import Message
 from ikservo.view.pick import Picker
 from ikservo.view.planar import CHOICES, Lesson, teach
@@ -59,6 +60,7 @@ class Gestures:
         self._columns = [names.index(name) for name in chain.names]
         self._drag = Drag(chain, Picker(shapes_of(capsules_of(arm.model))))
         self._puppet, self._sticks = Puppet(chain), Sticks()
+        self._jaws = jaws_of(arm)
         self._wish: Wish | None = None
         self.lesson: Lesson | None = None
         self._began_s = 0.0
@@ -112,9 +114,10 @@ class Gestures:
         self.forget()
         self.goal = np.array([positions[joint] for joint in self._names])
 
-    def hear(self, message: Message, camera: Camera, readout: Readout, now_s: float) -> None:
-        """Take what pointer, wheel, keys or sticks say."""
-        sight = self._sight(camera, readout)
+    def hear(self, message: Message, sight: Sight, readout: Readout, now_s: float) -> None:
+        """Take what pointer, wheel, keys or sticks say of what the person sees."""
+        if isinstance(message, said.Gamepad) and self._jaws is not None:
+            self._grip(self._jaws, message.grip, readout, now_s)
         wish = self._wished(message, sight, now_s)
         self.stamp += 1
         if wish is not None:
@@ -146,11 +149,23 @@ class Gestures:
         self._drag.hover((320.0, 240.0), Sight(camera, (q,)))
         self._puppet.answer(Pull(Target(self._chain.forward(q)[:3, 3]), jump=True), q)
 
-    def _sight(self, camera: Camera, readout: Readout) -> Sight:
+    def sight(self, camera: Camera, readout: Readout, plane_m: Vector | None = None) -> Sight:
+        """Return what the person has before them; ``plane_m`` see ``Sight``."""
         measured = readout.measured[self._columns]
         arms = (measured,) if self.goal is None else (self.goal[self._columns], measured)
         beside = dict(zip(self._names, readout.measured.tolist(), strict=True))
-        return Sight(camera, arms, beside=beside)
+        return Sight(camera, arms, plane_m, beside)
+
+    def _grip(self, jaws: Jaws, grip: float, readout: Readout, now_s: float) -> None:
+        """Close or open the jaws for as long as somebody keeps pressing."""
+        goal = self._rest(readout) if self.goal is None else self.goal
+        at = jaws.goal(grip, float(goal[jaws.column]), readout.measured, now_s)
+        if at is not None:
+            self.goal = goal.copy()
+            self.goal[jaws.column] = at
+
+    def _rest(self, readout: Readout) -> Vector:
+        return readout.measured if readout.goals is None else readout.goals
 
     def _wished(self, message: Message, sight: Sight, now_s: float) -> Wish | None:
         drag = self._drag
@@ -185,8 +200,7 @@ class Gestures:
         wish = self._wish
         if wish is None:
             return
-        rest = readout.measured if readout.goals is None else readout.goals
-        goal = rest if self.goal is None else self.goal
+        goal = self._rest(readout) if self.goal is None else self.goal
         began_s = time.perf_counter()
         q, settled = self._answered(wish, goal[self._columns], now_s)
         self.solve_s = time.perf_counter() - began_s

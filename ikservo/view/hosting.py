@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import socket
 import threading
 from collections.abc import Generator
@@ -39,16 +40,24 @@ class Address:
             self.socket.listen()  # whoever comes before the server runs waits
         except (OSError, OverflowError) as error:
             self.socket.close()
-            raise PortError(
-                f"The page cannot be served at {host}, port {port}: {error}.",
-                "Choose another port with --http, or 0 for any that is free.",
-            ) from error
+            raise _cannot_serve(host, port, error) from error
 
     @property
     def url(self) -> str:
         """Return what a browser calls it."""
         host, port = self.socket.getsockname()[:2]
         return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortError:
+    why, code = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
+    foreign = code == errno.EADDRNOTAVAIL
+    return PortError(
+        f"The page cannot be served at {host}, port {port}: {why}.",
+        "Name one of this machine's own addresses with --listen; `ip address` shows them."
+        if foreign
+        else "Choose another port with --http, or 0 for any that is free.",
+    )
 
 
 def serve(app: Starlette, address: Address) -> None:

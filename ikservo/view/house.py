@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 import sys
 from contextlib import ExitStack
@@ -130,8 +131,10 @@ def paced(port: str | None) -> str | None:
 
 
 def _checked(listen: str) -> str:
-    try:
-        return str(ipaddress.ip_address(listen))
-    except ValueError:
-        expected = "an IP address of this machine, such as 127.0.0.1"
-        raise BadValueError("--listen", repr(listen), expected) from None
+    """Return the address; all of a machine's at once are none that a browser could open."""
+    with contextlib.suppress(ValueError):
+        address = ipaddress.ip_address(listen)
+        if not address.is_unspecified:
+            return str(address)
+    expected = "one IP address of this machine, such as 127.0.0.1"
+    raise BadValueError("--listen", repr(listen), expected)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
-from ikservo.view.messages import BadMessageError, Message, Stop, read_message
+from ikservo.view.messages import BadMessageError, Beat, Message, Stop, read_message
 
-__all__ = ["LARGEST_AGE_S", "Intake", "TooManyError"]
+__all__ = ["LARGEST_AGE_S", "Intake", "StaleError", "TooManyError"]
 
 LARGEST_AGE_S = 1.0
 """A command that was given while the page showed a scene older than this is none."""
@@ -15,6 +15,10 @@ _RATE_HZ = 400.0
 _BURST = 200.0
 _MOST_BAD = 20
 _REMEMBERED = 256
+
+
+class StaleError(BadMessageError):
+    """A command that is too old to act on, as from a page that was hidden; no attack."""
 
 
 class TooManyError(BadMessageError):
@@ -41,18 +45,21 @@ class Intake:
         """Return a message that may act.
 
         Raises:
-            BadMessageError: It is malformed, was there before, or is too old; nothing changes.
+            BadMessageError: It is malformed or was there before; nothing changes.
+            StaleError: It is too old; nothing changes.
             TooManyError: The connection is to be closed.
         """
         self._spend(now_s)
         try:
             message = read_message(text)
-            self._in_order(message, now_s)
+            self._in_order(message)
         except BadMessageError as error:
             self._bad += 1
             if self._bad > _MOST_BAD:
                 raise TooManyError("Too many messages that cannot be used.") from error
             raise
+        if not _holds(message) and self._age_s(message.seen, now_s) > LARGEST_AGE_S:
+            raise StaleError("The message is too old to act on.", "Nothing has changed.")
         return message
 
     def _spend(self, now_s: float) -> None:
@@ -62,16 +69,19 @@ class Intake:
             raise TooManyError("Too many messages.", f"At most {_RATE_HZ:.0f} a second.")
         self._tokens -= 1.0
 
-    def _in_order(self, message: Message, now_s: float) -> None:
+    def _in_order(self, message: Message) -> None:
         if message.seq <= self._last_seq:
             raise BadMessageError(f"Message {message.seq} was there before.", "Count on.")
         if message.seen < self.seen or message.seen not in self._sent:
             raise BadMessageError(f"Scene {message.seen} was never sent, or long ago.")
         self._last_seq, self.seen = message.seq, message.seen
-        if not isinstance(message, Stop) and self._age_s(message.seen, now_s) > LARGEST_AGE_S:
-            raise BadMessageError("The message is too old to act on.", "Nothing has changed.")
 
     def _age_s(self, scene: int, now_s: float) -> float:
         """Return how long the scene that came after the drawn one has been on its way."""
         after = next((at_s for seq, at_s in self._sent.items() if seq > scene), now_s)
         return now_s - after
+
+
+def _holds(message: Message) -> bool:
+    """Return whether it can only make the arm hold: that is never too late."""
+    return isinstance(message, Stop) or (isinstance(message, Beat) and not message.visible)

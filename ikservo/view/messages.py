@@ -130,7 +130,11 @@ class Orbit(_Message):
 
 
 class Gamepad(_Message):
-    """The sticks of a gamepad: right, up, and the two of the other stick, each -1 to 1."""
+    """The sticks of a gamepad: right, up, and the two of the other stick, each -1 to 1.
+
+    Attributes:
+        grip: 1 closes the gripper, -1 opens it, as the triggers or the page's buttons say.
+    """
 
     kind: Literal["gamepad"]
     axes: Annotated[list[Axis], Field(min_length=4, max_length=4)]
@@ -188,7 +192,7 @@ class Calibrate(_Message):
     """An answer in the conversation of a calibration; ``begin`` and ``leave`` frame it."""
 
     kind: Literal["calibrate"]
-    word: Literal["begin", "leave", "accept", "undo", "skip", "free", "again"]
+    word: Literal["begin", "leave", "accept", "undo", "skip", "free", "again", "protect"]
     joint: Name | None = None
 
 

@@ -27,6 +27,7 @@ _STATES_S = 1.0
 _MOST_NOTES = 40
 _SILENCE = "The page fell silent; the arm holds. Throw Live again to go on."
 _LOOK_FIRST = "Look at the arm, then go on."
+_START_AGAIN = "The arm holds. End `ikservo view` with Ctrl-C and start it again."
 
 
 class Pilot:
@@ -39,7 +40,8 @@ class Pilot:
         ritual: Opens and drives a calibration; None where there can be none.
 
     Attributes:
-        arm: The arm; of use to others only for what never changes.
+        arm: The arm; of use to others only for what does not change while it is open. It is
+            another one after a calibration, and after its line was lost.
         wish: Written by the desk alone.
         readout: Written by the pilot alone.
     """
@@ -75,7 +77,7 @@ class Pilot:
 
     def stop(self, reason: str) -> None:
         """Brake and hold; it stays until acknowledged. Safe from any thread."""
-        self._stop_reason = reason
+        self._stop_reason, self._acknowledged = reason, False
         self.arm.stop(reason)
 
     def acknowledge(self) -> None:
@@ -104,8 +106,12 @@ class Pilot:
             self.readout = replace(self.readout, notes=(*self.readout.notes, words)[-_MOST_NOTES:])
 
     def _run(self) -> None:
-        while not self._ending:
-            self.step()
+        try:
+            while not self._ending:
+                self.step()
+        except Exception as error:  # a fault of ours: nobody leads the arm any more, so say it
+            self._ground(Trouble(f"The view has failed: {error!r}.", _START_AGAIN))
+            raise
 
     def _step(self) -> None:
         if self._acknowledged:
@@ -151,8 +157,7 @@ class Pilot:
         self._acknowledged, self._stop_reason = False, ""
         if self._lost:
             self.arm.close("hold")
-            self.arm = self._open()
-            self._lost = False
+            self._reopen()
         self.arm.acknowledge()
         self.readout = replace(self.readout, trouble=None)
 
@@ -165,6 +170,7 @@ class Pilot:
     def _calibrate(self, ritual: Ritual) -> None:
         """Give the line to a calibration until it is over, then open the arm as it now is."""
         self.arm.close("hold")
+        self._lost = True
         try:
             for talk in ritual.hold():
                 self.readout = replace(self.readout, talk=talk)
@@ -172,7 +178,14 @@ class Pilot:
                     return
         finally:
             self.readout = replace(self.readout, talk=None)
-            self.arm = self._open()
+            self._reopen()
+
+    def _reopen(self) -> None:
+        """Open the arm as it is now: it may have been calibrated meanwhile."""
+        self.arm = self._open()
+        self._lost = False
+        seen = _seen(self.arm)
+        self.readout = replace(self.readout, measured=seen.measured, states=seen.states)
 
 
 def _seen(arm: Arm) -> Readout:

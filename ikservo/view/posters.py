@@ -8,7 +8,7 @@ from ikservo.view.camera import Camera
 from ikservo.view.gestures import Gestures
 from ikservo.view.items import Item
 from ikservo.view.pilot import Pilot
-from ikservo.view.reach import Reach, shown_plane
+from ikservo.view.reach import Reach, ShownPlane, shown_plane
 from ikservo.view.reaches import Reaches
 from ikservo.view.readout import Readout
 from ikservo.view.ritual_words import shown_talk
@@ -87,6 +87,7 @@ class Posters:
             "speeds": list(model.speeds),
             "solvers": self._gestures.solvers,
             "joints": self._names,
+            "gripper": model.gripper is not None,
         }
 
     def _status(self, visitor: Visitor, controller: str) -> list[Frame]:
@@ -126,7 +127,7 @@ class Posters:
     def _scene(self, visitor: Visitor) -> list[Frame]:
         """Return the scene, if anything moved or the visitor has not heard for a while."""
         readout, gestures, camera = self._pilot.readout, self._gestures, self.camera(visitor)
-        reach = self._reach(visitor, readout)
+        reach = self._reach(visitor)
         now = (
             readout.measured.tobytes(),
             gestures.stamp,
@@ -170,10 +171,19 @@ class Posters:
         lesson = self._gestures.lesson
         return "" if lesson is None else lesson.words(self._gestures.step(self._clock.now_s()))
 
-    def _reach(self, visitor: Visitor, readout: Readout) -> Reach | None:
-        q = self._q(readout.measured)
-        tip_m = self._pilot.arm.chain.forward(q)[:3, 3]
-        plane = shown_plane(self.stage, visitor.view.name, q, tip_m)
+    def plane_m(self, visitor: Visitor) -> Vector | None:
+        """Return a point (3,) of the plane where clicks on nothing go; None: that of the tip."""
+        plane = self._plane(visitor) if visitor.view.name == "side" else None
+        return None if plane is None else plane.T_world_plane[:3, 3]
+
+    def _plane(self, visitor: Visitor) -> ShownPlane | None:
+        """Return the plane in which the tip is led: that of the goal, if there is one."""
+        q, goal = self._q(self._pilot.readout.measured), self._gestures.shown_goal
+        tip_m = self._pilot.arm.chain.forward(q if goal is None else goal)[:3, 3]
+        return shown_plane(self.stage, visitor.view.name, q, tip_m)
+
+    def _reach(self, visitor: Visitor) -> Reach | None:
+        plane = self._plane(visitor)
         idle = self._gestures.camera is None
         return None if plane is None else self._reaches.get(plane, idle=idle)
 

@@ -42,7 +42,10 @@ class Ritual:
         self.wanted = True
 
     def answer(self, word: str) -> None:
-        """Say a word of ``ikservo.calibration.answers``, or ``leave``; safe from any thread."""
+        """Say a word of ``ikservo.calibration.answers``; safe from any thread.
+
+        Besides, ``leave`` ends it, and ``protect`` saves and has the servos hold the limits, too.
+        """
         if word == "leave":
             self.wanted = False
         self._answers.append(word)
@@ -82,16 +85,18 @@ class Ritual:
         word, wizard = self._next(), talk.wizard
         if not word or wizard is None or not wizard.tracks:
             return talk
+        protect = word == "protect" and wizard.stage is Stage.REVIEW
         try:
-            after = apply(wizard, word)
+            after = apply(wizard, "accept" if protect else word)
         except (CalibrationError, InputError) as error:
             return replace(talk, complaint=f"{error.message} {error.hint}")
         if after.stage is Stage.SAVED and wizard.stage is Stage.REVIEW:
-            return Talk(after, saved_at=self._save(loose, wizard))
+            return Talk(after, saved_at=self._save(loose, wizard, protect=protect))
         return Talk(after)
 
     def _next(self) -> str:
         return self._answers.popleft() if self._answers else ""
 
-    def _save(self, loose: LooseArm, wizard: Wizard) -> str:
-        return str(loose.save(loose.conclude(wizard, self.pose, datetime.now(UTC))))
+    def _save(self, loose: LooseArm, wizard: Wizard, *, protect: bool) -> str:
+        now = datetime.now(UTC)
+        return str(loose.save(loose.conclude(wizard, self.pose, now, write_limits=protect)))

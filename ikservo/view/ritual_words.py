@@ -13,6 +13,7 @@ from ikservo.view.ritual import POSE
 
 __all__ = ["shown_talk"]
 
+_MAY = {Stage.ANCHOR: ("accept", "leave"), Stage.REVIEW: ("accept", "protect", "undo", "leave")}
 _LET_GO = "The arm will go limp. Hold it, then go on."
 
 
@@ -28,7 +29,7 @@ def shown_talk(model: Model, talk: Talk, pose: str = POSE) -> dict[str, object]:
         "lines": _lines(talk),
         "meters": [_meter(wizard, meter) for meter in meters(wizard)] if wizard and swept else [],
         "complaint": talk.complaint,
-        "may": ["accept", "undo", "leave"] if stage is not Stage.ANCHOR else ["accept", "leave"],
+        "may": _MAY.get(stage, ("accept", "undo", "leave")),
     }
 
 

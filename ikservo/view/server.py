@@ -19,7 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ikservo.clock import Clock
 from ikservo.view.door import Door
-from ikservo.view.intake import Intake, TooManyError
+from ikservo.view.intake import Intake, StaleError, TooManyError
 from ikservo.view.messages import BadMessageError, Message, read_hello
 from ikservo.view.visitors import Keys, Right, new_nonce
 
@@ -162,6 +162,8 @@ class _Live:
             except TooManyError as error:
                 await socket.close(_TOO_MUCH, error.message)
                 return
+            except StaleError:
+                continue  # the page shows by itself that it hears nothing
             except BadMessageError as error:
                 outbox.append({"kind": "refused", "message": error.message, "hint": error.hint})
 

@@ -13,7 +13,7 @@ from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
 from ikservo.view.dials import AMBER_RAD, RED_RAD
 from ikservo.view.readout import Readout
-from ikservo.view.texts import health_rows
+from ikservo.view.texts import health_rows, supply_words
 
 __all__ = ["banner", "health", "joint_meters", "messages", "mode"]
 
@@ -53,8 +53,7 @@ def joint_meters(model: Model, readout: Readout, goal: Vector | None) -> list[di
 def health(states: Sequence[JointState]) -> dict[str, object]:
     """Return how the servos are."""
     volts = [state.voltage_v for state in states]
-    supply = f"{min(volts):.1f} – {max(volts):.1f} V" if volts else ""
-    return {"supply": supply, "joints": health_rows(states)}
+    return {"supply": supply_words(volts) if volts else "", "joints": health_rows(states)}
 
 
 def _meter(model: Model, state: JointState, at: float, to: float) -> dict[str, object]:

@@ -14,7 +14,7 @@ from ikservo.view.aim import Aim
 if TYPE_CHECKING:
     from ikservo.arm import JointState
 
-__all__ = ["aim_words", "health_rows", "point", "range_words", "solver_words"]
+__all__ = ["aim_words", "health_rows", "point", "range_words", "solver_words", "supply_words"]
 
 _WARM_C, _HOT_C = 60.0, 65.0
 _LOADED_PERCENT = 80.0
@@ -39,6 +39,12 @@ def aim_words(aim: Aim) -> str:
 def solver_words(solve_s: float) -> str:
     """Return ``0.04 ms``."""
     return f"{solve_s * 1000:.2f} ms"
+
+
+def supply_words(volts: Sequence[float]) -> str:
+    """Return ``7.4 V``, or ``11.8 – 12.1 V`` where servos see different voltages."""
+    low, high = f"{min(volts):.1f}", f"{max(volts):.1f}"
+    return f"{low} V" if low == high else f"{low} – {high} V"
 
 
 def range_words(chain: Chain, column: int, position: float, limit_from: str) -> str:

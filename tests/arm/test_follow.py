@@ -8,6 +8,7 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, InputError, RefusedError, UnknownNameError
 from servosim.hand import Hand, glide
+from tests.arm.auditing import Auditor
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
 
 
@@ -85,7 +86,7 @@ def test_what_is_out_of_reach_is_gone_towards_and_counted(arm):
 
 
 def test_a_limit_holds_whoever_pulls_past_it(arm):
-    report = arm.follow([{"gripper": -5.0}] * beats(arm, 0.7), speed="fast")
+    report = arm.follow([{"gripper": -5.0}] * beats(arm, 2.5), speed="fast")
     lower = math.radians(-10.0)
     low_tick = 2048 + math.ceil(lower / (2 * math.pi) * 4096)
     assert registers(arm, "goal_position")[6] == low_tick
@@ -138,7 +139,7 @@ def test_a_jog_without_news_ends_after_a_third_of_a_second(arm):
     report = arm.jog("shoulder_pan", -0.3, wanted=lambda: None)
     assert report.ended == "nobody wanted it to go on"
     assert -0.2 < true_joints(arm)["shoulder_pan"] < -0.03
-    assert report.duration_s < 0.8
+    assert report.duration_s < 1.0
 
 
 def test_a_jog_ends_at_the_limit(arm):
@@ -257,3 +258,44 @@ def test_a_recording_without_end_or_period_is_refused(arm, tmp_path, options):
     with pytest.raises(BadValueError):
         arm.record(tmp_path / "wave.jsonl", **options)
     assert not (tmp_path / "wave.jsonl").exists()
+
+
+def fastest_deg_s(arm, motion):
+    """Return the top speed of any servo's goal in a motion."""
+    auditor = Auditor(arm)
+    motion()
+    at = {}
+    for goal in auditor.goals:
+        at.setdefault(goal.servo_id, []).append((goal.time_s, goal.tick))
+    speeds = [np.abs(np.diff(rows, axis=0)).T for rows in at.values() if len(rows) > 20]
+    window = np.ones(20)
+    return (
+        max(
+            (np.convolve(ticks, window, "valid") / np.convolve(times, window, "valid")).max()
+            for times, ticks in speeds
+        )
+        * 360
+        / 4096
+    )
+
+
+MOTIONS = {
+    "jog": lambda arm: arm.jog("elbow_flex", -2.0, wanted=iter([True] * 200 + [False]).__next__),
+    "gripper": lambda arm: arm.gripper("open"),
+    "follow": lambda arm: arm.follow([{"shoulder_pan": 0.5}] * beats(arm, 0.8), speed="fast"),
+}
+
+
+@pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
+def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
+    slow = math.degrees(arm.model.speed("slow").rad_s)
+    assert fastest_deg_s(arm, lambda: motion(arm)) < 1.1 * slow
+    arm.pose("home")
+    assert fastest_deg_s(arm, lambda: motion(arm)) > 1.3 * slow
+
+
+def test_a_stream_takes_up_speed_once_the_arm_is_where_it_wants_it(arm):
+    slow = math.degrees(arm.model.speed("slow").rad_s)
+    here = [{"shoulder_pan": 0.02}] * beats(arm, 0.2)
+    there = [{"shoulder_pan": 0.8}] * beats(arm, 0.8)
+    assert fastest_deg_s(arm, lambda: arm.follow(here + there, speed="fast")) > 1.3 * slow

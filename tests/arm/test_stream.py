@@ -11,6 +11,7 @@ from ikservo.arm.stream import Stream
 from ikservo.arm.throttle import Throttle
 from ikservo.errors import RefusedError, StoppedError
 from ikservo.motion import JointMove, Pace
+from servosim.faults import Fault
 from tests.arm.auditing import Auditor
 from tests.arm.line_faults import Traced, loop_lines
 from tests.arm.simulated import line_of, registers
@@ -199,3 +200,37 @@ def check_stopped(arm, auditor, place):
     assert all(abs(later[i] - there[i]) <= 2 for i in servos), place
     assert auditor.faults() == [], place
     assert all(registers(arm, "torque_enable").values()), place
+
+
+def test_a_stop_that_is_wanted_at_the_very_end_is_not_lost(arm):
+    stream = Stream(arm._servos)
+
+    def ask(beat):
+        if beat.time_s >= beat.duration_s - 1.5 * stream.beat_s:
+            stream.request_stop("enough")
+
+    with pytest.raises(StoppedError, match="enough"):
+        stream.run(course_of(arm._servos), ask)
+    with pytest.raises(RefusedError, match="enough"):
+        arm.move_joints({arm.model.joints[0].name: 0.3})
+
+
+@pytest.mark.parametrize("what", ["hold", "enable", "relax"])
+def test_in_mid_motion_nothing_else_is_begun(arm, what):
+    with pytest.raises(RefusedError, match=r"^The arm is moving\."):
+        arm.move_joints({arm.model.joints[0].name: 0.3}, on_progress=lambda _: getattr(arm, what)())
+    assert all(registers(arm, "torque_enable").values())
+
+
+def test_an_answer_that_is_lost_after_a_stall_is_asked_for_once_more(arm):
+    stream, line, stalled = Stream(arm._servos), line_of(arm), []
+
+    def stall(beat):
+        if beat.time_s > 0.3 and not stalled:
+            stalled.append(beat)
+            until_s = line.world.time_s + 0.4
+            line.faults.add(Fault(kind="silent", id=6, at_s=until_s - 0.1, for_s=0.102))
+            arm._servos.clock.sleep_until(arm._servos.clock.now_s() + 0.4)
+
+    stream.run(course_of(arm._servos), stall)
+    assert stalled

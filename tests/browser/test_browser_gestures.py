@@ -165,6 +165,34 @@ def test_a_stick_moves_the_tip_while_it_is_held_over(visit):
     assert abs(rise[0]) < 0.004
 
 
+@pytest.mark.campaign
+def test_a_button_that_is_held_down_closes_the_gripper_until_it_is_let_go(live):
+    before = live.stand.ticks()
+    live.page.hover("#jaws-open")
+    live.page.mouse.down()
+    live.until_moving()
+    live.release().until_still()
+    moved = [i for i, tick in live.stand.ticks().items() if abs(tick - before[i]) > 20]
+    assert moved == [servo_id("so101", "gripper")]
+
+
+@pytest.mark.campaign
+def test_two_fingers_come_nearer_and_move_nothing(visit):
+    person = visit(has_touch=True)
+    scale, goals = person.pixels_per_metre, person.stand.goals()
+    hand = person.page.context.new_cdp_session(person.page)
+    middle = np.array(person.over((400, 150)))
+    for phase, half_px in [("touchStart", 0), ("touchStart", 40), ("touchMove", 80)]:
+        places = [middle - half_px, middle + half_px][: 1 if half_px == 0 else 2]
+        fingers = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(places)]
+        hand.send("Input.dispatchTouchEvent", {"type": phase, "touchPoints": fingers})
+    hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    person.page.wait_for_timeout(300)
+    assert person.pixels_per_metre == pytest.approx(2 * scale, rel=0.3)
+    assert not person.items("ghost")
+    assert person.stand.goals() == goals
+
+
 @pytest.mark.parametrize("house", [{"arm": "planar3", "port": "sim"}], indirect=True)
 @pytest.mark.parametrize(
     "solver", ["ccd", pytest.param("pseudo_inverse", marks=pytest.mark.campaign)]

@@ -101,6 +101,16 @@ def test_the_second_page_watches(live, visit):
 
 
 @pytest.mark.campaign
+def test_what_cannot_be_done_is_told_and_then_forgotten(person, visit):
+    other = visit()
+    other.click(other.tip_px())
+    other.page.wait_for_selector("#banner:not([hidden])")
+    assert "Somebody else" in other.page.inner_text("#banner-message")
+    assert other.page.is_hidden("#acknowledge")
+    other.page.wait_for_selector("#banner", state="hidden")
+
+
+@pytest.mark.campaign
 def test_who_takes_control_gets_it_and_the_arm_holds(live, visit):
     other = visit()
     other.page.click("#take")

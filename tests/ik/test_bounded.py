@@ -88,7 +88,7 @@ def answers_first_and_best(name, kind, count, seed):
         turned, _ = np.linalg.qr(random.normal(size=(3, 3)))
         pose[:3, :3] = turned * np.linalg.det(turned)
     axis = tool_axis(name)
-    many = Options(restarts=400)
+    many = Options(restarts=5 * Options().restarts)
     return (
         solve_batch(chain, T, home, kind=kind, tool_axis=axis),
         solve_batch(chain, T, home, kind=kind, tool_axis=axis, options=many),

@@ -1,10 +1,13 @@
 """The kernels' arithmetic against the chain's and against finite differences."""
 
+import os
+
 import numpy as np
 import pytest
 
 from ikservo.ik.kernel import layout
 from ikservo.ik.kernel.bending import bend
+from ikservo.ik.kernel.compiling import forget_stale
 from ikservo.ik.kernel.desk import TOOL, H, J, Q, desk_shape
 from ikservo.ik.kernel.looking import look
 from ikservo.ik.kernel.placing import place
@@ -62,3 +65,15 @@ def test_the_second_derivative_is_the_difference_of_gradients(kind):
     lower = np.tril(desk[H : H + n, :n])
     differences = [(pull(q - h * e) - pull(q + h * e)) / (2 * h) for e in np.eye(n)]
     np.testing.assert_allclose(lower, np.tril(differences), atol=1e-8)
+
+
+def test_kernels_that_older_versions_left_behind_are_removed(tmp_path):
+    for name, made_s in [("kernels-old", 1_000.0), ("kernels-new", 3_000.0), ("mine", 1_000.0)]:
+        (tmp_path / name / "part").mkdir(parents=True)
+        os.utime(tmp_path / name, (made_s, made_s))
+    forget_stale(tmp_path, before_s=2_000.0)
+    assert sorted(folder.name for folder in tmp_path.iterdir()) == ["kernels-new", "mine"]
+
+
+def test_a_cache_that_does_not_exist_yet_has_nothing_stale(tmp_path):
+    forget_stale(tmp_path / "nowhere", before_s=2_000.0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.view.intake import LARGEST_AGE_S, Intake, TooManyError
+from ikservo.view.intake import LARGEST_AGE_S, Intake, StaleError, TooManyError
 from ikservo.view.messages import LONGEST_BYTES, BadMessageError, Stop
 
 POINTER = {"kind": "pointer", "phase": "down", "x": 1, "y": 2, "button": 0, "pointer": 1}
@@ -39,6 +39,18 @@ def test_a_message_about_an_old_scene_is_refused(intake):
     intake.note_sent(2, 0.1)
     with pytest.raises(BadMessageError, match="too old"):
         intake.accept(text(1, 1, **POINTER), 0.1 + LARGEST_AGE_S + 0.01)
+
+
+def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
+    intake.note_sent(1, 0.0)
+    for seq in range(1, 100):
+        with pytest.raises(StaleError):
+            intake.accept(text(seq, 0, **POINTER), 9.0 + seq)
+
+
+def test_a_page_that_says_too_late_that_it_is_hidden_is_heard(intake):
+    intake.note_sent(1, 0.0)
+    assert not intake.accept(text(1, kind="beat", visible=False), 9.0).visible
 
 
 def test_an_old_stop_still_stops(intake):

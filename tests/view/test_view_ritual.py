@@ -1,9 +1,12 @@
 """A calibration answered from the page, on hands that sweep a simulated arm in virtual time."""
 
+from pathlib import Path
+
 import pytest
 
 from ikservo.arm.calibrating import LooseArm
 from ikservo.calibration.answers import Script
+from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.sweep import Stage
 from ikservo.model import load_model
 from ikservo.view.ritual import Ritual
@@ -12,6 +15,7 @@ from tests.calibration.hidden import hidden_arm
 from tests.calibration.rehearsal import rehearse
 
 READ_S = 0.02
+WHOLE_TURN = 4095
 LONGEST = 6_000  # readings: two minutes
 
 
@@ -23,7 +27,7 @@ def ritual():
 
 
 @pytest.fixture
-def screens(tmp_path, monkeypatch):
+def screens(tmp_path, monkeypatch, request):
     """The screens that were new, one after the other, with a patient person before them."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm, model = hidden_arm("planar2", 7, pose="home"), load_model("planar2")
@@ -31,10 +35,10 @@ def screens(tmp_path, monkeypatch):
     with arm.open_bus() as bus:
         rehearse(arm, LooseArm(model, bus).subjects("home"))
     arm.port.is_open = True
-    return held(Ritual(model, "/dev/ttyDESK", "home"))
+    return held(Ritual(model, "/dev/ttyDESK", "home"), getattr(request, "param", "accept"))
 
 
-def held(ritual):
+def held(ritual, last):
     script, seen = Script(), {}
     ritual.begin()
     for count, talk in enumerate(ritual.hold()):
@@ -43,6 +47,8 @@ def held(ritual):
         word = "leave" if shown["stage"] == "saved" or count > LONGEST else "accept"
         if shown["stage"] in ("anchor", "sweep") and word == "accept":
             word = script.answer(talk.wizard, count * READ_S) if talk.wizard else word
+        if shown["stage"] == "review":
+            word = last
         if word:
             ritual.answer(word)
     return seen
@@ -52,6 +58,15 @@ def test_the_screens_follow_the_conversation_until_it_is_saved(screens, tmp_path
     assert list(screens) == [stage.value for stage in Stage]
     assert [meter["name"] for meter in screens["sweep"]["meters"]] == ["joint1", "joint2"]
     assert screens["saved"]["lines"][0].startswith(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("screens", "narrow"), [("accept", False), ("protect", True)], indirect=["screens"]
+)
+def test_the_servos_hold_the_limits_only_if_asked_to(screens, narrow):
+    saved = read_calibration(Path(screens["saved"]["lines"][0]))
+    held_ticks = [joint.servo.holds["max_position_limit"] for joint in saved.joints]
+    assert (max(held_ticks) < WHOLE_TURN) is narrow
 
 
 def test_an_answer_that_does_not_do_is_explained(ritual):

@@ -27,6 +27,7 @@ class Room:
         self.clock = line_of(self.arm) and self.arm._port.clock
         self.pilot = Pilot(lambda: self.arm, self.clock)
         self.desk = Desk(self.pilot, self.clock)
+        self.goals = []
         self.visitor = self.arrive()
 
     def arrive(self, right=Right.CONTROL):
@@ -60,17 +61,31 @@ class Room:
         self.say(said.Live, on=True)
         return self
 
-    def run(self, beats=1000, at_beat=lambda _: None):
+    def listen_in(self):
+        """Return a list that grows by the time and the positions of each goal on the bus."""
+        servos, told = self.arm.workings.servos, []
+        command = type(servos).command
+
+        def heard(positions):
+            told.append((self.clock.now_s(), np.array(positions)))
+            command(servos, positions)
+
+        servos.command = heard
+        return told
+
+    def run(self, beats=1000, at_beat=lambda _: None, *, beating=True):
         """Let the pilot do one thing, the page beating; ``at_beat`` may say more."""
         count = itertools.count()
+        self.goals = []
         see = self.pilot.see
 
         def seen(beat):
             see(beat)
+            self.goals.append(beat.goals.copy())
             number = next(count)
             if number > beats:
                 self.say(said.Live, on=False)
-            elif number % 10 == 0:
+            elif beating and number % 10 == 0:
                 self.say(said.Beat, visible=True)
             at_beat(number)
 
@@ -158,6 +173,102 @@ def test_a_page_that_leaves_holds(room):
     room.click(480, 300)
     room.desk.leave(room.visitor)
     assert not room.pilot.wish.live
+
+
+def test_a_gesture_that_is_taken_back_holds_the_arm_where_it_is(room):
+    room.throw_live()
+    start = room.pilot.readout.measured
+    room.point("down", 480, 300)
+    room.run(at_beat=lambda n: n == 60 and room.point("cancel", 480, 300))
+    room.run(beats=100)
+    assert np.abs(room.goals[0] - start).max() > 0.1
+    assert np.ptp(room.goals, axis=0).max() < 0.03
+
+
+CUT_S = [0.15 + number * 0.009 for number in range(100)]
+A_TICK = 2 * math.pi / 4096
+BRAKE_S = 0.4  # from the fast speed
+
+
+@pytest.mark.parametrize(("way", "notice_s"), [("closed", 0.0), ("silent", 0.3)])
+@pytest.mark.parametrize(
+    "cuts",
+    [CUT_S[5::25], pytest.param(CUT_S, marks=pytest.mark.campaign)],
+    ids=["some", "all"],
+)
+def test_a_line_that_is_cut_in_mid_drag_holds_the_arm_each_time(room, cuts, way, notice_s):
+    for cut_s in cuts:
+        assert held_s(room, cut_s, way) - cut_s < notice_s + BRAKE_S
+        assert not room.pilot.wish.live
+
+
+def held_s(room, cut_s, way):
+    """Drag until the line is cut; return when the servos were last told anything new."""
+    beats_s = []
+
+    def drag(_):
+        beats_s.append(room.clock.now_s())
+        now_s = beats_s[-1] - beats_s[0]
+        if now_s < cut_s:
+            angle = 6.0 * now_s
+            room.point("move", 480 + 90 * math.cos(angle), 300 + 90 * math.sin(angle))
+        elif way == "closed" and room.pilot.wish.live:
+            room.desk.leave(room.visitor)
+            room.visitor = room.arrive()
+
+    room.throw_live()
+    room.point("down", 570, 300)
+    told = room.listen_in()
+    room.run(at_beat=drag, beating=False)
+    room.point("cancel", 480, 300)
+    goals = np.array([goal for _, goal in told])
+    changed = np.flatnonzero(np.abs(np.diff(goals, axis=0)).max(axis=1) > A_TICK) + 1
+    return told[changed[-1]][0] - beats_s[0]
+
+
+def test_a_stop_after_an_acknowledgement_stands(room):
+    room.say(said.Stop)
+    room.pilot.step()
+    room.say(said.Acknowledge)
+    room.say(said.Stop)
+    room.pilot.step()
+    assert room.told()["status"]["mode"] == "stopped"
+
+
+def test_a_fault_of_the_view_itself_is_told(room):
+    def fail():
+        raise ZeroDivisionError
+
+    room.pilot.step = fail
+    with pytest.raises(ZeroDivisionError):
+        room.pilot._run()
+    assert "has failed" in room.told()["status"]["banner"]["message"]
+
+
+def test_the_limits_of_an_arm_that_was_opened_again_are_the_new_ones(room):
+    before = room.desk._gestures
+    room.told()
+    assert room.desk._gestures is before
+    room.pilot.arm = open_arm("so101", "sim:?pose=home")
+    room.told()
+    assert room.desk._gestures._chain is room.pilot.arm.chain
+    room.pilot.arm.close()
+
+
+def test_a_trigger_closes_the_gripper_and_lifting_it_stops_the_jaws(room):
+    room.throw_live()
+    opened = room.pilot.readout.measured[-1]
+    closing = room.arm.model.gripper.closed - room.arm.model.gripper.open
+
+    def press(number):
+        if number % 5 == 0:
+            room.say(said.Gamepad, axes=[0, 0, 0, 0], grip=-1.0 if number < 60 else 0.0)
+
+    room.run(beats=150, at_beat=press)
+    goals = np.array(room.goals)
+    assert (goals[-1, -1] - opened) * closing < 0
+    assert goals[-1, -1] == pytest.approx(goals[80, -1], abs=0.05)
+    assert np.ptp(goals[:, :-1], axis=0).max() < 0.02
 
 
 def test_a_stop_latches(room):

@@ -8,7 +8,14 @@ import pytest
 from ikservo.arm import JointState
 from ikservo.ik import Binding
 from ikservo.view.aim import Aim
-from ikservo.view.texts import aim_words, health_rows, point, range_words, solver_words
+from ikservo.view.texts import (
+    aim_words,
+    health_rows,
+    point,
+    range_words,
+    solver_words,
+    supply_words,
+)
 from tests.kinematics.chains import planar
 
 TIP = np.array([0.2, 0.0, 0.15])
@@ -22,6 +29,13 @@ def test_the_words_of_a_target_out_of_reach_are_those_of_the_command_line():
         "(0.700, 0.000, 0.150) m cannot be reached (held back by elbow_flex at its upper limit). "
         "Nearest reachable point: (0.200, 0.000, 0.150) m, 500.0 mm away."
     )
+
+
+@pytest.mark.parametrize(
+    ("volts", "words"), [((7.41, 7.38), "7.4 V"), ((5.0, 12.04), "5.0 – 12.0 V")]
+)
+def test_a_supply_is_a_range_only_where_it_is_one(volts, words):
+    assert supply_words(volts) == words
 
 
 def test_points_and_times_have_units():

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import shutil
 import sys
+import time
 from collections.abc import Callable, Generator
 from functools import cache
 from pathlib import Path
@@ -14,9 +16,12 @@ import numba
 from numba.core import event
 from platformdirs import user_cache_path
 
-__all__ = ["entry", "inner"]
+__all__ = ["STALE_S", "entry", "forget_stale", "inner"]
 
 F = TypeVar("F", bound=Callable[..., object])
+
+STALE_S = 30 * 86_400.0
+"""How long kernels are kept that another version of ikservo has made."""
 
 _NOTICE = "Compiling the solver, once on this machine; this takes some seconds ...\n"
 
@@ -41,23 +46,36 @@ def _own_cache() -> Generator[None]:
     """Point numba to our directory while our functions are declared, and to nobody else's.
 
     Numba only looks at the file of the entry for changes; the fingerprint of all the kernels'
-    sources in the path keeps it from running an old kernel inside a new one.
+    sources, and of the layouts that they read, in the path keeps it from running an old kernel
+    inside a new one. Where it is new, what older versions left behind is removed.
     """
     before = numba.config.CACHE_DIR
     home = Path(before) / "ikservo" if before else user_cache_path("ikservo")
-    numba.config.CACHE_DIR = str(home / f"kernels-{_fingerprint()}")
+    folder = home / f"kernels-{_fingerprint()}"
+    with contextlib.suppress(OSError):  # it may not be ours to look into
+        if not folder.exists():
+            forget_stale(home, time.time() - STALE_S)
+    numba.config.CACHE_DIR = str(folder)
     try:
         yield
     finally:
         numba.config.CACHE_DIR = before
 
 
+def forget_stale(home: Path, before_s: float) -> None:
+    """Remove the folders of kernels in ``home`` that were made before a time [s, Unix]."""
+    for folder in home.glob("kernels-*"):
+        with contextlib.suppress(OSError):  # another process removes it, or it is not ours
+            if folder.stat().st_mtime < before_s:
+                shutil.rmtree(folder)
+
+
 @cache
 def _fingerprint() -> str:
     package = Path(__file__).parent
-    layout = package.parents[1] / "kinematics" / "packing.py"
+    layouts = sorted((package.parents[1] / "kinematics").glob("pack*.py"))
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in [*sorted(package.glob("*.py")), layout]:
+    for source in [*sorted(package.glob("*.py")), *layouts]:
         digest.update(source.read_bytes())
     return digest.hexdigest()[:12]
 

@@ -36,7 +36,7 @@ const connection = new Connection(key, {
     panel.show(message);
     wizard.show(message.calibration);
   },
-  refused(message) { panel.banner({ message: message.message, hint: message.hint }); },
+  refused(message) { panel.refuse(message); },
   lost(why) {
     scene = null;
     document.body.dataset.mode = "lost";
@@ -51,6 +51,8 @@ const panel = new Panel(say);
 const wizard = new Wizard(say);
 const pointing = new Pointing(canvas, say);
 const gamepads = new Gamepads(say, (words) => { $("gamepad").textContent = words; });
+gamepads.hold($("jaws-open"), -1);
+gamepads.hold($("jaws-close"), 1);
 
 function look() {
   if (!arm) return;

@@ -10,10 +10,12 @@ const MODES = {
   waiting: "Connecting …",
   calibration: "Calibration – the arm is limp",
 };
+const RANGES = { own: "calibrated range", file: "range of the arm file" };
 const SOLVERS = {
   auto: "automatic", pseudo_inverse: "pseudo-inverse", transpose: "transpose", ccd: "CCD",
   bounded: "bounded", closed_form: "closed form",
 };
+const REFUSAL_MS = 5000;
 const title = (word) => word[0].toUpperCase() + word.slice(1).replaceAll("_", " ");
 
 export class Panel {
@@ -21,6 +23,7 @@ export class Panel {
     this.say = say;
     this.status = null;
     this.joints = "";
+    this.refusal = null; // what could not be done just now; forgotten by itself
     $("stop").onclick = () => say("stop");
     $("acknowledge").onclick = () => say("acknowledge");
     $("take").onclick = () => say("take", { on: true });
@@ -34,10 +37,11 @@ export class Panel {
     setText($("title"), arm.title);
     setText($("port"), arm.port);
     $("poses").replaceChildren(...arm.poses.map((name) => make("button", { type: "button", onclick: () => this.say("pose", { name }) }, title(name))));
+    $("jaws").hidden = !arm.gripper;
     $("calibrate").closest(".card").hidden = arm.right !== "control";
     $("hint").textContent = matchMedia("(pointer: coarse)").matches
-      ? "Touch the arm and pull, or tap where the tip should go."
-      : "Grab any link and pull · click where the tip should go · Shift turns one joint";
+      ? "Touch the arm and pull, or tap where the tip should go. Two fingers move the view."
+      : "Grab any link and pull · click where the tip should go · Shift turns one joint · right button moves the view";
   }
 
   show(status) {
@@ -46,7 +50,7 @@ export class Panel {
     const mine = status.controller === "you";
     setText($("mode"), MODES[status.mode] + (mine || status.mode === "stopped" ? "" : status.controller === "other" ? " · somebody else controls" : " · you watch"));
     this.controls(status, mine);
-    this.banner(status.banner);
+    this.banner(status.banner ?? this.refusal);
     this.meters(status.joints);
     this.solver(status.solver);
     this.health(status.health);
@@ -62,7 +66,7 @@ export class Panel {
     live.disabled = !mine || (status.mode !== "preview" && status.mode !== "live");
     $("take").hidden = mine || this.about.right !== "control";
     $("stop").disabled = this.about.right !== "control";
-    for (const button of $("poses").children) button.disabled = !mine || status.mode === "stopped";
+    for (const button of document.querySelectorAll(".poses button")) button.disabled = !mine || status.mode === "stopped";
     $("calibrate").disabled = !mine || status.live;
   }
 
@@ -72,12 +76,24 @@ export class Panel {
     setText($("banner-message"), banner.message);
     setText($("banner-hint"), banner.hint);
     $("acknowledge").disabled = this.about?.right !== "control";
+    $("acknowledge").hidden = this.status?.mode !== "stopped"; // else nothing waits to be looked at
+  }
+
+  refuse(refusal) {
+    this.refusal = refusal;
+    this.banner(this.status?.banner ?? refusal);
+    setTimeout(() => {
+      if (this.refusal !== refusal) return;
+      this.refusal = null;
+      this.banner(this.status?.banner);
+    }, REFUSAL_MS);
   }
 
   meters(joints) {
     const print = JSON.stringify(joints);
     if (print === this.joints) return;
     this.joints = print;
+    setText($("unit"), RANGES[joints.every((joint) => joint.from.startsWith("arm file")) ? "file" : "own"]);
     $("joints").replaceChildren(...joints.map((joint) => make("li", { "data-joint": joint.name },
       make("span", {}, joint.name),
       make("span", { class: `value ${joint.state}` }, joint.text),

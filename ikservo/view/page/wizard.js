@@ -48,6 +48,7 @@ export class Wizard {
   acts({ stage, may }) {
     const act = (word, words, kind) => make("button", { type: "button", class: kind, "data-act": word, disabled: !may.includes(word), onclick: () => this.say("calibrate", { word }) }, words);
     if (stage === "saved") return [act("leave", GO_ON.saved, "primary")];
-    return [act("accept", GO_ON[stage], "primary"), act("undo", "Back", "ghost"), act("leave", "Leave", "ghost")];
+    const protect = stage === "review" ? [act("protect", "Save, and let the servos hold these limits, too", "ghost")] : [];
+    return [act("accept", GO_ON[stage], "primary"), ...protect, act("undo", "Back", "ghost"), act("leave", "Leave", "ghost")];
   }
 }

@@ -1,0 +1,74 @@
+"""An arm that is too hot holds, can be brought down, and in the end goes down by itself."""
+
+from dataclasses import replace
+
+import pytest
+
+import ikservo
+from ikservo.errors import RefusedError, ServoAlarmError
+from servosim.faults import Fault
+from tests.arm.simulated import line_of, registers, true_joints
+
+SHOULDER, HOT = 2, 3  # the elbow is hot
+
+
+def opened(**limits):
+    model = ikservo.load_model("so101")
+    model = replace(model, health=replace(model.health, **limits))
+    return ikservo.open_arm(model, port="sim:?pose=home", collisions=False)
+
+
+def overheat(arm, celsius):
+    arm.pose("home")
+    line = line_of(arm)
+    line.faults.add(Fault(kind="hot", id=HOT, celsius=celsius, at_s=line.world.time_s + 0.2))
+    with pytest.raises(ServoAlarmError, match="elbow_flex is at"):
+        arm.move_joints({"shoulder_pan": 0.5})
+
+
+def jam(arm, servo_id):
+    arm.pose("home")
+    line = line_of(arm)
+    line.faults.add(Fault(kind="stuck", id=servo_id, at_s=line.world.time_s))
+
+
+def limp(arm):
+    return not any(registers(arm, "torque_enable").values())
+
+
+def test_an_arm_that_is_too_hot_to_go_on_holds_and_can_be_lowered_and_let_go():
+    with opened() as arm:
+        overheat(arm, 68.0)
+        assert all(registers(arm, "torque_enable").values())
+        arm.acknowledge()
+        assert arm.relax().reached
+        assert limp(arm)
+
+
+def test_an_arm_that_was_lowered_hot_is_not_moved_again_before_it_is_cool():
+    with opened() as arm:
+        overheat(arm, 68.0)
+        arm.acknowledge()
+        arm.relax()
+        with pytest.raises(ServoAlarmError, match="elbow_flex is at"):
+            arm.pose("home")
+
+
+def test_an_arm_too_hot_to_hold_lowers_itself_lets_go_and_stays_stopped():
+    with opened(release_c=66.5) as arm:
+        overheat(arm, 69.0)
+        assert limp(arm)
+        rest = arm.model.pose("rest")
+        assert true_joints(arm)["shoulder_pan"] == pytest.approx(rest["shoulder_pan"], abs=0.03)
+        with pytest.raises(RefusedError, match="stays so: elbow_flex is at"):
+            arm.pose("home")
+
+
+def test_where_it_cannot_be_lowered_it_holds_and_says_so():
+    with opened(release_c=66.5) as arm:
+        told = []
+        arm._servos.warn = told.append
+        jam(arm, SHOULDER)
+        overheat(arm, 69.0)
+        assert all(registers(arm, "torque_enable").values())
+        assert [words for words in told if words.startswith("It could not be lowered")]

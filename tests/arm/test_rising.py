@@ -1,0 +1,48 @@
+"""An arm that lies limp and folded rises to a pose where it stands free, and goes on from there."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import RefusedError
+from tests.arm.simulated import line_of, registers, true_tip_m
+
+TARGET_M = (0.25, 0.05, 0.15)
+
+
+@pytest.fixture
+def folded():
+    """An arm that has sunk into itself under its own weight."""
+    with ikservo.open_arm("so101", port="sim") as arm:
+        clock = line_of(arm).world
+        arm._port.transport.clock.sleep_until(clock.time_s + 5.0)
+        yield arm
+
+
+def test_it_goes_where_it_is_told_by_way_of_a_pose_where_it_is_free(folded):
+    plan = folded.plan_to(TARGET_M)
+    assert plan.by == "home"
+    assert folded.carry_out(plan).reached
+    np.testing.assert_allclose(true_tip_m(folded), TARGET_M, atol=2e-3)
+
+
+def test_the_plan_is_as_long_as_both_its_parts(folded):
+    plan, first = folded.plan_to(TARGET_M), folded.plan_joints(folded.model.pose("home"))
+    assert plan.duration_s > first.duration_s
+    assert plan.path_m > first.path_m
+    np.testing.assert_allclose(plan.start, first.start)
+    np.testing.assert_allclose(plan.course.state(0.0).position, plan.start)
+
+
+def test_an_arm_that_holds_is_sent_nowhere_else(folded):
+    folded.pose("home")
+    with pytest.raises(RefusedError, match="would touch the floor"):
+        folded.move_joints({"shoulder_lift": 1.5, "elbow_flex": 0.0, "wrist_flex": 0.0})
+    assert folded.plan_to(TARGET_M).by == ""
+
+
+def test_what_cannot_be_reached_freely_is_refused_as_before(folded):
+    before = registers(folded, "goal_position")
+    with pytest.raises(RefusedError, match="would touch"):
+        folded.move_to((0.25, 0.0, -0.05))
+    assert registers(folded, "goal_position") == before

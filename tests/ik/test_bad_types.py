@@ -1,0 +1,133 @@
+"""Whatever a program hands to the solvers by mistake, one error says what was expected."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.ik import Options, Posture, Solver, Target, Tolerance, solve, solve_batch
+from tests.kinematics.chains import planar
+
+ARM = planar(0.3, 0.2)
+THERE, HERE = Target((0.3, 0.1, 0.0)), np.zeros(2)
+
+
+@pytest.mark.parametrize("option", [
+    {"restarts": 0}, {"restarts": "3"}, {"restarts": 2.5}, {"restarts": math.nan},
+    {"restarts": 10**12}, {"max_iterations": 0}, {"max_iterations": "3"}, {"max_iterations": 2.5},
+    {"turn_weight_m_rad": "1"}, {"turn_weight_m_rad": math.nan}, {"turn_weight_m_rad": math.inf},
+    {"tolerance": 1e-3}, {"posture": "home"},
+], ids=str)  # fmt: skip
+def test_an_option_that_makes_no_sense_is_refused(option):
+    with pytest.raises(BadValueError, match=next(iter(option))):
+        solve(ARM, THERE, **option)
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-3, math.nan, "1 mm", None])
+def test_a_tolerance_is_a_number_above_0(value):
+    with pytest.raises(BadValueError, match="tolerance in metres"):
+        Tolerance(position_m=value)
+
+
+@pytest.mark.parametrize("numbers", [[10**400, 0, 0], [1j, 0, 0], np.zeros(3, complex), {}, [{}]])
+def test_what_is_no_number_is_no_position(numbers):
+    with pytest.raises(BadValueError, match="target position"):
+        Target(numbers)
+
+
+@pytest.mark.parametrize("frame", [3, ["l1"], b"l1"])
+def test_a_frame_is_a_name(frame):
+    with pytest.raises(BadValueError, match="The frame"):
+        Target((0.3, 0.1, 0.0), frame=frame)
+
+
+@pytest.mark.parametrize("method", [None, 3, ["auto"]])
+def test_a_method_is_a_name(method):
+    with pytest.raises(UnknownNameError, match="method"):
+        solve(ARM, THERE, method=method)
+
+
+def test_an_offset_is_not_a_thousand_kilometres_long():
+    with pytest.raises(BadValueError, match="offset_m"):
+        Target((0.3, 0.1, 0.0), offset_m=(1e308, 0, 0))
+
+
+def test_a_direction_may_be_as_long_as_a_number_can_be():
+    np.testing.assert_allclose(Target((0, 0, 0), direction=(1e300, 0, 0)).wanted_axis, [1, 0, 0])
+
+
+@pytest.mark.parametrize("ask", [
+    lambda: solve("so101", THERE), lambda: Solver(None), lambda: solve_batch(THERE, [[0, 0, 0]]),
+])  # fmt: skip
+def test_only_a_chain_is_a_chain(ask):
+    with pytest.raises(BadValueError, match="The chain"):
+        ask()
+
+
+@pytest.mark.parametrize("kind", [None, 3, ["pose"]])
+def test_a_kind_of_target_is_a_name(kind):
+    with pytest.raises(UnknownNameError, match="kind of target"):
+        Solver(ARM, kind)
+
+
+@pytest.mark.parametrize("ask", [
+    lambda: Solver(ARM, options={"restarts": 3}), lambda: solve_batch(ARM, [[0, 0, 0]], options=3),
+])  # fmt: skip
+def test_only_options_are_options(ask):
+    with pytest.raises(BadValueError, match="The options"):
+        ask()
+
+
+@pytest.mark.parametrize(("T", "q0"), [
+    ("x", HERE), (None, HERE), ([[1], [2, 3]], HERE), (np.eye(4), "home"), (np.eye(4), {}),
+])  # fmt: skip
+def test_a_prepared_solver_refuses_what_are_no_numbers(T, q0):
+    with pytest.raises(BadValueError, match=r"T_world_tool|q0"):
+        Solver(ARM)(T, q0)
+
+
+def transposed():
+    T = np.eye(4)
+    T[3, :3] = 0.3, 0.1, 0.0
+    return T
+
+
+@pytest.mark.parametrize("ask", [
+    lambda: Solver(ARM)(transposed(), HERE), lambda: solve_batch(ARM, [transposed()]),
+])  # fmt: skip
+def test_a_transposed_pose_is_noticed(ask):
+    with pytest.raises(BadValueError, match="transposed"):
+        ask()
+
+
+@pytest.mark.parametrize("out", [np.zeros(3), 5])
+def test_answers_are_written_where_there_is_room_for_them(out):
+    with pytest.raises(BadValueError, match="out"):
+        Solver(ARM)(np.eye(4), HERE, out)
+
+
+@pytest.mark.parametrize("targets", [3.0, None, "abc", [[1, 2, 3], [1, 2]], [[1e200, 0, 0]]])
+def test_a_batch_of_something_else_is_refused(targets):
+    with pytest.raises(BadValueError, match="target"):
+        solve_batch(ARM, targets)
+
+
+@pytest.mark.parametrize("workers", [0, -1, "2", 1.5])
+def test_workers_are_counted(workers):
+    with pytest.raises(BadValueError, match="workers"):
+        solve_batch(ARM, [[0.3, 0, 0]], workers=workers)
+
+
+def test_options_are_looked_at_wherever_they_are_made():
+    with pytest.raises(BadValueError, match="posture"):
+        Options(posture=[0.0, 0.0])
+
+
+def test_auto_leans_towards_a_posture_where_the_target_leaves_freedom():
+    arm = planar(0.3, 0.2, 0.1)
+    near = Posture([0.0, 0.0, 1.2], [0.0, 0.0, 1.0])
+    target = Target((0.35, 0.1, 0.0))
+    plain, leaning = (solve(arm, target, posture=posture) for posture in (None, near))
+    assert leaning.reached
+    assert abs(leaning.q[2] - 1.2) < 0.01 < abs(plain.q[2] - 1.2)
