@@ -45,6 +45,7 @@ def test_the_wheel_carries_the_simulator_and_its_entry_points(wheel):
     assert "sim = servosim:open_port" in wheel.read(points).decode()
 
 
+@pytest.mark.timeout(300)  # its kernels are compiled anew, perhaps beside other tests
 def test_the_unpacked_wheel_moves_an_arm(wheel, tmp_path):
     wheel.extractall(tmp_path)
     script = (

@@ -22,11 +22,7 @@ from ikservo.arm.running import Running
 from ikservo.arm.servos import Servos
 from ikservo.arm.stream import OnBeat
 from ikservo.arm.trust import LARGEST_STEP_RAD, Zeros
-from ikservo.errors import (
-    BadValueError,
-    RefusedError,
-    UnknownNameError,
-)
+from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import Space
 from ikservo.hardware.port import Port
 from ikservo.kinematics import Chain
@@ -40,6 +36,7 @@ OnExit = Literal["hold", "relax"]
 # Servos of this class stand within one or two ticks of 0.09° of where they are told.
 ARRIVAL_M = 0.002
 ARRIVAL_RAD = math.radians(0.5)
+_LIES_M = 0.005
 
 
 class Arm(Running):
@@ -106,18 +103,18 @@ class Arm(Running):
     def plan_by(self, planning: Callable[[Vector, str], Plan], speed: str) -> Plan:
         """Make a plan of the tip from where the arm is, at the speed it may go; look at its way.
 
-        An arm that lies limp and folded touches itself on nearly every way: it rises first.
+        An arm that lies folded touches itself on nearly every way: it rises first.
 
         Raises:
             RefusedError: On the way the arm would touch itself, the table or a box.
             CalibrationError: Nobody knows where the arm's zeros are.
         """
         self.zeros.check(self.model.name)
-        limp, here, pace = self._limp(), self._here(), self._allowed(speed)
+        here, pace = self._here(), self._allowed(speed)
         try:
             return self._clear(planning(here, pace), speed)
         except RefusedError:
-            found = self._rising(planning, here, pace, speed) if limp else None
+            found = self._rising(planning, here, pace, speed) if self._folded(here) else None
             if found is None:
                 raise
             return found
@@ -257,6 +254,12 @@ class Arm(Running):
         """Return the longest way at once for each joint whose zero nobody knows, rad or m."""
         turns = {joint.name: joint.travel_per_turn / math.tau for joint in self.model.joints}
         return {name: LARGEST_STEP_RAD * turns[name] for name in self._servos.names}
+
+    def _folded(self, here: Vector) -> bool:
+        """Return whether the arm lies on itself, on the table or on a box, or nearly so."""
+        if self._space is None:
+            return False
+        return float(self._space.gaps([self.workings.in_chain(here)]).min()) < _LIES_M
 
     def _rising(
         self, planning: Callable[[Vector, str], Plan], here: Vector, pace: str, asked: str

@@ -202,10 +202,7 @@ class Running(Lines):
 
     def _is_first(self) -> bool:
         """Return whether no motion has ended well since torque came on, or it is off."""
-        return self._fresh or self._limp()
-
-    def _limp(self) -> bool:
-        return not (self._enabled or self._servos.holding())
+        return self._fresh or not (self._enabled or self._servos.holding())
 
     def _check_speed(self, plan: Plan) -> None:
         if plan.speed != "slow" and self._is_first():

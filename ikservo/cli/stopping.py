@@ -29,6 +29,7 @@ def stoppable(machine: Arm) -> Generator[None]:
     except StoppedError:
         if machine.stopped_for == CTRL_C and _said_again(machine):
             _lower(machine)
+            raise StoppedError("Stopped; the arm was lowered and has let go.") from None
         raise
 
 
@@ -49,4 +50,3 @@ def _lower(machine: Arm) -> None:
     note("Lowering the arm to its rest pose; it lets go there. Ctrl-C makes it hold.")
     machine.acknowledge()
     machine.relax()
-    note("Torque is off.")

@@ -37,12 +37,14 @@ class Dial:
         column: The joint's entry of q.
         step: The joint on its way to the tip.
         needle: A unit vector (3,) across the axis, in the child link's coordinates.
+        side: The third one (3,), where the needle points after a quarter of a turn.
     """
 
     name: str
     column: int
     step: Step
     needle: Vector
+    side: Vector
 
     @property
     def slides(self) -> bool:
@@ -68,9 +70,14 @@ def dials_of(chain: Chain, q: Vector) -> tuple[Dial, ...]:
     ends = [(poses[step.joint.parent] @ step.joint.origin)[:3, 3] for step in moving[1:]]
     ends.append(poses[chain.tip][:3, 3])
     return tuple(
-        Dial(step.joint.name, step.column, step, _needle(step, poses[step.joint.child], end))
+        _dial(step, _needle(step, poses[step.joint.child], end))
         for step, end in zip(moving, ends, strict=True)
     )
+
+
+def _dial(step: Step, needle: Vector) -> Dial:
+    side = np.cross(step.joint.axis, needle)
+    return Dial(step.joint.name, step.column, step, needle, side)
 
 
 def nearness(chain: Chain, q: Vector, column: int) -> Nearness:
@@ -108,18 +115,26 @@ def _arc(
     """Return the arc's pixels (k, 2), the needle's end last."""
     low, high, now = range_rad
     pivot, axis = line
-    if not math.isfinite(high - low):
-        low, high = now - math.pi, now + math.pi
-    count = max(2, math.ceil((high - low) / _STEP_RAD) + 1)
-    angles = np.append(np.linspace(low, high, count), now) - now
-    first = poses[dial.step.joint.child][:3, :3] @ dial.needle
-    second = np.cross(axis, first)
+    angles = _angles(low, high, now)
+    R_world_child = poses[dial.step.joint.child][:3, :3]
+    first, second = R_world_child @ dial.needle, R_world_child @ dial.side
     sight = pivot - camera.eye_m if camera.perspective else camera.forward
     if abs(float(axis @ sight)) < _EDGE_ON * math.sqrt(float(sight @ sight)):
         angles, first, second = angles + now, camera.up, camera.right
     radius_m = _RADIUS_PX / float(camera.pixels_per_metre(camera.depth_of(pivot)))
     across = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
     return camera.project(pivot + radius_m * across)[0]
+
+
+def _angles(low: float, high: float, now: float) -> Vector:
+    """Return the angles (k,) of the arc from the needle, and the needle's own, 0, last."""
+    if not math.isfinite(high - low):
+        low, high = now - math.pi, now + math.pi
+    count = max(2, math.ceil((high - low) / _STEP_RAD) + 1)
+    angles = np.empty(count + 1)
+    angles[:-1] = (low - now) + np.arange(count) * ((high - low) / (count - 1))
+    angles[-1] = 0.0
+    return angles
 
 
 def _needle(step: Step, T_world_child: Matrix, towards_m: Vector) -> Vector:

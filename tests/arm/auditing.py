@@ -57,9 +57,13 @@ class Auditor:
             inside = start >= 0 and start + row.size <= len(data)
             return row.decode(data[start : start + row.size]) if inside else None
 
+        def deaf(servo):
+            """Whether a watchdog that has tripped keeps the servo from taking goals."""
+            return "bus_watchdog" in table and servo.memory.get("bus_watchdog") == -1
+
         def watch(address, data):
             tick = value("goal_position", address, data)
-            if tick is not None and servo.id in self.limits:
+            if tick is not None and servo.id in self.limits and not deaf(servo):
                 present, last = servo.read("present_position"), servo.memory.get("goal_position")
                 self.goals.append(Goal(self.line.world.time_s, servo.id, tick, present, last))
             torque = value("torque_enable", address, data)

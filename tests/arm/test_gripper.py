@@ -37,7 +37,8 @@ def put_between(arm, share):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_closing_on_something_is_a_grasp_with_no_more_than_the_force(name):
-    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+    with ikservo.open_arm(name, port="sim") as arm:
+        arm.gripper("open")
         at = put_between(arm, 0.2)
         report = arm.gripper("close", force=0.2)
         own = servo_id(name, jaws(arm).joint)

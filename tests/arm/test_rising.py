@@ -1,4 +1,4 @@
-"""An arm that lies limp and folded rises to a pose where it stands free, and goes on from there."""
+"""An arm that lies folded rises to a pose where it stands free, and goes on from there."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,12 @@ def test_the_plan_is_as_long_as_both_its_parts(folded):
     np.testing.assert_allclose(plan.course.state(0.0).position, plan.start)
 
 
-def test_an_arm_that_holds_is_sent_nowhere_else(folded):
+def test_it_does_so_also_where_it_holds_itself_folded(folded):
+    folded.enable()
+    assert folded.plan_to(TARGET_M).by == "home"
+
+
+def test_an_arm_that_stands_free_is_sent_nowhere_else(folded):
     folded.pose("home")
     with pytest.raises(RefusedError, match="would touch the floor"):
         folded.move_joints({"shoulder_lift": 1.5, "elbow_flex": 0.0, "wrist_flex": 0.0})

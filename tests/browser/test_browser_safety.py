@@ -40,6 +40,7 @@ def test_stop_holds_the_arm_on_its_way(live, way):
     assert stops_there(live)
 
 
+@pytest.mark.campaign
 def test_a_stop_stays_until_somebody_has_looked(live):
     live.page.click("#stop")
     live.wait_for("status.mode === 'stopped'").until_still()

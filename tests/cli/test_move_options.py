@@ -5,6 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from ikservo.arm import Progress
+from ikservo.cli.session import watched
+
 SO101 = "--arm so101 --port sim"
 
 
@@ -78,3 +81,27 @@ def test_what_cannot_be_is_one_clear_message_with_its_exit_code(say, words, code
     assert said.code == code
     assert said_words in said.err
     assert "Traceback" not in said.err
+
+
+def test_joints_and_poses_have_a_preview_that_moves_nothing(say):
+    for words in ("joints elbow_flex=30 gripper=20", "pose home"):
+        answer = say(f"{words} {SO101} --dry-run --json").json
+        assert answer["schema"] == "ikservo/plan/1"
+        assert answer["path_m"] > 0.0
+        assert answer["binding"]
+    said = say(f"joints elbow_flex=30 gripper=20 {SO101} --dry-run")
+    assert said.out.splitlines()[:2] == ["elbow_flex 30.0°", "gripper 20.0°"]
+    assert "slow" in said.err.splitlines()[0]
+
+
+def test_a_preview_of_joints_outside_their_limits_is_refused_likewise(say):
+    assert say(f"joints elbow_flex=170 {SO101} --dry-run").code == 8
+
+
+def test_a_bar_is_drawn_also_for_a_motion_that_has_no_end_yet(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with watched() as draw:
+        for time_s in (0.0, 0.1, 0.2):
+            draw(Progress(time_s, math.inf, np.zeros(3)))
+    assert "(0.000, 0.000, 0.000) m" in capsys.readouterr().err

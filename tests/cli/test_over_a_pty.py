@@ -36,6 +36,15 @@ def run(*words, timeout_s=60):
                           check=False, stdin=subprocess.DEVNULL)  # fmt: skip
 
 
+def run_as_a_person(*words):
+    """Run a motion, again where a busy computer made the arm stop: silence (4), late beats (8)."""
+    for _ in range(4):
+        done = run(*words)
+        if done.returncode not in (4, 8):
+            break
+    return done
+
+
 def ticks_by_the_vendors_sdk(arm, port):
     """Ask every servo for its position with a stock SDK, none of our code between."""
     if arm_file(arm)["bus"]["family"] == "feetech_sts":
@@ -60,7 +69,7 @@ def ticks_by_the_vendors_sdk(arm, port):
 @pytest.mark.parametrize("arm", ["so101", "open_manipulator_x"])
 def test_the_tip_goes_to_the_point_and_stays_there(arm):
     with served(arm) as (port, _):
-        done = run("move", *TARGET, "--arm", arm, "--port", port, "--json")
+        done = run_as_a_person("move", *TARGET, "--arm", arm, "--port", port, "--json")
         assert done.returncode == 0, done.stderr
         tip_m = tip_from_ticks(arm, ticks_by_the_vendors_sdk(arm, port))
     np.testing.assert_allclose(tip_m, (0.25, 0.05, 0.15), atol=2e-3)

@@ -25,7 +25,7 @@ class Person:
         self.line, self.arm, self.clumsy = line, arm, clumsy
         self.servos = list(line.world.servos)
         self.wanted = [(servo.id, servo.baud) for servo in self.servos]
-        self.at, self.next_s = 0, 0.4
+        self.at, self.next_s, self.ready_s = 0, 0.4, 0.0
         for servo in self.servos:
             self._make_new(servo)
             servo.powered = False
@@ -45,7 +45,9 @@ class Person:
         if not servo.powered:
             servo.power_up()
             servo.powered, self.next_s = True, now_s + 1.0
-        elif (servo.id, servo.baud) == self.wanted[self.at] and self.is_ready(servo):
+        elif (servo.id, servo.baud) != self.wanted[self.at] or not self.is_ready(servo):
+            self.ready_s = now_s
+        elif now_s - self.ready_s > 0.5:  # nobody is quicker than what is read back
             self.pull(servo, now_s)
 
     def is_ready(self, servo):

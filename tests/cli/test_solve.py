@@ -1,8 +1,11 @@
 """``ikservo solve``: joints for a point, no hardware."""
 
+import math
+
 import numpy as np
 import pytest
 
+from ikservo.model import load_model
 from tests.oracle import ARMS, tip_from_joints
 
 
@@ -58,3 +61,51 @@ def test_without_an_arm_the_arms_are_listed(say):
 def test_the_arm_may_come_from_the_environment(say, monkeypatch):
     monkeypatch.setenv("IKSERVO_ARM", "so101")
     assert say("solve 0.25 0.05 0.15").code == 0
+
+
+def tool_of_so101(q_rad):
+    """Return the pitch [deg] of the tool's axis, which is the z of the SO-101's tip."""
+    chain = load_model("so101").chain
+    return math.degrees(math.asin(chain.forward(q_rad)[2, 2]))
+
+
+def test_the_tool_stands_as_steep_as_asked(say):
+    answer = say("solve 0.2 0.05 0.1 --arm so101 --pitch -60 --json").json
+    assert answer["reached"] is True
+    assert tool_of_so101(answer["q_rad"]) == pytest.approx(-60.0, abs=0.5)
+
+
+def test_the_tool_keeps_how_it_stands_at_home(say):
+    model = load_model("wx250s")
+    x, y, z = model.chain.forward(model.chain_pose("home"))[:3, 3] + (0.02, 0.03, 0.0)
+    answer = say(f"solve {x} {y} {z} --arm wx250s --keep --json").json
+    turned = model.chain.forward(answer["q_rad"])[:3, :3]
+    home = model.chain.forward(model.chain_pose("home"))[:3, :3]
+    np.testing.assert_allclose(turned, home, atol=1e-2)
+
+
+def test_a_stance_that_cannot_be_had_is_exit_7_and_says_what_can(say):
+    said = say("solve 0.3 0 0.1 --arm so101 --pitch 89")
+    assert said.code == 7
+    assert "cannot stand at pitch 89.0°" in said.err
+
+
+def test_what_points_in_a_direction_is_the_tool_of_the_arm(say):
+    answer = say("solve 0.15 0 0.05 --arm px100 --direction 0,0,-1 --json").json
+    pointed = load_model("px100").chain.forward(answer["q_rad"])[:3, 0]
+    np.testing.assert_allclose(pointed, (0, 0, -1), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "other", ["--all", "--compare", "--trace", "--method ccd", "--tool-axis z"]
+)
+def test_a_stance_is_solved_in_one_way_only(say, other):
+    said = say(f"solve 0.2 0.05 0.1 --arm so101 --pitch -60 {other}")
+    assert said.code == 2
+    assert "in one way only" in said.err
+
+
+def test_a_direction_and_a_pitch_exclude_each_other(say):
+    said = say("solve 0.25 0.05 0.15 --arm so101 --direction 0,1,0 --pitch 30")
+    assert said.code == 2
+    assert "a direction, or a pitch" in said.err

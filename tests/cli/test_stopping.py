@@ -67,7 +67,10 @@ def test_being_told_to_end_leaves_the_arm_holding(servos, monkeypatch, number):
 def test_a_second_ctrl_c_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys):
     press(monkeypatch, [signal.SIGINT, signal.SIGINT])
     assert move() == 130
-    assert "Lowering the arm" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "Lowering the arm" in said
+    assert "holds\n" not in said
+    assert said.endswith("Stopped; the arm was lowered and has let go.\n")
     assert torques(servos) == {0}
     assert abs(servos[2].read("present_position") - 922) < 40  # its rest pose
 

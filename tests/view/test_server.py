@@ -68,6 +68,11 @@ def test_nothing_is_loaded_from_elsewhere(url, path):
     assert "http" not in policy
 
 
+def test_who_is_refused_makes_no_noise(url, caplog):
+    refused_upgrade(url, origin="http://evil.example")
+    assert not caplog.records
+
+
 def test_no_answer_opens_the_page_to_others(url):
     assert "access-control-allow-origin" not in httpx.get(url).headers
 
@@ -176,8 +181,9 @@ def test_an_oversized_message_changes_nothing(visit, audience, keys):
 @pytest.mark.parametrize("size", [5 * LONGEST_BYTES, 2_000_000])
 def test_a_huge_message_ends_the_connection_unread(visit, audience, keys, size):
     guest = visit().prove(keys.control)
-    guest.say("stop", pad="x" * size)
-    assert guest.closing_code() == 1009
+    with suppress(websockets.ConnectionClosed):  # before all of it was sent
+        guest.say("stop", pad="x" * size)
+    assert guest.closing_code() in (1009, 1006)  # told why, or cut off in mid-sentence
     assert not audience.heard
 
 

@@ -2,6 +2,9 @@
 
 import pytest
 
+from ikservo.errors import BadValueError
+from ikservo.model import load_model
+from ikservo.view.house import House
 from ikservo.view.visitors import Keys, Right, door_opens, new_nonce, proof
 
 LOCAL = ("127.0.0.1", 8420)
@@ -94,6 +97,12 @@ def test_on_a_listening_address_only_that_address_is_a_host():
     local = ("192.168.0.7", 8420)
     assert door("192.168.0.7:8420", "http://192.168.0.7:8420", local=local)
     assert not door("localhost:8420", "http://localhost:8420", local=local)
+
+
+@pytest.mark.parametrize("listen", ["0.0.0.0", "::", "evil.example", "", "127.0.0.1:80"])
+def test_the_page_is_served_at_one_address_that_is_named(listen):
+    with pytest.raises(BadValueError, match="--listen"):
+        House(load_model("planar2"), "sim", listen)
 
 
 def test_each_key_gives_its_own_right():
