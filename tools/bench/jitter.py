@@ -28,7 +28,7 @@ SWING_RAD, TURN_S = 0.2, 4.0
 
 
 class Swing:
-    """A course that swings one joint to and fro, softly in and out."""
+    """A course that swings one joint back and forth, softly in and out."""
 
     def __init__(self, start: State, duration_s: float) -> None:
         self._start, self.duration_s = start, duration_s
