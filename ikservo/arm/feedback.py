@@ -82,15 +82,18 @@ class Feedback:
     def _asked_once_more(self, readings: Readings[int]) -> dict[int, int]:
         """Ask one of the silent with all patience: a busy machine is not a dead servo.
 
+        Once it has answered the others are asked again, too: nobody has seen them for long.
+
         Raises:
             ServoSilentError: It is silent indeed; names all that are.
         """
-        servo_id = next(iter(readings.errors))
+        servo_id, *others = readings.errors
         try:
-            return {servo_id: self._bus.read(servo_id, Role.PRESENT_POSITION, raw=True)}
+            first = {servo_id: self._bus.read(servo_id, Role.PRESENT_POSITION, raw=True)}
         except BusError:
             readings.complete()
             raise
+        return first | dict(self._bus.sync_read(others, Role.PRESENT_POSITION, raw=True).values)
 
     def _note(self, heard: Mapping[int, int]) -> None:
         self._last |= heard

@@ -98,7 +98,7 @@ def words(title: str, sent_s: list[float], rate_hz: float) -> str:
     """Return one row of the table."""
     beat_s = 1.0 / rate_hz
     gaps_ms = 1000.0 * np.abs(np.diff(sent_s) - beat_s)
-    missed = int(np.sum(np.round(np.diff(sent_s) / beat_s) - 1))
+    missed = int(np.maximum(np.round(np.diff(sent_s) / beat_s) - 1, 0).sum())
     p50, p99, p999 = np.percentile(gaps_ms, [50, 99, 99.9])
     return (
         f"| {title} | {len(sent_s)} | {p50:.2f} | {p99:.2f} | {p999:.2f} | {gaps_ms.max():.2f} "
