@@ -12,15 +12,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.aim import Aim
-from ikservo.arm.arrival import Arrival, arrive
-from ikservo.arm.beat import Beat
+from ikservo.arm.arriving.aim import Aim
+from ikservo.arm.arriving.arrival import Arrival, arrive
 from ikservo.arm.given import joint_positions
 from ikservo.arm.planning import AS_IT_CAN, RISEN, Plan, Stance, begun, risen
 from ikservo.arm.reports import JointReport, MoveReport, Progress
 from ikservo.arm.running import Running
-from ikservo.arm.servos import Servos
-from ikservo.arm.stream import OnBeat
+from ikservo.arm.streaming.beat import Beat
+from ikservo.arm.streaming.servos import Servos
+from ikservo.arm.streaming.stream import OnBeat
 from ikservo.arm.trust import LARGEST_STEP_RAD, Zeros
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import Space

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ikservo.arm.belonging import check_belongs
+from ikservo.arm.calibrating.belonging import check_belongs
 from ikservo.arm.own import calibrated_limits, geometry_of
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.record import Calibration

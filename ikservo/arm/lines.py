@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ikservo.arm.planning import AS_IT_CAN, Plan, Stance
 from ikservo.arm.reports import MoveReport, Progress
-from ikservo.arm.skills import Skills
+from ikservo.arm.skills.skills import Skills
 from ikservo.kinematics.se3 import Vector
 
 __all__ = ["BLEND_M", "Lines"]

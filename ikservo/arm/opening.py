@@ -12,7 +12,7 @@ import numpy as np
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.line import open_line
 from ikservo.arm.own import OwnArm, check_models, own_arm, serial_number_of
-from ikservo.arm.servos import Servos
+from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.trust import Zeros
 from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError

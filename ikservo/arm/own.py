@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ikservo.arm.asking import ask_all
-from ikservo.arm.belonging import check_belongs
+from ikservo.arm.calibrating.belonging import check_belongs
+from ikservo.arm.streaming.asking import ask_all
 from ikservo.arm.trust import Zeros
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.compare import contradictions_with, refuse

@@ -9,18 +9,18 @@ from threading import RLock
 
 import numpy as np
 
-from ikservo.arm.answering import Answers
 from ikservo.arm.lines import Lines
 from ikservo.arm.own import serial_number_of, simulated
 from ikservo.arm.owner import Listener, listen
+from ikservo.arm.owner.answering import Answers
 from ikservo.arm.planning import Plan, Planner
-from ikservo.arm.poses import Poses
 from ikservo.arm.reports import JointState, Whereabouts
-from ikservo.arm.servos import Servos
-from ikservo.arm.signals import interruptible
-from ikservo.arm.stream import STOPPED, OnBeat, Stream
+from ikservo.arm.skills.poses import Poses
+from ikservo.arm.skills.workings import Begin, Workings
+from ikservo.arm.streaming.servos import Servos
+from ikservo.arm.streaming.signals import interruptible
+from ikservo.arm.streaming.stream import STOPPED, OnBeat, Stream
 from ikservo.arm.trust import Zeros
-from ikservo.arm.workings import Begin, Workings
 from ikservo.errors import IkservoError, RefusedError, ServoAlarmError, StoppedError
 from ikservo.guard import Space
 from ikservo.hardware.port import Port

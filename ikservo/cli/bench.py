@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.bench import CYCLES, BusSpeed, bench_bus
+from ikservo.arm.care.bench import CYCLES, BusSpeed, bench_bus
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_table

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ikservo.arm.auto import SelfCalibration, check_safe
-from ikservo.arm.auto_setup import counts_set_back
-from ikservo.arm.calibrating import LooseArm, loose_arm
-from ikservo.arm.confirmation import confirm
-from ikservo.arm.wiggling import expected, wiggle
+from ikservo.arm.calibrating.auto import SelfCalibration, check_safe
+from ikservo.arm.calibrating.auto_setup import counts_set_back
+from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
+from ikservo.arm.calibrating.confirmation import confirm
+from ikservo.arm.calibrating.wiggling import expected, wiggle
 from ikservo.calibration.sweep import Stage, Wizard
 from ikservo.cli.calibrate_hands import Wishes, check_wishes, reviewed, show, with_wishes
 from ikservo.cli.calibrate_meeting import consent, greet, let_go

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ikservo.arm.calibrating import LooseArm, loose_arm
-from ikservo.arm.confirmation import confirm
-from ikservo.arm.filing import lost_by_saving
+from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
+from ikservo.arm.calibrating.confirmation import confirm
+from ikservo.arm.calibrating.filing import lost_by_saving
 from ikservo.arm.own import simulated
 from ikservo.calibration import Limits
 from ikservo.calibration.answers import read_script

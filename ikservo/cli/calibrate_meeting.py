@@ -6,8 +6,8 @@ from collections import Counter
 
 import typer
 
-from ikservo.arm.calibrating import LooseArm
-from ikservo.arm.sketch import sketch
+from ikservo.arm.calibrating.by_hand import LooseArm
+from ikservo.arm.calibrating.sketch import sketch
 from ikservo.cli.output import note
 from ikservo.errors import IkservoError
 from ikservo.files.writing import check_writable

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
-from ikservo.arm.calibrating import LooseArm
+from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.calibration.answers import Script, apply, read_script
 from ikservo.calibration.obstacles import goes_round, obstacles
 from ikservo.calibration.sweep import Stage, Wizard

@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
-from ikservo.arm.calibrating import LooseArm, loose_arm
-from ikservo.arm.touching import TouchArm
+from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
+from ikservo.arm.calibrating.touching import TouchArm
 from ikservo.cli.calibrate_meeting import consent, greet, let_go
 from ikservo.cli.keyboard import keys
 from ikservo.cli.output import note, point, print_json, print_lines

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.adopting import adopt, adoptable
-from ikservo.arm.calibrating import LooseArm, loose_arm
-from ikservo.arm.filing import differences, pull, push
+from ikservo.arm.calibrating.adopting import adopt, adoptable
+from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
+from ikservo.arm.calibrating.filing import differences, pull, push
 from ikservo.calibration.transaction import resume, revert
 from ikservo.cli.calibrate_meeting import consent, let_go
 from ikservo.cli.calibrate_options import ArmWord

@@ -17,7 +17,7 @@ def arms(incomplete: str) -> list[str]:
 
 def poses(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
     """Return the poses of the chosen arm whose names begin like that, taught ones included."""
-    from ikservo.arm.poses import poses_of_any  # noqa: PLC0415
+    from ikservo.arm.skills.poses import poses_of_any  # noqa: PLC0415
     from ikservo.errors import IkservoError  # noqa: PLC0415
     from ikservo.model import load_model  # noqa: PLC0415
 

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.checkup import check_up, rules_text
-from ikservo.arm.eeprom_checks import write_eeprom
-from ikservo.arm.findings import Finding, Level
+from ikservo.arm.care.checkup import check_up, rules_text
+from ikservo.arm.care.eeprom_checks import write_eeprom
+from ikservo.arm.care.findings import Finding, Level
 from ikservo.arm.line import open_line
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption

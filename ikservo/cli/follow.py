@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm, open_arm
-from ikservo.arm.following import FollowReport
+from ikservo.arm.skills.following import FollowReport
 from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.completing import arms
 from ikservo.cli.options import (

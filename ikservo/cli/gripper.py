@@ -7,7 +7,7 @@ from typing import Annotated, cast
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.gripping import GripReport, Opening
+from ikservo.arm.skills.gripping import GripReport, Opening
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
 from ikservo.cli.output import print_json, print_lines
 from ikservo.cli.quantities import parse_length_m

@@ -11,9 +11,14 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.calibrating import LooseArm, loose_arm
-from ikservo.arm.filing import lost_by_saving
-from ikservo.arm.importing import as_recorded, check_recorded, known_travels, unlike_servos
+from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
+from ikservo.arm.calibrating.filing import lost_by_saving
+from ikservo.arm.calibrating.importing import (
+    as_recorded,
+    check_recorded,
+    known_travels,
+    unlike_servos,
+)
 from ikservo.calibration.answers import read_script
 from ikservo.calibration.lerobot import LerobotJoint, read_lerobot
 from ikservo.calibration.lerobot_places import find_lerobot

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.jogging import DIRECTIONS, JogReport, Wanted
+from ikservo.arm.skills.jogging import DIRECTIONS, JogReport, Wanted
 from ikservo.cli.calibrate_wiggle import check_once
 from ikservo.cli.keyboard import keys
 from ikservo.cli.options import (

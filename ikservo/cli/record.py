@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.elsewhere import record_from_here
-from ikservo.arm.recording import RecordReport
+from ikservo.arm.owner.elsewhere import record_from_here
+from ikservo.arm.tapes.recording import RecordReport
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
 from ikservo.cli.output import note, print_json, print_lines

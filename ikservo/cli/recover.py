@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from ikservo.arm.care.recovery import Recovery, recover
 from ikservo.arm.line import open_line
-from ikservo.arm.recovery import Recovery, recover
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_table

@@ -7,7 +7,7 @@ import sys
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.elsewhere import ask_to_relax
+from ikservo.arm.owner.elsewhere import ask_to_relax
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.joints import print_report
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.commissioning import Settled, Wish, commission, wishes
-from ikservo.arm.sketch import sketch
+from ikservo.arm.calibrating.sketch import sketch
+from ikservo.arm.care.commissioning import Settled, Wish, commission, wishes
 from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.errors import IkservoError, InputError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from ikservo.arm.elsewhere import Stopped, stop_all, stop_from_here
+from ikservo.arm.owner.elsewhere import Stopped, stop_all, stop_from_here
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import print_json, print_lines

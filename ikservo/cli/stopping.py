@@ -8,7 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 from ikservo.arm import Arm
-from ikservo.arm.signals import CTRL_C
+from ikservo.arm.streaming.signals import CTRL_C
 from ikservo.cli.output import note
 from ikservo.errors import StoppedError
 

@@ -46,7 +46,7 @@ def command(
     ikservo view --arm so101 --port /dev/ttyACM0
     """
     _check_installed()
-    from ikservo.view.house import House  # noqa: PLC0415  # what --help does not need
+    from ikservo.view.session.house import House  # noqa: PLC0415  # what --help does not need
 
     simulated = (port or "").partition(":")[0] == "sim"
     model = chosen_model(arm or ("so101" if simulated else None))

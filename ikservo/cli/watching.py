@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ikservo.arm import JointState, Whereabouts
-from ikservo.arm.elsewhere import ask_where
+from ikservo.arm.owner.elsewhere import ask_where
 from ikservo.cli.output import point, print_json
 from ikservo.cli.session import opened
 from ikservo.errors import IkservoError

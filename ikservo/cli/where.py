@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import JointState, Whereabouts
-from ikservo.arm.elsewhere import ask_where
+from ikservo.arm.owner.elsewhere import ask_where
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
 from ikservo.cli.output import point, print_json, print_lines, print_table

@@ -4,7 +4,7 @@ import dis
 import sys
 from collections import Counter
 
-from ikservo.arm import feedback, health_round, servos, stream, throttle
+from ikservo.arm.streaming import feedback, health_round, servos, stream, throttle
 from ikservo.guard import following, gate, look_ahead
 
 _LOOP = [

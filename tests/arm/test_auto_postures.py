@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ikservo.arm.auto_postures import Postures
+from ikservo.arm.calibrating.auto_postures import Postures
 from tests.calibration.hidden import load_model
 
 

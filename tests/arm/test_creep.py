@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.arm.creep import Creep
+from ikservo.arm.arriving.creep import Creep
 from ikservo.calibration import JointMap, Limits
 from ikservo.guard import Fence
 

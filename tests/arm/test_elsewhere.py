@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import elsewhere
-from ikservo.arm.answering import Answers
-from ikservo.arm.owner import listen
-from ikservo.arm.tape_reading import read_recording
+from ikservo.arm.owner import elsewhere, listen
+from ikservo.arm.owner.answering import Answers
+from ikservo.arm.tapes.tape_reading import read_recording
 from ikservo.errors import IkservoError, RefusedError, StoppedError
 from tests.arm.simulated import line_of, registers, true_joints
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import ikservo
-from ikservo.arm.making_up import made_up
+from ikservo.arm.arriving.making_up import made_up
 
 CHAIN = ikservo.load_model("so101").chain
 HOME = ikservo.load_model("so101").chain_pose("home")

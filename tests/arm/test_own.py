@@ -8,7 +8,7 @@ import pytest
 
 import ikservo
 from ikservo.arm import Zeros
-from ikservo.arm.calibrating import LooseArm
+from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.arm.own import own_arm, within_a_turn
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.encoder import Encoder

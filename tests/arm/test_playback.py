@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ikservo.arm.playback import Playback
+from ikservo.arm.tapes.playback import Playback
 from ikservo.motion import Pace
 
 TICK = 2 * np.pi / 4096

@@ -5,7 +5,7 @@ import math
 import pytest
 
 import ikservo
-from ikservo.arm.poses import Poses, pose_path, poses_of_any
+from ikservo.arm.skills.poses import Poses, pose_path, poses_of_any
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.writing import FileWriteError
 

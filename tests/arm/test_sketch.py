@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.arm.sketch import sketch
+from ikservo.arm.calibrating.sketch import sketch
 from ikservo.errors import UnknownNameError
 from tests.calibration.hidden import load_model
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import ikservo
-from ikservo.arm.stream import Stream
+from ikservo.arm.streaming.stream import Stream
 from ikservo.motion import State
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0

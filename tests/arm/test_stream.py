@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.servos import Servos
-from ikservo.arm.stream import Stream
-from ikservo.arm.throttle import Throttle
+from ikservo.arm.streaming.servos import Servos
+from ikservo.arm.streaming.stream import Stream
+from ikservo.arm.streaming.throttle import Throttle
 from ikservo.errors import RefusedError, StoppedError
 from ikservo.motion import JointMove, Pace
 from servosim.faults import Fault

@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from ikservo.arm.tape import Heading, Recorder
-from ikservo.arm.tape_reading import read_recording
+from ikservo.arm.tapes.tape import Heading, Recorder
+from ikservo.arm.tapes.tape_reading import read_recording
 from ikservo.errors import BadValueError, FileFormatError
 from ikservo.files.writing import FileWriteError
 

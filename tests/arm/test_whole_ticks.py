@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ikservo
-from ikservo.arm.whole_ticks import nearest_ticks
+from ikservo.arm.arriving.whole_ticks import nearest_ticks
 from ikservo.calibration import JointMap, Limits
 from ikservo.guard import Fence
 from tests.oracle import ARMS

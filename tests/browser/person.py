@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio
 
 from ikservo.model import load_model
-from ikservo.view.house import House
+from ikservo.view.session.house import House
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
 from tests.oracle import pinocchio_model
 

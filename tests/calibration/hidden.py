@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
 
-from ikservo.arm.calibrating import LooseArm
+from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.arm.line import servo_specs
 from ikservo.calibration.sweep import Wizard
 from ikservo.hardware.bus import ServoBus

@@ -6,7 +6,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from ikservo.arm.calibrating import LooseArm
+from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.arm.own import own_arm
 from ikservo.calibration.calibration_file import read_calibration, text_of
 from ikservo.calibration.journal import Change, Journal, journal_text, read_journal

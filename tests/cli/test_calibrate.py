@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from ikservo.arm.calibrating import LooseArm
+from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.calibration.calibration_file import read_calibration, text_of
 from ikservo.calibration.journal import Journal, journal_text
 from ikservo.calibration.store import journal_path, save

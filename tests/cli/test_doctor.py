@@ -26,7 +26,7 @@ WELL = """\
 @pytest.fixture(autouse=True)
 def few_reads(monkeypatch):
     """The thousand reads are read once; the others want only their one line."""
-    monkeypatch.setattr("ikservo.arm.checkup.READS", 60)
+    monkeypatch.setattr("ikservo.arm.care.checkup.READS", 60)
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_lost_reads_are_counted(say, monkeypatch):
 
 def test_a_slow_adapter_is_named(say, monkeypatch):
     slow = LineQuality(1000, {}, (0.0160,) * 900 + (0.0165,) * 100)
-    monkeypatch.setattr("ikservo.arm.checkup.probe", lambda *_: slow)
+    monkeypatch.setattr("ikservo.arm.care.checkup.probe", lambda *_: slow)
     said = say(f"doctor {SIM}")
     assert lines_of(said, "latency") == [
         "! latency   a read takes 16.00 ms (median), 16.50 ms (p99)"
@@ -169,7 +169,7 @@ def test_what_a_calibration_rests_on_is_left_to_the_calibration(say, monkeypatch
         line.servos[12].memory.put("max_position_limit", 3000)
         line.servos[12].memory.put("return_delay_time", 100)
 
-    monkeypatch.setattr("ikservo.arm.eeprom_checks.load", lambda arm, serial: object())
+    monkeypatch.setattr("ikservo.arm.care.eeprom_checks.load", lambda arm, serial: object())
     ports = spoil(monkeypatch, change)
     said = say("doctor --arm open_manipulator_x --port sim --write-eeprom")
     assert "max_position_limit" not in said.err

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.stream import Stream
+from ikservo.arm.streaming.stream import Stream
 from ikservo.errors import RefusedError
 from ikservo.motion import JointMove, Pace
 from servosim.faults import Fault

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 import websockets
 from websockets.sync.client import connect
 
-from ikservo.view.visitors import proof
+from ikservo.view.server.visitors import proof
 
 
 class Audience:

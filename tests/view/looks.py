@@ -8,14 +8,14 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ikservo.model import load_model
-from ikservo.view.camera import Camera, Viewport, looking_along
-from ikservo.view.drag import Drag, Sight
-from ikservo.view.pick import Picker
-from ikservo.view.posing import link_poses
-from ikservo.view.scene import Theatre
-from ikservo.view.shapes import capsules_of, shapes_of
-from ikservo.view.stage import stage_of
-from ikservo.view.views import View, camera_of
+from ikservo.view.camera.camera import Camera, Viewport, looking_along
+from ikservo.view.camera.stage import stage_of
+from ikservo.view.camera.views import View, camera_of
+from ikservo.view.drag.drag import Drag, Sight
+from ikservo.view.pick.pick import Picker
+from ikservo.view.pick.shapes import capsules_of, shapes_of
+from ikservo.view.scene.posing import link_poses
+from ikservo.view.scene.scene import Theatre
 
 VIEWPORT = Viewport(800.0, 600.0)
 

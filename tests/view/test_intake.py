@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.view.intake import LARGEST_AGE_S, Intake, StaleError, TooManyError
-from ikservo.view.messages import LONGEST_BYTES, BadMessageError, Stop
+from ikservo.view.server.intake import LARGEST_AGE_S, Intake, StaleError, TooManyError
+from ikservo.view.server.messages import LONGEST_BYTES, BadMessageError, Stop
 
 POINTER = {"kind": "pointer", "phase": "down", "x": 1, "y": 2, "button": 0, "pointer": 1}
 

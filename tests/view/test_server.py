@@ -9,10 +9,10 @@ import pytest
 import websockets
 
 from ikservo.clock import RealClock
-from ikservo.view.hosting import Address, hosted
-from ikservo.view.messages import LONGEST_BYTES
-from ikservo.view.server import application
-from ikservo.view.visitors import Keys, Right, proof
+from ikservo.view.server.hosting import Address, hosted
+from ikservo.view.server.messages import LONGEST_BYTES
+from ikservo.view.server.server import application
+from ikservo.view.server.visitors import Keys, Right, proof
 from tests.view.guests import Audience, Guest
 
 PAGES = ["/", "/page/main.js", "/page/style.css"]

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError
-from ikservo.view.camera import Viewport
-from ikservo.view.views import View, camera_of
+from ikservo.view.camera.camera import Viewport
+from ikservo.view.camera.views import View, camera_of
 from tests.view.looks import VIEWPORT, cameras, looked_at, model_of, points, stage
 
 depths = st.floats(0.05, 20.0)

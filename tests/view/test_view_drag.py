@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics import room_to_limits
-from ikservo.view.drag import Drag, Sight
-from ikservo.view.pick import Picker
-from ikservo.view.puppet import LONGEST_RAD, Puppet
-from ikservo.view.wishes import Hold, Turn
+from ikservo.view.drag.drag import Drag, Sight
+from ikservo.view.drag.puppet import LONGEST_RAD, Puppet
+from ikservo.view.drag.wishes import Hold, Turn
+from ikservo.view.pick.pick import Picker
 from tests.kinematics.chains import crane
 from tests.view.looks import drag_of, looked_at, model_of, pixel_of, pixel_on, sight, stage
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from ikservo.kinematics.capsules import segment_distance
 from ikservo.kinematics.se3 import exp_so3, pose
-from ikservo.view.casting import cast_at_all
-from ikservo.view.pick import Picker
-from ikservo.view.posing import link_poses
-from ikservo.view.shapes import capsule_rows, capsules_of, shapes_of, triangle_rows
+from ikservo.view.pick.casting import cast_at_all
+from ikservo.view.pick.pick import Picker
+from ikservo.view.pick.shapes import capsule_rows, capsules_of, shapes_of, triangle_rows
+from ikservo.view.scene.posing import link_poses
 from tests.view.looks import VIEWPORT, cameras, looked_at, model_of, picker, points, stage
 
 VIEWS = ["side", "top", "front", "orbit"]

@@ -7,14 +7,14 @@ import pytest
 
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics import room_to_limits
-from ikservo.view.camera import Viewport
-from ikservo.view.pick import Picker
-from ikservo.view.planar import CHOICES, planar_model, teach
-from ikservo.view.posing import link_poses
-from ikservo.view.scene import Moment, Theatre
-from ikservo.view.shapes import capsules_of, shapes_of
-from ikservo.view.stage import stage_of
-from ikservo.view.views import View, camera_of, views_of
+from ikservo.view.camera.camera import Viewport
+from ikservo.view.camera.stage import stage_of
+from ikservo.view.camera.views import View, camera_of, views_of
+from ikservo.view.pick.pick import Picker
+from ikservo.view.pick.shapes import capsules_of, shapes_of
+from ikservo.view.scene.planar import CHOICES, planar_model, teach
+from ikservo.view.scene.posing import link_poses
+from ikservo.view.scene.scene import Moment, Theatre
 
 LENGTHS_M = [0.12, 0.10, 0.08]
 MODEL = planar_model(LENGTHS_M)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ikservo.ik import Target, solve
-from ikservo.view.planar import planar_model
-from ikservo.view.reach import draw_reach, find_reach, shown_plane
-from ikservo.view.stage import stage_of
+from ikservo.view.camera.stage import stage_of
+from ikservo.view.scene.planar import planar_model
+from ikservo.view.scene.reach import draw_reach, find_reach, shown_plane
 from tests.view.looks import looked_at, model_of, stage
 
 

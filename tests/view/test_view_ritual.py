@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.arm.calibrating import LooseArm
+from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.calibration.answers import Script
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.sweep import Stage
 from ikservo.model import load_model
-from ikservo.view.ritual import Ritual
-from ikservo.view.ritual_words import shown_talk
+from ikservo.view.session.ritual import Ritual
+from ikservo.view.session.ritual_words import shown_talk
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.rehearsal import rehearse
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from ikservo.kinematics.capsules import Capsule, segment_distance
 from ikservo.model.model import KeepOut
-from ikservo.view.aim import Aim
-from ikservo.view.camera import Camera
-from ikservo.view.outlines import Outlines
-from ikservo.view.posing import link_poses
-from ikservo.view.scene import Moment, Theatre
+from ikservo.view.camera.camera import Camera
+from ikservo.view.scene.aim import Aim
+from ikservo.view.scene.outlines import Outlines
+from ikservo.view.scene.posing import link_poses
+from ikservo.view.scene.scene import Moment, Theatre
 from tests.kinematics.chains import crane
 from tests.view.looks import VIEWPORT, looked_at, model_of, picker, stage, theatre
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from ikservo.arm import open_arm
-from ikservo.view import messages as said
-from ikservo.view.desk import Desk
-from ikservo.view.messages import BadMessageError
-from ikservo.view.pilot import Pilot
-from ikservo.view.visitors import Right
+from ikservo.view.server import messages as said
+from ikservo.view.server.messages import BadMessageError
+from ikservo.view.server.visitors import Right
+from ikservo.view.session.desk import Desk
+from ikservo.view.session.pilot import Pilot
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_tip_m
 

@@ -7,8 +7,8 @@ import pytest
 
 from ikservo.arm import JointState
 from ikservo.ik import Binding
-from ikservo.view.aim import Aim
-from ikservo.view.texts import (
+from ikservo.view.scene.aim import Aim
+from ikservo.view.scene.texts import (
     aim_words,
     health_rows,
     point,

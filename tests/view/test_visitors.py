@@ -4,8 +4,8 @@ import pytest
 
 from ikservo.errors import BadValueError
 from ikservo.model import load_model
-from ikservo.view.house import House
-from ikservo.view.visitors import Keys, Right, door_opens, new_nonce, proof
+from ikservo.view.server.visitors import Keys, Right, door_opens, new_nonce, proof
+from ikservo.view.session.house import House
 
 LOCAL = ("127.0.0.1", 8420)
 

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import ikservo
-from ikservo.arm.beat import Beat
-from ikservo.arm.stream import Stream
+from ikservo.arm.streaming.beat import Beat
+from ikservo.arm.streaming.stream import Stream
 from ikservo.motion import State
 
 SERVE = "import sys; from ikservo.cli.run import console; sys.argv = sys.argv[1:]; console()"

@@ -15,13 +15,13 @@ import numpy as np
 
 from ikservo.kinematics.se3 import Matrix
 from ikservo.model import load_model
-from ikservo.view.camera import Viewport
-from ikservo.view.casting import cast_at_all
-from ikservo.view.pick import Picker
-from ikservo.view.posing import link_poses
-from ikservo.view.shapes import capsule_rows, capsules_of, shapes_of, triangle_rows
-from ikservo.view.stage import stage_of
-from ikservo.view.views import View, camera_of
+from ikservo.view.camera.camera import Viewport
+from ikservo.view.camera.stage import stage_of
+from ikservo.view.camera.views import View, camera_of
+from ikservo.view.pick.casting import cast_at_all
+from ikservo.view.pick.pick import Picker
+from ikservo.view.pick.shapes import capsule_rows, capsules_of, shapes_of, triangle_rows
+from ikservo.view.scene.posing import link_poses
 
 RAYS, RUNS = 200, 7
 COUNTS = (10, 30, 100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)

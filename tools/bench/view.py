@@ -20,11 +20,11 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 from websockets.sync.client import ClientConnection, connect
 
-from ikservo.arm.beat import Beat
+from ikservo.arm.streaming.beat import Beat
 from ikservo.model import load_model
-from ikservo.view.house import House
-from ikservo.view.messages import Pointer
-from ikservo.view.visitors import proof
+from ikservo.view.server.messages import Pointer
+from ikservo.view.server.visitors import proof
+from ikservo.view.session.house import House
 
 EVENTS, MOVES, SECONDS = 300, 200, 5
 BAR = '<origin xyz="0.03 0 0"/><geometry><box size="0.06 0.02 0.02"/></geometry>'

@@ -1,0 +1,1 @@
+"""Arrival: on whole ticks, corrected by what the joints measure, and said as it is."""

@@ -1,0 +1,179 @@
+"""Self-calibration: from a named pose an arm drives every joint gently against its own stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ikservo.arm.calibrating.auto_ends import (
+    End,
+    ends_of,
+    false_stop,
+    is_the_stop,
+    no_stop,
+    per_horn,
+)
+from ikservo.arm.calibrating.auto_feeling import Felt, feel
+from ikservo.arm.calibrating.auto_postures import Postures
+from ikservo.arm.calibrating.auto_setup import drivable, fenced_arm, set_up_counts
+from ikservo.arm.calibrating.by_hand import LooseArm
+from ikservo.calibration import Limit, Limits
+from ikservo.calibration.feeler import Touch
+from ikservo.calibration.subject import Subject
+from ikservo.calibration.sweep import Wizard
+from ikservo.errors import CalibrationError
+from ikservo.kinematics.se3 import Vector
+from ikservo.model import Model
+
+__all__ = ["SelfCalibration", "check_safe"]
+
+_SHARES = (0.3, 0.45, 0.6)  # of a servo's torque, one after the other
+
+
+def check_safe(model: Model) -> None:
+    """Refuse arms that must not look for their stops by themselves.
+
+    Raises:
+        CalibrationError: The arm file says so, and why.
+    """
+    if model.auto_unsafe:
+        raise CalibrationError(
+            f"{model.title} must not look for its stops by itself: {model.auto_unsafe}",
+            f"Calibrate it by hand: ikservo calibrate {model.name}",
+        )
+
+
+class SelfCalibration:
+    """An arm that has been put into a named pose, and now finds its ranges itself.
+
+    Args:
+        loose: Its servos, torque off.
+        wizard: The conversation, the anchor taken.
+        pose: The named pose.
+        tell: Takes what happens, in words.
+
+    Attributes:
+        wizard: The conversation with all that was found so far.
+        arm: The arm behind its narrow fence.
+        felt: The limit that is known of joints of which only one end could be looked for.
+    """
+
+    def __init__(
+        self, loose: LooseArm, wizard: Wizard, pose: str, tell: Callable[[str], None]
+    ) -> None:
+        check_safe(loose.model)
+        self._loose, self._tell = loose, tell
+        self._postures = Postures(loose.model)
+        known = set_up_counts(loose, wizard, pose)
+        self.arm = fenced_arm(loose, wizard, known, self._postures.space)
+        self.arm.enable()
+        tell("It holds itself now: let go, and keep clear of it.")
+        names = frozenset(subject.name for subject in wizard.subjects)
+        self.wizard = replace(wizard, trusted=names, driven=True)
+        self.felt: dict[str, Limits] = {}
+
+    def sweep(self) -> None:
+        """Look for the stops of every joint that has some, tip first.
+
+        Raises:
+            CalibrationError: A joint met something where its stop cannot be, or no stop at all.
+            StoppedError: The person interrupted; the arm holds.
+            RefusedError: The guard stopped it; the arm holds.
+        """
+        for subject in reversed(self.wizard.subjects):
+            if drivable(subject, self.wizard):
+                self._sweep_joint(subject)
+            elif subject.name not in self.wizard.skipped:
+                self.wizard = self.wizard.turns_freely(subject.name)
+
+    def finish(self) -> Wizard:
+        """Lower the arm to its rest pose, let it go, and return the conversation at its review.
+
+        Raises:
+            CalibrationError: The servos of one joint did not go alike.
+        """
+        rest = self.arm.model.pose("rest")
+        way = self._postures.way(self._in_chain(), self.arm.model.chain_pose("rest"))
+        for posture in way or []:
+            self._go(posture)
+        self.arm.move_joints(rest, speed="slow")
+        self._watch(self.arm.workings.servos.measure())
+        self.arm.release()
+        reading = self._loose.read()
+        self.wizard = self.wizard.read(*reading) if reading else self.wizard
+        return self.wizard.accept()
+
+    def _sweep_joint(self, subject: Subject) -> None:
+        found = [self._look_for(end, subject) for end in ends_of(subject)]
+        lower, upper = found
+        if lower is not None and upper is not None:
+            return
+        self._tell(
+            f"{subject.name}: the arm would touch something on the way to "
+            f"{'its ends' if lower is upper else 'one end'}; the arm file's is taken there."
+        )
+        self.wizard = self.wizard.skip(subject.name)
+        self._note_felt(subject, lower, upper)
+
+    def _note_felt(self, subject: Subject, lower: float | None, upper: float | None) -> None:
+        expected, margin = subject.expected, self.wizard.margin_rad * per_horn(subject)
+        low = expected.lower if lower is None else Limit(lower + margin, "felt")
+        high = expected.upper if upper is None else Limit(upper - margin, "felt")
+        self.felt[subject.name] = Limits(subject.name, low, high, expected.unit)
+
+    def _look_for(self, end: End, subject: Subject) -> float | None:
+        """Return where a joint's stop is, rad or m; None where it cannot be looked for."""
+        if not self._make_room(end):
+            return None
+        self._tell(f"{end.joint} looks for its stop near {subject.joint_map.say(end.expected)}.")
+        felt = self._press(end, subject, _SHARES[0])
+        for share in _SHARES[1:]:
+            if is_the_stop(felt, end, subject):
+                break
+            felt = self._press(end, subject, share)
+        if not is_the_stop(felt, end, subject):
+            raise false_stop(felt, end, subject)
+        return felt.position
+
+    def _press(self, end: End, subject: Subject, share: float) -> Felt:
+        """Drive a joint to its end with a share of its torque.
+
+        Raises:
+            CalibrationError: It got there, past where its stop is expected.
+        """
+        felt = feel(self.arm.workings, self._loose.bus, end.joint, end.past, share, self._watch)
+        if felt.touch is Touch.MOVING:
+            raise no_stop(felt, end, subject)
+        return felt
+
+    def _make_room(self, end: End) -> bool:
+        """Bring the arm into a posture in which the joint can go to its end."""
+        if end.joint not in self.arm.model.chain.names:
+            return True
+        column = self.arm.model.chain.names.index(end.joint)
+        reach = end.expected + 0.25 * (end.past - end.expected)
+        way = self._postures.towards(column, end.start, reach, self._in_chain())
+        for posture in way or []:
+            self._go(posture)
+        return way is not None
+
+    def _go(self, posture: Vector) -> None:
+        positions = dict(zip(self.arm.model.chain.names, posture.tolist(), strict=True))
+        self.arm.move_joints(positions, speed="slow")
+
+    def _in_chain(self) -> Vector:
+        workings = self.arm.workings
+        return workings.in_chain(workings.servos.goals())
+
+    def _watch(self, joints: Vector) -> None:
+        """Let the conversation see where the servos are; shadows go with their first servo."""
+        ticks: dict[int, int] = {}
+        for subject in self.wizard.subjects:
+            anchor = self.wizard.anchor[subject.servo_id]
+            position = float(joints[self.arm.workings.planner.column(subject.name)])
+            placed = subject.placed(self.wizard.sign(subject), anchor)
+            tick = round(placed.exact_tick(position))
+            ticks[subject.servo_id] = tick
+            for shadow in subject.shadow_ids:
+                ticks[shadow] = round(self.wizard.anchor[shadow] + tick - anchor)
+        self.wizard = self.wizard.counted(self._loose.bus.clock.now_s(), ticks)

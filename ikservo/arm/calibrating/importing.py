@@ -1,0 +1,77 @@
+"""A calibration of LeRobot, fitted to the arm on the line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from ikservo.arm.calibrating.by_hand import LooseArm
+from ikservo.calibration.encoder import encoder_of
+from ikservo.calibration.homing import Travel
+from ikservo.calibration.lerobot import LerobotJoint
+from ikservo.calibration.memory import ServoFacts
+from ikservo.errors import CalibrationError
+from ikservo.model import Model
+from ikservo.registers import Family
+
+__all__ = ["as_recorded", "check_recorded", "known_travels", "unlike_servos"]
+
+
+def check_recorded(joints: Sequence[LerobotJoint], model: Model, loose: LooseArm) -> None:
+    """Compare LeRobot's joints with the arm's.
+
+    Raises:
+        CalibrationError: A joint is missing, or a servo has another id or direction.
+    """
+    recorded = {joint.name: joint for joint in joints}
+    for name in recorded.keys() ^ {joint.name for joint in model.joints}:
+        where = "the arm file" if name in recorded else "LeRobot's file"
+        raise CalibrationError(f"{where} has no joint {name!r}.", "Choose the arm with --arm.")
+    for own in model.joints:
+        row, facts = recorded[own.name], loose.facts[own.servo.id]
+        if row.id != own.servo.id:
+            raise CalibrationError(
+                f"{own.name} has id {row.id} in LeRobot's file and {own.servo.id} in the arm file.",
+                "Is it another arm's file?",
+            )
+        if row.drive_mode != facts.held.get("drive_mode", 0) & 1:
+            raise CalibrationError(
+                f"{own.name} counts the other way round than LeRobot recorded: drive_mode is "
+                f"{facts.held.get('drive_mode', 0)} in the servo and {row.drive_mode} in the file.",
+                "Calibrate it: ikservo calibrate",
+            )
+
+
+def known_travels(joints: Sequence[LerobotJoint], loose: LooseArm) -> dict[str, Travel]:
+    """Return the ranges that LeRobot recorded, as travels in bare ticks by joint."""
+    travels: dict[str, Travel] = {}
+    for joint in joints:
+        feetech = loose.facts[joint.id].table.family is Family.FEETECH_STS
+        shift = joint.homing_offset if feetech else -joint.homing_offset
+        if not joint.turns_freely:
+            travels[joint.name] = Travel(joint.range_min + shift, joint.range_max + shift)
+    return travels
+
+
+def as_recorded(
+    joints: Sequence[LerobotJoint], facts: Mapping[int, ServoFacts]
+) -> dict[int, ServoFacts]:
+    """Return the servos as LeRobot set them up, so that what it wrote is kept where it serves."""
+    changed = dict(facts)
+    for joint in joints:
+        held = {**facts[joint.id].held, "homing_offset": joint.homing_offset}
+        if "homing_offset" in facts[joint.id].held:
+            changed[joint.id] = replace(facts[joint.id], held=held)
+    return changed
+
+
+def unlike_servos(joints: Sequence[LerobotJoint], facts: Mapping[int, ServoFacts]) -> Iterator[str]:
+    """Yield where the servos no longer hold what LeRobot recorded, one line each."""
+    for joint in joints:
+        held = facts[joint.id].held.get("homing_offset", 0)
+        encoder = encoder_of(facts[joint.id].table)
+        if (held - joint.homing_offset) % encoder.ticks:
+            yield (
+                f"{joint.name} holds homing_offset {held}; LeRobot recorded "
+                f"{joint.homing_offset}, which will be written."
+            )

@@ -1,0 +1,1 @@
+"""Looking after servos: check-ups, EEPROM, recovery, commissioning, the measured bus."""

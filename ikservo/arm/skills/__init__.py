@@ -1,0 +1,1 @@
+"""What an arm can do besides going to a point: jog, follow, grip, lead, be taught."""

@@ -1,0 +1,244 @@
+"""What an arm can do besides going somewhere: jog, follow, grip, learn poses, record and replay."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from ikservo.arm.reports import JointReport, Progress
+from ikservo.arm.skills.following import FollowReport, follow
+from ikservo.arm.skills.gripping import GripReport, Opening, grip
+from ikservo.arm.skills.jogging import JogReport, Wanted, jog
+from ikservo.arm.skills.poses import Poses
+from ikservo.arm.skills.teleoperation import led_by
+from ikservo.arm.skills.tracking import Wish
+from ikservo.arm.skills.workings import Workings
+from ikservo.arm.tapes.recording import RecordReport, heading_of, record
+from ikservo.arm.tapes.replaying import ReplayReport, replay
+from ikservo.errors import BadValueError
+
+__all__ = ["OnProgress", "Skills"]
+
+OnProgress = Callable[[Progress], None]
+
+
+class Skills(ABC):
+    """The base of ``Arm``: each skill has a room of its own, and works with its ``workings``.
+
+    Attributes:
+        workings: The inside of the arm.
+        poses: The poses of its arm file, and those it was taught.
+    """
+
+    workings: Workings
+    poses: Poses
+
+    @abstractmethod
+    def move_joints(
+        self,
+        positions: Mapping[str, float],
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+    ) -> JointReport:
+        """Move some joints; see ``Arm``."""
+
+    @abstractmethod
+    def hold(self) -> None:
+        """Hold; see ``Arm``."""
+
+    @abstractmethod
+    def relax(self, on_progress: OnProgress | None = None) -> JointReport:
+        """Lower and let go; see ``Arm``."""
+
+    def pose(
+        self, name: str, *, speed: str = "normal", on_progress: OnProgress | None = None
+    ) -> JointReport:
+        """Go to a pose of the arm file, or to one that was taught.
+
+        Raises:
+            UnknownNameError: There is no such pose; the closest is offered.
+            RefusedError: It lies outside this arm's limits, or something is in the way.
+        """
+        return self.move_joints(self.poses.named(name), speed=speed, on_progress=on_progress)
+
+    def teach(
+        self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
+    ) -> dict[str, float]:
+        """Keep where the joints are as a pose of this arm's own; return them, rad or m by name.
+
+        Args:
+            name: 1 to 64 of A-Z a-z 0-9 _ -, and no pose of the arm file.
+            until: Returns when a person has brought the arm where they want it. The arm is relaxed
+                first, where it holds; without this it is not touched.
+            hold: Whether the arm then holds itself there.
+
+        Raises:
+            BadValueError: The name cannot be used; nothing has moved.
+            FileWriteError: The pose cannot be kept.
+        """
+        servos = self.workings.servos
+        self.poses.check_name(name)
+        self.poses.taught()  # a spoiled file is found before anybody carries the arm around
+        if until is not None:
+            if any(state.torque for state in servos.states()):
+                self.relax()
+            until()
+        measured = servos.measure()
+        positions = dict(zip(servos.names, measured.tolist(), strict=True))
+        self.poses.save(name, positions)
+        if hold:
+            self.hold()
+        return positions
+
+    def gripper(
+        self,
+        to: Opening | float | None = None,
+        *,
+        width_m: float | None = None,
+        force: float | None = None,
+        on_progress: OnProgress | None = None,
+    ) -> GripReport:
+        """Open or close the gripper, or bring its jaws to a width.
+
+        It stops pressing where something stands between the jaws, and goes on holding it with no
+        more than the given force.
+
+        Args:
+            to: open, close, or a width in metres where the arm file knows widths.
+            width_m: The same width, by name.
+            force: The share of the servo's torque that it may use, 0.05 to 1; 0.3 if None.
+            on_progress: Called at every beat.
+
+        Raises:
+            IkservoError: The arm has no gripper.
+            BadValueError: The width is out of its range or unknown, or the force is no share.
+        """
+        goal = to if width_m is None else width_m
+        if goal is None or (to is not None and width_m is not None):
+            raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
+        return grip(self.workings, goal, force, on_progress)
+
+    def jog(self, what: str, speed: float | None = None, *, wanted: Wanted) -> JogReport:
+        """Let a joint or the tip go on in one direction for as long as somebody wants it.
+
+        Args:
+            what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
+            speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative the other way. The
+                arm file's slow speed, or 0.05 m/s, if None.
+            wanted: Asked at each beat: True goes on, False brakes and holds, None is no news.
+                After 0.3 s without news it brakes and holds, too.
+
+        Returns:
+            Where it ended, and why: nobody wanted it, a limit, or the guard.
+
+        Raises:
+            UnknownNameError: No such joint or direction.
+            BadValueError: The speed is zero, not finite or too high.
+        """
+        return jog(self.workings, what, speed, wanted)
+
+    def follow(
+        self,
+        wishes: Iterable[Wish | None],
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+    ) -> FollowReport:
+        """Follow a stream of wishes, one at each beat, until it ends or falls silent.
+
+        Each beat takes the next item: a ``Target``, a point (3,) [m], a pose (4, 4) of the tip,
+        positions by joint [rad or m], or None for nothing new. The arm goes there as fast as its
+        speed class allows, without a stop or a jump, and keeps to its branch. After 0.3 s without
+        a wish it brakes, holds and returns.
+
+        Args:
+            wishes: The stream; a generator may wait for what it yields.
+            speed: slow, normal or fast.
+            on_progress: Called at every beat.
+
+        Raises:
+            BadValueError: An item is no wish; the arm was braked first.
+            StoppedError: Somebody stopped it; the arm holds.
+        """
+        self.workings.zeros.check(self.workings.model.name)
+        self.workings.model.speed(speed)
+        return follow(self.workings, wishes, speed, on_progress)
+
+    def follow_arm(
+        self,
+        leader: Skills,
+        *,
+        speed: str = "normal",
+        until: Callable[[], bool] | None = None,
+        on_progress: OnProgress | None = None,
+    ) -> FollowReport:
+        """Follow another arm that a person leads by hand, joint by joint of the same name.
+
+        The leader's torque is left as it is; its gripper leads the gripper. This arm's own limits
+        hold, and where the leader does not answer for 0.3 s, it brakes and holds.
+
+        Args:
+            leader: An open arm on another port.
+            speed: slow, normal or fast; fast keeps closest.
+            until: Ends it by returning True.
+            on_progress: Called at every beat.
+
+        Raises:
+            InputError: The arms have no joint in common.
+            CalibrationError: Nobody knows where the leader's zeros are.
+        """
+        leader.workings.zeros.check(leader.workings.model.name)
+        beat_s = self.workings.servos.beat_s
+        return self.follow(
+            led_by(leader.workings, self.workings, beat_s, until),
+            speed=speed,
+            on_progress=on_progress,
+        )
+
+    def record(
+        self,
+        path: Path | str,
+        *,
+        duration_s: float | None = None,
+        until: Callable[[], bool] | None = None,
+        period_s: float = 0.02,
+        overwrite: bool = False,
+    ) -> RecordReport:
+        """Write the measured joints to a file at a fixed rate; torque stays as it is.
+
+        Ctrl-C ends it; what was recorded stays.
+
+        Args:
+            path: A new file, JSON lines behind a header.
+            duration_s: How long; until ``until`` says so if None.
+            until: Asked at each sample; True ends it.
+            period_s: Between two samples.
+            overwrite: Whether a file that is there may be lost.
+
+        Raises:
+            BadValueError: The file is there, or a number makes no sense.
+            FileWriteError: It cannot be written.
+            ServoSilentError: A servo does not answer; what was recorded stays.
+        """
+        servos = self.workings.servos
+        heading = heading_of(self.workings.model, period_s)
+        return record(servos.measure, servos.clock, path, heading, duration_s, until,
+                      overwrite=overwrite)  # fmt: skip
+
+    def replay(
+        self, path: Path | str, *, speed: str = "normal", on_progress: OnProgress | None = None
+    ) -> ReplayReport:
+        """Go to the first pose of a recording of this arm, then along it.
+
+        It goes as fast as recorded where that is within the speed class, else slower as a whole.
+
+        Raises:
+            FileFormatError: It is spoiled, or another arm's; says in which line.
+            RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
+            CalibrationError: Nobody knows where the arm's zeros are.
+        """
+        self.workings.zeros.check(self.workings.model.name)
+        self.workings.model.speed(speed)
+        return replay(self.workings, path, speed, on_progress)

@@ -1,0 +1,170 @@
+"""The arm's servos as one body: torque, health and reach, besides what is streamed to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+from ikservo.arm.owner.halting import Halted, stand_still
+from ikservo.arm.reports import JointState
+from ikservo.arm.skills.force import limit_force
+from ikservo.arm.streaming.asking import ask_all
+from ikservo.arm.streaming.health_round import HealthRound
+from ikservo.arm.streaming.starting import confirm_goals, goals_taken, holding_ticks, nearest_goal
+from ikservo.arm.streaming.states import read_states
+from ikservo.arm.streaming.streamed import StreamedServos
+from ikservo.clock import Clock
+from ikservo.guard import Fence, Health, HealthLimits
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.torque import check_supply, torque_off
+from ikservo.kinematics.se3 import Vector
+from ikservo.registers import Role
+
+__all__ = ["Servos"]
+
+
+class Servos(StreamedServos):
+    """Every joint's servo on one bus, in the order of ``names``.
+
+    Args:
+        bus: The line.
+        fences: What each joint's servo may be told.
+        shadows: Servo ids that turn a joint besides, by joint.
+        clock: The line's time.
+        health: What a servo may be asked to bear.
+    """
+
+    def __init__(
+        self,
+        bus: ServoBus,
+        fences: Sequence[Fence],
+        shadows: Mapping[str, Sequence[int]],
+        clock: Clock,
+        health: HealthLimits | None = None,
+    ) -> None:
+        super().__init__(bus, fences, clock)
+        self._shadow_ids = [i for name in self.names for i in shadows.get(name, ())]
+        self._health = HealthLimits() if health is None else health
+
+    def enable(self, speed_rad_s: float) -> None:
+        """Switch torque on without a twitch: each servo's goal is where it is, then torque.
+
+        A servo that already holds keeps its goal, for its load has pulled it a little below.
+
+        Args:
+            speed_rad_s: The fastest each servo's horn may turn by itself.
+
+        Raises:
+            ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
+            RefusedError: A joint stands far outside what its servo allows, or the arm was stopped
+                and nobody has acknowledged it; likewise.
+            ServoRefusedError: A servo keeps an old goal; likewise.
+        """
+        for fence in self.fences:
+            check_supply(self._bus, fence.servo_id)
+            self._limits.prepare(fence.servo_id)
+        start = self._start_ticks()
+        self._gate.start_from(start)
+        confirm_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
+        self._limits.forget()
+        self._limits.run_at(speed_rad_s)
+        for fence in self.fences:
+            self._bus.write(fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
+        health = Health(self._health, self._supply_v())
+        self._round = HealthRound(self._bus, self.fences, self._limits, health, self._warn)
+
+    @contextmanager
+    def bearing_heat(self) -> Generator[None]:
+        """Let heat alone stop no motion for which torque is switched on meanwhile.
+
+        A servo that is too hot to go on must be let go, and before that the arm must come down.
+        """
+        usual, self._health = self._health, replace(self._health, hold_c=math.inf)
+        try:
+            yield
+        finally:
+            self._health = usual
+
+    @property
+    def too_hot(self) -> bool:
+        """Return whether a servo was so hot in the last motion that it must be let go."""
+        return self._round is not None and self._round.too_hot
+
+    def standing(self) -> Vector:
+        """Return where ``enable`` would let the joints hold (n,), rad or m; nothing is written.
+
+        That is where they are, or the goals of those that hold already: load has pulled such a
+        joint below its goal, and a motion begins at the goal.
+        """
+        return self._positions(holding_ticks(self._bus, self.fences, self._feedback))
+
+    def holding(self) -> bool:
+        """Return whether every servo's torque is on."""
+        return all(ask_all(self._bus, self._ids, Role.TORQUE_ENABLE).values())
+
+    def release(self) -> None:
+        """Switch torque off on every servo, also when some fail.
+
+        Raises:
+            BusError: The first failure, after all were tried.
+        """
+        failures = torque_off(self._bus, (*self._ids, *self._shadow_ids))
+        for error in failures.values():
+            raise error
+
+    def latch(self, reason: str) -> None:
+        """Let nothing move until somebody acknowledges it; tells the servos nothing."""
+        self._gate.trip(reason)
+
+    def stand_still(self, reason: str) -> Halted:
+        """Stop what is on its way although nobody streams, and stay so; switches no torque."""
+        self._gate.trip(reason)
+        return stand_still(self._bus, self.fences, self.clock)
+
+    def limit_force(self, joint: str, share: float) -> None:
+        """Limit how hard a joint's servo may press until its torque is switched on anew.
+
+        Raises:
+            RegisterAccessError: The servo has no such limit.
+        """
+        limit_force(self._bus, self._ids[self.names.index(joint)], share)
+
+    def check(self, positions: Vector, start: Vector) -> None:
+        """Check a distant goal (n,) before a motion to it from ``start`` (n,) begins.
+
+        Raises:
+            RefusedError: A joint would leave its limits.
+        """
+        self._gate.check_range(self._ticks(positions), self._ticks(start))
+
+    def nearest(self, positions: Vector) -> Vector:
+        """Return the positions (n,) that the guard would pass, nearest to the given ones."""
+        ticks = self._ticks(positions)
+        return self._positions({name: self._gate.nearest(name, ticks[name]) for name in ticks})
+
+    def states(self) -> tuple[JointState, ...]:
+        """Return every joint's position, limits, temperature, voltage, load and torque."""
+        return read_states(self._bus, self.fences, self._feedback.ticks())
+
+    def _start_ticks(self) -> dict[str, int]:
+        """Return where each servo shall hold; the joints are measured last, for limp ones fall."""
+        taken = {f.joint: goals_taken(self._bus, f.servo_id) for f in self.fences}
+        ticks = holding_ticks(self._bus, self.fences, self._feedback)
+        return {f.joint: nearest_goal(f, ticks[f.joint], taken[f.joint]) for f in self.fences}
+
+    def _supply_v(self) -> dict[str, tuple[float, float]]:
+        low = ask_all(self._bus, self._ids, Role.MIN_VOLTAGE_LIMIT)
+        high = ask_all(self._bus, self._ids, Role.MAX_VOLTAGE_LIMIT)
+        return {f.joint: self._volts(f.servo_id, low, high) for f in self.fences}
+
+    def _volts(
+        self, servo_id: int, low: Mapping[int, int], high: Mapping[int, int]
+    ) -> tuple[float, float]:
+        table = self._bus.servos[servo_id].table
+        least = table.find(Role.MIN_VOLTAGE_LIMIT).to_value(low[servo_id])
+        return least, table.find(Role.MAX_VOLTAGE_LIMIT).to_value(high[servo_id])
+
+    def _warn(self, words: str) -> None:
+        self.warn(words)

@@ -1,0 +1,106 @@
+"""Goals at a steady beat: any course of joints, watched, throttled and stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ikservo.arm.streaming.beat import Beat
+from ikservo.arm.streaming.servos import Servos
+from ikservo.arm.streaming.signals import CTRL_C
+from ikservo.arm.streaming.throttle import Throttle
+from ikservo.errors import StoppedError
+from ikservo.kinematics.se3 import Vector
+from ikservo.motion import Course, Metronome
+
+__all__ = ["STOPPED", "OnBeat", "Stream"]
+
+STOPPED = (CTRL_C, "Release it with: ikservo relax")
+
+OnBeat = Callable[[Beat], None]
+"""Called at each beat; may re-aim the course or ask for a stop."""
+
+
+class Stream:
+    """Streams courses to the servos of one arm.
+
+    Args:
+        servos: The arm, its torque on.
+        beat_s: Between two goals; what the bus allows if None.
+    """
+
+    def __init__(self, servos: Servos, beat_s: float | None = None) -> None:
+        self._servos, self._wanted_beat_s = servos, beat_s
+        self._beat: Beat | None = None
+
+    @property
+    def beat_s(self) -> float:
+        """Return the time between two goals, seconds."""
+        return self._wanted_beat_s or self._servos.beat_s
+
+    @property
+    def beat(self) -> Beat | None:
+        """Return the last beat of the running motion, or of the last one."""
+        return self._beat
+
+    def request_stop(self, reason: str) -> None:
+        """Let the running motion brake and end with ``StoppedError``; safe from anywhere.
+
+        A signal, another thread or a callback may say it. The stop stays until acknowledged; where
+        nothing moves, it keeps the next motion from beginning.
+        """
+        self._servos.ask_to_stop(reason or STOPPED[0])
+
+    def run(
+        self, course: Course, on_beat: OnBeat | None = None, *, speed_rad_s: float | None = None
+    ) -> Vector:
+        """Carry a course out to its end.
+
+        Args:
+            course: What the joints shall do; it begins where their goals are now.
+            on_beat: Called at each beat.
+            speed_rad_s: The top speed of the motion at the horns, which is what the servos are
+                limited to; the arm's fastest if None.
+
+        Returns:
+            Where the joints were (n,) at the last beat, rad or m.
+
+        Raises:
+            StoppedError: Somebody asked for a stop; the arm was braked and holds.
+            ServoSilentError: A joint gave no answer for three beats in a row; the others hold.
+            ServoAlarmError: A servo is not well, or was reset; the arm holds.
+            RefusedError: The guard stopped it, or a joint does not follow; the arm holds.
+            PortLostError: The line is gone.
+        """
+        with self._servos.streaming(speed_rad_s):
+            return self._stream(course, on_beat)
+
+    def _stream(self, course: Course, on_beat: OnBeat | None) -> Vector:
+        servos, throttle = self._servos, Throttle(self.beat_s)
+        told_s = servos.clock.now_s()
+        for _ in Metronome(servos.clock, self.beat_s):
+            measured = servos.beat()
+            # Goals go by the time at which they are sent: some answers take longer than others.
+            now_s, before_s = servos.clock.now_s(), told_s
+            gap_s = throttle.gap_s(now_s - before_s, braking=bool(servos.halt))
+            time_s, told_s = throttle.advance(servos.advance_s(gap_s)), now_s
+            servos.command(course.state(time_s).position)
+            self._beat = self._told(time_s, course.duration_s, measured, throttle.late_s)
+            if on_beat:
+                on_beat(self._beat)
+            throttle.check()
+            ended = time_s >= course.duration_s
+            if ended or throttle.stands:
+                self._heed()
+            if ended:
+                return measured
+        raise AssertionError("the metronome never ends")
+
+    def _heed(self) -> None:
+        halt = self._servos.halt
+        if halt:
+            raise StoppedError(halt.reason or STOPPED[0], STOPPED[1])
+
+    def _told(self, time_s: float, duration_s: float, measured: Vector, late_s: float) -> Beat:
+        servos = self._servos
+        now_s = min(time_s, duration_s)
+        return Beat(now_s, duration_s, servos.goals(), measured, late_s, servos.lost)

@@ -1,0 +1,204 @@
+"""Servos that are told goals beat by beat: heard, judged, and stopped when anything goes wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Generator, Mapping, Sequence
+
+import numpy as np
+
+from ikservo.arm.streaming.feedback import Feedback
+from ikservo.arm.streaming.halt import Halt
+from ikservo.arm.streaming.health_round import HealthRound
+from ikservo.arm.streaming.limits_in_servos import LimitsInServos
+from ikservo.arm.streaming.rate import beat_of
+from ikservo.arm.streaming.signals import CTRL_C
+from ikservo.clock import Clock
+from ikservo.errors import IkservoError
+from ikservo.guard import Fence, Following, Gate
+from ikservo.hardware.bus import ServoBus
+from ikservo.kinematics.se3 import Vector
+from ikservo.registers import Role
+
+__all__ = ["StreamedServos"]
+
+# A joint that is further behind its goal than its load explains presses against something.
+_PRESSING_RAD = math.radians(8.0)  # at the horn
+# After a beat as long as this a lost answer is asked for once more.
+_STALL_S = 0.1
+
+
+class StreamedServos:
+    """Measured joints out, goals in through the guard; ``Servos`` adds what is done at rest.
+
+    Args:
+        bus: The line.
+        fences: What each joint's servo may be told.
+        clock: The line's time.
+
+    Attributes:
+        clock: Likewise.
+        fences: Likewise.
+        names: The joints, in the order of the vectors.
+        halt: The wish that the running motion ends.
+        warn: Called with what a person should know, in words; nobody listens at first.
+    """
+
+    def __init__(self, bus: ServoBus, fences: Sequence[Fence], clock: Clock) -> None:
+        self._bus, self.clock = bus, clock
+        self.fences = tuple(fences)
+        self.names = tuple(fence.joint for fence in fences)
+        self._ids = [fence.servo_id for fence in fences]
+        self._gate = Gate(fences, self._write_goals, clock)
+        self._feedback = Feedback(bus, fences)
+        self._limits = LimitsInServos(bus, self._ids)
+        self._round: HealthRound | None = None
+        self._beat_s = self._beat_at_s = 0.0
+        self.halt = Halt()
+        self.warn: Callable[[str], None] = lambda _: None
+
+    def measure(self) -> Vector:
+        """Return where the joints are (n,), rad or m, from the servos' own registers."""
+        return self._feedback.measure()
+
+    def goals(self) -> Vector:
+        """Return where the servos were last told to go (n,), rad or m."""
+        return self._positions(self._gate.goals)
+
+    @property
+    def beat_s(self) -> float:
+        """Return the time between two goals that the bus allows."""
+        if not self._beat_s:
+            self._beat_s = beat_of(self._bus, self._feedback)
+        return self._beat_s
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Return the joints whose answer was missing at the last beat."""
+        return self._feedback.lost
+
+    @property
+    def stopped_for(self) -> str:
+        """Return why the arm was stopped until somebody acknowledges it; empty where it is not."""
+        return self._gate.tripped
+
+    def ask_to_stop(self, reason: str) -> None:
+        """Want the running motion to end, or the next one not to begin; safe from anywhere."""
+        self.halt.ask(reason)
+        if not self.halt.heeded:
+            self._gate.trip(reason)
+
+    def acknowledge(self) -> None:
+        """Let the arm be moved again after a stop; torque is checked and set anew first."""
+        self._gate.acknowledge()
+        self.halt.clear()
+
+    @contextlib.contextmanager
+    def streaming(self, speed_rad_s: float | None) -> Generator[None]:
+        """Be ready for goals beat by beat; whatever goes wrong within, the arm is stopped.
+
+        Args:
+            speed_rad_s: The top speed of the motion at the horns; the fences' if None.
+
+        Raises:
+            BusError: A servo does not answer.
+            ServoAlarmError: A servo is not well.
+            RefusedError: The arm was stopped, or its torque was never switched on.
+        """
+        try:
+            self._ready(speed_rad_s)
+            self.halt.heeded = True
+            yield
+            self._limits.disarm_watchdog()
+        except BaseException as error:
+            self.stop(_told(error))
+            raise
+        finally:
+            self.halt.heeded = False
+
+    def beat(self) -> Vector:
+        """Hear where the joints are (n,), and one of them how it is; rad or m.
+
+        Raises:
+            ServoSilentError: A joint gave no answer for three beats in a row.
+            ServoAlarmError: A servo is not well, or was reset.
+            RefusedError: A joint does not follow its goal.
+        """
+        now_s, before_s = self.clock.now_s(), self._beat_at_s
+        self._beat_at_s = now_s
+        measured = self._feedback.beat()
+        if self.lost and now_s - before_s > _STALL_S:  # nobody has seen that joint for long
+            measured = self._feedback.beat()
+        self._limits.check_gap(now_s - before_s)
+        self._gate.see(self._feedback.fresh, self.clock.now_s())
+        self._following.see(self.goals(), measured)
+        if self._round:
+            self._round.beat()
+        return measured
+
+    def advance_s(self, elapsed_s: float) -> float:
+        """Return how far a motion may go on in a time, so that its goals stay near the joints."""
+        return self._gate.advance_s(elapsed_s)
+
+    def command(self, positions: Vector) -> None:
+        """Send goals (n,), rad or m, through the guard.
+
+        Raises:
+            RefusedError: The guard will not pass them; nothing was sent.
+        """
+        self._gate.send(self._ticks(positions))
+
+    def stop(self, reason: str) -> None:
+        """Hold, and stay so until somebody acknowledges it; never raises.
+
+        Every joint keeps the goal that stands, a little ahead of it; one that complains or cannot
+        follow is told to stay where it is, so that it does not press on.
+        """
+        self._gate.trip(reason)
+        # Nobody answers to these packets: the first is sent twice, for one may be lost.
+        for step in (self._hold, self._hold, self._limits.disarm_watchdog):
+            with contextlib.suppress(Exception):  # each is tried, whatever became of the others
+                step()
+
+    def _ready(self, speed_rad_s: float | None) -> None:
+        horns = {f.joint: f.joint_map.unit_per_tick / f.joint_map.horn_rad_per_tick
+                 for f in self.fences}  # fmt: skip
+        speeds = {f.joint: f.speed for f in self.fences}
+        if speed_rad_s is not None:
+            speeds = {name: min(speed_rad_s * horns[name], speeds[name]) for name in speeds}
+        self._gate.run_at(speeds)
+        self._limits.run_at(max(speeds[name] / horns[name] for name in speeds))
+        self._following = Following.of(self.fences, speeds)
+        self._feedback.begin()
+        self._limits.arm_watchdog()
+        self._beat_at_s = self.clock.now_s()
+        if self._round:
+            self._round.begin()
+
+    def _hold(self) -> None:
+        self._gate.hold({name: self._holding_tick(name) for name in self._gate.goals})
+
+    def _holding_tick(self, joint: str) -> int:
+        fence, goal = self.fences[self.names.index(joint)], self._gate.goals[joint]
+        seen = self._gate.seen.get(joint, goal)
+        presses = abs(goal - seen) * fence.joint_map.horn_rad_per_tick > _PRESSING_RAD
+        return seen if presses or self._bus.alarms.get(fence.servo_id) else goal
+
+    def _write_goals(self, goals: Mapping[int, int]) -> None:
+        self._bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+
+    def _ticks(self, positions: Vector) -> dict[str, int]:
+        return {
+            fence.joint: fence.tick(float(position))
+            for fence, position in zip(self.fences, positions, strict=True)
+        }
+
+    def _positions(self, ticks: Mapping[str, int]) -> Vector:
+        return np.array([f.joint_map.position(ticks[f.joint]) for f in self.fences])
+
+
+def _told(error: BaseException) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return CTRL_C
+    return error.message if isinstance(error, IkservoError) else repr(error)

@@ -1,0 +1,1 @@
+"""Motions on file: recorded as JSON lines, read with suspicion, replayed through the guard."""

@@ -1,0 +1,1 @@
+"""What is drawn: the arm, its ghost, dials, the reachable region, the lesson."""

@@ -1,0 +1,207 @@
+"""What each visitor is told: the arm once, its state when it changes, the scene as it moves."""
+
+from __future__ import annotations
+
+from ikservo.clock import Clock
+from ikservo.kinematics.se3 import Vector
+from ikservo.view.camera.camera import Camera
+from ikservo.view.camera.stage import Stage
+from ikservo.view.camera.views import camera_of, views_of
+from ikservo.view.scene.items import Item
+from ikservo.view.scene.reach import Reach, ShownPlane, shown_plane
+from ikservo.view.scene.reaches import Reaches
+from ikservo.view.scene.scene import Moment, Theatre
+from ikservo.view.scene.texts import point, solver_words
+from ikservo.view.server.server import Frame
+from ikservo.view.server.visitor import Visitor
+from ikservo.view.session.gestures import Gestures
+from ikservo.view.session.pilot import Pilot
+from ikservo.view.session.readout import Readout
+from ikservo.view.session.ritual_words import shown_talk
+from ikservo.view.session.status import banner, health, joint_meters, messages, mode
+
+__all__ = ["Posters"]
+
+_STATUS_S, _ALIVE_S = 0.066, 0.1
+_BACKDROP = frozenset({"floor", "grid", "reach", "keep_out"})
+
+
+class Posters:
+    """Draws and words what the pilot sees, for each visitor's own view.
+
+    Args:
+        pilot: Whose readout is shown.
+        gestures: What the person in control is doing.
+        clock: Paces what is told.
+    """
+
+    def __init__(self, pilot: Pilot, gestures: Gestures, clock: Clock) -> None:
+        self._pilot, self._gestures, self._clock = pilot, gestures, clock
+        arm = pilot.arm
+        limits = {state.name: state.limit_from for state in pilot.readout.states}
+        self._theatre = Theatre(arm.model, arm.chain, limits)
+        self._reaches = Reaches(arm.chain)
+        names = [state.name for state in pilot.readout.states]
+        self._columns = [names.index(name) for name in arm.chain.names]
+        self._names = names
+
+    @property
+    def stage(self) -> Stage:
+        """Return the room that the arm moves in."""
+        return self._theatre.stage
+
+    def close(self) -> None:
+        """Leave what is being worked out."""
+        self._reaches.close()
+
+    def camera(self, visitor: Visitor) -> Camera:
+        """Return what a visitor looks through; it stays while something is held."""
+        if visitor.viewport is None:
+            raise ValueError("a visitor without a drawing has no camera")
+        held = self._gestures.camera
+        if held is not None and held.viewport == visitor.viewport:
+            return held
+        yaw_rad = self.stage.yaw_rad(self._q(self._pilot.readout.measured))
+        return camera_of(self.stage, visitor.view, visitor.viewport, yaw_rad)
+
+    def frames(self, visitor: Visitor, controller: str) -> list[Frame]:
+        """Return what is new for a visitor."""
+        frames: list[Frame] = []
+        if "arm" not in visitor.told:
+            visitor.told["arm"] = True
+            frames.append(self._arm(visitor))
+        frames += self._status(visitor, controller)
+        if visitor.viewport is not None:
+            frames += self._scene(visitor)
+        return frames
+
+    def _arm(self, visitor: Visitor) -> Frame:
+        arm, model = self._pilot.arm, self._pilot.arm.model
+        return {
+            "kind": "arm",
+            "title": model.title,
+            "port": arm.port_name.partition("?")[0].partition(":/")[0],
+            "right": visitor.right.value,
+            "views": views_of(self.stage),
+            "poses": list(model.poses),
+            "speeds": list(model.speeds),
+            "solvers": self._gestures.solvers,
+            "joints": self._names,
+            "gripper": model.gripper is not None,
+        }
+
+    def _status(self, visitor: Visitor, controller: str) -> list[Frame]:
+        if not self._due(visitor, "status", _STATUS_S):
+            return []
+        pilot, gestures = self._pilot, self._gestures
+        readout, live = pilot.readout, pilot.wish.live
+        status = {
+            "kind": "status",
+            "mode": mode(readout, live=live),
+            "live": live,
+            "controller": controller,
+            "speed": pilot.wish.speed,
+            "banner": banner(readout),
+            "joints": joint_meters(pilot.arm.model, readout, gestures.goal),
+            "health": health(readout.states),
+            "tip": self._tip(readout),
+            "solver": {
+                "name": gestures.solver,
+                "time": "" if gestures.solve_s is None else solver_words(gestures.solve_s),
+                "words": self._lesson_words(),
+            },
+            "messages": messages(readout, gestures.complaints),
+            "calibration": shown_talk(pilot.arm.model, readout.talk) if readout.talk else None,
+        }
+        return self._if_new(visitor, status)
+
+    def _tip(self, readout: Readout) -> list[tuple[str, str, str]]:
+        chain, aim = self._pilot.arm.chain, self._gestures.aim
+        rows = [("tip", point(chain.forward(self._q(readout.measured))[:3, 3]), "")]
+        if aim is not None:
+            rows.append(("target", point(aim.target_m), "good" if aim.reached else "bad"))
+            if not aim.reached:
+                rows.append(("nearest", f"{point(aim.nearest_m)}, {aim.gap_m * 1000:.0f} mm", ""))
+        return rows
+
+    def _scene(self, visitor: Visitor) -> list[Frame]:
+        """Return the scene, if anything moved or the visitor has not heard for a while."""
+        readout, gestures, camera = self._pilot.readout, self._gestures, self.camera(visitor)
+        reach = self._reach(visitor)
+        now = (
+            readout.measured.tobytes(),
+            gestures.stamp,
+            gestures.step(self._clock.now_s()),
+            visitor.view,
+            visitor.viewport,
+            id(reach),
+        )
+        alive = self._due(visitor, "scene", _ALIVE_S, peek=True)
+        if visitor.told.get("scene") == now and not alive:
+            return []
+        visitor.told["scene"], visitor.told_s["scene"] = now, self._clock.now_s()
+        moment = Moment(
+            camera,
+            self._q(readout.measured),
+            goal=gestures.shown_goal,
+            aim=gestures.aim,
+            reach=reach,
+            hover=gestures.hover,
+            grabbed=gestures.grabbed,
+            beside=self._beside(readout),
+        )
+        items = self._theatre.items(moment) + self._lesson_items(camera)
+        frame: dict[str, object] = {
+            "kind": "scene",
+            "items": [item for item in items if item["style"] not in _BACKDROP],
+            "hover": gestures.hover,
+            "held": gestures.grabbed,
+        }
+        backdrop = [item for item in items if item["style"] in _BACKDROP]
+        if visitor.told.get("backdrop") != backdrop:  # most of the numbers, and they seldom change
+            frame["backdrop"] = visitor.told["backdrop"] = backdrop
+        return [frame]
+
+    def _lesson_items(self, camera: Camera) -> list[Item]:
+        lesson = self._gestures.lesson
+        step = self._gestures.step(self._clock.now_s())
+        return [] if lesson is None else lesson.items(step, camera)
+
+    def _lesson_words(self) -> str:
+        lesson = self._gestures.lesson
+        return "" if lesson is None else lesson.words(self._gestures.step(self._clock.now_s()))
+
+    def plane_m(self, visitor: Visitor) -> Vector | None:
+        """Return a point (3,) of the plane where clicks on nothing go; None: that of the tip."""
+        plane = self._plane(visitor) if visitor.view.name == "side" else None
+        return None if plane is None else plane.T_world_plane[:3, 3]
+
+    def _plane(self, visitor: Visitor) -> ShownPlane | None:
+        """Return the plane in which the tip is led: that of the goal, if there is one."""
+        q, goal = self._q(self._pilot.readout.measured), self._gestures.shown_goal
+        tip_m = self._pilot.arm.chain.forward(q if goal is None else goal)[:3, 3]
+        return shown_plane(self.stage, visitor.view.name, q, tip_m)
+
+    def _reach(self, visitor: Visitor) -> Reach | None:
+        plane = self._plane(visitor)
+        idle = self._gestures.camera is None
+        return None if plane is None else self._reaches.get(plane, idle=idle)
+
+    def _q(self, joints: Vector) -> Vector:
+        return joints[self._columns]
+
+    def _beside(self, readout: Readout) -> dict[str, float]:
+        return {name: float(at) for name, at in zip(self._names, readout.measured, strict=True)}
+
+    def _if_new(self, visitor: Visitor, frame: Frame) -> list[Frame]:
+        if visitor.told.get("status") == frame:
+            return []
+        visitor.told["status"] = frame
+        return [frame]
+
+    def _due(self, visitor: Visitor, kind: str, every_s: float, *, peek: bool = False) -> bool:
+        now_s = self._clock.now_s()
+        due = now_s - visitor.told_s.get(kind, -1e9) >= every_s
+        if due and not peek:
+            visitor.told_s[kind] = now_s
+        return due

@@ -1,0 +1,153 @@
+"""Everything the page draws at one moment, as items ready for JSON.
+
+Made once for an arm, then asked for every frame::
+
+    theatre = Theatre(model, arm.chain, {state.name: state.limit_from for state in states})
+    items = theatre.items(Moment(camera, measured=q, goal=q_goal, aim=aim, hover="forearm", …))
+
+Items are painted from first to last, see ``items``. Styles, back to front: ``floor``, ``grid``,
+``reach``, ``keep_out``, the links of the goal ``ghost`` and of the arm ``measured`` (``hover``
+and ``grabbed`` where the pointer is), arcs ``limit`` | ``amber`` | ``red`` with ``needle`` and
+``hub``, ``trace``, ``tip``, ``gap``, ``nearest``, ``target`` | ``target_far``, ``scale``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ikservo.kinematics import Chain
+from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.model import Model
+from ikservo.view.camera.camera import Camera
+from ikservo.view.camera.stage import stage_of
+from ikservo.view.pick.shapes import capsules_of
+from ikservo.view.scene.aim import Aim, draw_aim
+from ikservo.view.scene.dials import Dial, dials_of, draw_dial, nearness
+from ikservo.view.scene.items import Item, circle, polygon, polyline
+from ikservo.view.scene.outlines import Outlines
+from ikservo.view.scene.posing import link_poses
+from ikservo.view.scene.reach import Reach, draw_reach
+from ikservo.view.scene.surroundings import draw_box, draw_floor, draw_scale
+from ikservo.view.scene.texts import range_words
+
+__all__ = ["Moment", "Theatre"]
+
+_SAME_RAD = 2e-3
+_TIP_PX = 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What is to be shown now.
+
+    Attributes:
+        camera: Where from.
+        measured: Joints (dof,) as the servos report them, rad or m.
+        goal: Joints (dof,) the arm is sent to; None while there is no goal.
+        aim: The target, if there is one.
+        reach: The region of the shown plane, if it is known.
+        hover: The link under the pointer.
+        grabbed: The link that is being pulled.
+        beside: Positions of joints beside the way to the tip, as the gripper's.
+        trace_m: The way of the tip (n, 3), or of a solver's iterations.
+    """
+
+    camera: Camera
+    measured: Vector
+    goal: Vector | None = None
+    aim: Aim | None = None
+    reach: Reach | None = None
+    hover: str | None = None
+    grabbed: str | None = None
+    beside: Mapping[str, float] = field(default_factory=dict[str, float])
+    trace_m: Matrix | None = None
+
+
+class Theatre:
+    """An arm and its surroundings, laid out for drawing.
+
+    Args:
+        model: The arm.
+        chain: Its joints inside its own, calibrated limits; the model's if None.
+        limit_from: Where each joint's limits come from.
+    """
+
+    def __init__(
+        self, model: Model, chain: Chain | None = None, limit_from: Mapping[str, str] | None = None
+    ) -> None:
+        self.chain = model.chain if chain is None else chain
+        self.stage = stage_of(model)
+        self._model, self._limit_from = model, dict(limit_from or {})
+        self._outlines = Outlines(capsules_of(model))
+        self._dials = dials_of(self.chain, self.stage.home)
+
+    def items(self, moment: Moment) -> list[Item]:
+        """Return what there is to paint, from back to front."""
+        poses = link_poses(self.chain, moment.measured, moment.beside)
+        return [
+            *self._behind(moment),
+            *self._ghost(moment),
+            *self._arm(moment, poses),
+            *self._ranges(moment, poses),
+            *_marks(moment, poses[self.chain.tip][:3, 3]),
+            *draw_scale(moment.camera),
+        ]
+
+    def _behind(self, moment: Moment) -> list[Item]:
+        floor_m = self._model.floor_m
+        items = [] if floor_m is None else draw_floor(self.stage, moment.camera, floor_m)
+        if moment.reach is not None:
+            items.append(draw_reach(moment.reach, moment.camera))
+        return items + [draw_box(moment.camera, box) for box in self._model.keep_out]
+
+    def _ghost(self, moment: Moment) -> list[Item]:
+        """Return the goal, where it is not where the arm is."""
+        goal = moment.goal
+        if goal is None or float(np.abs(goal - moment.measured).max()) < _SAME_RAD:
+            return []
+        poses = link_poses(self.chain, goal, moment.beside)
+        seen = self._outlines.seen(moment.camera, poses)
+        return [polygon("ghost", outline.rings, link=outline.link) for outline in seen]
+
+    def _arm(self, moment: Moment, poses: Mapping[str, Matrix]) -> list[Item]:
+        return [
+            polygon(_style_of(outline.link, moment), outline.rings, link=outline.link)
+            for outline in self._outlines.seen(moment.camera, poses)
+        ]
+
+    def _ranges(self, moment: Moment, poses: Mapping[str, Matrix]) -> list[Item]:
+        items: list[Item] = []
+        for dial in self._dials:
+            style = self._nearer(moment, dial.column)
+            drawn = draw_dial(dial, self.chain, moment.measured, poses, moment.camera, style)
+            drawn[0]["says"] = self._says(moment, dial)
+            items += drawn
+        return items
+
+    def _says(self, moment: Moment, dial: Dial) -> str:
+        at, source = float(moment.measured[dial.column]), self._limit_from.get(dial.name)
+        return range_words(self.chain, dial.column, at, source or "arm file")
+
+    def _nearer(self, moment: Moment, column: int) -> str:
+        """Return how near a limit a joint is, or is being sent."""
+        styles = [nearness(self.chain, moment.measured, column)]
+        if moment.goal is not None:
+            styles.append(nearness(self.chain, moment.goal, column))
+        return next((style for style in ("red", "amber") if style in styles), "limit")
+
+
+def _style_of(link: str, moment: Moment) -> str:
+    return "grabbed" if link == moment.grabbed else "hover" if link == moment.hover else "measured"
+
+
+def _marks(moment: Moment, tip_m: Vector) -> list[Item]:
+    """Return the way, the tip and the target."""
+    camera = moment.camera
+    items: list[Item] = []
+    if moment.trace_m is not None and len(moment.trace_m):
+        items.append(polyline("trace", camera.project(moment.trace_m)[0]))
+    items.append(circle("tip", camera.project(tip_m)[0], _TIP_PX))
+    return items if moment.aim is None else items + draw_aim(moment.aim, camera)

@@ -1,0 +1,140 @@
+"""Everything of a view put together: the arm, its pilot, the desk, and the page's server."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from ikservo.arm import Arm, open_arm
+from ikservo.clock import RealClock
+from ikservo.errors import BadValueError
+from ikservo.model import Model
+from ikservo.view.server.hosting import Address, hosted, serve
+from ikservo.view.server.server import application
+from ikservo.view.server.visitors import Keys
+from ikservo.view.session.desk import Desk
+from ikservo.view.session.pilot import DEAD_MAN_S, Pilot
+from ikservo.view.session.ritual import Ritual
+
+__all__ = ["House", "Urls", "paced"]
+
+# Whoever streams goals must not wait long for whoever draws.
+_SWITCH_S = 0.0005
+
+
+@dataclass(frozen=True, slots=True)
+class Urls:
+    """Where the page is.
+
+    Attributes:
+        control: With the key that moves the arm.
+        watch: With the key that only looks.
+        warnings: What the person should know about the address.
+    """
+
+    control: str
+    watch: str
+    warnings: tuple[str, ...] = ()
+
+
+class House:
+    """A view of one arm; entering opens the arm, leaving lets it hold.
+
+    Args:
+        model: The arm.
+        port: Its port; time on a simulated one passes as it does for a person.
+        listen: The IP address at which the page is served.
+        http: The port of the page, 0 for any that is free.
+        collisions: See ``open_arm``.
+        uncalibrated: See ``open_arm``.
+        dead_man_s: How long the arm follows a page that is silent.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        port: str | None,
+        listen: str = "127.0.0.1",
+        http: int = 0,
+        *,
+        collisions: bool = True,
+        uncalibrated: bool = False,
+        dead_man_s: float = DEAD_MAN_S,
+    ) -> None:
+        self._model, self._port = model, paced(port)
+        self._listen, self._http = _checked(listen), http
+        self._collisions, self._uncalibrated = collisions, uncalibrated
+        self._dead_man_s = dead_man_s
+        self.keys = Keys.new()
+        self._exits = ExitStack()
+
+    def __enter__(self) -> Urls:
+        """Open the arm and the address.
+
+        Raises:
+            IkservoError: The arm or the address cannot be opened.
+        """
+        with ExitStack() as stack:
+            self._address = Address(self._listen, self._http)
+            stack.callback(self._address.socket.close)
+            clock = RealClock()
+            ritual = Ritual(self._model, self._port)
+            self.pilot = stack.enter_context(Pilot(self._open, clock, self._dead_man_s, ritual))
+            self.desk = Desk(self.pilot, clock)
+            stack.callback(self.desk.close)
+            self._app = application(self.desk, self.keys, clock)
+            self._exits = stack.pop_all()
+        url = self._address.url
+        return Urls(f"{url}/#token={self.keys.control}", f"{url}/#token={self.keys.watch}",
+                    tuple(self._warnings()))  # fmt: skip
+
+    def __exit__(self, *_: object) -> None:
+        """Let the arm hold and close everything."""
+        self._exits.close()
+
+    def serve(self) -> None:
+        """Serve in this thread, the main one, until Ctrl-C."""
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_S)
+        try:
+            serve(self._app, self._address)
+        finally:
+            sys.setswitchinterval(before)
+
+    def serve_beside(self) -> ExitStack:
+        """Serve in a thread of its own until the stack is closed."""
+        stack = ExitStack()
+        stack.enter_context(hosted(self._app, self._address))
+        return stack
+
+    def _open(self) -> Arm:
+        return open_arm(self._model, self._port, collisions=self._collisions,
+                        uncalibrated=self._uncalibrated)  # fmt: skip
+
+    def _warnings(self) -> list[str]:
+        if ipaddress.ip_address(self._listen).is_loopback:
+            return []
+        return [
+            "The network can reach this page. Its key never travels over the wire, but what is "
+            "said does so unencrypted; from afar rather use: ssh -L 8420:localhost:8420 HOST"
+        ]
+
+
+def paced(port: str | None) -> str | None:
+    """Return the port, with time as a person knows it where the bus is simulated."""
+    if port is None or port.partition(":")[0] != "sim" or "paced=" in port:
+        return port
+    return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}paced=1"
+
+
+def _checked(listen: str) -> str:
+    """Return the address; all of a machine's at once are none that a browser could open."""
+    with contextlib.suppress(ValueError):
+        address = ipaddress.ip_address(listen)
+        if not address.is_unspecified:
+            return str(address)
+    expected = "one IP address of this machine, such as 127.0.0.1"
+    raise BadValueError("--listen", repr(listen), expected)
