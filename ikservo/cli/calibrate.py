@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import sys
 
-from ikservo.cli.calibrate_auto import by_itself
-from ikservo.cli.calibrate_hands import Wishes, by_hand, own_limits
-from ikservo.cli.calibrate_options import (
+from ikservo.cli.calibrating.by_itself import by_itself
+from ikservo.cli.calibrating.hands import Wishes, by_hand, own_limits
+from ikservo.cli.calibrating.options import (
     ArmWord,
     Auto,
     Block,
@@ -25,8 +25,8 @@ from ikservo.cli.calibrate_options import (
     Wiggle,
     WriteLimits,
 )
-from ikservo.cli.calibrate_touch import TouchWishes, touch_off
-from ikservo.cli.calibrate_wiggle import wiggle_all
+from ikservo.cli.calibrating.touch import TouchWishes, touch_off
+from ikservo.cli.calibrating.wiggle import wiggle_all
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import JsonOption, PortOption, UncalibratedOption, YesOption
 from ikservo.cli.session import opened

@@ -12,8 +12,8 @@ from ikservo.arm.calibrating.adopting import adopt, adoptable
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
 from ikservo.arm.calibrating.filing import differences, pull, push
 from ikservo.calibration.transaction import resume, revert
-from ikservo.cli.calibrate_meeting import consent, let_go
-from ikservo.cli.calibrate_options import ArmWord
+from ikservo.cli.calibrating.meeting import consent, let_go
+from ikservo.cli.calibrating.options import ArmWord
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import JsonOption, PortOption, YesOption
 from ikservo.cli.output import note, print_json, print_lines, print_table

@@ -9,7 +9,7 @@ import typer
 
 from ikservo.arm import Arm, open_arm
 from ikservo.arm.skills.following import FollowReport
-from ikservo.cli.calibrate_wiggle import check_once
+from ikservo.cli.calibrating.wiggle import check_once
 from ikservo.cli.completing import arms
 from ikservo.cli.options import (
     ArmOption,

@@ -24,11 +24,11 @@ from ikservo.calibration.lerobot import LerobotJoint, read_lerobot
 from ikservo.calibration.lerobot_places import find_lerobot
 from ikservo.calibration.outcome import Outcome
 from ikservo.calibration.sweep import Wizard
-from ikservo.cli.calibrate_hands import show
-from ikservo.cli.calibrate_meeting import consent, greet, let_go
-from ikservo.cli.calibrate_options import FromScript, Margin, NoInput, Pose
-from ikservo.cli.calibrate_screen import screen
-from ikservo.cli.calibrate_talk import Answers, answers, converse
+from ikservo.cli.calibrating.hands import show
+from ikservo.cli.calibrating.meeting import consent, greet, let_go
+from ikservo.cli.calibrating.options import FromScript, Margin, NoInput, Pose
+from ikservo.cli.calibrating.screen import screen
+from ikservo.cli.calibrating.talk import Answers, answers, converse
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, YesOption
 from ikservo.cli.output import note

@@ -11,7 +11,7 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.arm.skills.jogging import DIRECTIONS, JogReport, Wanted
-from ikservo.cli.calibrate_wiggle import check_once
+from ikservo.cli.calibrating.wiggle import check_once
 from ikservo.cli.keyboard import keys
 from ikservo.cli.options import (
     ArmOption,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm, JointReport
-from ikservo.cli.calibrate_wiggle import check_once
+from ikservo.cli.calibrating.wiggle import check_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -21,8 +21,8 @@ from ikservo.cli.options import (
     YesOption,
 )
 from ikservo.cli.output import point, print_json, print_lines
-from ikservo.cli.plan_report import print_plan
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
+from ikservo.cli.reports.plan import print_plan
 from ikservo.cli.session import announce, opened, watched
 from ikservo.errors import BadValueError, ExitCode
 from ikservo.model import Model

@@ -8,7 +8,7 @@ import typer
 
 from ikservo.arm import Arm, MoveReport, Plan
 from ikservo.arm.planning import Stance
-from ikservo.cli.calibrate_wiggle import check_once
+from ikservo.cli.calibrating.wiggle import check_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -22,8 +22,8 @@ from ikservo.cli.options import (
     YesOption,
 )
 from ikservo.cli.output import point, print_json, print_lines
-from ikservo.cli.plan_report import print_plan, turned
 from ikservo.cli.quantities import parse_length_m, parse_point_m
+from ikservo.cli.reports.plan import print_plan, turned
 from ikservo.cli.session import announce, opened, watched
 from ikservo.cli.stance import DirectionOption, KeepOption, PitchOption, RollOption, stance_of
 from ikservo.errors import ExitCode

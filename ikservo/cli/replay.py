@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.tapes.replaying import ReplayReport, playback_of
-from ikservo.cli.calibrate_wiggle import check_once
+from ikservo.cli.calibrating.wiggle import check_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,

@@ -12,8 +12,8 @@ from ikservo.cli.choosing import known_model, start_of
 from ikservo.cli.options import ArmOption, JsonOption, Length
 from ikservo.cli.output import note
 from ikservo.cli.quantities import parse_axis
-from ikservo.cli.solutions import all_solutions, print_solutions
-from ikservo.cli.solve_report import print_result
+from ikservo.cli.reports.solutions import all_solutions, print_solutions
+from ikservo.cli.reports.solve import print_result
 from ikservo.cli.stance import DirectionOption, KeepOption, PitchOption, RollOption, stance_of
 from ikservo.errors import ExitCode, InputError
 from ikservo.ik import Result, Target, solve
@@ -112,7 +112,7 @@ def _check(
         other = "--all" if everything else "--compare"
         raise InputError(f"{other} chooses the method itself.", "Leave --method away.")
     if plot is not None:
-        from ikservo.cli.pictures import check_picture  # noqa: PLC0415  # few draw
+        from ikservo.cli.plotting.sheet import check_picture  # noqa: PLC0415  # few draw
 
         check_picture(plot)
 
@@ -149,7 +149,7 @@ def _print_all(
 def _print_comparison(
     model: Model, target: Target, start: Vector, *, trace: bool, json: bool
 ) -> list[tuple[str, Result]]:
-    from ikservo.cli.comparison import compare, print_comparison, print_traces  # noqa: PLC0415
+    from ikservo.cli.reports.comparison import compare, print_comparison, print_traces  # noqa: PLC0415
 
     entries = compare(model.chain, target, start)
     answers = [(e.method, e.result) for e in entries if e.method == e.result.method]
@@ -162,7 +162,7 @@ def _print_comparison(
 
 def _print_one(model: Model, target: Target, result: Result, *, trace: bool, json: bool) -> None:
     if trace:
-        from ikservo.cli.comparison import print_traces  # noqa: PLC0415
+        from ikservo.cli.reports.comparison import print_traces  # noqa: PLC0415
 
         print_traces(model.chain, target, [(result.method, result)])
     else:
@@ -172,7 +172,7 @@ def _print_one(model: Model, target: Target, result: Result, *, trace: bool, jso
 def _draw(
     file: Path, model: Model, target: Target, start: Vector, answers: list[tuple[str, Result]]
 ) -> None:
-    from ikservo.cli.solve_picture import draw  # noqa: PLC0415  # matplotlib takes a second
+    from ikservo.cli.plotting.solution import draw  # noqa: PLC0415  # matplotlib takes a second
 
     draw(file, model, target, start, answers)
     note(f"Picture: {file}")

@@ -10,10 +10,10 @@ import typer
 from ikservo.cli.choosing import known_model, start_of
 from ikservo.cli.options import ArmOption, JsonOption
 from ikservo.cli.output import print_json, print_lines
-from ikservo.cli.pictures import check_picture
+from ikservo.cli.plotting.sheet import check_picture
+from ikservo.cli.plotting.workspace import draw
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
-from ikservo.cli.workspace_picture import draw
-from ikservo.cli.workspace_report import (
+from ikservo.cli.reports.workspace import (
     Slice,
     point_fields,
     point_lines,

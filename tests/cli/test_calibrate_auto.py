@@ -121,7 +121,7 @@ def counts(arm):
 
 def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, say, monkeypatch):
     before = counts(arm)
-    monkeypatch.setattr("ikservo.cli.calibrate_hands.consent", lambda *_, **__: False)
+    monkeypatch.setattr("ikservo.cli.calibrating.hands.consent", lambda *_, **__: False)
     done = auto(say, narrow, "--skip joint1 --skip joint2")
     assert done.code == 1, done.err
     assert counts(arm) == before

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.live import Live
 
 from ikservo.calibration.sweep import Stage, Wizard
-from ikservo.cli import calibrate_screen
-from ikservo.cli.calibrate_talk import answers, converse
+from ikservo.cli.calibrating import screen as calibrate_screen
+from ikservo.cli.calibrating.talk import answers, converse
 from ikservo.cli.keyboard import keys
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.rehearsal import rehearse

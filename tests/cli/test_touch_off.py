@@ -188,7 +188,7 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
         return ""
 
     key.ready_s = arm.world.time_s + 1.5
-    monkeypatch.setattr("ikservo.cli.calibrate_touch.keys", lambda: nullcontext(key))
+    monkeypatch.setattr("ikservo.cli.calibrating.touch.keys", lambda: nullcontext(key))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("typer.confirm", lambda *_, **__: True)
     done = say(f"{WORDS} --points {points} --json")

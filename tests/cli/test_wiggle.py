@@ -5,7 +5,7 @@ from itertools import combinations
 import pytest
 
 from ikservo.arm.calibrating.confirmation import confirmed
-from ikservo.cli import calibrate_wiggle
+from ikservo.cli.calibrating import wiggle as calibrate_wiggle
 from tests.calibration.hidden import load_model
 from tests.cli.real_port import PORT, calibrate_plainly, put
 

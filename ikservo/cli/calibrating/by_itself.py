@@ -10,10 +10,10 @@ from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
 from ikservo.arm.calibrating.confirmation import confirm
 from ikservo.arm.calibrating.wiggling import expected, wiggle
 from ikservo.calibration.sweep import Stage, Wizard
-from ikservo.cli.calibrate_hands import Wishes, check_wishes, reviewed, show, with_wishes
-from ikservo.cli.calibrate_meeting import consent, greet, let_go
-from ikservo.cli.calibrate_screen import screen
-from ikservo.cli.calibrate_talk import answers, converse
+from ikservo.cli.calibrating.hands import Wishes, check_wishes, reviewed, show, with_wishes
+from ikservo.cli.calibrating.meeting import consent, greet, let_go
+from ikservo.cli.calibrating.screen import screen
+from ikservo.cli.calibrating.talk import answers, converse
 from ikservo.cli.output import note
 from ikservo.cli.stopping import stoppable
 from ikservo.errors import CalibrationError, IkservoError, InputError

@@ -6,7 +6,7 @@ import math
 
 from ikservo.cli.choosing import limit_sources, limit_words
 from ikservo.cli.output import point, print_json, print_lines
-from ikservo.cli.solutions import joint_words
+from ikservo.cli.reports.solutions import joint_words
 from ikservo.ik import Result, Target
 from ikservo.model import Model
 

@@ -7,7 +7,7 @@ import sys
 from ikservo.arm import Arm, Zeros
 from ikservo.arm.calibrating.confirmation import confirm, confirmed
 from ikservo.arm.calibrating.wiggling import Wiggle, expected, wiggle
-from ikservo.cli.calibrate_meeting import consent
+from ikservo.cli.calibrating.meeting import consent
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.errors import CalibrationError, InputError
 

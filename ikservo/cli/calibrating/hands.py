@@ -16,9 +16,9 @@ from ikservo.calibration.answers import read_script
 from ikservo.calibration.obstacles import findings
 from ikservo.calibration.outcome import Outcome
 from ikservo.calibration.sweep import Wizard
-from ikservo.cli.calibrate_meeting import consent, greet, let_go
-from ikservo.cli.calibrate_screen import screen
-from ikservo.cli.calibrate_talk import answers, converse
+from ikservo.cli.calibrating.meeting import consent, greet, let_go
+from ikservo.cli.calibrating.screen import screen
+from ikservo.cli.calibrating.talk import answers, converse
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.errors import BadValueError, IkservoError

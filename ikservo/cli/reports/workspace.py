@@ -8,7 +8,7 @@ from enum import Enum
 
 from ikservo.cli.choosing import limit_words
 from ikservo.cli.output import point as say_point
-from ikservo.cli.workspace_picture import axis_names
+from ikservo.cli.plotting.workspace import axis_names
 from ikservo.ik import Result
 from ikservo.ik.workspace import Workspace
 from ikservo.kinematics.se3 import Matrix

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ikservo.cli.comparison import errors_along
-from ikservo.cli.pictures import lines_of
+from ikservo.cli.plotting.sheet import lines_of
+from ikservo.cli.reports.comparison import errors_along
 from ikservo.ik import Result, Target, Tolerance
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector

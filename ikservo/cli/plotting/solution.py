@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ikservo.cli.error_curves import draw_errors
 from ikservo.cli.output import point
-from ikservo.cli.pictures import length_axes, lines_of, save, sheet, skeleton, square
+from ikservo.cli.plotting.error_curves import draw_errors
+from ikservo.cli.plotting.sheet import length_axes, lines_of, save, sheet, skeleton, square
 from ikservo.ik import Result, Target
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ikservo.cli.pictures import length_axes, save, sheet, skeleton
+from ikservo.cli.plotting.sheet import length_axes, save, sheet, skeleton
 from ikservo.ik.workspace import Workspace
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model

@@ -12,7 +12,7 @@ from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.calibration.answers import Script, apply, read_script
 from ikservo.calibration.obstacles import goes_round, obstacles
 from ikservo.calibration.sweep import Stage, Wizard
-from ikservo.cli.calibrate_screen import Screen
+from ikservo.cli.calibrating.screen import Screen
 from ikservo.cli.keyboard import keys
 from ikservo.errors import CalibrationError, InputError
 

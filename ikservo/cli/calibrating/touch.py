@@ -12,11 +12,11 @@ from typing import Protocol
 
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
 from ikservo.arm.calibrating.touching import TouchArm
-from ikservo.cli.calibrate_meeting import consent, greet, let_go
+from ikservo.cli.calibrating.meeting import consent, greet, let_go
+from ikservo.cli.calibrating.touch_findings import fields, findings
+from ikservo.cli.calibrating.touch_points import read_points
 from ikservo.cli.keyboard import keys
 from ikservo.cli.output import note, point, print_json, print_lines
-from ikservo.cli.touch_findings import fields, findings
-from ikservo.cli.touch_points import read_points
 from ikservo.errors import CalibrationError, IkservoError, InputError
 from ikservo.model import Model
 from ikservo.model.touch.answers import TouchScript, apply, read_touch_script

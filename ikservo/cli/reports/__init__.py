@@ -1,0 +1,1 @@
+"""What an answer looks like on the terminal and as JSON."""
