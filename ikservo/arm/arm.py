@@ -24,7 +24,7 @@ from ikservo.arm.streaming.stream import OnBeat
 from ikservo.arm.trust import LARGEST_STEP_RAD, Zeros
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import Space
-from ikservo.hardware.port import Port
+from ikservo.hardware.line.port import Port
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model

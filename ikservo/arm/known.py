@@ -10,9 +10,9 @@ import numpy as np
 
 from ikservo.arm.calibrating.belonging import check_belongs
 from ikservo.arm.own import calibrated_limits, geometry_of
-from ikservo.calibration.calibration_file import read_calibration
-from ikservo.calibration.record import Calibration
-from ikservo.calibration.store import calibrations_of
+from ikservo.calibration.filing.calibration_file import read_calibration
+from ikservo.calibration.filing.record import Calibration
+from ikservo.calibration.filing.store import calibrations_of
 from ikservo.kinematics import Chain
 from ikservo.kinematics.geometry import corrected
 from ikservo.model import Model, ModelJoint, load_model

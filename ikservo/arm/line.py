@@ -5,8 +5,8 @@ from __future__ import annotations
 from ikservo.arm.given import port_name
 from ikservo.errors import InputError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.discovery import choose_port, with_arm
-from ikservo.hardware.port import open_port
+from ikservo.hardware.finding.discovery import choose_port, with_arm
+from ikservo.hardware.line.port import open_port
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model, ModelServo
 from ikservo.registers import table_for

@@ -17,10 +17,10 @@ from ikservo.arm.trust import Zeros
 from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError
 from ikservo.guard import Box, Fence, Space
-from ikservo.hardware.backup import back_up_once
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.crowds import refusing_crowds
-from ikservo.hardware.discovery import remember_port
+from ikservo.hardware.finding.crowds import refusing_crowds
+from ikservo.hardware.finding.discovery import remember_port
+from ikservo.hardware.keeping.backup import back_up_once
 from ikservo.kinematics import Chain
 from ikservo.model import Model, ModelJoint, load_model
 from ikservo.model.shell import body_of

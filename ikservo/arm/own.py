@@ -10,17 +10,17 @@ from ikservo.arm.calibrating.belonging import check_belongs
 from ikservo.arm.streaming.asking import ask_all
 from ikservo.arm.trust import Zeros
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.compare import contradictions_with, refuse
-from ikservo.calibration.encoder import Encoder, encoder_of
-from ikservo.calibration.memory import facts_of
-from ikservo.calibration.record import CalibratedGeometry, CalibratedJoint, Calibration
-from ikservo.calibration.seam import nearest_turn
-from ikservo.calibration.store import journal_path, load
-from ikservo.calibration.transaction import settle
+from ikservo.calibration.filing.record import CalibratedGeometry, CalibratedJoint, Calibration
+from ikservo.calibration.filing.store import journal_path, load
+from ikservo.calibration.in_servos.compare import contradictions_with, refuse
+from ikservo.calibration.in_servos.memory import facts_of
+from ikservo.calibration.in_servos.transaction import settle
+from ikservo.calibration.ticks.encoder import Encoder, encoder_of
+from ikservo.calibration.ticks.seam import nearest_turn
 from ikservo.errors import CalibrationError
-from ikservo.hardware.adapters import adapter_of
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.pseudo_terminal import is_pseudo_terminal
+from ikservo.hardware.line.adapters import adapter_of
+from ikservo.hardware.line.pseudo_terminal import is_pseudo_terminal
 from ikservo.kinematics import Chain
 from ikservo.kinematics.geometry import Geometry, corrected
 from ikservo.model import Model, ModelJoint

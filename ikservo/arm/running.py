@@ -23,7 +23,7 @@ from ikservo.arm.streaming.stream import STOPPED, OnBeat, Stream
 from ikservo.arm.trust import Zeros
 from ikservo.errors import IkservoError, RefusedError, ServoAlarmError, StoppedError
 from ikservo.guard import Space
-from ikservo.hardware.port import Port
+from ikservo.hardware.line.port import Port
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model

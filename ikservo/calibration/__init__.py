@@ -5,9 +5,9 @@ What a position of a servo means (`JointMap`, `Crank`, the seam of its count), w
 LeRobot's files, and kept in a file and in the servos as one transaction.
 """
 
-from ikservo.calibration.crank import Crank
-from ikservo.calibration.joint_map import JointMap
-from ikservo.calibration.limits import Limit, Limits
-from ikservo.calibration.words import JointUnit, say
+from ikservo.calibration.ticks.crank import Crank
+from ikservo.calibration.ticks.joint_map import JointMap
+from ikservo.calibration.ticks.limits import Limit, Limits
+from ikservo.calibration.ticks.words import JointUnit, say
 
 __all__ = ["Crank", "JointMap", "JointUnit", "Limit", "Limits", "say"]

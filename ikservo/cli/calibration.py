@@ -11,7 +11,7 @@ import typer
 from ikservo.arm.calibrating.adopting import adopt, adoptable
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
 from ikservo.arm.calibrating.filing import differences, pull, push
-from ikservo.calibration.transaction import resume, revert
+from ikservo.calibration.in_servos.transaction import resume, revert
 from ikservo.cli.calibrating.meeting import consent, let_go
 from ikservo.cli.calibrating.options import ArmWord
 from ikservo.cli.choosing import chosen_model

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ikservo.calibration import say
-from ikservo.calibration.store import calibrations_of
+from ikservo.calibration.filing.store import calibrations_of
 from ikservo.cli.output import note
 from ikservo.errors import InputError
 from ikservo.ik import Binding

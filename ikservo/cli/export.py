@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.own import serial_number_of
-from ikservo.calibration.calibration_file import read_calibration
-from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, unsaid
-from ikservo.calibration.store import calibration_path, calibrations_of
+from ikservo.calibration.filing.calibration_file import read_calibration
+from ikservo.calibration.filing.lerobot import dump_lerobot, lerobot_joints, unsaid
+from ikservo.calibration.filing.store import calibration_path, calibrations_of
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.import_ import Kind, check_kind
 from ikservo.cli.options import ArmOption, PortOption

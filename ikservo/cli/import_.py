@@ -19,11 +19,11 @@ from ikservo.arm.calibrating.importing import (
     known_travels,
     unlike_servos,
 )
-from ikservo.calibration.answers import read_script
-from ikservo.calibration.lerobot import LerobotJoint, read_lerobot
-from ikservo.calibration.lerobot_places import find_lerobot
-from ikservo.calibration.outcome import Outcome
-from ikservo.calibration.sweep import Wizard
+from ikservo.calibration.filing.lerobot import LerobotJoint, read_lerobot
+from ikservo.calibration.filing.lerobot_places import find_lerobot
+from ikservo.calibration.sweeping.answers import read_script
+from ikservo.calibration.sweeping.outcome import Outcome
+from ikservo.calibration.sweeping.sweep import Wizard
 from ikservo.cli.calibrating.hands import show
 from ikservo.cli.calibrating.meeting import consent, greet, let_go
 from ikservo.cli.calibrating.options import FromScript, Margin, NoInput, Pose

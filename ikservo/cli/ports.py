@@ -9,7 +9,7 @@ import typer
 
 from ikservo.cli.options import JsonOption
 from ikservo.cli.output import note, print_json, print_lines, print_table
-from ikservo.hardware.discovery import Adapter, Change, adapters, changes
+from ikservo.hardware.finding.discovery import Adapter, Change, adapters, changes
 
 __all__ = ["command"]
 

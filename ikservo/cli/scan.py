@@ -13,7 +13,7 @@ from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_table
 from ikservo.cli.progress import bar
 from ikservo.errors import ExitCode, ServoSilentError
-from ikservo.hardware.discovery import (
+from ikservo.hardware.finding.discovery import (
     Found,
     Listener,
     ScanStep,

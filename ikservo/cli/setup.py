@@ -14,7 +14,7 @@ from ikservo.arm.care.commissioning import Settled, Wish, commission, wishes
 from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.errors import IkservoError, InputError
-from ikservo.hardware.discovery import Found
+from ikservo.hardware.finding.discovery import Found
 from ikservo.model import Model, load_model
 
 __all__ = ["command"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ikservo.clock import Clock
-from ikservo.hardware.replies import Fault, FaultKind, Reply
+from ikservo.hardware.packets.replies import Fault, FaultKind, Reply
 
 __all__ = ["Absence"]
 

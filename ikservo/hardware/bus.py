@@ -8,16 +8,16 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeVar, overload
 
 from ikservo.errors import BusError
-from ikservo.hardware.block import rounds, written
-from ikservo.hardware.chain_order import silence_hint
 from ikservo.hardware.conversation import Conversation
+from ikservo.hardware.finding.chain_order import silence_hint
+from ikservo.hardware.finding.roll_call import RollCall
 from ikservo.hardware.gathering import scatter
-from ikservo.hardware.notation import Wanted, own_register
+from ikservo.hardware.line.port import Port
+from ikservo.hardware.line.replug import reopen
+from ikservo.hardware.packets.block import rounds, written
+from ikservo.hardware.packets.notation import Wanted, own_register
 from ikservo.hardware.plan import Cell, Plan, Round, plan_reading, plan_writing
-from ikservo.hardware.port import Port
 from ikservo.hardware.readings import Readings
-from ikservo.hardware.replug import reopen
-from ikservo.hardware.roll_call import RollCall
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Family, Register, Role
 

@@ -7,10 +7,10 @@ from typing import Literal, overload
 
 from ikservo.clock import Clock
 from ikservo.errors import BadValueError, RegisterAccessError
-from ikservo.hardware.notation import Wanted, own_register, to_bytes
-from ikservo.hardware.port import Port
+from ikservo.hardware.line.port import Port
+from ikservo.hardware.packets.notation import Wanted, own_register, to_bytes
+from ikservo.hardware.packets.replies import Reply, Status
 from ikservo.hardware.questions import Questions
-from ikservo.hardware.replies import Reply, Status
 from ikservo.hardware.servo import Identity, ServoSpec
 from ikservo.hardware.statistics import ServoStatistics
 from ikservo.registers import Alarm, Area, Register, Role

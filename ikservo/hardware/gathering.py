@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping
 
-from ikservo.hardware.driver import Driver
-from ikservo.hardware.replies import Reply
-from ikservo.hardware.span import Span
+from ikservo.hardware.drivers.driver import Driver
+from ikservo.hardware.packets.replies import Reply
+from ikservo.hardware.packets.span import Span
 
 __all__ = ["gather", "scatter"]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ikservo.hardware.block import rounds
-from ikservo.hardware.notation import Wanted, own_register
+from ikservo.hardware.packets.block import rounds
+from ikservo.hardware.packets.notation import Wanted, own_register
+from ikservo.hardware.packets.span import Span
 from ikservo.hardware.servo import ServoSpec
-from ikservo.hardware.span import Span
 from ikservo.registers import Register, Role
 
 __all__ = ["Cell", "Plan", "Round", "Slot", "is_telling", "plan_reading", "plan_writing"]

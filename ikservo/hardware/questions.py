@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 from ikservo.errors import BadReplyError, BusError, ServoRefusedError, ServoSilentError
 from ikservo.hardware.absence import Absence
-from ikservo.hardware.chain_order import silence_hint
-from ikservo.hardware.driver import Driver
-from ikservo.hardware.drivers import driver_for
+from ikservo.hardware.drivers.choice import driver_for
+from ikservo.hardware.drivers.driver import Driver
+from ikservo.hardware.finding.chain_order import silence_hint
 from ikservo.hardware.gathering import gather
-from ikservo.hardware.port import Port
-from ikservo.hardware.replies import Fault, FaultKind, Reply, Status
+from ikservo.hardware.line.port import Port
+from ikservo.hardware.packets.replies import Fault, FaultKind, Reply, Status
+from ikservo.hardware.packets.span import Span
 from ikservo.hardware.servo import ServoSpec
-from ikservo.hardware.span import Span
 from ikservo.hardware.statistics import ServoStatistics
 from ikservo.registers import Alarm, Family
 

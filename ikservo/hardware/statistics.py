@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
-from ikservo.hardware.replies import Fault, FaultKind, Reply
+from ikservo.hardware.packets.replies import Fault, FaultKind, Reply
 
 __all__ = ["ServoStatistics"]
 

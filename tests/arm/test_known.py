@@ -8,9 +8,9 @@ import pytest
 
 import ikservo
 from ikservo.arm.known import known
-from ikservo.calibration.outcome import Outcome
-from ikservo.calibration.record import CalibratedGeometry, CalibratedOrigin
-from ikservo.calibration.store import save
+from ikservo.calibration.filing.record import CalibratedGeometry, CalibratedOrigin
+from ikservo.calibration.filing.store import save
+from ikservo.calibration.sweeping.outcome import Outcome
 from ikservo.errors import CalibrationError, FileFormatError
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.plain import plain_calibration
@@ -40,7 +40,7 @@ def test_without_a_calibration_the_arm_file_is_all_there_is():
 @pytest.mark.parametrize("name", ["so101", "koch", "planar3"])
 def test_the_ranges_are_those_of_the_opened_arm(name, monkeypatch):
     arm = hidden_arm(name, 4, spoiled=False)
-    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_: reopened(arm))
+    monkeypatch.setattr("ikservo.hardware.line.port.open_transport", lambda *_: reopened(arm))
     with arm.loose() as loose:
         calibration = plain_calibration(arm, loose, WHEN)
         memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}

@@ -11,8 +11,8 @@ from ikservo.arm import Zeros
 from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.arm.own import own_arm, within_a_turn
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.encoder import Encoder
-from ikservo.calibration.outcome import Outcome
+from ikservo.calibration.sweeping.outcome import Outcome
+from ikservo.calibration.ticks.encoder import Encoder
 from ikservo.errors import CalibrationError, RefusedError
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.plain import plain_calibration
@@ -36,7 +36,7 @@ def desk(monkeypatch):
             arm.port.is_open = True
             return arm.port
 
-        monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
+        monkeypatch.setattr("ikservo.hardware.line.port.open_transport", open_transport)
         with arm.loose() as loose:
             calibration = plain_calibration(arm, loose, WHEN)
             memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}

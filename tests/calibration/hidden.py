@@ -8,9 +8,9 @@ from functools import cache
 
 from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.arm.line import servo_specs
-from ikservo.calibration.sweep import Wizard
+from ikservo.calibration.sweeping.sweep import Wizard
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.port import Port
+from ikservo.hardware.line.port import Port
 from ikservo.model import load_model as load_model_afresh
 from servosim import SimulatedPort, read_arm_file
 from servosim.assembly import world_of_arm

@@ -1,6 +1,6 @@
 """A calibration made without hands: as if every joint had been swept around where it is."""
 
-from ikservo.calibration.sweep import Wizard
+from ikservo.calibration.sweeping.sweep import Wizard
 
 STEP = 60
 

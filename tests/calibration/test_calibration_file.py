@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 import pytest
 
 from ikservo.calibration import Limits
-from ikservo.calibration.calibration_file import parse_calibration, read_calibration, text_of
-from ikservo.calibration.record import CalibratedGeometry, CalibratedOrigin, Calibration
-from ikservo.calibration.store import calibration_path, calibrations_of, load, save
+from ikservo.calibration.filing.calibration_file import parse_calibration, read_calibration, text_of
+from ikservo.calibration.filing.record import CalibratedGeometry, CalibratedOrigin, Calibration
+from ikservo.calibration.filing.store import calibration_path, calibrations_of, load, save
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.guarded import with_checksum
 from tests.calibration.hidden import hidden_arm

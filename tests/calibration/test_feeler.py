@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ikservo.calibration.feeler import Feeler, Touch
+from ikservo.calibration.sweeping.feeler import Feeler, Touch
 
 AHEAD, LOUD = 0.08, 28.0  # rad that the goal leads, and percent of 30
 

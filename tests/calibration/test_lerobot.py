@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.calibration.lerobot import dump_lerobot, parse_lerobot, read_lerobot, unsaid
-from ikservo.calibration.lerobot_places import find_lerobot
+from ikservo.calibration.filing.lerobot import dump_lerobot, parse_lerobot, read_lerobot, unsaid
+from ikservo.calibration.filing.lerobot_places import find_lerobot
 from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.plain import plain_calibration

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.calibration.encoder import Encoder, encoder_of
-from ikservo.calibration.homing import Travel, bare_tick, choose_homing
-from ikservo.calibration.seam import nearest_turn, short_way, unwrapped
+from ikservo.calibration.sweeping.homing import Travel, bare_tick, choose_homing
+from ikservo.calibration.ticks.encoder import Encoder, encoder_of
+from ikservo.calibration.ticks.seam import nearest_turn, short_way, unwrapped
 from ikservo.errors import CalibrationError
 from ikservo.registers import MODELS, Family
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.answers import Script, apply, read_script
-from ikservo.calibration.homing import Travel
-from ikservo.calibration.meter import State, meters
-from ikservo.calibration.obstacles import findings
-from ikservo.calibration.subject import Subject
-from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.calibration.sweeping.answers import Script, apply, read_script
+from ikservo.calibration.sweeping.homing import Travel
+from ikservo.calibration.sweeping.meter import State, meters
+from ikservo.calibration.sweeping.obstacles import findings
+from ikservo.calibration.sweeping.subject import Subject
+from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.errors import BadValueError, CalibrationError, FileFormatError, UnknownNameError
 
 TURN = 4096

@@ -8,12 +8,12 @@ import pytest
 
 from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.arm.own import own_arm
-from ikservo.calibration.calibration_file import read_calibration, text_of
-from ikservo.calibration.journal import Change, Journal, journal_text, read_journal
-from ikservo.calibration.memory import facts_of
-from ikservo.calibration.outcome import Outcome
-from ikservo.calibration.store import calibration_path, journal_path
-from ikservo.calibration.transaction import resume, revert, settle
+from ikservo.calibration.filing.calibration_file import read_calibration, text_of
+from ikservo.calibration.filing.store import calibration_path, journal_path
+from ikservo.calibration.in_servos.journal import Change, Journal, journal_text, read_journal
+from ikservo.calibration.in_servos.memory import facts_of
+from ikservo.calibration.in_servos.transaction import resume, revert, settle
+from ikservo.calibration.sweeping.outcome import Outcome
 from ikservo.errors import CalibrationError, ExitCode, FileFormatError, PortLostError
 from ikservo.files.writing import FileWriteError, write_whole
 from tests.calibration.hidden import hidden_arm, load_model

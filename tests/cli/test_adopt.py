@@ -2,8 +2,8 @@
 
 import pytest
 
-from ikservo.calibration.calibration_file import read_calibration
-from ikservo.calibration.store import calibration_path
+from ikservo.calibration.filing.calibration_file import read_calibration
+from ikservo.calibration.filing.store import calibration_path
 from tests.cli.real_port import PORT, calibrate_plainly, put
 
 NAME, OLD, NEW = "planar2", "58FA083", "9C0FFEE"
@@ -27,7 +27,7 @@ def arm(monkeypatch):
 
 
 def move(calibration, serial):
-    from ikservo.calibration.store import save
+    from ikservo.calibration.filing.store import save
 
     return save(calibration.model_copy(update={"usb_serial_number": serial}))
 

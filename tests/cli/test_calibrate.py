@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.calibration.calibration_file import read_calibration, text_of
-from ikservo.calibration.journal import Journal, journal_text
-from ikservo.calibration.store import journal_path, save
+from ikservo.calibration.filing.calibration_file import read_calibration, text_of
+from ikservo.calibration.filing.store import journal_path, save
+from ikservo.calibration.in_servos.journal import Journal, journal_text
 from ikservo.files.writing import write_whole
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.rehearsal import rehearse
@@ -38,7 +38,7 @@ def desk(monkeypatch):
             arm.port.is_open = True
             return arm.port
 
-        monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
+        monkeypatch.setattr("ikservo.hardware.line.port.open_transport", open_transport)
         return arm
 
     return put
@@ -160,7 +160,7 @@ def test_without_a_terminal_the_options_that_answer_are_named(desk, say, home):
 
 
 def test_nobody_at_the_arm_ends_with_what_is_missing(desk, say, home, monkeypatch):
-    monkeypatch.setattr("ikservo.calibration.answers._PATIENCE_S", 3.0)
+    monkeypatch.setattr("ikservo.calibration.sweeping.answers._PATIENCE_S", 3.0)
     done = say(f"calibrate planar2 --port {desk() and PORT} --pose home --yes")
     assert done.code == 6
     assert "joint1 has not been moved yet" in done.err

@@ -6,8 +6,8 @@ import signal
 
 import pytest
 
-from ikservo.calibration.calibration_file import read_calibration
-from ikservo.calibration.store import calibration_path
+from ikservo.calibration.filing.calibration_file import read_calibration
+from ikservo.calibration.filing.store import calibration_path
 from tests.calibration.hidden import Person, load_model
 from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
 from tests.oracle import CONFIGS

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 from rich.live import Live
 
-from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.cli.calibrating import screen as calibrate_screen
 from ikservo.cli.calibrating.talk import answers, converse
 from ikservo.cli.keyboard import keys

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from ikservo.hardware.probe import LineQuality
-from ikservo.hardware.udev import installed_rules, read_rules
+from ikservo.hardware.finding.probe import LineQuality
+from ikservo.hardware.line.udev import installed_rules, read_rules
 from tests.cli.desk import Comport, plug_in, run, spoil
 
 SIM = "--arm so101 --port sim"
@@ -232,7 +232,7 @@ def test_the_installed_rule_is_a_tick(say, monkeypatch, tmp_path):
     (tmp_path / "60-ikservo.rules").touch()
     plug_in(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
-    monkeypatch.setattr("ikservo.hardware.udev._FOLDERS", (tmp_path,))
+    monkeypatch.setattr("ikservo.hardware.line.udev._FOLDERS", (tmp_path,))
     assert lines_of(say("doctor"), "udev") == [
         f"✓ udev      {tmp_path}/60-ikservo.rules is installed"
     ]

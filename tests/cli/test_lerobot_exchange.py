@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.filing.calibration_file import read_calibration
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.lerobot_files import lerobot_text
 from tests.calibration.rehearsal import rehearse
@@ -22,7 +22,7 @@ def arm(monkeypatch, tmp_path):
         arm.port.is_open = True
         return arm.port
 
-    monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
+    monkeypatch.setattr("ikservo.hardware.line.port.open_transport", open_transport)
     return arm
 
 

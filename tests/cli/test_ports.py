@@ -5,8 +5,8 @@ import json
 import pytest
 
 from ikservo.errors import NoPortError
-from ikservo.hardware.discovery import choose_port, remember_port
-from ikservo.hardware.remembered import config_folder
+from ikservo.hardware.finding.discovery import choose_port, remember_port
+from ikservo.hardware.line.remembered import config_folder
 from tests.cli.desk import Comport, plug_in
 
 FEETECH = Comport("/dev/ttyACM0")
@@ -45,7 +45,7 @@ def test_the_name_that_stays_the_same_is_shown(say, monkeypatch, tmp_path):
     device.touch()
     folder.mkdir()
     (folder / "usb-1a86_USB_Single_Serial").symlink_to(device)
-    monkeypatch.setattr("ikservo.hardware.adapters._BY_ID", folder)
+    monkeypatch.setattr("ikservo.hardware.line.adapters._BY_ID", folder)
     plug_in(monkeypatch, [Comport(str(device))])
     assert say("ports --json").json["ports"][0]["by_id"] == f"{folder}/usb-1a86_USB_Single_Serial"
 

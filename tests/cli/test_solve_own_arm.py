@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from ikservo.calibration.store import save
+from ikservo.calibration.filing.store import save
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.plain import plain_calibration
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ikservo.arm.own import own_arm
-from ikservo.calibration.calibration_file import read_calibration
-from ikservo.calibration.store import calibration_path
+from ikservo.calibration.filing.calibration_file import read_calibration
+from ikservo.calibration.filing.store import calibration_path
 from tests.calibration.hidden import load_model
 from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
 from tests.model.touch.hidden_geometry import HiddenGeometry

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.encoder import Encoder
-from ikservo.calibration.homing import Travel, choose_homing
+from ikservo.calibration.sweeping.homing import Travel, choose_homing
+from ikservo.calibration.ticks.encoder import Encoder
 from ikservo.guard import Fence
 from ikservo.registers import Family
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from ikservo.hardware import Port, ServoBus, ServoSpec, open_port
-from ikservo.hardware.patience import Patience
-from ikservo.hardware.trust import Trust
+from ikservo.hardware.line.patience import Patience
+from ikservo.hardware.packets.trust import Trust
 from ikservo.registers import STS3215, XL430W250, table_for
 
 

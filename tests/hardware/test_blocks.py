@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ikservo.hardware import ServoBus, ServoSpec
-from ikservo.hardware.block import neighbours
+from ikservo.hardware.packets.block import neighbours
 from ikservo.registers import STS3215, XL430W250, Role
 
 from .packets import asks_all

@@ -6,7 +6,7 @@ import pytest
 
 from ikservo.errors import ServoSilentError
 from ikservo.hardware import ServoSpec
-from ikservo.hardware.chain_order import silence_hint
+from ikservo.hardware.finding.chain_order import silence_hint
 from ikservo.registers import STS3215, Role
 
 from .desk import bus_with, spoil

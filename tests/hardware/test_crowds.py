@@ -10,9 +10,9 @@ import pytest
 import ikservo
 from ikservo.errors import BadReplyError
 from ikservo.hardware import Port, ServoBus, ServoSpec
-from ikservo.hardware.crowds import crowded, refuse_crowds
-from ikservo.hardware.framing import framing_of
-from ikservo.hardware.identify import look_closer
+from ikservo.hardware.finding.crowds import crowded, refuse_crowds
+from ikservo.hardware.finding.identify import look_closer
+from ikservo.hardware.packets.framing import framing_of
 from ikservo.registers import table_for
 from tests.cli import desk
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from ikservo.errors import BadReplyError, BusError, ServoRefusedError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec
-from ikservo.hardware.dynamixel import DynamixelDriver
-from ikservo.hardware.stuffing import stuffed, unstuffed
+from ikservo.hardware.drivers.dynamixel import DynamixelDriver
+from ikservo.hardware.packets.stuffing import stuffed, unstuffed
 from ikservo.registers import XL430W250, Alarm, Family, Role
 
 POSITION = XL430W250.present_position

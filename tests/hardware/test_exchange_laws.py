@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ikservo.hardware import protocol_1
-from ikservo.hardware.dialect import Frame
-from ikservo.hardware.protocol_2 import Answers, crc
-from ikservo.hardware.stuffing import stuffed
+from ikservo.hardware.packets import protocol_1
+from ikservo.hardware.packets.dialect import Frame
+from ikservo.hardware.packets.protocol_2 import Answers, crc
+from ikservo.hardware.packets.stuffing import stuffed
 
 noise = st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x01, 0x02, 0x04, 0x55, 0x7A]), max_size=12)
 data = st.binary(min_size=2, max_size=2)

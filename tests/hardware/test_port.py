@@ -11,7 +11,8 @@ import serial
 
 from ikservo.clock import RealClock
 from ikservo.errors import NoPortError, PortBusyError, PortError, PortLostError
-from ikservo.hardware import Port, open_port, transport, why_closed
+from ikservo.hardware import Port, open_port
+from ikservo.hardware.line import transport, why_closed
 
 
 class TestOpening:

@@ -12,12 +12,12 @@ import pytest
 
 from ikservo.errors import PortBusyError
 from ikservo.hardware import open_port
-from ikservo.hardware.port_lock import lock_of
+from ikservo.hardware.line.port_lock import lock_of
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows opens a port only once")
 
 HOLD = """import sys
-from ikservo.hardware.port_lock import lock_of
+from ikservo.hardware.line.port_lock import lock_of
 lock = lock_of(sys.argv[1])
 print("held", flush=True)
 sys.stdin.read()

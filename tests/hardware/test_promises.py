@@ -8,9 +8,10 @@ import sys
 import pytest
 
 from ikservo.errors import BusError, ServoRefusedError, ServoSilentError
-from ikservo.hardware import protocol_1, torque_on, update_eeprom
-from ikservo.hardware.protocol_2 import Answers
-from ikservo.hardware.trust import Trust
+from ikservo.hardware import torque_on, update_eeprom
+from ikservo.hardware.packets import protocol_1
+from ikservo.hardware.packets.protocol_2 import Answers
+from ikservo.hardware.packets.trust import Trust
 from ikservo.registers import STS3215, Alarm, Role
 
 from .desk import ECHO, PLAIN, bus_with, simulated_servos, spoil

@@ -6,8 +6,8 @@ import pytest
 
 from ikservo.errors import BadValueError, BusError, CalibrationError
 from ikservo.hardware import ServoSpec, open_port
-from ikservo.hardware.identify import Found
-from ikservo.hardware.provisioning import Wish, provision
+from ikservo.hardware.finding.identify import Found
+from ikservo.hardware.keeping.provisioning import Wish, provision
 from ikservo.registers import STS3215, XL330M288, table_for
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.errors import BadReplyError, BusError, ServoSilentError
-from ikservo.hardware.ghosts import LATEST_S, Ghosts
-from ikservo.hardware.patience import Patience
-from ikservo.hardware.span import Span
-from ikservo.hardware.trust import Pace, Trust
+from ikservo.hardware.line.patience import Patience
+from ikservo.hardware.packets.ghosts import LATEST_S, Ghosts
+from ikservo.hardware.packets.span import Span
+from ikservo.hardware.packets.trust import Pace, Trust
 from ikservo.registers import STS3215, XL430W250, Role
 
 from .desk import bus_with, simulated_servos, spoil

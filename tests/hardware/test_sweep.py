@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from ikservo.hardware import open_port
-from ikservo.hardware.framing import FRAMINGS
-from ikservo.hardware.sweep import sweep
+from ikservo.hardware.finding.sweep import sweep
+from ikservo.hardware.packets.framing import FRAMINGS
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ONE, TWO = FRAMINGS

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.calibration.answers import Script
-from ikservo.calibration.calibration_file import read_calibration
-from ikservo.calibration.sweep import Stage
+from ikservo.calibration.filing.calibration_file import read_calibration
+from ikservo.calibration.sweeping.answers import Script
+from ikservo.calibration.sweeping.sweep import Stage
 from ikservo.model import load_model
 from ikservo.view.session.ritual import Ritual
 from ikservo.view.session.ritual_words import shown_talk
@@ -31,7 +31,7 @@ def screens(tmp_path, monkeypatch, request):
     """The screens that were new, one after the other, with a patient person before them."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm, model = hidden_arm("planar2", 7, pose="home"), load_model("planar2")
-    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda port, rate: arm.port)
+    monkeypatch.setattr("ikservo.hardware.line.port.open_transport", lambda port, rate: arm.port)
     with arm.open_bus() as bus:
         rehearse(arm, LooseArm(model, bus).subjects("home"))
     arm.port.is_open = True

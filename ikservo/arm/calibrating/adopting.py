@@ -7,10 +7,10 @@ from pathlib import Path
 
 from ikservo.arm.calibrating.belonging import check_joints
 from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.calibration.calibration_file import read_calibration
-from ikservo.calibration.compare import contradictions_with
-from ikservo.calibration.record import Calibration
-from ikservo.calibration.store import calibrations_of, save
+from ikservo.calibration.filing.calibration_file import read_calibration
+from ikservo.calibration.filing.record import Calibration
+from ikservo.calibration.filing.store import calibrations_of, save
+from ikservo.calibration.in_servos.compare import contradictions_with
 from ikservo.errors import CalibrationError
 
 __all__ = ["adopt", "adoptable"]

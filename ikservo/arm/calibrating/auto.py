@@ -18,9 +18,9 @@ from ikservo.arm.calibrating.auto_postures import Postures
 from ikservo.arm.calibrating.auto_setup import drivable, fenced_arm, set_up_counts
 from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.calibration import Limit, Limits
-from ikservo.calibration.feeler import Touch
-from ikservo.calibration.subject import Subject
-from ikservo.calibration.sweep import Wizard
+from ikservo.calibration.sweeping.feeler import Touch
+from ikservo.calibration.sweeping.subject import Subject
+from ikservo.calibration.sweeping.sweep import Wizard
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from ikservo.arm.calibrating.auto_feeling import Felt
 from ikservo.arm.calibrating.auto_setup import BEYOND_RAD
-from ikservo.calibration.feeler import Touch
-from ikservo.calibration.subject import Subject
+from ikservo.calibration.sweeping.feeler import Touch
+from ikservo.calibration.sweeping.subject import Subject
 from ikservo.errors import CalibrationError
 
 __all__ = ["End", "ends_of", "false_stop", "is_the_stop", "no_stop", "per_horn"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from ikservo.arm.skills.workings import Workings
 from ikservo.arm.streaming.beat import Beat
 from ikservo.arm.streaming.states import load_percent
-from ikservo.calibration.feeler import Feeler, Touch
+from ikservo.calibration.sweeping.feeler import Feeler, Touch
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.se3 import Vector
 from ikservo.motion import Pace, Pursuit

@@ -19,11 +19,11 @@ from ikservo.arm.own import OwnArm
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.trust import Zeros
 from ikservo.calibration import Limits
-from ikservo.calibration.memory import ServoFacts, facts_of
-from ikservo.calibration.outcome import Memory, Outcome
-from ikservo.calibration.subject import Subject
-from ikservo.calibration.sweep import Wizard
-from ikservo.calibration.transaction import changes_for, commit
+from ikservo.calibration.in_servos.memory import ServoFacts, facts_of
+from ikservo.calibration.in_servos.transaction import changes_for, commit
+from ikservo.calibration.sweeping.outcome import Memory, Outcome
+from ikservo.calibration.sweeping.subject import Subject
+from ikservo.calibration.sweeping.sweep import Wizard
 from ikservo.errors import BusError
 from ikservo.guard import Fence, Space
 from ikservo.model import ModelJoint

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ikservo.calibration.record import CalibratedJoint, Calibration
-from ikservo.calibration.store import calibration_path
+from ikservo.calibration.filing.record import CalibratedJoint, Calibration
+from ikservo.calibration.filing.store import calibration_path
 from ikservo.errors import CalibrationError
 from ikservo.model import Model, ModelJoint
 

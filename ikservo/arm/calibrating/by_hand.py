@@ -11,16 +11,16 @@ from pathlib import Path
 from ikservo.arm.line import open_line
 from ikservo.arm.own import check_models, holds_free, serial_number_of, within_a_turn
 from ikservo.calibration import Limits
-from ikservo.calibration.calibration_file import text_of
-from ikservo.calibration.compare import contradictions_with, refuse
-from ikservo.calibration.encoder import encoder_of
-from ikservo.calibration.homing import Travel, bare_tick
-from ikservo.calibration.memory import ServoFacts, facts_of
-from ikservo.calibration.outcome import About, Outcome, conclude
-from ikservo.calibration.store import calibration_path, journal_path
-from ikservo.calibration.subject import Subject
-from ikservo.calibration.sweep import Wizard
-from ikservo.calibration.transaction import changes_for, commit, settle
+from ikservo.calibration.filing.calibration_file import text_of
+from ikservo.calibration.filing.store import calibration_path, journal_path
+from ikservo.calibration.in_servos.compare import contradictions_with, refuse
+from ikservo.calibration.in_servos.memory import ServoFacts, facts_of
+from ikservo.calibration.in_servos.transaction import changes_for, commit, settle
+from ikservo.calibration.sweeping.homing import Travel, bare_tick
+from ikservo.calibration.sweeping.outcome import About, Outcome, conclude
+from ikservo.calibration.sweeping.subject import Subject
+from ikservo.calibration.sweeping.sweep import Wizard
+from ikservo.calibration.ticks.encoder import encoder_of
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.torque import torque_off
 from ikservo.model import Model, ModelJoint
@@ -126,7 +126,7 @@ class LooseArm:
         user: Mapping[str, Limits] | None = None,
         facts: Mapping[int, ServoFacts] | None = None,
     ) -> Outcome:
-        """Work out the calibration; see ``ikservo.calibration.outcome``.
+        """Work out the calibration; see ``ikservo.calibration.sweeping.outcome``.
 
         ``facts`` is how the servos should be taken to be, where that is not as they were found.
         """

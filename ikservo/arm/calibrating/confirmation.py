@@ -11,7 +11,7 @@ import contextlib
 import hashlib
 
 from ikservo.arm.own import serial_number_of
-from ikservo.calibration.store import calibration_path, confirmation_path
+from ikservo.calibration.filing.store import calibration_path, confirmation_path
 from ikservo.files.writing import FileWriteError, write_whole
 from ikservo.model import Model
 

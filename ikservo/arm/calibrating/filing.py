@@ -9,12 +9,12 @@ from pathlib import Path
 
 from ikservo.arm.calibrating.belonging import check_belongs
 from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.calibration.compare import Contradiction, contradictions_with
-from ikservo.calibration.encoder import encoder_of
-from ikservo.calibration.memory import ServoFacts, counts_alike
-from ikservo.calibration.outcome import Outcome
-from ikservo.calibration.record import CalibratedJoint, CalibratedServo, Calibration
-from ikservo.calibration.store import calibrations_of, load, save
+from ikservo.calibration.filing.record import CalibratedJoint, CalibratedServo, Calibration
+from ikservo.calibration.filing.store import calibrations_of, load, save
+from ikservo.calibration.in_servos.compare import Contradiction, contradictions_with
+from ikservo.calibration.in_servos.memory import ServoFacts, counts_alike
+from ikservo.calibration.sweeping.outcome import Outcome
+from ikservo.calibration.ticks.encoder import encoder_of
 from ikservo.errors import CalibrationError, FileFormatError
 from ikservo.registers import Family
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.calibration.encoder import encoder_of
-from ikservo.calibration.homing import Travel
-from ikservo.calibration.lerobot import LerobotJoint
-from ikservo.calibration.memory import ServoFacts
+from ikservo.calibration.filing.lerobot import LerobotJoint
+from ikservo.calibration.in_servos.memory import ServoFacts
+from ikservo.calibration.sweeping.homing import Travel
+from ikservo.calibration.ticks.encoder import encoder_of
 from ikservo.errors import CalibrationError
 from ikservo.model import Model
 from ikservo.registers import Family

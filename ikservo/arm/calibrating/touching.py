@@ -15,14 +15,14 @@ from ikservo.arm.calibrating.filing import own_calibration
 from ikservo.arm.own import OwnArm
 from ikservo.arm.trust import Zeros
 from ikservo.calibration import JointMap
-from ikservo.calibration.compare import contradictions_with, refuse
-from ikservo.calibration.record import (
+from ikservo.calibration.filing.record import (
     CalibratedGeometry,
     CalibratedJoint,
     CalibratedOrigin,
     Calibration,
 )
-from ikservo.calibration.store import save
+from ikservo.calibration.filing.store import save
+from ikservo.calibration.in_servos.compare import contradictions_with, refuse
 from ikservo.ik import Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.geometry import Geometry

@@ -10,9 +10,9 @@ from typing import cast
 from ikservo.arm.line import chosen_port, servo_specs
 from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.metering import Meter
-from ikservo.hardware.port import Port
-from ikservo.hardware.transport import Transport, open_transport
+from ikservo.hardware.line.metering import Meter
+from ikservo.hardware.line.port import Port
+from ikservo.hardware.line.transport import Transport, open_transport
 from ikservo.model import Model
 from ikservo.registers import Family, Role
 

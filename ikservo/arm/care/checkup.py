@@ -8,17 +8,17 @@ from ikservo.arm.care.findings import Finding, bad, good, odd
 from ikservo.arm.care.servo_checks import check_servos
 from ikservo.arm.line import chosen_port, servo_specs
 from ikservo.errors import BusError, PortError
-from ikservo.hardware.adapters import Adapter, adapter_of
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.chain_order import silence_hint
-from ikservo.hardware.crowds import UNCROWD, crowded
-from ikservo.hardware.discovery import baud_rates, choose_port, with_arm
-from ikservo.hardware.identify import Found
-from ikservo.hardware.port import Port, open_port
-from ikservo.hardware.probe import LineQuality, probe
-from ikservo.hardware.scanning import scan
+from ikservo.hardware.finding.chain_order import silence_hint
+from ikservo.hardware.finding.crowds import UNCROWD, crowded
+from ikservo.hardware.finding.discovery import baud_rates, choose_port, with_arm
+from ikservo.hardware.finding.identify import Found
+from ikservo.hardware.finding.probe import LineQuality, probe
+from ikservo.hardware.finding.scanning import scan
+from ikservo.hardware.line.adapters import Adapter, adapter_of
+from ikservo.hardware.line.port import Port, open_port
+from ikservo.hardware.line.udev import RULES_FILE, has_udev, installed_rules, read_rules
 from ikservo.hardware.servo import ServoSpec
-from ikservo.hardware.udev import RULES_FILE, has_udev, installed_rules, read_rules
 from ikservo.model import Model
 
 __all__ = ["READS", "check_up", "rules_text"]

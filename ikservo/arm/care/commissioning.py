@@ -8,10 +8,10 @@ from typing import Protocol
 
 from ikservo.arm.line import chosen_port
 from ikservo.errors import IkservoError, UnknownNameError
-from ikservo.hardware.identify import Found
-from ikservo.hardware.plugging import await_none, await_one
-from ikservo.hardware.port import Port, open_port
-from ikservo.hardware.provisioning import Wish, provision
+from ikservo.hardware.finding.identify import Found
+from ikservo.hardware.keeping.provisioning import Wish, provision
+from ikservo.hardware.line.plugging import await_none, await_one
+from ikservo.hardware.line.port import Port, open_port
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model
 from ikservo.registers import table_for

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 
 from ikservo.arm.care.findings import Finding, bad, good, odd
 from ikservo.arm.own import serial_number_of
-from ikservo.calibration.memory import held_registers
-from ikservo.calibration.store import load
+from ikservo.calibration.filing.store import load
+from ikservo.calibration.in_servos.memory import held_registers
 from ikservo.errors import BusError, FileFormatError, UnknownNameError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.eeprom import Difference, differences, update_eeprom
-from ikservo.hardware.notation import Wanted
+from ikservo.hardware.keeping.eeprom import Difference, differences, update_eeprom
+from ikservo.hardware.packets.notation import Wanted
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model, ModelServo
 from ikservo.registers import Role

@@ -9,7 +9,7 @@ from ikservo.arm.care.eeprom_checks import check_eeprom
 from ikservo.arm.care.findings import Finding, bad, good, odd
 from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.identify import firmware_of
+from ikservo.hardware.finding.identify import firmware_of
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model
 from ikservo.registers import Role, table_with_number

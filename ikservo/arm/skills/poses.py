@@ -21,12 +21,12 @@ from typing import Annotated, Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ikservo.calibration.store import calibration_path
+from ikservo.calibration.filing.store import calibration_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.complaints import complaints_of, first_of
 from ikservo.files.toml import read_toml
 from ikservo.files.writing import write_whole
-from ikservo.hardware.remembered import config_folder
+from ikservo.hardware.line.remembered import config_folder
 from ikservo.model import Model
 from ikservo.model.arm_tables import ArmPose
 

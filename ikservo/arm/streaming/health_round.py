@@ -11,8 +11,8 @@ from ikservo.arm.streaming.limits_in_servos import LimitsInServos
 from ikservo.arm.streaming.states import load_percent
 from ikservo.errors import BusError
 from ikservo.guard import Fence, Health, Vitals
-from ikservo.hardware.block import neighbours
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.packets.block import neighbours
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, Role
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from ikservo.arm.streaming.asking import ask_all
 from ikservo.arm.streaming.feedback import Feedback
-from ikservo.calibration.memory import CURRENT_POSITION, EXTENDED
+from ikservo.calibration.in_servos.memory import CURRENT_POSITION, EXTENDED
 from ikservo.errors import RefusedError, ServoRefusedError
 from ikservo.guard import Fence
 from ikservo.hardware.bus import ServoBus

@@ -9,7 +9,7 @@ from ikservo.arm.calibrating.auto_setup import counts_set_back
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
 from ikservo.arm.calibrating.confirmation import confirm
 from ikservo.arm.calibrating.wiggling import expected, wiggle
-from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.cli.calibrating.hands import Wishes, check_wishes, reviewed, show, with_wishes
 from ikservo.cli.calibrating.meeting import consent, greet, let_go
 from ikservo.cli.calibrating.screen import screen

@@ -12,10 +12,10 @@ from ikservo.arm.calibrating.confirmation import confirm
 from ikservo.arm.calibrating.filing import lost_by_saving
 from ikservo.arm.own import simulated
 from ikservo.calibration import Limits
-from ikservo.calibration.answers import read_script
-from ikservo.calibration.obstacles import findings
-from ikservo.calibration.outcome import Outcome
-from ikservo.calibration.sweep import Wizard
+from ikservo.calibration.sweeping.answers import read_script
+from ikservo.calibration.sweeping.obstacles import findings
+from ikservo.calibration.sweeping.outcome import Outcome
+from ikservo.calibration.sweeping.sweep import Wizard
 from ikservo.cli.calibrating.meeting import consent, greet, let_go
 from ikservo.cli.calibrating.screen import screen
 from ikservo.cli.calibrating.talk import answers, converse

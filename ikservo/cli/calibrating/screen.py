@@ -12,8 +12,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ikservo.calibration.meter import Meter, State, meters
-from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.calibration.sweeping.meter import Meter, State, meters
+from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.cli.output import note
 from ikservo.model import Model
 from ikservo.model.directions import direction

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Protocol
 
 from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.calibration.answers import Script, apply, read_script
-from ikservo.calibration.obstacles import goes_round, obstacles
-from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.calibration.sweeping.answers import Script, apply, read_script
+from ikservo.calibration.sweeping.obstacles import goes_round, obstacles
+from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.cli.calibrating.screen import Screen
 from ikservo.cli.keyboard import keys
 from ikservo.errors import CalibrationError, InputError

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ikservo.calibration import JointMap
-from ikservo.calibration.stillness import Stillness
+from ikservo.calibration.sweeping.stillness import Stillness
 from ikservo.errors import CalibrationError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ikservo.arm import JointState
-from ikservo.calibration.sweep import Wizard
+from ikservo.calibration.sweeping.sweep import Wizard
 from ikservo.kinematics.se3 import Vector
 
 __all__ = ["Readout", "Talk", "Trouble", "Wish"]

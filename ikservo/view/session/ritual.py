@@ -8,8 +8,8 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
-from ikservo.calibration.answers import apply
-from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.calibration.sweeping.answers import apply
+from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.errors import CalibrationError, InputError
 from ikservo.model import Model
 from ikservo.view.session.readout import Talk
@@ -42,7 +42,7 @@ class Ritual:
         self.wanted = True
 
     def answer(self, word: str) -> None:
-        """Say a word of ``ikservo.calibration.answers``; safe from any thread.
+        """Say a word of ``ikservo.calibration.sweeping.answers``; safe from any thread.
 
         Besides, ``leave`` ends it, and ``protect`` saves and has the servos hold the limits, too.
         """

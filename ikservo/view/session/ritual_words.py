@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ikservo.arm.calibrating.sketch import sketch
-from ikservo.calibration.meter import Meter, State, meters
-from ikservo.calibration.obstacles import findings
-from ikservo.calibration.sweep import Stage, Wizard
+from ikservo.calibration.sweeping.meter import Meter, State, meters
+from ikservo.calibration.sweeping.obstacles import findings
+from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.model import Model
 from ikservo.model.directions import direction
 from ikservo.view.session.readout import Talk

@@ -1,0 +1,1 @@
+"""The calibration as a file: where it lies, read whole or not at all, checked before belief."""

@@ -1,0 +1,1 @@
+"""What of a calibration stands in the servos: compared, and written as one transaction."""

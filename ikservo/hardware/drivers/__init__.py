@@ -1,0 +1,1 @@
+"""Which vendor's SDK speaks: one driver a dialect, all with the same shape."""

@@ -1,0 +1,66 @@
+"""Feetech servos on scservo_sdk: its packets, our own ears.
+
+The SDK builds and sends every packet. Its reception is not used: it takes late, foreign and
+short packets for answers (F1, F7, F13), stops at false headers (F11) and at error bytes above
+0x7F (F18), and gives up a whole sync read for one silent servo (F10). Words are packed by the
+registers, so the SDK's global byte order (F9) is never consulted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from scservo_sdk.protocol_packet_handler import protocol_packet_handler
+from scservo_sdk.scservo_def import COMM_TX_ERROR
+
+from ikservo.hardware.drivers.protocol_1 import Protocol1Dialect, Protocol1Driver
+from ikservo.hardware.line.port import Port
+from ikservo.hardware.packets.dialect import Frame
+from ikservo.hardware.packets.replies import Fault, FaultKind, Reply, Status
+from ikservo.hardware.packets.span import Span
+
+__all__ = ["FeetechDriver"]
+
+_BROADCAST = 0xFE
+_SYNC_READ = 0x82
+
+
+class _Dialect(Protocol1Dialect):
+    """How Feetech servos answer: the error byte is an alarm, the data beside it are valid."""
+
+    def judge(self, frame: Frame, size: int) -> Reply | None:
+        if len(frame.data) == size:
+            return Status(frame.servo_id, frame.data, frame.error)
+        if frame.data or not frame.error:
+            return None  # an answer to some other question
+        return Fault(frame.servo_id, FaultKind.REFUSED, "answered without data", frame.error)
+
+
+class FeetechDriver(Protocol1Driver):
+    """STS, SMS and HLS servos; SCS servos with ``can_sync_read=False`` (F16)."""
+
+    def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
+        super().__init__(port, protocol_packet_handler().txPacket, _Dialect(COMM_TX_ERROR))
+        self.can_sync_read = can_sync_read
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        """Ask many servos for the same bytes; each has its own reply."""
+        if not self.can_sync_read:
+            return super().sync_read(servo_ids, address, size)
+        span = Span(address, size)
+        with self._port.lock:
+            window = self.exchange.window(tuple(servo_ids), span)
+            parameters = bytes((window.address, window.size, *servo_ids))
+            replies = self.exchange.ask(
+                lambda: self._send(_BROADCAST, _SYNC_READ, parameters),
+                dict.fromkeys(servo_ids, window.size),
+                window,
+            )
+        if window is span:
+            return replies
+        return {servo_id: span.cut(reply, window) for servo_id, reply in replies.items()}
+
+    def reboot(self, servo_id: int) -> Reply:
+        """Say that this family has no such instruction."""
+        found = "knows no reboot; switch its power off and on instead"
+        return Fault(servo_id, FaultKind.REFUSED, found)

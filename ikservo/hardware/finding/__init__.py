@@ -1,0 +1,1 @@
+"""Who is on the line: scans, roll calls, a closer look, two servos with one id."""

@@ -1,0 +1,1 @@
+"""What survives loss of power: EEPROM, its copies, new ids."""

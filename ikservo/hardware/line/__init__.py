@@ -1,0 +1,1 @@
+"""The serial line: ports by name, who holds them, bytes in and out, and until when to wait."""

@@ -1,0 +1,173 @@
+"""The part of a port that both vendor SDKs call: bytes in, bytes out, and until when to wait."""
+
+# The camelCase names are the vendors': their packet handlers call them.
+# ruff: noqa: N802
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator, Iterable
+from math import ceil
+
+from ikservo.clock import Clock, RealClock
+from ikservo.errors import PortError, PortLostError
+from ikservo.hardware.line.patience import Patience
+from ikservo.hardware.line.transport import Transport
+
+__all__ = ["VendorPort"]
+
+_BITS_PER_BYTE = 10  # 8N1: start, eight data bits, stop
+
+# A real adapter may hold bytes back for 16 ms, a busy machine for longer.
+_REAL_S = (0.002, 0.040)
+_VIRTUAL_S = (0.001, 0.020)
+
+
+def _line_failures() -> tuple[type[Exception], ...]:
+    """Return what pyserial lets through when the line is gone."""
+    try:
+        import termios  # noqa: PLC0415 (there is none on Windows)
+    except ImportError:
+        return OSError, TypeError
+    return OSError, TypeError, termios.error  # TypeError: its descriptor was closed meanwhile
+
+
+_LINE_FAILS = _line_failures()
+
+
+class VendorPort:
+    """Shaped like the vendors' ``PortHandler``, on a transport that is already open."""
+
+    def __init__(self, transport: Transport, name: str, baud_rate: int) -> None:
+        self.transport = transport
+        self.name, self.baudrate = name, baud_rate
+        virtual: Clock | None = getattr(transport, "clock", None)
+        self.clock: Clock = virtual or RealClock()
+        self.patience = Patience(*(_VIRTUAL_S if virtual else _REAL_S))
+        self.sent = b""
+        self.is_open, self.is_using = True, False
+        self.sent_all_s = self._packet_deadline_s = 0.0
+
+    def wire_s(self, count: int) -> float:
+        """Return how long bytes take on the wire, seconds."""
+        return count * _BITS_PER_BYTE / self.baudrate
+
+    def deadline_s(self, expected: int, delays_s: float) -> float:
+        """Return when the answer to what was just sent must be complete.
+
+        Args:
+            expected: Bytes of the answer.
+            delays_s: Sum of the servos' return delays, seconds.
+        """
+        return (
+            max(self.sent_all_s, self.clock.now_s())
+            + self.wire_s(expected)
+            + delays_s
+            + self.patience.allowance_s
+        )
+
+    def read_until(self, size: int, deadline_s: float) -> bytes:
+        """Return up to ``size`` bytes; fewer only when the deadline has passed.
+
+        Raises:
+            PortLostError: The line is gone.
+        """
+        left_s = deadline_s - self.clock.now_s()
+        with self._named_loss():
+            if left_s <= 0:
+                return self.transport.read(min(size, self.transport.in_waiting))
+            self._wait_at_most(left_s)
+            return self.transport.read(size)
+
+    def openPort(self) -> bool:
+        """Return whether the port is open; it is opened by ``open_port``."""
+        return self.is_open
+
+    def closePort(self) -> None:
+        """Give the line back; a line that is already lost is no trouble."""
+        if self.is_open:
+            self.is_open = False
+            with contextlib.suppress(*_LINE_FAILS):
+                self.transport.close()
+
+    def clearPort(self) -> None:
+        """Discard what has arrived: it answers some earlier question."""
+        with self._named_loss():
+            self.transport.reset_input_buffer()
+
+    def setPortName(self, port_name: str) -> None:
+        """Change the name in messages."""
+        self.name = port_name
+
+    def getPortName(self) -> str:
+        """Return the name."""
+        return self.name
+
+    def setBaudRate(self, baudrate: int) -> bool:
+        """Talk at another rate without opening the port anew; any rate the adapter makes.
+
+        Raises:
+            PortError: The adapter cannot make this rate; the old one stays.
+            PortLostError: The line is gone.
+        """
+        try:
+            with self._named_loss():
+                self.transport.baudrate = baudrate
+        except (ValueError, OverflowError) as error:
+            self.transport.baudrate = self.baudrate
+            raise PortError(
+                f"The adapter at {self.name} cannot talk at {baudrate} baud ({error}).",
+                f"It still talks at {self.baudrate}. Choose a rate it can make.",
+            ) from error
+        self.baudrate = baudrate
+        return True
+
+    def getBaudRate(self) -> int:
+        """Return bits a second."""
+        return self.baudrate
+
+    def getBytesAvailable(self) -> int:
+        """Return how many bytes wait."""
+        with self._named_loss():
+            return self.transport.in_waiting
+
+    def readPort(self, length: int) -> bytes:
+        """Return up to ``length`` bytes before the packet timeout."""
+        return self.read_until(length, self._packet_deadline_s)
+
+    def writePort(self, packet: Iterable[int]) -> int:
+        """Send a packet; return how many bytes went out."""
+        self.sent = bytes(packet)
+        now_s = self.clock.now_s()
+        self.sent_all_s = max(now_s, self.sent_all_s) + self.wire_s(len(self.sent))
+        with self._named_loss():
+            written = self.transport.write(self.sent)
+        return len(self.sent) if written is None else written
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        """Expect a packet of so many bytes from now."""
+        self._packet_deadline_s = self.deadline_s(packet_length, 0.0)
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        """Expect a packet within milliseconds from now."""
+        self._packet_deadline_s = self.clock.now_s() + msec / 1000
+
+    def isPacketTimeout(self) -> bool:
+        """Return whether the expected packet is overdue."""
+        return self.clock.now_s() > self._packet_deadline_s
+
+    def _wait_at_most(self, left_s: float) -> None:
+        # Setting a timeout may reconfigure the device, so it moves in steps of a tenth of a
+        # millisecond, and the same value is not set twice.
+        timeout_s = ceil(left_s * 10_000 - 1e-6) / 10_000
+        if self.transport.timeout != timeout_s:
+            self.transport.timeout = timeout_s
+
+    @contextlib.contextmanager
+    def _named_loss(self) -> Generator[None]:
+        try:
+            yield
+        except _LINE_FAILS as error:
+            if not self.is_open:
+                raise PortError(f"{self.name} was closed.", "Open it again.") from error
+            raise PortLostError(self.name, str(error)) from error

@@ -1,0 +1,1 @@
+"""What stands on the line: packets, their stuffing, and which answer belongs to which question."""

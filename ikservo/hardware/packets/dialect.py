@@ -1,0 +1,68 @@
+"""How a protocol writes a status packet: what an exchange needs to know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Protocol
+
+from ikservo.hardware.packets.replies import Reply
+
+__all__ = ["Dialect", "Frame", "Heard"]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A status packet whose checksum is right.
+
+    Attributes:
+        servo_id: Who says it.
+        error: The error byte.
+        data: The parameters.
+    """
+
+    servo_id: int
+    error: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What a dialect makes of the bytes so far.
+
+    Attributes:
+        frames: Status packets whose checksums are right, in order.
+        pending: Bytes at the end that may be the beginning of another.
+        junk: Bytes that belong to no packet.
+    """
+
+    frames: tuple[Frame, ...]
+    pending: int
+    junk: int
+
+
+class Dialect(Protocol):
+    """How one protocol writes a status packet."""
+
+    @property
+    def too_long(self) -> int:
+        """Return the code by which the vendor's SDK says that a packet is too long to send."""
+        ...
+
+    def frame_size(self, size: int) -> int:
+        """Return the bytes of a status packet with ``size`` bytes of data."""
+        ...
+
+    def scan(self, heard: bytes, sizes: Collection[int], *, final: bool) -> Heard:
+        """Find the status packets.
+
+        Args:
+            heard: The bytes so far.
+            sizes: Bytes of data in the answers that are hoped for.
+            final: No more bytes will come.
+        """
+        ...
+
+    def judge(self, frame: Frame, size: int) -> Reply | None:
+        """Return what a frame says to a question for ``size`` bytes; None if it is no answer."""
+        ...

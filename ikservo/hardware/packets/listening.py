@@ -1,0 +1,152 @@
+"""Hearing one question's answers out, amid echo, noise and bytes that are older than it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from ikservo.hardware.line.port import Port
+from ikservo.hardware.packets.dialect import Dialect, Frame, Heard
+from ikservo.hardware.packets.replies import Fault, FaultKind, Reply, Status
+
+__all__ = ["Listening"]
+
+_MOST_WAITS = 10  # times the patience for one answer, as long as bytes keep coming
+
+_NOTHING = Heard((), 0, 0)
+
+
+class Listening:
+    """What has come since the latest question, and what it says.
+
+    Args:
+        port: The line; the question has just been sent.
+        dialect: How answers are written.
+        sizes: Who will answer, in which order, and how many bytes of data each answer carries.
+    """
+
+    def __init__(self, port: Port, dialect: Dialect, sizes: Mapping[int, int]) -> None:
+        self._port, self._dialect, self._sizes = port, dialect, sizes
+        self._expected = sum(map(dialect.frame_size, sizes.values()))
+        self._raw, self._stale = bytearray(), 0
+        self._heard: Heard = _NOTHING
+        self._answers: dict[int, Reply] = {}
+
+    def replies(self, delays_s: float) -> dict[int, Reply]:
+        """Listen until everybody has answered, or nobody can answer any more.
+
+        Args:
+            delays_s: How long all of them together may take before they speak, seconds.
+
+        Raises:
+            PortLostError: The line is gone.
+        """
+        port = self._port
+        deadline_s = port.deadline_s(self._expected, delays_s)
+        limit_s = deadline_s + _MOST_WAITS * port.patience.allowance_s
+        while chunk := port.read_until(self._missing(), deadline_s):
+            speaking = self._take(chunk)
+            self._understand(final=False)
+            if len(self._answers) == len(self._sizes):
+                return self._complete()
+            now_s = port.clock.now_s()
+            if now_s >= deadline_s and not self._more_may_come():
+                break
+            if speaking:
+                deadline_s = min(max(deadline_s, now_s + port.patience.allowance_s), limit_s)
+        return self._overdue()
+
+    def _missing(self) -> int:
+        """Return how many bytes must come at least; one more look if none must."""
+        frame_size = self._dialect.frame_size
+        there = sum(frame_size(self._sizes[i]) for i in self._answers) + self._heard.pending
+        return max(self._expected - there, 1)
+
+    def _take(self, chunk: bytes) -> bool:
+        """Add what came; return whether it is young enough to be an answer."""
+        self._raw += chunk
+        early = self._port.stale_bytes(len(self._raw) + self._stale) - self._stale
+        if early > 0:
+            del self._raw[:early]
+            self._stale += early
+        return early <= 0
+
+    def _more_may_come(self) -> bool:
+        """Return whether somebody may still speak: they do so in order, one after the other."""
+        return len(self._sizes) > 1 and next(reversed(self._sizes)) not in self._answers
+
+    def _understand(self, *, final: bool) -> None:
+        """Find frames and answers in all that was heard, behind our own echo (F12)."""
+        raw, sent = bytes(self._raw), self._port.sent
+        if self._port.echoes is not False:
+            if raw.startswith(sent):
+                raw = raw[len(sent) :]
+            elif not final and sent.startswith(raw):
+                raw = b""
+        self._heard = self._scan(raw, final=final) if raw else _NOTHING
+        self._answers = self._found(self._heard.frames, final=final)
+
+    def _scan(self, raw: bytes, *, final: bool) -> Heard:
+        return self._dialect.scan(raw, self._sizes.values(), final=final)
+
+    def _found(self, frames: Iterable[Frame], *, final: bool) -> dict[int, Reply]:
+        answers: dict[int, Reply] = {}
+        for frame in frames:
+            size = self._sizes.get(frame.servo_id)
+            reply = None if size is None else self._dialect.judge(frame, size)
+            if reply is None or (not final and self._may_be_older(reply)):
+                continue
+            first = answers.setdefault(frame.servo_id, reply)
+            if first is not reply and first != reply:
+                answers[frame.servo_id] = self._better(first, reply)
+        return answers
+
+    def _may_be_older(self, reply: Reply) -> bool:
+        """Return whether a refusal may refuse an earlier question, so that we listen on."""
+        if isinstance(reply, Status) or self._sizes[reply.servo_id] == 0:
+            return False
+        now_s = self._port.clock.now_s()
+        return self._port.ghosts.owed_until_s((reply.servo_id,), now_s) is not None
+
+    def _better(self, first: Reply, second: Reply) -> Reply:
+        """Return the answer with data beside a refusal; of two with data that differ, neither."""
+        if isinstance(first, Fault):
+            return second
+        if isinstance(second, Fault):
+            return first
+        found = "gave two answers that differ"
+        return Fault(first.servo_id, FaultKind.GARBLED, found, sent=self._port.sent)
+
+    def _complete(self) -> dict[int, Reply]:
+        self._port.learn(self._raw, answered=self._expected)
+        surplus = len(self._heard.frames) > len(self._sizes)
+        self._port.trust.note(odd=bool(self._stale or self._heard.junk or surplus))
+        return self._answers
+
+    def _overdue(self) -> dict[int, Reply]:
+        """Make the best of what was heard once the deadline has passed."""
+        self._understand(final=True)
+        if not self._answers:
+            self._consider_silence()
+        surplus = len(self._heard.frames) > len(self._answers)
+        self._port.trust.note(odd=bool(self._stale or self._heard.junk or surplus))
+        absent = (servo_id for servo_id in self._sizes if servo_id not in self._answers)
+        return self._answers | {servo_id: self._fault(servo_id) for servo_id in absent}
+
+    def _consider_silence(self) -> None:
+        """Look once more at what seemed to be nothing, before nothing is made of it."""
+        port = self._port
+        if bytes(self._raw) == port.sent and port.echoes is None and not any(self._sizes.values()):
+            # An answer that is byte for byte its question: a Feetech ping under a voltage alarm.
+            self._heard = self._scan(bytes(self._raw), final=True)
+            self._answers = self._found(self._heard.frames, final=True)
+        if not self._answers:
+            if not self._heard.frames and not self._heard.junk:  # a part would have come as fast
+                port.patience.miss()
+            if self._stale:
+                port.pace.mistrust()
+
+    def _fault(self, servo_id: int) -> Fault:
+        junk = self._heard.junk
+        kind = FaultKind.GARBLED if junk else FaultKind.SILENT
+        found = "sent a damaged answer" if junk else "does not answer"
+        return Fault(servo_id, kind, found, sent=self._port.sent, received=bytes(self._raw))
