@@ -12,6 +12,12 @@ def pytest_addoption(parser):
         "--real-port",
         help="serial port of a real arm, for `-m hardware`; its torque stays off",
     )
+    parser.addoption(
+        "--line",
+        default="plain",
+        choices=("plain", "echo", "bytes", "rubbish"),
+        help="how tests/hardware hears its simulated lines; see desk.py",
+    )
     parser.addoption("--real-arm", default="so101", help="which arm that is (default: so101)")
 
 

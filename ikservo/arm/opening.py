@@ -20,6 +20,7 @@ from ikservo.guard import Box, Fence, Space
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.finding.crowds import refusing_crowds
 from ikservo.hardware.finding.discovery import remember_port
+from ikservo.hardware.finding.strangers import naming_strangers
 from ikservo.hardware.keeping.backup import back_up_once
 from ikservo.kinematics import Chain
 from ikservo.model import Model, ModelJoint, load_model
@@ -55,7 +56,7 @@ def open_arm(
         UnknownNameError: No such arm.
         NoPortError: No such port, or none to choose.
         PortBusyError: Another process holds the port.
-        ServoSilentError: A servo does not answer; names all that do not.
+        ServoSilentError: A servo does not answer; names all that do not, and who is there instead.
         BadReplyError: Two servos answer to one id.
         CalibrationError: A servo is of another model than the arm file says, or holds other
             numbers than when the arm was calibrated; says which.
@@ -66,14 +67,16 @@ def open_arm(
     line = bus.port
     try:
         with refusing_crowds(bus):
-            check_models(bus)
+            with naming_strangers(bus):
+                check_models(bus)
             remember_port(model.name, line.name)
             bus.learn_return_delays()
             own = own_arm(bus, model, uncalibrated=uncalibrated)
             _keep_copies(bus, model, own)
         fences = [_fence(own, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
-        servos = Servos(bus, fences, shadows, line.clock, model.health)
+        jaws = model.gripper.joint if model.gripper else None
+        servos = Servos(bus, fences, shadows, line.clock, model.health, jaws)
         space = _space(model) if collisions else None
         chain = _narrowed(own.chain(), fences)
         machine = Arm(model, chain, servos, line, on_exit, space, own.zeros)

@@ -13,6 +13,7 @@ from ikservo.arm.calibrating.sketch import sketch
 from ikservo.arm.care.commissioning import Settled, Wish, commission, wishes
 from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_lines
+from ikservo.cli.quantities import parse_time_s
 from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.finding.discovery import Found
 from ikservo.model import Model, load_model
@@ -21,7 +22,10 @@ __all__ = ["command"]
 
 ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A name of `ikservo arms`, or a file.")]
 Start = Annotated[str | None, typer.Option("--start", help="Go on from this joint.")]
-Wait = Annotated[float, typer.Option("--wait", min=1.0, help="Seconds to wait for each servo.")]
+Wait = Annotated[
+    float,
+    typer.Option("--wait", parser=parse_time_s, help="How long to wait for each servo: 5min."),
+]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before a servo is written.")]
 
 

@@ -23,6 +23,10 @@ class Absence:
         self._last: dict[int, Fault] = {}
         self._asked_s: dict[int, float] = {}
 
+    def __bool__(self) -> bool:
+        """Return whether anybody has lost an answer of late."""
+        return bool(self._lost)
+
     def excused(self, servo_id: int, now_s: float) -> Fault | None:
         """Return the fault of a servo that need not be asked now, or None if it is to be asked."""
         if not self._lost or self._lost.get(servo_id, 0) < _DEAF_AFTER:

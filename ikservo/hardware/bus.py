@@ -15,8 +15,9 @@ from ikservo.hardware.gathering import scatter
 from ikservo.hardware.line.port import Port
 from ikservo.hardware.line.replug import reopen
 from ikservo.hardware.packets.block import rounds, written
+from ikservo.hardware.packets.layout import Layout
 from ikservo.hardware.packets.notation import Wanted, own_register
-from ikservo.hardware.plan import Cell, Plan, Round, plan_reading, plan_writing
+from ikservo.hardware.plan import Cell, Plan, plan_reading, plan_writing
 from ikservo.hardware.readings import Readings
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Family, Register, Role
@@ -118,26 +119,26 @@ class ServoBus(Conversation):
         values: dict[int, dict[Wanted, float]] = {servo_id: {} for servo_id in plan.servo_ids}
         errors: dict[int, BusError] = {}
         for step in plan.rounds:
-            data, missing = self._questions.many(
-                step.servos, step.spans, step.asked, steady=step.steady
-            )
+            data, missing = self._questions.many(step)
             errors |= missing
             for servo_id, block in data.items():
-                self._take_down(servo_id, block, step, values[servo_id], raw=raw)
+                values[servo_id] |= self._told(servo_id, block, step.layouts[servo_id], raw=raw)
         for servo_id in errors:
             del values[servo_id]
         hint = silence_hint(self.servos.values(), values, errors) if errors else ""
         alarms = {i: found for i in values if (found := self.alarms.get(i))}
         return Readings(values, errors, alarms, hint)
 
-    def _take_down(
-        self, servo_id: int, block: bytes, step: Round, row: dict[Wanted, float], *, raw: bool
-    ) -> None:
-        for slot in step.slots[servo_id]:
-            number = slot.number(block)
-            row[slot.key] = number if raw else slot.register.to_value(number)
-            if slot.telling:
-                self._note(self.servos[servo_id], slot.register, number)
+    def _told(
+        self, servo_id: int, block: bytes, layout: Layout, *, raw: bool
+    ) -> Mapping[Wanted, float]:
+        """Return what an answer says, and remember what of it is about torque or alarms."""
+        numbers = layout.numbers(block)
+        for key, register in layout.telling.items():
+            self._note(self.servos[servo_id], register, numbers[key])
+        if raw:
+            return numbers
+        return {key: r.to_value(numbers[key]) for key, r in layout.registers.items()}
 
     def sync_write(self, wanted: Wanted, values: Mapping[int, float], *, raw: bool = False) -> None:
         """Write a register of many servos at once; the protocols give no answer to this.
@@ -147,7 +148,7 @@ class ServoBus(Conversation):
         """
         cells = self._cells(tuple(values), wanted)
         rows = {
-            cell.servo.id: self._permitted(cell.servo, cell.register, value, raw=raw)
+            cell.servo.id: self._written(cell, value, raw=raw)
             for cell, value in zip(cells, values.values(), strict=True)
         }
         packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
@@ -159,6 +160,15 @@ class ServoBus(Conversation):
         for cell in cells:
             if cell.telling:
                 self._note(cell.servo, cell.register, cell.register.decode(rows[cell.servo.id]))
+
+    def _written(self, cell: Cell, value: float, *, raw: bool) -> bytes:
+        """Return the bytes of a value; the quick way is that of goals, cycle after cycle."""
+        register = cell.register
+        if raw and cell.plain and type(value) is int:
+            lower, upper = register.range
+            if lower <= value <= upper:
+                return register.encode(value)
+        return self._permitted(cell.servo, register, value, raw=raw)
 
     def _cells(self, ids: tuple[int, ...], wanted: Wanted) -> Sequence[Cell]:
         key = (ids, wanted)

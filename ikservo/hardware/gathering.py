@@ -19,7 +19,7 @@ def gather(driver: Driver, spans: Mapping[int, Span]) -> dict[int, Reply]:
     a sync read for each kind of bytes, or one servo after the other.
     """
     first = next(iter(spans.values()))
-    if driver.can_sync_read and all(span == first for span in spans.values()):
+    if driver.can_sync_read and all(s is first or s == first for s in spans.values()):
         return driver.sync_read(tuple(spans), first.address, first.size)
     groups: dict[Span, list[int]] = defaultdict(list)
     for servo_id, span in spans.items():

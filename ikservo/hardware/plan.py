@@ -4,35 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
-from ikservo.hardware.packets.block import rounds
+from ikservo.hardware.packets.block import READ_OVER, rounds
+from ikservo.hardware.packets.layout import Layout, is_telling
 from ikservo.hardware.packets.notation import Wanted, own_register
 from ikservo.hardware.packets.span import Span
 from ikservo.hardware.servo import ServoSpec
-from ikservo.registers import Register, Role
+from ikservo.registers import Access, Area, Family, Register
 
-__all__ = ["Cell", "Plan", "Round", "Slot", "is_telling", "plan_reading", "plan_writing"]
-
-
-@dataclass(frozen=True, slots=True)
-class Slot:
-    """Where in a servo's answer a wanted number stands.
-
-    Attributes:
-        key: What the caller called it.
-        register: The servo's own register.
-        start: Its first byte in the answer.
-        telling: It says something about torque or alarms that the bus remembers.
-    """
-
-    key: Wanted
-    register: Register
-    start: int
-    telling: bool
-
-    def number(self, block: bytes) -> int:
-        """Return the raw number in an answer."""
-        return self.register.decode(block[self.start : self.start + self.register.size])
+__all__ = ["Cell", "Plan", "Round", "plan_reading", "plan_writing"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +23,23 @@ class Round:
     Attributes:
         servos: Whom.
         spans: What memory, by id.
-        slots: What is wanted of it, by id.
+        layouts: Where in it stands what, by id.
         asked: The same in words.
         steady: Nothing of it changes by itself.
+        groups: The spans of each family, which has its own questions.
     """
 
     servos: Sequence[ServoSpec]
     spans: Mapping[int, Span]
-    slots: Mapping[int, Sequence[Slot]]
+    layouts: Mapping[int, Layout]
     asked: str
     steady: bool
+    groups: Mapping[Family, Mapping[int, Span]]
+
+    def only(self, servos: Sequence[ServoSpec]) -> Round:
+        """Return the same for some of the servos."""
+        groups = _by_family(servos, self.spans)
+        return Round(servos, self.spans, self.layouts, self.asked, self.steady, groups)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +56,13 @@ class Cell:
 
     Attributes:
         telling: See ``is_telling``.
+        plain: Any integer in its range may be written at any time.
     """
 
     servo: ServoSpec
     register: Register
     telling: bool
+    plain: bool
 
 
 def plan_writing(servos: Iterable[ServoSpec], wanted: Wanted) -> list[Cell]:
@@ -82,7 +72,11 @@ def plan_writing(servos: Iterable[ServoSpec], wanted: Wanted) -> list[Cell]:
         UnknownNameError: A servo has no such register.
     """
     own = [(servo, own_register(servo, wanted)) for servo in servos]
-    return [Cell(servo, register, is_telling(servo, register)) for servo, register in own]
+    return [Cell(servo, r, is_telling(servo, r), _is_plain(r)) for servo, r in own]
+
+
+def _is_plain(register: Register) -> bool:
+    return register.access is Access.RW and register.area is Area.RAM
 
 
 def plan_reading(wanted: Mapping[ServoSpec, Sequence[Wanted]]) -> Plan:
@@ -95,7 +89,7 @@ def plan_reading(wanted: Mapping[ServoSpec, Sequence[Wanted]]) -> Plan:
         servo.id: {key: own_register(servo, key) for key in keys} for servo, keys in wanted.items()
     }
     servos = {servo.id: servo for servo in wanted}
-    runs_of_rounds = rounds({i: registers.values() for i, registers in own.items()})
+    runs_of_rounds = rounds({i: row.values() for i, row in own.items()}, READ_OVER)
     return Plan(tuple(servos), [_round(servos, own, runs) for runs in runs_of_rounds])
 
 
@@ -104,26 +98,28 @@ def _round(
     own: Mapping[int, Mapping[Wanted, Register]],
     runs: Mapping[int, Sequence[Register]],
 ) -> Round:
-    first = next(iter(runs.values()))
+    first, asked = next(iter(runs.values())), [servos[i] for i in runs]
+    spans = {i: _span(run[0].address, run[-1].end) for i, run in runs.items()}
     return Round(
-        servos=[servos[i] for i in runs],
-        spans={i: Span(run[0].address, run[-1].end - run[0].address) for i, run in runs.items()},
-        slots={
-            i: [_slot(servos[i], key, r, run) for key, r in own[i].items() if r in run]
-            for i, run in runs.items()
-        },
+        servos=asked,
+        spans=spans,
+        layouts={i: Layout(servos[i], own[i], run) for i, run in runs.items()},
         asked=f"read {', '.join(register.name for register in first)}",
         steady=all(register.steady for run in runs.values() for register in run),
+        groups=_by_family(asked, spans),
     )
 
 
-def _slot(servo: ServoSpec, key: Wanted, register: Register, run: Sequence[Register]) -> Slot:
-    return Slot(key, register, register.address - run[0].address, is_telling(servo, register))
+@cache
+def _span(address: int, end: int) -> Span:
+    """Return the same object for equal stretches: it is compared every cycle."""
+    return Span(address, end - address)
 
 
-def is_telling(servo: ServoSpec, register: Register) -> bool:
-    """Return whether a register says something about torque or alarms."""
-    table = servo.table
-    if register is table.torque_enable:
-        return True
-    return Role.ALARMS not in table.lacks and register is table.alarms
+def _by_family(
+    servos: Iterable[ServoSpec], spans: Mapping[int, Span]
+) -> Mapping[Family, Mapping[int, Span]]:
+    groups: dict[Family, dict[int, Span]] = {}
+    for servo in servos:
+        groups.setdefault(servo.table.family, {})[servo.id] = spans[servo.id]
+    return groups

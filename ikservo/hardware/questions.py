@@ -12,7 +12,7 @@ from ikservo.hardware.finding.chain_order import silence_hint
 from ikservo.hardware.gathering import gather
 from ikservo.hardware.line.port import Port
 from ikservo.hardware.packets.replies import Fault, FaultKind, Reply, Status
-from ikservo.hardware.packets.span import Span
+from ikservo.hardware.plan import Round
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.statistics import ServoStatistics
 from ikservo.registers import Alarm, Family
@@ -24,7 +24,7 @@ _ERRORS: Mapping[FaultKind, type[BusError]] = {
     FaultKind.GARBLED: BadReplyError,
     FaultKind.REFUSED: ServoRefusedError,
 }
-_NO_ALARMS: frozenset[Alarm] = frozenset()
+_WELL: frozenset[Alarm] = frozenset()
 
 
 class Questions:
@@ -44,6 +44,7 @@ class Questions:
         self.statistics = {servo.id: ServoStatistics() for servo in servos}
         self.alarms: dict[int, frozenset[Alarm]] = {}
         self._absence = Absence()
+        self._tables = {servo.id: servo.table for servo in servos}
         bulk_ids = [servo.id for servo in servos if servo.table.bulk_read]
         self.drivers: dict[Family, Driver] = {
             family: driver_for(family, port, fast=fast, bulk_ids=bulk_ids)
@@ -87,43 +88,36 @@ class Questions:
             reply = self._believed(servo, question, confirm)
         return self._answered(servo, reply, asked)
 
-    def many(
-        self,
-        servos: Sequence[ServoSpec],
-        spans: Mapping[int, Span],
-        asked: str,
-        *,
-        steady: bool = False,
-    ) -> tuple[dict[int, bytes], dict[int, BusError]]:
+    def many(self, step: Round) -> tuple[dict[int, bytes], dict[int, BusError]]:
         """Read a span of each of many servos' memories, with as few questions as can be.
 
         Those whose answers are lost are asked once more together; those that have been deaf for
         long are asked only every so often.
 
-        Args:
-            servos: Whom.
-            spans: What, by id.
-            asked: The same in words, for errors.
-            steady: What is read does not change by itself, so that it can be read twice.
-
         Returns:
             The bytes of those who answered and the errors of those who did not.
         """
-        replies = self._all_believed(servos, spans, steady=steady)
-        again = [servo for servo in servos if self._worth_repeating(servo, replies[servo.id])]
-        if again and self.retries:
-            for servo in again:
-                self.statistics[servo.id].retried += 1
-            replies |= self._all_believed(again, spans, steady=steady)
+        replies = self._all_believed(step)
+        if any(isinstance(reply, Fault) for reply in replies.values()):
+            replies |= self._repeated(step, replies)
         data: dict[int, bytes] = {}
         errors: dict[int, BusError] = {}
-        for servo in servos:
+        for servo in step.servos:
             reply = replies[servo.id]
             if isinstance(reply, Fault):
-                errors[servo.id] = self.error(servo, reply, asked)
+                errors[servo.id] = self.error(servo, reply, step.asked)
             else:
                 data[servo.id] = reply.data
         return data, errors
+
+    def _repeated(self, step: Round, replies: Mapping[int, Reply]) -> dict[int, Reply]:
+        """Ask those once more who gave no answer, where there is hope."""
+        again = [servo for servo in step.servos if self._worth_repeating(servo, replies[servo.id])]
+        if not (again and self.retries):
+            return {}
+        for servo in again:
+            self.statistics[servo.id].retried += 1
+        return self._all_believed(step.only(again))
 
     def error(self, servo: ServoSpec, fault: Fault, asked: str) -> BusError:
         """Return the error that says who failed at what, and how."""
@@ -171,38 +165,36 @@ class Questions:
     def _once(self, servo: ServoSpec, question: Callable[[], Reply]) -> Reply:
         started_s = self.port.clock.now_s()
         reply = question()
-        self._note(servo, reply, self.port.clock.now_s() - started_s)
+        self._note(servo.id, reply, self.port.clock.now_s() - started_s)
         return reply
 
-    def _all_believed(
-        self, servos: Sequence[ServoSpec], spans: Mapping[int, Span], *, steady: bool
-    ) -> dict[int, Reply]:
-        replies = self._all_once(servos, spans)
-        if not (steady and self.port.trust.wary):
+    def _all_believed(self, step: Round) -> dict[int, Reply]:
+        replies = self._all_once(step)
+        if not (step.steady and self.port.trust.wary):
             return replies
-        answered = [servo for servo in servos if isinstance(replies[servo.id], Status)]
-        seconds = self._all_once(answered, spans)
+        answered = [servo for servo in step.servos if isinstance(replies[servo.id], Status)]
+        seconds = self._all_once(step.only(answered))
         return replies | {i: _agreed(replies[i], second) for i, second in seconds.items()}
 
-    def _all_once(self, servos: Sequence[ServoSpec], spans: Mapping[int, Span]) -> dict[int, Reply]:
-        now_s = self.port.clock.now_s()
-        replies: dict[int, Reply] = {}
-        groups: dict[Family, dict[int, Span]] = {}
-        for servo in servos:
-            excuse = self._absence.excused(servo.id, now_s)
-            if excuse:
-                replies[servo.id] = excuse
-            else:
-                groups.setdefault(servo.table.family, {})[servo.id] = spans[servo.id]
-        for family, group in groups.items():
-            started_s = self.port.clock.now_s()
-            heard = gather(self.drivers[family], group)
-            took_s = self.port.clock.now_s() - started_s
-            for servo in servos:
-                if servo.id in heard:
-                    self._note(servo, heard[servo.id], took_s)
+    def _all_once(self, step: Round) -> dict[int, Reply]:
+        replies: dict[int, Reply] = self._excused(step) if self._absence else {}
+        if replies:
+            step = step.only([servo for servo in step.servos if servo.id not in replies])
+        now_s = self.port.clock.now_s
+        for family, spans in step.groups.items():
+            started_s = now_s()
+            heard = gather(self.drivers[family], spans)
+            took_s = now_s() - started_s
+            blamed = len(heard) == 1 or not all(map(_is_lost, heard.values()))
+            for servo_id, reply in heard.items():
+                self._note(servo_id, reply, took_s, blamed=blamed)
             replies |= heard
         return replies
+
+    def _excused(self, step: Round) -> dict[int, Reply]:
+        now_s = self.port.clock.now_s()
+        excuses = {servo.id: self._absence.excused(servo.id, now_s) for servo in step.servos}
+        return {servo_id: excuse for servo_id, excuse in excuses.items() if excuse}
 
     def _worth_repeating(self, servo: ServoSpec, reply: Reply) -> bool:
         if not _is_lost(reply) or self._absence.is_deaf(servo.id):
@@ -210,12 +202,14 @@ class Questions:
         silent = isinstance(reply, Fault) and reply.kind is FaultKind.SILENT
         return not (silent and self.driver(servo).repeated_itself)
 
-    def _note(self, servo: ServoSpec, reply: Reply, took_s: float) -> None:
-        self.statistics[servo.id].note(reply, took_s)
-        self._absence.note(reply, self.port.clock)
+    def _note(self, servo_id: int, reply: Reply, took_s: float, *, blamed: bool = True) -> None:
+        """Count a reply; where many were asked and all are silent, it is the line's fault."""
+        self.statistics[servo_id].note(reply, took_s)
+        if blamed:
+            self._absence.note(reply, self.port.clock)
         if isinstance(reply, Status):
             bits = reply.alarm_bits
-            self.alarms[servo.id] = servo.table.decode_alarms(bits) if bits else _NO_ALARMS
+            self.alarms[servo_id] = self._tables[servo_id].decode_alarms(bits) if bits else _WELL
 
 
 def _is_lost(reply: Reply) -> bool:

@@ -35,12 +35,13 @@ class ServoStatistics:
     def note(self, reply: Reply, took_s: float) -> None:
         """Count one question and what came of it."""
         self.asked += 1
-        if isinstance(reply, Fault) and reply.kind is not FaultKind.REFUSED:
+        if isinstance(reply, Fault):
             self.lost += reply.kind is FaultKind.SILENT
             self.garbled += reply.kind is FaultKind.GARBLED
-            self.lost_in_a_row += 1
-            return
-        self.refused += isinstance(reply, Fault)
+            self.refused += reply.kind is FaultKind.REFUSED
+            if reply.kind is not FaultKind.REFUSED:
+                self.lost_in_a_row += 1
+                return
         self.lost_in_a_row = 0
         self.round_trips_s.append(took_s)
 

@@ -47,6 +47,7 @@ class Register:
         upper: Greatest raw number that may be written.
         name: The vendor's English name in snake_case, taken from the table's attribute.
         byte_order: Taken from the table that holds the register.
+        range: The least and the greatest raw number that may be written.
     """
 
     address: int
@@ -59,6 +60,13 @@ class Register:
     upper: int | None = None
     name: str = field(default="", kw_only=True)
     byte_order: ByteOrder = field(default="little", kw_only=True)
+    range: tuple[int, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        least, most = self.codec.span(self.size)
+        lower = least if self.lower is None else self.lower
+        upper = most if self.upper is None else self.upper
+        object.__setattr__(self, "range", (lower, upper))
 
     def __set_name__(self, owner: type, name: str) -> None:
         if self.name:
@@ -75,15 +83,6 @@ class Register:
     def steady(self) -> bool:
         """Whether it changes only when it is written, so that two readings must agree."""
         return self.access is Access.RW or self.area is Area.EEPROM
-
-    @property
-    def range(self) -> tuple[int, int]:
-        """Return the least and the greatest raw number that may be written."""
-        least, most = self.codec.span(self.size)
-        return (
-            least if self.lower is None else self.lower,
-            most if self.upper is None else self.upper,
-        )
 
     def encode(self, raw: int) -> bytes:
         """Return the bytes that stand for a raw number."""

@@ -90,6 +90,16 @@ def test_silent_servos_are_named(say, monkeypatch):
     assert "wrist_roll (id 5), gripper (id 6)" in said.err
 
 
+def test_two_servos_with_one_id_are_named(say, monkeypatch):
+    def change(line):
+        line.servos[6].memory.put("id", 5)
+
+    spoil(monkeypatch, change)
+    said = say("bench bus --arm so101 --port sim --cycles 20")
+    assert said.code == 4
+    assert "wrist_roll (id 5)" in said.err
+
+
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [

@@ -239,6 +239,9 @@ def test_settings_of_the_arm_file_are_written_too(say, monkeypatch):
         ("setup so1o1 --port sim", 2, "Did you mean so101?"),
         ("setup so101 --port sim --start elbow", 2, "Did you mean elbow_flex?"),
         ("setup so101 --port sim --wait 0", 2, "Invalid value for '--wait'"),
+        ("setup so101 --port sim --wait=-5", 2, "Invalid value for '--wait'"),
+        ("setup so101 --port sim --wait inf", 2, "Invalid value for '--wait'"),
+        ("setup so101 --port sim --wait nan", 2, "Invalid value for '--wait'"),
         ("setup so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )

@@ -9,6 +9,7 @@ import dynamixel_sdk
 import scservo_sdk
 
 from ikservo.errors import BusError
+from ikservo.registers import Role
 
 from .desk import bus_with, simulated_servos, spoil
 
@@ -21,7 +22,11 @@ LATE = [("late", {"probability": 0.005, "delay_s": s}) for s in (0.005, 0.02, 0.
 DOUBLED = [("duplicated", {"probability": 0.005, "delay_s": s}) for s in (1e-4, 0.005, 0.05, 0.2)]
 DAMAGED = [("flipped", {"probability": 0.01}), ("checksum", {"probability": 0.01})]
 OTHERS = [(k, {"probability": 0.002}) for k in ("silent", "short", "garbage", "truncated", "lost")]
+SOON_DOUBLED = [("duplicated", {"probability": 0.01, "delay_s": s}) for s in (1e-4, 0.005)]
 EVERYTHING = [*LATE, *DOUBLED, *DAMAGED, *OTHERS]
+
+# What changes by itself cannot be read twice: second copies 50 ms and more behind are left out.
+EVERYTHING_SOON = [*LATE, *SOON_DOUBLED, *DAMAGED, *OTHERS]
 
 _CHANGED_BY_READING = {"goal_position", "torque_enable", "lock"}
 
@@ -67,6 +72,36 @@ def ours(models, reads, seed, faults=EVERYTHING):
             _group(bus, known, chance.choice(shared), outcome)
     outcome.retried = sum(counts.retried for counts in bus.statistics.values())
     return outcome
+
+
+def ours_moving(models, reads, seed, faults=EVERYTHING_SOON):
+    """Read positions that are others at each question, half alone and half in groups."""
+    bus = bus_with(models, seed=seed)
+    questions, chance, outcome = _move_at_each_question(bus), random.Random(seed), Outcome()
+    spoil(bus, *faults)
+    while outcome.reads < reads:
+        number = next(questions)
+        known = {(i, Role.PRESENT_POSITION): _tick(i, number) for i in models}
+        if chance.random() < 0.5:
+            _one(bus, known, chance.choice(list(known)), outcome)
+        else:
+            _group(bus, known, Role.PRESENT_POSITION, outcome)
+    outcome.retried = sum(counts.retried for counts in bus.statistics.values())
+    return outcome
+
+
+def _move_at_each_question(bus):
+    """Yield the number of the next question; every servo stands elsewhere from then on."""
+    number = 0
+    for servo_id, servo in simulated_servos(bus).items():
+        servo.live["present_position"] = lambda servo_id=servo_id: _tick(servo_id, number)
+    while True:
+        number += 1
+        yield number
+
+
+def _tick(servo_id, number):
+    return (8 * number + servo_id) % 4000
 
 
 def _one(bus, known, key, outcome):

@@ -14,6 +14,27 @@ from ikservo.hardware.line.patience import Patience
 from ikservo.hardware.packets.trust import Trust
 from ikservo.registers import STS3215, XL430W250, table_for
 
+from .desk import Mode
+
+_BYTE_FOR_BYTE = {"line", "stock_port"}  # what is written down there is said on a plain line
+
+
+def pytest_configure(config):
+    Mode.name = config.getoption("--line")
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if Mode.name != "plain" and _BYTE_FOR_BYTE.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.skip(reason="every byte is written down"))
+
+
+@pytest.fixture
+def plain_line():
+    """Skip a test on how quick a line is, where lines are made bad."""
+    if Mode.name != "plain":
+        pytest.skip("about a plain line")
+
 
 class StillClock:
     """Time that passes only when somebody waits."""
@@ -166,6 +187,8 @@ def simulated():
 
     def open_simulated(arm, query="", baud_rate=1_000_000, retries=2):
         path = Path(__file__).parents[2] / "configs" / arm / "arm.toml"
+        if Mode.name == "echo" and not query:
+            query = "?echo=1"
         port = open_port(f"sim:{path}{query}", baud_rate)
         buses.append(ServoBus(port, list(servos_of(path)), retries=retries))
         return buses[-1], port.transport.line.servos

@@ -11,13 +11,32 @@ from servosim.line import Line, LineOptions
 from servosim.port import SimulatedPort
 
 BAUD = 1_000_000
+PLAIN, ECHO = AdapterOptions(), AdapterOptions(echo=True)
+USB_FRAMES = AdapterOptions(usb_frame_s=0.001)
+FTDI = AdapterOptions(usb_frame_s=0.001, latency_s=0.001)
+
+
+MODES = ("echo", "bytes", "rubbish")
+"""An adapter that hears itself; bytes that come one at a time; three that mean nothing before
+each answer. ``pytest tests/hardware --line MODE`` puts every simulated line there."""
+
+
+class Mode:
+    """How lines are heard in this run."""
+
+    name = "plain"
 
 
 def line_with(models, baud=BAUD, seed=0):
     """Return a simulated transport to servos given as {id: model}, or as pairs."""
     pairs = models.items() if isinstance(models, dict) else models
     world = loose_world([LooseServo(i, model) for i, model in pairs], baud, seed)
-    return _Host(Line(world, baud, LineOptions(seed=seed)))
+    line = Line(world, baud, LineOptions(seed=seed))
+    if Mode.name == "echo":
+        line.adapter = Adapter(line.inbox, ECHO)
+    if Mode.name == "rubbish":
+        line.faults.add(Fault("garbage", bytes=3))
+    return _Host(line)
 
 
 class _Host(SimulatedPort):
@@ -26,6 +45,9 @@ class _Host(SimulatedPort):
     def write(self, data):
         self.clock.sleep_until(self.clock.now_s() + 2e-6)
         return super().write(data)
+
+    def read(self, size=1):
+        return super().read(min(size, 1) if Mode.name == "bytes" else size)
 
 
 def bus_with(models, baud=BAUD, seed=0, retries=2, adapter=None):
@@ -46,8 +68,3 @@ def spoil(bus, *faults):
 def simulated_servos(bus):
     """Return the simulated servos by id: the witnesses."""
     return bus.port.transport.line.servos
-
-
-PLAIN, ECHO = AdapterOptions(), AdapterOptions(echo=True)
-USB_FRAMES = AdapterOptions(usb_frame_s=0.001)
-FTDI = AdapterOptions(usb_frame_s=0.001, latency_s=0.001)

@@ -9,7 +9,17 @@ import pytest
 from ikservo.errors import ServoSilentError
 from ikservo.registers import Role
 
-from .campaign import DAMAGED, DOUBLED, DYNAMIXEL, EVERYTHING, FEETECH, LATE, ours, stock
+from .campaign import (
+    DAMAGED,
+    DOUBLED,
+    DYNAMIXEL,
+    EVERYTHING,
+    FEETECH,
+    LATE,
+    ours,
+    ours_moving,
+    stock,
+)
 from .desk import bus_with, spoil
 
 FAMILIES = {"Feetech": FEETECH, "Dynamixel": DYNAMIXEL}
@@ -22,6 +32,13 @@ both = pytest.mark.parametrize("models", FAMILIES.values(), ids=FAMILIES)
 @pytest.mark.parametrize("faults", FAULTS.values(), ids=FAULTS)
 def test_no_wrong_value_is_returned_as_good(models, faults):
     outcome = ours(models, 2_500, seed=1, faults=faults)
+    assert outcome.wrong == 0
+    assert outcome.lost < 0.05 * outcome.reads
+
+
+@both
+def test_no_old_position_is_returned_as_the_present_one(models):
+    outcome = ours_moving(models, 2_500, seed=1)
     assert outcome.wrong == 0
     assert outcome.lost < 0.05 * outcome.reads
 
@@ -69,4 +86,14 @@ def test_half_a_million_reads_of_each_family(models, capsys):
     outcome, theirs = ours(models, 500_000, seed=7), stock(models, 20_000, seed=7)
     with capsys.disabled():
         sys.stdout.write(f"\nours:  {outcome}\nstock: {theirs}\n")
+    assert outcome.wrong == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@both
+def test_a_quarter_of_a_million_reads_of_moving_positions_of_each_family(models, capsys):
+    outcome = ours_moving(models, 250_000, seed=7)
+    with capsys.disabled():
+        sys.stdout.write(f"\nmoving: {outcome}\n")
     assert outcome.wrong == 0

@@ -118,6 +118,7 @@ def test_a_backup_holds_every_eeprom_register(arm):
     assert {"id", "homing_offset", "phase"} <= set(backup)
 
 
+@pytest.mark.usefixtures("plain_line")
 def test_positions_and_goals_of_six_servos_take_little_more_than_their_time_on_the_wire(arm):
     bus, _ = arm
     ticks = dict(bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete())

@@ -17,7 +17,7 @@ from ikservo.registers import table_for
 from tests.cli import desk
 
 from .campaign import DYNAMIXEL, EVERYTHING, FEETECH
-from .desk import BAUD, ECHO, FTDI, bus_with, line_with, spoil
+from .desk import BAUD, ECHO, FTDI, Mode, bus_with, line_with, spoil
 
 FAMILIES = [
     ("STS3215", "STS3250"),
@@ -79,6 +79,7 @@ def test_it_is_refused_with_the_joint_and_what_to_do():
         refuse_crowds(bus)
 
 
+@pytest.mark.usefixtures("plain_line")
 @both
 @pytest.mark.parametrize("adapter", [None, ECHO, FTDI], ids=["plain", "echo", "FTDI"])
 @pytest.mark.parametrize("seed", range(5))
@@ -96,7 +97,7 @@ def test_one_servo_on_an_adapter_that_hears_itself_is_one():
 def test_a_closer_look_knows_every_family(model):
     bus = bus_with({1: model})
     table = bus.servos[1].table
-    found = look_closer(bus.port, framing_of(table.family), 1)
+    found = look_closer(bus.port, framing_of(table.family), 1, echoes=Mode.name == "echo")
     assert (found.table, found.temperature_c) == (table, 25.0)
 
 

@@ -14,13 +14,19 @@ TAKEN = "FF FF 01 02 00 FC"
 READ_OFFSET, OFFSET_0 = "FF FF FE 05 82 1F 02 01 58", "FF FF 01 04 00 00 00 FA"
 OFFSET_MINUS_100 = "FF FF 01 04 00 64 08 8E"
 TORQUE, LIMP, ON = "FF FF 01 04 02 28 01 CF", "FF FF 01 03 00 00 FB", "FF FF 01 03 00 01 FA"
+READ_LOCK, OPEN, LOCKED = "FF FF 01 04 02 37 01 C0", LIMP, ON
 UNLOCK, LOCK = "FF FF 01 04 03 37 00 C0", "FF FF 01 04 03 37 01 BF"
 WRITE_MINUS_100 = "FF FF 01 05 03 1F 64 08 6B"
 WANTED = {STS3215.homing_offset: -100}
 
 
 def test_what_holds_already_is_not_written(feetech, line):
-    line.expect(READ_OFFSET, OFFSET_MINUS_100)
+    line.expect(READ_OFFSET, OFFSET_MINUS_100).expect(READ_LOCK, LOCKED)
+    assert update_eeprom(feetech, 1, WANTED) == []
+
+
+def test_a_lock_that_an_earlier_run_left_open_is_closed(feetech, line):
+    line.expect(READ_OFFSET, OFFSET_MINUS_100).expect(READ_LOCK, OPEN).expect(LOCK, TAKEN)
     assert update_eeprom(feetech, 1, WANTED) == []
 
 

@@ -142,8 +142,8 @@ class TestTime:
         port = Port(line, "scripted", 57_600)
         line.expect("00 00 00 00 00 00 00 00 00 00")
         port.writePort(bytes(10))
-        allowed_s = port.deadline_s(90, delays_s=0.003) - line.clock.now_s()
-        assert allowed_s == pytest.approx(100 * 10 / 57_600 + 0.003 + port.patience.allowance_s)
+        needed_s = port.due_s(90, delays_s=0.003) - line.clock.now_s()
+        assert needed_s == pytest.approx(100 * 10 / 57_600 + 0.003)
 
     def test_a_read_returns_as_soon_as_it_has_everything(self, port, line):
         line.lay("01 02", at_s=0.001)
@@ -179,7 +179,7 @@ class TestTime:
         port.writePort(bytes(100))
         port.writePort(bytes(8))
         left_s = 108 * 10 / 57_600
-        assert port.deadline_s(0, 0.0) == pytest.approx(left_s + port.patience.allowance_s)
+        assert port.due_s(0, 0.0) == pytest.approx(left_s)
 
 
 class TestPatience:
@@ -211,8 +211,15 @@ class TestPatience:
                 port.patience.miss()
             assert port.patience.allowance_s == 0.016
 
+    def test_many_silent_at_once_are_waited_for_longer_at_once(self, pty_name):
+        with open_port(pty_name, 1_000_000) as port:
+            for _ in range(16):
+                port.patience.learn(0.0001)
+            port.patience.miss(many=True)
+            assert port.patience.allowance_s == 0.008
+
     def test_one_slow_answer_makes_it_long_again(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for overhead_s in [0.001] * 16 + [0.008]:
                 port.patience.learn(overhead_s)
-            assert port.patience.allowance_s == 0.032
+            assert port.patience.allowance_s == 0.012

@@ -15,6 +15,8 @@ from ikservo.registers import STS3215, Role
 
 from .desk import line_with
 
+pytestmark = pytest.mark.usefixtures("plain_line")  # the server reads for itself
+
 
 class SerialSide:
     """What an RFC 2217 server sets: the rate is real, the rest is only remembered."""

@@ -66,6 +66,7 @@ def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, pa
 # --- B3: a servo that falls silent costs little time, and is missed at once ---
 
 
+@pytest.mark.usefixtures("plain_line")
 @six
 @pytest.mark.parametrize("silent", [1, 3, 6])
 def test_a_silent_servo_never_costs_a_cycle_more_than_5_ms(models, silent):
@@ -219,6 +220,7 @@ def bus_with_same_servos(bus):
     return ServoBus(Port(bus.port.transport, "desk", 1_000_000), list(bus.servos.values()))
 
 
+@pytest.mark.usefixtures("plain_line")
 @pytest.mark.parametrize("model", ["STS3215", X])
 def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
     bus = bus_with({1: model})
@@ -255,6 +257,7 @@ def test_bytes_that_arrive_one_by_one_are_put_together(models, adapter, monkeypa
 # --- speed ---
 
 
+@pytest.mark.usefixtures("plain_line")
 @six
 def test_a_cycle_of_six_servos_uses_85_percent_of_what_the_wire_allows(models):
     bus = bus_with(models)
@@ -272,6 +275,7 @@ def wire_s(bus):
     return bus.port.wire_s((14 + 6 * 5) + (14 + 6) + (8 + 6 * 8))
 
 
+@pytest.mark.usefixtures("plain_line")
 def test_on_a_dead_line_everything_fails_by_name_and_nothing_hangs():
     bus = bus_with(SIX["Feetech"])
     spoil(bus, ("silent", {}))

@@ -10,6 +10,7 @@ from typing import cast
 from ikservo.arm.line import chosen_port, servo_specs
 from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.finding.crowds import refusing_crowds
 from ikservo.hardware.line.metering import Meter
 from ikservo.hardware.line.port import Port
 from ikservo.hardware.line.transport import Transport, open_transport
@@ -88,12 +89,14 @@ def bench_bus(
     Raises:
         PortError: No port, or it is lost.
         ServoSilentError: A servo does not answer; names all that do not.
+        BadReplyError: Two servos share an id.
     """
     name = chosen_port(model, port)
     meter = Meter(open_transport(name, model.baud_rate))
     line = Port(cast("Transport", meter), name, model.baud_rate)
     with ServoBus(line, servo_specs(model)) as bus:
-        bus.learn_return_delays()
+        with refusing_crowds(bus):
+            bus.learn_return_delays()
         bench = _Bench(bus, meter, [joint.servo.id for joint in model.joints])
         return [
             bench.measure(what, roles, cycles, on_cycle or _nobody)

@@ -49,9 +49,10 @@ def _folder() -> Path:
     own = os.environ.get("IKSERVO_HOME")
     if own:
         return Path(own).resolve() / "run"
-    from platformdirs import user_runtime_path  # noqa: PLC0415  # only where it is needed
-
-    return user_runtime_path("ikservo", appauthor=False)
+    session = os.environ.get("XDG_RUNTIME_DIR")
+    if session:
+        return Path(session) / "ikservo"
+    return Path(tempfile.gettempdir()) / f"ikservo-run-{_user()}"
 
 
 def _short(place: Path) -> Path:

@@ -17,6 +17,7 @@ from ikservo.hardware.drivers.fast_sync import combined_size, split
 from ikservo.hardware.finding.roll_call import RollCall, hear_all
 from ikservo.hardware.line.port import Port
 from ikservo.hardware.packets.exchange import Exchange
+from ikservo.hardware.packets.phrasebook import Phrasebook
 from ikservo.hardware.packets.protocol_2 import Answers, CombinedAnswer
 from ikservo.hardware.packets.replies import Fault, Reply
 from ikservo.hardware.packets.span import Span
@@ -27,6 +28,7 @@ _BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _BULK_READ, _BULK_WRITE = 0x92, 0x93
+_QUESTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
 _PING_SIZE = 3  # model number and firmware
 _FAST_FAILURES = 2  # in a row; then the firmware is too old, a servo is absent, or the line bad
 _TRY_AGAIN = 200  # readings, after which the fast way gets another chance
@@ -45,6 +47,7 @@ class DynamixelDriver:
 
     def __init__(self, port: Port, *, fast: bool = True) -> None:
         self._port, self._handler = port, PacketHandler()
+        self._send = Phrasebook(port, self._write, _QUESTIONS).send
         self._dialect = Answers(COMM_TX_ERROR)
         self.exchange = Exchange(port, self._dialect, _LONGEST_RETURN_DELAY_S)
         self._combined = Exchange(port, CombinedAnswer(COMM_TX_ERROR), _LONGEST_RETURN_DELAY_S)
@@ -178,7 +181,7 @@ class DynamixelDriver:
         )
         return replies[servo_id]
 
-    def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
+    def _write(self, servo_id: int, instruction: int, parameters: bytes) -> int:
         """Hand a packet to the SDK, which puts header and CRC around it and sends it."""
         length = (len(parameters) + 3).to_bytes(2, "little")
         packet = [0, 0, 0, 0, servo_id, *length, instruction, *parameters, 0, 0]

@@ -9,6 +9,7 @@ from ikservo.hardware.line.port import Port
 from ikservo.hardware.packets import protocol_1
 from ikservo.hardware.packets.dialect import Dialect, Frame, Heard
 from ikservo.hardware.packets.exchange import Exchange
+from ikservo.hardware.packets.phrasebook import Phrasebook
 from ikservo.hardware.packets.replies import Reply
 from ikservo.hardware.packets.span import Span
 
@@ -17,6 +18,7 @@ __all__ = ["Protocol1Dialect", "Protocol1Driver"]
 _BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION = 0x01, 0x02, 0x03, 0x04, 0x05
 _SYNC_WRITE = 0x83
+_QUESTIONS = frozenset((_READ, 0x82, 0x92))  # of one servo, and of many: sync read, bulk read
 _LONGEST_RETURN_DELAY_S = 254 * 2e-6
 _PING_SIZE = 0
 
@@ -37,6 +39,10 @@ class Protocol1Dialect:
         """Find the status packets."""
         return protocol_1.scan(heard, tuple(sizes), final=final)
 
+    def in_order(self, heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+        """Return the answers, if the bytes are those of healthy servos in order, nothing else."""
+        return protocol_1.in_order(heard, sizes)
+
     def judge(self, frame: Frame, size: int) -> Reply | None:
         """Return what a frame says to a question for ``size`` bytes."""
         raise NotImplementedError
@@ -55,6 +61,7 @@ class Protocol1Driver:
 
     def __init__(self, port: Port, send: Send, dialect: Dialect) -> None:
         self._port, self._tx_packet = port, send
+        self._send = Phrasebook(port, self._write, _QUESTIONS).send
         self.exchange = Exchange(port, dialect, _LONGEST_RETURN_DELAY_S)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
@@ -124,6 +131,6 @@ class Protocol1Driver:
         )
         return replies[servo_id]
 
-    def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
+    def _write(self, servo_id: int, instruction: int, parameters: bytes) -> int:
         packet = [0, 0, servo_id, len(parameters) + 2, instruction, *parameters, 0]
         return self._tx_packet(self._port, packet)

@@ -58,7 +58,8 @@ def update_eeprom(bus: ServoBus, servo_id: int, wanted: Mapping[Wanted, int]) ->
     """Make EEPROM registers hold raw numbers, and return what had to be changed.
 
     Nothing is written where everything holds already, for EEPROM wears out. Afterwards every
-    number is read back and the memory is locked, also after a failure.
+    number is read back and the memory is locked, also after a failure, and where an earlier run
+    died just before it would have locked it.
 
     Raises:
         RegisterAccessError: A register is no EEPROM, forbids its number, or torque is on.
@@ -75,6 +76,8 @@ def update_eeprom(bus: ServoBus, servo_id: int, wanted: Mapping[Wanted, int]) ->
             for change in changes:
                 bus.write(servo_id, change.register, change.wanted, raw=True)
             _verify(bus, servo_id, wanted)
+    else:
+        _lock_if_open(bus, servo_id)
     return changes
 
 
@@ -106,6 +109,12 @@ def _unlocked(bus: ServoBus, servo_id: int) -> Generator[None]:
     try:
         yield
     finally:
+        bus.write(servo_id, lock, 1, raw=True)
+
+
+def _lock_if_open(bus: ServoBus, servo_id: int) -> None:
+    lock = bus.servos[servo_id].table.eeprom_lock
+    if lock is not None and bus.read(servo_id, lock, raw=True) == 0:
         bus.write(servo_id, lock, 1, raw=True)
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 __all__ = ["Patience"]
 
 _LEARNED = 16  # answers before their times are trusted
-_MARGIN = 4.0  # times the slowest answer of late
+_REMEMBERED = 32  # answers of late, and as many before them, whose slowest counts
+_MARGIN = 1.5  # times the slowest answer of late
 _MOST_DOUBLINGS = 6
 _OWN_FAULT = 2  # silences in a row that are rather a servo's than the adapter's
 
@@ -21,23 +20,39 @@ class Patience:
 
     def __init__(self, least_s: float, most_s: float) -> None:
         self.least_s, self.most_s = least_s, most_s
-        self._overheads_s: deque[float] = deque(maxlen=64)
-        self._silences = 0
+        self._learned = self._silences = 0
+        self._slowest_s = self._slowest_before_s = 0.0
+
+    @property
+    def usual_s(self) -> float:
+        """Return within what time beyond wire time and return delays answers came of late."""
+        if self._learned < _LEARNED:
+            return self.most_s
+        return min(max(self._slowest_s, self._slowest_before_s), self.most_s)
 
     @property
     def allowance_s(self) -> float:
         """Return how long to wait beyond wire time and return delays, seconds."""
-        if len(self._overheads_s) < _LEARNED:
+        if self._learned < _LEARNED:
             return self.most_s
-        learned_s = max(self.least_s, _MARGIN * max(self._overheads_s))
+        learned_s = max(self.least_s, _MARGIN * self.usual_s)
         factor = 2.0 ** min(max(self._silences - _OWN_FAULT, 0), _MOST_DOUBLINGS)
         return min(learned_s * factor, self.most_s)
 
     def learn(self, overhead_s: float) -> None:
         """Remember by how much an answer exceeded its time on the wire."""
-        self._overheads_s.append(overhead_s)
         self._silences = 0
+        self._learned += 1
+        if self._learned % _REMEMBERED == 0:
+            self._slowest_before_s, self._slowest_s = self._slowest_s, overhead_s
+        elif overhead_s > self._slowest_s:
+            self._slowest_s = overhead_s
 
-    def miss(self) -> None:
-        """Wait twice as long, from the third time in a row on which nobody answers at all."""
-        self._silences += 1
+    def miss(self, *, many: bool = False) -> None:
+        """Wait twice as long, from the third time in a row on which nobody answers at all.
+
+        Args:
+            many: Several were asked: that is the adapter, or this machine, and four times as
+                long is waited at once.
+        """
+        self._silences = max(self._silences + 1, _OWN_FAULT + 2 if many else 0)

@@ -70,14 +70,22 @@ class Port(VendorPort):
         since_s = self.clock.now_s() - self.sent_all_s
         return self.pace.stale(count - self._echoed, since_s, self.wire_s(1))
 
-    def learn(self, heard: bytearray, answered: int) -> None:
+    @property
+    def is_calm(self) -> bool:
+        """Whether all has been well of late, and nothing but the next answer can come."""
+        return not (self.trust.wary or self.ghosts.any_owed)
+
+    def learn(self, heard: bytes | bytearray, answered: int) -> None:
         """Learn from a complete answer.
 
         Args:
             heard: Everything that came since the question.
             answered: Bytes of the answers themselves.
         """
-        self.echoes = heard.startswith(self.sent)
+        if self.sent in heard[: len(heard) - answered]:
+            self.echoes = True
+        elif len(heard) == answered:  # nothing else came, not even half an echo
+            self.echoes = False
         since_s = self.clock.now_s() - self.sent_all_s
         self.patience.learn(since_s - self.wire_s(len(heard) - self._echoed))
         self.pace.learn(answered, since_s, self.wire_s(1))

@@ -7,12 +7,13 @@ import sys
 import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 import serial
 from serial import rfc2217
 
 from ikservo.errors import NoPortError
+from ikservo.hardware.line.descriptor import Descriptor, has_descriptor
 from ikservo.hardware.line.port_lock import PortLock, lock_of
 from ikservo.hardware.line.why_closed import known_devices, why_closed
 
@@ -116,6 +117,9 @@ class _Held:
         self._port, self._lock = port, lock
         self.read, self.write, self.flush = port.read, port.write, port.flush
         self.reset_input_buffer = port.reset_input_buffer
+        self._files = Descriptor(cast("Any", port)) if has_descriptor(port) else None
+        if self._files:
+            self.read, self.write = self._files.read, self._files.write
         if isinstance(port, rfc2217.Serial):
             self.reset_input_buffer = self._forget  # pyserial would wait for the server to agree
 
@@ -133,11 +137,13 @@ class _Held:
 
     @property
     def timeout(self) -> float | None:
-        return self._port.timeout
+        return self._files.timeout if self._files else self._port.timeout
 
     @timeout.setter
     def timeout(self, timeout_s: float | None) -> None:
-        if sys.platform == "win32" and "://" not in str(self._port.port):
+        if self._files:
+            self._files.timeout = timeout_s
+        elif sys.platform == "win32" and "://" not in str(self._port.port):
             self._port.timeout = timeout_s
         else:
             vars(self._port)["_timeout"] = timeout_s

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Generator, Iterable
+from collections.abc import Iterable
 from math import ceil
 
 from ikservo.clock import Clock, RealClock
@@ -21,6 +21,10 @@ _BITS_PER_BYTE = 10  # 8N1: start, eight data bits, stop
 # A real adapter may hold bytes back for 16 ms, a busy machine for longer.
 _REAL_S = (0.002, 0.040)
 _VIRTUAL_S = (0.001, 0.020)
+
+
+_AWAKE_S = 0.000_15  # so much earlier than due: the kernel wakes us late, and clocks differ
+_WORTH_S = 0.000_15  # shorter naps cost more than they save
 
 
 def _line_failures() -> tuple[type[Exception], ...]:
@@ -52,19 +56,14 @@ class VendorPort:
         """Return how long bytes take on the wire, seconds."""
         return count * _BITS_PER_BYTE / self.baudrate
 
-    def deadline_s(self, expected: int, delays_s: float) -> float:
-        """Return when the answer to what was just sent must be complete.
+    def due_s(self, expected: int, delays_s: float) -> float:
+        """Return when the answer to what was just sent is complete if nothing is late.
 
         Args:
             expected: Bytes of the answer.
             delays_s: Sum of the servos' return delays, seconds.
         """
-        return (
-            max(self.sent_all_s, self.clock.now_s())
-            + self.wire_s(expected)
-            + delays_s
-            + self.patience.allowance_s
-        )
+        return max(self.sent_all_s, self.clock.now_s()) + self.wire_s(expected) + delays_s
 
     def read_until(self, size: int, deadline_s: float) -> bytes:
         """Return up to ``size`` bytes; fewer only when the deadline has passed.
@@ -72,12 +71,35 @@ class VendorPort:
         Raises:
             PortLostError: The line is gone.
         """
+        data = more = self._read(size, deadline_s)
+        while more and len(data) < size:  # a transport that does not wait for all of it
+            more = self._read(size - len(data), deadline_s)
+            data += more
+        return data
+
+    def _read(self, size: int, deadline_s: float) -> bytes:
         left_s = deadline_s - self.clock.now_s()
-        with self._named_loss():
+        try:
             if left_s <= 0:
                 return self.transport.read(min(size, self.transport.in_waiting))
             self._wait_at_most(left_s)
             return self.transport.read(size)
+        except _LINE_FAILS as error:
+            raise self._loss(error) from error
+
+    def read_some(self, size: int, deadline_s: float) -> bytes:
+        """Return what comes first, up to ``size`` bytes; nothing once the deadline has passed."""
+        first = self.read_until(1, deadline_s)
+        return first + self.read_until(min(size - 1, self.getBytesAvailable()), 0.0)
+
+    def nap(self, expected: int) -> None:
+        """Sleep while the first of ``expected`` bytes cannot be all: one waking for many packets.
+
+        Servos that keep a return delay only take longer.
+        """
+        due_s = self.sent_all_s + self.wire_s(expected) - _AWAKE_S
+        if due_s - self.clock.now_s() > _WORTH_S:
+            self.clock.sleep_until(due_s)
 
     def openPort(self) -> bool:
         """Return whether the port is open; it is opened by ``open_port``."""
@@ -92,8 +114,10 @@ class VendorPort:
 
     def clearPort(self) -> None:
         """Discard what has arrived: it answers some earlier question."""
-        with self._named_loss():
+        try:
             self.transport.reset_input_buffer()
+        except _LINE_FAILS as error:
+            raise self._loss(error) from error
 
     def setPortName(self, port_name: str) -> None:
         """Change the name in messages."""
@@ -111,8 +135,9 @@ class VendorPort:
             PortLostError: The line is gone.
         """
         try:
-            with self._named_loss():
-                self.transport.baudrate = baudrate
+            self.transport.baudrate = baudrate
+        except _LINE_FAILS as error:
+            raise self._loss(error) from error
         except (ValueError, OverflowError) as error:
             self.transport.baudrate = self.baudrate
             raise PortError(
@@ -128,8 +153,10 @@ class VendorPort:
 
     def getBytesAvailable(self) -> int:
         """Return how many bytes wait."""
-        with self._named_loss():
+        try:
             return self.transport.in_waiting
+        except _LINE_FAILS as error:
+            raise self._loss(error) from error
 
     def readPort(self, length: int) -> bytes:
         """Return up to ``length`` bytes before the packet timeout."""
@@ -140,13 +167,15 @@ class VendorPort:
         self.sent = bytes(packet)
         now_s = self.clock.now_s()
         self.sent_all_s = max(now_s, self.sent_all_s) + self.wire_s(len(self.sent))
-        with self._named_loss():
+        try:
             written = self.transport.write(self.sent)
+        except _LINE_FAILS as error:
+            raise self._loss(error) from error
         return len(self.sent) if written is None else written
 
     def setPacketTimeout(self, packet_length: int) -> None:
         """Expect a packet of so many bytes from now."""
-        self._packet_deadline_s = self.deadline_s(packet_length, 0.0)
+        self._packet_deadline_s = self.due_s(packet_length, 0.0) + self.patience.allowance_s
 
     def setPacketTimeoutMillis(self, msec: float) -> None:
         """Expect a packet within milliseconds from now."""
@@ -163,11 +192,8 @@ class VendorPort:
         if self.transport.timeout != timeout_s:
             self.transport.timeout = timeout_s
 
-    @contextlib.contextmanager
-    def _named_loss(self) -> Generator[None]:
-        try:
-            yield
-        except _LINE_FAILS as error:
-            if not self.is_open:
-                raise PortError(f"{self.name} was closed.", "Open it again.") from error
-            raise PortLostError(self.name, str(error)) from error
+    def _loss(self, error: Exception) -> PortError:
+        """Return the error that names what happened to the line."""
+        if not self.is_open:
+            return PortError(f"{self.name} was closed.", "Open it again.")
+        return PortLostError(self.name, str(error))

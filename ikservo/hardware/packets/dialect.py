@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -60,6 +60,17 @@ class Dialect(Protocol):
             heard: The bytes so far.
             sizes: Bytes of data in the answers that are hoped for.
             final: No more bytes will come.
+        """
+        ...
+
+    def in_order(self, heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+        """Return the answers, if the bytes are those of healthy servos in order and nothing else.
+
+        This is the quick way for a line on which all is well; ``scan`` makes sense of the rest.
+
+        Args:
+            heard: As many bytes as the answers have.
+            sizes: Who answers, in order, and how many bytes of data each.
         """
         ...
 

@@ -69,9 +69,13 @@ class Exchange:
         Raises:
             PortLostError: The line is gone.
         """
-        with self.port.exchange():
-            self.send(send)
-            return self._heard_out(sizes, asked) if sizes else {}
+        port = self.port
+        with port.lock:
+            try:
+                self.send(send)
+                return self._heard_out(sizes, asked) if sizes else {}
+            finally:
+                port.is_using = False
 
     def send(self, send: Callable[[], int]) -> None:
         """Put a packet on the line and nothing more.
@@ -116,6 +120,9 @@ class Exchange:
         asked: Mapping[int, Span] | Span | None,
     ) -> None:
         ghosts, now_s = self.port.ghosts, self.port.clock.now_s()
+        if isinstance(asked, Span) and all(type(reply) is Status for reply in replies.values()):
+            ghosts.answered(tuple(sizes), next(iter(sizes.values())), asked, now_s)
+            return
         answered: dict[tuple[int, object], list[int]] = {}
         for servo_id, reply in replies.items():
             if isinstance(reply, Fault) and reply.kind is not FaultKind.REFUSED:

@@ -68,6 +68,11 @@ class Ghosts:
                 if not written or not isinstance(asked, Span) or written.meets(asked):
                     question.asked = None
 
+    @property
+    def any_owed(self) -> bool:
+        """Whether an answer may be overdue; some that cannot come any more count, too."""
+        return bool(self._owed)
+
     def owed_until_s(self, servo_ids: _Ids, now_s: float) -> float | None:
         """Return when nothing is owed any more by any of them, None if nothing is."""
         owed = (entry for servo_id in servo_ids for entry in self._still_owed(servo_id, now_s))

@@ -27,7 +27,7 @@ class Listening:
     def __init__(self, port: Port, dialect: Dialect, sizes: Mapping[int, int]) -> None:
         self._port, self._dialect, self._sizes = port, dialect, sizes
         self._expected = sum(map(dialect.frame_size, sizes.values()))
-        self._raw, self._stale = bytearray(), 0
+        self._raw, self._stale, self._older = bytearray(), 0, 0
         self._heard: Heard = _NOTHING
         self._answers: dict[int, Reply] = {}
 
@@ -41,19 +41,41 @@ class Listening:
             PortLostError: The line is gone.
         """
         port = self._port
-        deadline_s = port.deadline_s(self._expected, delays_s)
-        limit_s = deadline_s + _MOST_WAITS * port.patience.allowance_s
-        while chunk := port.read_until(self._missing(), deadline_s):
-            speaking = self._take(chunk)
+        due_s = port.due_s(self._expected, delays_s)
+        if port.is_calm:
+            port.nap(self._expected)
+        chunk = port.read_until(self._expected, due_s + port.patience.usual_s)
+        answers = self._in_order(chunk)
+        return self._heard_on(chunk, due_s) if answers is None else answers
+
+    def _in_order(self, chunk: bytes) -> dict[int, Reply] | None:
+        """Return the answers where nothing else came, as is the rule."""
+        port = self._port
+        if len(chunk) != self._expected or port.echoes is not False or port.stale_bytes(len(chunk)):
+            return None
+        answers = self._dialect.in_order(chunk, self._sizes)
+        if answers is not None:
+            port.learn(chunk, answered=self._expected)
+            port.trust.note(odd=False)
+        return answers
+
+    def _heard_on(self, chunk: bytes, due_s: float) -> dict[int, Reply]:
+        """Go on until all is said, or nothing more can come of what is missing."""
+        port, patience_s = self._port, self._port.patience.allowance_s
+        deadline_s, limit_s = due_s + patience_s, due_s + (1 + _MOST_WAITS) * patience_s
+        while True:
+            speaking = bool(chunk) and self._take(chunk)
             self._understand(final=False)
             if len(self._answers) == len(self._sizes):
                 return self._complete()
             now_s = port.clock.now_s()
-            if now_s >= deadline_s and not self._more_may_come():
-                break
-            if speaking:
-                deadline_s = min(max(deadline_s, now_s + port.patience.allowance_s), limit_s)
-        return self._overdue()
+            if self._last_has_spoken():
+                deadline_s = due_s
+            elif speaking and (now_s < deadline_s or len(self._sizes) > 1):
+                deadline_s = min(max(deadline_s, now_s + patience_s), limit_s)
+            if now_s >= deadline_s:
+                return self._overdue()
+            chunk = port.read_some(self._missing(), deadline_s)
 
     def _missing(self) -> int:
         """Return how many bytes must come at least; one more look if none must."""
@@ -70,20 +92,28 @@ class Listening:
             self._stale += early
         return early <= 0
 
-    def _more_may_come(self) -> bool:
-        """Return whether somebody may still speak: they do so in order, one after the other."""
-        return len(self._sizes) > 1 and next(reversed(self._sizes)) not in self._answers
+    def _last_has_spoken(self) -> bool:
+        """Return whether everybody has had a turn, so that no patience brings a silent one."""
+        last, now_s = next(reversed(self._sizes)), self._port.clock.now_s()
+        return last in self._answers and not self._port.ghosts.owed_until_s((last,), now_s)
 
     def _understand(self, *, final: bool) -> None:
         """Find frames and answers in all that was heard, behind our own echo (F12)."""
-        raw, sent = bytes(self._raw), self._port.sent
+        raw = bytes(self._raw)
         if self._port.echoes is not False:
-            if raw.startswith(sent):
-                raw = raw[len(sent) :]
-            elif not final and sent.startswith(raw):
-                raw = b""
+            raw = self._behind_echo(raw, final=final)
         self._heard = self._scan(raw, final=final) if raw else _NOTHING
         self._answers = self._found(self._heard.frames, final=final)
+
+    def _behind_echo(self, raw: bytes, *, final: bool) -> bytes:
+        """Return what came after our own bytes; whatever stands before them is older."""
+        sent = self._port.sent
+        # A ping may be answered by its very own bytes.
+        anywhere = self._port.echoes or any(self._sizes.values())
+        self._older = raw.find(sent) if anywhere else raw.startswith(sent) - 1
+        if self._older >= 0:
+            return raw[self._older + len(sent) :]
+        return b"" if not final and sent.startswith(raw) else raw
 
     def _scan(self, raw: bytes, *, final: bool) -> Heard:
         return self._dialect.scan(raw, self._sizes.values(), final=final)
@@ -119,7 +149,8 @@ class Listening:
     def _complete(self) -> dict[int, Reply]:
         self._port.learn(self._raw, answered=self._expected)
         surplus = len(self._heard.frames) > len(self._sizes)
-        self._port.trust.note(odd=bool(self._stale or self._heard.junk or surplus))
+        odd = self._stale or self._older > 0 or self._heard.junk or surplus
+        self._port.trust.note(odd=bool(odd))
         return self._answers
 
     def _overdue(self) -> dict[int, Reply]:
@@ -128,7 +159,8 @@ class Listening:
         if not self._answers:
             self._consider_silence()
         surplus = len(self._heard.frames) > len(self._answers)
-        self._port.trust.note(odd=bool(self._stale or self._heard.junk or surplus))
+        odd = self._stale or self._older > 0 or self._heard.junk or surplus
+        self._port.trust.note(odd=bool(odd))
         absent = (servo_id for servo_id in self._sizes if servo_id not in self._answers)
         return self._answers | {servo_id: self._fault(servo_id) for servo_id in absent}
 
@@ -141,7 +173,7 @@ class Listening:
             self._answers = self._found(self._heard.frames, final=True)
         if not self._answers:
             if not self._heard.frames and not self._heard.junk:  # a part would have come as fast
-                port.patience.miss()
+                port.patience.miss(many=len(self._sizes) > 1)
             if self._stale:
                 port.pace.mistrust()
 

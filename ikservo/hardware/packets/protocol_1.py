@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from ikservo.hardware.packets.dialect import Frame, Heard
+from ikservo.hardware.packets.replies import Reply, Status
 
-__all__ = ["checksum", "frame_size", "scan"]
+__all__ = ["checksum", "frame_size", "in_order", "scan"]
 
 _HEADER = b"\xff\xff"
 _LEN, _ERR, _DATA = 3, 4, 5  # where the bytes stand
@@ -22,6 +23,22 @@ def frame_size(size: int) -> int:
 def checksum(body: bytes) -> int:
     """Return the inverted sum of everything between header and checksum."""
     return ~sum(body) & 0xFF
+
+
+def in_order(heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+    """Return the answers, if the bytes are those of healthy servos in order and nothing else."""
+    answers: dict[int, Reply] = {}
+    at = 0
+    for servo_id, size in sizes.items():
+        end = at + size + 6
+        # The sum of everything behind the header, its inverse included, has all bits set.
+        if sum(heard[at + 2 : end]) & 0xFF != 0xFF:
+            return None
+        if heard[at : at + _DATA] != bytes((0xFF, 0xFF, servo_id, size + 2, 0)):
+            return None
+        answers[servo_id] = Status(servo_id, heard[at + _DATA : end - 1])
+        at = end
+    return answers
 
 
 def scan(heard: bytes, sizes: Collection[int], *, final: bool) -> Heard:
@@ -42,12 +59,37 @@ def scan(heard: bytes, sizes: Collection[int], *, final: bool) -> Heard:
         if length is None or at + length > len(heard):
             if not final and _may_continue(heard, at, sizes):
                 return Heard(tuple(frames), len(heard) - at, junk)
-        elif heard[at + length - 1] == checksum(heard[at + 2 : at + length - 1]):
+        elif _is_whole(heard, at, length) and not _is_spliced(heard, at, at + length, sizes):
             frames.append(_frame(heard[at : at + length]))
             at += length
             continue
         at, junk = at + 1, junk + 1
     return Heard(tuple(frames), 0, junk)
+
+
+def _is_whole(heard: bytes, at: int, length: int) -> bool:
+    end = at + length - 1
+    return end < len(heard) and heard[end] == checksum(heard[at + 2 : end])
+
+
+def _is_spliced(heard: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
+    """Return whether a hoped-for packet begins inside this one and goes on behind it.
+
+    Then this is the beginning of a packet that broke off, and of the next: one checksum in 256 is
+    right by chance.
+    """
+    inner = heard.find(_HEADER, at + 1, end + 1)
+    while inner >= 0:
+        length = _packet_length(heard, inner)
+        if length is not None and _goes_on(heard, inner, length, end, sizes):
+            return True
+        inner = heard.find(_HEADER, inner + 1, end + 1)
+    return False
+
+
+def _goes_on(heard: bytes, at: int, length: int, end: int, sizes: Collection[int]) -> bool:
+    wanted = length - frame_size(0) in sizes and at + length > end
+    return wanted and _is_whole(heard, at, length)
 
 
 def _packet_length(heard: bytes, at: int) -> int | None:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from array import array
+from collections.abc import Collection, Mapping, Sequence
+from functools import cache
+from struct import unpack
+from typing import cast
 
 from ikservo.hardware.packets.dialect import Frame, Heard
 from ikservo.hardware.packets.replies import Fault, FaultKind, Reply, Status
@@ -13,6 +17,7 @@ __all__ = ["Answers", "CombinedAnswer", "crc"]
 _HEADER = b"\xff\xff\xfd\x00"
 _LEN, _INSIDE = 5, 7  # where the length field and the instruction stand
 _STATUS = 0x55
+_STUFFED = b"\xff\xff\xfd"
 _LONGEST = 1024
 
 _ALERT = 0x80
@@ -37,16 +42,21 @@ def _crc_of_byte(byte: int) -> int:
 
 _POLYNOMIAL = 0x8005
 _CRCS = tuple(map(_crc_of_byte, range(256)))
-# The same with a zero byte behind it, so that two bytes cost one turn of the loop.
-_CRCS_BEFORE = tuple((crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS)
+
+
+@cache
+def _crcs_of_words() -> Sequence[int]:
+    """Return the CRC of every two bytes, so that two cost one look; made when first needed."""
+    with_zero_behind = [(crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS]
+    return array("H", [before ^ last for before in with_zero_behind for last in _CRCS])
 
 
 def crc(start: int, packet: Sequence[int], count: int) -> int:
     """Return the CRC-16 of a packet's first bytes: highest bit first, nothing reflected."""
-    value = start
-    for first in range(0, count - 1, 2):
-        before = _CRCS_BEFORE[value >> 8 ^ packet[first]]
-        value = before ^ _CRCS[value & 0xFF ^ packet[first + 1]]
+    value, crcs = start, _crcs_of_words()
+    words = unpack(f">{count // 2}H", bytes(packet[: count & ~1]))
+    for word in cast("Sequence[int]", words):
+        value = crcs[value ^ word]
     if count % 2:
         value = (value << 8 & 0xFF00) ^ _CRCS[value >> 8 ^ packet[count - 1]]
     return value
@@ -82,6 +92,28 @@ class Answers:
             else:
                 at, junk = at + 1, junk + 1
         return Heard(tuple(frames), 0, junk)
+
+    def in_order(self, heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+        """Return the answers, if the bytes are those of healthy servos in order, nothing else."""
+        answers: dict[int, Reply] = {}
+        at = 0
+        for servo_id, size in sizes.items():
+            packet = heard[at : at + self.frame_size(size)]
+            reply = self._plain(packet, servo_id, size)
+            if reply is None:
+                return None
+            answers[servo_id] = reply
+            at += len(packet)
+        return answers
+
+    def _plain(self, packet: bytes, servo_id: int, size: int) -> Status | None:
+        """Return what a packet says that is neither stuffed nor complains, None for others."""
+        expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS, 0))
+        if packet[: _INSIDE + 2] != expected or _STUFFED in packet[_INSIDE:]:
+            return None
+        if not self._crc_is_right(packet):
+            return None
+        return Status(servo_id, packet[_INSIDE + 2 : -2])
 
     def judge(self, frame: Frame, size: int) -> Reply | None:
         """Return data with the alert beside them, a refusal in words, or None if no answer."""
@@ -137,6 +169,12 @@ class CombinedAnswer(Answers):
     """The one packet of a fast sync read: never stuffed, its error byte is the first servo's."""
 
     highest_id = 0xFE
+
+    def _plain(self, packet: bytes, servo_id: int, size: int) -> Status | None:
+        expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS))
+        if packet[: _INSIDE + 1] != expected or not self._crc_is_right(packet):
+            return None
+        return Status(servo_id, packet[_INSIDE + 1 : -2])
 
     def judge(self, frame: Frame, size: int) -> Reply | None:
         """Return everything from the first servo's error byte on, if it is complete."""

@@ -1,0 +1,108 @@
+"""Opening an arm whose servos are set otherwise: it says what is there, and writes nothing."""
+
+from __future__ import annotations
+
+import pytest
+
+import ikservo
+from ikservo.errors import BadReplyError, CalibrationError, ServoSilentError
+from ikservo.registers import Access, table_for
+from tests.hardware.desk import line_with
+
+STS, XL330 = "STS3215", "XL330-M288"
+SO101 = dict.fromkeys(range(1, 7), STS)
+KOCH = {**dict.fromkeys((1, 2), "XL430-W250"), **dict.fromkeys(range(3, 7), XL330)}
+
+
+@pytest.fixture
+def desk(monkeypatch):
+    """Return a function that lays servos on the desk, all at one rate, and opens an arm there."""
+
+    def attempt(arm, servos, baud=1_000_000):
+        transport = line_with(servos, baud)
+        monkeypatch.setattr("servosim.open_port", lambda _: transport)
+        before = memories(transport)
+        with pytest.raises((ServoSilentError, CalibrationError, BadReplyError)) as caught:
+            ikservo.open_arm(arm, port="sim")
+        assert memories(transport) == before  # nothing was written
+        return caught.value
+
+    return attempt
+
+
+def memories(transport):
+    return [
+        {r: servo.memory.get(r.name) for r in _written_only_by_people(servo.table.model)}
+        for servo in transport.line.world.servos
+    ]
+
+
+def _written_only_by_people(model):
+    registers = table_for(model).registers.values()
+    return [r for r in registers if r.access is Access.RW and r.name != "goal_position"]
+
+
+@pytest.mark.parametrize("baud", [500_000, 250_000, 115_200, 57_600, 38_400])
+def test_another_rate_is_named(desk, baud):
+    error = desk("so101", SO101, baud)
+    assert isinstance(error, ServoSilentError)
+    assert "do not answer at 1000000 baud" in error.message
+    assert f"STS3215 at id 1, {baud} baud" in error.message
+    assert "ikservo setup" in error.hint
+
+
+@pytest.mark.parametrize("baud", [57_600, 115_200, 2_000_000, 4_000_000])
+def test_another_rate_is_named_in_protocol_2(desk, baud):
+    error = desk("koch", KOCH, baud)
+    assert f"XL430-W250 at id 1, {baud} baud" in error.message
+
+
+@pytest.mark.parametrize("baud", [1_000_000, 57_600])
+@pytest.mark.parametrize(
+    ("arm", "servos"), [("so101", KOCH), ("koch", SO101)], ids=["so101", "koch"]
+)
+def test_another_protocol_is_named(desk, arm, servos, baud):
+    error = desk(arm, servos, baud)
+    assert f"{servos[1]} at id 1, {baud} baud" in error.message
+    assert "another arm" in error.hint
+
+
+@pytest.mark.parametrize(
+    ("arm", "servos", "found"),
+    [
+        ("so101", SO101 | {3: "STS3250"}, "elbow_flex (id 3) is a STS3250"),
+        ("koch", KOCH | {6: "XL330-M077"}, "gripper (id 6) is a XL330-M077"),
+        ("koch", KOCH | {2: XL330, 3: "XL430-W250"}, "(id 2) is a XL330-M288"),
+    ],
+    ids=["so101", "koch", "koch, two ids swapped"],
+)
+def test_another_model_is_named(desk, arm, servos, found):
+    error = desk(arm, servos)
+    assert isinstance(error, CalibrationError)
+    assert found in error.message
+
+
+@pytest.mark.parametrize(
+    ("arm", "servos"), [("so101", SO101), ("koch", KOCH)], ids=["so101", "koch"]
+)
+def test_another_id_is_named(desk, arm, servos):
+    error = desk(arm, {**{i: model for i, model in servos.items() if i != 4}, 44: servos[4]})
+    assert "(id 4)" in error.message
+    assert f"{servos[4]} at id 44, 1000000 baud" in error.message
+    assert "own id" in error.hint
+
+
+def test_a_new_servo_among_the_others_is_named(desk, monkeypatch):
+    servos = {i: model for i, model in KOCH.items() if i != 4}
+    transport = line_with([*servos.items(), (1, XL330)], 1_000_000)
+    new = transport.line.world.servos[-1]
+    new.memory.put("baud_rate", 1)  # 57,600, as delivered
+    monkeypatch.setattr("servosim.open_port", lambda _: transport)
+    with pytest.raises(ServoSilentError, match="XL330-M288 at id 1, 57600 baud"):
+        ikservo.open_arm("koch", port="sim")
+
+
+def test_on_an_empty_line_the_silence_is_all_there_is_to_say(desk):
+    error = desk("so101", {99: XL330}, 9_600)
+    assert isinstance(error, ServoSilentError)
+    assert "there is" not in error.message

@@ -1,0 +1,22 @@
+"""B13: the tests of this folder on other lines: an echo, single bytes, rubbish before answers."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .desk import MODES
+
+HERE = Path(__file__).parent
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("mode", MODES)
+def test_everything_here_holds_on(mode):
+    words = [sys.executable, "-m", "pytest", "-q", "-n", "auto", str(HERE), "--line", mode]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=HERE.parents[1], check=False)
+    assert done.returncode == 0, done.stdout[-4000:]
