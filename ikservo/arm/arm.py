@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import replace
 from types import TracebackType
 from typing import Literal
 
@@ -14,19 +12,17 @@ from numpy.typing import ArrayLike
 
 from ikservo.arm.arriving.aim import Aim
 from ikservo.arm.arriving.arrival import Arrival, arrive
-from ikservo.arm.given import joint_positions
-from ikservo.arm.planning import AS_IT_CAN, RISEN, Plan, Stance, begun, risen
+from ikservo.arm.foreseeing import Foreseeing
+from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, begun
 from ikservo.arm.reports import JointReport, MoveReport, Progress
-from ikservo.arm.running import Running
 from ikservo.arm.streaming.beat import Beat
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.stream import OnBeat
-from ikservo.arm.trust import LARGEST_STEP_RAD, Zeros
-from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.arm.trust import Zeros
+from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.guard import Space
 from ikservo.hardware.line.port import Port
 from ikservo.kinematics import Chain
-from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
 
 __all__ = ["Arm", "OnExit"]
@@ -36,10 +32,9 @@ OnExit = Literal["hold", "relax"]
 # Servos of this class stand within one or two ticks of 0.09° of where they are told.
 ARRIVAL_M = 0.002
 ARRIVAL_RAD = math.radians(0.5)
-_LIES_M = 0.005
 
 
-class Arm(Running):
+class Arm(Foreseeing):
     """An arm on an open port; see ``open_arm``.
 
     Torque is switched on by the first motion, and stays on when the arm is closed unless
@@ -78,63 +73,6 @@ class Arm(Running):
     ) -> None:
         self.close(self._on_exit if error is None else "hold")
 
-    def plan_to(
-        self, position_m: ArrayLike, *, speed: str = "normal", stance: Stance = AS_IT_CAN
-    ) -> Plan:
-        """Find joints that bring the tip to a point and the motion that takes them there.
-
-        Args:
-            position_m: The point (3,), metres, in the arm's base frame.
-            speed: slow, normal or fast; the first motion after torque comes on is slow.
-            stance: How the tool shall stand there; if nothing is asked, as well as the arm can
-                keep it.
-
-        Raises:
-            UnreachableError: No joints inside the limits reach it; carries the nearest point.
-            OrientationError: The tool cannot stand there as asked.
-            BadValueError: No three finite numbers.
-            RefusedError: On the way the arm would touch itself, the table or a box.
-            CalibrationError: Nobody knows where the arm's zeros are.
-        """
-        return self.plan_by(
-            lambda here, pace: self._planner.to_point(here, position_m, pace, stance), speed
-        )
-
-    def plan_by(self, planning: Callable[[Vector, str], Plan], speed: str) -> Plan:
-        """Make a plan of the tip from where the arm is, at the speed it may go; look at its way.
-
-        An arm that lies folded touches itself on nearly every way: it rises first.
-
-        Raises:
-            RefusedError: On the way the arm would touch itself, the table or a box.
-            CalibrationError: Nobody knows where the arm's zeros are.
-        """
-        self.zeros.check(self.model.name)
-        here, pace = self._here(), self._allowed(speed)
-        try:
-            return self._clear(planning(here, pace), speed)
-        except RefusedError:
-            found = self._rising(planning, here, pace, speed) if self._folded(here) else None
-            if found is None:
-                raise
-            return found
-
-    def plan_joints(self, positions: Mapping[str, float], *, speed: str = "normal") -> Plan:
-        """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
-
-        Raises:
-            UnknownNameError: No such joint, or no such speed.
-            BadValueError: A position is not finite, or no joint is named.
-            RefusedError: A position lies outside the joint's limits, or on the way the arm
-                would touch itself, the table or a box.
-            CalibrationError: Nobody knows where the arm's zeros are, and the way is long.
-        """
-        here = self._here()
-        plan = self._planner.to_joints(here, joint_positions(positions), self._allowed(speed))
-        self.zeros.check_steps(self.model.name, here, plan.goal, self._steps())
-        self._servos.check(plan.goal, here)
-        return self._clear(plan, speed)
-
     def go(self, plan: Plan, on_progress: Callable[[Progress], None] | None = None) -> Arrival:
         """Carry out a plan; return where that ended, measured, and how long it took.
 
@@ -168,7 +106,8 @@ class Arm(Running):
             RefusedError: The guard will not pass a goal on.
             StoppedError: The person interrupted; the arm holds.
         """
-        return self.carry_out(self.plan_to(position_m, speed=speed, stance=stance), on_progress)
+        plan = self._held_to(lambda: self.plan_to(position_m, speed=speed, stance=stance))
+        return self.carry_out(plan, on_progress)
 
     def carry_out(
         self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
@@ -207,7 +146,15 @@ class Arm(Running):
             RefusedError: A position lies outside the joint's limits; nothing has moved.
             StoppedError: The person interrupted; the arm holds.
         """
-        plan = self.plan_joints(positions, speed=speed)
+        plan = self._held_to(lambda: self.plan_joints(positions, speed=speed))
+        return self._bring(positions, plan, on_progress)
+
+    def _bring(
+        self,
+        positions: Mapping[str, float],
+        plan: Plan,
+        on_progress: Callable[[Progress], None] | None,
+    ) -> JointReport:
         arrival = self.go(plan, on_progress)
         measured = arrival.measured
         there = {name: float(measured[self._planner.column(name)]) for name in positions}
@@ -227,13 +174,13 @@ class Arm(Running):
 
         Raises:
             CalibrationError: Nobody knows where the rest pose is; see ``release``.
+            RefusedError: Neither the straight way there nor one by its other poses is free.
         """
         self.zeros.check(self.model.name)
         self._enabled = False  # torque is looked at anew, by limits that let it come down
         with self._servos.bearing_heat():
-            report = self.move_joints(
-                self.model.pose("rest"), speed="slow", on_progress=on_progress
-            )
+            plan = self._held_to(self.plan_rest)
+            report = self._bring(self.model.pose("rest"), plan, on_progress)
         self.release()
         return report
 
@@ -249,34 +196,6 @@ class Arm(Running):
                 self._listener.close()
             with self._turn:  # not while another terminal relaxes the arm
                 self._port.close()
-
-    def _steps(self) -> dict[str, float]:
-        """Return the longest way at once for each joint whose zero nobody knows, rad or m."""
-        turns = {joint.name: joint.travel_per_turn / math.tau for joint in self.model.joints}
-        return {name: LARGEST_STEP_RAD * turns[name] for name in self._servos.names}
-
-    def _folded(self, here: Vector) -> bool:
-        """Return whether the arm lies on itself, on the table or on a box, or nearly so."""
-        if self._space is None:
-            return False
-        return float(self._space.gaps([self.workings.in_chain(here)]).min()) < _LIES_M
-
-    def _rising(
-        self, planning: Callable[[Vector, str], Plan], here: Vector, pace: str, asked: str
-    ) -> Plan | None:
-        """Return a plan by way of a pose where the arm stands free; None where there is no way."""
-        for pose in RISEN:
-            goals = {n: q for n, q in self.model.pose(pose).items() if n in self.chain.names}
-            first = self._planner.to_joints(here, goals, pace)
-            with suppress(RefusedError):
-                return self._clear(risen(first, planning(first.goal, pace), pose), asked)
-        return None
-
-    def _clear(self, plan: Plan, asked: str) -> Plan:
-        """Return the plan, if the body's way to its goal is free."""
-        if self._space is not None and self.zeros.known:
-            self._space.check_way(self._planner.way(plan))
-        return replace(plan, slowed=plan.speed != asked)
 
     def _follow(self, plan: Plan, on_progress: Callable[[Progress], None] | None) -> Arrival:
         servos, paces = self._servos, self._planner.paces(plan.speed)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 from numpy.typing import ArrayLike
 
+from ikservo.arm.given import number
 from ikservo.arm.planning import AS_IT_CAN, Plan, Stance
 from ikservo.arm.reports import MoveReport, Progress
 from ikservo.arm.skills.skills import Skills
@@ -33,6 +34,10 @@ class Lines(Skills):
         self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
     ) -> MoveReport:
         """Carry out a plan; see ``Arm``."""
+
+    @abstractmethod
+    def _held_to(self, planning: Callable[[], Plan]) -> Plan:
+        """Return a plan from where the arm holds; see ``Arm``."""
 
     def plan_line(
         self, position_m: ArrayLike, *, speed: str = "normal", stance: Stance = AS_IT_CAN
@@ -63,7 +68,7 @@ class Lines(Skills):
             RefusedError: The guard will not pass it.
             StoppedError: The person interrupted; the arm holds.
         """
-        plan = self.plan_line(position_m, speed=speed, stance=stance)
+        plan = self._held_to(lambda: self.plan_line(position_m, speed=speed, stance=stance))
         return self.carry_out(plan, on_progress)
 
     def plan_through(
@@ -76,7 +81,7 @@ class Lines(Skills):
         stance: Stance = AS_IT_CAN,
     ) -> Plan:
         """Plan a motion through points without a stop; see ``move_through``."""
-        planner = self.workings.planner
+        planner, blend_m = self.workings.planner, number("The blend", blend_m)
         make = planner.on_lines if line else planner.through
         return self.plan_by(lambda here, pace: make(here, points_m, pace, blend_m, stance), speed)
 
@@ -106,5 +111,9 @@ class Lines(Skills):
             RefusedError: The guard will not pass it.
             StoppedError: The person interrupted; the arm holds.
         """
-        plan = self.plan_through(points_m, blend_m=blend_m, line=line, speed=speed, stance=stance)
+        plan = self._held_to(
+            lambda: self.plan_through(
+                points_m, blend_m=blend_m, line=line, speed=speed, stance=stance
+            )
+        )
         return self.carry_out(plan, on_progress)

@@ -19,7 +19,7 @@ from ikservo.calibration.ticks.encoder import Encoder, encoder_of
 from ikservo.calibration.ticks.seam import nearest_turn
 from ikservo.errors import CalibrationError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.line.adapters import adapter_of
+from ikservo.hardware.line import replug
 from ikservo.hardware.line.pseudo_terminal import is_pseudo_terminal
 from ikservo.kinematics import Chain
 from ikservo.kinematics.geometry import Geometry, corrected
@@ -157,10 +157,7 @@ def simulated(port_name: str) -> bool:
 
 def serial_number_of(port_name: str) -> str:
     """Return the serial number of the USB adapter behind a port; empty where there is none."""
-    if simulated(port_name):
-        return _SIMULATED
-    adapter = adapter_of(port_name)
-    return adapter.serial_number if adapter else ""
+    return _SIMULATED if simulated(port_name) else replug.serial_number_of(port_name)
 
 
 def geometry_of(filed: CalibratedGeometry) -> Geometry:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -9,6 +10,7 @@ from threading import RLock
 
 import numpy as np
 
+from ikservo.arm.given import number
 from ikservo.arm.lines import Lines
 from ikservo.arm.own import serial_number_of, simulated
 from ikservo.arm.owner import Listener, listen
@@ -21,7 +23,7 @@ from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.signals import interruptible
 from ikservo.arm.streaming.stream import STOPPED, OnBeat, Stream
 from ikservo.arm.trust import Zeros
-from ikservo.errors import IkservoError, RefusedError, ServoAlarmError, StoppedError
+from ikservo.errors import BadValueError, IkservoError, RefusedError, ServoAlarmError, StoppedError
 from ikservo.guard import Space
 from ikservo.hardware.line.port import Port
 from ikservo.kinematics import Chain
@@ -55,7 +57,8 @@ class Running(Lines):
         self._turn = RLock()
         self._states: tuple[JointState, ...] = ()
         self._listener: Listener | None = None
-        self.poses = Poses(model, serial_number_of(port.name))
+        self._serial_number = serial_number_of(port.name)
+        self.poses = Poses(model, self._serial_number)
         self.workings = Workings(
             model, chain, servos, self._planner, space, zeros, self._drive, self._allowed
         )
@@ -71,7 +74,7 @@ class Running(Lines):
             return self._whereabouts(self._servos.states())
 
     def glimpse(self) -> Whereabouts:
-        """Return where the arm was at the last beat; asks no servo, so any thread may look.
+        """Return where and how the arm was last heard to be; asks no servo: any thread may look.
 
         Raises:
             IkservoError: There was none yet.
@@ -79,7 +82,7 @@ class Running(Lines):
         beat, states = self._stream.beat, self._states
         if beat is None or not states:
             raise IkservoError("The arm has just begun to move.", "Ask again.")
-        pairs = zip(states, beat.measured.tolist(), strict=True)
+        pairs = zip(self._servos.refreshed(states), beat.measured.tolist(), strict=True)
         return self._whereabouts(tuple(replace(state, position_rad=at) for state, at in pairs))
 
     def listen(self) -> None:
@@ -96,7 +99,7 @@ class Running(Lines):
         with self._turn:
             self._check_idle()
             self._fresh = self._fresh or not self._servos.holding()
-            self._servos.enable(self.model.speed("fast").rad_s)
+            self._servos.enable(self.model.speed("slow").rad_s)
             self._enabled = True
 
     def hold(self) -> None:
@@ -124,6 +127,30 @@ class Running(Lines):
         """End a stop: a person has looked, and the arm may be moved again; nothing moves yet."""
         self._servos.acknowledge()
         self._enabled = False  # where the joints are is looked at anew
+
+    def reconnect(self, within_s: float = 10.0) -> None:
+        """Go on after the cable was pulled, once the same adapter is plugged in; moves nothing.
+
+        The arm stays stopped until ``acknowledge``; its servos may have been without power, so that
+        torque is looked at anew and the first motion is slow.
+
+        Args:
+            within_s: How long to wait for the adapter; it is known by its USB serial number.
+
+        Raises:
+            BadValueError: The wait is no number of seconds.
+            PortLostError: It did not come back in time.
+            ServoSilentError: It is back, but its servos do not answer.
+            RefusedError: A motion is running.
+        """
+        within_s = number("The wait", within_s)
+        if not 0.0 <= within_s < math.inf:
+            raise BadValueError("The wait", within_s, "seconds")
+        with self._turn:
+            self._check_idle()
+            self._enabled, self._fresh = False, True
+            adapter = "" if simulated(self.port_name) else self._serial_number
+            self._servos.reconnect(adapter, within_s)
 
     def release(self) -> None:
         """Switch every servo's torque off where the arm is; what nobody holds falls."""

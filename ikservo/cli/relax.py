@@ -10,7 +10,14 @@ from ikservo.arm import Arm
 from ikservo.arm.owner.elsewhere import ask_to_relax
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.joints import print_report
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    JsonOption,
+    PortOption,
+    UncalibratedOption,
+    YesOption,
+)
 from ikservo.cli.output import note
 from ikservo.cli.session import announce, opened, watched
 from ikservo.errors import IkservoError
@@ -22,6 +29,7 @@ def command(
     *,
     arm: ArmOption = None,
     port: PortOption = None,
+    collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -35,12 +43,11 @@ def command(
     if elsewhere is not None:
         print_report(elsewhere, model, json=json)
         return
-    with opened(arm, port, uncalibrated=uncalibrated) as machine:
+    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         if not machine.zeros.known:
             _drop(machine, yes=yes)
             return
-        rest = machine.model.pose("rest")
-        announce(machine.plan_joints(rest, speed="slow"), machine, yes=yes)
+        announce(machine.plan_rest(), machine, yes=yes)
         with watched() as draw:
             report = machine.relax(draw)
     print_report(report, machine.model, json=json)

@@ -41,7 +41,7 @@ def announce(plan: Plan, machine: Arm, *, yes: bool) -> None:
     note(f"{machine.model.title} on {machine.port_name}{where_to}: {plan.duration_s:.1f} s, "
          f"{plan.speed}.")  # fmt: skip
     if plan.by:
-        note(f"It lies folded, and rises to its pose {plan.by} first.")
+        note(f"The straight way is not free; it goes by its pose {plan.by}.")
     if plan.slowed:
         note("It is the first motion after torque comes on, therefore slow.")
     agree(machine, yes=yes)

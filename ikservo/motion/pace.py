@@ -27,6 +27,14 @@ class Pace:
             if not 0.0 < value < float("inf"):
                 raise BadValueError(f"The pace's {name}", value, "a positive number")
 
+    @property
+    def brake_s(self) -> float:
+        """Return how long it takes from full speed to rest."""
+        return (
+            self.speed_rad_s / self.acceleration_rad_s2
+            + self.acceleration_rad_s2 / self.jerk_rad_s3
+        )
+
     def scaled(self, factor: float) -> Pace:
         """Return the pace in units that are ``1 / factor`` as long: a slide's, a gear's."""
         return Pace(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,7 +89,9 @@ class Pursuit:
         since_s, move = _running(self._pieces, time_s)
         return move.state(time_s - since_s)
 
-    def aim(self, goal: ArrayLike, time_s: float) -> Vector:
+    def aim(
+        self, goal: ArrayLike, time_s: float, look: Callable[[JointMove], None] | None = None
+    ) -> Vector:
         """Go to another goal from a time on; return where it will come to rest (n,).
 
         A goal outside the limits is moved to the nearest position inside: whoever pulls an arm
@@ -98,6 +100,7 @@ class Pursuit:
         Args:
             goal: Where to come to rest (n,), rad or m.
             time_s: From when on; not before the last aim.
+            look: Looks at the way there before it is taken; what it raises leaves all as it was.
 
         Raises:
             BadValueError: The goal's shape is wrong, a number is not finite, or the time goes back.
@@ -108,7 +111,10 @@ class Pursuit:
         if math.isfinite(self._end_s):
             raise RefusedError("The motion has been ended.", "Begin another one.")
         if not np.array_equal(wanted, self._pieces[-1][1].goal):
-            self._pieces = self._first_inside(self._ways(wanted, time_s))
+            pieces = self._first_inside(self._ways(wanted, time_s))
+            if look:
+                look(pieces[-1][1])
+            self._pieces = pieces
         self._aimed_s = time_s
         return wanted
 

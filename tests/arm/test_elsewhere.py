@@ -10,7 +10,8 @@ import ikservo
 from ikservo.arm.owner import elsewhere, listen
 from ikservo.arm.owner.answering import Answers
 from ikservo.arm.tapes.tape_reading import read_recording
-from ikservo.errors import IkservoError, RefusedError, StoppedError
+from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
+from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_joints
 
 
@@ -64,6 +65,21 @@ def test_a_moving_arm_says_where_it_was_at_the_last_beat(arm, elsewhere_thread):
     arm.move_joints({"gripper": 0.9}, on_progress=at(0.3, ask))
     assert 0.53 < seen[0].joints[-1].position_rad < 0.9
     assert seen[0].joints[-1].torque
+
+
+def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, elsewhere_thread):
+    line, seen = line_of(arm), []
+    servo = line.servos[3]
+    arm.enable()
+
+    def look():
+        where = elsewhere_thread.submit(elsewhere.ask_where, arm.model, None).result()
+        seen.append(where.joints[2].temperature_c)
+
+    line.faults.add(Fault("hot", id=3, celsius=50.0, at_s=line.world.time_s + 0.1))
+    arm.move_joints({"shoulder_pan": 0.3}, on_progress=at(0.5, look))
+    assert seen == [pytest.approx(servo.read("present_temperature"), abs=2)]
+    assert seen[0] > 45
 
 
 def test_a_moving_arm_is_stopped_and_stays_so(arm, elsewhere_thread):
@@ -164,3 +180,15 @@ def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
     halted = arm.workings.servos.stand_still("test")
     assert halted.silent == ("elbow_flex",)
     assert len(halted.held) == 5
+
+
+def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monkeypatch):
+    answers = iter([None, None, {"arm": "so101", "port": device, "moving": True,
+                                 "held": ["gripper"], "limp": [], "silent": []}])  # fmt: skip
+    monkeypatch.setattr(elsewhere, "ask", lambda *_: next(answers))
+
+    def busy(*_):
+        raise PortBusyError(device)
+
+    monkeypatch.setattr(elsewhere, "halt_line", busy)
+    assert elsewhere.stop_from_here(arm.model, None).moving

@@ -4,6 +4,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import (
+    BadValueError,
     PortError,
     PortLostError,
     RefusedError,
@@ -111,6 +112,28 @@ def test_a_pulled_cable_is_said_at_once(arm):
     assert line_of(arm).world.time_s - pulled_s < 0.1
 
 
+def test_after_the_cable_is_back_the_arm_goes_on_once_a_person_has_looked(either, monkeypatch):
+    transport = either._port.transport
+    again = "ikservo.hardware.line.replug.open_transport"
+    monkeypatch.setattr(again, lambda *_: setattr(transport, "is_open", True) or transport)
+    inject(either, "unplug", for_s=0.5)
+    with pytest.raises(PortLostError):
+        swing(either)
+    wait(either, 1.0)
+    either.reconnect(within_s=1.0)
+    with pytest.raises(RefusedError, match="stopped and stays so"):
+        swing(either)
+    either.acknowledge()
+    assert either.plan_joints({either.model.joints[0].name: 0.3}, speed="fast").speed == "slow"
+    swing(either)
+
+
+@pytest.mark.parametrize("within_s", [float("nan"), -1.0, float("inf"), "soon"])
+def test_an_arm_waits_for_its_cable_for_a_time_that_is_one(arm, within_s):
+    with pytest.raises(BadValueError):
+        arm.reconnect(within_s)
+
+
 def test_dynamixels_stop_by_themselves_when_nobody_talks_to_them_any_more():
     with ikservo.open_arm("koch", port="sim") as arm:
         arm.enable()
@@ -211,3 +234,10 @@ def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
     pan, roll = servo_id("so101", "shoulder_pan"), servo_id("so101", "wrist_roll")
     assert abs(after[pan] - before[pan]) <= 2
     assert abs(after[roll] - before[roll]) <= 2
+
+
+def test_a_servo_that_tells_where_but_no_longer_how_it_is_stops_the_arm(arm, monkeypatch):
+    arm.enable()
+    monkeypatch.setattr(arm._servos._round, "_ask", lambda *_: None)
+    with pytest.raises(RefusedError, match=r"Nobody has asked .* how it is"):
+        arm.move_joints({"shoulder_pan": 0.8})

@@ -56,6 +56,27 @@ def test_closing_on_nothing_is_no_grasp(so101):
     assert report.position_rad == pytest.approx(jaws(so101).closed, abs=0.06)
 
 
+def test_jaws_too_weak_to_close_have_grasped_nothing(so101):
+    so101.gripper("open")
+    report = so101.gripper("close", force=0.05)
+    assert (report.reached, report.grasped) == (False, False)
+
+
+def test_jaws_so_weak_that_they_creep_are_waited_for():
+    with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
+        assert not arm.gripper("close", force=0.1).grasped
+        assert arm.stopped_for == ""
+
+
+def test_the_next_program_holds_on_with_no_more_than_the_force(so101):
+    so101.gripper("open")
+    put_between(so101, 0.2)
+    so101.gripper("close", force=0.2)
+    so101.enable()  # as the next program does with an arm that holds
+    so101.move_joints({"shoulder_pan": 0.1}, speed="fast")
+    assert abs(line_of(so101).servos[servo_id("so101", "gripper")].motor.pwm) <= 0.21
+
+
 def test_it_goes_on_holding_while_other_joints_move_and_lets_go_when_it_opens(so101):
     put_between(so101, 0.3)
     held = so101.gripper("close").position_rad

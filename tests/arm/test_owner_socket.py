@@ -92,6 +92,18 @@ def test_only_its_user_can_enter(device, owner):
     assert stat.S_IMODE(place.stat().st_mode) == 0o600
 
 
+def test_a_session_without_a_folder_of_its_own_is_no_reason_for_a_warning(device, monkeypatch):
+    for name in ("IKSERVO_HOME", "XDG_RUNTIME_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    assert place_of(device).parent.parent == Path(tempfile.gettempdir())  # and no warning
+
+
+def test_a_session_names_its_folder(device, monkeypatch):
+    monkeypatch.delenv("IKSERVO_HOME", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/7")
+    assert place_of(device).parent == Path("/run/user/7/ikservo")
+
+
 def test_a_folder_that_was_open_to_others_is_closed_to_them(device, kind):
     place_of(device).parent.mkdir(parents=True)
     place_of(device).parent.chmod(0o777)

@@ -79,6 +79,13 @@ def test_a_single_sample_is_a_place_to_stay_at():
     np.testing.assert_array_equal(playback.way(), [[0.1, 0.2]])
 
 
+@pytest.mark.parametrize("span_s", [5e-324, 1e-9, 0.019])
+def test_samples_next_to_each_other_in_time_are_a_place_to_stay_at(span_s):
+    playback = Playback(np.array([0.0, span_s]), np.array([[0.3, 0.2], [0.1, 0.2]]), PACES, *FREE)
+    assert playback.duration_s == 0.0
+    np.testing.assert_array_equal(playback.start, [0.1, 0.2])
+
+
 def test_its_way_is_looked_at_in_small_steps_from_start_to_end():
     playback = Playback(TIMES_S, wave(), PACES, *FREE)
     way = playback.way()

@@ -100,6 +100,8 @@ def test_a_place_that_takes_no_file_is_named(tmp_path, name):
         (sample(-1.0, 0.1, 0.0), "line 3: has t_s = -1.0"),
         (sample("soon", 0.1, 0.0), "line 3: has t_s = 'soon'"),
         ({"t_s": 0.04, "q": [0.1, 0.0], "torque": 1}, "line 3: is no sample"),
+        (sample(1e6, 0.1, 0.0), "line 3: has t_s = 1000000.0"),
+        ('{"t_s": 0.04, "t_s": 0.05, "q": [0.1, 0.0]}\n', "line 3: is not JSON"),
         ({"time": 0.04, "q": [0.1, 0.0]}, "line 3: is no sample"),
         ("x" * 20_000 + "\n", "line 3: is too long"),
     ],

@@ -184,3 +184,15 @@ def test_many_chases_keep_every_law(seed):
     assert_keeps_paces(course, PACES, count=3000)
     assert_inside(course, lower, upper, count=3000)
     assert_smooth(course, count=3000)
+
+
+def test_a_way_that_somebody_objects_to_is_not_taken():
+    course = Pursuit(np.zeros(3), PACES)
+    course.aim([0.5, 0.0, 0.0], 0.0)
+
+    def object_to(move):
+        raise RefusedError(f"it goes to {move.goal[1]}", "")
+
+    with pytest.raises(RefusedError, match=r"it goes to 0\.3"):
+        course.aim([0.0, 0.3, 0.0], 0.4, object_to)
+    np.testing.assert_allclose(course.goal, [0.5, 0.0, 0.0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,7 +18,7 @@ from ikservo.arm.owner.halting import halt_line
 from ikservo.arm.reports import JointReport, JointState, Whereabouts
 from ikservo.arm.tapes.recording import RecordReport, heading_of, record
 from ikservo.clock import RealClock
-from ikservo.errors import IkservoError
+from ikservo.errors import IkservoError, PortBusyError
 from ikservo.kinematics.numbers import numbers
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
@@ -32,6 +33,8 @@ __all__ = [
 ]
 
 _RELAX_WITHIN_S = 120.0
+# Between opening a port and listening a program looks at all of its servos.
+_STARTS_WITHIN_S, _ASK_AGAIN_S = 3.0, 0.02
 
 T = TypeVar("T")
 
@@ -71,11 +74,19 @@ def stop_from_here(model: Model, port: str | None) -> Stopped:
         IkservoError: The owner cannot, or the port cannot be opened.
     """
     device = chosen_port(model, port)
-    answer = _asked(device, Errand.STOP, BRAKE_WITHIN_S + 2.0)
-    if answer is not None:
-        return _read(_STOPPED_FIELDS, answer)
-    halted = halt_line(model, port)
-    return Stopped(model.name, device, False, halted.held, halted.limp, halted.silent)
+    until_s = time.monotonic() + _STARTS_WITHIN_S
+    while True:
+        answer = _asked(device, Errand.STOP, BRAKE_WITHIN_S + 2.0)
+        if answer is not None:
+            return _read(_STOPPED_FIELDS, answer)
+        try:
+            halted = halt_line(model, port)
+        except PortBusyError:  # a program that has just opened it, and does not listen yet
+            if time.monotonic() > until_s:
+                raise
+            time.sleep(_ASK_AGAIN_S)
+        else:
+            return Stopped(model.name, device, False, halted.held, halted.limp, halted.silent)
 
 
 def stop_all() -> list[Stopped]:

@@ -46,7 +46,7 @@ class Plan:
         solution: What the solver answered; None for a motion of joints.
         left_rad: How far the tool will be from how it should stand, at worst.
         slowed: Whether it goes slower than asked, for it is the first after torque comes on.
-        by: The pose to which an arm that lies folded rises first; empty where it need not.
+        by: The pose by way of which it goes; empty where it goes straight.
     """
 
     start: Vector

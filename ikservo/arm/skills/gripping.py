@@ -29,7 +29,10 @@ _STILL_S = 0.08
 _STILL_TICKS = 3.0
 _LEAST_LAG_RAD = 0.03  # of the horn, behind the goal
 _SQUEEZE_RAD = 0.10  # how far the goal stays ahead of a jaw that presses; the torque limit rules
+_MOST_LAG_RAD = 0.12  # so far ahead the goal waits for a jaw that has little force and creeps
 _ARRIVED_RAD = 0.05
+# Jaws that come to stand in this share of their way from open were too weak to close.
+_WIDE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,11 +107,10 @@ class _Jaws:
         if pursuit is None or math.isfinite(pursuit.duration_s):
             return
         at, goal = float(beat.measured[self._column]), float(beat.goals[self._column])
-        if not self.blocked and self._stands(at, goal):
-            self.blocked = True
-            squeeze = math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
-            pursuit.aim(self._with(beat.goals, at + squeeze), beat.time_s)
-        elif beat.time_s >= pursuit.rest_s and (
+        if not self.blocked:
+            self.blocked = self._stands(at, goal)
+            pursuit.aim(self._with(beat.goals, self._aim(at, goal)), beat.time_s)
+        if beat.time_s >= pursuit.rest_s and (
             self.blocked or self._resting.see(self._arm.now_s(), at)
         ):
             pursuit.end(beat.time_s)
@@ -122,6 +124,12 @@ class _Jaws:
         usual, fast = (self._arm.planner.paces(speed) for speed in (self.speed, "fast"))
         return [replace(quick, speed_rad_s=_CALM * pace.speed_rad_s)
                 for pace, quick in zip(usual, fast, strict=True)]  # fmt: skip
+
+    def _aim(self, at: float, goal: float) -> float:
+        """Return where the goal goes on to: no further ahead of a jaw than it can follow."""
+        if not self.blocked and abs(goal - at) <= _MOST_LAG_RAD * self._per_horn:
+            return self._goal
+        return at + math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
 
     def _stands(self, at: float, goal: float) -> bool:
         """Return whether the jaw has not moved while its goal was well ahead of it."""
@@ -164,9 +172,10 @@ def grip(
     state = arm.servos.states()[column]
     at = state.position_rad
     reached = jaws.arrived(at)
+    closed = (at - gripper.open) / (gripper.closed - gripper.open)
     closing = (goal - gripper.open) * (gripper.closed - gripper.open) > 0
     return GripReport(
-        grasped=jaws.blocked and closing and not reached,
+        grasped=jaws.blocked and closing and closed > _WIDE and not reached,
         reached=reached,
         position_rad=at,
         width_m=gripper.width_m(at),

@@ -34,7 +34,7 @@ _SILENCE_S = 0.3
 _LONGEST_S = 60.0
 _FASTEST_M_S = 0.5
 _USUAL_M_S = 0.05
-# The way that is looked at ahead of the goals: what is gone in this time, and braked afterwards.
+# The tip is aimed at where it will be after this time.
 _AHEAD_S = 0.2
 
 
@@ -98,10 +98,10 @@ class _TipAims:
 
 
 class _Jogger:
-    """Goes on while it is wanted."""
+    """Goes on while it is wanted, and nothing is in the way that braking takes."""
 
-    def __init__(self, arm: Workings, aims: _Aims, wanted: Wanted) -> None:
-        self._arm, self._aims, self._wanted = arm, aims, wanted
+    def __init__(self, arm: Workings, aims: _Aims, wanted: Wanted, braked_s: float) -> None:
+        self._arm, self._aims, self._wanted, self._braked_s = arm, aims, wanted, braked_s
         self._dead_man = DeadMan(_SILENCE_S)
         self.pursuit: Pursuit | None = None
         self.ended = ""
@@ -132,25 +132,25 @@ class _Jogger:
         if isinstance(aim, str):
             return aim
         try:
-            self._check_ahead(pursuit, time_s, aim)
             pursuit.aim(aim, time_s)
+            # What is gone before the next look could brake it; nothing of it has been sent yet.
+            ahead = (pursuit.state(at_s).position for at_s in (time_s, time_s + self._braked_s))
+            self._arm.check_way(*ahead)
         except RefusedError as error:
             return error.message
         return ""
 
-    def _check_ahead(self, pursuit: Pursuit, time_s: float, aim: Vector) -> None:
-        """Look at the part of the way that is gone before the next look could brake it."""
-        now, then = pursuit.state(time_s), pursuit.state(time_s + 3.0 * _AHEAD_S).position
-        self._arm.check_way(now.position, aim if pursuit.rest_s <= time_s else then)
-
 
 def jog(arm: Workings, what: str, speed: float | None, wanted: Wanted) -> JogReport:
     """Jog a joint or the tip; see ``Arm.jog``."""
+    if not callable(wanted):
+        raise BadValueError("What says how long to jog", repr(wanted), "a function")
     at_most = arm.allowed("normal")
     aims, paces = _aims(arm, what, speed, at_most)
     lower, upper = arm.limits()
-    jogger = _Jogger(arm, aims, wanted)
+    jogger = _Jogger(arm, aims, wanted, max(pace.brake_s for pace in paces))
     started_s = arm.now_s()
+    arm.rehearse()
     arm.walk_back()
     measured = arm.drive(
         lambda here: jogger.begin(Pursuit(here, paces, lower=lower, upper=upper)),

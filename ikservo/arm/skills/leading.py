@@ -39,6 +39,7 @@ class Leader(Protocol):
 def lead(arm: Workings, leader: Leader, speed: str) -> Vector:
     """Go after a leader's goals until it ends; see ``Arm.lead``."""
     arm.zeros.check(arm.model.name)
+    arm.rehearse()
     arm.walk_back()
     led = _Led(arm, leader, speed)
     measured = arm.drive(led.begin, led.beat, speed)
@@ -53,7 +54,8 @@ class _Led:
     def __init__(self, arm: Workings, leader: Leader, speed: str) -> None:
         self._arm, self._leader, self._speed = arm, leader, speed
         self._pursuit: Pursuit | None = None
-        self._wanted: Vector = np.zeros(0)
+        self._heard: Vector = np.zeros(0)
+        self._wanted: Vector = np.zeros(0)  # of what was heard, the last that may be gone to
         self._ahead = np.zeros(0)
         self._looked_s = 0.0
         self._rounds = 0  # an arm that was only held is left where it stands
@@ -64,7 +66,7 @@ class _Led:
         lower, upper = self._arm.limits()
         paces = self._arm.planner.paces("slow" if self._careful else self._speed)
         self._pursuit = Pursuit(here, paces, lower=lower, upper=upper)
-        self._wanted, self._ahead = here, np.zeros_like(here)
+        self._heard, self._wanted, self._ahead = here, here, np.zeros_like(here)
         return self._pursuit
 
     def beat(self, beat: Beat) -> None:
@@ -76,8 +78,9 @@ class _Led:
         except Exception as error:  # the arm is braked first, then it is told
             self.error, goal = error, None
         if goal is None:
+            pursuit.run_at(self._arm.planner.paces("fast"))  # a gentle class stops no later
             pursuit.end(beat.time_s)
-        elif not np.array_equal(goal, self._wanted):
+        elif not np.array_equal(goal, self._heard):
             self._aim(pursuit, goal, beat)
         elif self._rests(pursuit, beat):
             self._lift(pursuit, beat)
@@ -85,12 +88,13 @@ class _Led:
             self._take_up_speed(pursuit, beat.time_s)
 
     def _aim(self, pursuit: Pursuit, goal: Vector, beat: Beat) -> None:
-        self._wanted, self._rounds = goal, _ROUNDS
+        self._heard = goal
         try:
-            self._arm.check_way(pursuit.state(beat.time_s).position, goal)
-            pursuit.aim(goal + self._ahead, beat.time_s)
+            pursuit.aim(goal + self._ahead, beat.time_s, self._arm.check_move)
         except RefusedError as error:
             self._leader.refused(error)
+        else:
+            self._wanted, self._rounds = goal, _ROUNDS
 
     def _take_up_speed(self, pursuit: Pursuit, time_s: float) -> None:
         missing = np.abs(pursuit.goal - pursuit.state(time_s).position)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import cast
 
 from ikservo.arm.reports import JointReport, Progress
 from ikservo.arm.skills.following import FollowReport, follow
@@ -164,6 +165,8 @@ class Skills(ABC):
         """
         self.workings.zeros.check(self.workings.model.name)
         self.workings.model.speed(speed)
+        if not isinstance(cast("object", wishes), Iterable):
+            raise BadValueError("The stream", repr(wishes), "wishes one after another")
         return follow(self.workings, wishes, speed, on_progress)
 
     def follow_arm(

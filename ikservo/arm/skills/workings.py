@@ -12,6 +12,7 @@ from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.stream import OnBeat
 from ikservo.arm.trust import Zeros
 from ikservo.guard import Space
+from ikservo.ik import Solver
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model
@@ -20,6 +21,8 @@ from ikservo.motion import Course, JointMove
 __all__ = ["Begin", "Workings", "straight"]
 
 _LIES_M, _SINKS_M = 0.005, 0.010
+# No joint goes further than this between two looks at what the body comes near.
+_LOOK_RAD = 0.05
 
 Begin = Callable[[Vector], Course]
 """Makes a course that begins at the goals (n,) the servos hold."""
@@ -73,12 +76,28 @@ class Workings:
         paces = self.planner.paces("slow")
         self.drive(lambda here: JointMove(here, np.clip(here, lower, upper), paces), None, "slow")
 
+    def rehearse(self) -> None:
+        """Load what is compiled: the first look takes seconds, and no goal may wait for it."""
+        q = self.chain.clip(np.zeros(self.chain.dof))
+        Solver(self.chain, "position").track(self.chain.forward(q), q)
+        if self.space is not None:
+            self.space.gaps([q])
+
     def in_chain(self, joints: Matrix) -> Matrix:
         """Return the columns of the chain (…, dof) out of vectors of all joints (…, n)."""
         columns = [self.planner.column(name) for name in self.chain.names]
         return joints[..., columns]
 
-    def check_way(self, here: Vector, goal: Vector, step: float = 0.05) -> None:
+    def check_move(self, move: JointMove) -> None:
+        """Check the way of a motion as it will be gone, braking and turning round included.
+
+        Raises:
+            RefusedError: Something would be touched.
+        """
+        if self.space is not None and self.zeros.known:
+            self.space.check_way(list(self.in_chain(np.array(move.way(_LOOK_RAD)))))
+
+    def check_way(self, here: Vector, goal: Vector) -> None:
         """Check the straight way of the joints (n,) to a goal for contact of the body.
 
         Raises:
@@ -86,7 +105,7 @@ class Workings:
         """
         if self.space is None or not self.zeros.known:
             return
-        self.space.check_way(list(self.in_chain(straight(here, goal, step))))
+        self.space.check_way(list(self.in_chain(straight(here, goal))))
 
     def check_recorded(self, way: Matrix) -> None:
         """Check a recorded way (k, n) of the joints for contact of the body.
@@ -107,6 +126,6 @@ class Workings:
             self.space.check_way(looks)
 
 
-def straight(here: Vector, goal: Vector, step: float = 0.05) -> Matrix:
-    """Return the straight way (k, n) from joints to others, no further apart than a step."""
-    return np.linspace(here, goal, 2 + int(np.abs(goal - here).max() / step))
+def straight(here: Vector, goal: Vector) -> Matrix:
+    """Return the straight way (k, n) from joints to others, near enough to look for contact."""
+    return np.linspace(here, goal, 2 + int(np.abs(goal - here).max() / _LOOK_RAD))

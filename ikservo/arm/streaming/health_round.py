@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
+from ikservo.arm.reports import JointState
 from ikservo.arm.streaming.asking import ask_each
 from ikservo.arm.streaming.limits_in_servos import LimitsInServos
 from ikservo.arm.streaming.states import load_percent
@@ -20,6 +22,8 @@ __all__ = ["HealthRound"]
 
 # Between two questions; where goals are streamed faster than this, not every beat has one.
 _EVERY_S = 0.008
+# While the program was held up nobody could be asked: no more of it counts as watched.
+_LONGEST_S = 0.1
 
 _NUMBERS = (
     Role.TORQUE_ENABLE,
@@ -55,6 +59,7 @@ class HealthRound:
         self._known: dict[int, dict[Register, int]] = {}
         self._questions: list[tuple[int, list[Register]]] = []
         self._next, self._asked_s = 0, -math.inf
+        self._beat_s = self._watched_s = 0.0
         self._told: set[str] = set()
 
     @property
@@ -69,6 +74,7 @@ class HealthRound:
             BusError: A servo does not answer.
             ServoAlarmError: One is not well; see ``Health``.
         """
+        self._beat_s = self._bus.clock.now_s()
         wanted = {i: self._registers(i) for i in self._fences}
         self._known = {i: dict(row) for i, row in ask_each(self._bus, wanted).items()}
         runs = {i: neighbours(registers) for i, registers in wanted.items()}
@@ -82,8 +88,11 @@ class HealthRound:
 
         Raises:
             ServoAlarmError: A servo is not well, or was reset; see ``Health``.
+            RefusedError: One has not answered how it is for too long.
         """
         now_s = self._bus.clock.now_s()
+        self._watched_s += min(now_s - self._beat_s, _LONGEST_S)
+        self._beat_s = now_s
         if now_s - self._asked_s >= _EVERY_S:
             self._asked_s = now_s
             self._ask(*self._questions[self._next % len(self._questions)])
@@ -91,6 +100,25 @@ class HealthRound:
         for servo_id in self._fences:
             if self._bus.alarms.get(servo_id):
                 self._judge(servo_id)
+        self._health.check(self._watched_s)
+
+    def refreshed(self, states: Sequence[JointState]) -> tuple[JointState, ...]:
+        """Return joints' states with what their servos have told since; asks nobody."""
+        ids = {fence.joint: servo_id for servo_id, fence in self._fences.items()}
+        return tuple(self._refreshed(state, ids[state.name]) for state in states)
+
+    def _refreshed(self, state: JointState, servo_id: int) -> JointState:
+        servo, known = self._bus.servos[servo_id], self._known.get(servo_id)
+        if known is None:
+            return state
+        return replace(
+            state,
+            temperature_c=_value(servo, known, Role.PRESENT_TEMPERATURE),
+            voltage_v=_value(servo, known, Role.PRESENT_VOLTAGE),
+            load_percent=load_percent(servo, _value(servo, known, Role.PRESENT_LOAD)),
+            torque=known[servo.table.torque_enable] == 1,
+            alarms=tuple(sorted(str(alarm) for alarm in self._bus.alarms.get(servo_id, ()))),
+        )
 
     def _ask(self, servo_id: int, registers: list[Register]) -> None:
         heard = self._bus.bulk_read({servo_id: registers}, raw=True).values
@@ -109,7 +137,7 @@ class HealthRound:
         expected = self._limits.canaries(servo_id)
         return Vitals(
             joint=self._fences[servo_id].joint,
-            time_s=self._bus.clock.now_s(),
+            time_s=self._watched_s,
             temperature_c=_value(servo, known, Role.PRESENT_TEMPERATURE),
             voltage_v=_value(servo, known, Role.PRESENT_VOLTAGE),
             load_percent=load_percent(servo, _value(servo, known, Role.PRESENT_LOAD)),

@@ -56,10 +56,14 @@ class LimitsInServos:
         """Take nothing for granted any more: the servos may have lost their RAM."""
         self._speed_rad_s = None
 
-    def prepare(self, servo_id: int) -> None:
+    def prepare(self, servo_id: int, *, keep_torque: bool = False) -> None:
         """Make a servo ready to take goals and let it have its torque: once, before it is on.
 
         A watchdog that has tripped keeps goals from being written until it is cleared.
+
+        Args:
+            servo_id: Which.
+            keep_torque: Whether a torque limit stays that stands there.
 
         Raises:
             BusError: It does not answer.
@@ -71,7 +75,7 @@ class LimitsInServos:
         gain = registers.get("position_p_gain")
         if stiff and gain and self._bus.read(servo_id, gain, raw=True) < stiff:
             self._bus.write(servo_id, gain, stiff, raw=True)
-        limit = self._torque_limit(servo_id)
+        limit = None if keep_torque else self._torque_limit(servo_id)
         if limit is not None:
             own, most = limit
             self._bus.write(servo_id, own, self._bus.read(servo_id, most, raw=True), raw=True)

@@ -12,7 +12,13 @@ from ikservo.arm.reports import JointState
 from ikservo.arm.skills.force import limit_force
 from ikservo.arm.streaming.asking import ask_all
 from ikservo.arm.streaming.health_round import HealthRound
-from ikservo.arm.streaming.starting import confirm_goals, goals_taken, holding_ticks, nearest_goal
+from ikservo.arm.streaming.starting import (
+    await_rest,
+    confirm_goals,
+    goals_taken,
+    holding_ticks,
+    nearest_goal,
+)
 from ikservo.arm.streaming.states import read_states
 from ikservo.arm.streaming.streamed import StreamedServos
 from ikservo.clock import Clock
@@ -34,6 +40,7 @@ class Servos(StreamedServos):
         shadows: Servo ids that turn a joint besides, by joint.
         clock: The line's time.
         health: What a servo may be asked to bear.
+        gripper: The joint that may hold something, with no more force than a person said.
     """
 
     def __init__(
@@ -43,8 +50,10 @@ class Servos(StreamedServos):
         shadows: Mapping[str, Sequence[int]],
         clock: Clock,
         health: HealthLimits | None = None,
+        gripper: str | None = None,
     ) -> None:
         super().__init__(bus, fences, clock)
+        self._gripper = gripper
         self._shadow_ids = [i for name in self.names for i in shadows.get(name, ())]
         self._health = HealthLimits() if health is None else health
 
@@ -64,14 +73,17 @@ class Servos(StreamedServos):
         """
         for fence in self.fences:
             check_supply(self._bus, fence.servo_id)
-            self._limits.prepare(fence.servo_id)
+            self._limits.prepare(fence.servo_id, keep_torque=self._grips(fence))
+        self._limits.forget()
+        self._limits.run_at(speed_rad_s)
         start = self._start_ticks()
         self._gate.start_from(start)
         confirm_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
-        self._limits.forget()
-        self._limits.run_at(speed_rad_s)
+        limp = not self.holding()
         for fence in self.fences:
             self._bus.write(fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
+        if limp:
+            await_rest(self.fences, start, self._feedback, self.clock)
         health = Health(self._health, self._supply_v())
         self._round = HealthRound(self._bus, self.fences, self._limits, health, self._warn)
 
@@ -114,6 +126,12 @@ class Servos(StreamedServos):
         for error in failures.values():
             raise error
 
+    def reconnect(self, serial_number: str, within_s: float) -> None:
+        """Open the line again once its adapter is back, and stay stopped; see ``Arm.reconnect``."""
+        self._bus.reopen(serial_number, within_s)
+        self._gate.trip("its cable was pulled")
+        self._feedback.ticks()
+
     def latch(self, reason: str) -> None:
         """Let nothing move until somebody acknowledges it; tells the servos nothing."""
         self._gate.trip(reason)
@@ -144,9 +162,19 @@ class Servos(StreamedServos):
         ticks = self._ticks(positions)
         return self._positions({name: self._gate.nearest(name, ticks[name]) for name in ticks})
 
+    def refreshed(self, states: tuple[JointState, ...]) -> tuple[JointState, ...]:
+        """Return joints' states with what their servos have told in motion since; asks nobody."""
+        return self._round.refreshed(states) if self._round else states
+
     def states(self) -> tuple[JointState, ...]:
         """Return every joint's position, limits, temperature, voltage, load and torque."""
         return read_states(self._bus, self.fences, self._feedback.ticks())
+
+    def _grips(self, fence: Fence) -> bool:
+        """Return whether a joint's servo may hold something now, as hard as it was told to."""
+        if fence.joint != self._gripper:
+            return False
+        return self._bus.read(fence.servo_id, Role.TORQUE_ENABLE, raw=True) != 0
 
     def _start_ticks(self) -> dict[str, int]:
         """Return where each servo shall hold; the joints are measured last, for limp ones fall."""

@@ -7,13 +7,17 @@ from collections.abc import Mapping, Sequence
 from ikservo.arm.streaming.asking import ask_all
 from ikservo.arm.streaming.feedback import Feedback
 from ikservo.calibration.in_servos.memory import CURRENT_POSITION, EXTENDED
+from ikservo.clock import Clock
 from ikservo.errors import RefusedError, ServoRefusedError
 from ikservo.guard import Fence
 from ikservo.hardware.bus import ServoBus
 from ikservo.registers import Family, Role
 
-__all__ = ["confirm_goals", "goals_taken", "holding_ticks", "nearest_goal"]
+__all__ = ["await_rest", "confirm_goals", "goals_taken", "holding_ticks", "nearest_goal"]
 
+# An arm that is caught while it falls swings a little: it stands when no joint moves by more in
+# the time between two looks, and is not waited for any longer than the last number.
+_LOOK_S, _STILL_TICKS, _LONGEST_S = 0.03, 2, 1.0
 # Further outside its own limits a servo is not a little out of place but on another turn: told
 # to hold, it would go all the way round.
 _FARTHEST_TICKS = 170
@@ -36,6 +40,20 @@ def holding_ticks(bus: ServoBus, fences: Sequence[Fence], feedback: Feedback) ->
         f.joint: _holds(f, torque[f.servo_id] != 0, present[f.joint], goals[f.servo_id])
         for f in fences
     }
+
+
+def await_rest(
+    fences: Sequence[Fence], goals: Mapping[str, int], feedback: Feedback, clock: Clock
+) -> None:
+    """Wait until the joints stand near their goals whose torque has just come on."""
+    present = feedback.ticks()
+    for _ in range(int(_LONGEST_S / _LOOK_S)):
+        clock.sleep_until(clock.now_s() + _LOOK_S)
+        before, present = present, feedback.ticks()
+        still = all(abs(present[f.joint] - before[f.joint]) <= _STILL_TICKS for f in fences)
+        near = all(abs(goals[f.joint] - present[f.joint]) <= f.lead_ticks(0.0) for f in fences)
+        if still and near:
+            return
 
 
 def _holds(fence: Fence, torque: bool, present: int, goal: int) -> int:

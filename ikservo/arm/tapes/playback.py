@@ -44,12 +44,12 @@ class Playback:
     ) -> None:
         self._limits = lower, upper
         self._span_s = float(times_s[-1] - times_s[0])
-        self._still = np.clip(joints[0], lower, upper)
+        self._still = np.clip(joints[-1], lower, upper)
         self.slower = 1.0
-        self._spline = (
-            _smoothed(times_s - times_s[0], joints, self._span_s) if self._span_s > 0 else None
-        )
-        if self._spline is None:
+        self._spline: CubicSpline | None = None
+        if self._span_s >= _GRID_S:
+            self._spline = _smoothed(times_s - times_s[0], joints, self._span_s)
+        else:  # no motion, but a pose
             self._law = JointMove([0.0], [0.0], [_FADE])
             return
         self.slower = _needed(self._spline, self._span_s, paces)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ikservo.arm.arriving.settling import settle
 from ikservo.arm.reports import Progress
 from ikservo.arm.skills.workings import Workings, straight
 from ikservo.arm.streaming.beat import Beat
@@ -85,8 +86,9 @@ def replay(
             on_progress(Progress(beat.time_s, beat.duration_s, arm.planner.tip(beat.measured)))
 
     arm.drive(approach, on_beat, at_first)
-    measured = arm.drive(lambda _: playback, on_beat, speed)
+    arm.drive(lambda _: playback, on_beat, speed)
     goal = playback.state(playback.duration_s).position
+    measured = settle(arm, goal, speed)
     return ReplayReport(
         samples=len(recording.times_s),
         duration_s=arm.now_s() - started_s,

@@ -16,8 +16,8 @@ from ikservo.errors import FileFormatError
 __all__ = ["read_recording"]
 
 _LONGEST_LINE = 16_384
-_MOST_SAMPLES = 2_000_000  # five hours at 100 Hz
-_MOST_SECONDS = 1e6
+_MOST_SECONDS = 20_000.0
+_MOST_SAMPLES = 2_000_000  # at 100 Hz
 _KEYS = {"schema", "arm", "joints", "units", "period_s"}
 
 
@@ -95,7 +95,8 @@ def _sample(path: Path, number: int, line: str, n: int) -> tuple[float, list[flo
         raise _wrong(path, number, "is no sample", '{"t_s": seconds, "q": [positions]}')
     time_s, q = _number(row["t_s"]), row["q"]
     if time_s is None or not 0.0 <= time_s <= _MOST_SECONDS:
-        raise _wrong(path, number, f"has t_s = {row['t_s']!r}", "seconds since the first sample")
+        raise _wrong(path, number, f"has t_s = {row['t_s']!r}",
+                     f"seconds since the first sample, {_MOST_SECONDS:.0f} at most")  # fmt: skip
     values = [_number(x) for x in cast("list[object]", q)] if isinstance(q, list) else []
     if len(values) != n:
         raise _wrong(path, number, f"has {len(values)} positions", f"{n}, one a joint")
@@ -106,7 +107,7 @@ def _sample(path: Path, number: int, line: str, n: int) -> tuple[float, list[flo
 
 def _object(path: Path, number: int, line: str) -> dict[str, Any]:
     try:
-        row = json.loads(line, parse_constant=_no_constant)
+        row = json.loads(line, object_pairs_hook=_once, parse_constant=_no_constant)
     except (ValueError, RecursionError):
         raise _wrong(path, number, "is not JSON", "one object a line") from None
     if not isinstance(row, dict):
@@ -134,6 +135,13 @@ def _number(value: object) -> float | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
+
+
+def _once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
+    row = dict(pairs)
+    if len(row) < len(pairs):
+        raise ValueError("a key stands there twice")
+    return row
 
 
 def _no_constant(name: str) -> NoReturn:
