@@ -40,11 +40,23 @@ def browser():
         browser.close()
 
 
+@pytest.fixture(scope="module")
+def shared():
+    with opened_house() as house:
+        yield house
+
+
 @pytest.fixture
 def house(request):
-    """A view of a simulated arm in real time; parametrize indirectly with its options."""
-    with opened_house(**getattr(request, "param", {})) as house:
-        yield house
+    """A view of a simulated arm in real time, with the arm at home.
+
+    Most tests share one; who parametrizes it indirectly with options has one of its own.
+    """
+    if not hasattr(request, "param"):
+        yield request.getfixturevalue("shared").brought_home()
+        return
+    with opened_house(**request.param) as own:
+        yield own
 
 
 @pytest.fixture

@@ -1,18 +1,26 @@
 """A person before the page, and the arm behind it as the simulated servos have it."""
 
+import json
 import math
+import threading
 from contextlib import contextmanager
 
 import numpy as np
 import pinocchio
 
 from ikservo.model import load_model
+from ikservo.view.server.messages import read_message
+from ikservo.view.server.visitors import Right
 from ikservo.view.session.house import House
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
 from tests.oracle import pinocchio_model
 
 PATIENCE_MS = 15_000
-_STILL = 10
+SHOWN = "Boolean(window.ikservo?.scene && window.ikservo.status)"
+LOOK_MS = 40  # between two looks at the servos
+STILL = 8  # looks: longer than an arm that sags waits before it lifts itself
+THERE = 4  # looks
+AT_HOME_RAD = 0.012  # more than an arm sags when its torque comes on
 
 
 class Stand:
@@ -40,6 +48,25 @@ class Stand:
 
     def joints(self):
         return true_joints(self.arm)
+
+    def brought_home(self):
+        """Let go of what the last test left behind, and bring the arm to where it was at first."""
+        desk, pilot = self.house.desk, self.house.pilot
+        until(lambda: not desk._visitors)
+        if pilot.readout.trouble:
+            pilot.acknowledge()
+            until(lambda: not pilot.readout.trouble)
+        if not self.is_home():
+            me = desk.join(Right.CONTROL)
+            for seq, words in enumerate(GO_HOME):
+                desk.receive(me, read_message(json.dumps({**words, "seq": seq + 1, "seen": 0})))
+            until(self.is_home, lambda: (pilot.readout, self.joints()))
+            desk.leave(me)
+        return self
+
+    def is_home(self):
+        home = self.arm.model.pose("home")
+        return max(abs(at - home[name]) for name, at in self.joints().items()) < AT_HOME_RAD
 
     def place_m(self, joint):
         """Return where a joint's pivot is (3,), metres, by Pinocchio."""
@@ -79,7 +106,7 @@ class Person:
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(stand.urls.watch if watch else stand.urls.control)
-        self.until("Boolean(window.ikservo?.scene && window.ikservo.status)")
+        self.until(SHOWN)
         self.wait_for_picture()
 
     # --- what the page says ---
@@ -162,13 +189,23 @@ class Person:
     def until_still(self):
         """Wait until the servos have come to rest, where the page sent them."""
         still, last = 0, None
-        for _ in range(PATIENCE_MS // 50):
-            self.page.wait_for_timeout(50)
+        for _ in range(PATIENCE_MS // LOOK_MS):
+            self.page.wait_for_timeout(LOOK_MS)
             now = (self.stand.ticks(), self.stand.goals())
             still, last = (still + 1 if now == last else 0), now
-            if still >= _STILL:
+            if still >= STILL:
                 return self
         raise AssertionError("the arm does not come to rest")
+
+    def until_near(self, place_m, wanted_m, near_mm):
+        """Wait until a place of the arm is where it should be, and stays there."""
+        there = 0
+        for _ in range(PATIENCE_MS // LOOK_MS):
+            self.page.wait_for_timeout(LOOK_MS)
+            there = there + 1 if apart_mm(place_m(), wanted_m) < near_mm else 0
+            if there >= THERE:
+                return self
+        raise AssertionError(f"{place_m()} m instead of {wanted_m} m\n{self.status}")
 
     def until_moving(self):
         """Wait until the servos have moved since the last gesture began."""
@@ -178,6 +215,19 @@ class Person:
             if moved > 5:
                 return self
         raise AssertionError(f"the arm does not move\n{self.status}")
+
+
+GO_HOME = [{"kind": "speed", "name": "fast"}, {"kind": "live", "on": True},
+           {"kind": "pose", "name": "home"}]  # fmt: skip
+
+
+def until(true, what=lambda: ""):
+    """Wait until something is true; if it never is, tell what is instead."""
+    for _ in range(PATIENCE_MS // LOOK_MS):
+        if true():
+            return
+        threading.Event().wait(LOOK_MS / 1000)
+    raise AssertionError(f"it never came true: {what()}")
 
 
 def apart_mm(one, other):

@@ -36,7 +36,7 @@ def test_a_target_out_of_reach(visit, album):
     person = visit(color_scheme="light")
     person.page.click("#views button[value=orbit]")
     person.page.wait_for_timeout(300)
-    person.drag(person.tip_px(), np.array([300.0, -160.0]), steps=20)
+    person.drag(person.tip_px(), np.array([60.0, -430.0]), steps=20)
     assert taken(person, album / "view_orbit.png") > 20_000
 
 
@@ -60,6 +60,7 @@ def test_a_phone(visit, album):
     assert taken(person, album / "view_phone.png") > 20_000
 
 
+@pytest.mark.parametrize("house", [{}], indirect=True, ids=["own"])
 def test_a_calibration(visit, album):
     person = visit(color_scheme="light")
     person.page.click("#calibrate")

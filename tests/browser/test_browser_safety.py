@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from servosim.faults import Fault
+from tests.browser.person import SHOWN
 
 pytestmark = pytest.mark.browser
 
+OWN = pytest.mark.parametrize("house", [{}], indirect=True, ids=["own"])
 KEYS = ("Space", "Escape", "Space on Live")
 FAR = np.array([60.0, -100.0])  # over nothing, within reach
 
 
 def under_way(person):
-    """Send the arm far at the slow speed, and return once it moves."""
-    person.page.click("#speeds button[value=slow]")
-    person.wait_for("status.speed === 'slow'")
+    """Send the arm far at a moderate speed, and return once it moves."""
+    person.page.click("#speeds button[value=normal]")
+    person.wait_for("status.speed === 'normal'")
     return person.click(person.tip_px() + FAR).until_moving()
 
 
@@ -53,6 +55,7 @@ def test_a_stop_stays_until_somebody_has_looked(live):
     live.click(live.tip_px() + FAR).until_moving()
 
 
+@OWN
 def test_a_servo_that_is_unplugged_is_told_in_the_words_of_the_command_line(live):
     under_way(live)
     live.stand.line.faults.add(Fault("silent", id=4, at_s=live.stand.line.world.time_s))
@@ -63,6 +66,7 @@ def test_a_servo_that_is_unplugged_is_told_in_the_words_of_the_command_line(live
     live.wait_for("status.mode === 'stopped'")
 
 
+@OWN
 @pytest.mark.campaign
 def test_an_adapter_that_is_unplugged_is_told(live):
     live.stand.line.plugged = False
@@ -90,6 +94,16 @@ def test_a_page_that_is_hidden_holds_the_arm(live):
         "document.dispatchEvent(new Event('visibilitychange'));"
     )
     live.wait_for("!status.live && status.mode === 'preview'").until_still()
+
+
+def test_a_page_that_is_loaded_anew_holds_the_arm_and_begins_with_a_slow_preview(live):
+    under_way(live)
+    live.page.reload()
+    live.until(SHOWN).wait_for(
+        "status.mode === 'preview' && status.controller === 'you'"
+    ).until_still()
+    assert live.status["speed"] == "slow"
+    assert not live.stand.house.pilot.wish.live
 
 
 def test_the_second_page_watches(live, visit):

@@ -12,6 +12,7 @@ from ikservo.clock import RealClock
 from ikservo.view.server.hosting import Address, hosted
 from ikservo.view.server.messages import LONGEST_BYTES
 from ikservo.view.server.server import application
+from ikservo.view.server.threshold import MOST_WAITING
 from ikservo.view.server.visitors import Keys, Right, proof
 from tests.view.guests import Audience, Guest
 
@@ -217,23 +218,61 @@ def test_who_leaves_is_forgotten(visit, audience, keys, url):
     assert len(audience.present) == 1
 
 
-def test_no_more_than_sixteen_visitors_are_let_in(visit):
+def test_no_more_than_sixteen_visitors_are_let_in(visit, keys):
     for _ in range(16):
-        visit()
-    with pytest.raises(websockets.ConnectionClosed) as closed:
-        visit()
-    assert closed.value.rcvd.code == 1013
+        visit().prove(keys.watch).hear_of("scene")
+    assert visit().prove(keys.control).closing_code() == 1013
+
+
+def test_a_crowd_of_strangers_keeps_nobody_out(visit, keys):
+    strangers = [visit() for _ in range(16)]
+    visit().prove(keys.control).hear_of("scene")
+    assert strangers[0].closing_code() == 1013
 
 
 def test_two_hundred_idle_sockets_keep_nobody_out(url, visit, keys):
-    host, port = url.removeprefix("http://").split(":")
     with ExitStack() as open_sockets:
-        for i in range(200):
-            idle = open_sockets.enter_context(socket.create_connection((host, int(port))))
-            idle.send(b"G" * (i % 2))
+        idle_sockets(open_sockets, url, 200)
         guest = visit().prove(keys.control)
         for _ in range(20):
             guest.say("beat", guest.hear_of("scene")["seq"], visible=True)
+
+
+def test_of_many_idle_sockets_only_the_latest_stay(url):
+    with ExitStack() as open_sockets:
+        waiting = idle_sockets(open_sockets, url, 3 * MOST_WAITING)
+        httpx.get(url)  # the server has met them all
+        assert sum(map(is_open, waiting)) < MOST_WAITING
+
+
+@pytest.mark.campaign  # it takes three seconds
+def test_who_never_finishes_a_question_is_dropped(url):
+    with ExitStack() as open_sockets:
+        (waiting,) = idle_sockets(open_sockets, url, 1)
+        waiting.settimeout(10)
+        with suppress(ConnectionError):
+            assert waiting.recv(1) == b""
+
+
+def idle_sockets(stack, url, count):
+    """Open sockets that say nothing, or not enough."""
+    host, port = url.removeprefix("http://").split(":")
+    waiting = []
+    for i in range(count):
+        waiting.append(stack.enter_context(socket.create_connection((host, int(port)))))
+        with suppress(ConnectionError):
+            waiting[-1].send(b"G" * (i % 2))
+    return waiting
+
+
+def is_open(waiting):
+    waiting.setblocking(False)
+    try:
+        return waiting.recv(1) != b""
+    except BlockingIOError:
+        return True
+    except ConnectionError:
+        return False
 
 
 def test_an_address_in_use_is_told(url):

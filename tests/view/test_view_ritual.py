@@ -27,15 +27,25 @@ def ritual():
 
 
 @pytest.fixture
-def screens(tmp_path, monkeypatch, request):
-    """The screens that were new, one after the other, with a patient person before them."""
+def hidden(tmp_path, monkeypatch):
+    """An arm whose hands sweep it, behind a port of its own, with a patient person before it."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm, model = hidden_arm("planar2", 7, pose="home"), load_model("planar2")
     monkeypatch.setattr("ikservo.hardware.line.port.open_transport", lambda port, rate: arm.port)
     with arm.open_bus() as bus:
         rehearse(arm, LooseArm(model, bus).subjects("home"))
     arm.port.is_open = True
-    return held(Ritual(model, "/dev/ttyDESK", "home"), getattr(request, "param", "accept"))
+    return arm
+
+
+@pytest.fixture
+def screens(hidden, request):
+    """The screens that were new, one after the other."""
+    return screens_of(hidden, getattr(request, "param", "accept"))
+
+
+def screens_of(arm, last):
+    return held(Ritual(load_model(arm.name), "/dev/ttyDESK", "home"), last)
 
 
 def held(ritual, last):
@@ -67,6 +77,13 @@ def test_the_servos_hold_the_limits_only_if_asked_to(screens, narrow):
     saved = read_calibration(Path(screens["saved"]["lines"][0]))
     held_ticks = [joint.servo.holds["max_position_limit"] for joint in saved.joints]
     assert (max(held_ticks) < WHOLE_TURN) is narrow
+
+
+def test_the_review_warns_of_limits_in_servos_that_cut_into_the_range(hidden):
+    hidden.line.servos[2].write("lock", 0)
+    hidden.line.servos[2].write("max_position_limit", 2100)
+    review = screens_of(hidden, "leave")["review"]
+    assert any("joint2: its servo's own limits" in line for line in review["lines"])
 
 
 def test_an_answer_that_does_not_do_is_explained(ritual):

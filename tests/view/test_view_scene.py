@@ -2,7 +2,6 @@
 
 import json
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +12,10 @@ from hypothesis import strategies as st
 from ikservo.kinematics.capsules import Capsule, segment_distance
 from ikservo.model.model import KeepOut
 from ikservo.view.camera.camera import Camera
+from ikservo.view.camera.views import View, camera_of
 from ikservo.view.scene.aim import Aim
 from ikservo.view.scene.outlines import Outlines
+from ikservo.view.scene.planar import planar_model
 from ikservo.view.scene.posing import link_poses
 from ikservo.view.scene.scene import Moment, Theatre
 from tests.kinematics.chains import crane
@@ -46,9 +47,6 @@ def arc(items, joint):
 
 
 # --- the arm ---
-
-
-AROUND = 1.2 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
 
 
 AROUND = 1.2 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
@@ -299,15 +297,17 @@ def test_every_item_is_of_a_kind_that_the_page_knows():
         assert needed[item["kind"]] in item
 
 
-def test_a_picture_of_arm_and_ghost_takes_a_fraction_of_a_frame():
-    """Processor time of the best of several; a frame at 60 Hz has 16.7 ms."""
-    home = stage("vx300s").home
-    look = Moment(looked_at("vx300s", "orbit"), home, goal=home + 0.2,
-                  aim=Aim(TIP, TIP, reached=False))  # fmt: skip
-    assert min(_seconds(theatre("vx300s"), look) for _ in range(15)) < 0.008
-
-
-def _seconds(drawing, look):
-    began = time.thread_time()
-    drawing.items(look)
-    return time.thread_time() - began
+def test_a_picture_of_ten_joints_is_projected_as_often_as_one_of_three(monkeypatch):
+    """What costs as much for each joint would make pictures of long arms late."""
+    calls = {}
+    project = Camera.project
+    for links in (3, 10):
+        model = planar_model([0.1] * links)
+        q, drawing = np.full(links, 0.1), Theatre(model)
+        camera = camera_of(drawing.stage, View("plane"), VIEWPORT, 0.0)
+        look = Moment(camera, q, goal=q + 0.2, aim=Aim(TIP, TIP, reached=False))
+        seen = []
+        monkeypatch.setattr(Camera, "project", lambda *of, s=seen: s.append(1) or project(*of))
+        drawing.items(look)
+        calls[links] = len(seen)
+    assert calls[10] == calls[3]

@@ -6,100 +6,26 @@ this process, at real speed; the browser is the system's Chromium without a wind
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Generator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import sync_playwright
-from websockets.sync.client import ClientConnection, connect
+from ten_links import ten_links
+from visiting import served
 
 from ikservo.arm.streaming.beat import Beat
 from ikservo.model import load_model
 from ikservo.view.server.messages import Pointer
-from ikservo.view.server.visitors import proof
 from ikservo.view.session.house import House
 
 EVENTS, MOVES, SECONDS = 300, 200, 5
-BAR = '<origin xyz="0.03 0 0"/><geometry><box size="0.06 0.02 0.02"/></geometry>'
-LINK = f"""  <link name="l{{i}}">
-  <visual>{BAR}</visual>
-  <collision>{BAR}</collision>
-  </link>
-"""
-JOINT = """  <joint name="j{i}" type="revolute"><parent link="l{before}"/><child link="l{i}"/>
-  <origin xyz="{x} 0 0"/><axis xyz="0 0 1"/>
-  <limit lower="-2" upper="2" effort="1.5" velocity="6"/></joint>
-"""
-TIP = """  <link name="tool"/>
-  <joint name="tip" type="fixed"><parent link="l{i}"/><child link="tool"/>
-  <origin xyz="0.06 0 0"/></joint>
-"""
-SERVO = """[[joints]]
-name = "j{i}"
-role = "arm"
-zero_from = "nominal"
-servo = {{ id = {i}, model = "XL430-W250", sign = 1, zero_tick = 2048 }}
-"""
-
-
-class Page:
-    """A page that is no browser: it says when it says something."""
-
-    def __init__(self, socket: ClientConnection, key: str) -> None:
-        self._socket, self._seq, self._seen = socket, 0, 0
-        socket.send(json.dumps({"kind": "hello", "proof": proof(key, self.hear()["nonce"])}))
-        self.say("look", w=900, h=700, dpr=1, view="side")
-
-    def hear(self, timeout_s: float = 10.0) -> dict[str, Any]:
-        """Return the next message."""
-        message: dict[str, Any] = json.loads(self._socket.recv(timeout=timeout_s))
-        if message["kind"] == "scene":
-            self._seen = message["seq"]
-        return message
-
-    def say(self, kind: str, **fields: object) -> None:
-        """Say something now."""
-        self._seq += 1
-        message = {"kind": kind, "seq": self._seq, "seen": self._seen, **fields}
-        self._socket.send(json.dumps(message))
-
-    def point(self, phase: str, x: float, y: float) -> None:
-        """Say where the pointer is."""
-        self.say("pointer", phase=phase, x=x, y=y, button=0, pointer=1)
-
-    def live_for(self, seconds: float) -> None:
-        """Hear scenes and beat, as a page does."""
-        end_s = time.monotonic() + seconds
-        while True:
-            try:
-                if self.hear(max(0.0, end_s - time.monotonic()))["kind"] == "scene":
-                    self.say("beat", visible=True)
-            except TimeoutError:
-                return
-
-
-@contextmanager
-def served(arm: str, pose: str) -> Generator[tuple[House, Page]]:
-    """Serve an arm and visit it with Live thrown."""
-    house = House(load_model(arm), f"sim:?pose={pose}", dead_man_s=5.0)
-    with ExitStack() as stack:
-        urls = stack.enter_context(house)
-        stack.enter_context(house.serve_beside())
-        url = urls.control.partition("/#")[0]
-        address = url.replace("http", "ws") + "/live"
-        socket = stack.enter_context(connect(address, origin=url, proxy=None))  # pyright: ignore[reportArgumentType]
-        page = Page(socket, house.keys.control)
-        page.say("speed", name="fast")
-        page.say("live", on=True)
-        page.live_for(1.5)
-        yield house, page
 
 
 def latencies_ms() -> list[float]:
@@ -173,10 +99,13 @@ def drag() -> tuple[int, int]:
         return len(heard), max(heard)
 
 
-def frames_per_second() -> float:
-    """Return the frames that Chromium draws in a second while an arm of ten links is dragged."""
+def frames_per_second() -> tuple[float, float]:
+    """Return the frames that differ from the one before, and the screen's refreshes, in a second.
+
+    Chromium draws an arm of ten links that is dragged.
+    """
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        house = House(load_model(str(_ten_links(Path(folder)))), "sim", dead_man_s=5.0)
+        house = House(load_model(str(ten_links(Path(folder)))), "sim", dead_man_s=5.0)
         urls = stack.enter_context(house)
         stack.enter_context(house.serve_beside())
         playwright = stack.enter_context(sync_playwright())
@@ -191,40 +120,34 @@ def frames_per_second() -> float:
         page.mouse.down()
         page.evaluate(DRAW_ON)
         page.wait_for_timeout(1000 * SECONDS)
-        drawn = page.evaluate("window.ikservo.drawn - window.drawnBefore")
-        seconds = page.evaluate("(performance.now() - window.began) / 1000")
+        found: list[float] = page.evaluate("[window.changed, window.refreshes].map(perSecond)")
         browser.close()
-        return drawn / seconds
+        return found[0], found[1]
 
 
-# The pointer is moved inside the page at each frame: the test's own pipe is not what is measured.
+# The pointer is moved inside the page at each refresh: the test's own pipe is not what is measured.
+# A frame counts if what was drawn is not what was drawn before.
 DRAW_ON = """() => {
   const canvas = document.getElementById("drawing");
-  window.drawnBefore = window.ikservo.drawn;
-  window.began = performance.now();
-  const move = (now) => {
-    const box = canvas.getBoundingClientRect();
+  const began = performance.now();
+  const box = canvas.getBoundingClientRect();
+  let [scene, print] = [null, ""];
+  window.changed = window.refreshes = 0;
+  window.perSecond = (count) => 1000 * count / (performance.now() - began);
+  const look = (now) => {
+    window.refreshes += 1;
+    if (scene !== window.ikservo.scene) {
+      scene = window.ikservo.scene;
+      const before = print;
+      print = JSON.stringify(scene.items);
+      window.changed += print !== before;
+    }
     canvas.dispatchEvent(new PointerEvent("pointermove", { pointerId: 1, clientX: box.x + 450 +
       200 * Math.cos(now / 400), clientY: box.y + 320 + 150 * Math.sin(now / 300) }));
-    requestAnimationFrame(move);
+    requestAnimationFrame(look);
   };
-  requestAnimationFrame(move);
+  requestAnimationFrame(look);
 }"""
-
-
-def _ten_links(folder: Path) -> Path:
-    links = [LINK.format(i=i) for i in range(11)]
-    joints = [JOINT.format(i=i, before=i - 1, x=0.0 if i == 1 else 0.06) for i in range(1, 11)]
-    urdf = f'<robot name="ten">\n{"".join(links + joints)}{TIP.format(i=10)}</robot>\n'
-    (folder / "arm.urdf").write_text(urdf, encoding="utf-8")
-    head = (load_model("planar3").path).read_text(encoding="utf-8").partition("[[joints]]")[0]
-    head = head.replace('"planar3"', '"ten"').replace("Three servos", "Ten servos")
-    servos = "".join(SERVO.format(i=i) for i in range(1, 11))
-    pose = ", ".join(f"j{i} = {12.0 if i > 1 else -50.0}" for i in range(1, 11))
-    poses = "".join(f"[poses.{name}]\ndeg = {{ {pose} }}\n" for name in ("rest", "home", "zero"))
-    path = folder / "arm.toml"
-    path.write_text(head + servos + poses, encoding="utf-8")
-    return path
 
 
 def main() -> None:
@@ -236,7 +159,10 @@ def main() -> None:
           f"p95 {p95:.1f} ms, most {took[-1]:.1f} ms")  # fmt: skip
     heard, lag = drag()
     print(f"one drag of {MOVES} moves: {MOVES - heard} lost, at most {lag} behind")
-    print(f"ten links, dragged: {frames_per_second():.0f} frames a second")
+    changed, refreshes = frames_per_second()
+    print(f"ten links, dragged: {changed:.1f} frames a second that differ, "
+          f"of {refreshes:.1f} refreshes of the screen")  # fmt: skip
+    print(f"load {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":

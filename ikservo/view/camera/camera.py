@@ -90,6 +90,12 @@ class Camera:
     perspective: bool = False
 
     @property
+    def fingerprint(self) -> tuple[object, ...]:
+        """Return what differs where something is seen elsewhere."""
+        return (self.viewport, self.eye_m.tobytes(), self.R_world_view.tobytes(), self.scale_px,
+                self.perspective)  # fmt: skip
+
+    @property
     def right(self) -> Vector:
         """Return the direction (3,) that is to the right on the screen."""
         return self.R_world_view[:, 0]

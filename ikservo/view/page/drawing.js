@@ -29,11 +29,12 @@ const STYLES = {
 const FALLBACK = [null, "text", 1.5];
 const FILLED = new Set(["polygon", "circle"]);
 
+// Two sheets: what stands still lies on the lower one and is painted only when it changes.
 export class Drawing {
-  constructor(canvas) {
+  constructor(canvas, behind) {
     this.canvas = canvas;
-    this.pen = canvas.getContext("2d", { alpha: true });
-    this.items = [];
+    this.sheets = [{ canvas: behind, items: [] }, { canvas, items: [] }];
+    for (const sheet of this.sheets) sheet.pen = sheet.canvas.getContext("2d");
     this.readColours();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.readColours());
   }
@@ -44,37 +45,36 @@ export class Drawing {
       get: (known, name) => (known[name] ??= style.getPropertyValue(`--draw-${name}`).trim() || style.getPropertyValue(`--${name}`).trim()),
     });
     this.font = `500 12px ${getComputedStyle(document.body).fontFamily}`;
-    this.draw();
+    this.sheets.forEach((sheet) => this.paint(sheet));
   }
 
   fit() {
     const ratio = devicePixelRatio;
-    const { clientWidth: w, clientHeight: h } = this.canvas;
-    const [width, height] = [Math.round(w * ratio), Math.round(h * ratio)];
-    if (this.canvas.width === width && this.canvas.height === height) return null;
-    this.canvas.width = width;
-    this.canvas.height = height;
-    this.draw();
-    return { w, h, dpr: ratio };
+    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.round(side * ratio));
+    if (this.canvas.width === width && this.canvas.height === height) return;
+    for (const sheet of this.sheets) {
+      Object.assign(sheet.canvas, { width, height });
+      this.paint(sheet);
+    }
   }
 
   show(backdrop, items) {
-    this.items = [...backdrop, ...items];
-    this.draw();
+    const [lower, upper] = this.sheets;
+    if (backdrop) this.paint(Object.assign(lower, { items: backdrop }));
+    this.paint(Object.assign(upper, { items }));
   }
 
-  draw() {
-    const { pen } = this;
+  paint({ canvas, pen, items }) {
     pen.setTransform(1, 0, 0, 1, 0, 0);
-    pen.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    pen.clearRect(0, 0, canvas.width, canvas.height);
     pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     pen.lineJoin = pen.lineCap = "round";
     pen.font = this.font;
-    for (const item of this.items) this.one(item);
+    for (const item of items) this.one(pen, item);
   }
 
-  one(item) {
-    const { pen, colours } = this;
+  one(pen, item) {
+    const { colours } = this;
     const [fill, stroke, width, dash] = STYLES[item.style] ?? FALLBACK;
     if (item.kind === "text") {
       pen.fillStyle = colours[fill ?? stroke];

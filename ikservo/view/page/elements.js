@@ -3,8 +3,7 @@
 export const $ = (id) => document.getElementById(id);
 
 export function make(tag, attributes = {}, ...children) {
-  const namespace = SVG.has(tag) ? "http://www.w3.org/2000/svg" : "http://www.w3.org/1999/xhtml";
-  const element = document.createElementNS(namespace, tag);
+  const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
     else if (value !== null && value !== false) element.setAttribute(name, value === true ? "" : value);
@@ -12,8 +11,6 @@ export function make(tag, attributes = {}, ...children) {
   element.append(...children.filter((child) => child !== null));
   return element;
 }
-
-const SVG = new Set(["svg", "line", "circle", "path", "text"]);
 
 // A group of buttons of which one is chosen; arrow keys go round, as people expect of radio buttons.
 export function choices(group, names, chosen, choose, words = (name) => name) {
@@ -32,7 +29,7 @@ export function choices(group, names, chosen, choose, words = (name) => name) {
   }
   for (const button of group.children) {
     const on = button.value === chosen;
-    button.setAttribute("aria-checked", on);
+    setAttribute(button, "aria-checked", on);
     button.tabIndex = on || (!names.includes(chosen) && button === group.firstChild) ? 0 : -1;
   }
 }
@@ -41,14 +38,17 @@ export function setText(element, words) {
   if (element.textContent !== words) element.textContent = words;
 }
 
-// A range with a needle; all positions are shares of the width.
-export function range({ value, goal = null, state = "", swept = null, label, low, high }) {
-  const x = (share) => `${(100 * Math.min(1, Math.max(0, share))).toFixed(2)}%`;
-  const bar = (kind, from, to) => make("line", { class: kind, x1: x(from), x2: x(to), y1: "50%", y2: "50%" });
-  return make("div", { class: "range", role: "meter", "aria-label": label, "aria-valuemin": low, "aria-valuemax": high, "aria-valuenow": value.toFixed(3) },
-    make("svg", { "aria-hidden": "true" },
-      bar("track", 0, 1),
-      swept ? bar("swept", ...swept) : null,
-      goal === null ? null : make("circle", { class: "goal", cx: x(goal), cy: "50%", r: 5 }),
-      make("circle", { class: `needle ${state}`, cx: x(value), cy: "50%", r: 6 })));
+export function setAttribute(element, name, value) {
+  if (element.getAttribute(name) !== String(value)) element.setAttribute(name, value);
+}
+
+// As many children as there are rows, made where they are missing; `fill` puts in what is new.
+export function rows(list, entries, begin, fill) {
+  const made = (list.made ??= []);
+  while (made.length > entries.length) made.pop().element.remove();
+  while (made.length < entries.length) {
+    made.push(begin());
+    list.append(made.at(-1).element);
+  }
+  entries.forEach((entry, i) => fill(made[i], entry));
 }

@@ -12,12 +12,11 @@ import { Wizard } from "./wizard.js";
 const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane: "Plane" };
 
 const canvas = $("drawing");
-const drawing = new Drawing(canvas);
+const drawing = new Drawing(canvas, $("backdrop"));
 const key = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 let arm = null;
 let view = null;
-let scene = null; // the newest that is not drawn yet
-let backdrop = [];
+let scenes = []; // not drawn yet: one a refresh, so that a late one is not missed
 window.ikservo = { scene: null, status: null, drawn: 0 }; // for whoever looks on, a test for one
 
 const connection = new Connection(key, {
@@ -28,8 +27,7 @@ const connection = new Connection(key, {
     look();
   },
   scene(message) {
-    message.backdrop ??= scene?.backdrop;
-    scene = message;
+    scenes.push(message);
   },
   status(message) {
     window.ikservo.status = message;
@@ -38,7 +36,7 @@ const connection = new Connection(key, {
   },
   refused(message) { panel.refuse(message); },
   lost(why) {
-    scene = null;
+    scenes = [];
     document.body.dataset.mode = "lost";
     $("live").disabled = true;
     panel.banner(why === "key"
@@ -66,16 +64,16 @@ function frame(now) {
   requestAnimationFrame(frame);
   pointing.flush();
   gamepads.poll(now);
-  if (scene) {
-    if (scene.backdrop) backdrop = scene.backdrop;
-    drawing.show(backdrop, scene.items);
-    canvas.toggleAttribute("data-hover", Boolean(scene.hover));
-    canvas.toggleAttribute("data-held", Boolean(scene.held));
-    window.ikservo.scene = scene;
-    window.ikservo.drawn += 1;
-    connection.drawn(scene.seq);
-    scene = null;
-  }
+  if (scenes.length) show(scenes.shift());
+}
+
+function show(scene) {
+  connection.drawn(scene.seq); // said first: the server prepares the next while this is drawn
+  drawing.show(scene.backdrop, scene.items);
+  canvas.toggleAttribute("data-hover", Boolean(scene.hover));
+  canvas.toggleAttribute("data-held", Boolean(scene.held));
+  window.ikservo.scene = scene;
+  window.ikservo.drawn += 1;
 }
 
 // Space and Escape stop, wherever the focus is; a button is pressed with Enter.

@@ -1,6 +1,7 @@
 // The words and meters beside the drawing; everything shown comes from the server's status.
 
-import { $, choices, make, range, setText } from "./elements.js";
+import { $, choices, make, rows, setAttribute, setText } from "./elements.js";
+import { Meter } from "./meter.js";
 
 const MODES = {
   preview: "Preview – the arm does not move",
@@ -22,7 +23,6 @@ export class Panel {
   constructor(say) {
     this.say = say;
     this.status = null;
-    this.joints = "";
     this.refusal = null; // what could not be done just now; forgotten by itself
     $("stop").onclick = () => say("stop");
     $("acknowledge").onclick = () => say("acknowledge");
@@ -38,7 +38,7 @@ export class Panel {
     setText($("port"), arm.port);
     $("poses").replaceChildren(...arm.poses.map((name) => make("button", { type: "button", onclick: () => this.say("pose", { name }) }, title(name))));
     $("jaws").hidden = !arm.gripper;
-    $("calibrate").closest(".card").hidden = arm.right !== "control";
+    $("calibrate").hidden = arm.right !== "control";
     $("hint").textContent = matchMedia("(pointer: coarse)").matches
       ? "Touch the arm and pull, or tap where the tip should go. Two fingers move the view."
       : "Grab any link and pull · click where the tip should go · Shift turns one joint · right button moves the view";
@@ -46,7 +46,7 @@ export class Panel {
 
   show(status) {
     this.status = status;
-    document.body.dataset.mode = status.mode;
+    setAttribute(document.body, "data-mode", status.mode);
     const mine = status.controller === "you";
     setText($("mode"), MODES[status.mode] + (mine || status.mode === "stopped" ? "" : status.controller === "other" ? " · somebody else controls" : " · you watch"));
     this.controls(status, mine);
@@ -62,7 +62,7 @@ export class Panel {
     choices($("speeds"), this.about.speeds, status.speed, (name) => this.say("speed", { name }), title);
     choices($("solvers"), this.about.solvers, status.solver.name, (name) => this.say("solver", { name }), (name) => SOLVERS[name] ?? name);
     const live = $("live");
-    live.setAttribute("aria-checked", status.live);
+    setAttribute(live, "aria-checked", status.live);
     live.disabled = !mine || (status.mode !== "preview" && status.mode !== "live");
     $("take").hidden = mine || this.about.right !== "control";
     $("stop").disabled = this.about.right !== "control";
@@ -90,14 +90,15 @@ export class Panel {
   }
 
   meters(joints) {
-    const print = JSON.stringify(joints);
-    if (print === this.joints) return;
-    this.joints = print;
     setText($("unit"), RANGES[joints.every((joint) => joint.from.startsWith("arm file")) ? "file" : "own"]);
-    $("joints").replaceChildren(...joints.map((joint) => make("li", { "data-joint": joint.name },
-      make("span", {}, joint.name),
-      make("span", { class: `value ${joint.state}` }, joint.text),
-      range({ ...joint, value: joint.share, goal: joint.goal, label: `${joint.name}, ${joint.text} of ${joint.low} to ${joint.high}`, low: 0, high: 1 }))));
+    rows($("joints"), joints, jointRow, (row, joint) => {
+      setAttribute(row.element, "data-joint", joint.name);
+      setText(row.name, joint.name);
+      setText(row.value, joint.text);
+      setAttribute(row.value, "class", `value ${joint.state}`);
+      const words = `${joint.text}, of ${joint.low} to ${joint.high}`;
+      row.meter.show({ value: joint.share, words, goal: joint.goal, state: joint.state, label: joint.name });
+    });
   }
 
   solver(solver) {
@@ -107,15 +108,22 @@ export class Panel {
 
   health(health) {
     setText($("supply"), health.supply);
-    const rows = health.joints.map((joint) => make("li", { title: `${joint.name}: ${joint.torque === "on" ? "holds" : "limp"}${joint.alarms ? `, ${joint.alarms}` : ""}` },
-      make("span", { class: joint.torque === "on" ? "holds" : "limp" }, joint.name),
-      ...[joint.temperature, joint.load, joint.voltage].map((words) => make("span", { class: joint.level }, words)),
-      joint.alarms ? make("span", { class: "alarms" }, joint.alarms) : null));
-    $("health").replaceChildren(...rows);
+    rows($("health"), health.joints, healthRow, ({ element, cells, alarms }, joint) => {
+      const torque = joint.torque === "on" ? "holds" : "limp";
+      setAttribute(element, "title", `${joint.name}: ${torque}${joint.alarms ? `, ${joint.alarms}` : ""}`);
+      [joint.name, joint.temperature, joint.load, joint.voltage].forEach((words, i) => setText(cells[i], words));
+      cells.forEach((cell, i) => setAttribute(cell, "class", i ? joint.level : torque));
+      setText(alarms, joint.alarms);
+      alarms.hidden = !joint.alarms;
+    });
   }
 
   tip(tip) {
-    $("tip").replaceChildren(...tip.flatMap(([name, words, level]) => [make("dt", {}, name), make("dd", { class: level }, words)]));
+    rows($("tip"), tip, tipRow, (row, [name, words, level]) => {
+      setText(row.name, name);
+      setText(row.words, words);
+      setAttribute(row.words, "class", level);
+    });
   }
 
   messages(messages) {
@@ -125,4 +133,20 @@ export class Panel {
     $("log").replaceChildren(...messages.map(({ message, hint, level }) => make("li", { class: level }, make("div", {}, message), hint ? make("div", { class: "now" }, hint) : null)));
     $("log").scrollTop = $("log").scrollHeight;
   }
+}
+
+function jointRow() {
+  const [name, value, meter] = [make("span"), make("span"), new Meter()];
+  return { element: make("li", {}, name, value, meter.element), name, value, meter };
+}
+
+function healthRow() {
+  const cells = [0, 1, 2, 3].map(() => make("span"));
+  const alarms = make("span", { class: "alarms" });
+  return { element: make("li", {}, ...cells, alarms), cells, alarms };
+}
+
+function tipRow() {
+  const [name, words] = [make("dt"), make("dd")];
+  return { element: make("div", {}, name, words), name, words };
 }

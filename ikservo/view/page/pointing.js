@@ -4,6 +4,7 @@ const ARROWS = new Set(["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Page
 const ORBIT_BUTTONS = new Set([1, 2]);
 const NOTCH_PX = 100;
 const PINCH_PX = 300; // of a wheel with Ctrl, which is what touch pads make of a pinch
+const SLOP_PX = 8; // a finger that moves less has not decided yet whether a second one comes
 const ZOOM = { least: 0.2, most: 5 };
 
 export class Pointing {
@@ -14,6 +15,7 @@ export class Pointing {
     this.turning = null;
     this.pressed = null;
     this.pressedAt = null;
+    this.undecided = null; // what a finger would say, before it moves or lifts
     this.fingers = null; // two of them, by id: they move the view
     this.orbit = null;
     canvas.addEventListener("pointerdown", (event) => this.down(event));
@@ -54,7 +56,13 @@ export class Pointing {
     }
     this.pressed = event.pointerId;
     this.pressedAt = this.at(event);
-    this.now(event, "down");
+    if (event.pointerType === "touch") this.undecided = this.message(event, "down");
+    else this.now(event, "down");
+  }
+
+  decide() {
+    if (this.undecided) this.say("pointer", this.undecided);
+    this.undecided = null;
   }
 
   // A second finger: what the first one began is taken back, and both move the view.
@@ -62,8 +70,8 @@ export class Pointing {
     this.canvas.setPointerCapture(event.pointerId);
     this.fingers = new Map([[this.pressed, this.pressedAt], [event.pointerId, this.at(event)]]);
     this.waiting = null;
-    this.say("pointer", { ...this.message(event, "cancel"), pointer: this.pressed });
-    this.pressed = null;
+    if (!this.undecided) this.say("pointer", { ...this.message(event, "cancel"), pointer: this.pressed });
+    this.pressed = this.undecided = null;
   }
 
   spread() {
@@ -92,6 +100,11 @@ export class Pointing {
       return;
     }
     if (this.pressed !== null && this.pressed !== event.pointerId) return;
+    if (this.undecided) {
+      const { x, y } = this.at(event);
+      if (Math.hypot(x - this.undecided.x, y - this.undecided.y) < SLOP_PX) return;
+      this.decide();
+    }
     if (this.pressed !== null) this.pressedAt = this.at(event);
     this.waiting = this.message(event, this.pressed === null ? "hover" : "move");
   }
@@ -107,7 +120,10 @@ export class Pointing {
     if (this.turning?.id === event.pointerId) this.turning = null;
     if (this.pressed !== event.pointerId) return;
     this.pressed = null;
-    this.now(event, phase);
+    const taken = phase === "cancel" && this.undecided; // it began nothing
+    if (phase === "up") this.decide();
+    this.undecided = null;
+    if (!taken) this.now(event, phase);
   }
 
   wheel(event) {

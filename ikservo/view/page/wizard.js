@@ -1,6 +1,7 @@
 // The screens of a calibration: the pose, the sweep, the review. The conversation is the server's.
 
-import { $, make, range } from "./elements.js";
+import { $, make } from "./elements.js";
+import { Meter } from "./meter.js";
 
 const STAGES = [["anchor", "Pose"], ["sweep", "Sweep"], ["review", "Review"], ["saved", "Saved"]];
 const GO_ON = { anchor: "I hold it there", sweep: "Every joint is done", review: "Save", saved: "Back to the arm" };
@@ -36,11 +37,13 @@ export class Wizard {
   }
 
   meter(meter, stage) {
+    const range = new Meter();
+    range.show({ value: meter.share, words: meter.text, swept: meter.swept, label: meter.name });
     const act = (word, words) => make("button", { type: "button", "data-act": `${word} ${meter.name}`, onclick: () => this.say("calibrate", { word, joint: meter.name }) }, words);
     return make("li", {},
       make("span", { class: meter.asked ? "asked" : "" }, meter.name),
       make("span", { class: "small" }, meter.state),
-      make("div", {}, range({ value: meter.share, swept: meter.swept, label: meter.name, low: 0, high: 1 })),
+      make("div", {}, range.element),
       make("span", { class: "small" }, meter.text),
       stage === "sweep" ? make("div", { class: "acts" }, act("again", "Again"), act("skip", "Skip"), act("free", "Turns freely")) : null);
   }

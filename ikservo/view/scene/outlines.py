@@ -45,7 +45,9 @@ class Outlines:
         ordered = sorted(capsules, key=lambda capsule: capsule.link)
         owners = [capsule.link for capsule in ordered]
         self.links = tuple(dict.fromkeys(owners))
-        self._first = [owners.index(link) for link in self.links] + [len(owners)]
+        self._first = [owners.index(link) for link in self.links]
+        self._counts = counts = np.diff([*self._first, len(owners)])
+        self._spans = [slice(a, a + n) for a, n in zip(self._first, counts.tolist(), strict=True)]
         self._owner = np.array([self.links.index(link) for link in owners], dtype=np.intp)
         ends = [(capsule.start_m, capsule.end_m) for capsule in ordered]
         self._ends = np.array(ends, dtype=np.float64).reshape(-1, 2, 3)
@@ -57,11 +59,11 @@ class Outlines:
             return []
         ends = self._placed(poses)
         rings = _hulls(*_balls(camera, ends, self._radii_m[:, None]))
-        depths = camera.depth_of(ends).mean(axis=1)
-        spans = [slice(a, b) for a, b in zip(self._first, self._first[1:], strict=False)]
+        sums = np.add.reduceat(camera.depth_of(ends).mean(axis=1), self._first)
+        depths: list[float] = (sums / self._counts).tolist()
         found = [
-            Outline(link, float(depths[span].mean()), rings[span])
-            for link, span in zip(self.links, spans, strict=True)
+            Outline(link, depth, rings[span])
+            for link, depth, span in zip(self.links, depths, self._spans, strict=True)
         ]
         return sorted(found, key=lambda outline: -outline.depth_m)
 

@@ -1,4 +1,4 @@
-"""What each visitor is told: the arm once, its state when it changes, the scene as it moves."""
+"""When each visitor is told what: the arm once, its state as it changes, the scene as it moves."""
 
 from __future__ import annotations
 
@@ -11,19 +11,16 @@ from ikservo.view.scene.items import Item
 from ikservo.view.scene.reach import Reach, ShownPlane, shown_plane
 from ikservo.view.scene.reaches import Reaches
 from ikservo.view.scene.scene import Moment, Theatre
-from ikservo.view.scene.texts import point, solver_words
 from ikservo.view.server.server import Frame
 from ikservo.view.server.visitor import Visitor
 from ikservo.view.session.gestures import Gestures
 from ikservo.view.session.pilot import Pilot
 from ikservo.view.session.readout import Readout
-from ikservo.view.session.ritual_words import shown_talk
-from ikservo.view.session.status import banner, health, joint_meters, messages, mode
+from ikservo.view.session.told import arm_told, status_told
 
 __all__ = ["Posters"]
 
 _STATUS_S, _ALIVE_S = 0.066, 0.1
-_BACKDROP = frozenset({"floor", "grid", "reach", "keep_out"})
 
 
 class Posters:
@@ -69,60 +66,18 @@ class Posters:
         frames: list[Frame] = []
         if "arm" not in visitor.told:
             visitor.told["arm"] = True
-            frames.append(self._arm(visitor))
-        frames += self._status(visitor, controller)
+            views = views_of(self.stage)
+            frames.append(arm_told(self._pilot, self._gestures, visitor.right, views))
         if visitor.viewport is not None:
             frames += self._scene(visitor)
-        return frames
-
-    def _arm(self, visitor: Visitor) -> Frame:
-        arm, model = self._pilot.arm, self._pilot.arm.model
-        return {
-            "kind": "arm",
-            "title": model.title,
-            "port": arm.port_name.partition("?")[0].partition(":/")[0],
-            "right": visitor.right.value,
-            "views": views_of(self.stage),
-            "poses": list(model.poses),
-            "speeds": list(model.speeds),
-            "solvers": self._gestures.solvers,
-            "joints": self._names,
-            "gripper": model.gripper is not None,
-        }
+        return frames + self._status(visitor, controller)
 
     def _status(self, visitor: Visitor, controller: str) -> list[Frame]:
         if not self._due(visitor, "status", _STATUS_S):
             return []
-        pilot, gestures = self._pilot, self._gestures
-        readout, live = pilot.readout, pilot.wish.live
-        status = {
-            "kind": "status",
-            "mode": mode(readout, live=live),
-            "live": live,
-            "controller": controller,
-            "speed": pilot.wish.speed,
-            "banner": banner(readout),
-            "joints": joint_meters(pilot.arm.model, readout, gestures.goal),
-            "health": health(readout.states),
-            "tip": self._tip(readout),
-            "solver": {
-                "name": gestures.solver,
-                "time": "" if gestures.solve_s is None else solver_words(gestures.solve_s),
-                "words": self._lesson_words(),
-            },
-            "messages": messages(readout, gestures.complaints),
-            "calibration": shown_talk(pilot.arm.model, readout.talk) if readout.talk else None,
-        }
+        step = self._gestures.step(self._clock.now_s())
+        status = status_told(self._pilot, self._gestures, step, controller)
         return self._if_new(visitor, status)
-
-    def _tip(self, readout: Readout) -> list[tuple[str, str, str]]:
-        chain, aim = self._pilot.arm.chain, self._gestures.aim
-        rows = [("tip", point(chain.forward(self._q(readout.measured))[:3, 3]), "")]
-        if aim is not None:
-            rows.append(("target", point(aim.target_m), "good" if aim.reached else "bad"))
-            if not aim.reached:
-                rows.append(("nearest", f"{point(aim.nearest_m)}, {aim.gap_m * 1000:.0f} mm", ""))
-        return rows
 
     def _scene(self, visitor: Visitor) -> list[Frame]:
         """Return the scene, if anything moved or the visitor has not heard for a while."""
@@ -134,7 +89,7 @@ class Posters:
             gestures.step(self._clock.now_s()),
             visitor.view,
             visitor.viewport,
-            id(reach),
+            reach and reach.fingerprint,
         )
         alive = self._due(visitor, "scene", _ALIVE_S, peek=True)
         if visitor.told.get("scene") == now and not alive:
@@ -150,26 +105,22 @@ class Posters:
             grabbed=gestures.grabbed,
             beside=self._beside(readout),
         )
-        items = self._theatre.items(moment) + self._lesson_items(camera)
         frame: dict[str, object] = {
             "kind": "scene",
-            "items": [item for item in items if item["style"] not in _BACKDROP],
+            "items": self._theatre.foreground(moment) + self._lesson_items(camera),
             "hover": gestures.hover,
             "held": gestures.grabbed,
         }
-        backdrop = [item for item in items if item["style"] in _BACKDROP]
-        if visitor.told.get("backdrop") != backdrop:  # most of the numbers, and they seldom change
-            frame["backdrop"] = visitor.told["backdrop"] = backdrop
+        behind = (camera.fingerprint, reach and reach.fingerprint)
+        if visitor.told.get("backdrop") != behind:
+            visitor.told["backdrop"] = behind
+            frame["backdrop"] = self._theatre.backdrop(moment)
         return [frame]
 
     def _lesson_items(self, camera: Camera) -> list[Item]:
         lesson = self._gestures.lesson
         step = self._gestures.step(self._clock.now_s())
         return [] if lesson is None else lesson.items(step, camera)
-
-    def _lesson_words(self) -> str:
-        lesson = self._gestures.lesson
-        return "" if lesson is None else lesson.words(self._gestures.step(self._clock.now_s()))
 
     def plane_m(self, visitor: Visitor) -> Vector | None:
         """Return a point (3,) of the plane where clicks on nothing go; None: that of the tip."""

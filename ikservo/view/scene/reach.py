@@ -56,6 +56,11 @@ class Reach:
     rings: tuple[Matrix, ...]
     T_world_plane: Matrix
 
+    @property
+    def fingerprint(self) -> tuple[object, ...]:
+        """Return what differs where another region, or another place of it, is shown."""
+        return id(self.rings), self.T_world_plane.tobytes()
+
     def moved_to(self, plane: ShownPlane) -> Reach:
         """Return the same region where the plane is now."""
         return replace(self, T_world_plane=plane.T_world_plane)

@@ -25,7 +25,8 @@ from ikservo.view.camera.camera import Camera
 from ikservo.view.camera.stage import stage_of
 from ikservo.view.pick.shapes import capsules_of
 from ikservo.view.scene.aim import Aim, draw_aim
-from ikservo.view.scene.dials import Dial, dials_of, draw_dial, nearness
+from ikservo.view.scene.arcs import Arcs
+from ikservo.view.scene.dials import Dial, dials_of, nearness
 from ikservo.view.scene.items import Item, circle, polygon, polyline
 from ikservo.view.scene.outlines import Outlines
 from ikservo.view.scene.posing import link_poses
@@ -83,25 +84,30 @@ class Theatre:
         self._model, self._limit_from = model, dict(limit_from or {})
         self._outlines = Outlines(capsules_of(model))
         self._dials = dials_of(self.chain, self.stage.home)
+        self._arcs = Arcs(self.chain, self._dials)
 
     def items(self, moment: Moment) -> list[Item]:
         """Return what there is to paint, from back to front."""
+        return [*self.backdrop(moment), *self.foreground(moment)]
+
+    def backdrop(self, moment: Moment) -> list[Item]:
+        """Return what changes with camera and region only: most of the numbers of a picture."""
+        floor_m = self._model.floor_m
+        items = [] if floor_m is None else draw_floor(self.stage, moment.camera, floor_m)
+        if moment.reach is not None:
+            items.append(draw_reach(moment.reach, moment.camera))
+        return items + [draw_box(moment.camera, box) for box in self._model.keep_out]
+
+    def foreground(self, moment: Moment) -> list[Item]:
+        """Return the arm and all that moves with it."""
         poses = link_poses(self.chain, moment.measured, moment.beside)
         return [
-            *self._behind(moment),
             *self._ghost(moment),
             *self._arm(moment, poses),
             *self._ranges(moment, poses),
             *_marks(moment, poses[self.chain.tip][:3, 3]),
             *draw_scale(moment.camera),
         ]
-
-    def _behind(self, moment: Moment) -> list[Item]:
-        floor_m = self._model.floor_m
-        items = [] if floor_m is None else draw_floor(self.stage, moment.camera, floor_m)
-        if moment.reach is not None:
-            items.append(draw_reach(moment.reach, moment.camera))
-        return items + [draw_box(moment.camera, box) for box in self._model.keep_out]
 
     def _ghost(self, moment: Moment) -> list[Item]:
         """Return the goal, where it is not where the arm is."""
@@ -119,13 +125,11 @@ class Theatre:
         ]
 
     def _ranges(self, moment: Moment, poses: Mapping[str, Matrix]) -> list[Item]:
-        items: list[Item] = []
-        for dial in self._dials:
-            style = self._nearer(moment, dial.column)
-            drawn = draw_dial(dial, self.chain, moment.measured, poses, moment.camera, style)
-            drawn[0]["says"] = self._says(moment, dial)
-            items += drawn
-        return items
+        styles = [self._nearer(moment, dial.column) for dial in self._dials]
+        drawn = self._arcs.drawn(moment.measured, poses, moment.camera, styles)
+        for dial, items in zip(self._dials, drawn, strict=True):
+            items[0]["says"] = self._says(moment, dial)
+        return [item for items in drawn for item in items]
 
     def _says(self, moment: Moment, dial: Dial) -> str:
         at, source = float(moment.measured[dial.column]), self._limit_from.get(dial.name)

@@ -14,6 +14,7 @@ from starlette.applications import Starlette
 
 from ikservo.errors import PortError
 from ikservo.view.server.messages import LONGEST_BYTES
+from ikservo.view.server.threshold import Threshold
 
 __all__ = ["Address", "hosted", "serve"]
 
@@ -84,6 +85,7 @@ def _server(app: Starlette) -> uvicorn.Server:
         app,
         log_level="warning",
         lifespan="off",
+        http=Threshold,
         ws="websockets-sansio",
         ws_max_size=LONGEST_BYTES * _BYTES_A_CHARACTER,
         ws_per_message_deflate=False,

@@ -33,13 +33,20 @@ class Intake:
         self._tokens, self._filled_s = _BURST, now_s
         self._bad = 0
         self._sent: OrderedDict[int, float] = OrderedDict({0: now_s})
-        self.seen = 0
+        self._scene = self.seen = 0
 
-    def note_sent(self, scene: int, now_s: float) -> None:
-        """Remember when a scene left, which dates what is said in answer to it."""
-        self._sent[scene] = now_s
+    @property
+    def under_way(self) -> int:
+        """Return how many scenes were sent that nobody has drawn yet."""
+        return self._scene - self.seen
+
+    def note_sent(self, now_s: float) -> int:
+        """Remember when a scene left, which dates what is said in answer to it; return which."""
+        self._scene += 1
+        self._sent[self._scene] = now_s
         while len(self._sent) > _REMEMBERED:
             self._sent.popitem(last=False)
+        return self._scene
 
     def accept(self, text: str, now_s: float) -> Message:
         """Return a message that may act.

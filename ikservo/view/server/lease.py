@@ -15,10 +15,9 @@ class Lease:
     def __init__(self) -> None:
         self.holder: int | None = None
 
-    def take(self, visitor: int) -> bool:
-        """Give control to a visitor; return whether it was taken from another."""
-        before, self.holder = self.holder, visitor
-        return before not in (None, visitor)
+    def take(self, visitor: int) -> None:
+        """Give control to a visitor, whoever had it before."""
+        self.holder = visitor
 
     def give(self, visitor: int) -> bool:
         """Take control back from a visitor; return whether it had it."""

@@ -5,19 +5,19 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+from collections import deque
 from collections.abc import Mapping
-from importlib.resources import files
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Protocol
 
 from pydantic_core import to_json
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
-from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ikservo.clock import Clock
+from ikservo.view.server.assets import assets
 from ikservo.view.server.door import Door
 from ikservo.view.server.intake import Intake, StaleError, TooManyError
 from ikservo.view.server.messages import BadMessageError, Message, read_hello
@@ -26,13 +26,12 @@ from ikservo.view.server.visitors import Keys, Right, new_nonce
 __all__ = ["Audience", "application"]
 
 _HELLO_S = 2.0
-_FRAME_S = 1.0 / 60.0
+_LEAST_S = 1.0 / 125.0  # between two scenes, however fast a screen is
+_PATIENCE_S = 1.0 / 40.0  # a page that is far away gets a scene before it has drawn the last
 _SLOW_S = 2.0  # a page that takes nothing for so long is dropped
 _AHEAD = 2  # scenes that may be on their way
-_MOST_VISITORS = 16
+_MOST_VISITORS = _MOST_STRANGERS = 16
 _NOT_YOU, _TOO_MUCH, _FULL = 4401, 1008, 1013
-
-_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 
 Frame = Mapping[str, object]
 
@@ -71,29 +70,10 @@ def application(audience: Audience, keys: Keys, clock: Clock) -> Starlette:
     """
     live = _Live(audience, keys, clock)
     routes = [
-        Route("/", _index, methods=["GET"]),
-        Route("/page/{name}", _asset, methods=["GET"]),
+        *assets(),
         WebSocketRoute("/live", live.meet),
     ]
     return Starlette(routes=routes, middleware=[Middleware(Door)])
-
-
-async def _index(_: Request) -> Response:
-    return _page_file("index.html")
-
-
-async def _asset(request: Request) -> Response:
-    return _page_file(request.path_params["name"])
-
-
-def _page_file(name: str) -> Response:
-    """Return one of the page's files; what is no plain name of one does not exist."""
-    page = files("ikservo.view") / "page"
-    known = {entry.name for entry in page.iterdir()}
-    kind = _TYPES.get(name.rpartition(".")[2])
-    if name not in known or kind is None:
-        return PlainTextResponse("There is no such page.\n", status_code=404)
-    return Response((page / name).read_bytes(), media_type=kind)
 
 
 class _Live:
@@ -102,43 +82,48 @@ class _Live:
     def __init__(self, audience: Audience, keys: Keys, clock: Clock) -> None:
         self._audience, self._keys, self._clock = audience, keys, clock
         self._present = 0
+        self._strangers: deque[WebSocket] = deque()
 
     async def meet(self, socket: WebSocket) -> None:
-        if self._present >= _MOST_VISITORS:
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             await socket.accept()
-            await socket.close(_FULL, "Too many visitors.")
-            return
-        self._present += 1
-        try:
-            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-                await self._greet(socket)
-        finally:
-            self._present -= 1
+            right = await self._greet(socket)
+            if right is None:
+                await socket.close(_NOT_YOU, "This page's key is not the one of this session.")
+            elif self._present >= _MOST_VISITORS:
+                await socket.close(_FULL, "Too many visitors.")
+            else:
+                await self._welcome(socket, right)
 
-    async def _greet(self, socket: WebSocket) -> None:
+    async def _greet(self, socket: WebSocket) -> Right | None:
         """Ask who is there; nothing is said to whoever cannot prove a right."""
-        await socket.accept()
+        if len(self._strangers) >= _MOST_STRANGERS:  # a crowd of them keeps nobody out
+            await self._strangers.popleft().close(_FULL, "Too many strangers.")
+        self._strangers.append(socket)
         nonce = new_nonce()
-        await socket.send_text(json.dumps({"kind": "challenge", "nonce": nonce}))
         try:
+            await socket.send_text(json.dumps({"kind": "challenge", "nonce": nonce}))
             hello = read_hello(await asyncio.wait_for(socket.receive_text(), _HELLO_S))
-            right = self._keys.right(nonce, hello.proof)
         except (TimeoutError, BadMessageError, KeyError):
-            right = None
-        if right is None:
-            await socket.close(_NOT_YOU, "This page's key is not the one of this session.")
-            return
+            return None
+        finally:
+            with contextlib.suppress(ValueError):  # it was the eldest of too many
+                self._strangers.remove(socket)
+        return self._keys.right(nonce, hello.proof)
+
+    async def _welcome(self, socket: WebSocket, right: Right) -> None:
+        self._present += 1
         visitor = self._audience.join(right)
         try:
             await self._converse(socket, visitor)
         finally:
             self._audience.leave(visitor)
+            self._present -= 1
 
     async def _converse(self, socket: WebSocket, visitor: int) -> None:
-        intake = Intake(self._clock.now_s())
-        outbox: list[Frame] = []
-        writing = asyncio.create_task(self._write(socket, visitor, intake, outbox))
-        reading = asyncio.create_task(self._read(socket, visitor, intake, outbox))
+        talk = _Conversation(socket, visitor, Intake(self._clock.now_s()))
+        writing = asyncio.create_task(self._write(talk))
+        reading = asyncio.create_task(self._read(talk))
         try:
             done, _ = await asyncio.wait({reading, writing}, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -148,43 +133,64 @@ class _Live:
         for task in done:
             task.result()
 
-    async def _read(
-        self, socket: WebSocket, visitor: int, intake: Intake, outbox: list[Frame]
-    ) -> None:
+    async def _read(self, talk: _Conversation) -> None:
         while True:
             try:
-                text = await socket.receive_text()
+                text = await talk.socket.receive_text()
             except KeyError:  # bytes where text belongs
-                await socket.close(_TOO_MUCH, "Text only.")
+                await talk.socket.close(_TOO_MUCH, "Text only.")
                 return
             try:
-                self._audience.receive(visitor, intake.accept(text, self._clock.now_s()))
+                message = talk.intake.accept(text, self._clock.now_s())
+                self._audience.receive(talk.visitor, message)
             except TooManyError as error:
-                await socket.close(_TOO_MUCH, error.message)
+                await talk.socket.close(_TOO_MUCH, error.message)
                 return
             except StaleError:
                 continue  # the page shows by itself that it hears nothing
             except BadMessageError as error:
-                outbox.append({"kind": "refused", "message": error.message, "hint": error.hint})
+                said = {"kind": "refused", "message": error.message, "hint": error.hint}
+                talk.outbox.append(said)
+            drawn = talk.intake.seen > talk.drawn
+            if drawn or not talk.intake.under_way:
+                talk.drawn = talk.intake.seen
+                talk.turn.set()
 
-    async def _write(
-        self, socket: WebSocket, visitor: int, intake: Intake, outbox: list[Frame]
-    ) -> None:
-        """Send what is new, sixty times a second at most, and never ahead of what is drawn."""
-        scene = 0
+    async def _write(self, talk: _Conversation) -> None:
+        """Send what is new whenever a scene is drawn, so that each refresh of a screen has one."""
         loop = asyncio.get_running_loop()
-        due_s = loop.time()
         while True:
-            frames: list[Frame] = [*outbox]
-            outbox.clear()
-            if scene - intake.seen < _AHEAD:
-                frames += self._audience.frames(visitor)
+            due_s = loop.time() + _LEAST_S
+            frames: list[Frame] = [*talk.outbox]
+            talk.outbox.clear()
+            if talk.intake.under_way < _AHEAD:
+                frames += self._audience.frames(talk.visitor)
             for frame in frames:
-                said: dict[str, Any] = dict(frame)
-                if said["kind"] == "scene":
-                    scene += 1
-                    said["seq"] = scene
-                    intake.note_sent(scene, self._clock.now_s())
-                await asyncio.wait_for(socket.send_text(to_json(said).decode()), _SLOW_S)
-            due_s = max(due_s + _FRAME_S, loop.time())
+                await asyncio.wait_for(talk.socket.send_text(self._numbered(talk, frame)), _SLOW_S)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(talk.turn.wait(), _PATIENCE_S)
             await asyncio.sleep(due_s - loop.time())
+            talk.turn.clear()
+
+    def _numbered(self, talk: _Conversation, frame: Frame) -> str:
+        """Return a frame as text; scenes are counted, which dates what is said in answer."""
+        if frame["kind"] == "scene":
+            frame = {**frame, "seq": talk.intake.note_sent(self._clock.now_s())}
+        return to_json(frame).decode()
+
+
+@dataclass(slots=True)
+class _Conversation:
+    """What is said on one socket.
+
+    Attributes:
+        drawn: The last scene that is known to be drawn.
+        turn: Set when the page has drawn one, or says something while it waits for none.
+    """
+
+    socket: WebSocket
+    visitor: int
+    intake: Intake
+    drawn: int = 0
+    outbox: list[Frame] = field(default_factory=list[Frame])
+    turn: asyncio.Event = field(default_factory=asyncio.Event)

@@ -57,7 +57,7 @@ class Desk:
         view = View(views_of(self._posters.stage)[0])
         self._visitors[number] = Visitor(number, right, view)
         if right is Right.CONTROL and self._lease.holder is None:
-            self._lease.take(number)
+            self._hand_over(number)
         return number
 
     def leave(self, visitor: int) -> None:
@@ -141,8 +141,9 @@ class Desk:
     @_hear.register
     def _(self, message: said.Take, visitor: Visitor) -> None:
         _may_control(visitor)
-        taken = self._lease.take(visitor.number) if message.on else self._lease.give(visitor.number)
-        if taken:
+        if message.on and self._lease.holder != visitor.number:
+            self._hand_over(visitor.number)
+        elif not message.on and self._lease.give(visitor.number):
             self._ground()
 
     # --- what the one in control wants ---
@@ -198,6 +199,12 @@ class Desk:
         self._posters.close()
         self._gestures = Gestures(self._arm)
         self._posters = Posters(self._pilot, self._gestures, self._clock)
+
+    def _hand_over(self, visitor: int) -> None:
+        """Give control to a visitor, who begins slowly and with a preview."""
+        self._lease.take(visitor)
+        self._ground()
+        self._pilot.wish = replace(self._pilot.wish, speed="slow")
 
     def _ground(self) -> None:
         self._gestures.forget()

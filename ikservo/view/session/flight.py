@@ -36,12 +36,13 @@ class Flight:
         dead_man_s: How long a wish lasts without a sign of life.
 
     Attributes:
+        number: Which flight it is.
         silent: Whether it ended because nobody gave a sign of life.
     """
 
     def __init__(self, watcher: Watcher, clock: Clock, dead_man_s: float) -> None:
         self._watcher, self._clock, self._dead_man_s = watcher, clock, dead_man_s
-        self._number, self.speed = watcher.wish.flight, watcher.wish.speed
+        self.number, self.speed = watcher.wish.flight, watcher.wish.speed
         self._here: Vector | None = None
         self._gone = self.silent = False
 
@@ -65,7 +66,7 @@ class Flight:
     def over(self) -> bool:
         """Return whether Live was switched off, maybe on again, since it began."""
         wish = self._watcher.wish
-        return not wish.live or wish.flight != self._number
+        return not wish.live or wish.flight != self.number
 
     def refused(self, error: RefusedError) -> None:
         """Tell why the guard would not have a goal."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
-import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -18,11 +17,9 @@ from ikservo.view.server.visitors import Keys
 from ikservo.view.session.desk import Desk
 from ikservo.view.session.pilot import DEAD_MAN_S, Pilot
 from ikservo.view.session.ritual import Ritual
+from ikservo.view.session.steady import steady
 
 __all__ = ["House", "Urls", "paced"]
-
-# Whoever streams goals must not wait long for whoever draws.
-_SWITCH_S = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +83,7 @@ class House:
             self.desk = Desk(self.pilot, clock)
             stack.callback(self.desk.close)
             self._app = application(self.desk, self.keys, clock)
+            stack.enter_context(steady())
             self._exits = stack.pop_all()
         url = self._address.url
         return Urls(f"{url}/#token={self.keys.control}", f"{url}/#token={self.keys.watch}",
@@ -97,12 +95,7 @@ class House:
 
     def serve(self) -> None:
         """Serve in this thread, the main one, until Ctrl-C."""
-        before = sys.getswitchinterval()
-        sys.setswitchinterval(_SWITCH_S)
-        try:
-            serve(self._app, self._address)
-        finally:
-            sys.setswitchinterval(before)
+        serve(self._app, self._address)
 
     def serve_beside(self) -> ExitStack:
         """Serve in a thread of its own until the stack is closed."""

@@ -133,8 +133,8 @@ class Pilot:
         lead(self.arm.workings, flight, flight.speed)
         if flight.silent:
             self.note(_SILENCE)
-        if flight.silent or flight.over:
-            self._ground(None)
+        if flight.silent or flight.over:  # Live may have been thrown anew while the arm braked
+            self.readout = replace(self.readout, goals=None, ended=flight.number)
 
     def _look(self, *, quietly: bool = False) -> None:
         """See where the arm is while it follows nobody."""
@@ -161,10 +161,9 @@ class Pilot:
         self.arm.acknowledge()
         self.readout = replace(self.readout, trouble=None)
 
-    def _ground(self, trouble: Trouble | None) -> None:
-        """End the flight: Live has to be thrown again."""
-        if trouble:
-            self.note(trouble.message)
+    def _ground(self, trouble: Trouble) -> None:
+        """End the flight: somebody has to look, and Live has to be thrown again."""
+        self.note(trouble.message)
         self.readout = replace(self.readout, trouble=trouble, goals=None, ended=self.wish.flight)
 
     def _calibrate(self, ritual: Ritual) -> None:

@@ -53,11 +53,13 @@ class Talk:
     Attributes:
         wizard: Where the conversation is; None while the arm still holds itself.
         complaint: Why the last answer did not do.
+        warnings: What saving would lose, and what the servos' own limits would cut off.
         saved_at: The file, once it is saved.
     """
 
     wizard: Wizard | None
     complaint: str = ""
+    warnings: tuple[str, ...] = ()
     saved_at: str = ""
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
+from ikservo.arm.calibrating.filing import lost_by_saving
 from ikservo.calibration.sweeping.answers import apply
 from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.errors import CalibrationError, InputError
@@ -92,7 +93,16 @@ class Ritual:
             return replace(talk, complaint=f"{error.message} {error.hint}")
         if after.stage is Stage.SAVED and wizard.stage is Stage.REVIEW:
             return Talk(after, saved_at=self._save(loose, wizard, protect=protect))
-        return Talk(after)
+        return self._reviewed(loose, after) if after.stage is Stage.REVIEW else Talk(after)
+
+    def _reviewed(self, loose: LooseArm, wizard: Wizard) -> Talk:
+        """Return the review, with the warnings that the command line gives."""
+        try:
+            outcome = loose.conclude(wizard, self.pose, datetime.now(UTC))
+        except CalibrationError as error:
+            return Talk(wizard, complaint=f"{error.message} {error.hint}")
+        warnings = (*lost_by_saving(loose), *loose.cut_by_servos(outcome))
+        return Talk(wizard, warnings=warnings)
 
     def _next(self) -> str:
         return self._answers.popleft() if self._answers else ""

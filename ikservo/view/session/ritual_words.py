@@ -49,7 +49,7 @@ def _lines(talk: Talk) -> list[str]:
     if talk.wizard is None:
         return []
     if talk.wizard.stage is Stage.REVIEW:
-        return [*findings(talk.wizard)]
+        return [*findings(talk.wizard), *talk.warnings]
     return [talk.saved_at] if talk.saved_at else []
 
 

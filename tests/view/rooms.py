@@ -1,0 +1,97 @@
+"""A room of a test: an arm in virtual time, its pilot, its desk, and who visits it."""
+
+import itertools
+
+import numpy as np
+
+from ikservo.arm import open_arm
+from ikservo.view.server import messages as said
+from ikservo.view.server.visitors import Right
+from ikservo.view.session.desk import Desk
+from ikservo.view.session.pilot import Pilot
+from tests.arm.simulated import line_of, registers
+
+NUMBERS = itertools.count(1)
+
+
+class Room:
+    """A desk, its pilot and the visitors of a test; nothing runs but what a test lets run."""
+
+    def __init__(self):
+        self.arm = open_arm("so101", "sim:?pose=home")
+        self.arm.enable()
+        self.clock = line_of(self.arm) and self.arm._port.clock
+        self.pilot = Pilot(lambda: self.arm, self.clock)
+        self.desk = Desk(self.pilot, self.clock)
+        self.goals = []
+        self.visitor = self.arrive()
+
+    def arrive(self, right=Right.CONTROL):
+        visitor = self.desk.join(right)
+        self.say(said.Look, visitor, w=900, h=700, dpr=1, view="side")
+        return visitor
+
+    def say(self, kind, visitor=None, **fields):
+        word = kind.model_fields["kind"].annotation.__args__[0]
+        message = kind(kind=word, seq=next(NUMBERS), seen=0, **fields)
+        self.desk.receive(visitor or self.visitor, message)
+
+    def point(self, phase, x, y, visitor=None):
+        self.say(said.Pointer, visitor, phase=phase, x=x, y=y, button=0, pointer=1)
+
+    def click(self, x, y, visitor=None):
+        self.point("down", x, y, visitor)
+        self.point("up", x, y, visitor)
+
+    def told(self, visitor=None):
+        """Return the latest status and scene for a visitor."""
+        self.clock.sleep_until(self.clock.now_s() + 0.11)
+        frames = self.desk.frames(visitor or self.visitor)
+        return {frame["kind"]: frame for frame in frames}
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.desk.close()
+        self.arm.close()
+
+    def ticks(self):
+        return registers(self.arm, "present_position")
+
+    def throw_live(self):
+        self.say(said.SpeedChoice, name="fast")
+        self.say(said.Live, on=True)
+        return self
+
+    def listen_in(self):
+        """Return a list that grows by the time and the positions of each goal on the bus."""
+        servos, told = self.arm.workings.servos, []
+        command = type(servos).command
+
+        def heard(positions):
+            told.append((self.clock.now_s(), np.array(positions)))
+            command(servos, positions)
+
+        servos.command = heard
+        return told
+
+    def run(self, beats=1000, at_beat=lambda _: None, *, beating=True):
+        """Let the pilot do one thing, the page beating; ``at_beat`` may say more."""
+        count = itertools.count()
+        self.goals = []
+        see = self.pilot.see
+
+        def seen(beat):
+            see(beat)
+            self.goals.append(beat.goals.copy())
+            number = next(count)
+            if number > beats:
+                self.say(said.Live, on=False)
+            elif beating and number % 10 == 0:
+                self.say(said.Beat, visible=True)
+            at_beat(number)
+
+        self.pilot.see = seen
+        self.pilot.step()
+        self.pilot.see = see

@@ -1,0 +1,123 @@
+"""A million messages that are nearly right: each is refused, or does what it says and no more."""
+
+import json
+import random
+import tracemalloc
+
+import pytest
+
+from ikservo.view.server.intake import Intake
+from ikservo.view.server.messages import BadMessageError
+from ikservo.view.server.visitors import Right
+from tests.arm.simulated import registers
+from tests.view.rooms import Room
+
+WORDS = [
+    {"kind": "pointer", "phase": "down", "x": 480, "y": 300, "button": 0, "pointer": 1},
+    {"kind": "pointer", "phase": "move", "x": 410.5, "y": 260, "button": 0, "pointer": 1,
+     "touch": True, "shift": False, "alt": False},
+    {"kind": "live", "on": True}, {"kind": "take", "on": True}, {"kind": "stop"},
+    {"kind": "acknowledge"}, {"kind": "beat", "visible": True}, {"kind": "pose", "name": "rest"},
+    {"kind": "gamepad", "axes": [0, 1, -1, 0], "grip": 0.5}, {"kind": "solver", "name": "ccd"},
+    {"kind": "look", "w": 900, "h": 700, "dpr": 2, "view": "side"},
+    {"kind": "wheel", "x": 480, "y": 300, "notches": 2, "alt": False},
+    {"kind": "key", "key": "ArrowUp", "alt": False, "shift": False},
+    {"kind": "orbit", "dx": 10, "dy": -4, "zoom": 1.5}, {"kind": "speed", "name": "fast"},
+    {"kind": "calibrate", "word": "begin", "joint": None},
+]  # fmt: skip
+VALUES = [None, True, -1, 0, 1e308, -1e308, 2**63, "", "x" * 70, "../rest", [], {}, [[]], 1e-320,
+          "NaN", "\u0000", "ArrowLeft", "side", 0.5]  # fmt: skip
+
+
+def with_another_value(rng, words):
+    """Return a message in which a value, or the name of one, is another."""
+    words = dict(words)
+    name = rng.choice(list(words))
+    value = words.pop(name) if rng.random() < 0.2 else rng.choice(VALUES)
+    words[name if rng.random() < 0.8 else rng.choice(list(WORDS[1]))] = value
+    return json.dumps(words)
+
+
+def with_other_letters(rng, words):
+    """Return a message with a few characters changed, taken out or doubled."""
+    letters = list(json.dumps(words))
+    for _ in range(rng.randint(1, 4)):
+        at = rng.randrange(len(letters))
+        letters[at : at + 1] = rng.choice([[], [letters[at]] * 2, [chr(rng.randrange(1, 300))]])
+    return "".join(letters)
+
+
+def spliced(rng, words):
+    """Return the beginning of one message and the end of another."""
+    first, second = json.dumps(words), json.dumps(rng.choice(WORDS))
+    return first[: rng.randrange(len(first))] + second[rng.randrange(len(second)) :]
+
+
+def fuzz(count, seed, hear):
+    """Let ``hear`` have those of many messages that come in; return how many did."""
+    rng, heard = random.Random(seed), 0
+    for number in range(count):
+        words = {**rng.choice(WORDS), "seq": number % 1000 + 1, "seen": 0}
+        change = rng.choice([with_another_value, with_other_letters, spliced])
+        try:
+            message = Intake(0.0).accept(change(rng, words), 0.0)
+        except BadMessageError:
+            continue
+        heard += 1
+        hear(message)
+    return heard
+
+
+@pytest.fixture
+def room():
+    with Room() as room:
+        yield room
+
+
+COUNTS = pytest.mark.parametrize(
+    "count",
+    [1_000, pytest.param(1_000_000, marks=[pytest.mark.campaign, pytest.mark.timeout(1800)])],
+)
+
+
+@COUNTS
+def test_nothing_that_a_watcher_says_changes_anything(room, count):
+    watcher, wish = room.arrive(Right.WATCH), room.pilot.wish
+
+    def hear(message):
+        try:
+            room.desk.receive(watcher, message)
+        except BadMessageError:
+            return
+
+    assert fuzz(count, seed=1, hear=hear) > count / 50
+    assert room.pilot.wish is wish
+
+
+@COUNTS
+def test_nothing_that_is_said_in_a_preview_moves_a_servo(room, count):
+    before, others = registers(room.arm, "goal_position"), []
+
+    def hear(message):
+        if message.kind in ("live", "calibrate"):  # these may move it, and are right as they are
+            others.append(message)
+            return
+        try:
+            room.desk.receive(room.visitor, message)
+        except BadMessageError:
+            return
+
+    assert fuzz(count, seed=2, hear=hear) > count / 50
+    assert {message.kind for message in others} == {"live", "calibrate"}
+    room.pilot.step()
+    assert registers(room.arm, "goal_position") == before
+
+
+@pytest.mark.parametrize("count", [1_000, pytest.param(100_000, marks=pytest.mark.campaign)])
+def test_the_memory_that_fuzz_takes_is_given_back(count):
+    fuzz(500, seed=3, hear=lambda _: None)
+    tracemalloc.start()
+    fuzz(count, seed=4, hear=lambda _: None)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 500_000

@@ -1,0 +1,121 @@
+"""What a crowd at the door of the page costs the arm: the beat with and without it, in turn.
+
+Run ``python tools/bench/crowd.py``; results belong in docs/benchmarks.md. The bus is simulated, in
+this process, at real speed; the crowd is a process of its own. Each crowd is measured between two
+rounds without one, so that what else the machine does weighs on both.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from itertools import pairwise
+from statistics import median
+
+from visiting import Page, served
+
+from ikservo.arm.streaming.beat import Beat
+from ikservo.view.session.house import House
+
+SECONDS, ROUNDS = 4.0, 5
+
+_OPEN = """
+import socket, sys, time
+host, port = sys.argv[1], int(sys.argv[2])
+def one():
+    try: return socket.create_connection((host, port))
+    except OSError: return None
+def say(s, words):
+    try: s.send(words)
+    except (OSError, AttributeError): return False
+    return True
+crowd = [one() for _ in range(200)]
+print("there", flush=True)
+"""
+_CROWDS = {
+    "200 idle sockets": "time.sleep(1000)",
+    "200 sockets, a byte a second each": """
+while True:
+    for i, s in enumerate(crowd):
+        if not say(s, b"G"): crowd[i] = one()
+        time.sleep(1 / 200)
+""",
+    "100 new sockets a second": """
+while True:
+    crowd.append(one()); crowd.pop(0); time.sleep(1 / 100)
+""",
+    "100 requests a second": """
+ask = f"GET / HTTP/1.1\\r\\nHost: {host}:{port}\\r\\n\\r\\n".encode()
+crowd = crowd[-1:]
+crowd[0].setblocking(False)
+while True:
+    if not say(crowd[0], ask): crowd[0] = one()
+    try: crowd[0].recv(1 << 20)
+    except (OSError, AttributeError): pass
+    time.sleep(1 / 100)
+""",
+}
+
+
+@contextmanager
+def crowded(crowd: str, url: str) -> Generator[None]:
+    """Let a crowd stand at the door as long as the block lasts."""
+    host, port = url.removeprefix("http://").split(":")
+    command = [sys.executable, "-c", _OPEN + _CROWDS[crowd], host, port]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        if process.stdout is not None:
+            process.stdout.readline()
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+def beats_ms(house: House, page: Page) -> list[float]:
+    """Return the times between beats while the arm is dragged by a page that draws."""
+    at_s: list[float] = []
+    see = house.pilot.see
+
+    def seen(beat: Beat) -> None:
+        see(beat)
+        at_s.append(time.perf_counter())
+
+    house.pilot.see = seen
+    end_s = time.monotonic() + SECONDS
+    page.point("down", 560, 250)
+    while (left_s := end_s - time.monotonic()) > 0:
+        page.point("move", 560 + 60 * (left_s % 1.0), 250 + 40 * (left_s % 0.7))
+        page.live_for(1 / 60)
+    page.point("up", 560, 250)
+    house.pilot.see = see
+    return [1000 * (b - a) for a, b in pairwise(at_s)]
+
+
+def p99(times: list[float]) -> float:
+    """Return what one in a hundred exceeds."""
+    return sorted(times)[int(0.99 * len(times))]
+
+
+def main() -> None:
+    """Measure and print."""
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    with served("so101", "home") as (house, page):
+        for crowd in _CROWDS:
+            alone: list[float] = []
+            among: list[float] = []
+            for _ in range(ROUNDS):
+                alone += beats_ms(house, page)
+                with crowded(crowd, page.url):
+                    among += beats_ms(house, page)
+            print(f"{crowd}: beat p50 {median(alone):.2f} -> {median(among):.2f} ms, "
+                  f"p99 {p99(alone):.2f} -> {p99(among):.2f} ms "
+                  f"({100 * (p99(among) / p99(alone) - 1):+.0f} %)")  # fmt: skip
+    print(f"load {os.getloadavg()[0]:.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""A view that is served in this process, and a page that visits it without a browser."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+from ikservo.model import load_model
+from ikservo.view.server.visitors import proof
+from ikservo.view.session.house import House
+
+__all__ = ["Page", "served"]
+
+
+class Page:
+    """A page that is no browser: it says when it says something.
+
+    Attributes:
+        url: Where the page is served.
+    """
+
+    def __init__(self, socket: ClientConnection, key: str, url: str) -> None:
+        self.url = url
+        self._socket, self._seq, self._seen = socket, 0, 0
+        socket.send(json.dumps({"kind": "hello", "proof": proof(key, self.hear()["nonce"])}))
+        self.say("look", w=900, h=700, dpr=1, view="side")
+
+    def hear(self, timeout_s: float = 10.0) -> dict[str, Any]:
+        """Return the next message."""
+        message: dict[str, Any] = json.loads(self._socket.recv(timeout=timeout_s))
+        if message["kind"] == "scene":
+            self._seen = message["seq"]
+        return message
+
+    def say(self, kind: str, **fields: object) -> None:
+        """Say something now."""
+        self._seq += 1
+        message = {"kind": kind, "seq": self._seq, "seen": self._seen, **fields}
+        self._socket.send(json.dumps(message))
+
+    def point(self, phase: str, x: float, y: float) -> None:
+        """Say where the pointer is."""
+        self.say("pointer", phase=phase, x=x, y=y, button=0, pointer=1)
+
+    def live_for(self, seconds: float) -> None:
+        """Hear scenes and beat, as a page does."""
+        end_s = time.monotonic() + seconds
+        while True:
+            try:
+                if self.hear(max(0.0, end_s - time.monotonic()))["kind"] == "scene":
+                    self.say("beat", visible=True)
+            except TimeoutError:
+                return
+
+
+@contextmanager
+def served(arm: str, pose: str) -> Generator[tuple[House, Page]]:
+    """Serve an arm and visit it with Live thrown."""
+    house = House(load_model(arm), f"sim:?pose={pose}", dead_man_s=5.0)
+    with ExitStack() as stack:
+        urls = stack.enter_context(house)
+        stack.enter_context(house.serve_beside())
+        url = urls.control.partition("/#")[0]
+        address = url.replace("http", "ws") + "/live"
+        socket = stack.enter_context(connect(address, origin=url, proxy=None))  # pyright: ignore[reportArgumentType]
+        page = Page(socket, house.keys.control, url)
+        page.say("speed", name="fast")
+        page.say("live", on=True)
+        page.live_for(1.5)
+        yield house, page
