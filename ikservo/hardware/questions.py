@@ -81,10 +81,12 @@ class Questions:
             self.driver(servo).exchange.wait_out((servo.id,))
             return self._answered(servo, self._once(servo, question), asked)
         reply = self._believed(servo, question, confirm)
-        for _ in range(self.retries):
+        for left in reversed(range(self.retries)):
             if not _is_lost(reply):
                 break
             self.statistics[servo.id].retried += 1
+            if left == 0:
+                self.port.patience.insist()
             reply = self._believed(servo, question, confirm)
         return self._answered(servo, reply, asked)
 

@@ -56,3 +56,7 @@ class Patience:
                 long is waited at once.
         """
         self._silences = max(self._silences + 1, _OWN_FAULT + 2 if many else 0)
+
+    def insist(self) -> None:
+        """Wait for the next answer as long as for any: who is asked alone has earned it."""
+        self._silences = _OWN_FAULT + _MOST_DOUBLINGS

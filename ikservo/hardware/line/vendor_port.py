@@ -46,6 +46,7 @@ class VendorPort:
         self.transport = transport
         self.name, self.baudrate = name, baud_rate
         virtual: Clock | None = getattr(transport, "clock", None)
+        self._virtual = virtual is not None
         self.clock: Clock = virtual or RealClock()
         self.patience = Patience(*(_VIRTUAL_S if virtual else _REAL_S))
         self.sent = b""
@@ -95,8 +96,10 @@ class VendorPort:
     def nap(self, expected: int) -> None:
         """Sleep while the first of ``expected`` bytes cannot be all: one waking for many packets.
 
-        Servos that keep a return delay only take longer.
+        Servos that keep a return delay only take longer. In virtual time nobody is woken.
         """
+        if self._virtual:
+            return
         due_s = self.sent_all_s + self.wire_s(expected) - _AWAKE_S
         if due_s - self.clock.now_s() > _WORTH_S:
             self.clock.sleep_until(due_s)
