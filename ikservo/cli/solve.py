@@ -156,7 +156,7 @@ def _print_comparison(
     if trace:
         print_traces(model.chain, target, answers)
     else:
-        print_comparison(entries, target, json=json)
+        print_comparison(model, entries, target, json=json)
     return answers
 
 

@@ -38,7 +38,8 @@ def bounded(
     ready = prepared(chain, target.frame, _offset(target), _axis(target, kind), restarts)
     seeds = ready.seeds
     if first and restarts > 1:
-        seeds = np.vstack([ready.beside(chain, np.array(first)), seeds])
+        given = ready.marked(chain, np.array(first), swinging=False)
+        seeds = np.hstack([given, seeds])
     worker = Worker(chain.dof, restarts, traced=_TRACED if options.trace else 0)
     _ask(target, kind, worker)
     worker.start[0] = q0

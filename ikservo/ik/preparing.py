@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.ik.marks import marked
 from ikservo.ik.options import Options
 from ikservo.ik.seeds import seeds
 from ikservo.kinematics import Chain, finite_vector, pack
@@ -129,7 +130,7 @@ class Prepared:
 
     Attributes:
         arm: The packed chain.
-        seeds: Starting points beside the caller's (m, dof + 12), the tool's pose beside each.
+        seeds: Starting points beside the caller's (dof + SEED_SIZE, m).
     """
 
     frame: str | None
@@ -138,13 +139,10 @@ class Prepared:
     arm: Matrix
     seeds: Matrix
 
-    def beside(self, chain: Chain, q: Matrix) -> Matrix:
-        """Return joints (m, dof) with the tool's pose there beside them (m, dof + 12)."""
-        T = chain.forward(q, self.frame, self.offset_m)
-        R = T[:, :3, :3]
-        if self.tool_axis is not None:
-            R = R @ turn_z_onto(self.tool_axis)
-        return np.hstack([q, R.reshape(-1, 9), T[:, :3, 3]])
+    def marked(self, chain: Chain, q: Matrix, *, swinging: bool = True) -> Matrix:
+        """Return joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernel.layout``."""
+        turn = np.eye(3) if self.tool_axis is None else turn_z_onto(self.tool_axis)
+        return marked(chain, self.arm, q, self.frame, self.offset_m, turn, swinging=swinging)
 
 
 def prepared(
@@ -161,10 +159,10 @@ def prepared(
     if ready is None:
         while len(kept) >= _KEPT:
             kept.pop(next(iter(kept)), None)
-        arm, none = pack(chain, frame, offset_m, tool_axis), np.zeros((0, chain.dof + 12))
+        arm, none = pack(chain, frame, offset_m, tool_axis), np.zeros((0, 0))
         ready = kept[key] = Prepared(frame, offset_m, tool_axis, arm, none)
-    if len(ready.seeds) < restarts - 1:
-        more = ready.beside(chain, seeds(chain, restarts - 1))
+    if ready.seeds.shape[1] < restarts - 1:
+        more = ready.marked(chain, seeds(chain, restarts - 1))
         ready = kept[key] = replace(ready, seeds=more)
     return ready
 

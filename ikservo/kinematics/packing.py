@@ -26,6 +26,7 @@ __all__ = [
     "SCALE",
     "SHIFT",
     "STEPS",
+    "SWINGS",
     "TURNS",
     "UPPER",
     "WIDTH",
@@ -35,7 +36,8 @@ __all__ = [
 
 WIDTH = 16
 # fmt: off
-STEPS, DOF               = 0, 1          # header: how many joint rows, how many limit rows
+STEPS, DOF, SWINGS       = 0, 1, 2       # header: how many joint rows and limit rows; 1 where q of
+                                         # the first joint turns it, and nothing else
 ROTATION, POSITION       = 0, 9          # joint and tool: R row by row (9), then p (3)
 TURNS, COLUMN            = 12, 13        # joint: 1 turns or 0 slides; which entry of q moves it
 SCALE, SHIFT             = 14, 15        # joint: value = SCALE * q[COLUMN] + SHIFT
@@ -72,6 +74,7 @@ def pack(
         rest = rest @ pose(np.zeros(3), turn_z_onto(tool_axis))
     header = np.zeros(WIDTH)
     header[STEPS], header[DOF] = len(rows), chain.dof
+    header[SWINGS] = bool(rows) and _swings(chain, rows[0])
     return np.array([header, *rows, _placed(rest), *_limit_rows(chain)])
 
 
@@ -100,6 +103,11 @@ def _joint_rows(way: tuple[Step, ...]) -> tuple[list[Vector], Matrix]:
         rows.append(row)
         rest = pose(np.zeros(3), turn.T)
     return rows, rest
+
+
+def _swings(chain: Chain, first: Vector) -> bool:
+    plain = first[TURNS] == 1.0 and first[SCALE] == 1.0 and first[SHIFT] == 0.0
+    return bool(plain) and not _is_followed(chain, int(first[COLUMN]))
 
 
 def _placed(T: Matrix) -> Vector:

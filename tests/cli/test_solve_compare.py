@@ -67,6 +67,17 @@ def test_a_comparison_out_of_reach_is_exit_7_with_how_far_each_came(say):
         assert entry["position_error_m"] == pytest.approx(best, abs=1e-3)
 
 
+def test_a_comparison_names_the_limits_that_bind_and_where_they_come_from(say):
+    question = "solve --arm so101 --json"
+    compared, alone = (
+        say(f"{question} {how} -- 0.02 0 -0.2").json for how in ("--compare", "--method bounded")
+    )
+    bounded = next(entry for entry in compared["methods"] if entry["method"] == "bounded")
+    assert alone["binding"]
+    assert bounded["binding"] == alone["binding"]
+    assert compared["limit_from"] == alone["limit_from"]
+
+
 def test_where_one_method_hands_over_to_another_the_row_says_so(say):
     said = say("solve 0.9 0 0.2 --arm so101 --compare")
     assert "closed_form (by bounded)" in said.out

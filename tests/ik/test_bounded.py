@@ -79,27 +79,33 @@ def test_within_ranges_of_any_width_one_in_five_hundred_has_a_nearer_point_at_mo
     assert np.mean(gaps_m > 1e-3) <= 0.002
 
 
-def answers_first_and_best(name, kind, count, seed):
-    """Return answers for wanted rotations that cannot be had, and those of many more restarts."""
+def worse_than_dense_search_deg(name, kind, count, starts, seed):
+    """Return by how much wanted rotations that cannot be had are missed more than need be (count,).
+
+    The dense search slides to the best turn from many joints drawn at random, and from nowhere
+    that the solver would look first.
+    """
     model, random = load_model(name), np.random.default_rng(seed)
-    chain, home = model.chain, model.chain_pose("home")
+    chain, axis = model.chain, tool_axis(name)
     T = chain.forward(random.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof)))
     for pose in T:
         turned, _ = np.linalg.qr(random.normal(size=(3, 3)))
         pose[:3, :3] = turned * np.linalg.det(turned)
-    axis = tool_axis(name)
-    many = Options(restarts=5 * Options().restarts)
-    return (
-        solve_batch(chain, T, home, kind=kind, tool_axis=axis),
-        solve_batch(chain, T, home, kind=kind, tool_axis=axis, options=many),
-    )
+    found = solve_batch(chain, T, model.chain_pose("home"), kind=kind, tool_axis=axis)
+    assert (found.position_error_m < 1e-4).all()
+    best_rad = np.full(count, math.pi)
+    for _ in range(starts):
+        q0s = random.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof))
+        once = Options(restarts=1)
+        tried = solve_batch(chain, T, q0s, kind=kind, tool_axis=axis, options=once)
+        met = tried.position_error_m < 1e-5
+        best_rad[met] = np.minimum(best_rad, tried.orientation_error_rad)[met]
+    return np.degrees(found.orientation_error_rad - best_rad)
 
 
 @pytest.mark.parametrize("name", FEW_JOINTS)
 def test_with_few_joints_the_position_is_met_and_the_angle_the_best_possible(name):
-    found, best = answers_first_and_best(name, "direction", 25, seed=4)
-    assert (found.position_error_m < 1e-4).all()
-    assert np.degrees(found.orientation_error_rad - best.orientation_error_rad).max() < 1.0
+    assert worse_than_dense_search_deg(name, "direction", 10, 40, seed=4).max() < 1.0
 
 
 @pytest.mark.campaign
@@ -107,10 +113,7 @@ def test_with_few_joints_the_position_is_met_and_the_angle_the_best_possible(nam
 @pytest.mark.parametrize("name", FEW_JOINTS)
 @pytest.mark.parametrize("kind", ["direction", "pose"])
 def test_ten_thousand_orientations_that_cannot_be_had(name, kind):
-    found, best = answers_first_and_best(name, kind, 10_000, seed=4)
-    assert (found.position_error_m < 1e-4).all()
-    worse_deg = np.degrees(found.orientation_error_rad - best.orientation_error_rad)
-    assert np.mean(worse_deg > 1.0) < 0.005
+    assert worse_than_dense_search_deg(name, kind, 10_000, 300, seed=4).max() < 1.0
 
 
 def test_by_weights_position_and_orientation_share_what_is_missing():

@@ -5,18 +5,24 @@ import os
 import numpy as np
 import pytest
 
-from ikservo.ik.kernel import layout
-from ikservo.ik.kernel.bending import bend
+from ikservo.ik.kernel import bending, layout, looking, placing
 from ikservo.ik.kernel.compiling import forget_stale
-from ikservo.ik.kernel.desk import TOOL, H, J, Q, desk_shape
-from ikservo.ik.kernel.looking import look
-from ikservo.ik.kernel.placing import place
+from ikservo.ik.kernel.desk import PULL, TOOL, H, J, Q, desk_shape
+from ikservo.ik.kernel.turning import cos_sin
 from ikservo.kinematics import pack
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model
 from tests.kinematics.chains import crane
 
 QUESTION = np.concatenate([[0.2, -0.1, 0.15], exp_so3([0.4, -1.1, 0.7]).ravel()])
+
+
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch):
+    """Run the kernels' source as Python: to compile parts of it on their own takes seconds."""
+    for module in (bending, looking, placing):
+        for name, function in list(vars(module).items()):
+            monkeypatch.setattr(module, name, getattr(function, "py_func", function))
 
 
 def desk_for(chain, q):
@@ -33,7 +39,7 @@ def test_the_packed_arm_is_placed_where_the_chain_is(frame):
         (0.01, 0.02, 0.03),
     )
     desk = desk_for(chain, q)
-    place(pack(chain, frame, np.array(offset)), desk)
+    placing.place(pack(chain, frame, np.array(offset)), desk)
     T, jacobian = chain.linearise(q, frame, offset)
     np.testing.assert_allclose(desk[TOOL, :9].reshape(3, 3), T[:3, :3], atol=1e-14)
     np.testing.assert_allclose(desk[TOOL, 9:12], T[:3, 3], atol=1e-14)
@@ -43,7 +49,7 @@ def test_the_packed_arm_is_placed_where_the_chain_is(frame):
 def test_slides_and_mimics_are_placed_where_the_chain_puts_them():
     chain, q = crane(), np.array([0.7, 0.2])
     desk = desk_for(chain, q)
-    place(pack(chain), desk)
+    placing.place(pack(chain), desk)
     T, jacobian = chain.linearise(q)
     np.testing.assert_allclose(desk[TOOL, 9:12], T[:3, 3], atol=1e-15)
     np.testing.assert_allclose(desk[J : J + 6, :2], jacobian, atol=1e-15)
@@ -56,15 +62,22 @@ def test_the_second_derivative_is_the_difference_of_gradients(kind):
 
     def pull(joints):
         desk = desk_for(chain, joints)
-        look(arm, QUESTION, kind, 0.2, desk)
-        return desk[3, :n].copy()
+        looking.look(arm, QUESTION, kind, 0.2, desk)
+        return desk[PULL, :n].copy()
 
     desk = desk_for(chain, q)
-    look(arm, QUESTION, kind, 0.2, desk)
-    bend(QUESTION, kind, 0.2, n, desk)
-    lower = np.tril(desk[H : H + n, :n])
+    looking.look(arm, QUESTION, kind, 0.2, desk)
+    bending.bend(QUESTION, kind, 0.2, n, desk)
+    upper = np.triu(desk[H : H + n, :n])
     differences = [(pull(q - h * e) - pull(q + h * e)) / (2 * h) for e in np.eye(n)]
-    np.testing.assert_allclose(lower, np.tril(differences), atol=1e-8)
+    np.testing.assert_allclose(upper, np.triu(differences), atol=1e-8)
+
+
+def test_cosine_and_sine_are_right_to_the_last_digits():
+    interpreted = getattr(cos_sin, "py_func", cos_sin)
+    angles = [scale * part for scale in (1.0, 100.0, 1e6) for part in np.linspace(-1, 1, 301)]
+    found = np.array([interpreted(angle) for angle in angles])
+    np.testing.assert_allclose(found, np.array([np.cos(angles), np.sin(angles)]).T, atol=4e-16)
 
 
 def test_kernels_that_older_versions_left_behind_are_removed(tmp_path):

@@ -7,11 +7,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from ikservo.cli.choosing import limit_sources, limit_words
 from ikservo.cli.output import print_json, print_table
 from ikservo.ik import METHODS, Result, Target, solve
 from ikservo.ik.closed_form import structure
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector
+from ikservo.model import Model
 
 __all__ = ["Entry", "compare", "errors_along", "print_comparison", "print_traces"]
 
@@ -49,10 +51,15 @@ def errors_along(chain: Chain, target: Target, result: Result) -> list[tuple[flo
     ]
 
 
-def print_comparison(entries: Sequence[Entry], target: Target, *, json: bool) -> None:
+def print_comparison(model: Model, entries: Sequence[Entry], target: Target, *, json: bool) -> None:
     """Print one row a method: did it reach, in how many iterations, how fast, how close."""
     if json:
-        print_json("compare", target_m=target.position, methods=[_fields(e) for e in entries])
+        print_json(
+            "compare",
+            target_m=target.position,
+            limit_from=limit_sources(model),
+            methods=[_fields(model, entry) for entry in entries],
+        )
         return
     columns = ["method", "reached", "iterations", "time", "error"]
     rows = [_row(entry) for entry in entries]
@@ -110,7 +117,7 @@ def _name(entry: Entry) -> str:
     return entry.method if other == entry.method else f"{entry.method} (by {other})"
 
 
-def _fields(entry: Entry) -> dict[str, object]:
+def _fields(model: Model, entry: Entry) -> dict[str, object]:
     result = entry.result
     return {
         "method": entry.method,
@@ -122,5 +129,5 @@ def _fields(entry: Entry) -> dict[str, object]:
         "orientation_error_rad": result.orientation_error_rad,
         "q_rad": result.q,
         "nearest_m": result.nearest_m,
-        "binding": [str(limit) for limit in result.binding],
+        "binding": [limit_words(model, limit) for limit in result.binding],
     }

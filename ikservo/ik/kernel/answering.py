@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ikservo.ik.kernel.compiling import inner
+from ikservo.ik.kernel.compiling import inlined, inner
 from ikservo.ik.kernel.desk import CHORD2, GAP2, GAUGE, HELD, NOTED, TOOL, Q
 from ikservo.ik.kernel.layout import (
     GAP,
@@ -27,7 +27,7 @@ __all__ = ["is_better", "way_from", "write"]
 _SAME_M, _SAME_CHORD = 1e-7, 1e-6
 
 
-@inner
+@inlined
 def way_from(start: Vector, n: int, desk: Matrix) -> float:
     """Return the squared length of the way from the start to Q."""
     way = 0.0
@@ -36,7 +36,7 @@ def way_from(start: Vector, n: int, desk: Matrix) -> float:
     return way
 
 
-@inner
+@inlined
 def is_better(
     settings: Vector, reached: bool, way: float, best_way: float, desk: Matrix, best: Vector
 ) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ikservo.ik.kernel.compiling import inner
+from ikservo.ik.kernel.compiling import inlined, inner
 from ikservo.ik.kernel.desk import ERROR, NORMAL, TOOL, H, J
 from ikservo.ik.kernel.layout import DIRECTION, POSITION_ONLY, WANTED_ROTATION
 from ikservo.kinematics.se3 import Matrix, Vector
@@ -12,7 +12,7 @@ __all__ = ["bend"]
 
 @inner
 def bend(question: Vector, kind: int, weight: float, n: int, desk: Matrix) -> float:
-    """Fill the lower triangle of H (n, n); return its largest diagonal entry.
+    """Fill H (n, n) above its diagonal, and that into column n; return the largest entry there.
 
     Turning joint i swings the column of every joint j behind it, d²p/dq_i dq_j = w_i x J_j, and
     likewise every axis r of the tool, d²r/dq_i dq_j = w_i x (w_j x r). With M = Σ r_k d_kᵀ over
@@ -34,12 +34,13 @@ def bend(question: Vector, kind: int, weight: float, n: int, desk: Matrix) -> fl
             m2 += share * (trace * w2 - _row(desk, 2, w0, w1, w2))
         for i in range(j + 1):
             turned = desk[J + 3, i] * m0 + desk[J + 4, i] * m1 + desk[J + 5, i] * m2
-            desk[H + j, i] = desk[J, i] * a0 + desk[J + 1, i] * a1 + desk[J + 2, i] * a2 + turned
-        size = max(size, abs(desk[H + j, j]))
+            desk[H + i, j] = desk[J, i] * a0 + desk[J + 1, i] * a1 + desk[J + 2, i] * a2 + turned
+        desk[H + j, n] = desk[H + j, j]
+        size = max(size, abs(desk[H + j, n]))
     return size
 
 
-@inner
+@inlined
 def _overlap(question: Vector, kind: int, desk: Matrix) -> float:
     """Fill M = Σ r_k d_kᵀ (3, 3) into NORMAL; return its trace."""
     first = 2 if kind == DIRECTION else 0
@@ -52,6 +53,6 @@ def _overlap(question: Vector, kind: int, desk: Matrix) -> float:
     return desk[NORMAL, 0] + desk[NORMAL + 1, 1] + desk[NORMAL + 2, 2]
 
 
-@inner
+@inlined
 def _row(desk: Matrix, a: int, w0: float, w1: float, w2: float) -> float:
     return desk[NORMAL + a, 0] * w0 + desk[NORMAL + a, 1] * w1 + desk[NORMAL + a, 2] * w2

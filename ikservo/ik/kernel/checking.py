@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ikservo.ik.kernel.compiling import inner
+from ikservo.ik.kernel.compiling import inlined
 from ikservo.ik.kernel.layout import DIRECTION, POSITION_ONLY, WANTED_ROTATION
 from ikservo.kinematics.se3 import Vector
 
@@ -13,7 +13,7 @@ __all__ = ["is_finite", "is_rotation"]
 _ROTATION_TOLERANCE = 1e-5
 
 
-@inner
+@inlined
 def is_finite(values: Vector) -> bool:
     """Return whether no value is infinite or NaN."""
     for value in values:  # noqa: SIM110  # numba compiles no generators
@@ -22,7 +22,7 @@ def is_finite(values: Vector) -> bool:
     return True
 
 
-@inner
+@inlined
 def is_rotation(question: Vector, kind: int) -> bool:
     """Return whether the wanted columns are unit vectors, right-handed and at right angles."""
     if kind == POSITION_ONLY:

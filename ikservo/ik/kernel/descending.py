@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ikservo.ik.kernel.compiling import inner
+from ikservo.ik.kernel.compiling import inlined, inner
 from ikservo.ik.kernel.desk import BACK, CHORD2, FREE, GAUGE, HIGH, LOW, NOTED, STEP, Q
 from ikservo.ik.kernel.layout import BUDGET, KIND, TRACK
 from ikservo.ik.kernel.looking import look, met
@@ -30,7 +30,7 @@ _NUDGE, _NUDGES = 0.02, 3
 _MANY = 60
 
 
-@inner
+@inlined
 def descend(
     arm: Matrix,
     question: Vector,
@@ -83,7 +83,7 @@ def descend(
     return steps
 
 
-@inner
+@inlined
 def _is_fine(settings: Vector, weight: float, desk: Matrix) -> bool:
     """Return whether going on would gain nothing; a weight of 0 looks at the position only."""
     if weight > 0.0:
@@ -95,7 +95,7 @@ def _is_fine(settings: Vector, weight: float, desk: Matrix) -> bool:
     return fine
 
 
-@inner
+@inlined
 def _go(n: int, desk: Matrix) -> None:
     """Take the step; what rounding carries past a limit is set on it."""
     for j in range(n):
@@ -103,7 +103,7 @@ def _go(n: int, desk: Matrix) -> None:
         desk[Q, j] = min(max(desk[Q, j] + desk[STEP, j], desk[LOW, j]), desk[HIGH, j])
 
 
-@inner
+@inlined
 def _go_back(n: int, desk: Matrix) -> None:
     for j in range(n):
         desk[Q, j] = desk[BACK, j]
@@ -121,7 +121,7 @@ def _nudge(n: int, desk: Matrix) -> None:
             desk[Q, j] = min(max(there, desk[LOW, j]), desk[HIGH, j])
 
 
-@inner
+@inlined
 def _note(n: int, trace: Matrix, desk: Matrix) -> None:
     """Write the present joints down, if there is room."""
     row = int(desk[GAUGE, NOTED])

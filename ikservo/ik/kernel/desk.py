@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 __all__ = [
+    "ACROSS",
+    "ALONG",
     "BACK",
+    "BEST",
     "CHORD2",
     "ENDS",
     "ERROR",
+    "ERRORS",
     "FREE",
     "GAP2",
     "GAUGE",
@@ -15,9 +19,10 @@ __all__ = [
     "LOW",
     "NORMAL",
     "NOTED",
+    "PROMISE",
     "PULL",
     "RHS",
-    "SHIFT",
+    "SCORES",
     "STEP",
     "TOOL",
     "G",
@@ -39,29 +44,37 @@ LOW      = 5        # the limits that this search respects
 HIGH     = 6
 HELD     = 7        # -1, 0 or 1: the limit that the descent pressed against
 RHS      = 8        # right-hand side of a system in the joints
+BEST     = 9        # where a slide has been best
 
 # Short rows.
-TOOL     = 9        # the tool's R row by row, then p (12)
-ERROR    = 10       # the weighted error (3, 5 or 6)
-Y        = 11       # right-hand side of a system in the error
-SHIFT    = 12       # what is added to the wanted position (3)
+TOOL     = 10       # the tool's R row by row, then p (12)
+ERROR    = 11       # the weighted error (3, 5 or 6)
+Y        = 12       # right-hand side of a system in the error
 GAUGE    = 13       # entries GAP2, CHORD2, NOTED
 
 # Matrices.
 J        = 14       # (6, n) Jacobian of the tool: linear rows, angular rows
 G        = 20       # (6, n) Jacobian of the weighted error
 NORMAL   = 26       # (6, 6) G Gᵀ
-H        = 32       # (n, n) second derivative of half the squared error
-ENDS     = 32       # (restarts, n) where quick attempts ended, n rows further down; then their
-                    # squared errors and what each seed promises
+H        = 32       # (n, n) second derivative of half the squared error; column n its diagonal
+ENDS     = 32       # (restarts, n) where quick attempts ended, n rows further down; after these the
+                    # scores, see below
 
 # Entries of GAUGE.
 GAP2     = 0        # squared distance from the wanted position
 CHORD2   = 1        # squared chord from the wanted orientation
 NOTED    = 2        # rows of the trace that are filled
+
+# Rows of the scores, with one entry a seed.
+PROMISE  = 0        # the squared error that it promises
+ALONG    = 1        # its part that goes with the cosine of the first joint's swing
+ACROSS   = 2        # and that with the sine
+ERRORS   = 3        # the squared error at the end of each attempt, the start's first
+SCORES   = 4
 # fmt: on
 
 
 def desk_shape(n: int, restarts: int) -> tuple[int, int]:
     """Return the shape of the desk for n joints and some starting points."""
-    return H + n + restarts, max(n + 2, 12)
+    width = max(n + 2, 12)
+    return ENDS + n + restarts + -(-SCORES * restarts // width), width

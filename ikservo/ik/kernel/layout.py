@@ -19,6 +19,13 @@ __all__ = [
     "RESTARTS",
     "ROWS",
     "SEED",
+    "SEED_COSINE",
+    "SEED_FAR2",
+    "SEED_POSITION",
+    "SEED_ROTATION",
+    "SEED_SINE",
+    "SEED_SIZE",
+    "SEED_SWING",
     "SETTINGS_SIZE",
     "TOLERANCE_CHORD",
     "TOLERANCE_M",
@@ -51,6 +58,15 @@ RESTARTS         = 6        # how many starting points at most, the start includ
 EXTRA_RESTARTS   = 7        # how many more after the first success, to prefer what is nearest
 BUDGET           = 8        # how many steps from one starting point
 SETTINGS_SIZE    = 9
+
+# A seed is a column (dof + SEED_SIZE,): its joints, then, as seen from the first joint's frame,
+SEED_ROTATION    = 0        # (9,) the tool's R row by row
+SEED_POSITION    = 9        # (3,) where the tool is, metres
+SEED_FAR2        = 12       # the square of how far that is
+SEED_SWING       = 13       # where the first joint stands for that,
+SEED_COSINE      = 14       # and the cosine and sine of how far it may swing to either side
+SEED_SINE        = 15
+SEED_SIZE        = 16
 
 # An answer (2 * dof + ANSWER_TAIL,): q, then -1, 0 or 1 a joint for the limit that binds, then
 REACHED          = 0

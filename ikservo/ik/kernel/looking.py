@@ -6,8 +6,8 @@ with the angle: half its square is 1 - cos(angle).
 
 from __future__ import annotations
 
-from ikservo.ik.kernel.compiling import inner
-from ikservo.ik.kernel.desk import CHORD2, ERROR, GAP2, GAUGE, PULL, SHIFT, TOOL, G, J
+from ikservo.ik.kernel.compiling import inlined
+from ikservo.ik.kernel.desk import CHORD2, ERROR, GAP2, GAUGE, PULL, TOOL, G, J
 from ikservo.ik.kernel.layout import (
     DIRECTION,
     POSITION_ONLY,
@@ -23,7 +23,7 @@ from ikservo.kinematics.se3 import Matrix, Vector
 __all__ = ["look", "met", "rows_of"]
 
 
-@inner
+@inlined
 def rows_of(kind: int, weight: float) -> int:
     """Return how many rows the error has; a weight of 0 leaves the position only."""
     if kind == POSITION_ONLY or weight == 0.0:
@@ -31,7 +31,7 @@ def rows_of(kind: int, weight: float) -> int:
     return 5 if kind == DIRECTION else 6
 
 
-@inner
+@inlined
 def look(arm: Matrix, question: Vector, kind: int, weight: float, desk: Matrix) -> float:
     """Place the arm at Q; fill ERROR, G, PULL and GAUGE; return half the squared error."""
     n, rows = int(arm[0, DOF]), rows_of(kind, weight)
@@ -49,30 +49,28 @@ def look(arm: Matrix, question: Vector, kind: int, weight: float, desk: Matrix) 
     return half + 0.5 * weight * weight * desk[GAUGE, CHORD2]
 
 
-@inner
+@inlined
 def met(settings: Vector, share: float, desk: Matrix) -> bool:
     """Return whether gap and chord are within a share of their tolerances."""
     a, b = share * settings[TOLERANCE_M], share * settings[TOLERANCE_CHORD]
     return desk[GAUGE, GAP2] <= a * a and desk[GAUGE, CHORD2] <= b * b
 
 
-@inner
+@inlined
 def _position_rows(question: Vector, n: int, desk: Matrix) -> float:
-    gap2, half = 0.0, 0.0
+    gap2 = 0.0
     for r in range(3):
         gap = question[WANTED_POSITION + r] - desk[TOOL, 9 + r]
-        error = gap + desk[SHIFT, r]
-        desk[ERROR, r] = error
+        desk[ERROR, r] = gap
         gap2 += gap * gap
-        half += 0.5 * error * error
         for j in range(n):
             desk[G + r, j] = desk[J + r, j]
     desk[GAUGE, GAP2] = gap2
     desk[GAUGE, CHORD2] = 0.0
-    return half
+    return 0.5 * gap2
 
 
-@inner
+@inlined
 def _direction_rows(question: Vector, weight: float, n: int, desk: Matrix) -> float:
     """Fill two rows: turns about the tool's x and y; those about its own z do not matter."""
     x0, y0, z0 = desk[TOOL, 0], desk[TOOL, 1], desk[TOOL, 2]
@@ -87,10 +85,11 @@ def _direction_rows(question: Vector, weight: float, n: int, desk: Matrix) -> fl
         w0, w1, w2 = desk[J + 3, j], desk[J + 4, j], desk[J + 5, j]
         desk[G + 3, j] = weight * (x0 * w0 + x1 * w1 + x2 * w2)
         desk[G + 4, j] = weight * (y0 * w0 + y1 * w1 + y2 * w2)
+        desk[G + 5, j] = 0.0
     return (d0 - z0) ** 2 + (d1 - z1) ** 2 + (d2 - z2) ** 2
 
 
-@inner
+@inlined
 def _pose_rows(question: Vector, weight: float, n: int, desk: Matrix) -> float:
     """Fill three rows: the turn ``sin(angle) axis = ½ Σ r_k x d_k`` that is left."""
     t0, t1, t2, chord2 = 0.0, 0.0, 0.0, 0.0

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
-from ikservo.ik.kernel.compiling import inner
+from ikservo.ik.kernel.compiling import inlined
 from ikservo.ik.kernel.desk import TOOL, J, Q
+from ikservo.ik.kernel.turning import cos_sin
 from ikservo.kinematics.packing import COLUMN, DOF, POSITION, SCALE, SHIFT, STEPS, TURNS
 from ikservo.kinematics.se3 import Matrix
 
 __all__ = ["place"]
 
 
-@inner
+@inlined
 def place(arm: Matrix, desk: Matrix) -> None:
     """Walk from the base to the tool for the joints Q; fill J (6, n) and TOOL (12,).
 
@@ -60,7 +59,7 @@ def place(arm: Matrix, desk: Matrix) -> None:
             desk[J + 1, column] += scale * z1
             desk[J + 2, column] += scale * z2
             continue
-        cos, sin = math.cos(value), math.sin(value)
+        cos, sin = cos_sin(value)
         x0, y0 = cos * x0 + sin * y0, cos * y0 - sin * x0
         x1, y1 = cos * x1 + sin * y1, cos * y1 - sin * x1
         x2, y2 = cos * x2 + sin * y2, cos * y2 - sin * x2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ikservo.ik.kernel.compiling import inner
+from ikservo.ik.kernel.compiling import inlined, inner
 from ikservo.ik.kernel.desk import HELD, HIGH, LOW, PULL, Q
 from ikservo.kinematics.packing import DOF, FULL_TURN, LOWER, STEPS, UPPER
 from ikservo.kinematics.se3 import Matrix, Vector
@@ -15,7 +15,7 @@ _TURN = 2.0 * math.pi
 _AT_LIMIT = 1e-6
 
 
-@inner
+@inlined
 def fence(arm: Matrix, free_turns: bool, desk: Matrix) -> None:
     """Fill LOW and HIGH and move Q inside.
 
@@ -29,7 +29,7 @@ def fence(arm: Matrix, free_turns: bool, desk: Matrix) -> None:
         desk[Q, j] = min(max(desk[Q, j], desk[LOW, j]), desk[HIGH, j])
 
 
-@inner
+@inlined
 def fold(arm: Matrix, start: Vector, desk: Matrix) -> bool:
     """Bring full-turn joints into their range, as near the start as can be.
 

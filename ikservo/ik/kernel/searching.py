@@ -7,7 +7,7 @@ import math
 from ikservo.ik.kernel.answering import is_better, way_from, write
 from ikservo.ik.kernel.attempting import attempt
 from ikservo.ik.kernel.checking import is_finite, is_rotation
-from ikservo.ik.kernel.compiling import entry, inner
+from ikservo.ik.kernel.compiling import entry, inlined
 from ikservo.ik.kernel.layout import (
     EXTRA_RESTARTS,
     GAP,
@@ -21,7 +21,15 @@ from ikservo.ik.kernel.layout import (
     TURN,
 )
 from ikservo.ik.kernel.looking import met
-from ikservo.ik.kernel.setting_out import MORE, QUICK, THOROUGH, clear_ends, keep_end, set_out
+from ikservo.ik.kernel.setting_out import (
+    MORE,
+    QUICK,
+    THOROUGH,
+    clear_ends,
+    keep_end,
+    scores_on,
+    set_out,
+)
 from ikservo.kinematics.packing import DOF
 from ikservo.kinematics.se3 import Matrix, Vector
 
@@ -31,7 +39,7 @@ __all__ = ["search_all"]
 _PATIENCE, _PATIENCE_AT_START, _ENDLESS = 2, 4, 1 << 30
 # A solution that was found this early is worth a look for a nearer one.
 _EARLY = 4
-# How many ends are refined.
+# How many ends are refined; with priority all, for which turns out best shows only then.
 _REFINED = 24
 
 
@@ -53,7 +61,7 @@ def search_all(
         questions: (m, QUESTION_SIZE).
         settings: (SETTINGS_SIZE,).
         starts: (m, dof).
-        seeds: (RESTARTS - 1, dof + 12) further starting points, and the tool's pose there.
+        seeds: (dof + SEED_SIZE, RESTARTS - 1) further starting points.
         desk: ``desk_shape(dof, RESTARTS)``, memory.
         trace: (t, dof), its second half for the iterates of the best attempt; may have no rows.
         answers: (m, 2 * dof + ANSWER_TAIL), filled.
@@ -72,7 +80,7 @@ def search_all(
     return -1
 
 
-@inner
+@inlined
 def _search(
     arm: Matrix,
     question: Vector,
@@ -94,17 +102,19 @@ def _search(
     first = settings[PRIORITY] == 1.0 and settings[KIND] != POSITION_ONLY
     tail = answer[2 * n :]
     tail[REACHED], tail[GAP], tail[TURN] = 0.0, math.inf, math.inf
-    clear_ends(restarts, n, desk)
+    scores = scores_on(n, restarts, desk)
     phase = THOROUGH if settings[TRACK] == 1.0 else QUICK
     steps, best_way, k, last = 0, math.inf, 0, restarts
     while k < last:
         thorough, placing = phase == THOROUGH, first and phase == MORE
-        seed = set_out(question, settings, start, seeds, phase, k, n, desk)
+        seed = set_out(arm, question, settings, start, seeds, phase, k, n, scores, desk)
         patience = _ENDLESS if thorough else _PATIENCE_AT_START if k == 0 else _PATIENCE
         steps += attempt(arm, question, settings, start, patience, thorough, placing, trace, desk)
         way, reached = way_from(start, n, desk), met(settings, 1.0, desk)
         if not (reached or thorough):
-            keep_end(settings, placing, seed, n, desk)
+            if phase == QUICK and k == 0:
+                clear_ends(restarts, scores)
+            keep_end(settings, placing, seed, n, scores, desk)
         counts = reached or thorough or placing
         if counts and is_better(settings, reached, way, best_way, desk, tail):
             if reached and tail[REACHED] == 0.0:
@@ -114,5 +124,13 @@ def _search(
         k += 1
         if k == last and not thorough and tail[REACHED] == 0.0:
             phase, k = THOROUGH if phase == MORE or restarts == 1 else MORE, 0
-            last = min(restarts, _REFINED) if phase == THOROUGH else 2 * restarts if first else last
+            last = _how_many(phase, restarts, first)
     tail[ITERATIONS] = steps
+
+
+@inlined
+def _how_many(phase: int, restarts: int, first: bool) -> int:
+    """Return how many attempts the second and the third phase make at most."""
+    if first:
+        return restarts if phase == THOROUGH else 2 * restarts
+    return min(restarts, _REFINED) if phase == THOROUGH else restarts

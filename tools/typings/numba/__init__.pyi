@@ -9,4 +9,11 @@ __version__: str
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
-def njit(*, cache: bool = ..., nogil: bool = ..., error_model: str = ...) -> Callable[[_F], _F]: ...
+def njit(
+    *,
+    cache: bool = ...,
+    nogil: bool = ...,
+    error_model: str = ...,
+    fastmath: bool | set[str] = ...,
+    forceinline: bool = ...,
+) -> Callable[[_F], _F]: ...
