@@ -15,7 +15,7 @@ from ikservo.model.arm_file import read_arm_file
 from ikservo.model.urdf import read_urdf
 
 SETTINGS = settings(
-    max_examples=1000,
+    max_examples=500,
     deadline=None,
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
