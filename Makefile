@@ -10,7 +10,7 @@ demo: $(VENV)/installed  ## move the simulated SO-101 to a coordinate and print 
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
 
 test: $(VENV)/tested  ## the whole suite on the simulated bus, on every core
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto
 
 check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/ruff check .

@@ -24,8 +24,3 @@ def pytest_addoption(parser):
 @pytest.fixture(autouse=True, scope="session")
 def _no_persons_own_files(tmp_path_factory):
     os.environ["IKSERVO_HOME"] = str(tmp_path_factory.mktemp("home"))
-
-
-def pytest_xdist_auto_num_workers():
-    """Give one worker more than there are cores: browsers and pseudo-terminals take real time."""
-    return (os.cpu_count() or 1) + 1
