@@ -49,6 +49,16 @@ def out_of_reach(name, random, *, narrow):
             return chain, target_m
 
 
+def points_out_of_reach(chain, count, random):
+    """Return points (count, 3) [m] that an arm cannot reach, though nearly."""
+    points_m = np.zeros((0, 3))
+    while len(points_m) < count:
+        inside = random.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof))
+        tried_m = chain.forward(inside)[:, :3, 3] + random.uniform(-0.3, 0.3, (count, 3))
+        points_m = np.vstack([points_m, tried_m[~solve_batch(chain, tried_m).reached]])
+    return points_m[:count]
+
+
 def closest_of_many(chain, target_m, samples=20_000, rounds=6, seed=0):
     """Return the least distance to a point by sampling joints ever more densely, no gradients."""
     random = np.random.default_rng(seed)

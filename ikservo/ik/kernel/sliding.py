@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ikservo.ik.kernel.compiling import inlined, inner
 from ikservo.ik.kernel.descending import descend
 from ikservo.ik.kernel.desk import (
@@ -21,14 +23,14 @@ from ikservo.ik.kernel.desk import (
 )
 from ikservo.ik.kernel.layout import KIND, TOLERANCE_M, TURN_WEIGHT
 from ikservo.ik.kernel.linear import factor, substitute
-from ikservo.ik.kernel.looking import look, rows_of
+from ikservo.ik.kernel.looking import look, met, rows_of
 from ikservo.kinematics.packing import DOF
 from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["slide"]
 
 _ROUNDS, _PATIENCE, _RADIUS = 30, 4, 0.5
-# Steps [rad] and gains [squared chord] that are not worth another round.
+# Steps [rad] for a chord of one, and shares of its square, that are not worth another round.
 _STEP_END, _GAIN_END = 1e-4, 1e-6
 # Where a limit keeps the position from being met quite, this share of the tolerance will do.
 _SLACK = 0.5
@@ -56,7 +58,7 @@ def slide(arm: Matrix, question: Vector, settings: Vector, trace: Matrix, desk: 
             for j in range(n):
                 desk[BEST, j] = desk[Q, j]
             radius = min(2.0 * radius, _RADIUS)
-            if gain < _GAIN_END:
+            if gain < _GAIN_END * best or met(settings, 0.1, desk):
                 break
         else:
             for j in range(n):
@@ -64,7 +66,7 @@ def slide(arm: Matrix, question: Vector, settings: Vector, trace: Matrix, desk: 
             radius *= 0.25
         look(arm, question, kind, weight, desk)
         longest = _turn(rows_of(kind, weight), _DAMPING * weight * weight, radius, n, desk)
-        if longest < _STEP_END:
+        if longest < _STEP_END * math.sqrt(best):
             break
         for j in range(n):
             desk[Q, j] = min(max(desk[Q, j] + desk[STEP, j], desk[LOW, j]), desk[HIGH, j])
