@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Literal
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ikservo.arm.arriving.aim import Aim
 from ikservo.arm.arriving.arrival import Arrival, arrive
+from ikservo.arm.arriving.one_side import drawn_back
 from ikservo.arm.foreseeing import Foreseeing
 from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, begun
 from ikservo.arm.reports import JointReport, MoveReport, Progress
@@ -19,11 +20,12 @@ from ikservo.arm.streaming.beat import Beat
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.stream import OnBeat
 from ikservo.arm.trust import Zeros
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import Space
 from ikservo.hardware.line.port import Port
 from ikservo.kinematics import Chain
 from ikservo.model import Model
+from ikservo.motion import JointMove, Pace
 
 __all__ = ["Arm", "OnExit"]
 
@@ -205,7 +207,21 @@ class Arm(Foreseeing):
         started_s = servos.clock.now_s()
         self._stream.run(course, self._watcher(on_progress), speed_rad_s=horn_rad_s)
         motion_s = servos.clock.now_s() - started_s
+        self._take_up_play(plan, paces, horn_rad_s)
         return arrive(self._stream, servos, aim, paces, horn_rad_s, motion_s)
+
+    def _take_up_play(self, plan: Plan, paces: Sequence[Pace], horn_rad_s: float) -> None:
+        """Let joints with known play come from below, unless something is in that way."""
+        servos, goals = self._servos, self._servos.goals()
+        backlash = np.array([self.model.joint(name).backlash for name in servos.names])
+        below = drawn_back(goals, plan.goal != plan.start, backlash, servos.fences)
+        if below is None:
+            return
+        try:
+            self.workings.check_way(goals, below)
+        except RefusedError:
+            return
+        self._stream.run(JointMove(goals, below, paces), speed_rad_s=horn_rad_s)
 
     def _watcher(self, on_progress: Callable[[Progress], None] | None) -> OnBeat | None:
         if on_progress is None:

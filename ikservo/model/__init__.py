@@ -1,6 +1,7 @@
 """What an arm is: its files, the catalogue of arms, and the model made of them."""
 
 from ikservo.model.catalogue import arm_names, find_arm
-from ikservo.model.model import Model, ModelJoint, ModelServo, Speed, load_model
+from ikservo.model.loading import load_model
+from ikservo.model.model import Model, ModelJoint, ModelServo, Speed
 
 __all__ = ["Model", "ModelJoint", "ModelServo", "Speed", "arm_names", "find_arm", "load_model"]

@@ -40,6 +40,7 @@ Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{1,200}$")]
 Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Positive = Annotated[float, Field(gt=0)]
+Play = Annotated[float, Field(ge=0, le=10)]
 
 
 class _Table(BaseModel):
@@ -104,6 +105,7 @@ class ArmJoint(_Table):
     role: Literal["arm", "gripper"] = Field(description="arm or gripper")
     zero_from: Literal["vendor", "nominal"] = Field(description="vendor or nominal")
     servo: ArmServo = Field(description="a table { id = …, model = …, sign = …, zero_tick = … }")
+    backlash_deg: Play = Field(default=0.0, description="degrees the horn turns in vain, 0 to 10")
     shadows: tuple[ArmShadow, ...] = Field(
         default=(), strict=False, description="a list of tables like servo"
     )

@@ -2,37 +2,25 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.calibration import Crank, JointMap, Limits, say
-from ikservo.errors import FileFormatError, InputError, UnknownNameError
+from ikservo.calibration import JointMap, Limits
+from ikservo.errors import UnknownNameError
 from ikservo.kinematics import Chain
-from ikservo.model.arm_file import (
-    ArmFile,
-    ArmGripper,
-    ArmHealth,
-    ArmJoint,
-    ArmPose,
-    ArmSpeed,
-    read_arm_file,
-)
-from ikservo.model.catalogue import find_arm
 from ikservo.model.gripper import Gripper
 from ikservo.model.health import HealthLimits
-from ikservo.model.skeleton import chain_of
-from ikservo.model.urdf import Urdf, UrdfJoint, read_urdf
-from ikservo.registers import MODELS, Family, ServoTable
+from ikservo.model.urdf import Urdf
+from ikservo.registers import Family
 
-__all__ = ["KeepOut", "Model", "ModelJoint", "ModelServo", "Speed", "load_model"]
+__all__ = ["KeepOut", "Model", "ModelJoint", "ModelServo", "Speed"]
 
-_ARM_FILE = "arm file"
+_T = TypeVar("_T")
 _USUAL_HEALTH = HealthLimits()
 
 
@@ -59,6 +47,8 @@ class ModelJoint:
         limits: The range the arm file's URDF gives.
         joint_map: How the servo's ticks relate to the joint, as the arm file gives it.
         travel_per_turn: What one turn of the horn is worth at most: rad, or metres of a slide.
+        backlash: How far the joint can be moved by hand while its servo holds, rad or m; 0 where
+            nobody has measured it.
         shadows: Servos that turn the same joint together with the first.
         zero_from: ``vendor`` where the maker fixes the zero, ``nominal`` where each arm differs.
     """
@@ -68,6 +58,7 @@ class ModelJoint:
     limits: Limits
     joint_map: JointMap
     travel_per_turn: float
+    backlash: float
     servo: ModelServo
     shadows: tuple[ModelServo, ...]
     zero_from: Literal["vendor", "nominal"]
@@ -132,10 +123,7 @@ class Model:
         Raises:
             UnknownNameError: No servo turns such a joint.
         """
-        named = {joint.name: joint for joint in self.joints}
-        if name not in named:
-            raise UnknownNameError("joint", name, named)
-        return named[name]
+        return _found("joint", name, {joint.name: joint for joint in self.joints})
 
     def pose(self, name: str) -> Mapping[str, float]:
         """Return the joint positions of a named pose, rad or m by joint.
@@ -143,9 +131,7 @@ class Model:
         Raises:
             UnknownNameError: The arm has no such pose.
         """
-        if name not in self.poses:
-            raise UnknownNameError("pose", name, self.poses)
-        return self.poses[name]
+        return _found("pose", name, self.poses)
 
     def speed(self, name: str) -> Speed:
         """Return a speed class.
@@ -153,9 +139,7 @@ class Model:
         Raises:
             UnknownNameError: Not slow, normal or fast.
         """
-        if name not in self.speeds:
-            raise UnknownNameError("speed", name, self.speeds)
-        return self.speeds[name]
+        return _found("speed", name, self.speeds)
 
     def chain_pose(self, name: str) -> NDArray[np.float64]:
         """Return the joint vector (dof,) of the chain at a named pose."""
@@ -163,160 +147,7 @@ class Model:
         return np.array([pose[joint] for joint in self.chain.names])
 
 
-def load_model(arm: str | Path, tip: str | None = None) -> Model:
-    """Load an arm.
-
-    Args:
-        arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder that holds one,
-            or to a ``.urdf``.
-        tip: The link that is the tool; required for a bare URDF, else the arm file's.
-
-    Raises:
-        UnknownNameError: No arm of that name; the closest is offered.
-        FileFormatError: A file cannot be used; says where and what was expected.
-    """
-    path = find_arm(arm)
-    return _from_urdf(path, tip) if path.suffix == ".urdf" else _from_arm_file(path, tip)
-
-
-def _from_urdf(path: Path, tip: str | None) -> Model:
-    urdf = read_urdf(path)
-    if tip is None:
-        links = ", ".join(link.name for link in urdf.links)
-        raise InputError(f"{path} does not say which link is the tool.", f"Give tip, of: {links}.")
-    return Model(
-        name=urdf.name or path.stem,
-        title=urdf.name or path.stem,
-        chain=chain_of(urdf, tip),
-        urdf=urdf,
-        joints=(),
-        poses={},
-        speeds={},
-        family=None,
-        baud_rate=0,
-        path=path,
-    )
-
-
-def _from_arm_file(path: Path, tip: str | None) -> Model:
-    arm = read_arm_file(path)
-    urdf = read_urdf(arm.urdf_path)
-    _check_tip(path, arm, urdf)
-    joints = tuple(_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
-    _check_poses(path, joints, arm)
-    return Model(
-        name=arm.name,
-        title=arm.title,
-        chain=chain_of(urdf, tip or arm.tip),
-        urdf=urdf,
-        joints=joints,
-        poses={name: _positions(pose) for name, pose in arm.poses.items()},
-        speeds={name: _speed(getattr(arm.speeds, name)) for name in ("slow", "normal", "fast")},
-        family=Family(arm.bus.family),
-        baud_rate=arm.bus.baud,
-        path=path,
-        floor_m=arm.surroundings.floor_m,
-        keep_out=tuple(
-            KeepOut(box.name, box.low_m, box.high_m) for box in arm.surroundings.keep_out
-        ),
-        health=_health(arm.health),
-        auto_unsafe="" if arm.calibration.auto else arm.calibration.reason or "no reason given",
-        gripper=_gripper(arm.gripper, joints),
-    )
-
-
-def _check_tip(path: Path, arm: ArmFile, urdf: Urdf) -> None:
-    links = [link.name for link in urdf.links]
-    if arm.tip not in links:
-        raise FileFormatError(path, "tip", f'is "{arm.tip}"', f"a link: {', '.join(links)}")
-
-
-def _joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> ModelJoint:
-    entry = arm.joints[index]
-    where = f"joints[{index}]"
-    body = _moving_joint(path, where, entry, urdf)
-    table = _table(path, f"{where}.servo.model", entry.servo.model)
-    for i, shadow in enumerate(entry.shadows):
-        _table(path, f"{where}.shadows[{i}].model", shadow.model)
-    if table.family != arm.bus.family:
-        found = f'is "{entry.servo.model}", a {table.family} servo'
-        raise FileFormatError(path, f"{where}.servo.model", found, f"a {arm.bus.family} servo")
-    joint_map = _joint_map(entry, table.ticks_per_turn)
-    return ModelJoint(
-        name=entry.name,
-        role=entry.role,
-        limits=Limits.of(entry.name, body.lower, body.upper, _ARM_FILE, joint_map.unit),
-        joint_map=joint_map,
-        travel_per_turn=joint_map.unit_per_tick / joint_map.horn_rad_per_tick * math.tau,
-        servo=ModelServo(entry.servo.id, entry.servo.model, entry.servo.eeprom),
-        shadows=tuple(ModelServo(s.id, s.model, s.eeprom) for s in entry.shadows),
-        zero_from=entry.zero_from,
-    )
-
-
-def _table(path: Path, where: str, model: str) -> type[ServoTable]:
-    if model not in MODELS:
-        raise FileFormatError(path, where, f'is "{model}"', f"one of: {', '.join(MODELS)}")
-    return MODELS[model]
-
-
-def _check_poses(path: Path, joints: Sequence[ModelJoint], arm: ArmFile) -> None:
-    """Check that every pose lies inside the limits of the URDF."""
-    limits = {joint.name: joint.limits for joint in joints}
-    for pose, table in arm.poses.items():
-        for name, position in _positions(table).items():
-            if not limits[name].holds(position):
-                where = f"poses.{pose}.{'m' if limits[name].unit == 'm' else 'deg'}.{name}"
-                found = f"is {say(position, limits[name].unit)}, outside the URDF's limits"
-                low, high = limits[name].lower.value, limits[name].upper.value
-                unit = limits[name].unit
-                raise FileFormatError(path, where, found, f"{say(low, unit)} to {say(high, unit)}")
-
-
-def _moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> UrdfJoint:
-    moving = {joint.name: joint for joint in urdf.joints if joint.kind.moves}
-    if entry.name not in moving:
-        known = ", ".join(moving)
-        raise FileFormatError(path, f"{where}.name", f'is "{entry.name}"', f"a joint of: {known}")
-    joint = moving[entry.name]
-    if (joint.kind.value == "prismatic") != entry.slides:
-        expected = "m_per_turn" if joint.kind.value == "prismatic" else "no m_per_turn"
-        found = f'"{entry.name}" is {joint.kind.value} in the URDF'
-        raise FileFormatError(path, f"{where}.servo", found, expected)
-    return joint
-
-
-def _joint_map(entry: ArmJoint, ticks_per_turn: float) -> JointMap:
-    servo = entry.servo
-    place = (entry.name, servo.id, servo.sign, servo.zero_tick, ticks_per_turn)
-    if servo.crank:
-        crank = Crank(servo.crank.radius_m, servo.crank.rod_m, math.radians(servo.crank.zero_deg))
-        return JointMap.cranked(*place, crank)
-    if servo.m_per_turn is None:
-        return JointMap.revolute(*place, servo.gear)
-    return JointMap.prismatic(*place, servo.m_per_turn)
-
-
-def _positions(pose: ArmPose) -> dict[str, float]:
-    return {name: math.radians(value) for name, value in pose.deg.items()} | dict(pose.m)
-
-
-def _speed(speed: ArmSpeed) -> Speed:
-    return Speed(math.radians(speed.deg_s), math.radians(speed.deg_s2), math.radians(speed.deg_s3))
-
-
-def _health(health: ArmHealth) -> HealthLimits:
-    given = {name: value for name, value in health if value is not None}
-    return HealthLimits(**given)
-
-
-def _gripper(gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
-    """Return the jaws; they close towards the end of the range that is nearer to zero."""
-    jaws = next((joint for joint in joints if joint.role == "gripper"), None)
-    if jaws is None:
-        return None
-    ends = jaws.limits.lower.value, jaws.limits.upper.value
-    closed = min(ends, key=abs) if gripper.closes_to is None else ends[gripper.closes_to == "upper"]
-    turned = tuple((math.radians(deg), width) for deg, width in gripper.width_m_by_deg)
-    away = ends[1] if closed == ends[0] else ends[0]
-    return Gripper(jaws.name, closed, away, turned or gripper.width_m_by_m)
+def _found(kind: str, name: object, known: Mapping[str, _T]) -> _T:
+    if not isinstance(name, str) or name not in known:
+        raise UnknownNameError(kind, name, known)
+    return known[name]

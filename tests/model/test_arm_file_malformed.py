@@ -22,6 +22,7 @@ def refused(path: Path, content: str) -> FileFormatError:
 
 NAMES = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 IDS = "a whole number from 0 to 252"
+BACKLASH = "degrees the horn turns in vain, 0 to 10"
 TICKS = "a finite number, such as 2048"
 EEPROM = "register = raw value, such as { drive_mode = 1 }"
 
@@ -62,14 +63,16 @@ SLIPS = {
     "no id":               ("id = 3, ", "", "joints[1].servo.id", "is missing", IDS),
     "id of a shadow":      ("id = 2", "id = 300", "joints[0].shadows[0].id", "is 300", IDS),
     "shadows is no list":  ("shadows = [{", "shadows = {a = 1}\nx = [{", "joints[0].x", "is not a known key (and 1 more to mend)",
-                            "one of name, role, zero_from, servo, shadows"),
+                            "one of name, role, zero_from, servo, backlash_deg, shadows"),
+    "negative backlash":   ('name = "elbow"', 'name = "elbow"\nbacklash_deg = -0.5', "joints[1].backlash_deg", "is -0.5", BACKLASH),
+    "backlash of a turn":  ('name = "elbow"', 'name = "elbow"\nbacklash_deg = 360.0', "joints[1].backlash_deg", "is 360.0", BACKLASH),
     "sign of zero":        ("id = 3, model = \"XM430-W350\", sign = 1", "id = 3, model = \"XM430-W350\", sign = 0", "joints[1].servo.sign", "is 0", "1 or -1"),
     "sign is true":        ("sign = -1", "sign = true", "joints[0].servo.sign", "is true", "1 or -1"),
     "zero tick nan":       ("zero_tick = 1024", "zero_tick = nan", "joints[1].servo.zero_tick", "is nan", TICKS),
     "zero tick infinite":  ("zero_tick = 1024", "zero_tick = 1e999", "joints[1].servo.zero_tick", "is inf", TICKS),
     "zero tick is a date": ("zero_tick = 1024", "zero_tick = 1979-05-27", "joints[1].servo.zero_tick", "is 1979-05-27", TICKS),
     "servo is a list":     ("servo = { id = 3", "servo = []\nx = { id = 3", "joints[1].x", "is not a known key (and 1 more to mend)",
-                            "one of name, role, zero_from, servo, shadows"),
+                            "one of name, role, zero_from, servo, backlash_deg, shadows"),
     "slides backwards":    ("m_per_turn = 0.0722", "m_per_turn = -0.0722", "joints[2].servo.m_per_turn", "is -0.0722", "metres a turn, above 0"),
     "register with space": ("drive_mode = 0", '"drive mode" = 0', "joints[0].servo.eeprom", 'has the key "drive mode"', EEPROM),
     "register is true":    ("drive_mode = 0", "drive_mode = true", "joints[0].servo.eeprom.drive_mode", "is true", EEPROM),

@@ -1,0 +1,54 @@
+"""Play that the arm file tells of: such a joint comes to its place from one side."""
+
+import re
+import shutil
+
+import pytest
+
+import ikservo
+from tests.arm.simulated import line_of, registers, servo_id, true_joints
+from tests.oracle import CONFIGS
+
+PAN, ID = "shoulder_pan", servo_id("so101", "shoulder_pan")
+PORT = "sim:?backlash_deg=0.5"
+
+
+@pytest.fixture
+def arm_file(tmp_path):
+    """Return the SO-101 with play known in the joint that no weight pulls to one side."""
+    folder = shutil.copytree(CONFIGS / "so101", tmp_path / "so101")
+    text = (folder / "arm.toml").read_text()
+    told = re.sub(rf"(name *= \"{PAN}\")", r"\1\nbacklash_deg = 0.5", text, count=1)
+    assert told != text
+    (folder / "arm.toml").write_text(told)
+    return folder
+
+
+def flanks(arm):
+    """Return on which flank of its play the joint rests at places that it comes to differently."""
+    found = []
+    for speed in ("slow", "fast"):
+        for start in (-0.3, 0.3):
+            arm.move_joints({PAN: start}, speed="fast")
+            arm.move_joints({PAN: 0.1}, speed=speed)
+            assert true_joints(arm)[PAN] == pytest.approx(0.1, abs=0.003)
+            found.append(line_of(arm).servos[ID].motor._lash_rad > 0.0)
+    return found
+
+
+def test_without_a_word_of_its_play_a_joint_rests_on_either_flank():
+    with ikservo.open_arm("so101", port=PORT) as arm:
+        assert len(set(flanks(arm))) == 2
+
+
+def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(arm_file):
+    with ikservo.open_arm(arm_file, port=PORT) as arm:
+        assert set(flanks(arm)) == {False}
+
+
+def test_it_does_not_go_below_its_limit_for_that(arm_file):
+    with ikservo.open_arm(arm_file, port=PORT) as arm:
+        lowest = arm._servos.fences[0].positions[0]
+        report = arm.move_joints({PAN: lowest}, speed="fast")
+        assert report.reached
+        assert registers(arm, "goal_position")[ID] in range(*sorted(arm._servos.fences[0].ticks))
