@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arm.given import joint_positions
-from ikservo.arm.planning import AS_IT_CAN, RISEN, Plan, Stance, risen
+from ikservo.arm.planning import AS_IT_CAN, RISEN, Plan, Stance, risen, stance_of
 from ikservo.arm.running import Running
 from ikservo.arm.trust import LARGEST_STEP_RAD
 from ikservo.errors import RefusedError
@@ -43,8 +43,9 @@ class Foreseeing(Running):
             RefusedError: On the way the arm would touch itself, the table or a box.
             CalibrationError: Nobody knows where the arm's zeros are.
         """
+        asked = stance_of(stance)
         return self.plan_by(
-            lambda here, pace: self._planner.to_point(here, position_m, pace, stance), speed
+            lambda here, pace: self._planner.to_point(here, position_m, pace, asked), speed
         )
 
     def plan_by(self, planning: Callable[[Vector, str], Plan], speed: str) -> Plan:

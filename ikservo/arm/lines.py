@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from numpy.typing import ArrayLike
 
 from ikservo.arm.given import number
-from ikservo.arm.planning import AS_IT_CAN, Plan, Stance
+from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, stance_of
 from ikservo.arm.reports import MoveReport, Progress
 from ikservo.arm.skills.skills import Skills
 from ikservo.kinematics.se3 import Vector
@@ -82,8 +82,8 @@ class Lines(Skills):
     ) -> Plan:
         """Plan a motion through points without a stop; see ``move_through``."""
         planner, blend_m = self.workings.planner, number("The blend", blend_m)
-        make = planner.on_lines if line else planner.through
-        return self.plan_by(lambda here, pace: make(here, points_m, pace, blend_m, stance), speed)
+        make, asked = (planner.on_lines if line else planner.through), stance_of(stance)
+        return self.plan_by(lambda here, pace: make(here, points_m, pace, blend_m, asked), speed)
 
     def move_through(
         self,

@@ -56,6 +56,9 @@ def main(words: Sequence[str] | None = None) -> int:
         return _report("Stopped.", "", ExitCode.STOPPED, as_json="--json" in words)
     except OSError as error:  # a full disk behind stdout, a reader that has gone
         _abandon_stdout()
+        ended = _ended_by(error)
+        if ended is not None:
+            return ended
         return _report(f"The answer could not be written: {error}.", "", ExitCode.FAILED)
 
 
@@ -104,11 +107,24 @@ def _abandon_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def _ended_by(error: BaseException) -> ExitCode | None:
+    """Return why the command ended that had no terminal left to say so; None for no such reason."""
+    reason = error.__context__
+    while reason is not None:
+        if isinstance(reason, IkservoError):
+            return reason.exit_code
+        if isinstance(reason, KeyboardInterrupt):
+            return ExitCode.STOPPED
+        reason = reason.__context__
+    return None
+
+
 def _report(message: str, hint: str, code: ExitCode, *, as_json: bool = False) -> int:
     if as_json:
         answer = {"schema": "ikservo/error/1", "error": message, "hint": hint, "exit_code": code}
         print(json.dumps(answer, ensure_ascii=False))  # noqa: T201
-    print(message, file=sys.stderr)  # noqa: T201
-    if hint:
-        print(hint, file=sys.stderr)  # noqa: T201
+    with contextlib.suppress(OSError):  # the terminal was closed: the code is all that is left
+        print(message, file=sys.stderr)  # noqa: T201
+        if hint:
+            print(hint, file=sys.stderr)  # noqa: T201
     return code

@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+import ikservo
 from ikservo.arm.planning import Planner, Stance
-from ikservo.errors import BadValueError, OrientationError, UnreachableError
+from ikservo.errors import BadValueError, OrientationError, UnknownNameError, UnreachableError
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import load_model
 from ikservo.model.tool import tool_of
@@ -128,3 +129,28 @@ def test_on_a_line_the_tool_is_turned_to_what_is_asked_at_its_end():
     plan = planner.on_lines(here, [goal_m], "normal", 0.02, Stance(pitch_rad=DEG(-40)))
     R = chain.forward(plan.goal[: chain.dof])[:3, :3]
     assert math.degrees(tool.pitch_rad(R)) == pytest.approx(-40, abs=0.5)
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim") as machine:
+        yield machine
+
+
+@pytest.mark.parametrize("stance", [None, "down", (0.0, 0.0, -1.0)])
+def test_what_is_no_stance_is_refused_in_words(arm, stance):
+    with pytest.raises(BadValueError, match="Stance"):
+        arm.move_to((0.2, 0.0, 0.15), stance=stance)
+    with pytest.raises(BadValueError, match="Stance"):
+        arm.move_line((0.2, 0.0, 0.15), stance=stance)
+
+
+def test_an_angle_that_is_no_number_is_refused_in_words():
+    with pytest.raises(BadValueError, match="The pitch"):
+        Stance(pitch_rad="down")
+
+
+@pytest.mark.parametrize("speed", [[], None, 1, "quick"])
+def test_a_speed_that_is_none_is_refused_in_words(arm, speed):
+    with pytest.raises(UnknownNameError, match="slow"):
+        arm.move_to((0.2, 0.0, 0.15), speed=speed)

@@ -1,6 +1,7 @@
 """Ctrl-C in mid-motion: the arm holds; a second one lowers it to its rest pose and lets go."""
 
 import contextlib
+import errno
 import signal
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from ikservo.arm import open_arm
 from ikservo.cli import session, stopping
 from ikservo.cli.run import main
+from ikservo.errors import StoppedError
 
 
 @pytest.fixture
@@ -62,6 +64,40 @@ def test_being_told_to_end_leaves_the_arm_holding(servos, monkeypatch, number):
     press(monkeypatch, [number])
     assert move() == 130
     assert torques(servos) == {1}
+
+
+class Gone:
+    """A terminal that was closed."""
+
+    encoding = "utf-8"
+
+    def isatty(self):
+        return False
+
+    def write(self, _):
+        raise OSError(errno.EIO, "Input/output error")
+
+    def flush(self):
+        raise OSError(errno.EIO, "Input/output error")
+
+
+def test_closing_the_terminal_is_a_stop_though_nothing_can_be_said_any_more(servos, monkeypatch):
+    press(monkeypatch, [signal.SIGHUP])
+    monkeypatch.setattr("ikservo.cli.session.note", lambda _: None)  # said while it was open
+    monkeypatch.setattr("sys.stderr", Gone())
+    assert move() == 130
+    assert torques(servos) == {1}
+
+
+def test_a_progress_bar_that_cannot_be_taken_away_does_not_hide_the_stop(monkeypatch):
+    def stopped_with_a_bar(_):
+        try:
+            raise StoppedError("Stopped; the arm holds.")
+        finally:
+            Gone().flush()
+
+    monkeypatch.setattr("ikservo.cli.run._run", stopped_with_a_bar)
+    assert main(["move"]) == 130
 
 
 def test_a_second_ctrl_c_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys):

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.arm.given import number
 from ikservo.errors import BadValueError
 from ikservo.ik import Target
 
-__all__ = ["AS_IT_CAN", "Stance"]
+__all__ = ["AS_IT_CAN", "Stance", "stance_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +43,7 @@ class Stance:
             ("pitch", self.pitch_rad, math.pi / 2),
             ("roll", self.roll_rad, math.tau),
         ):
-            if angle is not None and not abs(angle) <= most + 1e-9:
+            if angle is not None and not abs(number(f"The {name}", angle)) <= most + 1e-9:
                 raise BadValueError(
                     f"The {name}", f"{angle} rad", f"at most ±{math.degrees(most):.0f}°"
                 )
@@ -77,3 +78,14 @@ class Stance:
 
 AS_IT_CAN = Stance()
 """Nothing asked."""
+
+
+def stance_of(stance: object) -> Stance:
+    """Return how the tool shall stand.
+
+    Raises:
+        BadValueError: It is no ``Stance``.
+    """
+    if not isinstance(stance, Stance):
+        raise BadValueError("The stance", repr(stance), "a Stance, such as Stance(pitch_rad=0.0)")
+    return stance
