@@ -1,0 +1,58 @@
+"""Nothing is loaded or compiled while goals are streamed: no beat may wait for it."""
+
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+import gc, sys
+import ikservo
+from ikservo.arm.streaming.stream import Stream
+
+def loaded():
+    dispatcher = getattr(sys.modules.get("numba.core.dispatcher"), "Dispatcher", None)
+    found = [o for o in gc.get_objects()
+             if dispatcher and isinstance(o, dispatcher)]
+    return {name for name in sys.modules if "encodings" not in name}, {
+        f"{o.py_func.__qualname__}{s}" for o in found for s in o.signatures}
+
+run, late = Stream._stream, []
+
+def watched(self, *words):
+    modules, signatures = loaded()
+    try:
+        return run(self, *words)
+    finally:
+        after, compiled = loaded()
+        late.extend(sorted(after - modules) + sorted(compiled - signatures))
+
+Stream._stream = watched
+with ikservo.open_arm(ARM, port="sim") as arm:
+    tip_m = arm.where().tip_m
+    SKILL
+print(*late, sep="\\n")
+"""
+SKILLS = {
+    "follow": "arm.follow([tip_m + (0.0, 0.0, 0.01)] * 40)",
+    "follow joints": "arm.follow([{arm.chain.names[0]: 0.1}] * 40)",
+    "jog": "arm.jog('up', wanted=iter([True] * 20 + [False] * 99).__next__)",
+    "jog a joint": "arm.jog(arm.chain.names[0], wanted=iter([True] * 20 + [False] * 99).__next__)",
+    "move": "arm.pose('home')",
+    "line": "arm.pose('home'); late.clear(); arm.move_line(arm.where().tip_m + (0, 0, 0.02))",
+    "grip": "arm.gripper('open')",
+    "relax": "arm.relax()",
+}
+FEW = ("follow",)
+
+
+@pytest.mark.parametrize("name", ["so101", pytest.param("koch", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "skill", [pytest.param(s, marks=() if s in FEW else pytest.mark.campaign) for s in SKILLS]
+)
+def test_what_a_motion_needs_is_there_before_its_first_goal(name, skill):
+    program = PROGRAM.replace("ARM", repr(name)).replace("SKILL", SKILLS[skill])
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout.split(), done.stderr, done.returncode) == ([], "", 0)
