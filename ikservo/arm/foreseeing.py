@@ -119,7 +119,7 @@ class Foreseeing(Running):
         """Return whether the arm lies on itself, on the table or on a box, or nearly so."""
         if self._space is None:
             return False
-        return float(self._space.gaps([self.workings.in_chain(here)]).min()) < _LIES_M
+        return float(self._space.gaps([self.workings.in_body(here)]).min()) < _LIES_M
 
     def _rising(
         self, planning: Callable[[Vector, str], Plan], here: Vector, pace: str, asked: str
@@ -135,5 +135,5 @@ class Foreseeing(Running):
     def _clear(self, plan: Plan, asked: str) -> Plan:
         """Return the plan, if the body's way to its goal is free."""
         if self._space is not None and self.zeros.known:
-            self._space.check_way(self._planner.way(plan))
+            self._space.check_way(list(self.workings.in_body(self._planner.way(plan))))
         return replace(plan, slowed=plan.speed != asked)

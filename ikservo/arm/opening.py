@@ -24,7 +24,7 @@ from ikservo.hardware.finding.strangers import naming_strangers
 from ikservo.hardware.keeping.backup import back_up_once
 from ikservo.kinematics import Chain
 from ikservo.model import Model, ModelJoint, load_model
-from ikservo.model.shell import body_of
+from ikservo.model.shell import body_with_jaws
 
 __all__ = ["open_arm"]
 
@@ -103,7 +103,7 @@ def _fence(own: OwnArm, model: Model, joint: ModelJoint) -> Fence:
 
 def _space(model: Model) -> Space:
     boxes = [Box(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out]
-    return Space(body_of(model), model.floor_m, boxes)
+    return Space(body_with_jaws(model), model.floor_m, boxes)
 
 
 def _narrowed(chain: Chain, fences: Sequence[Fence]) -> Chain:

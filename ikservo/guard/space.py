@@ -46,7 +46,8 @@ class Space:
     """Looks at where the body goes before it moves.
 
     Args:
-        body: The arm's capsules.
+        body: The arm's capsules; where its vectors end with the gripper's joint, the jaws are
+            looked at where they are.
         floor_m: Height of the table in the base frame; None for none.
         boxes: What else to keep out of.
 
@@ -66,6 +67,11 @@ class Space:
         # What stands on the table touches it.
         self._watched = np.array([link != packed.base for link, _ in self.pairs])
         self._watched[: len(packed.pairs)] = True
+
+    @property
+    def dof(self) -> int:
+        """Return the length of the joint vectors."""
+        return self._body.dof
 
     def check_way(self, way: Sequence[Vector]) -> None:
         """Check joint vectors (dof,) along a way, the first being where the arm is.

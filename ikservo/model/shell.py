@@ -6,24 +6,53 @@ import math
 
 import numpy as np
 
+from ikservo.kinematics import Chain
 from ikservo.kinematics.body import Body
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.se3 import Vector, rotation_rpy
 from ikservo.model.model import Model
+from ikservo.model.skeleton import chain_of
 from ikservo.model.urdf import Box, Cylinder, Mesh, Shape, Sphere
 
-__all__ = ["body_of", "capsules_around"]
+__all__ = ["body_of", "body_with_jaws", "capsules_around"]
 
 
 def body_of(model: Model) -> Body:
     """Return the arm's capsules and the pairs of links that its named poses keep apart."""
-    capsules = [
+    return Body(model.chain, _capsules(model), [model.chain_pose(name) for name in model.poses])
+
+
+def body_with_jaws(model: Model) -> Body:
+    """Return the body whose joint vectors end with the gripper's joint, where the arm has one.
+
+    In ``body_of`` jaws stand still: closed, or as near to that as zero is. Here they are where the
+    vector says; those of jaws that do not hang behind the chain's last joint stand still, too.
+    """
+    chain, gripper = _chain_to_jaws(model), model.gripper
+    if chain is None or gripper is None:
+        return body_of(model)
+    poses = [np.array([pose[name] for name in chain.names]) for pose in model.poses.values()]
+    closed = [np.append(q[:-1], gripper.closed) for q in poses]  # jaws may touch each other
+    return Body(chain, _capsules(model), poses + closed)
+
+
+def _chain_to_jaws(model: Model) -> Chain | None:
+    jaws = [joint.child for joint in model.urdf.joints
+            if model.gripper is not None and joint.name == model.gripper.joint]  # fmt: skip
+    for jaw in jaws:
+        chain = chain_of(model.urdf, jaw)
+        if chain.names[:-1] == model.chain.names:
+            return chain
+    return None
+
+
+def _capsules(model: Model) -> list[Capsule]:
+    return [
         capsule
         for link in model.urdf.links
         for shape in link.collisions
         for capsule in capsules_around(link.name, shape)
     ]
-    return Body(model.chain, capsules, [model.chain_pose(name) for name in model.poses])
 
 
 def capsules_around(link: str, shape: Shape) -> list[Capsule]:

@@ -11,7 +11,8 @@ import ikservo
 from ikservo.errors import BadValueError, InputError, RefusedError, UnknownNameError
 from servosim.hand import Hand, glide
 from tests.arm.auditing import Auditor
-from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
+from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
+from tests.oracle import tip_from_joints
 
 
 @pytest.fixture
@@ -80,9 +81,10 @@ def test_after_silence_it_holds_and_returns(arm):
         while True:
             yield None
 
-    report = arm.follow(stream())
+    times_s = []
+    report = arm.follow(stream(), on_progress=lambda _: times_s.append(arm.workings.now_s()))
     assert report.ended == "nothing came for 0.3 s"
-    assert 0.3 <= report.duration_s <= 0.9
+    assert 0.3 <= times_s[-1] - times_s[0] <= 0.9
     assert all(registers(arm, "torque_enable").values())
     assert true_joints(arm)["shoulder_pan"] < 0.6
 
@@ -116,6 +118,75 @@ def test_what_the_guard_refuses_is_not_gone_to_and_the_reason_is_kept(arm):
     assert report.refused == 1
     assert "would touch" in report.reason
     assert np.linalg.norm(true_tip_m(arm) - before) < 0.01
+
+
+def exact_tip_m(arm):
+    """Return the tip (3,) [m] that the joints have, finer than any tick."""
+    at = {joint.name: joint.position for joint in line_of(arm).world.joints}
+    return tip_from_joints(arm.model.name, at)
+
+
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_a_stream_under_load_ends_within_a_millimetre_of_its_last_point(name):
+    with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5") as arm:
+        start_m = arm.where().tip_m
+        way_m = np.linspace((0.0, 0.0, 0.0), (0.0, 0.04, 0.03), beats(arm, 2.0))
+        report = arm.follow(start_m + way_m)
+        last_m = start_m + way_m[-1]
+        assert (report.refused, report.ended) == (0, "the stream ended")
+        assert np.linalg.norm(report.measured_tip_m - last_m) < 1e-3
+        assert np.linalg.norm(exact_tip_m(arm) - last_m) < 1e-3
+
+
+def test_after_a_refused_wish_it_ends_at_the_one_before(arm):
+    point_m = np.add(arm.where().tip_m, (0.02, 0.0, 0.02))
+    below_m = point_m * (1.0, 1.0, 0.0) - (0.0, 0.0, 0.05)
+    report = arm.follow([*[point_m] * beats(arm, 1.5), *[below_m] * beats(arm, 0.2)])
+    assert report.refused == 1
+    assert np.linalg.norm(exact_tip_m(arm) - point_m) < 1e-3
+
+
+def test_braked_on_its_way_it_does_not_sag(arm):
+    arm.pose("home")
+    start = true_joints(arm)
+    arm.follow([{"shoulder_pan": 1.0}])
+    end = true_joints(arm)
+    assert 0.02 < end["shoulder_pan"] - start["shoulder_pan"] < 0.6
+    for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):
+        assert end[joint] == pytest.approx(start[joint], abs=math.radians(0.3)), joint
+
+
+def test_joints_that_no_wish_named_stay_where_they_stood(arm):
+    arm.move_to((0.25, 0.05, 0.15), speed="fast")
+    before = true_joints(arm)
+    furthest = dict.fromkeys(before, 0.0)
+
+    def look(_):
+        for joint, at in true_joints(arm).items():
+            furthest[joint] = max(furthest[joint], abs(at - before[joint]))
+
+    arm.follow([{"shoulder_pan": 0.1}] * beats(arm, 1.0), on_progress=look)
+    look(None)
+    for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):
+        assert furthest[joint] < math.radians(0.6), joint
+
+
+def test_a_stream_without_a_wish_moves_nothing(arm):
+    arm.move_to((0.25, 0.05, 0.15), speed="fast")
+    before = registers(arm, "goal_position")
+    report = arm.follow([None] * 5)
+    assert (report.wishes, report.ended) == (0, "the stream ended")
+    assert registers(arm, "goal_position") == before
+
+
+def test_a_wish_that_stands_is_not_corrected_for_ever(arm):
+    line_of(arm).servos[servo_id("so101", "wrist_flex")].motor.stuck = True
+    auditor = Auditor(arm)
+    arm.follow([{"wrist_flex": true_joints(arm)["wrist_flex"] + 0.04}] * beats(arm, 6.0))
+    end_s = auditor.goals[-1].time_s
+    late = [g for g in auditor.goals if end_s - 3.5 < g.time_s < end_s - 3.0]
+    assert late
+    assert {g.tick - g.last for g in late} == {0}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The gripper opens and closes, stops at what stands between its jaws, and holds it gently."""
 
+import itertools
 import math
 
 import pytest
@@ -56,9 +57,52 @@ def test_closing_on_nothing_is_no_grasp(so101):
     assert report.position_rad == pytest.approx(jaws(so101).closed, abs=0.06)
 
 
-def test_jaws_too_weak_to_close_have_grasped_nothing(so101):
+LONG = pytest.mark.campaign
+FEW = (("so101", "open", 0.05), ("koch", "half-way", 0.07), ("px100", "half-way", 0.05))
+CREEPING = [
+    pytest.param(*case, marks=() if case in FEW else LONG)
+    for case in itertools.product(["so101", "koch", "px100"], ["open", "half-way"], [0.05, 0.07])
+]
+
+
+@pytest.mark.parametrize(("name", "begun", "force"), CREEPING)
+def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name, begun, force):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        half = (jaws(arm).closed + jaws(arm).open) / 2
+        arm.move_joints({jaws(arm).joint: jaws(arm).open if begun == "open" else half})
+        report = arm.gripper("close", force=force)
+        assert (report.reached, report.grasped) == (True, False)
+
+
+@pytest.mark.parametrize(
+    "name", ["so101", *(pytest.param(name, marks=LONG) for name in ("koch", "px100"))]
+)
+def test_the_least_force_grasps_what_stands_between_the_jaws(name):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        arm.gripper("open")
+        at = put_between(arm, 0.3)
+        report = arm.gripper("close", force=0.05)
+        assert (report.reached, report.grasped) == (False, True)
+        assert report.position_rad == pytest.approx(
+            at, abs=0.04 * abs(jaws(arm).open - jaws(arm).closed)
+        )
+
+
+def test_what_yields_is_pressed_until_it_yields_no_more(so101):
     so101.gripper("open")
-    report = so101.gripper("close", force=0.05)
+    closed, opened = jaws(so101).closed, jaws(so101).open
+    there, end = (closed + share * (opened - closed) for share in (0.6, 0.3))
+    sponge = Hand(lambda s: (max(there - 0.15 * s, end), 0.0), limit=1e4, only=1)
+    line_of(so101).world.grasp("gripper", sponge)
+    report = so101.gripper("close")
+    assert report.grasped
+    assert report.position_rad == pytest.approx(end, abs=0.04 * (opened - closed))
+
+
+def test_jaws_that_stick_wide_open_have_grasped_nothing(so101):
+    so101.gripper("open")
+    line_of(so101).servos[servo_id("so101", "gripper")].motor.stuck = True
+    report = so101.gripper("close")
     assert (report.reached, report.grasped) == (False, False)
 
 

@@ -17,7 +17,7 @@ from ikservo.arm.planning.standing import Standing, check_stance, stand
 from ikservo.errors import BadValueError
 from ikservo.ik import Target
 from ikservo.kinematics import Chain
-from ikservo.kinematics.se3 import Vector, log_so3
+from ikservo.kinematics.se3 import Matrix, Vector, log_so3
 from ikservo.model import Model
 from ikservo.model.tool import tool_of
 from ikservo.motion import Course, Embedded, JointMove, JointRoute, Pace, ToolRoute
@@ -149,12 +149,12 @@ class Planner:
             goal[self.column(name)] = position
         return self._plan(here, JointMove(here, goal, self.paces(speed)), speed)
 
-    def way(self, plan: Plan) -> list[Vector]:
-        """Return the chain's joints (dof,) along a plan, near enough to look for contact."""
+    def way(self, plan: Plan) -> Matrix:
+        """Return all joints (k, n) along a plan, near enough to look for contact."""
         fastest = max(pace.speed_rad_s for pace in self.paces(plan.speed))
         looks = max(2, 1 + math.ceil(plan.duration_s * fastest / _LOOK_RAD))
         times_s = np.linspace(0.0, plan.duration_s, looks)
-        return [plan.course.state(time_s).position[self._columns] for time_s in times_s]
+        return np.array([plan.course.state(time_s).position for time_s in times_s])
 
     def column(self, joint: str) -> int:
         """Return where a joint stands in the vectors of plans."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import repeat
 
+from ikservo.arm.arriving.settling import settle
 from ikservo.arm.reports import Progress
-from ikservo.arm.skills.leading import lead
+from ikservo.arm.skills.leading import lead, standing
 from ikservo.arm.skills.tracking import Tracker, Wish
 from ikservo.arm.skills.workings import Workings
 from ikservo.arm.streaming.beat import Beat
@@ -29,9 +31,9 @@ class FollowReport:
         refused: How often the guard would not have a new one; the arm stayed with the one before.
         reason: Why the last of those was refused.
         ended: Why it ended: the stream's end, or its silence.
-        measured_rad: Where the joints are in the end, rad or m by name.
+        measured_rad: Where the joints are in the end, corrected, rad or m by name.
         measured_tip_m: Where that puts the tip (3,), metres.
-        duration_s: From the first wish to rest.
+        duration_s: From the first wish to rest, the correction included.
     """
 
     wishes: int
@@ -61,29 +63,32 @@ class _Follower:
         self.reason = self.ended = ""
 
     def goal(self, beat: Beat) -> Vector | None:
-        """Return where to go (n,); None at the end of the stream, or after too long a silence."""
+        """Return where to go (n,); None after too long a silence."""
         if self._goal is None:
-            self._goal = beat.goals
+            self._goal = standing(self._arm, beat)
             self._dead_man.fresh(self._arm.now_s())
         if self._on_progress:
             tip_m = self._arm.planner.tip(beat.measured)
             self._on_progress(Progress(beat.time_s, beat.duration_s, tip_m))
-        try:
-            wish = next(self._wishes)
-        except StopIteration:
-            self.ended = "the stream ended"
-            return None
-        return self._heard(wish, self._goal)
+        return self._heard(self._next(), self._goal)
 
     def refused(self, error: RefusedError) -> None:
         """Count a wish that the guard would not have."""
         self.refusals += 1
         self.reason = error.message
 
+    def _next(self) -> Wish | None:
+        """Return the next wish; a stream that has ended is one that is silent from then on."""
+        try:
+            return next(self._wishes)
+        except StopIteration:
+            self.ended, self._wishes = "the stream ended", repeat(None)
+            return None
+
     def _heard(self, wish: Wish | None, last: Vector) -> Vector | None:
         now_s = self._arm.now_s()  # a stream may have kept us waiting
         if self._dead_man.check(now_s):
-            self.ended = f"nothing came for {_SILENCE_S} s"
+            self.ended = self.ended or f"nothing came for {_SILENCE_S} s"
             return None
         if wish is not None:
             self._dead_man.fresh(now_s)
@@ -102,7 +107,8 @@ def follow(
     """Follow a stream; see ``Arm.follow``."""
     follower = _Follower(arm, wishes, on_progress)
     started_s = arm.now_s()
-    measured = lead(arm, follower, speed)
+    belongs = lead(arm, follower, speed, loaded=True)
+    measured = arm.servos.measure() if belongs is None else settle(arm, belongs, speed)
     return FollowReport(
         wishes=follower.count,
         unreached=follower.unreached,

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import cast
 
-from ikservo.arm.reports import JointReport, Progress
-from ikservo.arm.skills.following import FollowReport, follow
+from ikservo.arm.reports import JointReport
 from ikservo.arm.skills.gripping import GripReport, Opening, grip
-from ikservo.arm.skills.jogging import JogReport, Wanted, jog
 from ikservo.arm.skills.poses import Poses
-from ikservo.arm.skills.teleoperation import led_by
-from ikservo.arm.skills.tracking import Wish
-from ikservo.arm.skills.workings import Workings
+from ikservo.arm.skills.steered import OnProgress, Steered
 from ikservo.arm.tapes.recording import RecordReport, heading_of, record
 from ikservo.arm.tapes.replaying import ReplayReport, replay
 from ikservo.errors import BadValueError
 
-__all__ = ["OnProgress", "Skills"]
-
-OnProgress = Callable[[Progress], None]
+__all__ = ["Skills"]
 
 
-class Skills(ABC):
+class Skills(Steered, ABC):
     """The base of ``Arm``: each skill has a room of its own, and works with its ``workings``.
 
     Attributes:
@@ -32,7 +25,6 @@ class Skills(ABC):
         poses: The poses of its arm file, and those it was taught.
     """
 
-    workings: Workings
     poses: Poses
 
     @abstractmethod
@@ -114,91 +106,13 @@ class Skills(ABC):
 
         Raises:
             IkservoError: The arm has no gripper.
+            RefusedError: A jaw would touch something on its way; nothing has moved.
             BadValueError: The width is out of its range or unknown, or the force is no share.
         """
         goal = to if width_m is None else width_m
         if goal is None or (to is not None and width_m is not None):
             raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
         return grip(self.workings, goal, force, on_progress)
-
-    def jog(self, what: str, speed: float | None = None, *, wanted: Wanted) -> JogReport:
-        """Let a joint or the tip go on in one direction for as long as somebody wants it.
-
-        Args:
-            what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
-            speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative the other way. The
-                arm file's slow speed, or 0.05 m/s, if None.
-            wanted: Asked at each beat: True goes on, False brakes and holds, None is no news.
-                After 0.3 s without news it brakes and holds, too.
-
-        Returns:
-            Where it ended, and why: nobody wanted it, a limit, or the guard.
-
-        Raises:
-            UnknownNameError: No such joint or direction.
-            BadValueError: The speed is zero, not finite or too high.
-        """
-        return jog(self.workings, what, speed, wanted)
-
-    def follow(
-        self,
-        wishes: Iterable[Wish | None],
-        *,
-        speed: str = "normal",
-        on_progress: OnProgress | None = None,
-    ) -> FollowReport:
-        """Follow a stream of wishes, one at each beat, until it ends or falls silent.
-
-        Each beat takes the next item: a ``Target``, a point (3,) [m], a pose (4, 4) of the tip,
-        positions by joint [rad or m], or None for nothing new. The arm goes there as fast as its
-        speed class allows, without a stop or a jump, and keeps to its branch. After 0.3 s without
-        a wish it brakes, holds and returns.
-
-        Args:
-            wishes: The stream; a generator may wait for what it yields.
-            speed: slow, normal or fast.
-            on_progress: Called at every beat.
-
-        Raises:
-            BadValueError: An item is no wish; the arm was braked first.
-            StoppedError: Somebody stopped it; the arm holds.
-        """
-        self.workings.zeros.check(self.workings.model.name)
-        self.workings.model.speed(speed)
-        if not isinstance(cast("object", wishes), Iterable):
-            raise BadValueError("The stream", repr(wishes), "wishes one after another")
-        return follow(self.workings, wishes, speed, on_progress)
-
-    def follow_arm(
-        self,
-        leader: Skills,
-        *,
-        speed: str = "normal",
-        until: Callable[[], bool] | None = None,
-        on_progress: OnProgress | None = None,
-    ) -> FollowReport:
-        """Follow another arm that a person leads by hand, joint by joint of the same name.
-
-        The leader's torque is left as it is; its gripper leads the gripper. This arm's own limits
-        hold, and where the leader does not answer for 0.3 s, it brakes and holds.
-
-        Args:
-            leader: An open arm on another port.
-            speed: slow, normal or fast; fast keeps closest.
-            until: Ends it by returning True.
-            on_progress: Called at every beat.
-
-        Raises:
-            InputError: The arms have no joint in common.
-            CalibrationError: Nobody knows where the leader's zeros are.
-        """
-        leader.workings.zeros.check(leader.workings.model.name)
-        beat_s = self.workings.servos.beat_s
-        return self.follow(
-            led_by(leader.workings, self.workings, beat_s, until),
-            speed=speed,
-            on_progress=on_progress,
-        )
 
     def record(
         self,

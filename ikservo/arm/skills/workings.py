@@ -81,12 +81,20 @@ class Workings:
         q = self.chain.clip(np.zeros(self.chain.dof))
         Solver(self.chain, "position").track(self.chain.forward(q), q)
         if self.space is not None:
-            self.space.gaps([q])
+            self.space.gaps([np.zeros(self.space.dof)])
 
     def in_chain(self, joints: Matrix) -> Matrix:
         """Return the columns of the chain (…, dof) out of vectors of all joints (…, n)."""
         columns = [self.planner.column(name) for name in self.chain.names]
         return joints[..., columns]
+
+    def in_body(self, joints: Matrix) -> Matrix:
+        """Return the columns that the body is looked at with: the chain's, then the gripper's."""
+        chained = self.in_chain(joints)
+        if self.model.gripper is None or self.space is None or self.space.dof == self.chain.dof:
+            return chained
+        jaws = self.planner.column(self.model.gripper.joint)
+        return np.concatenate([chained, joints[..., jaws : jaws + 1]], axis=-1)
 
     def check_move(self, move: JointMove) -> None:
         """Check the way of a motion as it will be gone, braking and turning round included.
@@ -95,7 +103,7 @@ class Workings:
             RefusedError: Something would be touched.
         """
         if self.space is not None and self.zeros.known:
-            self.space.check_way(list(self.in_chain(np.array(move.way(_LOOK_RAD)))))
+            self.space.check_way(list(self.in_body(np.array(move.way(_LOOK_RAD)))))
 
     def check_way(self, here: Vector, goal: Vector) -> None:
         """Check the straight way of the joints (n,) to a goal for contact of the body.
@@ -105,7 +113,7 @@ class Workings:
         """
         if self.space is None or not self.zeros.known:
             return
-        self.space.check_way(list(self.in_chain(straight(here, goal))))
+        self.space.check_way(list(self.in_body(straight(here, goal))))
 
     def check_recorded(self, way: Matrix) -> None:
         """Check a recorded way (k, n) of the joints for contact of the body.
@@ -118,7 +126,7 @@ class Workings:
         """
         if self.space is None or not self.zeros.known:
             return
-        looks = list(self.in_chain(way))
+        looks = list(self.in_body(way))
         gap_m = self.space.gaps(looks)
         ends_m = np.minimum(gap_m[0], gap_m[-1])
         least_m = np.where(ends_m < _LIES_M, np.minimum(ends_m, 0.0) - _SINKS_M, 0.0)
