@@ -3,12 +3,13 @@
 from ikservo.ik.batch import BatchResult, solve_batch
 from ikservo.ik.methods import METHODS
 from ikservo.ik.options import Options, Posture, Tolerance
-from ikservo.ik.result import Binding, Result
+from ikservo.ik.result import BUILD, Binding, Result
 from ikservo.ik.solver import solve
 from ikservo.ik.streaming import Solver
 from ikservo.ik.target import Target
 
 __all__ = [
+    "BUILD",
     "METHODS",
     "BatchResult",
     "Binding",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ikservo.errors import BadValueError
-from ikservo.ik.kernel.layout import GAP, ITERATIONS, REACHED, TURN
+from ikservo.ik.kernel.layout import FURTHEST_M, FURTHEST_RAD, GAP, ITERATIONS, REACHED, TURN
 from ikservo.ik.options import Options
 from ikservo.ik.preparing import (
     Kind,
@@ -23,10 +23,9 @@ from ikservo.ik.preparing import (
     kind_named,
     prepared,
     settings_of,
-    unit_axis,
 )
-from ikservo.ik.target import FURTHEST_M
-from ikservo.kinematics import Chain, finite_array, finite_vector
+from ikservo.ik.target import near, unit
+from ikservo.kinematics import Chain, finite_array
 from ikservo.kinematics.numbers import numbers
 from ikservo.kinematics.se3 import Matrix, Vector
 
@@ -88,10 +87,10 @@ def solve_batch(
     _check_workers(workers)
     options = options or Options()
     check_options(options)
-    questions, asked = _questions(targets, kind, unit_axis(tool_axis))
+    questions, asked = _questions(targets, kind, unit(tool_axis, "tool_axis"))
     starts = _starts(chain, q0s, len(questions))
-    offset = None if offset_m is None else finite_vector(offset_m, 3, "offset_m")
-    axis = unit_axis(tool_axis) if asked is Kind.DIRECTION else None
+    offset = None if offset_m is None else near(offset_m, "offset_m")
+    axis = unit(tool_axis, "tool_axis") if asked is Kind.DIRECTION else None
     ready = prepared(chain, frame, offset, axis, options.restarts)
     settings = settings_of(asked, chain.dof, options)
     answers = Worker(chain.dof, options.restarts, len(questions)).answer
@@ -145,8 +144,8 @@ def _near(points_m: Matrix) -> Matrix:
     return points_m
 
 
-def _check_workers(workers: object) -> None:
-    if workers is not None and not (isinstance(workers, int) and workers >= 1):
+def _check_workers(workers: int | None) -> None:
+    if workers is not None and not (np.asarray(workers).dtype.kind in "iu" and workers >= 1):
         raise BadValueError("workers", repr(workers), "a whole number, at least 1, or None")
 
 
@@ -157,6 +156,8 @@ def _starts(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
         given = numbers(q0s, "q0s", "numbers of shape (m, dof) or (dof,)")
         shape = (chain.dof,) if given.ndim == 1 else (count, chain.dof)
         starts = np.broadcast_to(finite_array(given, shape, "q0s"), (count, chain.dof))
+    if starts.size and float(np.abs(starts).max()) > FURTHEST_RAD:
+        raise BadValueError("A start", f"{np.abs(starts).max():g}", "radians and metres, to 1e6")
     return np.array(starts, order="C")
 
 

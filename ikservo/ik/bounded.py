@@ -11,13 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from ikservo.errors import BadValueError
 from ikservo.ik.kernel.layout import TRACED
 from ikservo.ik.options import Options
 from ikservo.ik.preparing import Kind, Worker, kernel, prepared, settings_of
 from ikservo.ik.reading import result_of
 from ikservo.ik.result import Result
-from ikservo.ik.target import Target
-from ikservo.kinematics import Chain, finite_vector
+from ikservo.ik.target import Target, near
+from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector
 
 __all__ = ["bounded"]
@@ -43,7 +44,7 @@ def bounded(
     worker = Worker(chain.dof, restarts, traced=_TRACED if options.trace else 0)
     _ask(target, kind, worker)
     worker.start[0] = q0
-    kernel()(
+    wrong = kernel()(
         ready.arm,
         worker.question,
         settings_of(kind, chain.dof, options),
@@ -53,6 +54,8 @@ def bounded(
         worker.trace,
         worker.answer,
     )
+    if wrong >= 0:
+        raise BadValueError("The question", "none", "finite numbers and a rotation")
     result = result_of(chain, worker.answer[0], "bounded")
     return replace(result, trace=_trace(chain, q0, worker)) if options.trace else result
 
@@ -74,7 +77,7 @@ def _kind(target: Target) -> Kind:
 
 
 def _offset(target: Target) -> Vector | None:
-    return None if target.offset_m is None else finite_vector(target.offset_m, 3, "offset_m")
+    return None if target.offset_m is None else near(target.offset_m, "offset_m")
 
 
 def _axis(target: Target, kind: Kind) -> Vector | None:

@@ -82,6 +82,10 @@ class Options:
         _check_above_0("turn_weight_m_rad", self.turn_weight_m_rad)
         if math.isinf(self.turn_weight_m_rad):
             raise BadValueError("turn_weight_m_rad", self.turn_weight_m_rad, "a finite number")
+        for what, value in (("track", self.track), ("trace", self.trace)):
+            _check_kind(what, value, bool)
+        if self.position_first is not None:
+            _check_kind("position_first", self.position_first, bool)
         _check_kind("The tolerance", self.tolerance, Tolerance)
         if self.posture is not None:
             _check_kind("The posture", self.posture, Posture)

@@ -11,13 +11,12 @@ from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik.marks import marked
 from ikservo.ik.options import Options
 from ikservo.ik.seeds import seeds
-from ikservo.kinematics import Chain, finite_vector, pack
+from ikservo.kinematics import Chain, pack
 from ikservo.kinematics.packing import turn_z_onto
 from ikservo.kinematics.se3 import Matrix, Vector
 
@@ -34,7 +33,6 @@ __all__ = [
     "kind_named",
     "prepared",
     "settings_of",
-    "unit_axis",
 ]
 
 KindName = Literal["position", "direction", "pose"]
@@ -82,15 +80,6 @@ def kind_named(name: str) -> Kind:
     if str(name).upper() not in Kind.__members__:
         raise UnknownNameError("kind of target", name, [kind.name.lower() for kind in Kind])
     return Kind[name.upper()]
-
-
-def unit_axis(tool_axis: ArrayLike) -> Vector:
-    """Return a tool axis (3,) with length one; BadValueError where it has none."""
-    axis = finite_vector(tool_axis, 3, "tool_axis")
-    length = math.sqrt(float(axis @ axis))
-    if length < 1e-12:
-        raise BadValueError("tool_axis", "zero", "a direction")
-    return axis / length
 
 
 @cache

@@ -7,7 +7,10 @@ from typing import Literal
 
 from ikservo.kinematics.se3 import Vector
 
-__all__ = ["Binding", "Result"]
+__all__ = ["BUILD", "Binding", "Result"]
+
+BUILD = "the arm's build"
+"""What holds an arm back where no limit does: its lengths, or how few ways its joints turn."""
 
 
 @dataclass(frozen=True, slots=True)

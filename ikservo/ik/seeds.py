@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ikservo.kinematics import Chain
+from ikservo.kinematics import Chain, JointKind
 from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["seeds"]
@@ -20,12 +20,20 @@ def seeds(chain: Chain, count: int) -> Matrix:
     Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: point i is
     ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dof + 1) = φ + 1``.
     """
-    low, high = np.maximum(chain.lower_rad, -math.pi), np.minimum(chain.upper_rad, math.pi)
-    outside = low > high  # a range that begins beyond a half turn
-    low[outside], high[outside] = chain.lower_rad[outside], chain.upper_rad[outside]
+    low, high = _worth_a_look(chain)
     points = chain.clip(low + (high - low) * _evenly(count, chain.dof))
     points[:1] = chain.middle()
     return points
+
+
+def _worth_a_look(chain: Chain) -> tuple[Vector, Vector]:
+    """Return the limits (dof,) each, of more than a turn the one that is nearest to zero."""
+    low, high = chain.lower_rad.copy(), chain.upper_rad.copy()
+    wide = (high - low > math.tau) & [kind is not JointKind.PRISMATIC for kind in chain.kinds]
+    wide |= ~np.isfinite(low) | ~np.isfinite(high)
+    first = np.clip(-math.pi, low[wide], high[wide] - math.tau)
+    low[wide], high[wide] = first, first + math.tau
+    return low, high
 
 
 def _evenly(count: int, dimensions: int) -> Matrix:

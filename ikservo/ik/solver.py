@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
+from ikservo.ik.kernel.layout import FURTHEST_RAD
 from ikservo.ik.methods import method_named
 from ikservo.ik.options import RESTARTS, Options, Posture, Tolerance
 from ikservo.ik.preparing import check_chain
@@ -14,10 +15,6 @@ from ikservo.ik.target import Target
 from ikservo.kinematics import Chain, finite_vector
 
 __all__ = ["solve"]
-
-
-# A million radians still have a tenth of a nanoradian between two numbers.
-_FURTHEST_RAD = 1e6
 
 
 def solve(
@@ -77,7 +74,7 @@ def solve(
     check_chain(chain)
     _check_target(target)
     start = chain.middle() if q0 is None else finite_vector(q0, chain.dof, "q0")
-    if float(np.abs(start).max()) > _FURTHEST_RAD:
+    if float(np.abs(start).max()) > FURTHEST_RAD:
         raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
     return method_named(method)(chain, target, start, options)
 

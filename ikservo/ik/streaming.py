@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
-from ikservo.ik.kernel.layout import REACHED
+from ikservo.ik.kernel.layout import FURTHEST_RAD, REACHED
 from ikservo.ik.options import Options, Tolerance
 from ikservo.ik.preparing import (
     BOTTOM,
@@ -23,10 +23,11 @@ from ikservo.ik.preparing import (
     kind_named,
     prepared,
     settings_of,
-    unit_axis,
 )
 from ikservo.ik.reading import result_of
 from ikservo.ik.result import Result
+from ikservo.ik.side import Side
+from ikservo.ik.target import near, unit
 from ikservo.kinematics import Chain, finite_array, finite_vector
 from ikservo.kinematics.se3 import Vector
 
@@ -38,7 +39,8 @@ class Solver:
 
     Calling it is ``solve``: it begins at ``q0`` and starts again elsewhere where that leads
     nowhere. ``track`` follows a path: it walks from ``q0`` only, never jumps to another branch,
-    and where a limit blocks it goes as near as it can.
+    and where a limit blocks it goes as near as it can. A path that goes on from the last answer
+    and stretched the arm straight comes back on the side that it went out by.
 
     Args:
         chain: The arm.
@@ -71,8 +73,8 @@ class Solver:
         check_options(options)
         self.chain, self.kind = chain, kind
         self._kind = kind_named(kind)
-        self._axis = unit_axis(tool_axis)
-        offset = None if offset_m is None else finite_vector(offset_m, 3, "offset_m")
+        self._axis = unit(tool_axis, "tool_axis")
+        offset = None if offset_m is None else near(offset_m, "offset_m")
         axis = self._axis if self._kind is Kind.DIRECTION else None
         ready = prepared(chain, frame, offset, axis, options.restarts)
         self._arm, self._seeds = ready.arm, ready.seeds
@@ -83,6 +85,7 @@ class Solver:
         self._rotation = worker.question[0, 3:].reshape(3, 3)
         self._shape = (chain.dof,)
         self._reached = 2 * chain.dof + REACHED
+        self._side, self._asked = Side(chain.dof), False
 
     def __call__(
         self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
@@ -92,7 +95,8 @@ class Solver:
         ``out`` (dof,) takes the joints, where given; without it an array is made.
 
         Raises:
-            BadValueError: A shape is wrong, a number is not finite, or the rotation is none.
+            BadValueError: A shape is wrong, or a number that counts is not finite, too large or
+                no part of a rotation.
         """
         return self._ask(self._settings, T_world_tool, q0, out)
 
@@ -103,28 +107,42 @@ class Solver:
 
         Args and errors are those of a call; where a limit blocks, ``result`` names it.
         """
-        return self._ask(self._track, T_world_tool, q0, out)
+        q, reached = self._ask(self._track, T_world_tool, q0, out)
+        if reached and self._side.left_at(q0):
+            q, reached = self._ask(self._track, T_world_tool, self._side.start(), out)
+            if not reached:
+                q, reached = self._ask(self._track, T_world_tool, q0, out)
+        self._side.note(q0, q, reached=reached)
+        return q, reached
 
     @property
     def result(self) -> Result:
-        """Return the whole answer to the last question: what is left, which limits bind."""
+        """Return the whole answer to the last question: what is left, which limits bind.
+
+        Raises:
+            BadValueError: Nothing was asked yet.
+        """
+        if not self._asked:
+            raise BadValueError("The last question", "none", "a call before its result")
         return result_of(self.chain, self._worker.answer[0], "bounded")
 
     def _ask(
         self, settings: Vector, T: ArrayLike, q0: ArrayLike, out: Vector | None
     ) -> tuple[Vector, bool]:
         worker = self._worker
+        if out is not None:
+            self._check_out(out)
         self._write(T, q0)
         if self._search(
             self._arm, worker.question, settings, worker.start, self._seeds, worker.desk,
             worker.trace, worker.answer,
         ) >= 0:  # fmt: skip
             self._refuse(T, q0)
-        answer = worker.answer[0]
-        q = answer[: self.chain.dof].copy() if out is None else out
-        if out is not None:
-            _fill(out, answer[: self.chain.dof])
-        return q, bool(answer[self._reached])
+        self._asked, answer = True, worker.answer[0]
+        if out is None:
+            return answer[: self.chain.dof].copy(), bool(answer[self._reached])
+        out[:] = answer[: self.chain.dof]
+        return out, bool(answer[self._reached])
 
     def _write(self, T: ArrayLike, q0: ArrayLike) -> None:
         try:
@@ -145,13 +163,14 @@ class Solver:
 
     def _refuse(self, T: ArrayLike, q0: ArrayLike) -> NoReturn:
         """Say what is wrong with a question that the kernel did not accept."""
-        finite_vector(q0, self.chain.dof, "q0")
-        finite_array(T, (4, 4), "T_world_tool")
+        start = finite_vector(q0, self.chain.dof, "q0")
+        if float(np.abs(start).max()) > FURTHEST_RAD:
+            raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
+        near(finite_array(T, (4, 4), "T_world_tool")[:3, 3], "The target position")
         raise BadValueError("The rotation of T_world_tool", "none", "R Rᵀ = 1 and det R = 1")
 
-
-def _fill(out: Vector, q: Vector) -> None:
-    try:
-        out[:] = q
-    except (TypeError, ValueError):
-        raise BadValueError("out", repr(out), f"an array of shape {q.shape}") from None
+    def _check_out(self, out: Vector) -> None:
+        """Raise BadValueError where the joints cannot be written as they are."""
+        array = np.asarray(out)
+        if array is not out or array.shape != self._shape or array.dtype != np.float64:
+            raise BadValueError("out", f"{out!r}", f"an array of floats of shape {self._shape}")

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
+from ikservo.ik.kernel.layout import FURTHEST_M
 from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.se3 import Matrix, Vector, log_so3
 
-__all__ = ["FURTHEST_M", "Target"]
+__all__ = ["Target", "near", "unit"]
 
 _ROTATION_TOLERANCE = 1e-6
-FURTHEST_M = 1000.0
-"""Beyond it squares of distances drown what a joint can do, and nobody has such an arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,22 +49,22 @@ class Target:
         _ = self.position, self.wanted_axis, self.rotation, self.axis
         _check_frame(self.frame)
         if self.offset_m is not None:
-            _near(self.offset_m, "offset_m")
+            near(self.offset_m, "offset_m")
 
     @cached_property
     def position(self) -> Vector:
         """Return the wanted position (3,) [m]."""
-        return _near(self.position_m, "The target position")
+        return near(self.position_m, "The target position")
 
     @cached_property
     def wanted_axis(self) -> Vector | None:
         """Return the wanted direction of the tool axis as a unit vector (3,), or None."""
-        return None if self.direction is None else _unit(self.direction, "The wanted direction")
+        return None if self.direction is None else unit(self.direction, "The wanted direction")
 
     @cached_property
     def axis(self) -> Vector:
         """Return the tool axis as a unit vector (3,) in the frame's coordinates."""
-        return _unit(self.tool_axis, "The tool axis")
+        return unit(self.tool_axis, "The tool axis")
 
     @cached_property
     def rotation(self) -> Matrix | None:
@@ -100,7 +99,7 @@ def _turn_between(a: Vector, b: Vector) -> Vector:
 def _across(a: Vector) -> Vector:
     helper = np.zeros(3)
     helper[int(np.argmin(np.abs(a)))] = 1.0
-    return _unit(np.cross(a, helper), "axis")
+    return unit(np.cross(a, helper), "axis")
 
 
 def _check_frame(frame: object) -> None:
@@ -108,14 +107,16 @@ def _check_frame(frame: object) -> None:
         raise BadValueError("The frame", repr(frame), "the name of a link, or None for the tip")
 
 
-def _near(v: ArrayLike, what: str) -> Vector:
+def near(v: ArrayLike, what: str) -> Vector:
+    """Return a point (3,) [m] of one's own; BadValueError where it is none or beyond 1 km."""
     point = finite_vector(v, 3, what)
     if float(np.abs(point).max()) > FURTHEST_M:
         raise BadValueError(what, point.tolist(), "metres, within 1 km")
-    return point
+    return point.copy()  # what the caller does with theirs later is no part of the question
 
 
-def _unit(v: ArrayLike, what: str) -> Vector:
+def unit(v: ArrayLike, what: str) -> Vector:
+    """Return a direction (3,) with length one; BadValueError where it has none."""
     vector = finite_vector(v, 3, what)
     length = math.hypot(*vector.tolist())
     if length < 1e-12:
@@ -131,4 +132,4 @@ def _rotation(R: ArrayLike) -> Matrix:
     off = largest if largest > 2.0 else float(np.abs(matrix @ matrix.T - np.eye(3)).max())
     if off > _ROTATION_TOLERANCE or float(np.linalg.det(matrix)) < 0.0:
         raise BadValueError("The orientation", "no rotation matrix", "R Rᵀ = 1 and det R = 1")
-    return matrix
+    return matrix.copy()

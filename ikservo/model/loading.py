@@ -50,7 +50,9 @@ def _from_urdf(path: Path, tip: str | None) -> Model:
     urdf = read_urdf(path)
     if tip is None:
         links = ", ".join(link.name for link in urdf.links)
-        raise InputError(f"{path} does not say which link is the tool.", f"Give tip, of: {links}.")
+        raise InputError(
+            f"{path} does not say which link is the tool.", f"Give tip (--tip), of: {links}."
+        )
     return Model(
         name=urdf.name or path.stem,
         title=urdf.name or path.stem,

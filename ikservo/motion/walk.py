@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ikservo.errors import LineError
-from ikservo.ik import Options, Solver, Tolerance
+from ikservo.ik import BUILD, Options, Solver, Tolerance
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.motion.rounded import Rounded
@@ -87,7 +87,7 @@ def _check(
     if result.position_error_m <= _REACHED_M and steps.max() <= steepest_rad:
         return
     if result.position_error_m > _REACHED_M:
-        why = [str(limit) for limit in result.binding] or ["the arm's length"]
+        why = [str(limit) for limit in result.binding] or [BUILD]
     else:
         why = [f"{chain.names[int(steps.argmax())]} would have to jump: a singularity"]
     raise LineError(

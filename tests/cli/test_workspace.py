@@ -54,7 +54,7 @@ def test_a_reachable_point_is_inside_and_exit_0(say):
 def test_an_unreachable_point_is_exit_7_with_its_distance(say):
     said = say("workspace --arm planar2 --point 0.3 0.4 50mm")
     assert said.code == 7
-    assert "outside: held back by the arm's length" in said.out
+    assert "outside: held back by the arm's build" in said.out
     assert "nearest  (0.180, 0.240, 0.050) m, 200.0 mm away" in said.out
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik import Options, Solver, Target, solve, solve_batch
+from ikservo.kinematics import Chain, JointKind
 from ikservo.model import load_model
 from tests.ik.campaigns import (
     closest_of_many,
@@ -20,7 +21,7 @@ from tests.ik.campaigns import (
     tool_axis,
 )
 from tests.ik.walks import LEAST_LEVER, STEP_M, largest_step_on_lines
-from tests.kinematics.chains import planar
+from tests.kinematics.chains import joint, planar
 from tests.oracle import ARMS
 
 # What the worst lever allowed asks of a joint for one step along a line.
@@ -293,3 +294,75 @@ def test_the_first_compilation_announces_itself_and_the_second_process_is_silent
     ]  # fmt: skip
     assert "Compiling the solver" in said[0]
     assert said[1] == ""
+
+
+def test_what_a_caller_does_with_its_arrays_later_is_no_part_of_the_question():
+    chain = load_model("so101").chain.with_limits([0.2] * 5, [0.5] * 5)
+    point_m, R = np.array([0.25, 0.05, 0.15]), np.eye(3)
+    target = Target(point_m, orientation=R)
+    point_m[0], R[:] = math.nan, 0.0
+    result = solve(chain, target, method="bounded")
+    assert (result.q >= 0.2).all()
+    assert result.position_error_m > 1e-3
+
+
+def test_a_nudge_that_led_nowhere_better_is_taken_back():
+    chain = load_model("px100").chain
+    q0 = [3.14, -0.7484679547850437, -0.4953207087147677, -0.4964276064906111]
+    target = Target((0.029513373749903996, 0.044802052564755765, 0.39496740011708964))
+    result = solve(chain, target, q0, "bounded", track=True, trace=True)
+    on_the_way_m = [np.linalg.norm(chain.forward(q)[:3, 3] - target.position) for q in result.trace]
+    assert result.position_error_m <= min(on_the_way_m) + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [([-0.5, -5.2], [0.5, -1.0]), ([2.0, 3.2], [7.0, 9.0]), ([-9.0, 1.0], [9.0, 4.0])],
+)
+def test_ranges_beyond_half_a_turn_are_searched_to_their_ends(low, high):
+    arm, random = planar(0.3, 0.2).with_limits(low, high), np.random.default_rng(2)
+    T = arm.forward(random.uniform(low, high, (500, 2)))
+    assert solve_batch(arm, T[:, :3, 3]).reached.all()
+
+
+def test_a_long_slide_is_searched_to_its_ends():
+    rail = joint(
+        "rail", JointKind.PRISMATIC, "base", "cart", axis=(1, 0, 0), lower=0.0, upper=200.0
+    )
+    arm = joint("arm", JointKind.REVOLUTE, "cart", "hand", lower=-2.0, upper=2.0)
+    tip = joint("tip", JointKind.FIXED, "hand", "tip", xyz=(0.3, 0, 0))
+    chain = Chain.from_joints([rail, arm, tip], "base", "tip")
+    points_m = chain.forward(np.random.default_rng(3).uniform([0, -2], [200, 2], (200, 2)))[
+        :, :3, 3
+    ]
+    assert solve_batch(chain, points_m).reached.all()
+
+
+@pytest.mark.parametrize("q0", [[0.0, 1e15], [1e17, 0.0]])
+def test_a_start_at_which_numbers_have_no_fine_steps_is_refused(q0):
+    arm = planar(0.3, 0.2)
+    with pytest.raises(BadValueError, match="1e6"):
+        Solver(arm)(arm.forward([0.1, 0.2]), q0)
+    with pytest.raises(BadValueError, match="1e6"):
+        solve_batch(arm, [[0.3, 0.1, 0.0]], [q0])
+
+
+def test_a_point_beyond_a_kilometre_is_refused():
+    T = np.eye(4)
+    T[0, 3] = 1e160
+    with pytest.raises(BadValueError, match="1 km"):
+        Solver(planar(0.3, 0.2))(T, [0.0, 0.1])
+
+
+@pytest.mark.parametrize(
+    "out", [np.zeros(2, dtype=int), np.zeros(2, dtype=np.float32), np.zeros((1, 2)), [0.0, 0.0]]
+)
+def test_joints_are_written_only_where_they_fit(out):
+    arm = planar(0.3, 0.2)
+    with pytest.raises(BadValueError, match="out"):
+        Solver(arm)(arm.forward([0.1, 0.2]), [0.0, 0.1], out)
+
+
+def test_there_is_no_result_before_a_question():
+    with pytest.raises(BadValueError, match="last question"):
+        _ = Solver(planar(0.3, 0.2)).result

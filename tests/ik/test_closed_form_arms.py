@@ -318,8 +318,8 @@ def test_closed_form_and_bounded_agree_on_a_few_targets(name, kind):
 @pytest.mark.timeout(14_400)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
-def test_closed_form_and_bounded_agree_on_a_hundred_thousand_targets(name, kind):
-    rng, count = np.random.default_rng(2026), 100_000
+def test_closed_form_and_bounded_agree_on_a_third_of_a_hundred_thousand_targets(name, kind):
+    rng, count = np.random.default_rng(2026), 34_000
     pairs = ((sampled(chain(name), rng), sampled(chain(name), rng)) for _ in range(count))
     lost = [q for q, q0 in pairs if not agrees(name, kind, q, q0)]
     # Where yaw and roll just touch, axes that are not quite parallel just miss.

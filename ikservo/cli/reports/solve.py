@@ -7,10 +7,14 @@ import math
 from ikservo.cli.choosing import limit_sources, limit_words
 from ikservo.cli.output import point, print_json, print_lines
 from ikservo.cli.reports.solutions import joint_words
-from ikservo.ik import Result, Target
+from ikservo.ik import BUILD, Result, Target
 from ikservo.model import Model
 
 __all__ = ["print_result"]
+
+
+# Methods that walk from one start and may end beside a target that others reach.
+_WALKS = ("pseudo_inverse", "transpose", "ccd")
 
 
 def print_result(model: Model, target: Target, result: Result, *, json: bool) -> None:
@@ -41,10 +45,11 @@ def _lines(model: Model, target: Target, result: Result) -> list[str]:
     lines.append(f"{result.method}, {result.iterations} iterations")
     if result.reached:
         return [*lines, f"error  {_left(target, result)}"]
-    build = "the arm's length" if target.only_position else "the arm's build"
-    held = ", ".join(limit_words(model, limit) for limit in result.binding) or build
+    held = ", ".join(limit_words(model, limit) for limit in result.binding) or BUILD
     nearest = point(result.nearest_m.tolist())
-    lines.append(f"not reachable: held back by {held}")
+    walked = result.method in _WALKS
+    said = f"not reached by {result.method}" if walked else "not reachable"
+    lines.append(f"{said}: held back by {held}")
     return [*lines, f"nearest  {nearest}, {_left(target, result, 1)} away"]
 
 

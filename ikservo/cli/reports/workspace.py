@@ -9,7 +9,7 @@ from enum import Enum
 from ikservo.cli.choosing import limit_words
 from ikservo.cli.output import point as say_point
 from ikservo.cli.plotting.workspace import axis_names
-from ikservo.ik import Result
+from ikservo.ik import BUILD, Result
 from ikservo.ik.workspace import Workspace
 from ikservo.kinematics.se3 import Matrix
 from ikservo.model import Model
@@ -46,7 +46,7 @@ def point_lines(model: Model, asked: Sequence[float] | None, found: Result | Non
         return []
     if found.reached:
         return [f"{say_point(asked)}  inside"]
-    held = ", ".join(limit_words(model, limit) for limit in found.binding) or "the arm's length"
+    held = ", ".join(limit_words(model, limit) for limit in found.binding) or BUILD
     nearest = say_point(found.nearest_m.tolist())
     return [
         f"{say_point(asked)}  outside: held back by {held}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ikservo.ik.kernel.compiling import inlined
+from ikservo.ik.kernel.compiling import inner
 from ikservo.ik.kernel.descending import descend
 from ikservo.ik.kernel.desk import GAUGE, NOTED
 from ikservo.ik.kernel.layout import KIND, POSITION_ONLY, PRIORITY, TRACK, TURN_WEIGHT
@@ -15,7 +15,7 @@ from ikservo.kinematics.se3 import Matrix, Vector
 __all__ = ["attempt"]
 
 
-@inlined
+@inner
 def attempt(
     arm: Matrix,
     question: Vector,

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import math
-
 from ikservo.ik.kernel.compiling import inlined
 from ikservo.ik.kernel.layout import DIRECTION, POSITION_ONLY, WANTED_ROTATION
 from ikservo.kinematics.se3 import Vector
 
-__all__ = ["is_finite", "is_rotation"]
+__all__ = ["is_near", "is_rotation"]
 
 _ROTATION_TOLERANCE = 1e-5
 
 
 @inlined
-def is_finite(values: Vector) -> bool:
-    """Return whether no value is infinite or NaN."""
+def is_near(values: Vector, furthest: float) -> bool:
+    """Return whether no value is further from 0 than that, nor NaN."""
     for value in values:  # noqa: SIM110  # numba compiles no generators
-        if not math.isfinite(value):
+        if not abs(value) <= furthest:
             return False
     return True
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 import shutil
 import sys
 import time
@@ -23,7 +24,9 @@ F = TypeVar("F", bound=Callable[..., object])
 STALE_S = 30 * 86_400.0
 """How long kernels are kept that another version of ikservo has made."""
 
-_NOTICE = "Compiling the solver, once on this machine; this takes some seconds ...\n"
+_NOTICE = "Compiling the solver, once on this machine; this takes about half a minute ...\n"
+# LLVM's higher levels take twice as long and gain nothing here.
+_LEVEL = 1
 
 
 # Products and sums may share one rounding: that is faster, and never less exact.
@@ -45,17 +48,18 @@ def inlined(function: F) -> F:
 
 def entry(function: F) -> F:
     """Compile a function that Python calls, and keep it in the user's cache directory."""
-    _announce_compilation()
-    with _own_cache():
-        try:
-            return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function)
-        except RuntimeError:  # no directory can be written to: compiled anew in every process
+    _watch_compilation()
+    with _own_cache() as ours:
+        if not ours:  # numba would put it beside the source, where nobody sees that it is old
             return inner(function)
+        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function)
 
 
 @contextlib.contextmanager
-def _own_cache() -> Generator[None]:
+def _own_cache() -> Generator[bool]:
     """Point numba to our directory while our functions are declared, and to nobody else's.
+
+    Yields whether it can be written to; if not, kernels are compiled anew in every process.
 
     Numba only looks at the file of the entry for changes; the fingerprint of all the kernels'
     sources, and of the layouts that they read, in the path keeps it from running an old kernel
@@ -69,9 +73,17 @@ def _own_cache() -> Generator[None]:
             forget_stale(home, time.time() - STALE_S)
     numba.config.CACHE_DIR = str(folder)
     try:
-        yield
+        yield _is_writable(folder)
     finally:
         numba.config.CACHE_DIR = before
+
+
+def _is_writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
 
 
 def forget_stale(home: Path, before_s: float) -> None:
@@ -96,23 +108,32 @@ def _is_ours(function: object) -> bool:
     return str(getattr(function, "__module__", "")).startswith("ikservo.")
 
 
-class _Announcer(event.Listener):
-    """Writes one line when the first kernel has to be compiled."""
+def _compile_at(level: int) -> None:
+    setattr(numba.config, "OPT", level)  # noqa: B010  # as above
+
+
+class _Foreman(event.Listener):
+    """Writes one line when the first kernel has to be compiled, and sees that it is soon done."""
 
     def __init__(self) -> None:
-        self._said = False
+        self._said, self._levels = False, list[int]()
 
     def on_start(self, event: event.Event) -> None:
-        function = getattr(event.data.get("dispatcher"), "py_func", None)
-        if not self._said and _is_ours(function):
+        """Note the level that others compile at, and set ours."""
+        self._levels.append(getattr(numba.config, "OPT"))  # noqa: B009  # of no known type
+        if not _is_ours(getattr(event.data.get("dispatcher"), "py_func", None)):
+            return
+        _compile_at(type(self._levels[-1])(_LEVEL))
+        if not self._said:
             self._said = True
             sys.stderr.write(_NOTICE)
             sys.stderr.flush()
 
     def on_end(self, event: event.Event) -> None:
-        """Say nothing: what follows is the answer."""
+        """Leave the level as it was."""
+        _compile_at(self._levels.pop())
 
 
 @cache
-def _announce_compilation() -> None:
-    event.register("numba:compile", _Announcer())
+def _watch_compilation() -> None:
+    event.register("numba:compile", _Foreman())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ikservo.ik.kernel.compiling import inlined, inner
-from ikservo.ik.kernel.desk import BACK, CHORD2, FREE, GAUGE, HIGH, LOW, NOTED, STEP, Q
+from ikservo.ik.kernel.desk import BACK, CHORD2, FREE, GAUGE, HIGH, KEPT, LOW, NOTED, STEP, Q
 from ikservo.ik.kernel.layout import BUDGET, KIND, TRACK
 from ikservo.ik.kernel.looking import look, met
 from ikservo.ik.kernel.stepping import curves_down, downhill, release
@@ -30,7 +30,7 @@ _NUDGE, _NUDGES = 0.02, 3
 _MANY = 60
 
 
-@inlined
+@inner
 def descend(
     arm: Matrix,
     question: Vector,
@@ -48,7 +48,7 @@ def descend(
     n, kind = int(arm[0, DOF]), int(settings[KIND])
     widest = _RADIUS_ON_TRACK if settings[TRACK] == 1.0 else _RADIUS
     half, radius, longest, back = math.inf, widest, 0.0, False
-    steps, nudges, slow = 0, 0, 0
+    steps, nudges, slow, kept = 0, 0, 0, math.inf
     while True:
         there = look(arm, question, kind, weight, desk)
         if there < half:
@@ -59,7 +59,7 @@ def descend(
         elif not back:
             if met(settings, 1.0, desk) and there < half * (1.0 + 1e-6) + 1e-18:
                 break  # as good as rounding allows
-            _go_back(n, desk)
+            _copy(BACK, Q, n, desk)
             slow += 1
             radius = 0.25 * longest
             back = True
@@ -76,10 +76,16 @@ def descend(
             _go(n, desk)
         elif nudges < _NUDGES and n <= _MANY and curves_down(question, kind, weight, n, desk):
             nudges += 1
-            half = math.inf
+            if half < kept:
+                kept = half
+                _copy(Q, KEPT, n, desk)
+            half, radius = math.inf, widest
             _nudge(n, desk)
         else:
             break
+    if kept < half:  # a nudge that led nowhere better
+        _copy(KEPT, Q, n, desk)
+        look(arm, question, kind, weight, desk)
     return steps
 
 
@@ -104,9 +110,9 @@ def _go(n: int, desk: Matrix) -> None:
 
 
 @inlined
-def _go_back(n: int, desk: Matrix) -> None:
+def _copy(source: int, to: int, n: int, desk: Matrix) -> None:
     for j in range(n):
-        desk[Q, j] = desk[BACK, j]
+        desk[to, j] = desk[source, j]
 
 
 @inner

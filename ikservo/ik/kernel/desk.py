@@ -16,6 +16,7 @@ __all__ = [
     "GAUGE",
     "HELD",
     "HIGH",
+    "KEPT",
     "LOW",
     "NORMAL",
     "NOTED",
@@ -45,19 +46,20 @@ HIGH     = 6
 HELD     = 7        # -1, 0 or 1: the limit that the descent pressed against
 RHS      = 8        # right-hand side of a system in the joints
 BEST     = 9        # where a slide has been best
+KEPT     = 10       # where a walk was before it was nudged
 
 # Short rows.
-TOOL     = 10       # the tool's R row by row, then p (12)
-ERROR    = 11       # the weighted error (3, 5 or 6)
-Y        = 12       # right-hand side of a system in the error
-GAUGE    = 13       # entries GAP2, CHORD2, NOTED
+TOOL     = 11       # the tool's R row by row, then p (12)
+ERROR    = 12       # the weighted error (3, 5 or 6)
+Y        = 13       # right-hand side of a system in the error
+GAUGE    = 14       # entries GAP2, CHORD2, NOTED
 
 # Matrices.
-J        = 14       # (6, n) Jacobian of the tool: linear rows, angular rows
-G        = 20       # (6, n) Jacobian of the weighted error
-NORMAL   = 26       # (6, 6) G Gᵀ
-H        = 32       # (n, n) second derivative of half the squared error; column n its diagonal
-ENDS     = 32       # (restarts, n) where quick attempts ended, n rows further down; after these the
+J        = 15       # (6, n) Jacobian of the tool: linear rows, angular rows
+G        = 21       # (6, n) Jacobian of the weighted error
+NORMAL   = 27       # (6, 6) G Gᵀ
+H        = 33       # (n, n) second derivative of half the squared error; column n its diagonal
+ENDS     = 33       # (restarts, n) where quick attempts ended, n rows further down; after these the
                     # scores, see below
 
 # Entries of GAUGE.

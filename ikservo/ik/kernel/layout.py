@@ -7,6 +7,8 @@ __all__ = [
     "BUDGET",
     "DIRECTION",
     "EXTRA_RESTARTS",
+    "FURTHEST_M",
+    "FURTHEST_RAD",
     "GAP",
     "ITERATIONS",
     "KIND",
@@ -40,6 +42,12 @@ __all__ = [
 # Kinds of target, and how many rows their error has.
 POSITION_ONLY, DIRECTION, POSE = 0, 1, 2
 ROWS = (3, 5, 6)
+
+FURTHEST_M = 1000.0
+"""Beyond it squares of distances drown what a joint can do, and nobody has such an arm."""
+
+FURTHEST_RAD = 1e6
+"""A million radians still have a tenth of a nanoradian between two numbers."""
 
 # fmt: off
 # A question (QUESTION_SIZE,): the tool's pose that is wanted.

@@ -6,10 +6,12 @@ import math
 
 from ikservo.ik.kernel.answering import is_better, way_from, write
 from ikservo.ik.kernel.attempting import attempt
-from ikservo.ik.kernel.checking import is_finite, is_rotation
-from ikservo.ik.kernel.compiling import entry, inlined
+from ikservo.ik.kernel.checking import is_near, is_rotation
+from ikservo.ik.kernel.compiling import entry, inlined, inner
 from ikservo.ik.kernel.layout import (
     EXTRA_RESTARTS,
+    FURTHEST_M,
+    FURTHEST_RAD,
     GAP,
     ITERATIONS,
     KIND,
@@ -67,11 +69,11 @@ def search_all(
         answers: (m, 2 * dof + ANSWER_TAIL), filled.
 
     Returns:
-        The first question that makes no sense, because a number is not finite or its rotation is
-        none; then nothing is filled. -1 if there is none.
+        The first question that makes no sense, because a number is not finite or too large, or its
+        rotation is none; then nothing is filled. -1 if there is none.
     """
     for i in range(len(questions)):
-        if not (is_finite(questions[i]) and is_finite(starts[i])):
+        if not (is_near(questions[i], FURTHEST_M) and is_near(starts[i], FURTHEST_RAD)):
             return i
         if not is_rotation(questions[i], int(settings[KIND])):
             return i
@@ -80,7 +82,7 @@ def search_all(
     return -1
 
 
-@inlined
+@inner
 def _search(
     arm: Matrix,
     question: Vector,
