@@ -61,7 +61,8 @@ def motion_with(name, dice, fault=None, speed=None, hook=None):
         speed: slow, normal or fast; by chance if None.
         hook: Called with the open arm and its auditor before the motion, and after it.
     """
-    with ikservo.open_arm(name, port="sim", collisions=False) as arm:
+    port = f"sim:?seed={dice.randrange(1_000_000)}"  # chance on the line is another each time
+    with ikservo.open_arm(name, port=port, collisions=False) as arm:
         arm.enable()
         goals, speed = swing(arm, dice, speed)
         line, auditor = line_of(arm), Auditor(arm)

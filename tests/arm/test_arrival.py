@@ -53,9 +53,11 @@ def left_by_us_m(name, count):
             yield np.linalg.norm(true_tip_m(arm) - plan.target_m)
 
 
-@pytest.mark.parametrize("name", NAMES)
+LONG = [pytest.mark.campaign, pytest.mark.timeout(7200)]
+
+
 @pytest.mark.parametrize(
-    "count", [3, pytest.param(500, marks=[pytest.mark.campaign, pytest.mark.timeout(7200)])]
+    ("name", "count"), [("so101", 2), *(pytest.param(name, 500, marks=LONG) for name in NAMES)]
 )
 def test_the_true_tip_is_within_half_a_millimetre_and_a_third_of_plain_rounding(name, count):
     ours = float(np.median(list(left_by_us_m(name, count))))

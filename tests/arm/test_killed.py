@@ -1,13 +1,12 @@
 """A program that dies in mid-motion: how far the joints still go, in virtual time."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import ikservo
 from ikservo.motion import JointMove
 from tests.arm.misfortune import SPEEDS, chance, swing
+from tests.arm.seeds import tell, times
 from tests.arm.simulated import registers
 
 MOST_TICKS = 60  # 5.3 degrees
@@ -18,20 +17,13 @@ class DeadError(BaseException):
     """The program is gone."""
 
 
-@pytest.mark.parametrize(
-    "seeds",
-    [
-        pytest.param(range(4), id="few"),
-        pytest.param(range(400), id="many", marks=(pytest.mark.campaign, pytest.mark.timeout(0))),
-    ],
-)
+@times(4, 400)
 def test_no_joint_travels_further_than_60_ticks_after_its_program_has_died(seeds, capsys):
     worst = dict.fromkeys(FAMILIES, 0)
     for seed in seeds:
         name = FAMILIES[seed % 2]
         worst[name] = max(worst[name], travel(name, chance(seed)))
-    with capsys.disabled():
-        sys.stdout.write(f"\n  {len(seeds)} dead programs: at most {worst} ticks\n")
+    tell(capsys, f"{len(seeds)} dead programs: at most {worst} ticks")
     assert max(worst.values()) <= MOST_TICKS
 
 

@@ -144,7 +144,7 @@ def test_a_way_through_the_table_is_refused_before_anything_moves(arm):
 
 
 def test_whoever_says_so_may_do_without_the_look_at_the_way():
-    with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
+    with ikservo.open_arm("so101", port="sim:?pose=home", collisions=False) as arm:
         assert arm.move_to((0.25, 0.0, -0.05)).reached
 
 
@@ -165,6 +165,18 @@ def test_a_joint_is_not_sent_past_its_limit(arm, position):
 
 
 @pytest.mark.parametrize("name", ARMS)
+def test_every_pose_of_every_arm_can_be_planned_to(name):
+    model = ikservo.load_model(name)
+    with ikservo.open_arm(model, port="sim:?pose=home") as arm:
+        for pose in ("zero", "rest"):
+            assert arm.plan_joints(model.pose(pose)).duration_s > 0.0, pose
+
+
+FEW = ("so101", "open_manipulator_x", "wx250s")  # both families, a slide, shadows
+ALL = [name if name in FEW else pytest.param(name, marks=pytest.mark.campaign) for name in ARMS]
+
+
+@pytest.mark.parametrize("name", ALL)
 def test_every_pose_of_every_arm_can_be_taken(name):
     model = ikservo.load_model(name)
     with ikservo.open_arm(model, port="sim:?pose=home") as arm:  # the first motion is slow

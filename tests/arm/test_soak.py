@@ -1,5 +1,6 @@
 """Streaming for long: memory and file descriptors stay as they are."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 import ikservo
 from ikservo.arm.streaming.stream import Stream
 from ikservo.motion import State
+from tests.arm.seeds import tell
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
 
@@ -39,6 +41,13 @@ def descriptors():
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_beats_leave_no_objects_behind(name):
+    counts = []
+    streamed(name, 900, lambda k: counts.append(len(gc.get_objects())) if k % 300 == 0 else None)
+    assert counts[-1] - counts[0] < 300  # not one a beat
+
+
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads /proc")
@@ -46,21 +55,30 @@ def descriptors():
 def test_a_million_beats_leave_memory_and_descriptors_as_they_were(name, capsys):
     beats = int(os.environ.get("IKSERVO_SOAK_BEATS", "1000000"))
     warm, seen = beats // 10, []
-    with ikservo.open_arm(name, port="sim") as arm:
-        arm.enable()
-        count = iter(range(1, beats + 1))
 
-        def look(_):
-            k = next(count)
-            if k in (warm, beats):
-                seen.append((resident_bytes(), descriptors()))
-            if k == beats:
-                raise CountedError
+    def look(k):
+        if k in (warm, beats):
+            gc.collect()
+            seen.append((resident_bytes(), descriptors()))
 
-        with pytest.raises(CountedError):
-            Stream(arm._servos).run(ToAndFro(arm._servos.goals()), look)
+    streamed(name, beats, look)
     (rss_before, fds_before), (rss_after, fds_after) = seen
-    with capsys.disabled():
-        os.write(1, f"\n  {name}: {beats} beats, {rss_after - rss_before:+} bytes\n".encode())
+    tell(capsys, f"{name}: {beats} beats, {rss_after - rss_before:+} bytes, {fds_after} files open")
     assert rss_after - rss_before < 1_000_000
     assert fds_after == fds_before
+
+
+def streamed(name, beats, look):
+    """Swing an arm for so many beats; ``look`` is called with the number of each."""
+    count = iter(range(1, beats + 1))
+
+    def on_beat(_):
+        k = next(count)
+        look(k)
+        if k == beats:
+            raise CountedError
+
+    with ikservo.open_arm(name, port="sim") as arm:
+        arm.enable()
+        with pytest.raises(CountedError):
+            Stream(arm._servos).run(ToAndFro(arm._servos.goals()), on_beat)

@@ -1,4 +1,4 @@
-"""M1, M2, M3: whatever a program asks for, no goal outside limits and no leap reaches the line."""
+"""M1, M2: whatever a program asks for, no goal outside limits reaches the line."""
 
 import math
 
@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import ikservo
 from ikservo.errors import IkservoError, RefusedError
+from tests.arm.seeds import tell, times
 from tests.arm.simulated import line_of
 from tests.guard.gates import gate_at
 
@@ -127,7 +128,7 @@ def storm(count, seed):
     """
     random = np.random.default_rng(seed)
     gate, bus, clock = gate_at(2048)
-    measured = last = 2048
+    measured = seen = last = 2048
     passed = wrong = 0
     fresh_s = clock.time_s
     for wish, kind, elapsed_s, stalls in zip(
@@ -138,7 +139,7 @@ def storm(count, seed):
         measured += int(0.5 * (last - measured)) + int(random.integers(-3, 4))
         if kind != 1:
             gate.see({"elbow": measured}, clock.time_s)
-            fresh_s = clock.time_s
+            seen, fresh_s = measured, clock.time_s
         goal = (math.nan, int(random.integers(-9999, 9999)))[kind - 2] if kind in (2, 3) else (
             int(last + 0.3 * wish))  # fmt: skip
         try:
@@ -147,7 +148,7 @@ def storm(count, seed):
             continue
         passed += 1
         wrong += not 1000 <= goal <= 3000
-        wrong += abs(goal - measured) > max(138, abs(last - measured))
+        wrong += abs(goal - seen) > max(138, abs(last - seen))
         wrong += clock.time_s - fresh_s > 0.25
         last = goal
     steps = np.abs(np.diff([2048, *(goals[3] for goals in bus.sent)]))
@@ -156,48 +157,10 @@ def storm(count, seed):
     return passed, wrong
 
 
-def test_of_a_storm_of_commands_only_lawful_ones_pass():
-    passed, wrong = storm(10_000, seed=4)
+@times(1, 1000)
+def test_of_a_storm_of_commands_only_lawful_ones_pass(seeds, capsys):
+    found = [storm(10_000, seed) for seed in seeds]
+    passed, wrong = (sum(column) for column in zip(*found, strict=True))
+    tell(capsys, f"{10_000 * len(seeds):,} commands: {passed:,} passed, {wrong} against a law")
     assert passed > 2000
     assert wrong == 0
-
-
-@pytest.mark.campaign
-@pytest.mark.timeout(3600)
-def test_of_ten_million_commands_only_lawful_ones_pass():
-    found = [storm(100_000, seed) for seed in range(100)]
-    passed, wrong = (sum(column) for column in zip(*found, strict=True))
-    print(f"10,000,000 commands: {passed} passed, {wrong} of them against a law")  # noqa: T201  # a number to keep
-    assert wrong == 0
-
-
-def longest_step(seed):
-    """Return the longest step of a goal in a motion that stalls, and the longest there may be."""
-    random = np.random.default_rng(seed)
-    with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
-        arm.enable()
-        wire, clock = Wire(line_of(arm)), arm._servos.clock
-
-        def stall(progress):
-            if random.random() < 0.03:
-                clock.sleep_until(clock.now_s() + 0.05 * 100.0 ** random.random())
-
-        arm.move_joints({"shoulder_pan": 0.8, "wrist_roll": -0.8}, speed="fast", on_progress=stall)
-        assert inside(arm, wire.goals)
-        fastest = max(fence.ticks_s for fence in arm._servos.fences)
-        steps = [np.abs(np.diff(ticks)).max() for ticks in wire.goals.values()]
-        return max(steps), fastest * 0.05 + 1
-
-
-def test_a_program_that_stalls_for_up_to_five_seconds_never_makes_a_goal_leap():
-    step, most = longest_step(seed=1)
-    assert step <= most
-
-
-@pytest.mark.campaign
-@pytest.mark.timeout(3600)
-def test_of_many_programs_that_stall_none_makes_a_goal_leap():
-    found = [longest_step(seed) for seed in range(200)]
-    longest, most = max(step for step, _ in found), found[0][1]
-    print(f"200 motions with stalls: longest step {longest} ticks, {most:.0f} allowed")  # noqa: T201  # a number to keep
-    assert longest <= most

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
+from ikservo.clock import Clock
+from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
 from ikservo.registers import Register, Role
 
-__all__ = ["ask_all", "ask_each"]
+__all__ = ["ask_all", "ask_each", "patiently"]
 
 _ATTEMPTS = 4
 # A busy machine, or an adapter that hiccups, is given this much more time after each attempt.
@@ -44,3 +46,17 @@ def ask_each(bus: ServoBus, wanted: Mapping[int, Sequence[_Key]]) -> dict[int, M
             readings.complete()
         bus.clock.sleep_until(bus.clock.now_s() + _PAUSE_S * attempt)
     return known
+
+
+def patiently(clock: Clock, settle: Callable[[], None]) -> None:
+    """Settle something with a servo at rest; where it fails it is tried again after a pause.
+
+    Raises:
+        BusError: However often that was tried.
+    """
+    for attempt in range(1, _ATTEMPTS):
+        try:
+            return settle()
+        except BusError:
+            clock.sleep_until(clock.now_s() + _PAUSE_S * attempt)
+    return settle()

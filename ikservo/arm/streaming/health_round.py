@@ -73,6 +73,7 @@ class HealthRound:
         Raises:
             BusError: A servo does not answer.
             ServoAlarmError: One is not well; see ``Health``.
+            RefusedError: The watchdog of one has tripped.
         """
         self._beat_s = self._bus.clock.now_s()
         wanted = {i: self._registers(i) for i in self._fences}
@@ -88,7 +89,7 @@ class HealthRound:
 
         Raises:
             ServoAlarmError: A servo is not well, or was reset; see ``Health``.
-            RefusedError: One has not answered how it is for too long.
+            RefusedError: One has not answered how it is for too long, or its watchdog has tripped.
         """
         now_s = self._bus.clock.now_s()
         self._watched_s += min(now_s - self._beat_s, _LONGEST_S)
@@ -127,7 +128,10 @@ class HealthRound:
             self._judge(servo_id)
 
     def _judge(self, servo_id: int) -> None:
-        for warning in self._health.see(self._vitals(servo_id)):
+        vitals = self._vitals(servo_id)
+        if not vitals.canary:  # a watchdog that tripped takes the limits with it, too
+            self._limits.check_watchdog(servo_id)
+        for warning in self._health.see(vitals):
             if warning not in self._told:
                 self._told.add(warning)
                 self._tell(warning)

@@ -5,9 +5,12 @@ All of them are RAM: they are gone after a servo's reset, which is how a reset i
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
+from functools import partial
 
-from ikservo.errors import RefusedError
+from ikservo.arm.streaming.asking import patiently
+from ikservo.errors import BusError, RefusedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Family, Register, Role
@@ -92,17 +95,32 @@ class LimitsInServos:
         if speed_rad_s == self._speed_rad_s:
             return
         for servo_id in self._ids:
-            self._limit(servo_id, _SLACK * speed_rad_s)
+            patiently(self._bus.clock, partial(self._limit, servo_id, _SLACK * speed_rad_s))
         self._speed_rad_s = speed_rad_s
 
     def arm_watchdog(self) -> None:
-        """Let servos stop by themselves once nobody has spoken on the bus for a tenth second."""
+        """Let servos stop by themselves once nobody has spoken on the bus for a tenth second.
+
+        Raises:
+            BusError: A servo does not take it.
+        """
         self._armed = bool(self.watched)
-        self._watch(_WATCHDOG_COUNTS)
+        self._settle_watchdogs(_WATCHDOG_COUNTS)
 
     def disarm_watchdog(self) -> None:
-        """Let servos hold without being talked to; one packet, no answer needed."""
-        self._watch(0)
+        """Let servos hold without being talked to.
+
+        Raises:
+            BusError: A servo does not take it.
+        """
+        self._settle_watchdogs(0)
+        self._armed = False
+
+    def drop_watchdog(self) -> None:
+        """Disarm it in an emergency: one packet to all, no answer needed."""
+        for servo_id in self.watched[:1]:
+            register = self._registers(servo_id)["bus_watchdog"]
+            self._bus.sync_write(register, dict.fromkeys(self.watched, 0), raw=True)
         self._armed = False
 
     def check_gap(self, elapsed_s: float) -> None:
@@ -117,6 +135,22 @@ class LimitsInServos:
                 "End what loads the computer, then move again.",
             )
 
+    def check_watchdog(self, servo_id: int) -> None:
+        """Ask a servo whether its watchdog has tripped.
+
+        Raises:
+            RefusedError: It has; the servo stands where it was.
+        """
+        watchdog = self._registers(servo_id).get("bus_watchdog")
+        counts = 0
+        with contextlib.suppress(BusError):
+            counts = self._bus.read(servo_id, watchdog, raw=True) if watchdog else 0
+        if counts not in (0, _WATCHDOG_COUNTS):
+            raise RefusedError(
+                "The program was held up, so the servos stopped themselves.",
+                "End what loads the computer, then move again.",
+            )
+
     def canaries(self, servo_id: int) -> Mapping[Register, int]:
         """Return what must stand in a servo's RAM as long as it was not reset."""
         registers, expected = self._registers(servo_id), self._expected[servo_id]
@@ -124,10 +158,12 @@ class LimitsInServos:
             return expected | {registers["bus_watchdog"]: _WATCHDOG_COUNTS}
         return expected
 
-    def _watch(self, counts: int) -> None:
-        for servo_id in self.watched[:1]:
+    def _settle_watchdogs(self, counts: int) -> None:
+        """Write it to each and hear that it was taken: a lost one would look like a reset later."""
+        for servo_id in self.watched:
             register = self._registers(servo_id)["bus_watchdog"]
-            self._bus.sync_write(register, dict.fromkeys(self.watched, counts), raw=True)
+            write = partial(self._bus.write, servo_id, register, counts, raw=True)
+            patiently(self._bus.clock, write)
 
     def _limit(self, servo_id: int, speed_rad_s: float) -> None:
         table = self._servo(servo_id).table

@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 
 import numpy as np
 
+from ikservo.arm.streaming.arming import arm_servos
 from ikservo.arm.streaming.feedback import Feedback
 from ikservo.arm.streaming.halt import Halt
 from ikservo.arm.streaming.health_round import HealthRound
@@ -130,11 +131,15 @@ class StreamedServos:
         measured = self._feedback.beat()
         if self.lost and now_s - before_s > _STALL_S:  # nobody has seen that joint for long
             measured = self._feedback.beat()
-        self._limits.check_gap(now_s - before_s)
+        self._limits.check_gap(max(now_s - before_s, self.clock.now_s() - now_s))
         self._gate.see(self._feedback.fresh, self.clock.now_s())
         self._following.see(self.goals(), measured)
         if self._round:
             self._round.beat()
+        if self.clock.now_s() - now_s > _STALL_S:  # held up since: what was seen is old
+            self._limits.check_gap(self.clock.now_s() - now_s)
+            measured = self._feedback.beat()
+            self._gate.see(self._feedback.fresh, self.clock.now_s())
         return measured
 
     def advance_s(self, elapsed_s: float) -> float:
@@ -157,7 +162,7 @@ class StreamedServos:
         """
         self._gate.trip(reason)
         # Nobody answers to these packets: the first is sent twice, for one may be lost.
-        for step in (self._hold, self._hold, self._limits.disarm_watchdog):
+        for step in (self._hold, self._hold, self._limits.drop_watchdog):
             with contextlib.suppress(Exception):  # each is tried, whatever became of the others
                 step()
 
@@ -168,13 +173,10 @@ class StreamedServos:
         if speed_rad_s is not None:
             speeds = {name: min(speed_rad_s * horns[name], speeds[name]) for name in speeds}
         self._gate.run_at(speeds)
-        self._limits.run_at(max(speeds[name] / horns[name] for name in speeds))
         self._following = Following.of(self.fences, speeds)
         self._feedback.begin()
-        self._limits.arm_watchdog()
-        self._beat_at_s = self.clock.now_s()
-        if self._round:
-            self._round.begin()
+        horn_rad_s = max(speeds[name] / horns[name] for name in speeds)
+        self._beat_at_s = arm_servos(self._limits, self._round, self.clock, horn_rad_s)
 
     def _hold(self) -> None:
         self._gate.hold({name: self._holding_tick(name) for name in self._gate.goals})

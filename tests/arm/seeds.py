@@ -1,0 +1,37 @@
+"""How often a promise is tried: a few seeds in the suite, many in a campaign, in parts."""
+
+import os
+import sys
+
+import pytest
+
+
+def part_of(many):
+    """Return the seeds of a campaign, or those of a part: IKSERVO_PART=2/4 is the second of four.
+
+    Parts may run one beside the other; a small one, 1/100, tells how long the whole will take.
+    """
+    number, parts = (int(word) for word in os.environ.get("IKSERVO_PART", "1/1").split("/"))
+    first, last = (-(-k * many // parts) for k in (number - 1, number))
+    return range(first, last)
+
+
+def times(few, many):
+    """Run a test over a few seeds, and over many of them in a campaign."""
+    return pytest.mark.parametrize("seeds", [pytest.param(range(few), id="few"), campaign(many)])
+
+
+def campaign(many):
+    marks = (pytest.mark.campaign, pytest.mark.timeout(0))
+    return pytest.param(part_of(many), id="many", marks=marks)
+
+
+def share(seed):
+    """Return a number from 0 to 1; those of any seeds in a row are spread evenly."""
+    return seed * 0.6180339887498949 % 1.0
+
+
+def tell(capsys, text):
+    """Print a number that is worth keeping."""
+    with capsys.disabled():
+        sys.stdout.write(f"\n  {text}\n")

@@ -1,0 +1,60 @@
+"""M1 and B9 over ten thousand brief motions each: with faults, and with losses."""
+
+from servosim.faults import Fault
+from tests.arm.auditing import Auditor
+from tests.arm.brief import opened, streamed
+from tests.arm.misfortune import NAMED, chance, ids_of, random_fault
+from tests.arm.seeds import tell, times
+from tests.arm.simulated import line_of, registers
+
+FAMILIES = ("so101", "koch")
+EACH = 10  # motions of one arm
+
+
+@times(6, 10_000)
+def test_whatever_happens_in_a_brief_motion_its_goals_stay_sound(seeds, capsys):
+    states = {}
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        fault = random_fault(dice, ids_of(name))
+        state, wrong = spoilt(name, seed, dice, dict(fault))
+        assert wrong == [], (seed, name, fault)
+        states[state] = states.get(state, 0) + 1
+    tell(capsys, f"{len(seeds)} brief motions: 0 goals outside limits; {states}")
+
+
+def spoilt(name, seed, dice, fault):
+    """Return how a brief motion ended to which something happened, and what was wrong with it."""
+    with opened(name, seed) as arm:
+        arm.enable()
+        auditor, line = Auditor(arm), line_of(arm)
+        at_s = line.world.time_s + 0.25 * fault.pop("at_share")
+        line.faults.add(Fault(at_s=at_s, **fault))
+        try:
+            streamed(arm, dice)
+        except NAMED as error:
+            return type(error).__name__, auditor.faults()
+        return "went through", auditor.faults()
+
+
+@times(2, 1000)
+def test_brief_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(seeds, capsys):
+    worst = 0
+    for seed in seeds:
+        dice, name = chance(seed), FAMILIES[seed % 2]
+        with opened(name, seed) as arm:
+            arm.enable()
+            auditor = Auditor(arm)
+            line_of(arm).faults.add(Fault("lost", probability=0.1))
+            for _ in range(EACH):
+                worst = max(worst, furthest_from(arm, streamed(arm, dice)))
+            assert auditor.faults() == [], (seed, name)
+    tell(capsys, f"{EACH * len(seeds)} motions with 10 % lost: at most {worst} ticks beside a goal")
+    assert worst <= 1
+
+
+def furthest_from(arm, move):
+    """Return how far a servo's goal register is from the end of a motion, ticks."""
+    told = registers(arm, "goal_position")
+    ends = zip(arm._servos.fences, move.goal, strict=True)
+    return max(abs(told[fence.servo_id] - fence.tick(float(end))) for fence, end in ends)

@@ -1,0 +1,157 @@
+"""M2: whatever makes no sense is refused whole, and nobody on the wire hears of it."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import IkservoError
+from tests.arm.misfortune import chance
+from tests.arm.seeds import tell, times
+from tests.arm.simulated import line_of
+from tests.cli.desk import run, spoil
+
+NONSENSE = [
+    math.nan, math.inf, -math.inf, 1e308, -1e308, 1e9, None, "", "far", "1,5", (), [], {},
+    [0.1], object(), 1j, np.float32("nan"), np.array(math.inf), np.array([1.0, 2.0]),
+]  # fmt: skip
+NO_NUMBERS = [math.nan, math.inf, "", "far", (), [0.1], object(), 1j, np.array([1.0, 2.0])]
+STRANGERS = ["", "elbow", "ELBOW_FLEX", "elbow_flex ", None, 3, ("elbow_flex",)]
+EACH = 100  # commands a seed
+
+
+@pytest.fixture(scope="module")
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        machine.enable()
+        yield machine
+
+
+class Packets:
+    """Counts what the host says."""
+
+    def __init__(self, line):
+        self.count = 0
+        line.witnesses.append(self)
+
+    def heard(self, _at_s, _frame, _framing):
+        self.count += 1
+
+    def said(self, _at_s, _servo, _data):
+        pass
+
+
+@times(1, 1000)
+def test_a_refused_command_puts_no_packet_on_the_wire(arm, seeds, capsys):
+    packets = Packets(line_of(arm))
+    for seed in seeds:
+        dice = chance(seed)
+        for _ in range(EACH):
+            command = dice.choice(COMMANDS)
+            with pytest.raises(IkservoError):
+                command(arm, dice)
+    tell(capsys, f"{EACH * len(seeds):,} refused commands: {packets.count} packets")
+    assert packets.count == 0
+
+
+def joint(arm, dice):
+    """Ask for a sound position and, besides, for one that is none."""
+    asked = {"wrist_roll": 0.1, dice.choice(arm.chain.names): dice.choice(NONSENSE)}
+    return arm.move_joints(asked, speed=dice.choice(("slow", "normal")))
+
+
+def beyond(arm, dice):
+    """Ask for the first tick beyond a limit."""
+    fence = dice.choice(arm._servos.fences)
+    end, outwards = dice.choice((0, 1)), dice.choice((1, 2, 50, 4096))
+    tick = fence.positions[end] + (2 * end - 1) * outwards * fence.joint_map.unit_per_tick
+    return arm.move_joints({fence.joint: tick})
+
+
+def stranger(arm, dice):
+    return arm.move_joints({dice.choice(STRANGERS): 0.1, "wrist_roll": 0.1})
+
+
+def point(arm, dice):
+    """Ask for a point with a coordinate that is none, or with too few or too many."""
+    at = [0.2, 0.0, 0.2]
+    at[dice.randrange(3)] = dice.choice(NONSENSE)
+    move = dice.choice((arm.move_to, arm.move_line, lambda p: arm.move_through([(0.2, 0, 0.2), p])))
+    return move(dice.choice((at, at[:2], [*at, 0.1], dice.choice(NONSENSE))))
+
+
+def skill(arm, dice):
+    what = dice.choice(NO_NUMBERS)
+    ask = dice.choice((
+        lambda: arm.pose(dice.choice(STRANGERS)),
+        lambda: arm.gripper(what),
+        lambda: arm.gripper("open", force=what),
+        lambda: arm.jog("elbow_flex", what, wanted=lambda: True),
+        lambda: arm.jog(dice.choice(STRANGERS), 0.1, wanted=lambda: True),
+        lambda: arm.move_joints({"wrist_roll": 0.1}, speed=what),
+    ))  # fmt: skip
+    return ask()
+
+
+def tick(arm, dice):
+    """Knock at the door below all others."""
+    ticks = {"wrist_roll": 2048, dice.choice(arm.chain.names): dice.choice([*NONSENSE, 2048.0, -1])}
+    return arm._servos._gate.send(ticks)
+
+
+COMMANDS = [joint, beyond, stranger, point, skill, tick]
+
+
+# --- the same from a terminal: every command opens an arm of its own
+
+
+WORDS = ["nan", "inf", "-inf", "1e308", "far", "1,5", "", "0x10", "1e9", "--"]
+
+
+@times(3, 300)
+def test_a_command_that_is_refused_tells_no_servo_anything(seeds, capsys, monkeypatch):
+    told = []
+    spoil(monkeypatch, lambda line: told.append(Written(line)))
+    for seed in seeds:
+        said = run(typed(chance(seed)))
+        assert said.code != 0, seed
+        assert "Traceback" not in said.err, seed
+    written = [words for opened in told for words in opened.words]
+    tell(capsys, f"{len(seeds)} refused commands, {len(told)} lines opened: {written} written")
+    assert written == []
+
+
+class Written:
+    """Notes what is written to the servos of a line: goals and torque."""
+
+    def __init__(self, line):
+        self.words = []
+        for servo in line.world.servos:
+            servo.asked = self._watcher(servo)
+
+    def _watcher(self, servo):
+        watched = [servo.table.by_name[name] for name in ("goal_position", "torque_enable")]
+
+        def watch(address, data):
+            end = address + len(data)
+            self.words += [(servo.id, row.name) for row in watched if address <= row.address < end]
+
+        return watch
+
+
+def typed(dice):
+    """Return a command that makes no sense, as somebody would type it."""
+    word, name = dice.choice(WORDS), dice.choice(("shoulder_pan", "elbow_flex", "gripper"))
+    words = dice.choice((
+        f"move 0.2 {word} 0.2",
+        f"move 0.2 0 {dice.choice((5, -3, 1e6))}",
+        "move 0.2 0",
+        f"joints {name}={word}",
+        f"joints {name}={dice.choice((400, -400, 1e5))}",
+        f"joints {dice.choice(('elbow', '', 'x'))}=10",
+        f"pose {word or 'nowhere'}",
+        f"gripper {word}",
+        f"gripper close --force {word}",
+    ))  # fmt: skip
+    return f"{words} --arm so101 --port sim --yes"

@@ -1,0 +1,73 @@
+"""P2: whenever a signal comes, the arm stands within 0.3 s, and it holds however it was opened."""
+
+import signal
+
+import pytest
+
+import ikservo
+from ikservo.errors import StoppedError
+from tests.arm.auditing import Auditor
+from tests.arm.brief import brief_move
+from tests.arm.misfortune import SPEEDS, chance
+from tests.arm.seeds import share, tell, times
+from tests.arm.simulated import line_of, registers
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+FAMILIES = ("so101", "koch")
+STANDS_S = 0.3
+
+
+@times(6, 1200)
+def test_whenever_a_signal_comes_the_arm_stands_within_0_3_s_and_holds(seeds, capsys):
+    slowest_s = 0.0
+    for seed in seeds:
+        number, name = SIGNALS[seed % 3], FAMILIES[seed // 3 % 2]
+        slowest_s = max(slowest_s, struck_s(name, number, seed))
+    tell(capsys, f"{len(seeds)} signals: every arm held, at most {slowest_s:.3f} s later")
+    assert slowest_s <= STANDS_S
+
+
+def struck_s(name, number, seed):
+    """Strike an arm in mid-motion; return how long it was told to go on."""
+    dice = chance(seed)
+    way = dice.choice(("hold", "relax"))  # neither lets go of an arm that was stopped
+    arm = ikservo.open_arm(name, f"sim:?pose=home&seed={seed}", on_exit=way, collisions=False)
+    arm.enable()
+    auditor, strike, speed = Auditor(arm), Strike(arm, number), dice.choice(SPEEDS)
+    move = brief_move(arm, dice, speed, most_rad=0.8)
+    strike.at_s = move.duration_s * share(seed)
+    with pytest.raises(StoppedError, match="ikservo relax"), arm:
+        arm._drive(lambda _: move, strike, speed)
+    check_holds(arm, auditor, (seed, name, number))
+    return strike.ended_s(auditor)
+
+
+class Strike:
+    """Sends this process a signal at a time of a motion, once."""
+
+    def __init__(self, arm, number):
+        self.world, self._number = line_of(arm).world, number
+        self.at_s, self.struck_s = 0.0, None
+
+    def __call__(self, beat):
+        if beat.time_s >= self.at_s and self.struck_s is None:
+            self.struck_s = self.world.time_s
+            signal.raise_signal(self._number)
+
+    def ended_s(self, auditor):
+        """Return how long after the signal goals still changed."""
+        told = [goal.time_s for goal in auditor.goals if goal.tick != goal.last]
+        return max(0.0, max(told, default=0.0) - self.struck_s)
+
+
+def check_holds(arm, auditor, case):
+    world = line_of(arm).world
+    heard = len(auditor.goals)
+    world.advance_to(world.time_s + 0.5)
+    before = registers(arm, "present_position")
+    world.advance_to(world.time_s + 0.5)
+    after = registers(arm, "present_position")
+    assert all(abs(after[i] - before[i]) <= 2 for i in before), case
+    assert all(registers(arm, "torque_enable").values()), case
+    assert auditor.faults() == [], case
+    assert len(auditor.goals) == heard, case

@@ -1,0 +1,60 @@
+"""M3, M8: a program that is held up anywhere goes on from where its goals were, without a leap."""
+
+from ikservo.errors import RefusedError
+from tests.arm.auditing import Auditor
+from tests.arm.brief import brief_move, opened
+from tests.arm.misfortune import SPEEDS, chance
+from tests.arm.seeds import tell, times
+
+FAMILIES = ("so101", "koch")
+OFTEN = 0.01  # of what is sent
+
+
+@times(2, 1500)
+def test_a_program_that_stalls_for_up_to_five_seconds_never_makes_a_goal_leap(seeds, capsys):
+    stalls = longest = 0
+    for seed in seeds:
+        name = FAMILIES[seed % 2]
+        auditor, held_up = stalled(name, seed)
+        assert auditor.faults() == [], (seed, name)
+        steps = [abs(goal.tick - goal.last) for goal in auditor.goals]
+        longest, stalls = max([longest, *steps]), stalls + held_up
+    tell(capsys, f"{stalls} stalls in {len(seeds)} motions: longest step {longest} ticks")
+
+
+def stalled(name, seed):
+    """Move an arm a good way, held up at packets before or after they are sent."""
+    dice = chance(seed)
+    with opened(name, seed) as arm:
+        arm.enable()
+        auditor, slow = Auditor(arm, punctual=False), Slow(arm, dice)
+        speed = dice.choice(SPEEDS)
+        move = brief_move(arm, dice, speed, most_rad=1.0)
+        try:
+            arm._drive(lambda _: move, None, speed)
+        except RefusedError as error:
+            if name == "so101" or "the servos stopped themselves" not in str(error):
+                raise
+    return auditor, slow.stalls
+
+
+class Slow:
+    """Holds the program up for 0.05 to 5 s, now and then, at any of its packets."""
+
+    def __init__(self, arm, dice):
+        self._write, self._clock, self._dice = arm._port.transport.write, arm._servos.clock, dice
+        self.stalls = 0
+        arm._port.transport.write = self.write
+
+    def write(self, data):
+        chance = self._dice.random() / OFTEN
+        if chance < 0.5:
+            self._stall()
+        written = self._write(data)
+        if 0.5 <= chance < 1.0:
+            self._stall()
+        return written
+
+    def _stall(self):
+        self.stalls += 1
+        self._clock.sleep_until(self._clock.now_s() + 0.05 * 100.0 ** self._dice.random())

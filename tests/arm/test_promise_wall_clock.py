@@ -1,0 +1,92 @@
+"""M9: nothing that the wall clock does reaches a motion."""
+
+import ast
+import time
+from pathlib import Path
+
+import ikservo
+from tests.arm.brief import brief_move, opened
+from tests.arm.misfortune import chance
+from tests.arm.seeds import tell, times
+from tests.arm.simulated import line_of
+
+PRODUCT = Path(ikservo.__file__).parent
+FAMILIES = ("so101", "koch")
+# What looks how old a file is, and what writes a date into one.
+WITH_REASON = {"ik/kernel/compiling.py"}
+
+
+def test_no_line_of_the_product_times_anything_by_the_wall_clock():
+    found = {str(path.relative_to(PRODUCT)) for path in PRODUCT.rglob("*.py") if asks(path)}
+    assert found == WITH_REASON
+
+
+def asks(path):
+    """Return whether a file asks what o'clock it is as a number of seconds."""
+    return any(
+        (isinstance(node, ast.ImportFrom) and node.module == "time" and _names_it(node.names))
+        or (isinstance(node, ast.Attribute) and _is_it(node))
+        for node in ast.walk(ast.parse(path.read_text()))
+    )
+
+
+def _names_it(names):
+    return {"time", "time_ns"} & {name.name for name in names}
+
+
+def _is_it(node):
+    return node.attr in ("time", "time_ns") and getattr(node.value, "id", "") == "time"
+
+
+@times(2, 200)
+def test_a_motion_is_the_same_to_the_last_packet_however_the_wall_clock_is_stepped(
+    seeds, capsys, monkeypatch
+):
+    steps = 0
+    for seed in seeds:
+        name = FAMILIES[seed % 2]
+        straight = said_in(name, seed)
+        with monkeypatch.context() as patch:
+            clock = Stepped(seed)
+            clock.put_into(patch)
+            stepped = said_in(name, seed, clock.step)
+            steps += clock.steps
+        assert stepped == straight, (seed, name)
+    tell(capsys, f"{len(seeds)} motions, {steps} steps of the wall clock: every packet the same")
+
+
+class Stepped:
+    """A wall clock that is set forward and back by up to a day whenever a test says so."""
+
+    def __init__(self, seed):
+        self._dice, self._offset_s, self._real, self.steps = chance(seed), 0.0, time.time, 0
+
+    def step(self, _beat=None):
+        self._offset_s = self._dice.uniform(-86_400.0, 86_400.0)
+        self.steps += 1
+
+    def put_into(self, patch):
+        patch.setattr(time, "time", lambda: self._real() + self._offset_s)
+        patch.setattr(time, "time_ns", lambda: int(1e9 * (self._real() + self._offset_s)))
+
+
+def said_in(name, seed, on_beat=None):
+    """Return every packet of a motion, whoever sent it, with its time."""
+    said = []
+    with opened(name, seed) as arm:
+        arm.enable()
+        line_of(arm).witnesses.append(Wiretap(said))
+        move = brief_move(arm, chance(seed), "fast")
+        arm._drive(lambda _: move, on_beat, "fast")
+    return said
+
+
+class Wiretap:
+    def __init__(self, said):
+        self._said = said
+
+    def heard(self, at_s, frame, _framing):
+        self._said.append((round(at_s, 9), str(frame)))
+
+    def said(self, at_s, servo, data):
+        self._said.append((round(at_s, 9), servo and servo.id, bytes(data)))
