@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import sys
 
 import pytest
+
+# Dozens of tests start Python anew: what one of them has compiled, the next need not.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# Files are saved so that they outlast a power cut: thousands of waits for a disk, none for memory.
+if os.access("/dev/shm", os.W_OK):
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/dev/shm")
 
 
 def pytest_addoption(parser):
@@ -19,6 +28,15 @@ def pytest_addoption(parser):
         help="how tests/hardware hears its simulated lines; see desk.py",
     )
     parser.addoption("--real-arm", default="so101", help="which arm that is (default: so101)")
+
+
+def pytest_sessionstart():
+    gc.disable()  # thousands of tests are gathered, and none is thrown away
+
+
+def pytest_collection_finish():
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -13,7 +13,7 @@ from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
 from tests.oracle import CONFIGS
 
 MARGIN_DEG = 0.3
-SEARCH = math.radians(40 + 20)  # past the ends of the arm file
+SEARCH = math.radians(25 + 20)  # past the ends of the arm file
 
 
 @pytest.fixture(autouse=True)
@@ -23,14 +23,14 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def narrow(tmp_path_factory):
-    """Return an arm file of a planar arm whose joints go 40° to both sides."""
+    """Return an arm file of a planar arm whose joints go 25° to both sides."""
     folder = tmp_path_factory.mktemp("narrow")
     text = (CONFIGS / "planar2" / "arm.toml").read_text()
     text = re.sub(r"joint([12]) = -?[\d.]+", r"joint\1 = 5.0", text)
     (folder / "arm.toml").write_text(text.replace('name   = "planar2"', 'name = "narrow"'))
     urdf = (CONFIGS / "planar2" / "arm.urdf").read_text()
-    urdf = re.sub(r'lower="[^"]*"', 'lower="-0.698"', urdf)
-    (folder / "arm.urdf").write_text(re.sub(r'upper="[^"]*"', 'upper="0.698"', urdf))
+    urdf = re.sub(r'lower="[^"]*"', 'lower="-0.436"', urdf)
+    (folder / "arm.urdf").write_text(re.sub(r'upper="[^"]*"', 'upper="0.436"', urdf))
     return str(folder / "arm.toml")
 
 
@@ -90,10 +90,10 @@ def set_stops(arm, name, low, high):
 
 
 def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, say):
-    set_stops(arm, "joint2", -0.2, 0.7)
+    set_stops(arm, "joint2", -0.1, 0.436)
     done = auto(say, narrow)
     assert done.code == 6
-    assert re.search(r"joint2 met something at -1[12]\.\d°; its stop is expected at -40", done.err)
+    assert re.search(r"joint2 met something at -[56]\.\d°; its stop is expected at -25", done.err)
     assert saved() is None
     assert all(servo.drive.torque_on for servo in arm.line.servos.values())
     assert {servo.read("torque_limit") for servo in arm.line.servos.values()} == {1000}

@@ -14,7 +14,7 @@ def test_the_measured_tip_is_within_2_mm_of_the_target(say, arm):
 
 
 def test_the_json_has_the_keys_that_others_rely_on(say):
-    answer = say("move 0.25 0.05 0.15 --arm so101 --port sim --json").json
+    answer = say("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home --json").json
     assert answer["schema"] == "ikservo/move/1"
     assert set(answer) == {
         "schema", "target_m", "commanded_tip_m", "measured_tip_m", "error_m", "duration_s",
@@ -23,8 +23,8 @@ def test_the_json_has_the_keys_that_others_rely_on(say):
 
 
 def test_stdout_is_the_report_and_stderr_the_announcement(say):
-    said = say("move 0.25 0.05 0.15 --arm so101 --port sim")
-    assert said.out.splitlines()[0] == "target     (0.250, 0.050, 0.150) m"
+    said = say("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
+    assert said.out.splitlines()[0] == "target     (0.230, 0.020, 0.100) m"
     assert said.out.splitlines()[-1] == "reached    yes"
     assert said.err.startswith("SO-101 follower on sim:")
 
@@ -54,14 +54,14 @@ def test_where_names_the_source_of_the_limits(say):
 
 
 def test_joints_are_told_in_degrees_or_radians(say):
-    said = say("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim --json")
+    said = say("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim:?pose=home --json")
     assert said.code == 0
     assert said.json["goal_rad"] == pytest.approx({"elbow_flex": math.pi / 6, "gripper": 0.5})
 
 
 def test_a_negative_angle_is_no_option(say):
-    goal = say("joints elbow_flex=-30 --arm so101 --port sim --json").json["goal_rad"]
-    assert goal == pytest.approx({"elbow_flex": -math.pi / 6})
+    goal = say("joints wrist_roll=-30 --arm so101 --port sim:?pose=home --json").json["goal_rad"]
+    assert goal == pytest.approx({"wrist_roll": -math.pi / 6})
 
 
 def test_a_slide_is_told_in_metres(say):

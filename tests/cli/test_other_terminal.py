@@ -1,6 +1,5 @@
 """Two terminals and one arm: what one starts, the other sees, stops and releases."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -8,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from tests.cli.test_over_a_pty import run, served
+from tests.cli.test_over_a_pty import served
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
 
@@ -44,28 +43,33 @@ def swaying(port):
             process.kill()
 
 
-def test_a_motion_is_seen_and_stopped_from_another_terminal():
-    with served("so101") as (port, _), swaying(port) as process:
-        seen = run("where", "--arm", "so101", "--port", port, "--json")
-        stopped = run("stop", "--json")
+@pytest.fixture(scope="module")
+def port():
+    with served("so101") as (name, _):
+        yield name
+
+
+def test_a_motion_is_seen_and_stopped_from_another_terminal(say, port):
+    with swaying(port) as process:
+        seen = say(f"where --arm so101 --port {port} --json")
+        stopped = say("stop --json")
         _, said = process.communicate(timeout=30)
-    assert seen.returncode == 0, seen.stderr
-    assert all(joint["torque"] for joint in json.loads(seen.stdout)["joints"])
-    assert stopped.returncode == 0, stopped.stderr
-    (arm,) = json.loads(stopped.stdout)["arms"]
+    assert seen.code == 0, seen.err
+    assert all(joint["torque"] for joint in seen.json["joints"])
+    assert stopped.code == 0, stopped.err
+    (arm,) = stopped.json["arms"]
     assert (arm["arm"], arm["port"], arm["moving"]) == ("so101", port, True)
     assert len(arm["held"]) == 6
     assert "StoppedError: Stopped from another terminal; the arm holds." in said
 
 
-def test_after_a_program_was_killed_the_arm_is_stopped_all_the_same():
-    with served("so101") as (port, _):
-        with swaying(port) as process:
-            process.send_signal(signal.SIGKILL)
-            process.wait(timeout=30)
-        stopped = run("stop", "--arm", "so101", "--port", port)
-    assert stopped.returncode == 0, stopped.stderr
-    assert stopped.stdout.splitlines() == [
+def test_after_a_program_was_killed_the_arm_is_stopped_all_the_same(say, port):
+    with swaying(port) as process:
+        process.send_signal(signal.SIGKILL)
+        process.wait(timeout=30)
+    stopped = say(f"stop --arm so101 --port {port}")
+    assert stopped.code == 0, stopped.err
+    assert stopped.out.splitlines() == [
         f"so101 on {port} stands",
         "held    shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper",
     ]

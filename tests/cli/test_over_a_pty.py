@@ -1,11 +1,10 @@
 """Two processes, one pseudo-terminal: the whole chain, judged by the vendors' own SDKs."""
 
-import json
 import os
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import dynamixel_sdk
 import numpy as np
@@ -32,16 +31,25 @@ def served(arm):
             process.send_signal(signal.SIGTERM)
 
 
-def run(*words, timeout_s=60):
-    return subprocess.run([*IKSERVO, *words], capture_output=True, text=True, timeout=timeout_s,
-                          check=False, stdin=subprocess.DEVNULL)  # fmt: skip
+@pytest.fixture(scope="module")
+def port_of():
+    """Return a function that gives an arm's port: one simulator of each serves the whole file."""
+    with ExitStack() as stack:
+        ports = {}
+
+        def find(arm):
+            if arm not in ports:
+                ports[arm], _ = stack.enter_context(served(arm))
+            return ports[arm]
+
+        yield find
 
 
-def run_as_a_person(*words):
+def said_as_a_person(say, words):
     """Run a motion, again where a busy computer made the arm stop: silence (4), late beats (8)."""
     for _ in range(4):
-        done = run(*words)
-        if done.returncode not in (4, 8):
+        done = say(words)
+        if done.code not in (4, 8):
             break
     return done
 
@@ -68,57 +76,62 @@ def ticks_by_the_vendors_sdk(arm, port):
 
 
 @pytest.mark.parametrize(("arm", "target_m"), TARGETS_M.items())
-def test_the_tip_goes_to_the_point_and_stays_there(arm, target_m):
-    with served(arm) as (port, _):
-        done = run_as_a_person("move", *map(str, target_m), "--arm", arm, "--port", port, "--json")
-        assert done.returncode == 0, done.stderr
-        tip_m = tip_from_ticks(arm, ticks_by_the_vendors_sdk(arm, port))
+def test_the_tip_goes_to_the_point_and_stays_there(say, port_of, arm, target_m):
+    point = " ".join(map(str, target_m))
+    done = said_as_a_person(say, f"move {point} --arm {arm} --port {port_of(arm)} --json")
+    assert done.code == 0, done.err
+    tip_m = tip_from_ticks(arm, ticks_by_the_vendors_sdk(arm, port_of(arm)))
     np.testing.assert_allclose(tip_m, target_m, atol=2e-3)
-    np.testing.assert_allclose(json.loads(done.stdout)["measured_tip_m"], tip_m, atol=1e-3)
+    np.testing.assert_allclose(done.json["measured_tip_m"], tip_m, atol=1e-3)
 
 
-def test_a_port_in_use_is_refused_and_its_holder_keeps_working():
-    with served("so101") as (port, _):
-        holder = os.open(port, os.O_RDWR | os.O_NOCTTY)
-        try:
-            import fcntl
-            import termios
+def test_a_port_in_use_is_refused_and_its_holder_keeps_working(say, port_of):
+    port = port_of("so101")
+    holder = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        import fcntl
+        import termios
 
-            fcntl.flock(holder, fcntl.LOCK_EX)
-            fcntl.ioctl(holder, termios.TIOCEXCL)
-            done = run("where", "--arm", "so101", "--port", port)
-        finally:
-            os.close(holder)
-    assert done.returncode == 3
-    assert "in use" in done.stderr
+        fcntl.flock(holder, fcntl.LOCK_EX)
+        fcntl.ioctl(holder, termios.TIOCEXCL)
+        done = say(f"where --arm so101 --port {port}")
+    finally:
+        fcntl.ioctl(holder, termios.TIOCNXCL)
+        os.close(holder)
+    assert done.code == 3
+    assert "in use" in done.err
 
 
-def test_when_the_server_ends_the_loss_is_named():
+def test_when_the_server_ends_the_loss_is_named(say):
     with served("so101") as (port, process):
         process.send_signal(signal.SIGTERM)
         process.wait(timeout=20)
-        done = run("where", "--arm", "so101", "--port", port)
-    assert done.returncode == 3
-    assert "Traceback" not in done.stderr
+        done = say(f"where --arm so101 --port {port}")
+    assert done.code == 3
+    assert "Traceback" not in done.err
 
 
-def test_ctrl_c_in_mid_motion_holds_and_exits_with_130():
-    with served("so101") as (port, _):
-        words = ["joints", "shoulder_pan=100", "--arm", "so101", "--port", port, "--speed", "slow"]
-        words += ["--no-collision"]  # a limp arm has sunk onto the table
-        moving = subprocess.Popen([*IKSERVO, *words], stderr=subprocess.PIPE, text=True)
-        with moving:
-            while "slow" not in moving.stderr.readline():
-                pass
-            _wait_until_it_moves(port, moving)
-            moving.send_signal(signal.SIGINT)
-            said = moving.stderr.read()
-        state = json.loads(run("where", "--arm", "so101", "--port", port, "--json").stdout)
+def test_ctrl_c_in_mid_motion_holds_and_exits_with_130(say, port_of):
+    port = port_of("so101")
+    before = pan_of(say, port)
+    words = ["joints", "shoulder_pan=100", "--arm", "so101", "--port", port, "--speed", "slow"]
+    words += ["--no-collision"]  # a limp arm has sunk onto the table
+    moving = subprocess.Popen([*IKSERVO, *words], stderr=subprocess.PIPE, text=True)
+    with moving:
+        while "slow" not in moving.stderr.readline():
+            pass
+        _wait_until_it_moves(port, moving)
+        moving.send_signal(signal.SIGINT)
+        said = moving.stderr.read()
+    pan = pan_of(say, port)
     assert moving.returncode == 130
     assert "the arm holds" in said
-    pan = state["joints"][0]
     assert pan["torque"] is True
-    assert 0 < pan["position_rad"] < 1.7
+    assert before["position_rad"] < pan["position_rad"] < 1.7
+
+
+def pan_of(say, port):
+    return say(f"where --arm so101 --port {port} --json").json["joints"][0]
 
 
 def _wait_until_it_moves(port, process):

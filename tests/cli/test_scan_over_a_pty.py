@@ -6,7 +6,7 @@ import time
 import pytest
 
 from ikservo.hardware.finding.discovery import scan_port
-from tests.cli.test_over_a_pty import run, served
+from tests.cli.test_over_a_pty import served
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
 
@@ -23,9 +23,9 @@ def test_253_silent_ids_take_less_than_two_seconds(port):
     assert time.monotonic() - started_s < 2.0
 
 
-def test_every_servo_is_found(port):
-    done = run("scan", port)
-    assert done.returncode == 0, done.stderr
-    assert [line.split()[:2] for line in done.stdout.splitlines()[1:]] == [
+def test_every_servo_is_found(say, port):
+    done = say(f"scan {port}")
+    assert done.code == 0, done.err
+    assert [line.split()[:2] for line in done.out.splitlines()[1:]] == [
         [str(i), "STS3215"] for i in range(1, 7)
     ]

@@ -13,10 +13,9 @@ CALLED = """clearPort closePort getBaudRate getBytesAvailable getPortName isPack
 readPort setBaudRate setPacketTimeout setPacketTimeoutMillis setPortName writePort"""
 
 
-@pytest.mark.parametrize("name", CALLED.split())
 @pytest.mark.parametrize("handler", [scservo_sdk.PortHandler, dynamixel_sdk.PortHandler, Port])
-def test_every_method_that_packet_handlers_call_is_there(handler, name):
-    assert callable(getattr(handler, name))
+def test_every_method_that_packet_handlers_call_is_there(handler):
+    assert [name for name in CALLED.split() if not callable(getattr(handler, name, None))] == []
 
 
 def test_feetechs_own_read_works_on_it(port, line):

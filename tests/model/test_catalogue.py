@@ -121,21 +121,29 @@ PATHS = [
 # fmt: on
 
 
-@pytest.mark.parametrize("trick", NO_PATHS + PATHS, ids=lambda trick: ascii(trick[:24]))
+def refused(trick: str) -> None:
+    """Look for an arm of that name, and find none."""
+    try:
+        found = find_arm(trick)
+    except UnknownNameError:
+        return
+    pytest.fail(f"{trick[:24]!a} has led to {found}")
+
+
 def test_a_trick_in_a_name_finds_and_opens_nothing(
-    shelf: Path, trick: str, monkeypatch: pytest.MonkeyPatch
+    shelf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[object] = []
-    for opener in ("builtins.open", "io.open", "os.open"):
-        monkeypatch.setattr(opener, lambda *args, **_: opened.append(args))
-    with pytest.raises(UnknownNameError):
-        find_arm(trick)
+    with monkeypatch.context() as watched:
+        for opener in ("builtins.open", "io.open", "os.open"):
+            watched.setattr(opener, lambda *args, **_: opened.append(args))
+        for trick in NO_PATHS + PATHS:
+            refused(trick)
     assert opened == []
 
 
-@pytest.mark.parametrize("trick", NO_PATHS, ids=lambda trick: ascii(trick[:24]))
 def test_what_is_no_path_is_not_even_looked_for(
-    shelf: Path, trick: str, monkeypatch: pytest.MonkeyPatch
+    shelf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_at: list[str] = []
     real_stat = os.stat
@@ -145,8 +153,8 @@ def test_what_is_no_path_is_not_even_looked_for(
         return real_stat(path, **options)
 
     monkeypatch.setattr("os.stat", watched)
-    with pytest.raises(UnknownNameError):
-        find_arm(trick)
+    for trick in NO_PATHS:
+        refused(trick)
     known = {str(shelf), str(shelf / "so101" / "arm.toml"), str(shelf / "koch" / "arm.toml")}
     assert set(looked_at) == known
 

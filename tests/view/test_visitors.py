@@ -43,24 +43,20 @@ def test_the_page_comes_in_by_every_name_of_loopback(host):
     assert door(host, f"http://{host.lower()}")
 
 
-@pytest.mark.parametrize("host", FOREIGN_HOSTS)
-def test_another_host_is_refused_even_where_its_origin_agrees(host):
-    assert not door(host, f"http://{host}")
+def test_another_host_is_refused_even_where_its_origin_agrees():
+    assert [host for host in FOREIGN_HOSTS if door(host, f"http://{host}")] == []
 
 
-@pytest.mark.parametrize("host", FOREIGN_HOSTS)
-def test_another_host_may_not_even_read_the_page(host):
-    assert not door(host, upgrade=False)
+def test_another_host_may_not_even_read_the_page():
+    assert [host for host in FOREIGN_HOSTS if door(host, upgrade=False)] == []
 
 
-@pytest.mark.parametrize("origin", FOREIGN_ORIGINS)
-def test_another_origin_is_refused(origin):
-    assert not door(origin=origin)
+def test_another_origin_is_refused():
+    assert [origin for origin in FOREIGN_ORIGINS if door(origin=origin)] == []
 
 
-@pytest.mark.parametrize("origin", FOREIGN_ORIGINS)
-def test_another_origin_may_not_fetch(origin):
-    assert not door(origin=origin, upgrade=False)
+def test_another_origin_may_not_fetch():
+    assert [origin for origin in FOREIGN_ORIGINS if door(origin=origin, upgrade=False)] == []
 
 
 def test_a_socket_without_an_origin_is_refused():

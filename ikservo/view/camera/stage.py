@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ikservo.ik.workspace import side_plane
 from ikservo.ik.workspace.samples import joint_samples
@@ -48,7 +49,7 @@ class Stage:
 
     def plane(self, yaw_rad: float) -> Matrix:
         """Return the vertical plane (4, 4) through the first axis: u outwards, v up, w across."""
-        return _upright(self.pivot_m, yaw_rad)
+        return pose(self.pivot_m, _upright(yaw_rad))
 
 
 def stage_of(model: Model) -> Stage:
@@ -63,11 +64,10 @@ def stage_of(model: Model) -> Stage:
     if model.floor_m is not None:
         links[..., 2] = np.maximum(links[..., 2], model.floor_m - _UNDER_THE_TABLE_M)
     yaws_rad = yaw_rad + turns * (q[:, 0] - home[0])
-    planes = np.array([_upright(pivot, float(yaw))[:3, :3] for yaw in yaws_rad])
     return Stage(
         across=_across(chain, home),
         box_m=_box(links),
-        own_m=_box((links - pivot) @ planes),
+        own_m=_box((links - pivot) @ _upright(yaws_rad)),
         pivot_m=pivot,
         home=home,
         home_yaw_rad=yaw_rad,
@@ -80,9 +80,11 @@ def home_of(model: Model) -> Vector:
     return model.chain_pose("home") if "home" in model.poses else model.chain.middle()
 
 
-def _upright(through_m: Vector, yaw_rad: float) -> Matrix:
-    u, v = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0.0]), np.array([0.0, 0.0, 1.0])
-    return pose(through_m, np.column_stack([u, v, np.cross(u, v)]))
+def _upright(yaw_rad: ArrayLike) -> Matrix:
+    """Return the axes (…, 3, 3) of planes that look where yaws (…) say: outwards, up, across."""
+    c, s, zero = np.cos(yaw_rad), np.sin(yaw_rad), np.zeros_like(yaw_rad)
+    rows = [[c, zero, s], [s, zero, -c], [zero, zero + 1.0, zero]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def _first_pivot(chain: Chain, home: Vector) -> Vector:
