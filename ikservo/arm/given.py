@@ -27,9 +27,11 @@ def number(what: str, value: object) -> float:
     """Return a number as a float.
 
     Raises:
-        BadValueError: It is none.
+        BadValueError: It is none; text that reads like one is none either.
     """
     try:
+        if isinstance(value, str | bytes | bytearray):
+            raise TypeError
         return float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError):
         raise BadValueError(what, repr(value), "a number") from None

@@ -33,6 +33,7 @@ Wanted = Callable[[], bool | None]
 _SILENCE_S = 0.3
 _LONGEST_S = 60.0
 _FASTEST_M_S = 0.5
+_FASTEST = 100.0  # of a joint: it goes as fast as its class allows
 _USUAL_M_S = 0.05
 # The tip is aimed at where it will be after this time.
 _AHEAD_S = 0.2
@@ -170,7 +171,7 @@ def _aims(arm: Workings, what: str, speed: float | None, at_most: str) -> tuple[
     if what in arm.servos.names:
         column = arm.planner.column(what)
         slow = arm.planner.paces("slow")[column].speed_rad_s
-        wanted = _checked(speed, slow, "rad/s, or m/s of a slide", math.inf)
+        wanted = _checked(speed, slow, f"rad/s, or m/s of a slide, at most {_FASTEST}", _FASTEST)
         own = paces[column]
         paces[column] = replace(own, speed_rad_s=min(abs(wanted), own.speed_rad_s))
         return _JointAims(arm, what, wanted), paces
@@ -183,6 +184,6 @@ def _aims(arm: Workings, what: str, speed: float | None, at_most: str) -> tuple[
 
 def _checked(speed: float | None, usual: float, expected: str, most: float) -> float:
     wanted = usual if speed is None else number("The speed", speed)
-    if not 0.0 < abs(wanted) <= most or math.isinf(wanted):
+    if not 0.0 < abs(wanted) <= most:
         raise BadValueError("The speed", f"{wanted:g}", f"{expected}, not zero")
     return wanted

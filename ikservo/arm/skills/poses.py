@@ -16,7 +16,7 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -67,6 +67,8 @@ class Poses:
             UnknownNameError: There is no such pose; the closest is offered.
             FileFormatError: The file of the taught poses is spoiled.
         """
+        if not isinstance(cast("object", name), str):
+            raise UnknownNameError("pose", name, self._model.poses)
         if name in self._model.poses:
             return self._model.poses[name]
         known = self.all()
