@@ -37,11 +37,15 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector
 
 
 def numbers(values: ArrayLike, what: str, expected: str) -> Vector:
-    """Return ``values`` as an array of floats of any shape, or say what was expected."""
+    """Return ``values`` as an array of floats of any shape, or say what was expected.
+
+    Text that reads like a number is none, and neither is what has an imaginary part.
+    """
     try:
-        if np.iscomplexobj(values):
-            raise BadValueError(what, repr(values), expected)
-        return np.asarray(values, dtype=np.float64)
+        array = np.asarray(values)
+        if array.dtype.kind in "cSU":
+            raise TypeError
+        return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise BadValueError(what, repr(values), expected) from None
 
