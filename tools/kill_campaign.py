@@ -35,7 +35,9 @@ class Tally:
     """What became of the signals sent to one arm.
 
     Attributes:
-        travels: The furthest that a joint still went, each time, ticks.
+        travels: The furthest that a joint still went, each time, ticks, from a look right before
+            the signal.
+        later: The same from a look right after it: what went on in between is in one of the two.
         jumps: The furthest that a joint moved at the next start.
         moving: How many signals met a moving arm.
         let_go: How often a servo had no torque afterwards.
@@ -46,6 +48,7 @@ class Tally:
     """
 
     travels: list[int] = field(default_factory=list[int])
+    later: list[int] = field(default_factory=list[int])
     jumps: list[int] = field(default_factory=list[int])
     moving: int = 0
     let_go: int = 0
@@ -59,7 +62,8 @@ class Tally:
         return (
             f"{name}: {len(self.travels)} x SIG{signal_name}, {self.moving} in motion; travel "
             f"after it at most {max(self.travels)} ticks, "
-            f"median {statistics.median(self.travels):.0f}; "
+            f"median {statistics.median(self.travels):.0f} "
+            f"(from a look right after it {max(self.later)}, {statistics.median(self.later):.0f}); "
             f"next start moved at most {max(self.jumps)} ticks, {self.failed} failed; "
             f"let go {self.let_go} times; "
             f"{self.outside} of {self.goals} goals outside limits; "
@@ -82,6 +86,7 @@ def strike(arm: Served, number: int, dice: random.Random, tally: Tally) -> None:
     time.sleep(dice.uniform(0.15, 2.5))
     before_s, before = time.monotonic(), arm.ticks()
     os.kill(child, number)
+    at_once = arm.ticks()
     _, status = os.waitpid(child, 0)
     code = os.waitstatus_to_exitcode(status)
     after = arm.ticks()
@@ -91,6 +96,7 @@ def strike(arm: Served, number: int, dice: random.Random, tally: Tally) -> None:
     stands = arm.state()
     at_rest = {servo["id"]: servo["position"] for servo in stands}
     tally.travels.append(apart(before, at_rest))
+    tally.later.append(apart(at_once, at_rest))
     tally.let_go += not all(servo["torque"] for servo in stands) and code != 0
     tally.codes.append(code)
     _, status = os.waitpid(forked(lambda: start_anew(arm), quiet=False), 0)
