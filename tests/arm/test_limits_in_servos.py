@@ -80,4 +80,6 @@ def test_an_acceleration_that_is_gone_means_a_reset(sts):
 
 def test_a_soft_dynamixel_is_made_stiff_enough_to_carry_its_arm(x_series):
     x_series.enable()
-    assert {line_of(x_series).servos[i].read("position_p_gain") for i in (3, 4, 5, 6)} == {800}
+    gains = [registers(x_series, f"position_{part}_gain") for part in "pid"]
+    assert {tuple(gain[i] for gain in gains) for i in (3, 4, 5)} == {(1500, 0, 600)}
+    assert gains[0][6] == 800

@@ -27,10 +27,6 @@ _FINE_SPEED_BIT = 0b100
 _RAMP_S = 0.03
 _SLACK = 1.2  # a joint that is behind may catch up
 
-# The least P gain of servos whose own one is so soft that they sag by 6° under an arm: so far a
-# joint would sink when its watchdog makes its goal where it stands.
-_STIFF = {"XL330-M288": 800, "XL330-M077": 800}
-
 _WATCHDOG_COUNTS = 5  # of 20 ms
 _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
 
@@ -74,10 +70,6 @@ class LimitsInServos:
         registers = self._registers(servo_id)
         if "bus_watchdog" in registers:
             self._bus.write(servo_id, registers["bus_watchdog"], 0, raw=True)
-        stiff = _STIFF.get(self._servo(servo_id).table.model_name)
-        gain = registers.get("position_p_gain")
-        if stiff and gain and self._bus.read(servo_id, gain, raw=True) < stiff:
-            self._bus.write(servo_id, gain, stiff, raw=True)
         limit = None if keep_torque else self._torque_limit(servo_id)
         if limit is not None:
             own, most = limit

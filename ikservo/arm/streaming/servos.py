@@ -6,11 +6,12 @@ import math
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 from ikservo.arm.owner.halting import Halted, stand_still
 from ikservo.arm.reports import JointState
 from ikservo.arm.skills.force import limit_force
-from ikservo.arm.streaming.asking import ask_all
+from ikservo.arm.streaming.asking import ask_all, patiently
 from ikservo.arm.streaming.health_round import HealthRound
 from ikservo.arm.streaming.starting import (
     await_rest,
@@ -20,6 +21,7 @@ from ikservo.arm.streaming.starting import (
     nearest_goal,
 )
 from ikservo.arm.streaming.states import read_states
+from ikservo.arm.streaming.stiffness import stiffen
 from ikservo.arm.streaming.streamed import StreamedServos
 from ikservo.clock import Clock
 from ikservo.guard import Fence, Health, HealthLimits
@@ -72,8 +74,7 @@ class Servos(StreamedServos):
             ServoRefusedError: A servo keeps an old goal; likewise.
         """
         for fence in self.fences:
-            check_supply(self._bus, fence.servo_id)
-            self._limits.prepare(fence.servo_id, keep_torque=self._grips(fence))
+            patiently(self.clock, partial(self._prepare, fence))
         self._limits.forget()
         self._limits.run_at(speed_rad_s)
         start = self._start_ticks()
@@ -81,7 +82,8 @@ class Servos(StreamedServos):
         confirm_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
         limp = not self.holding()
         for fence in self.fences:
-            self._bus.write(fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
+            switch_on = partial(self._bus.write, fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
+            patiently(self.clock, switch_on)
         if limp:
             await_rest(self.fences, start, self._feedback, self.clock)
         health = Health(self._health, self._supply_v())
@@ -169,6 +171,12 @@ class Servos(StreamedServos):
     def states(self) -> tuple[JointState, ...]:
         """Return every joint's position, limits, temperature, voltage, load and torque."""
         return read_states(self._bus, self.fences, self._feedback.ticks())
+
+    def _prepare(self, fence: Fence) -> None:
+        """Make one servo ready to hold."""
+        check_supply(self._bus, fence.servo_id)
+        self._limits.prepare(fence.servo_id, keep_torque=self._grips(fence))
+        stiffen(self._bus, fence.servo_id, jaws=fence.joint == self._gripper)
 
     def _grips(self, fence: Fence) -> bool:
         """Return whether a joint's servo may hold something now, as hard as it was told to."""
