@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Literal
 
@@ -182,7 +183,7 @@ class Arm(Foreseeing):
         self._enabled = False  # torque is looked at anew, by limits that let it come down
         with self._servos.bearing_heat():
             plan = self._held_to(self.plan_rest)
-            report = self._bring(self.model.pose("rest"), plan, on_progress)
+            report = self._bring(self._rest(), plan, on_progress)
         self.release()
         return report
 
@@ -207,8 +208,10 @@ class Arm(Foreseeing):
         started_s = servos.clock.now_s()
         self._stream.run(course, self._watcher(on_progress), speed_rad_s=horn_rad_s)
         motion_s = servos.clock.now_s() - started_s
-        self._take_up_play(plan, paces, horn_rad_s)
-        return arrive(self._stream, servos, aim, paces, horn_rad_s, motion_s)
+        if not plan.straight:  # the tool stays on its line
+            self._take_up_play(plan, paces, horn_rad_s)
+        arrival = arrive(self._stream, servos, aim, paces, horn_rad_s, motion_s)
+        return replace(arrival, settling_s=servos.clock.now_s() - started_s - motion_s)
 
     def _take_up_play(self, plan: Plan, paces: Sequence[Pace], horn_rad_s: float) -> None:
         """Let joints with known play come from below, unless something is in that way."""

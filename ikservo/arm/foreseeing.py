@@ -20,6 +20,8 @@ from ikservo.kinematics.se3 import Vector
 __all__ = ["Foreseeing"]
 
 _LIES_M = 0.005
+# A gripper's goal leads it by more than this at the horn where something is between its jaws.
+_PRESSES_RAD = 0.05
 
 
 class Foreseeing(Running):
@@ -90,7 +92,7 @@ class Foreseeing(Running):
             CalibrationError: Nobody knows where the rest pose is.
             RefusedError: No way there is free.
         """
-        rest = self.model.pose("rest")
+        rest = self._rest()
         try:
             return self.plan_joints(rest, speed="slow")
         except RefusedError:
@@ -101,6 +103,17 @@ class Foreseeing(Running):
             if found is None:
                 raise
             return found
+
+    def _rest(self) -> dict[str, float]:
+        """Return where the joints rest; a gripper that presses on something is left as it is."""
+        rest, gripper = dict(self.model.pose("rest")), self.model.gripper
+        if gripper is not None:
+            column = self._planner.column(gripper.joint)
+            joint_map = self._servos.fences[column].joint_map
+            ahead = abs(self._here()[column] - self._servos.measure()[column])
+            if ahead / joint_map.unit_per_tick * joint_map.horn_rad_per_tick > _PRESSES_RAD:
+                del rest[gripper.joint]
+        return rest
 
     def _held_to(self, planning: Callable[[], Plan]) -> Plan:
         """Return a plan from where the arm holds: a limp one may sink before its torque is on."""

@@ -19,9 +19,10 @@ from ikservo.arm.planning import Plan, Planner
 from ikservo.arm.reports import JointState, Whereabouts
 from ikservo.arm.skills.poses import Poses
 from ikservo.arm.skills.workings import Begin, Workings
+from ikservo.arm.streaming.halt import STOPPED
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.signals import interruptible
-from ikservo.arm.streaming.stream import STOPPED, OnBeat, Stream
+from ikservo.arm.streaming.stream import OnBeat, Stream
 from ikservo.arm.trust import Zeros
 from ikservo.errors import BadValueError, IkservoError, RefusedError, ServoAlarmError, StoppedError
 from ikservo.guard import Space
@@ -154,15 +155,15 @@ class Running(Lines):
 
     def release(self) -> None:
         """Switch every servo's torque off where the arm is; what nobody holds falls."""
+        self._enabled = False  # also where one does not answer
         self._servos.release()
-        self._enabled = False
 
     @contextmanager
     def _moving(self) -> Generator[None]:
         """Have the turn, torque on and signals heard; after a fault torque is looked at anew."""
         with self._turn:
             self._check_idle()
-            if not self._enabled:
+            if not self._enabled or self.stopped_for:  # which is refused
                 self.enable()
             if self._listener is not None:
                 self._states = self._servos.states()

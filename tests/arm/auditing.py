@@ -41,7 +41,7 @@ class Auditor:
         self.limits = _limits(self.arm.model.name)
         self.eeprom_writes = lambda: sum(s.memory.eeprom_writes for s in self.line.world.servos)
         self._eeprom_before = self.eeprom_writes()
-        self._goal_s = {}
+        self._goal_s, self._told = {}, {}
 
     def faults(self):
         """Return what was wrong with the goals, in words; an empty list for a sound program."""
@@ -89,10 +89,13 @@ class Auditor:
         back = abs(goal.tick - goal.present) <= abs(goal.last - goal.present)  # nearer to the joint
         if not min(low, goal.last) <= goal.tick <= max(high, goal.last) and not back:
             yield f"{goal} is outside {low} to {high}"
-        if abs(goal.tick - goal.last) > ticks_s * elapsed_s + 2 and not back:
+        # A servo that has let go does not travel, and one that began anew has made its goal where it
+        # is: what it is told next goes on from what it was told before.
+        before = self._told.get(goal.servo_id, goal.last) if goal.limp else goal.last
+        self._told[goal.servo_id] = goal.tick
+        if abs(goal.tick - before) > ticks_s * elapsed_s + 2 and not back:
             yield f"{goal} is a jump after {elapsed_s:.3f} s"
         lead = STANDING_TICKS + min(0.1 * ticks_s, TRAVEL_TICKS)
-        # A servo that has let go does not travel; its goal is set anew before its torque.
         if abs(goal.tick - goal.present) > lead + 0.02 * ticks_s and not (back or goal.limp):
             yield f"{goal} leads too far"
 

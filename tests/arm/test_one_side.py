@@ -52,3 +52,12 @@ def test_it_does_not_go_below_its_limit_for_that(arm_file):
         report = arm.move_joints({PAN: lowest}, speed="fast")
         assert report.reached
         assert registers(arm, "goal_position")[ID] in range(*sorted(arm._servos.fences[0].ticks))
+
+
+def test_the_report_counts_the_time_that_this_takes_as_settling(arm_file):
+    with ikservo.open_arm(arm_file, port=PORT) as arm:
+        arm.pose("home")
+        before_s = arm._port.clock.now_s()
+        arrival = arm.go(arm.plan_joints({PAN: 0.2}, speed="fast"))
+        took_s = arm._port.clock.now_s() - before_s
+    assert arrival.duration_s == pytest.approx(took_s, rel=0.1)

@@ -46,6 +46,7 @@ class Plan:
         solution: What the solver answered; None for a motion of joints.
         left_rad: How far the tool will be from how it should stand, at worst.
         slowed: Whether it goes slower than asked, for it is the first after torque comes on.
+        straight: Whether the tip goes along straight lines.
         by: The pose by way of which it goes; empty where it goes straight.
     """
 
@@ -62,4 +63,5 @@ class Plan:
     solution: Result | None = None
     left_rad: float = 0.0
     slowed: bool = False
+    straight: bool = False
     by: str = ""

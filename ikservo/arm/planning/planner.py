@@ -101,7 +101,7 @@ class Planner:
         if stance.asked_besides:
             left_rad = check_stance(self._chain, self._tool, target, stance, solution)
         plan = self._plan(here, Embedded(route, self._columns, here), speed)
-        return _to(plan, target, Standing(solution, left_rad))
+        return _to(replace(plan, straight=True), target, Standing(solution, left_rad))
 
     def through(
         self,

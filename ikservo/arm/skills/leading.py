@@ -144,7 +144,7 @@ class _Led:
 
     def _lift(self, pursuit: Pursuit, beat: Beat) -> None:
         """Lead the goals by what the load keeps resting joints from reaching."""
-        residual = self._wanted - beat.measured
+        residual = self._wanted - standing(self._arm, beat)  # a gripper that presses keeps its goal
         self._looked_s = beat.time_s
         if np.abs(residual).max() > _NEAR_RAD:
             self._rounds -= 1

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-__all__ = ["Halt"]
+from ikservo.errors import StoppedError
+
+__all__ = ["CTRL_C", "STOPPED", "Halt"]
+
+CTRL_C = "Stopped; the arm holds."
+STOPPED = (CTRL_C, "Release it with: ikservo relax")
 
 
 class Halt:
@@ -34,6 +39,15 @@ class Halt:
         """Want the motion to end."""
         self._reason = self._reason or reason
         self.times += 1
+
+    def heed(self) -> None:
+        """Raise where somebody wants a stop.
+
+        Raises:
+            StoppedError: Somebody does; says why.
+        """
+        if self:
+            raise StoppedError(self._reason or STOPPED[0], STOPPED[1])
 
     def clear(self) -> None:
         """Forget it: the arm stands, or somebody wants it to move again."""

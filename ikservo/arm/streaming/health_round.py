@@ -12,7 +12,7 @@ from ikservo.arm.streaming.asking import ask_each
 from ikservo.arm.streaming.limits_in_servos import LimitsInServos
 from ikservo.arm.streaming.states import load_percent
 from ikservo.errors import BusError
-from ikservo.guard import Fence, Health, Vitals
+from ikservo.guard import Health, Vitals
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.packets.block import neighbours
 from ikservo.hardware.servo import ServoSpec
@@ -40,7 +40,7 @@ class HealthRound:
 
     Args:
         bus: The line.
-        fences: One for each joint.
+        names: What each servo is called, by id: its joint, or which other servo of it.
         limits: What must stand in the servos' RAM.
         health: Judges.
         tell: Called with each new warning, in words.
@@ -49,13 +49,13 @@ class HealthRound:
     def __init__(
         self,
         bus: ServoBus,
-        fences: Sequence[Fence],
+        names: Mapping[int, str],
         limits: LimitsInServos,
         health: Health,
         tell: Callable[[str], None],
     ) -> None:
         self._bus, self._limits, self._health, self._tell = bus, limits, health, tell
-        self._fences = {fence.servo_id: fence for fence in fences}
+        self._names = dict(names)
         self._known: dict[int, dict[Register, int]] = {}
         self._questions: list[tuple[int, list[Register]]] = []
         self._next, self._asked_s = 0, -math.inf
@@ -76,12 +76,12 @@ class HealthRound:
             RefusedError: The watchdog of one has tripped.
         """
         self._beat_s = self._bus.clock.now_s()
-        wanted = {i: self._registers(i) for i in self._fences}
+        wanted = {i: self._registers(i) for i in self._names}
         self._known = {i: dict(row) for i, row in ask_each(self._bus, wanted).items()}
         runs = {i: neighbours(registers) for i, registers in wanted.items()}
         longest = max(len(r) for r in runs.values())
         self._questions = [(i, r[k]) for k in range(longest) for i, r in runs.items() if k < len(r)]
-        for servo_id in self._fences:
+        for servo_id in self._names:
             self._judge(servo_id)
 
     def beat(self) -> None:
@@ -98,14 +98,14 @@ class HealthRound:
             self._asked_s = now_s
             self._ask(*self._questions[self._next % len(self._questions)])
             self._next += 1
-        for servo_id in self._fences:
+        for servo_id in self._names:
             if self._bus.alarms.get(servo_id):
                 self._judge(servo_id)
         self._health.check(self._watched_s)
 
     def refreshed(self, states: Sequence[JointState]) -> tuple[JointState, ...]:
         """Return joints' states with what their servos have told since; asks nobody."""
-        ids = {fence.joint: servo_id for servo_id, fence in self._fences.items()}
+        ids = {name: servo_id for servo_id, name in self._names.items()}
         return tuple(self._refreshed(state, ids[state.name]) for state in states)
 
     def _refreshed(self, state: JointState, servo_id: int) -> JointState:
@@ -140,7 +140,7 @@ class HealthRound:
         servo, known = self._bus.servos[servo_id], self._known[servo_id]
         expected = self._limits.canaries(servo_id)
         return Vitals(
-            joint=self._fences[servo_id].joint,
+            joint=self._names[servo_id],
             time_s=self._watched_s,
             temperature_c=_value(servo, known, Role.PRESENT_TEMPERATURE),
             voltage_v=_value(servo, known, Role.PRESENT_VOLTAGE),

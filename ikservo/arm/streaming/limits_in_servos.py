@@ -144,7 +144,9 @@ class LimitsInServos:
             )
 
     def canaries(self, servo_id: int) -> Mapping[Register, int]:
-        """Return what must stand in a servo's RAM as long as it was not reset."""
+        """Return what must stand in the RAM of a servo that is told goals, unless it was reset."""
+        if servo_id not in self._expected:
+            return {}
         registers, expected = self._registers(servo_id), self._expected[servo_id]
         if self._armed and "bus_watchdog" in registers:
             return expected | {registers["bus_watchdog"]: _WATCHDOG_COUNTS}

@@ -56,7 +56,7 @@ class Servos(StreamedServos):
     ) -> None:
         super().__init__(bus, fences, clock)
         self._gripper = gripper
-        self._shadow_ids = [i for name in self.names for i in shadows.get(name, ())]
+        self._shadows = {i: f"{n} (servo {i})" for n in self.names for i in shadows.get(n, ())}
         self._health = HealthLimits() if health is None else health
 
     def enable(self, speed_rad_s: float) -> None:
@@ -87,7 +87,8 @@ class Servos(StreamedServos):
         if limp:
             await_rest(self.fences, start, self._feedback, self.clock)
         health = Health(self._health, self._supply_v())
-        self._round = HealthRound(self._bus, self.fences, self._limits, health, self._warn)
+        names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
+        self._round = HealthRound(self._bus, names, self._limits, health, self._warn)
 
     @contextmanager
     def bearing_heat(self) -> Generator[None]:
@@ -124,7 +125,7 @@ class Servos(StreamedServos):
         Raises:
             BusError: The first failure, after all were tried.
         """
-        failures = torque_off(self._bus, (*self._ids, *self._shadow_ids))
+        failures = torque_off(self._bus, (*self._ids, *self._shadows))
         for error in failures.values():
             raise error
 

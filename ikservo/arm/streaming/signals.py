@@ -8,11 +8,9 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from types import FrameType
 
-from ikservo.arm.streaming.halt import Halt
+from ikservo.arm.streaming.halt import CTRL_C, Halt
 
 __all__ = ["CTRL_C", "interruptible"]
-
-CTRL_C = "Stopped; the arm holds."
 
 _WORDS = {
     "SIGINT": CTRL_C,

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ikservo.arm.streaming.beat import Beat
+from ikservo.arm.streaming.halt import STOPPED
 from ikservo.arm.streaming.servos import Servos
-from ikservo.arm.streaming.signals import CTRL_C
 from ikservo.arm.streaming.throttle import Throttle
-from ikservo.errors import StoppedError
 from ikservo.kinematics.se3 import Vector
 from ikservo.motion import Course, Metronome
 
-__all__ = ["STOPPED", "OnBeat", "Stream"]
-
-STOPPED = (CTRL_C, "Release it with: ikservo relax")
+__all__ = ["OnBeat", "Stream"]
 
 OnBeat = Callable[[Beat], None]
 """Called at each beat; may re-aim the course or ask for a stop."""
@@ -90,15 +87,10 @@ class Stream:
             throttle.check()
             ended = time_s >= course.duration_s
             if ended or throttle.stands:
-                self._heed()
+                servos.halt.heed()
             if ended:
                 return measured
         raise AssertionError("the metronome never ends")
-
-    def _heed(self) -> None:
-        halt = self._servos.halt
-        if halt:
-            raise StoppedError(halt.reason or STOPPED[0], STOPPED[1])
 
     def _told(self, time_s: float, duration_s: float, measured: Vector, late_s: float) -> Beat:
         servos = self._servos

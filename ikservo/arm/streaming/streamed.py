@@ -106,12 +106,16 @@ class StreamedServos:
             BusError: A servo does not answer.
             ServoAlarmError: A servo is not well.
             RefusedError: The arm was stopped, or its torque was never switched on.
+            StoppedError: Somebody asked for a stop while nobody looked.
         """
         try:
+            self.halt.heed()  # asked for between two streams of one motion
             self._ready(speed_rad_s)
             self.halt.heeded = True
             yield
             self._limits.disarm_watchdog()
+            self.halt.heeded = False
+            self.halt.heed()  # asked for after the last beat
         except BaseException as error:
             self.stop(_told(error))
             raise

@@ -1,0 +1,38 @@
+"""With something between its jaws an arm is lowered, followed and steered as without."""
+
+import pytest
+
+import ikservo
+from tests.arm.simulated import registers, servo_id
+from tests.arm.test_gripper import put_between
+
+
+@pytest.fixture(params=["so101", pytest.param("koch", marks=pytest.mark.campaign)])
+def holding(request):
+    """Return an arm whose jaws have closed on something, and its gripper's servo."""
+    with ikservo.open_arm(request.param, port="sim:?pose=home") as arm:
+        gripper = servo_id(request.param, "gripper")
+        arm.gripper("open")
+        put_between(arm, 0.4)
+        assert arm.gripper("close").grasped
+        yield arm, gripper
+
+
+def lead(arm, gripper):
+    return abs(
+        registers(arm, "goal_position")[gripper] - registers(arm, "present_position")[gripper]
+    )
+
+
+def test_it_is_lowered_and_lets_go(holding):
+    arm, _ = holding
+    assert arm.relax().reached
+    assert set(registers(arm, "torque_enable").values()) == {0}
+
+
+@pytest.mark.parametrize("speed", ["slow", "fast"])
+def test_it_follows_and_presses_no_harder(holding, speed):
+    arm, gripper = holding
+    before = lead(arm, gripper)
+    arm.follow([{arm.chain.names[0]: 0.2}] * int(2.0 / arm._servos.beat_s), speed=speed)
+    assert lead(arm, gripper) == pytest.approx(before, abs=2)
