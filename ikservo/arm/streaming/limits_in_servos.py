@@ -116,16 +116,14 @@ class LimitsInServos:
         self._armed = False
 
     def check_gap(self, elapsed_s: float) -> None:
-        """Raise when nobody has spoken on the bus for so long that the watchdogs have tripped.
+        """Ask the servos where so long a time has gone that their watchdogs may have tripped.
 
         Raises:
-            RefusedError: They have; the servos stand where they were.
+            RefusedError: One has; the servos stand where they were.
         """
         if self._armed and elapsed_s > _WATCHDOG_S:
-            raise RefusedError(
-                f"The program was held up for {elapsed_s:.2f} s, so the servos stopped themselves.",
-                "End what loads the computer, then move again.",
-            )
+            for servo_id in self.watched:
+                self.check_watchdog(servo_id)
 
     def check_watchdog(self, servo_id: int) -> None:
         """Ask a servo whether its watchdog has tripped.
