@@ -1,14 +1,15 @@
-"""After Ctrl-C: the arm holds; a second one lowers it to its rest pose and lets go."""
+"""After Ctrl-C or SIGTERM: the arm holds; a second one lowers it to its rest and lets go."""
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
 
 from ikservo.arm import Arm
-from ikservo.arm.streaming.signals import CTRL_C
+from ikservo.arm.streaming.signals import CTRL_C, TERMINATED
 from ikservo.cli.output import note
 from ikservo.errors import StoppedError
 
@@ -20,14 +21,14 @@ _PERSON_S, _SCRIPT_S = 2.0, 1.0
 
 @contextmanager
 def stoppable(machine: Arm) -> Generator[None]:
-    """Let a second Ctrl-C, soon after one that stopped the arm, lower it and let go.
+    """Let a second Ctrl-C or SIGTERM, soon after one that stopped the arm, lower it and let go.
 
-    A stop for another reason than Ctrl-C ends the command at once; the arm holds.
+    A stop for another reason ends the command at once; the arm holds.
     """
     try:
         yield
     except StoppedError:
-        if machine.stopped_for == CTRL_C and _said_again(machine):
+        if machine.stopped_for in (CTRL_C, TERMINATED) and _said_again(machine):
             _lower(machine)
             raise StoppedError("Stopped; the arm was lowered and has let go.") from None
         raise
@@ -39,10 +40,13 @@ def _said_again(machine: Arm) -> bool:
     person = sys.stdin.isatty()
     if person:
         note("The arm holds. Ctrl-C again lowers it to its rest pose and lets go.")
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         time.sleep(_PERSON_S if person else _SCRIPT_S)
     except KeyboardInterrupt:
         return True
+    finally:
+        signal.signal(signal.SIGTERM, before)
     return False
 
 

@@ -100,8 +100,9 @@ def test_a_progress_bar_that_cannot_be_taken_away_does_not_hide_the_stop(monkeyp
     assert main(["move"]) == 130
 
 
-def test_a_second_ctrl_c_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys):
-    press(monkeypatch, [signal.SIGINT, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, number):
+    press(monkeypatch, [number, number])
     assert move() == 130
     said = capsys.readouterr().err
     assert "Lowering the arm" in said
@@ -111,11 +112,12 @@ def test_a_second_ctrl_c_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys)
     assert abs(servos[2].read("present_position") - 922) < 40  # its rest pose
 
 
-def test_a_second_ctrl_c_is_heard_while_the_arm_already_stands(servos, monkeypatch):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_one_is_heard_while_the_arm_already_stands(servos, monkeypatch, number):
     def again(_):
-        raise KeyboardInterrupt
+        signal.raise_signal(number)
 
-    press(monkeypatch, [signal.SIGINT])
+    press(monkeypatch, [number])
     monkeypatch.setattr(stopping.time, "sleep", again)
     assert move() == 130
     assert torques(servos) == {0}

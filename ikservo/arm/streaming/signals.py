@@ -10,11 +10,13 @@ from types import FrameType
 
 from ikservo.arm.streaming.halt import CTRL_C, Halt
 
-__all__ = ["CTRL_C", "interruptible"]
+__all__ = ["CTRL_C", "TERMINATED", "interruptible"]
+
+TERMINATED = "Stopped by a request to end (SIGTERM); the arm holds."
 
 _WORDS = {
     "SIGINT": CTRL_C,
-    "SIGTERM": "Stopped by a request to end (SIGTERM); the arm holds.",
+    "SIGTERM": TERMINATED,
     "SIGHUP": "Stopped because the terminal was closed; the arm holds.",
 }
 _DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
