@@ -115,7 +115,7 @@ class Health:
             yield _Fault(found, "Let it cool down: ikservo relax")
 
     def _supply(self, vitals: Vitals) -> Iterator[_Fault]:
-        servo_low_v, servo_high_v = self._supply_v.get(vitals.joint, (0.0, math.inf))
+        servo_low_v, servo_high_v = self._supply_v.get(vitals.joint, (-math.inf, math.inf))
         low_v = max(servo_low_v, self._limits.low_v)
         high_v = min(servo_high_v, self._limits.high_v)
         if not low_v <= vitals.voltage_v <= high_v:

@@ -33,6 +33,10 @@ def test_the_ways_between_the_named_poses_are_free(name):
         space.check_way(straight(start, goal))
 
 
+def test_it_looks_at_joint_vectors_as_long_as_its_body_has_joints():
+    assert Space(BODY).dof == len(HOME)
+
+
 def test_reaching_below_the_table_is_refused_with_the_link_and_the_place():
     below = HOME + np.array([0, 0.8, 0, 0, 0])
     with pytest.raises(RefusedError, match=r"along, \w+ would touch the floor"):
