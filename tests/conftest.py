@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
 
 import pytest
@@ -14,6 +15,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Files are saved so that they outlast a power cut: thousands of waits for a disk, none for memory.
 if os.access("/dev/shm", os.W_OK):
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/dev/shm")
+
+# A shell lets what it starts in the background ignore Ctrl-C, and so would all that is tested.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):

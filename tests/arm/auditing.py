@@ -89,8 +89,8 @@ class Auditor:
         back = abs(goal.tick - goal.present) <= abs(goal.last - goal.present)  # nearer to the joint
         if not min(low, goal.last) <= goal.tick <= max(high, goal.last) and not back:
             yield f"{goal} is outside {low} to {high}"
-        # A servo that has let go does not travel, and one that began anew has made its goal where it
-        # is: what it is told next goes on from what it was told before.
+        # A servo that has let go does not travel, and one that began anew has made its goal where
+        # it is: what it is told next goes on from what it was told before.
         before = self._told.get(goal.servo_id, goal.last) if goal.limp else goal.last
         self._told[goal.servo_id] = goal.tick
         if abs(goal.tick - before) > ticks_s * elapsed_s + 2 and not back:
