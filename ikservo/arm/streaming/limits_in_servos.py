@@ -5,7 +5,6 @@ All of them are RAM: they are gone after a servo's reset, which is how a reset i
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from functools import partial
 
@@ -119,11 +118,12 @@ class LimitsInServos:
         """Ask the servos where so long a time has gone that their watchdogs may have tripped.
 
         Raises:
-            RefusedError: One has; the servos stand where they were.
+            RefusedError: One has, or does not say; the servos stand where they were.
         """
         if self._armed and elapsed_s > _WATCHDOG_S:
             for servo_id in self.watched:
-                self.check_watchdog(servo_id)
+                if self._tripped(servo_id) is not False:
+                    raise _held_up()
 
     def check_watchdog(self, servo_id: int) -> None:
         """Ask a servo whether its watchdog has tripped.
@@ -131,15 +131,8 @@ class LimitsInServos:
         Raises:
             RefusedError: It has; the servo stands where it was.
         """
-        watchdog = self._registers(servo_id).get("bus_watchdog")
-        counts = 0
-        with contextlib.suppress(BusError):
-            counts = self._bus.read(servo_id, watchdog, raw=True) if watchdog else 0
-        if counts not in (0, _WATCHDOG_COUNTS):
-            raise RefusedError(
-                "The program was held up, so the servos stopped themselves.",
-                "End what loads the computer, then move again.",
-            )
+        if self._tripped(servo_id):
+            raise _held_up()
 
     def canaries(self, servo_id: int) -> Mapping[Register, int]:
         """Return what must stand in the RAM of a servo that is told goals, unless it was reset."""
@@ -149,6 +142,16 @@ class LimitsInServos:
         if self._armed and "bus_watchdog" in registers:
             return expected | {registers["bus_watchdog"]: _WATCHDOG_COUNTS}
         return expected
+
+    def _tripped(self, servo_id: int) -> bool | None:
+        """Return whether a servo's watchdog has tripped; None where it does not answer."""
+        watchdog = self._registers(servo_id).get("bus_watchdog")
+        if watchdog is None:
+            return False
+        try:
+            return self._bus.read(servo_id, watchdog, raw=True) not in (0, _WATCHDOG_COUNTS)
+        except BusError:
+            return None
 
     def _settle_watchdogs(self, counts: int) -> None:
         """Write it to each and hear that it was taken: a lost one would look like a reset later."""
@@ -205,3 +208,10 @@ class LimitsInServos:
 
     def _servo(self, servo_id: int) -> ServoSpec:
         return self._bus.servos[servo_id]
+
+
+def _held_up() -> RefusedError:
+    return RefusedError(
+        "The program was held up, so the servos stopped themselves.",
+        "End what loads the computer, then move again.",
+    )

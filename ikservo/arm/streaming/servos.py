@@ -86,8 +86,8 @@ class Servos(StreamedServos):
             patiently(self.clock, switch_on)
         if limp:
             await_rest(self.fences, start, self._feedback, self.clock)
-        health = Health(self._health, self._supply_v())
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
+        health = Health(self._health, self._supply_v(names))
         self._round = HealthRound(self._bus, names, self._limits, health, self._warn)
 
     @contextmanager
@@ -191,10 +191,11 @@ class Servos(StreamedServos):
         ticks = holding_ticks(self._bus, self.fences, self._feedback)
         return {f.joint: nearest_goal(f, ticks[f.joint], taken[f.joint]) for f in self.fences}
 
-    def _supply_v(self) -> dict[str, tuple[float, float]]:
-        low = ask_all(self._bus, self._ids, Role.MIN_VOLTAGE_LIMIT)
-        high = ask_all(self._bus, self._ids, Role.MAX_VOLTAGE_LIMIT)
-        return {f.joint: self._volts(f.servo_id, low, high) for f in self.fences}
+    def _supply_v(self, names: Mapping[int, str]) -> dict[str, tuple[float, float]]:
+        """Return by what a servo is called what it says that it may be fed with, volts."""
+        low = ask_all(self._bus, list(names), Role.MIN_VOLTAGE_LIMIT)
+        high = ask_all(self._bus, list(names), Role.MAX_VOLTAGE_LIMIT)
+        return {name: self._volts(servo_id, low, high) for servo_id, name in names.items()}
 
     def _volts(
         self, servo_id: int, low: Mapping[int, int], high: Mapping[int, int]
