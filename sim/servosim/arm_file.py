@@ -56,6 +56,7 @@ class ArmFile:
         baud: Rate of the bus.
         joints: From base to tip.
         poses: Joint coordinates [rad or m] by pose and joint.
+        floor_m: Height of the table in the base frame.
     """
 
     path: Path
@@ -65,6 +66,7 @@ class ArmFile:
     baud: int
     joints: tuple[JointEntry, ...]
     poses: Mapping[str, Mapping[str, float]]
+    floor_m: float = 0.0
 
 
 def read_arm_file(path: Path) -> ArmFile:
@@ -94,6 +96,7 @@ def _arm(path: Path, document: dict[str, Any]) -> ArmFile:
         baud=int(document["bus"]["baud"]),
         joints=tuple(_joint(entry) for entry in document["joints"]),
         poses={name: _pose(table) for name, table in document["poses"].items()},
+        floor_m=float(document.get("surroundings", {}).get("floor_m", 0.0)),
     )
 
 

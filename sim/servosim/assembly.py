@@ -26,10 +26,17 @@ MOST_PLAY_DEG = 10.0
 
 @dataclass(frozen=True, slots=True)
 class LooseServo:
-    """A servo without an arm."""
+    """A servo without an arm.
+
+    Attributes:
+        id: On the bus.
+        model: As the datasheet calls it.
+        baud: The rate it is set to; None for that of all loose servos.
+    """
 
     id: int
     model: str
+    baud: int | None = None
 
 
 def world_of_arm(
@@ -64,7 +71,11 @@ def world_of_arm(
         _joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed, backlash_deg)
         for entry, limits in zip(arm.joints, body.limits, strict=True)
     ]
-    return World(joints, _mujoco(arm, joints) if physics else body)
+    if physics:
+        return World(joints, _mujoco(arm, joints))
+    others = [positions for name, positions in arm.poses.items() if name != "rest"]
+    postures = [[positions.get(name, 0.0) for name in names] for positions in others]
+    return World(joints, body, contacts=body.contacts(arm.floor_m, postures))
 
 
 def _mujoco(arm: ArmFile, joints: list[Joint]) -> Mover:
@@ -74,7 +85,12 @@ def _mujoco(arm: ArmFile, joints: list[Joint]) -> Mover:
         hint = "MuJoCo is not installed; try: pip install 'ikservo[physics]'"
         raise SimulatorError(hint) from error
     motors = [[servo.motor.parameters for servo in joint.servos] for joint in joints]
-    return MujocoBody(arm.urdf, [joint.name for joint in joints], motors)
+    margins = [_stop_margin(joint.slides) for joint in joints]
+    return MujocoBody(arm.urdf, [joint.name for joint in joints], motors, arm.floor_m, margins)
+
+
+def _stop_margin(slides: bool) -> float:
+    return STOP_MARGIN_M if slides else STOP_MARGIN_RAD
 
 
 def loose_world(
@@ -87,7 +103,7 @@ def loose_world(
 
     Args:
         servos: Which.
-        baud: Their rate; None for that of the factory.
+        baud: The rate of those that have none of their own; None for that of the factory.
         seed: Of their tolerances.
         protocol: 1 or 2 for Dynamixel X servos; None for that of the factory.
 
@@ -98,7 +114,8 @@ def loose_world(
     joints: list[Joint] = []
     for place, loose in enumerate(servos, start=1):
         table = table_for(loose.model)
-        delivered = {"id": loose.id} | ({} if baud is None else _baud(table, baud))
+        rate = loose.baud or baud
+        delivered = {"id": loose.id} | ({} if rate is None else _baud(table, rate))
         delivered |= _protocol(table, protocol)
         shaft = Shaft(1, table.middle_tick, table.ticks_per_turn)
         half_rad = table.travel_rad / 2.0
@@ -117,7 +134,7 @@ def _joint(
     backlash_deg: float | None,
 ) -> Joint:
     transmission = entry.servos[0].transmission
-    margin = STOP_MARGIN_M if transmission.slides else STOP_MARGIN_RAD
+    margin = _stop_margin(transmission.slides)
     turned_rad = transmission.turned_rad(position)
     stops = sorted(transmission.turned_rad(end) for end in (limits[0] - margin, limits[1] + margin))
     servos = tuple(

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
+from servosim.contact import Contacts
 from servosim.errors import ArmFileError
 from servosim.gravity import Driven, MassTree
-from servosim.urdf import MovingJoint, read_joints
+from servosim.urdf import MovingJoint, read_joints, read_shapes
 
 
 class Body(Protocol):
@@ -79,8 +80,9 @@ class GravityBody:
                 known = ", ".join(by_name)
                 raise ArmFileError(Path(urdf_path), "", f"no moving joint {name!r}; has: {known}")
         self.limits = tuple((by_name[name].lower, by_name[name].upper) for name in self.names)
-        driven = [self._driven(joint) for joint in joints]
-        self._tree = MassTree(joints, driven, len(self.names))
+        self._joints, self._path = joints, Path(urdf_path)
+        self._drivers = [self._driven(joint) for joint in joints]
+        self._tree = MassTree(joints, self._drivers, len(self.names))
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
         """Gravity's torque (force) on each joint."""
@@ -89,6 +91,16 @@ class GravityBody:
     def inertia(self, positions: Sequence[float]) -> list[float]:
         """The diagonal of the arm's mass matrix."""
         return self._tree.inertias(positions)
+
+    def contacts(self, floor_m: float | None, postures: Sequence[Sequence[float]]) -> Contacts:
+        """Return what the arm lies on where no servo holds it; see `Contacts`.
+
+        Args:
+            floor_m: Height of the table in the base frame; None for none.
+            postures: Positions that are free of contact.
+        """
+        shapes = read_shapes(self._path)
+        return Contacts(self._joints, self._drivers, shapes, self._tree, floor_m, postures)
 
     def _driven(self, joint: MovingJoint) -> Driven:
         if joint.name in self.names:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from servosim.urdf import Matrix, MovingJoint
+from servosim.urdf import MovingJoint
+from servosim.urdf_numbers import Matrix
 
 GRAVITY_M_S2 = 9.81
 
@@ -104,7 +105,7 @@ class MassTree:
 
     def inertias(self, positions: Sequence[float]) -> list[float]:
         """The inertia along each driven position while all others are held [kg m² or kg]."""
-        T = self._frames(positions)
+        T = self.frames(positions)
         R, origins_m = T[:, :3, :3], T[:, :3, 3]
         centres_m = (R @ self._centres_m[:, :, None])[:, :, 0] + origins_m
         tensors = R @ self._tensors @ R.transpose(0, 2, 1)
@@ -134,7 +135,8 @@ class MassTree:
                 found.append(k)
         return found
 
-    def _frames(self, positions: Sequence[float]) -> Matrix:
+    def frames(self, positions: Sequence[float]) -> Matrix:
+        """The frame of each joint in the base (n, 4, 4)."""
         steps = self._mounts @ self._motions(positions)
         frames = np.empty_like(steps)
         for index, joint in enumerate(self._joints):

@@ -26,7 +26,7 @@ class MujocoBody:
         joint_names: The joints that servos move.
         motors: The motors on each joint, for their friction and inertia.
         floor_m: Height of the floor in the base frame; None for no floor.
-        stop_margin: How far past each limit the joint's stop is [rad or m].
+        stop_margins: How far past its limits the stops of each joint are [rad or m].
 
     Raises:
         ArmFileError: MuJoCo cannot use the file, or a joint is missing.
@@ -38,7 +38,7 @@ class MujocoBody:
         joint_names: Sequence[str],
         motors: Sequence[Sequence[MotorParameters]],
         floor_m: float | None = 0.0,
-        stop_margin: float = 0.0,
+        stop_margins: Sequence[float] = (),
     ) -> None:
         self.names = tuple(joint_names)
         self._model = _compile(Path(urdf_path), floor_m)
@@ -50,19 +50,34 @@ class MujocoBody:
         self._qpos = np.array([self._model.jnt_qposadr[k] for k in ids], dtype=int)
         self._dof = np.array([self._model.jnt_dofadr[k] for k in ids], dtype=int)
         self.limits = tuple((float(lo), float(hi)) for lo, hi in self._model.jnt_range[ids])
-        self._model.jnt_range[ids] += (-stop_margin, stop_margin)
-        for dof, on_joint in zip(self._dof, motors, strict=True):
-            self._model.dof_armature[dof] = sum(m.armature_kg_m2 for m in on_joint)
-            self._model.dof_damping[dof] = sum(m.viscous_damping_nm_s for m in on_joint)
-            self._model.dof_frictionloss[dof] = sum(m.coulomb_friction_nm for m in on_joint)
-            solimp = self._model.dof_solimp  # pyright: ignore[reportAttributeAccessIssue, reportUnknownVariableType, reportUnknownMemberType] - tools/typings lacks it
-            solimp[dof, :2] = FRICTION_HOLDS
+        margins = np.array(stop_margins or [0.0] * len(ids))
+        self._model.jnt_range[ids] += np.stack([-margins, margins], axis=1)
+        solimp = self._model.dof_solimp  # pyright: ignore[reportAttributeAccessIssue, reportUnknownVariableType, reportUnknownMemberType] - tools/typings lacks it
+        solimp[self._dof, :2] = FRICTION_HOLDS
+        self._armature_kg_m2 = np.array([sum(m.armature_kg_m2 for m in on) for on in motors])
+        self._damping_nm_s = np.array([sum(m.viscous_damping_nm_s for m in on) for on in motors])
+        self._friction_nm = np.array([sum(m.coulomb_friction_nm for m in on) for on in motors])
+        self._slopes: Sequence[float] = ()
+        self.reflect([1.0] * len(ids))
 
     def place(self, positions: Sequence[float]) -> None:
         """Put the arm somewhere, at rest."""
         self._data.qpos[self._qpos] = positions
         self._data.qvel[:] = 0.0
         mujoco.mj_forward(self._model, self._data)
+
+    def reflect(self, slopes: Sequence[float]) -> None:
+        """Let the motors' inertia and friction act on the joints through their transmissions.
+
+        Args:
+            slopes: Joint motion for one radian of each horn [rad or m].
+        """
+        if slopes == self._slopes:
+            return
+        self._slopes, ratio = slopes, np.abs(np.array(slopes))
+        self._model.dof_armature[self._dof] = self._armature_kg_m2 / ratio**2
+        self._model.dof_damping[self._dof] = self._damping_nm_s / ratio**2
+        self._model.dof_frictionloss[self._dof] = self._friction_nm / ratio
 
     def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
         """Let time pass under the motors' and hands' torques (forces on sliding joints).
@@ -90,6 +105,15 @@ def _compile(path: Path, floor_m: float | None) -> mujoco.MjModel:
         if floor_m is not None:
             plane = mujoco.mjtGeom.mjGEOM_PLANE
             spec.worldbody.add_geom(type=plane, size=(1.0, 1.0, 0.1), pos=(0.0, 0.0, floor_m))
+        _keep_apart(spec, spec.worldbody)
         return spec.compile()
     except (ValueError, OSError) as error:
         raise ArmFileError(path, "", f"MuJoCo cannot use it ({error})") from error
+
+
+def _keep_apart(spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:
+    """Exclude contacts between links and the fixed links that carry them, which MuJoCo has."""
+    for link in parent.bodies:
+        spec.add_exclude(bodyname1=parent.name, bodyname2=link.name)
+        if not link.joints:
+            _keep_apart(spec, link)

@@ -49,7 +49,7 @@ def open_port(url: str) -> SimulatedPort:
         for fault in read_faults(Path(query.text("faults", ""))):
             line.faults.add(fault)
     if query.text("hand", "") == "sweep":
-        SweepingHands(world)
+        line.witnesses.append(SweepingHands(world))
     paced = bool(query.number("paced", 0))
     query.check()
     return SimulatedPort(line, url, paced=paced)

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import copysign, cos, inf, sin
+from math import copysign, inf
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
-from numpy.typing import NDArray
 
 from servosim.errors import ArmFileError
+from servosim.shapes import Shape, shapes_of
+from servosim.urdf_numbers import Matrix, numbers, origin
 
-Matrix = NDArray[np.float64]
 MOVING = frozenset({"revolute", "continuous", "prismatic"})
 
 
@@ -78,8 +78,21 @@ def read_joints(path: Path) -> list[MovingJoint]:
     Raises:
         ArmFileError: The file is no URDF that can be used.
     """
+    return _walk(path).joints
+
+
+def read_shapes(path: Path) -> list[Shape]:
+    """Read the collision shapes and behind which moving joint each is, as `read_joints` counts.
+
+    Raises:
+        ArmFileError: The file is no URDF that can be used.
+    """
+    return _walk(path).shapes
+
+
+def _walk(path: Path) -> _Walk:
     try:
-        return _Walk(ElementTree.fromstring(path.read_bytes())).joints
+        return _Walk(ElementTree.fromstring(path.read_bytes()))
     except (OSError, ParseError, DefusedXmlException, KeyError, ValueError) as error:
         raise ArmFileError(path, "", f"not a usable URDF ({error})") from error
 
@@ -89,6 +102,7 @@ class _Walk:
 
     def __init__(self, robot: Element) -> None:
         self.joints: list[MovingJoint] = []
+        self.shapes: list[Shape] = []
         self._links = {link.attrib["name"]: link for link in robot.iter("link")}
         self._children: dict[str, list[Element]] = {name: [] for name in self._links}
         for joint in robot.findall("joint"):
@@ -102,14 +116,15 @@ class _Walk:
 
     def _visit(self, link: str, parent: int, T: Matrix) -> None:
         """`T` is the link's frame in the frame of the moving joint `parent`."""
+        self.shapes += shapes_of(self._links[link], parent, T)
         if parent >= 0:
             body, T_link_body = _mass(self._links[link])
             self.joints[parent].body.absorb(body, T @ T_link_body)
         for joint in self._children[link]:
-            T_joint = T @ _origin(joint)
+            T_joint = T @ origin(joint)
             below = _child(joint, "child").attrib["link"]
             if joint.attrib["type"] in MOVING:
-                A = _z_to(_numbers(joint.find("axis"), "xyz", (1.0, 0.0, 0.0)))
+                A = _z_to(numbers(joint.find("axis"), "xyz", (1.0, 0.0, 0.0)))
                 self.joints.append(_moving(joint, parent, T_joint @ A))
                 self._visit(below, len(self.joints) - 1, A.T)
             else:
@@ -144,22 +159,7 @@ def _mass(link: Element) -> tuple[Mass, Matrix]:
     )
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     mass_kg = _number(inertial.find("mass"), "value", 0.0)
-    return Mass(mass_kg, np.zeros(3), matrix), _origin(inertial)
-
-
-def _origin(element: Element) -> Matrix:
-    """The homogeneous transform of an `<origin>`: fixed-axis roll, pitch, yaw."""
-    origin = element.find("origin")
-    roll, pitch, yaw = _numbers(origin, "rpy", (0.0, 0.0, 0.0))
-    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
-    T = np.eye(4)
-    T[:3, :3] = (
-        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
-        (-sp, cp * sr, cp * cr),
-    )
-    T[:3, 3] = _numbers(origin, "xyz", (0.0, 0.0, 0.0))
-    return T
+    return Mass(mass_kg, np.zeros(3), matrix), origin(inertial)
 
 
 def _z_to(axis: tuple[float, ...]) -> Matrix:
@@ -188,8 +188,3 @@ def _child(element: Element, tag: str) -> Element:
 
 def _number(element: Element | None, key: str, default: float) -> float:
     return default if element is None else float(element.get(key, default))
-
-
-def _numbers(element: Element | None, key: str, default: tuple[float, ...]) -> tuple[float, ...]:
-    text = None if element is None else element.get(key)
-    return default if text is None else tuple(float(word) for word in text.split())

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 from servosim.body import Body, FreeBody
+from servosim.contact import Contacts
 from servosim.errors import SimulatorError
 from servosim.hand import Hand
 from servosim.joint import STEP_S, Joint
@@ -35,6 +36,10 @@ class Mover(Protocol):
         """Put the body somewhere, at rest."""
         ...
 
+    def reflect(self, slopes: Sequence[float]) -> None:
+        """Take over where the transmissions stand: joint motion for one radian of each horn."""
+        ...
+
     def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
         """Let time pass under the motors' torques; return positions and velocities."""
         ...
@@ -44,6 +49,9 @@ class World:
     """Servos, the body they move, the hands that hold it and the supplies that feed them.
 
     ``rails`` are the supplies by nominal voltage: a Koch arm has one of 12 V and one of 5 V.
+
+    ``contacts`` carry what is limp: a servo that holds does not feel them, and while a hand leads
+    the arm it is kept clear of what is around it.
 
     ``limits`` are the body's, by joint.
 
@@ -56,6 +64,7 @@ class World:
         joints: Sequence[Joint],
         body: Body | Mover | None = None,
         rails: Mapping[float, Supply] | None = None,
+        contacts: Contacts | None = None,
     ) -> None:
         self.joints = tuple(joints)
         self.servos = tuple(servo for joint in joints for servo in joint.servos)
@@ -70,6 +79,7 @@ class World:
             volts: [s for s in self.servos if s.motor.parameters.nominal_v == volts]
             for volts in self.rails
         }
+        self._contacts = contacts
         self.hands: dict[str, Hand] = {}
         self.steps = 0
         self._still = self._unheated = 0
@@ -188,6 +198,7 @@ class World:
         for k, joint in enumerate(self.joints):
             if joint.name in self.hands:
                 forces[k] += joint.press(self.hands[joint.name])
+        mover.reflect([joint.m_per_rad for joint in self.joints])
         positions, velocities = mover.step(STEP_S, forces)
         for joint, position, velocity in zip(self.joints, positions, velocities, strict=True):
             joint.carry(position, velocity)
@@ -200,9 +211,22 @@ class World:
         positions = [joint.position for joint in self.joints]
         velocities = [joint.velocity for joint in self.joints]
         self._loads = self.body.load_nm(positions, velocities)
+        if self._contacts is not None and not self.hands and any(j.free for j in self.joints):
+            self._feel_contacts(self._contacts, positions, velocities)
         if self.steps % (GRAVITY_EVERY * 10) == 0:
             for joint, inertia in zip(self.joints, self.body.inertia(positions), strict=True):
                 joint.hang(inertia)
+
+    def _feel_contacts(
+        self, contacts: Contacts, positions: list[float], velocities: list[float]
+    ) -> None:
+        """Let limp joints lie on the table and on the arm's own links."""
+        inertias = [joint.inertia if joint.free else math.inf for joint in self.joints]
+        pushed = contacts.torques(positions, velocities, inertias, STEP_S * GRAVITY_EVERY)
+        self._loads = [
+            load + push if joint.free else load
+            for joint, load, push in zip(self.joints, self._loads, pushed, strict=True)
+        ]
 
     def _supervise(self, dt_s: float) -> None:
         for volts, supply in self.rails.items():

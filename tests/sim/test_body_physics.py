@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from servosim import open_port
 from servosim.errors import ArmFileError
 from servosim.motor import PARAMETERS, Drive, Motor
 from servosim.physics import MujocoBody
+from tests.oracle import CONFIGS, tip_from_joints
 
 SO101 = Path(__file__).parents[2] / "configs" / "so101" / "arm.urdf"
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
@@ -68,3 +70,28 @@ def test_a_missing_joint_is_an_arm_file_error(tmp_path: Path) -> None:
     path.write_text(ROD)
     with pytest.raises(ArmFileError, match="elbow"):
         MujocoBody(path, ["elbow"], [[STS]])
+
+
+def test_a_sliding_joint_carries_the_inertia_of_its_servo_through_the_rack() -> None:
+    port = open_port(f"sim:{CONFIGS}/open_manipulator_x/arm.toml?pose=home&physics=1")
+    servo, world = port.line.servos[15], port.line.world
+    servo.write("goal_position", servo.read("present_position") - 100)
+    servo.write("torque_enable", 1)
+    world.advance_to(1.0)
+    assert servo.read("present_position") == pytest.approx(servo.read("goal_position"), abs=3)
+
+
+def test_the_floor_lies_where_the_arm_file_puts_the_table() -> None:
+    port = open_port(f"sim:{CONFIGS}/open_manipulator_x/arm.toml?pose=home&physics=1")
+    port.line.world.advance_to(3.0)
+    joints = {joint.name: joint.position for joint in port.line.world.joints}
+    assert -0.017 < tip_from_joints("open_manipulator_x", joints)[2] < 0.005
+
+
+def test_a_link_does_not_rub_on_the_base_that_it_turns_on() -> None:
+    port = open_port(f"sim:{CONFIGS}/koch/arm.toml?pose=home&physics=1")
+    pan = port.line.servos[1]
+    pan.write("torque_enable", 1)
+    pan.write("goal_position", pan.read("present_position") + 100)
+    port.line.world.advance_to(1.0)
+    assert pan.read("present_position") == pytest.approx(pan.read("goal_position"), abs=5)

@@ -48,6 +48,22 @@ def test_a_sync_write_sets_the_goals_of_the_manual(desk):
     assert goals == [2048, 2047]
 
 
+@pytest.mark.parametrize(("beyond", "is_done"), [(0, True), (1, False)])
+def test_a_write_up_to_the_last_byte_is_done_and_one_that_goes_beyond_changes_nothing(
+    desk, beyond, is_done
+):
+    port = desk("STS3215")
+    servo, address = port.line.servos[1], 0x2A
+    length = servo.table.size - address + beyond
+    ask(port, 1, 0x03, [address, *(1500).to_bytes(2, "little"), *bytes(length - 2)])
+    assert (servo.read("goal_position") == 1500) is is_done
+
+
+def test_a_write_of_no_bytes_is_out_of_range(desk):
+    servo = desk("STS3215").line.servos[1]
+    assert servo.refusal(0x2A, b"") is not None
+
+
 def test_a_negative_offset_is_sign_and_magnitude(desk):
     port = desk("STS3215")
     port.write(bytes.fromhex("FFFF0105031F64086B"))

@@ -16,6 +16,7 @@ import pytest
 import scservo_sdk
 
 import servosim
+from servosim.assembly import loose_world
 from servosim.serving.link import point_link, remove_link
 from servosim.serving.options import parse
 from servosim.serving.remote import Remote
@@ -33,6 +34,11 @@ class TestOptions:
             (7, "XL330-M288"), (9, "XL330-M288"),
         ]  # fmt: skip
 
+    def test_give_a_servo_a_rate_of_its_own(self):
+        options = parse(["--servo", "1:sts3215@115200", "--servo", "1:sts3215"])
+        world = loose_world(options.servos)
+        assert [servo.baud for servo in world.servos] == [115_200, 1_000_000]
+
     @pytest.mark.parametrize(
         ("argv", "complaint"),
         [
@@ -40,6 +46,7 @@ class TestOptions:
             (["arm.toml", "--servo", "1:sts3215"], "not both"),
             (["--servo", "1:sts9999"], "no model 'sts9999' in '1:sts9999'; known: "),
             (["--servo", "x:sts3215"], "'x' are no ids"),
+            (["--servo", "1:sts3215@fast"], "'fast' is no rate"),
             (["--servo", "1-300:sts3215"], "ids go from 0 to 252"),
             (["arm.toml", "--protocol", "3"], "invalid choice"),
             (["--servo", "3-1:sts3215"], "no id in '3-1'"),
@@ -149,6 +156,14 @@ class TestRemote:
         port.write(PING)
         assert port.read(6) == b""
 
+    def test_takes_a_servo_off_the_bus_and_puts_it_back(self, desk):
+        port = desk("STS3215")
+        for do, answer in (("disconnect", b""), ("connect", bytes.fromhex("FFFF010200FC"))):
+            assert self.ask(port, {"do": do, "servo": 1}) == {"ok": True}
+            port.clock.sleep_until(port.clock.now_s() + 1.0)
+            port.write(PING)
+            assert port.read(6) == answer
+
     @pytest.mark.parametrize(
         ("request_", "register", "value"),
         [
@@ -181,6 +196,7 @@ class TestRemote:
             ('{"do": "hand", "joint": "servo_1", "deg": 9, "speed": 0}', "speed = 0"),
             ('{"do": "hand", "joint": "servo_1", "deg": 9, "force": -1}', "force = -1"),
             ('{"do": "hand", "joint": "knee", "release": true}', "no joint is named 'knee'"),
+            ('{"do": "connect", "servo": 9}', "servo = 9 is not one of 1 to 1"),
             ('{"do": "temperature", "id": 9, "celsius": 60}', "no servo has id 9"),
             ('{"do": "voltage", "volts": NaN}', "volts = nan is not between 0 and 60"),
         ],

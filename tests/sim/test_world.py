@@ -73,14 +73,43 @@ def test_an_unknown_joint_is_named_with_those_there_are(desk):
         desk("STS3215").line.world.grasp("knee", Hand(hold(0.0)))
 
 
+def moved_by_hands(configs, joint, *spans_s):
+    """Return the lowest and highest position of a joint in each span of time, one after another."""
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=sweep")
+    ranges = []
+    for span_s in spans_s:
+        seen = []
+        for _ in range(round(span_s / 0.1)):
+            run(port, 0.1)
+            seen.append(port.line.world.joint(joint).position)
+        ranges.append((min(seen), max(seen)))
+    return ranges
+
+
+def test_sweeping_hands_hold_the_pose_and_show_a_direction_before_they_sweep(configs):
+    held, shown = moved_by_hands(configs, "wrist_flex", 8.0, 12.0)
+    home, there = math.radians(60.0), math.radians(35.0)
+    assert held == (pytest.approx(home, abs=0.01), pytest.approx(home, abs=0.01))
+    assert shown == (
+        pytest.approx(there, abs=0.05),
+        pytest.approx(home, abs=0.02),
+    )
+
+
+def test_sweeping_hands_start_over_when_a_program_begins_to_talk(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=sweep")
+    run(port, 26.0)
+    wrist = port.line.world.joint("wrist_flex")
+    swept = wrist.position
+    port.write(bytes.fromhex("FFFF010201FB"))
+    run(port, 3.0)
+    assert wrist.position == pytest.approx(math.radians(60.0), abs=0.01)
+    assert abs(swept - wrist.position) > 0.1
+
+
 def test_sweeping_hands_take_a_limp_joint_through_its_travel(configs):
-    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
-    SweepingHands(port.line.world)
-    seen = []
-    for _ in range(100):
-        run(port, 0.1)
-        seen.append(port.line.world.joint("shoulder_pan").position)
-    assert (min(seen), max(seen)) == (pytest.approx(-1.92, abs=0.08), pytest.approx(1.92, abs=0.08))
+    _, (low, high) = moved_by_hands(configs, "shoulder_pan", 20.0, 8.0)
+    assert (low, high) == (pytest.approx(-1.92, abs=0.08), pytest.approx(1.92, abs=0.08))
 
 
 def test_sweeping_hands_know_the_limits_of_mujocos_joints(configs):

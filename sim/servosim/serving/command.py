@@ -92,7 +92,7 @@ def build_line(options: Options) -> Line:
     for fault in read_faults(options.faults) if options.faults else []:
         line.faults.add(fault)
     if options.hand == "sweep":
-        SweepingHands(world)
+        line.witnesses.append(SweepingHands(world))
     return line
 
 

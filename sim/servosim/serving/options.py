@@ -76,7 +76,8 @@ def _parser() -> argparse.ArgumentParser:
         type=_servos,
         action="append",
         metavar="IDS:MODEL",
-        help="servos without an arm, as 4:sts3215 or 1-3:xl430-w250; may be repeated",
+        help="servos without an arm, as 4:sts3215, 1-3:xl430-w250 or 1:sts3215@115200; "
+        "may be repeated",
     )
     add("--protocol", type=int, choices=(1, 2), help="protocol of --servo Dynamixel X servos")
     add("--baud", type=_rate, help="rate the servos are set to (--servo: as from the factory)")
@@ -87,7 +88,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--no-wire-time", dest="wire_time", action="store_false", help="bytes take no time")
     add("--physics", action="store_true", help="bodies and contacts from MuJoCo")
     add("--backlash-deg", type=float, metavar="DEG", help="free play of the arm's gears")
-    add("--hand", choices=("sweep",), help="move every limp joint back and forth")
+    add(
+        "--hand",
+        choices=("sweep",),
+        help="calibrate by hand: hold the pose, then sweep",
+    )
     add("--log", type=Path, metavar="FILE", help="write each frame down")
     add("--audit", type=Path, metavar="FILE", help="write a report at exit, JSON")
     add("--control", type=Path, metavar="PATH", help="unix socket for commands, JSON lines")
@@ -99,8 +104,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _servos(text: str) -> list[LooseServo]:
-    """Read ``1-3:xl430-w250``, ``1,4:sts3215`` or ``7:ax-12a``."""
+    """Read ``1-3:xl430-w250``, ``1,4:sts3215`` or, at a rate of its own, ``7:ax-12a@57600``."""
     ids, _, wanted = text.partition(":")
+    wanted, at, rate = wanted.partition("@")
     models = {name.lower(): name for name in TABLES}
     if wanted.lower() not in models:
         known = ", ".join(models)
@@ -113,7 +119,8 @@ def _servos(text: str) -> list[LooseServo]:
         raise argparse.ArgumentTypeError(f"no id in {ids!r}; try 1-3:{wanted}")
     if not all(0 <= number <= 252 for number in numbers):
         raise argparse.ArgumentTypeError(f"ids go from 0 to 252, not {ids}")
-    return [LooseServo(number, models[wanted.lower()]) for number in numbers]
+    baud = _rate(rate) if at else None
+    return [LooseServo(number, models[wanted.lower()], baud) for number in numbers]
 
 
 def _rate(text: str) -> int:

@@ -6,6 +6,7 @@
 >>> {"do": "hand", "joint": "elbow_flex", "release": true}
 >>> {"do": "fault", "fault": {"kind": "silent", "id": 3, "for_s": 1}}
 >>> {"do": "unplug"}    {"do": "replug"}    {"do": "brownout", "for_s": 0.5}
+>>> {"do": "disconnect", "servo": 2}    {"do": "connect", "servo": 2}
 >>> {"do": "temperature", "id": 3, "celsius": 75}    {"do": "voltage", "volts": 6.0}
 >>> {"do": "reset", "id": 3}    {"do": "quit"}
 """
@@ -100,6 +101,8 @@ class Remote:
             "fault": self._fault,
             "unplug": lambda _: self._plug(plugged=False),
             "replug": lambda _: self._plug(plugged=True),
+            "disconnect": lambda r: self._connect(r, connected=False),
+            "connect": lambda r: self._connect(r, connected=True),
             "quit": self._end,
             **dict.fromkeys(("brownout", "voltage", "reset"), self._event),
             "temperature": lambda r: self._event({**r, "do": "hot"}),
@@ -143,6 +146,17 @@ class Remote:
 
     def _plug(self, *, plugged: bool) -> None:
         self._line.plugged = plugged
+
+    def _connect(self, request: Request, *, connected: bool) -> None:
+        """Put the plug of one servo, counted from 1 along the bus, in or out: line and supply."""
+        servos, place = self._line.world.servos, request["servo"]
+        if not (isinstance(place, int) and 1 <= place <= len(servos)):
+            raise SimulatorError(f"servo = {place!r} is not one of 1 to {len(servos)}")
+        servo = servos[place - 1]
+        if connected and not servo.powered:
+            servo.power_up()
+        elif not connected:
+            servo.power_down()
 
     def _end(self, _: Request) -> None:
         self._quit = True

@@ -1,0 +1,212 @@
+"""What a limp arm lies on: the table and its own links push back where shapes overlap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servosim.gravity import Driven, MassTree
+from servosim.shapes import Shape
+from servosim.urdf import MovingJoint
+from servosim.urdf_numbers import Matrix
+
+__all__ = ["Contacts"]
+
+# Of the impulse that would end an overlap, or its growth, within one interval; a soft contact.
+_STIFFNESS, _DAMPING = 0.05, 0.5
+# Deeper than this nothing pushes harder: somebody has put the arm there.
+_DEEPEST_M = 0.006
+_TABLE = -1
+
+
+@dataclass(frozen=True, slots=True)
+class _Touch:
+    """Where two bodies touch.
+
+    Attributes:
+        point_m: In the middle of what overlaps (3,), base frame.
+        normal: Out of the second body (3,).
+        depth_m: How deep the first is inside it.
+    """
+
+    point_m: Matrix
+    normal: Matrix
+    depth_m: float
+
+    @classmethod
+    def of(cls, points_m: Matrix, depths_m: Matrix, normal: Matrix) -> _Touch | None:
+        """Return the touch of points (k, 3) at depths (k,) [m]; None where there are none."""
+        if not len(points_m):
+            return None
+        middle_m = depths_m @ points_m / depths_m.sum()
+        return cls(middle_m, normal, float(depths_m.max()))
+
+
+class Contacts:
+    """Forces where the shapes of an arm overlap, turned into torques on its joints.
+
+    One force acts for each pair of bodies, and for each body on the table, in the middle of what
+    overlaps. Bodies that hang on each other, and those that overlap in one of the given postures,
+    are left out: shapes are simpler than the parts.
+
+    Args:
+        joints: The arm's moving joints.
+        driven: Who moves each of them.
+        shapes: See `read_shapes`.
+        tree: Knows their frames.
+        floor_m: Height of the table in the base frame; None for none.
+        postures: Positions of the driven joints, free of contact.
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[MovingJoint],
+        driven: Sequence[Driven],
+        shapes: Sequence[Shape],
+        tree: MassTree,
+        floor_m: float | None,
+        postures: Sequence[Sequence[float]],
+    ) -> None:
+        self._joints, self._driven, self._shapes, self._tree = joints, driven, list(shapes), tree
+        self._floor_m = floor_m
+        self._radii_m = np.array([float(np.linalg.norm(s.half_m)) for s in self._shapes])
+        self._halves_m = np.array([shape.half_m for shape in self._shapes]).reshape(-1, 3)
+        self._bodies = np.array([shape.body for shape in self._shapes], dtype=int)
+        self._mounts = np.array([shape.T for shape in self._shapes]).reshape(-1, 4, 4)
+        every = range(_TABLE, len(joints))
+        self._shapes_of = {b: np.flatnonzero(self._bodies == b).tolist() for b in every}
+        moving = [body for body in every if body >= 0 and self._shapes_of[body]]
+        self._on_table = moving if floor_m is not None else []
+        self._watch([(a, b) for a in every for b in every if self._apart(a, b)])
+        for posture in postures:
+            touching = self._touching(posture)
+            self._watch([pair for pair in self._pairs if pair not in touching])
+
+    def torques(
+        self,
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        inertias: Sequence[float],
+        interval_s: float,
+    ) -> list[float]:
+        """Return the torque (force) on each driven joint.
+
+        Args:
+            positions: Of the driven joints [rad or m].
+            velocities: Likewise.
+            inertias: What a force on each has to move; infinite where a servo holds it.
+            interval_s: Until the next look.
+        """
+        places, frames = self._places(positions)
+        loads = np.zeros(len(positions))
+        light = 1.0 / np.asarray(inertias)
+        for slope, depth_m in self._found(places, frames, len(positions)):
+            mobility = float(slope @ (slope * light))
+            if mobility <= 0.0:
+                continue
+            leaving_m_s = float(slope @ np.asarray(velocities))
+            pushed_m_s = _STIFFNESS * min(depth_m, _DEEPEST_M) / interval_s - _DAMPING * leaving_m_s
+            loads += max(0.0, pushed_m_s) / (mobility * interval_s) * slope
+        return loads.tolist()
+
+    def _found(self, places: Matrix, frames: Matrix, count: int) -> list[tuple[Matrix, float]]:
+        """Return for each contact how it opens with each driven joint, and its depth [m]."""
+        touches = [(body, _TABLE, self._lowest(places, body)) for body in self._on_table]
+        touches += [(a, b, self._overlap(places, rows)) for (a, b), rows in self._near(places)]
+        return [
+            (self._slope(frames, touch, a, b, count), touch.depth_m)
+            for a, b, touch in touches
+            if touch is not None
+        ]
+
+    def _slope(self, frames: Matrix, touch: _Touch, a: int, b: int, count: int) -> Matrix:
+        """Return how fast body a leaves body b where they touch, for each driven joint."""
+        slope = np.zeros(count)
+        for sign, end in ((1.0, a), (-1.0, b)):
+            for body in self._up_from(end):
+                driver, multiplier, _ = self._driven[body]
+                if driver >= 0:
+                    axis, arm_m = frames[body, :3, 2], touch.point_m - frames[body, :3, 3]
+                    way = axis if self._joints[body].sliding else np.cross(axis, arm_m)
+                    slope[driver] += sign * multiplier * float(way @ touch.normal)
+        return slope
+
+    def _up_from(self, body: int) -> Iterator[int]:
+        """Yield a body and those it hangs on, the base left out."""
+        while body >= 0:
+            yield body
+            body = self._joints[body].parent
+
+    def _lowest(self, places: Matrix, body: int) -> _Touch | None:
+        """Return where a body is below the table."""
+        floor_m = 0.0 if self._floor_m is None else self._floor_m
+        below: list[Matrix] = []
+        for i in self._shapes_of[body]:
+            if places[i, 2, 3] - self._radii_m[i] < floor_m:
+                points = self._shapes[i].points_m @ places[i, :3, :3].T + places[i, :3, 3]
+                below.append(points[points[:, 2] < floor_m])
+        points = np.concatenate([np.empty((0, 3)), *below])
+        return _Touch.of(points, floor_m - points[:, 2], np.array([0.0, 0.0, 1.0]))
+
+    def _overlap(self, places: Matrix, rows: Matrix) -> _Touch | None:
+        """Return where one body is inside another: of these pairs of shapes, those that overlap."""
+        found: list[tuple[float, Matrix, Matrix, Matrix]] = []
+        pairs: list[tuple[int, int]] = rows.tolist()
+        for i, j in pairs:
+            T, into = places[i], places[j]
+            points = self._shapes[i].points_m @ T[:3, :3].T + T[:3, 3]
+            inner = (points - into[:3, 3]) @ into[:3, :3]
+            room = self._shapes[j].half_m - np.abs(inner)
+            depths = room.min(axis=1)
+            inside = depths > 0.0
+            if inside.any():
+                k = int(np.argmax(depths))
+                side = int(np.argmin(room[k]))
+                normal = into[:3, side] * np.sign(inner[k, side])
+                found.append((float(depths[k]), points[inside], depths[inside], normal))
+        if not found:
+            return None
+        normal = max(found, key=lambda row: row[0])[3]
+        points, depths = (np.concatenate(column) for column in list(zip(*found, strict=True))[1:3])
+        return _Touch.of(points, depths, normal)
+
+    def _near(self, places: Matrix) -> list[tuple[tuple[int, int], Matrix]]:
+        """Return the pairs of bodies that may overlap, and which of their shapes."""
+        i, j = self._rows[:, 0], self._rows[:, 1]
+        apart = places[i, :3, 3] - places[j, :3, 3]
+        inner = np.abs(np.einsum("kji,kj->ki", places[j, :3, :3], apart)) - self._halves_m[j]
+        near = (np.maximum(inner, 0.0) ** 2).sum(axis=1) < self._radii_m[i] ** 2
+        rows, pairs = self._rows[near], self._pair_of[near]
+        return [(self._pairs[k], rows[pairs == k]) for k in np.unique(pairs).tolist()]
+
+    def _watch(self, pairs: Sequence[tuple[int, int]]) -> None:
+        """Look at these pairs of bodies from now on, the points of the first in the second."""
+        self._pairs = list(pairs)
+        rows = [
+            (i, j, k)
+            for k, (a, b) in enumerate(self._pairs)
+            for i in self._shapes_of[a]
+            for j in self._shapes_of[b]
+        ]
+        table = np.array(rows, dtype=int).reshape(-1, 3)
+        self._rows, self._pair_of = table[:, :2], table[:, 2]
+
+    def _touching(self, posture: Sequence[float]) -> set[tuple[int, int]]:
+        """Return the pairs of bodies that overlap in a posture."""
+        places, _ = self._places(posture)
+        near = self._near(places)
+        found = {pair for pair, rows in near if self._overlap(places, rows) is not None}
+        return found | {(b, a) for a, b in found}
+
+    def _places(self, positions: Sequence[float]) -> tuple[Matrix, Matrix]:
+        """Return the frames of shapes (k, 4, 4) and joints (n, 4, 4) in the base."""
+        frames = self._tree.frames(positions)
+        above = np.where((self._bodies >= 0)[:, None, None], frames[self._bodies], np.eye(4))
+        return above @ self._mounts, frames
+
+    def _apart(self, a: int, b: int) -> bool:
+        """Return whether neither of two bodies hangs directly on the other."""
+        parents = [self._joints[body].parent if body >= 0 else None for body in (a, b)]
+        return a != b and parents[0] != b and parents[1] != a
