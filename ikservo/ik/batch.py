@@ -115,6 +115,9 @@ def solve_batch(
         wrong = [bad for bad in pool.map(work, range(0, len(questions), _CHUNK)) if bad >= 0]
     if wrong:
         raise BadValueError(f"The rotation of target {wrong[0]}", "none", "R Rᵀ = 1, det R = 1")
+    for joint in ready.idle[asked]:
+        stay = [joint.stays_at(start) for start in starts[:, joint.column].tolist()]
+        answers[:, joint.column] = stay
     return _read(chain.dof, answers)
 
 

@@ -10,6 +10,7 @@ from ikservo.ik.bounded import bounded
 from ikservo.ik.ccd import ccd
 from ikservo.ik.closed_form import structure
 from ikservo.ik.closed_form.method import closed_form
+from ikservo.ik.nearest import nearest
 from ikservo.ik.options import Options
 from ikservo.ik.pseudo_inverse import pseudo_inverse
 from ikservo.ik.result import Result
@@ -35,6 +36,8 @@ METHODS: Mapping[str, Method] = {
 def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Ask ``bounded``, which is compiled; where it finds no way, ask the closed form besides.
 
+    What it finds is exchanged for a solution nearer to the start, where one is known or found.
+
     A search that may not restart or leave its branch is ``bounded``'s alone. Towards a posture
     ``pseudo_inverse`` goes on from the solution.
     """
@@ -43,6 +46,8 @@ def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
         leaning = pseudo_inverse(chain, target, found.q, options)
         return leaning if leaning.reached else found
     alone = options.track or options.restarts == 1
+    if found.reached and options.nearest and not alone:
+        return nearest(chain, target, q0, options, found)
     if found.reached or alone or structure(chain, target.frame) is None:
         return found
     formula = closed_form(chain, target, q0, options)

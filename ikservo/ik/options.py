@@ -64,6 +64,8 @@ class Options:
             remains allows, rather than both weighed; None for arms with fewer than six joints.
         turn_weight_m_rad: How many metres of position error a radian is worth (``bounded``).
         track: One walk from the start, never past a limit, never to another branch (``bounded``).
+        nearest: Whether to look for the solution nearest the start where there are several
+            (``auto``); without, the first that is found is the answer.
     """
 
     tolerance: Tolerance = field(default_factory=Tolerance)
@@ -74,6 +76,7 @@ class Options:
     position_first: bool | None = None
     turn_weight_m_rad: float = 0.2
     track: bool = False
+    nearest: bool = True
 
     def __post_init__(self) -> None:
         _check_count("restarts", self.restarts)
@@ -82,7 +85,11 @@ class Options:
         _check_above_0("turn_weight_m_rad", self.turn_weight_m_rad)
         if math.isinf(self.turn_weight_m_rad):
             raise BadValueError("turn_weight_m_rad", self.turn_weight_m_rad, "a finite number")
-        for what, value in (("track", self.track), ("trace", self.trace)):
+        for what, value in (
+            ("track", self.track),
+            ("trace", self.trace),
+            ("nearest", self.nearest),
+        ):
             _check_kind(what, value, bool)
         if self.position_first is not None:
             _check_kind("position_first", self.position_first, bool)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cache
@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.ik.idle import IdleJoint, idle_joints
 from ikservo.ik.marks import marked
 from ikservo.ik.options import Options
 from ikservo.ik.seeds import seeds
@@ -120,6 +121,7 @@ class Prepared:
     Attributes:
         arm: The packed chain.
         seeds: Starting points beside the caller's (dof + SEED_SIZE, m).
+        idle: The joints that stay where they are, by the kind of target.
     """
 
     frame: str | None
@@ -127,6 +129,7 @@ class Prepared:
     tool_axis: Vector | None
     arm: Matrix
     seeds: Matrix
+    idle: Mapping[Kind, tuple[IdleJoint, ...]]
 
     def marked(self, chain: Chain, q: Matrix, *, swinging: bool = True) -> Matrix:
         """Return joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernel.layout``."""
@@ -149,11 +152,22 @@ def prepared(
         while len(kept) >= _KEPT:
             kept.pop(next(iter(kept)), None)
         arm, none = pack(chain, frame, offset_m, tool_axis), np.zeros((0, 0))
-        ready = kept[key] = Prepared(frame, offset_m, tool_axis, arm, none)
+        idle = _idle(chain, frame, offset_m, tool_axis)
+        ready = kept[key] = Prepared(frame, offset_m, tool_axis, arm, none, idle)
     if ready.seeds.shape[1] < restarts - 1:
         more = ready.marked(chain, seeds(chain, restarts - 1))
         ready = kept[key] = replace(ready, seeds=more)
     return ready
+
+
+def _idle(
+    chain: Chain, frame: str | None, offset_m: Vector | None, tool_axis: Vector | None
+) -> Mapping[Kind, tuple[IdleJoint, ...]]:
+    return {
+        Kind.POSITION: idle_joints(chain, frame, offset_m, None, whole=False),
+        Kind.DIRECTION: idle_joints(chain, frame, offset_m, tool_axis, whole=False),
+        Kind.POSE: idle_joints(chain, frame, offset_m, None, whole=True),
+    }
 
 
 def settings_of(kind: Kind, dof: int, options: Options) -> Vector:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -10,7 +12,7 @@ from ikservo.ik.kernel.layout import FURTHEST_RAD
 from ikservo.ik.methods import method_named
 from ikservo.ik.options import RESTARTS, Options, Posture, Tolerance
 from ikservo.ik.preparing import check_chain
-from ikservo.ik.result import Result
+from ikservo.ik.result import Question, Result
 from ikservo.ik.target import Target
 from ikservo.kinematics import Chain, finite_vector
 
@@ -31,6 +33,7 @@ def solve(
     position_first: bool | None = None,
     turn_weight_m_rad: float = 0.2,
     track: bool = False,
+    nearest: bool = True,
 ) -> Result:
     """Find joints inside the limits that bring the point to the target (lecture L5, L13).
 
@@ -52,6 +55,9 @@ def solve(
             remains allows; if None for arms with fewer than six joints. Else both are weighed.
         turn_weight_m_rad: How many metres of position error a radian is worth (``bounded``).
         track: Follow a path: one walk from ``q0``, never to another branch (``bounded``).
+        nearest: Look for the solution nearest to ``q0`` where there are several (``auto``): among
+            those of the closed form where the arm has one, else from some starts around ``q0``.
+            ``False`` takes the first that is found, in a twentieth of the time.
 
     Returns:
         The solution, or the nearest point that was found and the limits that bind there.
@@ -70,13 +76,15 @@ def solve(
         position_first,
         turn_weight_m_rad,
         track,
+        nearest,
     )
     check_chain(chain)
     _check_target(target)
     start = chain.middle() if q0 is None else finite_vector(q0, chain.dof, "q0")
     if float(np.abs(start).max()) > FURTHEST_RAD:
         raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
-    return method_named(method)(chain, target, start, options)
+    result = method_named(method)(chain, target, start, options)
+    return replace(result, question=Question(chain, target))
 
 
 def _check_target(target: object) -> None:

@@ -37,10 +37,11 @@ __all__ = ["Solver"]
 class Solver:
     """A question prepared once and asked in a loop; one object for each thread.
 
-    Calling it is ``solve``: it begins at ``q0`` and starts again elsewhere where that leads
-    nowhere. ``track`` follows a path: it walks from ``q0`` only, never jumps to another branch,
-    and where a limit blocks it goes as near as it can. A path that goes on from the last answer
-    and stretched the arm straight comes back on the side that it went out by.
+    Calling it is ``solve(…, nearest=False)``: it begins at ``q0`` and starts again elsewhere where
+    that leads nowhere. Joints that do not move the point stay at ``q0``. ``track`` follows a path:
+    it walks from ``q0`` only, never jumps to another branch, and where a limit blocks it goes as
+    near as it can. A path that goes on from the last answer and stretched the arm straight comes
+    back on the side that it went out by.
 
     Args:
         chain: The arm.
@@ -78,6 +79,8 @@ class Solver:
         axis = self._axis if self._kind is Kind.DIRECTION else None
         ready = prepared(chain, frame, offset, axis, options.restarts)
         self._arm, self._seeds = ready.arm, ready.seeds
+        idle = ready.idle[self._kind]
+        self._idle = tuple((each.column, each.lower, each.upper, each) for each in idle)
         self._settings = settings_of(self._kind, chain.dof, options)
         self._track = settings_of(self._kind, chain.dof, replace(options, track=True))
         self._search = kernel()
@@ -86,6 +89,10 @@ class Solver:
         self._shape = (chain.dof,)
         self._reached = 2 * chain.dof + REACHED
         self._side, self._asked = Side(chain.dof), False
+
+    def __repr__(self) -> str:
+        """Return what is asked of which chain."""
+        return f"Solver(kind={self.kind!r}, {self.chain.dof} joints to {self.chain.tip!r})"
 
     def __call__(
         self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
@@ -139,6 +146,9 @@ class Solver:
         ) >= 0:  # fmt: skip
             self._refuse(T, q0)
         self._asked, answer = True, worker.answer[0]
+        for column, lower, upper, joint in self._idle:
+            start = worker.start.item(column)
+            answer[column] = start if lower <= start <= upper else joint.stays_at(start)
         if out is None:
             return answer[: self.chain.dof].copy(), bool(answer[self._reached])
         out[:] = answer[: self.chain.dof]

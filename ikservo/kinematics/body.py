@@ -13,6 +13,7 @@ from ikservo.kinematics.capsules import Capsule, segment_box_distance, segment_d
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointKind
 from ikservo.kinematics.packed_body import PackedBody, pack_capsules, pack_links
+from ikservo.kinematics.reach import Reach
 from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["Body", "Gaps"]
@@ -62,6 +63,11 @@ class Body:
             nearest_m = self.between_links(np.array(postures)).gap_m.min(axis=0)
             self._overlap_m = np.maximum(_SLACK_M - nearest_m, 0.0)
 
+    @property
+    def chain(self) -> Chain:
+        """Return the chain whose joint vectors place the capsules."""
+        return self._chain
+
     def between_links(self, q: ArrayLike) -> Gaps:
         """Return how close each watched pair of links comes, for q (n, dof)."""
         starts, ends = self._place(q)
@@ -90,6 +96,7 @@ class Body:
     def packed(self) -> PackedBody:
         """Return the body as arrays of numbers."""
         names, links = pack_links(self._chain)
+        reach = Reach(self._chain, self._capsules)
         pair = np.searchsorted(self._first, np.arange(len(self._ones)), side="right") - 1
         return PackedBody(
             base=self._chain.base,
@@ -100,6 +107,10 @@ class Body:
             pairs=self.pairs,
             rows=np.stack([self._ones, self._others, pair], axis=1).astype(np.float64),
             overlap_m=self._overlap_m,
+            reach_m=np.array([reach.of(name) for name in names]),
+            pair_reach_m=np.array([reach.between(a, b) for a, b in self.pairs]).reshape(
+                len(self.pairs), self._chain.dof
+            ),
         )
 
     def _place(self, q: ArrayLike) -> tuple[Matrix, Matrix]:

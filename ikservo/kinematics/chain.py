@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.kinematics.joints import Joint, JointKind
-from ikservo.kinematics.numbers import finite_vector, finite_vectors, frozen, numbers
+from ikservo.kinematics.numbers import finite_array, finite_vector, finite_vectors, frozen, numbers
 from ikservo.kinematics.se3 import Matrix, Vector, pose
 from ikservo.kinematics.steps import Step, driven, joints_to_each_link, limits_of
 
@@ -107,15 +108,31 @@ class Chain:
         return replace(self, lower_rad=frozen(low), upper_rad=frozen(high))
 
     def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
-        """Return the same chain with some joints elsewhere: ``T_parent_joint`` (4, 4) by joint."""
+        """Return the same chain with some joints elsewhere: ``T_parent_joint`` (4, 4) by joint.
+
+        Raises:
+            UnknownNameError: No joint of the arm has such a name.
+            BadValueError: An origin is no array (4, 4) of finite numbers.
+        """
+        if not isinstance(cast("object", origins), Mapping):
+            raise BadValueError("The origins", repr(origins), "poses (4, 4) by joint")
+        known = {step.joint.name for way in self._ways.values() for step in way}
+        for name, T in origins.items():
+            if name not in known:
+                raise UnknownNameError("joint", name, known)
+            finite_array(T, (4, 4), f"The origin of {name}")
         ways = {
             link: tuple(_placed(step, origins) for step in way) for link, way in self._ways.items()
         }
         return replace(self, _ways=ways)
 
     def clip(self, q: ArrayLike) -> Vector:
-        """Return ``q`` (dof,) or (n, dof) with every joint at its nearest value inside limits."""
-        clipped: Vector = np.clip(np.asarray(q, dtype=np.float64), self.lower_rad, self.upper_rad)
+        """Return ``q`` (dof,) or (n, dof) with every joint at its nearest value inside limits.
+
+        Raises:
+            BadValueError: ``q`` has a wrong shape or is not finite.
+        """
+        clipped: Vector = np.clip(finite_vectors(q, self.dof, "q"), self.lower_rad, self.upper_rad)
         return clipped
 
     def middle(self) -> Vector:

@@ -39,11 +39,11 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector
 def numbers(values: ArrayLike, what: str, expected: str) -> Vector:
     """Return ``values`` as an array of floats of any shape, or say what was expected.
 
-    Text that reads like a number is none, and neither is what has an imaginary part.
+    Text that reads like a number is none; neither is a truth, nor what has an imaginary part.
     """
     try:
         array = np.asarray(values)
-        if array.dtype.kind in "cSU":
+        if array.dtype.kind in "bcSU":
             raise TypeError
         return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -51,6 +51,9 @@ class PackedBody:
         pairs: What comes near what.
         rows: Two capsules and their pair (m, 3).
         overlap_m: By how much each pair may overlap (pairs,).
+        reach_m: By how much a point of each link's capsules moves at most (links, dof) for each
+            unit of a joint, m/rad or m/m.
+        pair_reach_m: By how much each pair may come nearer (pairs, dof), likewise.
     """
 
     base: str
@@ -61,6 +64,8 @@ class PackedBody:
     pairs: tuple[tuple[str, str], ...]
     rows: Matrix
     overlap_m: Vector
+    reach_m: Matrix
+    pair_reach_m: Matrix
 
 
 def pack_links(chain: Chain) -> tuple[tuple[str, ...], Matrix]:

@@ -164,7 +164,7 @@ def test_a_solution_within_narrowed_limits_is_found_and_stays_within_them(name):
     ("name", "point", "tool_axis"),
     [
         ("so101", (0.22, 0.02, 0.06), (0, 0, 1)),
-        ("so100", (0.02, -0.25, 0.06), (0, 0, 1)),
+        ("so100", (0.205, 0.02, 0.06), (0, 0, 1)),
         ("omx_f", (0.20, 0.02, 0.06), (1, 0, 0)),
         ("wx250s", (0.25, 0.02, 0.06), (1, 0, 0)),
     ],

@@ -197,17 +197,22 @@ def test_a_slide_reaches_as_far_as_it_slides():
     assert lower[1] == pytest.approx(0.2, abs=CELL_M)
 
 
+TURNED_RAD = np.array([np.pi / 6, 0, 0, 0, 0])
+
+
 def test_the_side_looks_where_the_arm_points():
     so100 = ikservo.load_model("so100")
-    plane = side_plane(so100.chain, so100.chain_pose("home"))
-    np.testing.assert_allclose(plane[:3, 0], [0, -1, 0], atol=1e-12)
+    plane = side_plane(so100.chain, so100.chain_pose("home") + TURNED_RAD)
+    np.testing.assert_allclose(plane[:3, 0], [np.cos(np.pi / 6), 0.5, 0], atol=1e-12)
     np.testing.assert_allclose(plane[:3, 1], [0, 0, 1], atol=1e-12)
 
 
 def test_the_side_goes_through_the_first_axis():
-    koch = ikservo.load_model("koch")
-    plane = side_plane(koch.chain, koch.chain_pose("home"))
-    np.testing.assert_allclose(plane[:3, 3], [0.04, 0, 0], atol=1e-3)
+    so101 = ikservo.load_model("so101")
+    plane = side_plane(so101.chain, so101.chain_pose("home") + TURNED_RAD)
+    across_m = plane[:3, 2] @ (np.array([0.0388353, 0, 0]) - plane[:3, 3])
+    assert abs(across_m) < 1e-7
+    assert np.linalg.norm(plane[:3, 3]) > 0.01  # the axis is beside the origin
 
 
 def test_front_and_side_stand_at_right_angles():

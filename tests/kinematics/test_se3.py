@@ -76,3 +76,17 @@ def test_rpy_turns_about_fixed_axes_x_then_y_then_z():
 @given(rotation_vectors(), rotation_vectors())
 def test_skew_is_the_cross_product(a, b):
     np.testing.assert_allclose(se3.skew(a) @ b, np.cross(a, b), atol=1e-12)
+
+
+@pytest.mark.parametrize("angle_rad", [9e-5, 1e-6, 2e-4])
+def test_the_logarithm_of_a_small_turn_keeps_every_digit(angle_rad):
+    w = angle_rad * np.array([0.6, 0.0, 0.8])
+    np.testing.assert_allclose(se3.log_so3(se3.exp_so3(w)), w, rtol=1e-10)
+
+
+@pytest.mark.parametrize("short_of_half_a_turn_rad", [0.0, 1e-9, 1e-5])
+def test_the_logarithm_of_half_a_turn_has_its_axis(short_of_half_a_turn_rad):
+    w = (np.pi - short_of_half_a_turn_rad) * np.array([0.48, -0.6, 0.64])
+    found = se3.log_so3(se3.exp_so3(w))
+    np.testing.assert_allclose(np.abs(found), np.abs(w), rtol=1e-7)
+    np.testing.assert_allclose(se3.exp_so3(found), se3.exp_so3(w), atol=1e-9)

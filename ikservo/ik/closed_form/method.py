@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import reduce
 
 from ikservo.ik.answer import answer, closer
-from ikservo.ik.bounded import bounded
+from ikservo.ik.bounded import bounded, kind_of, ready_for
 from ikservo.ik.closed_form.closest import closed_form_seeds, closest
 from ikservo.ik.closed_form.solutions import solutions
 from ikservo.ik.options import Options
@@ -23,8 +23,11 @@ def closed_form(chain: Chain, target: Target, q0: Vector, options: Options) -> R
     Where neither is known in closed form, ``bounded`` answers, starting from what the closed form
     comes near with, and the result says so.
     """
+    idle = ready_for(chain, target).idle[kind_of(target)]
 
     def judged(q: Vector) -> Result:
+        for joint in idle:
+            q[joint.column] = joint.stays_at(float(q0[joint.column]))
         trace = (chain.clip(q0), q) if options.trace else ()
         return answer(
             chain, target, q, options.tolerance, method="closed_form", iterations=0, trace=trace

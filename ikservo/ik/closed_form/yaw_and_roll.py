@@ -20,7 +20,7 @@ import numpy as np
 from ikservo.ik.closed_form.angles import wrapped
 from ikservo.ik.closed_form.orbits import Orbit
 
-__all__ = ["NO_FREEDOM", "ROUNDED", "yaw_and_roll"]
+__all__ = ["NO_FREEDOM", "ROUNDED", "sharpened", "yaw_and_roll"]
 
 # Circles this small [m or 1] are no freedom that an arm can use.
 NO_FREEDOM = 1e-6
@@ -49,7 +49,7 @@ def yaw_and_roll(
     found: list[tuple[float, float]] = []
     for psi in _rolls(M, w, d, a):
         for phi in _yaws(M, w, d, a, psi):
-            pair = _sharpened(M, w, d, a, phi, psi)
+            pair = sharpened(M, w, d, a, phi, psi)
             if pair is not None and not any(_same(pair, other) for other in found):
                 found.append(pair)
     yield from found
@@ -90,7 +90,7 @@ def _yaws(M: Orbit, w: Orbit, d: Orbit, a: Orbit, psi: float) -> tuple[float, ..
     return M.where_across(w.across(psi)) or ()
 
 
-def _sharpened(
+def sharpened(
     M: Orbit, w: Orbit, d: Orbit, a: Orbit, phi: float, psi: float
 ) -> tuple[float, float] | None:
     """Return the pair after Newton steps on both equations, or None if they do not hold there."""

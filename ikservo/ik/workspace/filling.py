@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.ik.batch import solve_batch
 from ikservo.ik.options import Options
@@ -12,7 +15,10 @@ from ikservo.ik.workspace.samples import joint_samples, tips
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Matrix
 
-__all__ = ["workspace"]
+__all__ = ["Clear", "workspace"]
+
+Clear = Callable[[Matrix], NDArray[np.bool_]]
+"""From joint vectors (n, dof) to whether each may be taken (n,)."""
 
 _SLICE_CELL_M, _VOLUME_CELL_M = 0.005, 0.025
 _SAMPLES = 2**16
@@ -27,6 +33,7 @@ def workspace(
     T_world_plane: Matrix | None = None,
     cell_m: float | None = None,
     samples: int = _SAMPLES,
+    clear: Clear | None = None,
 ) -> Workspace:
     """Find the cells that the tip can be in, inside the chain's limits.
 
@@ -39,6 +46,8 @@ def workspace(
         T_world_plane: The frame (4, 4) in whose plane w = 0 to cut; None for the whole volume.
         cell_m: Edge of the cells; 5 mm for a slice and 25 mm for a volume if None.
         samples: How many joint vectors to try first.
+        clear: From joint vectors (n, dof) to whether each may be taken (n,), for example because
+            it is free of collisions; all may if None.
 
     Raises:
         BadValueError: The cells have no size, or would be too many.
@@ -47,10 +56,10 @@ def workspace(
     tip_m = tips(chain, q)
     if T_world_plane is None:
         grid = grid_around(tip_m, _VOLUME_CELL_M if cell_m is None else cell_m)
-        filling = _Filling(chain, grid, _VOLUME_RESTARTS)
+        filling = _Filling(chain, grid, _VOLUME_RESTARTS, clear)
     else:
         grid = slice_around(tip_m, T_world_plane, _SLICE_CELL_M if cell_m is None else cell_m)
-        filling = _Filling(chain, grid, _SLICE_RESTARTS)
+        filling = _Filling(chain, grid, _SLICE_RESTARTS, clear)
     filling.spread(filling.note(q, tip_m))
     return Workspace(grid, filling.reached, is_slice=T_world_plane is not None)
 
@@ -58,8 +67,9 @@ def workspace(
 class _Filling:
     """What is known of each cell so far: whether it is reached, and with which joints."""
 
-    def __init__(self, chain: Chain, grid: Grid, restarts: int) -> None:
+    def __init__(self, chain: Chain, grid: Grid, restarts: int, clear: Clear | None) -> None:
         self._chain, self._grid, self._options = chain, grid, Options(restarts=restarts)
+        self._clear = clear
         self.reached = np.zeros(grid.shape, dtype=np.bool_)
         self._joints = np.zeros((*grid.shape, chain.dof))
 
@@ -68,6 +78,8 @@ class _Filling:
         cells, exist = self._grid.cells_of(tip_m)
         cells, q = cells[exist], q[exist]
         fresh = ~self.reached[tuple(cells.T)]
+        if self._clear is not None and fresh.any():
+            fresh[fresh] = self._clear(q[fresh])
         places = tuple(cells[fresh].T)
         self.reached[places] = True
         self._joints[places] = q[fresh]

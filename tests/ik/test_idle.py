@@ -1,0 +1,99 @@
+"""Joints that do not move what is asked for stay where they were, whatever the method."""
+
+import numpy as np
+import pytest
+
+from ikservo.ik import METHODS, Solver, Target, solve, solve_batch
+from ikservo.ik.idle import IdleJoint
+from ikservo.kinematics.se3 import pose
+from ikservo.model import load_model
+
+ARMS = ("so101", "koch", "wx250s", "open_manipulator_x")
+EVERY = ("auto", *METHODS)
+
+
+def middle_of(name):
+    """Return an arm, the link in the middle of it, and how many joints move that."""
+    model = load_model(name)
+    chain = model.chain
+    joint = model.urdf.joints_to(chain.tip)
+    moving = [j for j in joint if j.name in chain.names]
+    return chain, moving[2].child, 3
+
+
+def drawn(chain, rng):
+    return rng.uniform(chain.lower_rad, chain.upper_rad)
+
+
+@pytest.mark.parametrize("method", EVERY)
+@pytest.mark.parametrize("name", ARMS)
+def test_joints_behind_the_frame_stay_where_they_were(name, method):
+    chain, frame, count = middle_of(name)
+    rng = np.random.default_rng(1)
+    for k in range(8):
+        q0, wanted = drawn(chain, rng), chain.forward(drawn(chain, rng), frame)[:3, 3]
+        away = np.array([0.0, 0.0, 0.4]) if k % 2 else np.zeros(3)
+        result = solve(chain, Target(wanted + away, frame=frame), q0, method)
+        np.testing.assert_allclose(result.q[count:], q0[count:], atol=1e-12)
+
+
+@pytest.mark.parametrize("method", EVERY)
+def test_a_point_pulled_along_its_joints_own_axis_turns_neither_it_nor_those_behind(method):
+    model = load_model("so101")
+    chain, frame, q0 = model.chain, middle_of("so101")[1], model.chain_pose("home")
+    T = chain.forward(q0, frame)
+    target = Target(T[:3, 3] + 0.03 * T[:3, 2], frame=frame)
+    result = solve(chain, target, q0, method)
+    np.testing.assert_allclose(result.q[2:], q0[2:], atol=1e-12)
+
+
+def test_a_saddle_is_left_without_the_joints_that_do_not_matter():
+    chain = load_model("wx250s").chain
+    frame, q0 = middle_of("wx250s")[1], np.zeros(6)
+    T = chain.forward(q0, frame)
+    result = solve(chain, Target(1.5 * T[:3, 3], frame=frame), q0, restarts=1)
+    np.testing.assert_array_equal(result.q[3:], q0[3:])
+
+
+@pytest.mark.parametrize("call", ["call", "track"])
+def test_a_prepared_solver_leaves_them_too(call):
+    chain, frame, count = middle_of("wx250s")
+    solver, rng = Solver(chain, frame=frame), np.random.default_rng(2)
+    for _ in range(20):
+        q0, T = drawn(chain, rng), pose(chain.forward(drawn(chain, rng), frame)[:3, 3])
+        q, _ = solver(T, q0) if call == "call" else solver.track(T, q0)
+        np.testing.assert_array_equal(q[count:], q0[count:])
+        np.testing.assert_array_equal(solver.result.q, q)
+
+
+def test_so_does_a_batch():
+    chain, frame, count = middle_of("wx250s")
+    rng = np.random.default_rng(3)
+    q0s = rng.uniform(chain.lower_rad, chain.upper_rad, (50, chain.dof))
+    points = chain.forward(q0s[::-1], frame)[:, :3, 3]
+    found = solve_batch(chain, points, q0s, frame=frame)
+    np.testing.assert_array_equal(found.q[:, count:], q0s[:, count:])
+
+
+def test_the_roll_of_a_tool_on_its_own_axis_stays_unless_the_whole_pose_is_wanted():
+    chain, rng = load_model("wx250s").chain, np.random.default_rng(4)
+    q0, T = drawn(chain, rng), chain.forward(drawn(chain, rng))
+    assert solve(chain, Target(T[:3, 3]), q0).q[5] == q0[5]
+    pointed = Target(T[:3, 3], direction=T[:3, 0], tool_axis=(1, 0, 0))
+    assert solve(chain, pointed, q0).q[5] == q0[5]
+    whole = solve(chain, Target(T[:3, 3], orientation=T[:3, :3]), q0)
+    assert whole.reached
+    assert whole.q[5] != q0[5]
+
+
+@pytest.mark.parametrize(
+    ("start", "stays"), [(1.0, 1.0), (7.0, 7.0 - 2 * np.pi), (-4.0, 2 * np.pi - 4.0)]
+)
+def test_a_joint_that_starts_a_turn_outside_stays_at_the_same_angle_inside(start, stays):
+    assert IdleJoint(0, -3.1, 3.1, 2 * np.pi).stays_at(start) == pytest.approx(stays)
+
+
+@pytest.mark.parametrize(("start", "stays"), [(4.0, 0.5), (-2.0, -0.5), (0.2, 0.2)])
+def test_where_no_turn_of_it_is_inside_it_stays_at_the_limit(start, stays):
+    assert IdleJoint(0, -0.5, 0.5, 2 * np.pi).stays_at(start) == stays
+    assert IdleJoint(0, -0.5, 0.5, np.inf).stays_at(start) == stays

@@ -1,0 +1,82 @@
+"""Torques of gravity agree with Pinocchio's, and sag with the simulated servos' stiffness."""
+
+import numpy as np
+import pinocchio
+import pytest
+
+import ikservo
+from ikservo.guard.sagging import Weight, sag_of
+from ikservo.kinematics.gravity import gravity_torques
+from ikservo.model.sag import STIFFNESS_NM_RAD, masses_of, yields_of
+from servosim.parameters import PARAMETERS
+from tests.arm.simulated import line_of
+from tests.guard.arms import body
+from tests.oracle import ARMS, CONFIGS
+
+
+def sagging(model):
+    shape = body(model.name)
+    chain = shape.chain
+    weight = Weight(
+        masses_of(model, chain), yields_of(model, chain), chain.lower_rad, chain.upper_rad
+    )
+    return sag_of(shape, weight)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_gravity_turns_joints_as_pinocchio_says(name):
+    model = ikservo.load_model(name)
+    oracle = pinocchio.buildModelFromUrdf(str(CONFIGS / name / "arm.urdf"))
+    beside = [joint for joint in list(oracle.names)[1:] if joint not in model.chain.names]
+    resting = pinocchio.neutral(oracle)
+    for joint in beside:
+        column = oracle.joints[oracle.getJointId(joint)].idx_q
+        low, high = oracle.lowerPositionLimit[column], oracle.upperPositionLimit[column]
+        resting[column] = min(max(0.0, low), high)
+    random = np.random.default_rng(3)
+    for q in random.uniform(-1.0, 1.0, (5, model.chain.dof)):
+        posture, columns = resting.copy(), []
+        for joint, value in zip(model.chain.names, q, strict=True):
+            columns.append(oracle.joints[oracle.getJointId(joint)].idx_q)
+            posture[columns[-1]] = value
+        held = pinocchio.computeGeneralizedGravity(oracle, oracle.createData(), posture)
+        found = gravity_torques(model.chain, masses_of(model, model.chain), [q])[0]
+        np.testing.assert_allclose(found, -held[columns], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["so101", "koch", "px100", "vx300s"])
+def test_the_stiffness_of_servos_is_that_of_the_simulated_ones(name):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        arm.enable()
+        for joint in arm.model.joints:
+            if joint.role == "gripper":
+                continue
+            servo = line_of(arm).servos[joint.servo.id]
+            stall_nm = PARAMETERS[joint.servo.model].stall_torque_nm
+            stiffness = STIFFNESS_NM_RAD[joint.servo.model]
+            assert stiffness == pytest.approx(servo.drive.kp * stall_nm, rel=0.02), joint.name
+
+
+def test_a_joint_on_its_stop_sags_no_further():
+    model = ikservo.load_model("so101")
+    sag = sagging(model)
+    lift = model.chain.names.index("shoulder_lift")
+    q = model.chain_pose("zero")
+    q[lift] = model.chain.upper_rad[lift] - 1e-4
+    assert 0.0 < sag(q[None])[0, lift] <= 1e-4 + 1e-12
+
+
+def test_an_arm_that_reaches_out_sags_by_degrees():
+    model = ikservo.load_model("so101")
+    sag = np.rad2deg(sagging(model)(model.chain_pose("zero")[None])[0])
+    assert 1.0 < sag[model.chain.names.index("shoulder_lift")] < 3.0
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_compiled_sag_is_torque_times_what_joints_yield(name):
+    model = ikservo.load_model(name)
+    middle = model.chain.middle()[None]
+    masses, yields = masses_of(model, model.chain), yields_of(model, model.chain)
+    assert (yields > 0).all()
+    expected = gravity_torques(model.chain, masses, middle) * yields
+    np.testing.assert_allclose(sagging(model)(middle), expected, atol=1e-12)
