@@ -8,6 +8,7 @@ from ikservo.guard.health import Health, HealthLimits, Vitals
 from ikservo.guard.latch import Latch
 from ikservo.guard.look_ahead import LookAhead
 from ikservo.guard.lost import Losses
+from ikservo.guard.sagging import Weight, sag_of
 from ikservo.guard.space import Box, Space
 
 __all__ = [
@@ -23,4 +24,6 @@ __all__ = [
     "Losses",
     "Space",
     "Vitals",
+    "Weight",
+    "sag_of",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ikservo.calibration import JointMap, Limits
+from ikservo.calibration import JointMap, JointUnit, Limits, say, source_words
 
 __all__ = ["Fence"]
 
@@ -81,10 +81,18 @@ class Fence:
         return math.floor(moving + 1e-6) + math.floor(_STANDING_RAD / horn)
 
     def beyond(self, tick: int) -> str:
-        """Say how a tick leaves the range, with the limit that binds and its source."""
+        """Return in words how a tick leaves the range, with the binding limit and its source."""
         position = self.joint_map.position(tick)
-        limit = self.limits.upper if position > self.limits.upper.value else self.limits.lower
+        above = position > self.limits.upper.value
+        limit = self.limits.upper if above else self.limits.lower
+        target, bound = _told_apart(position, limit.value, self.joint_map.unit)
+        side = "above its upper" if above else "below its lower"
         return (
-            f"{self.joint} would have to go to {self.joint_map.say(position)}, "
-            f"past {self.joint_map.say(limit.value)} ({limit.source})."
+            f"{self.joint} target {target} is {side} limit {bound} ({source_words(limit.source)})."
         )
+
+
+def _told_apart(a: float, b: float, unit: JointUnit) -> tuple[str, str]:
+    """Return two positions in words, with a second decimal where one would not tell them apart."""
+    digits = 1 if say(a, unit) != say(b, unit) else 2
+    return say(a, unit, digits), say(b, unit, digits)

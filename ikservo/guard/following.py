@@ -56,6 +56,6 @@ class Following:
         if (self._behind >= _BEATS).any():
             names = [self._names[i] for i in np.flatnonzero(self._behind >= _BEATS)]
             raise RefusedError(
-                f"{', '.join(names)} does not follow its goal; the motion was stopped.",
-                "Look for what blocks it, its cable, and its alarms: ikservo where",
+                f"{', '.join(names)} does not follow its setpoint; motion stopped.",
+                "Check for obstacles, its cable, and its alarms: ikservo where",
             )

@@ -92,14 +92,44 @@ class Gate:
         """
         return self._ahead.advance_s(self._goals, min(elapsed_s, LONGEST_ELAPSED_S))
 
-    def send(self, goals: Mapping[str, int]) -> None:
-        """Pass goal ticks by joint on to the servos.
+    def unseen(self, now_s: float) -> tuple[str, ...]:
+        """Return the joints whose last position reading is too old for a goal to pass."""
+        return self._ahead.unseen(now_s)
+
+    def cut(self, goals: Mapping[str, int], now_s: float) -> dict[str, int]:
+        """Return the goals nearest to the given ones, on the straight way to them, that may pass.
+
+        Steps that are too long for the time since the last command, or for the look-ahead, are
+        cut, all joints by the same share. A goal that the joint could not reach within 50 ms at
+        its top speed is no late step but a jump: it stays as it is, and `send` refuses it.
+
+        Args:
+            goals: Wanted tick by joint.
+            now_s: The time that is then given to `send`.
 
         Raises:
-            RefusedError: One of the goals may not pass; nothing was sent for any joint.
+            RefusedError: A joint is unknown or would leave its limits, a tick is no whole number,
+                or the joint was not measured lately.
+        """
+        if not goals:
+            return {}
+        share = min(self._share(joint, tick, now_s) for joint, tick in goals.items())
+        return {j: self._goals[j] + int(share * (t - self._goals[j])) for j, t in goals.items()}
+
+    def send(self, goals: Mapping[str, int], now_s: float | None = None) -> None:
+        """Pass goal ticks by joint on to the servos.
+
+        Args:
+            goals: Goal tick by joint.
+            now_s: The reading of the gate's clock by which the goals were worked out, so that the
+                steps are judged by the same time; the clock is read here if None.
+
+        Raises:
+            RefusedError: One of the goals may not pass, or the reading is not between the last
+                command and now; nothing was sent for any joint.
         """
         self._latch.check()
-        now_s = self._clock.now_s()
+        now_s = self._read(now_s)
         elapsed_s = now_s - self._passed_s
         for joint, tick in goals.items():
             self._check(joint, tick, elapsed_s)
@@ -126,6 +156,14 @@ class Gate:
     def trip(self, reason: str) -> None:
         """Stop for a reason: from now on nothing but `hold` passes. Safe from any thread."""
         self._latch.trip(reason)
+
+    def check_stop(self) -> None:
+        """Raise while a stop was not acknowledged.
+
+        Raises:
+            RefusedError: The arm was stopped; says why.
+        """
+        self._latch.check()
 
     def acknowledge(self) -> str:
         """End a stop and return its reason; goals start anew from where the joints are measured.
@@ -174,6 +212,30 @@ class Gate:
         low, high = self._range(joint, self._last(joint))
         return min(max(tick, low), high)
 
+    def _read(self, given_s: float | None) -> float:
+        """Return the time by which a command is judged."""
+        now_s = self._clock.now_s()
+        if given_s is None:
+            return now_s
+        # Each second is given to one step only. Written so that no number at all is refused, too.
+        if not self._passed_s <= given_s <= now_s:
+            raise RefusedError(
+                f"The time of the goals is {given_s} s, not between that of the last command, "
+                f"{self._passed_s} s, and now, {now_s} s.",
+                "Nothing was sent.",
+            )
+        return given_s
+
+    def _share(self, joint: str, tick: int, now_s: float) -> float:
+        """Return how much of a joint's step may pass, 0 to 1; 1 for what `send` must judge."""
+        last, stride = self._last(joint), self._strides[joint]
+        self._check_range(joint, tick, last)
+        step = abs(tick - last)
+        if not 0 < step <= stride.most(LONGEST_ELAPSED_S):
+            return 1.0
+        room = self._ahead.room(joint, last, (tick - last) // step, now_s)
+        return min(stride.most(now_s - self._passed_s), room, step) / step
+
     def _check(self, joint: str, tick: int, elapsed_s: float) -> None:
         last = self._last(joint)
         self._check_range(joint, tick, last)
@@ -181,8 +243,9 @@ class Gate:
         if step > most:
             shown_ms = min(elapsed_s, LONGEST_ELAPSED_S) * 1e3
             raise RefusedError(
-                f"{joint} would have to jump {step} ticks in {shown_ms:.0f} ms, more than {most}.",
-                "Nothing was sent. Goals must move no faster than the arm file's fastest speed.",
+                f"Velocity limit: setpoint step of {step} ticks in {shown_ms:.0f} ms for {joint} "
+                f"(max {most}); stopped.",
+                "Setpoints must not move faster than the fastest speed of the arm file.",
             )
 
     def _check_stays(self, joint: str, tick: int) -> None:
@@ -190,7 +253,8 @@ class Gate:
         seen = self._ahead.seen.get(joint, last)
         if not min(last, seen) <= tick <= max(last, seen):
             raise RefusedError(
-                f"{joint} stands between {seen} and its goal {last}; {tick} would move it.",
+                f"Setpoint {tick} would move {joint}, which has to stay between tick {seen} "
+                f"and its setpoint {last}.",
                 "Nothing was sent.",
             )
 
@@ -199,7 +263,7 @@ class Gate:
         check_whole(joint, tick)
         low, high = self._range(joint, last)
         if not low <= tick <= high:
-            raise RefusedError(fence.beyond(tick), "Nothing was sent. Choose a nearer goal.")
+            raise RefusedError(fence.beyond(tick), "Choose a target inside the limits.")
 
     def _range(self, joint: str, last: int) -> tuple[int, int]:
         """Return the ticks that may pass: the limits, and the way back to them from outside."""
@@ -210,13 +274,13 @@ class Gate:
         self._fence(joint)
         if joint not in self._goals:
             raise RefusedError(
-                f"Nobody has measured where {joint} is.", "Switch its torque on first."
+                f"The position of {joint} has not been measured.", "Switch its torque on first."
             )
         return self._goals[joint]
 
     def _fence(self, joint: str) -> Fence:
         if joint not in self._fences:
-            raise RefusedError(f"The guard knows no joint {joint!r}.", "Nothing was sent.")
+            raise RefusedError(f"There is no joint {joint!r} on this arm.", "Nothing was sent.")
         return self._fences[joint]
 
     def _commit(self, goals: Mapping[str, int], now_s: float) -> None:

@@ -83,7 +83,7 @@ class Health:
             return ()
         return (
             f"{vitals.joint} is at {vitals.temperature_c:.0f} °C; "
-            f"the arm will hold at {limits.hold_c:.0f} °C.",
+            f"motion stops at {limits.hold_c:.0f} °C.",
         )
 
     def check(self, time_s: float) -> None:
@@ -95,7 +95,8 @@ class Health:
         for joint, asked_s in self._asked_s.items():
             if not time_s - asked_s <= _STALE_S:
                 raise RefusedError(
-                    f"Nobody has asked {joint} for {time_s - asked_s:.1f} s how it is.",
+                    f"No status (temperature, voltage, load) from {joint} for "
+                    f"{time_s - asked_s:.1f} s; stopped.",
                     "The arm holds. See: ikservo where",
                 )
 
@@ -103,7 +104,10 @@ class Health:
         yield from _reset(vitals)
         if vitals.alarms:
             words = ", ".join(sorted(str(alarm) for alarm in vitals.alarms))
-            yield _Fault(f"complains: {words}", "Take away what loads or heats it.")
+            yield _Fault(
+                f"reports an alarm: {words}",
+                "Remove the load, or let it cool down: ikservo recover",
+            )
         yield from self._heat(vitals.temperature_c)
         yield from self._supply(vitals)
         yield from self._load(vitals)
@@ -111,7 +115,7 @@ class Health:
     def _heat(self, celsius: float) -> Iterator[_Fault]:
         # Written so that no number at all is a fault, too.
         if not celsius < self._limits.hold_c:
-            found = f"is at {celsius:.0f} °C, {self._limits.hold_c:.0f} °C or more"
+            found = f"is at {celsius:.0f} °C (limit {self._limits.hold_c:.0f} °C)"
             yield _Fault(found, "Let it cool down: ikservo relax")
 
     def _supply(self, vitals: Vitals) -> Iterator[_Fault]:
@@ -119,7 +123,9 @@ class Health:
         low_v = max(servo_low_v, self._limits.low_v)
         high_v = min(servo_high_v, self._limits.high_v)
         if not low_v <= vitals.voltage_v <= high_v:
-            found = f"is fed {vitals.voltage_v:.1f} V, outside {low_v:.1f} to {high_v:.1f} V"
+            found = (
+                f"has a supply of {vitals.voltage_v:.1f} V, outside {low_v:.1f} to {high_v:.1f} V"
+            )
             yield _Fault(found, "Check the power supply and its cable.")
 
     def _load(self, vitals: Vitals) -> Iterator[_Fault]:
@@ -129,14 +135,15 @@ class Health:
             return
         lasts_s = vitals.time_s - self._loaded_s.setdefault(vitals.joint, vitals.time_s)
         if not (lasts_s < self._limits.load_s and math.isfinite(vitals.load_percent)):
-            found = f"bears {abs(vitals.load_percent):.0f} % of its most, for {lasts_s:.1f} s"
-            yield _Fault(found, "Take load away; look for what blocks it.")
+            found = f"has been at {abs(vitals.load_percent):.0f} % load for {lasts_s:.1f} s"
+            yield _Fault(found, "Reduce the load; check whether something blocks the joint.")
 
 
 def _reset(vitals: Vitals) -> Iterator[_Fault]:
     if not (vitals.torque and vitals.canary):
-        lost = "its settings are" if vitals.torque else "its torque is"
+        lost = "settings lost" if vitals.torque else "torque is off"
         yield _Fault(
-            f"was reset: {lost} gone",
-            "Its supply may have broken down. The arm moves again only when you say so.",
+            f"was reset: {lost}",
+            "Its supply voltage may have dropped. Check power and cables, then start the motion "
+            "again.",
         )

@@ -38,6 +38,6 @@ class Latch:
         """
         if self._reason:
             raise RefusedError(
-                f"The arm was stopped and stays so: {self._reason.splitlines()[0]}",
-                "Nothing was sent. Look at the arm, then acknowledge the stop.",
+                f"The arm was stopped: {self._reason.splitlines()[0]}",
+                "Check the arm, then acknowledge the stop.",
             )

@@ -46,7 +46,10 @@ class LookAhead:
         wanted = {joint: fence.speed for joint, fence in self._fences.items()} | dict(speeds)
         for joint, speed in wanted.items():
             if not speed > 0.0:
-                raise RefusedError(f"{joint} would run at {speed} rad/s.", "Nothing was sent.")
+                raise RefusedError(
+                    f"The speed of {joint} must be above zero, not {speed} rad/s.",
+                    "Nothing was sent.",
+                )
         self._leads = {j: f.lead_ticks(wanted[j]) for j, f in self._fences.items()}
         self._ticks_s = {
             j: min(wanted[j] / f.joint_map.unit_per_tick, f.ticks_s)
@@ -60,7 +63,7 @@ class LookAhead:
             RefusedError: A tick is no whole number, or the time no number.
         """
         if not math.isfinite(time_s):
-            raise RefusedError(f"The joints were measured at {time_s} s.", "Nothing was taken.")
+            raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
         for joint, tick in ticks.items():
             check_whole(joint, tick)
         self._seen |= {joint: (tick, time_s) for joint, tick in ticks.items()}
@@ -80,10 +83,23 @@ class LookAhead:
         measured, lead = self._measured(joint, now_s), self._leads[joint]
         if not min(measured - lead, last) <= tick <= max(measured + lead, last):
             raise RefusedError(
-                f"The goal of {joint} would be {abs(tick - measured)} ticks ahead of the joint, "
-                f"more than {lead}.",
-                "Nothing was sent. Look for what holds it back.",
+                f"Following error: the setpoint of {joint} would be {abs(tick - measured)} ticks "
+                f"ahead of its position (max {lead}); stopped.",
+                "Check whether something blocks the joint.",
             )
+
+    def unseen(self, now_s: float) -> tuple[str, ...]:
+        """Return the joints without a position reading of the last 0.25 s."""
+        return tuple(joint for joint in self._fences if self._tick(joint, now_s) is None)
+
+    def room(self, joint: str, last: int, direction: int, now_s: float) -> int:
+        """Return how many ticks a goal may go on from ``last`` in a direction, +1 or -1.
+
+        Raises:
+            RefusedError: Nobody has seen the joint lately.
+        """
+        measured, lead = self._measured(joint, now_s), self._leads[joint]
+        return max(lead - direction * (last - measured), 0)
 
     def advance_s(self, goals: Mapping[str, int], elapsed_s: float) -> float:
         """Return by how much a motion may go on in a time: less where a joint lags behind.
@@ -106,11 +122,14 @@ class LookAhead:
         return max(min(ease * elapsed_s, room_s), 0.0)
 
     def _measured(self, joint: str, now_s: float) -> int:
-        if joint in self._seen:
-            tick, seen_s = self._seen[joint]
-            if now_s - seen_s <= _STALE_S:
-                return tick
-        raise RefusedError(
-            f"Nobody has seen where {joint} is in the last {_STALE_S} s.",
-            "Nothing was sent. Goals may only lead a joint that is measured again and again.",
-        )
+        tick = self._tick(joint, now_s)
+        if tick is None:
+            raise RefusedError(
+                f"No position reading from {joint} for {_STALE_S} s; motion stopped.",
+                "Check the cable and the computer's load.",
+            )
+        return tick
+
+    def _tick(self, joint: str, now_s: float) -> int | None:
+        tick, seen_s = self._seen.get(joint, (0, -math.inf))
+        return tick if now_s - seen_s <= _STALE_S else None

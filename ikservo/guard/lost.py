@@ -42,5 +42,5 @@ class Losses:
         silent = [name for name, row in self._row.items() if row >= self._most]
         if silent:
             raise ServoSilentError(
-                f"gave no answer {self._most} times in a row", servo=", ".join(silent)
+                f"did not answer {self._most} times in a row", servo=", ".join(silent)
             )

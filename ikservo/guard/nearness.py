@@ -26,7 +26,7 @@ from ikservo.kinematics.packed_body import (
 )
 from ikservo.kinematics.se3 import Matrix, Vector
 
-__all__ = ["gaps"]
+__all__ = ["gaps", "pulls"]
 
 _NOTHING = 1e-30
 _GOLDEN = (5**0.5 - 1) / 2
@@ -74,6 +74,53 @@ def gaps(
                 gap_m = _beside(ends, i, boxes, b) - capsules[i, RADIUS]
                 at = column + len(links) * (1 + b)
                 found[n, at] = min(found[n, at], gap_m)
+
+
+@entry
+def pulls(links: Matrix, masses: Matrix, ways: Matrix, places: Matrix, found: Matrix) -> None:
+    """Fill the torques of gravity on the joints (n, dof) [N m], for g = 1 m/s².
+
+    Args:
+        links: One row a link, parents first; see ``kinematics.packed_body``.
+        masses: (links, 4) mass [kg] and centre in the link's frame [m].
+        ways: Joint vectors (n, dof).
+        places: (links, 12), memory: the pose of each link.
+        found: (n, dof); set to zero before.
+    """
+    for n in range(len(ways)):
+        _place_links(links, ways[n], places)
+        for i in range(len(links)):
+            if masses[i, 0] > 0.0:
+                x, y = _across(places, i, masses)
+                j = i
+                while links[j, PARENT] >= 0.0:
+                    if links[j, SCALE] != 0.0:
+                        rise = masses[i, 0] * links[j, SCALE] * _rise(links, places, j, x, y)
+                        found[n, int(links[j, COLUMN])] -= rise
+                    j = int(links[j, PARENT])
+
+
+@inner
+def _across(places: Matrix, i: int, masses: Matrix) -> tuple[float, float]:
+    """Return x and y of a link's centre of mass in the base frame."""
+    x, y = places[i, 9], places[i, 10]
+    for k in range(3):
+        x += places[i, k] * masses[i, 1 + k]
+        y += places[i, 3 + k] * masses[i, 1 + k]
+    return x, y
+
+
+@inner
+def _rise(links: Matrix, places: Matrix, j: int, x: float, y: float) -> float:
+    """Return by how much a point rises per rad or m of the joint of link ``j``."""
+    ax = ay = az = 0.0
+    for k in range(3):
+        ax += places[j, k] * links[j, AXIS + k]
+        ay += places[j, 3 + k] * links[j, AXIS + k]
+        az += places[j, 6 + k] * links[j, AXIS + k]
+    if links[j, SLIDES] == 1.0:
+        return az
+    return ax * (y - places[j, 10]) - ay * (x - places[j, 9])
 
 
 @inner

@@ -10,13 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError, RefusedError
+from ikservo.guard.sagging import Sag
 from ikservo.kinematics.body import Body
 from ikservo.kinematics.numbers import finite_vectors
 from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["Box", "Space"]
 
+_CHUNK = 8192  # postures at a time: each takes a number for every pair
 _TOUCH_M = 1e-9
+# Between two looks a gap may change by this much unseen; what is deeper is seen.
+_UNSEEN_M = 0.001
+_MOST_HALVINGS = 12
+# No deeper than it began, but for the digits of a URDF: an arm that turns on the table it lies on.
+_SAME_M = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,13 +57,22 @@ class Space:
             looked at where they are.
         floor_m: Height of the table in the base frame; None for none.
         boxes: What else to keep out of.
+        sag: How far the arm's own weight pulls its joints from their goals in motion: ways are
+            looked at with and without it. None for an arm that does not yield.
 
     Attributes:
         pairs: What comes near what: a link, and another link or the name of a thing.
     """
 
-    def __init__(self, body: Body, floor_m: float | None = 0.0, boxes: Sequence[Box] = ()) -> None:
+    def __init__(
+        self,
+        body: Body,
+        floor_m: float | None = 0.0,
+        boxes: Sequence[Box] = (),
+        sag: Sag | None = None,
+    ) -> None:
         self._body = packed = body.packed()
+        self._sag = sag
         self._floor_m = -math.inf if floor_m is None else floor_m
         self._boxes = np.array([[*box.low_m, *box.high_m] for box in boxes]).reshape(len(boxes), 6)
         things = ["the floor", *(box.name for box in boxes)]
@@ -67,28 +83,34 @@ class Space:
         # What stands on the table touches it.
         self._watched = np.array([link != packed.base for link, _ in self.pairs])
         self._watched[: len(packed.pairs)] = True
+        self._reach_m = np.vstack([packed.pair_reach_m, *[packed.reach_m] * len(things)])
 
     @property
     def dof(self) -> int:
         """Return the length of the joint vectors."""
         return self._body.dof
 
-    def check_way(self, way: Sequence[Vector]) -> None:
+    def check_way(self, way: Sequence[Vector], load: float = 1.0) -> None:
         """Check joint vectors (dof,) along a way, the first being where the arm is.
 
         An arm that lies on the table, or on itself, may get up: what touches at the start is
         looked at only from where it is free. It must not end deeper than it began. A stream
-        looks at a way of two: where it is, and where it would stop.
+        looks at a way of two: where it is, and where it would stop. Between the vectors, joints
+        go straight; where something could be touched there, further places are looked at.
+
+        Args:
+            way: The joint vectors.
+            load: How many times its weight pulls the arm down: more than 1 where it brakes.
 
         Raises:
             RefusedError: Something would be touched; says what, and how far along the way.
             BadValueError: A joint is no number.
         """
-        gap_m = self.gaps(way)
+        shares, gap_m = self._seen(finite_vectors(np.array(way), self._body.dof, "q"), load)
         looks, pairs = np.nonzero(_touching(gap_m))
         if len(looks):
-            share = int(looks[0]) / (len(gap_m) - 1)
-            raise self._touch(f"On the way, {share:.0%} along, ", gap_m[looks[0]], int(pairs[0]))
+            where = f", at {shares[looks[0]] * 100:.0f} % of the path"
+            raise self._touch(where, gap_m[looks[0]], int(pairs[0]))
 
     def check_pose(self, q: Vector) -> None:
         """Check one posture (dof,), wherever the arm is now.
@@ -100,9 +122,17 @@ class Space:
         (gap_m,) = self.gaps([q])
         nearest = int(np.argmin(gap_m))
         if not gap_m[nearest] >= -_TOUCH_M:
-            raise self._touch("There ", gap_m, nearest)
+            raise self._touch("", gap_m, nearest)
 
-    def gaps(self, way: Sequence[Vector]) -> Matrix:
+    def clear(self, postures: Matrix) -> NDArray[np.bool_]:
+        """Return for each posture (n, dof) whether nothing is touched in it (n,)."""
+        found = np.empty(len(postures), dtype=np.bool_)
+        for first in range(0, len(postures), _CHUNK):
+            rows = slice(first, first + _CHUNK)
+            found[rows] = self.gaps(postures[rows]).min(axis=1) >= -_TOUCH_M
+        return found
+
+    def gaps(self, way: Sequence[Vector] | Matrix) -> Matrix:
         """Return how near each pair of things comes (n, pairs) [m] in postures (n, dof)."""
         from ikservo.guard.nearness import gaps  # noqa: PLC0415  # imports numba
 
@@ -116,12 +146,43 @@ class Space:
         found[:, ~self._watched] = np.inf
         return found
 
+    def _seen(self, way: Matrix, load: float) -> tuple[Vector, Matrix]:
+        """Return where on a way was looked (n,), 0 to 1, and the gaps there (n, pairs) [m]."""
+        shares, gap_m = np.linspace(0.0, 1.0, len(way)), self._yielding_gaps(way, load)
+        for _ in range(_MOST_HALVINGS):
+            unsure = self._unsure(way, gap_m)
+            if not len(unsure) or _touching(gap_m).any():
+                break
+            between = 0.5 * (way[unsure] + way[unsure + 1])
+            middle = 0.5 * (shares[unsure] + shares[unsure + 1])
+            way = np.insert(way, unsure + 1, between, axis=0)
+            shares = np.insert(shares, unsure + 1, middle)
+            gap_m = np.insert(gap_m, unsure + 1, self._yielding_gaps(between, load), axis=0)
+        return shares, gap_m
+
+    def _unsure(self, way: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
+        """Return the looks after which something may be touched before the next look."""
+        nearer_m = np.abs(np.diff(way, axis=0)) @ self._reach_m.T
+        free = np.minimum(gap_m[:-1], gap_m[1:]) >= -_TOUCH_M
+        may_touch = gap_m[:-1] + gap_m[1:] < nearer_m
+        return np.flatnonzero((free & may_touch & (nearer_m > 2 * _UNSEEN_M)).any(axis=1))
+
+    def _yielding_gaps(self, way: Matrix, load: float) -> Matrix:
+        """Return the gaps (n, pairs) [m] at goals (n, dof); to things around also where it sags."""
+        gap_m = self.gaps(way)
+        if self._sag is None:
+            return gap_m
+        things = slice(len(self._body.pairs), None)
+        sagged_m = self.gaps(way + load * self._sag(way))
+        gap_m[:, things] = np.minimum(gap_m[:, things], sagged_m[:, things])
+        return gap_m
+
     def _touch(self, where: str, gap_m: Vector, pair: int) -> RefusedError:
         link, other = self.pairs[pair]
         return RefusedError(
-            f"{where}{link} would touch {other} ({-gap_m[pair] * 1e3:.1f} mm deep).",
-            "Nothing was sent. Go by another point, mend the surroundings in the arm file, or use "
-            "--no-collision where you see that the way is free.",
+            f"Collision {link}-{other}, {-gap_m[pair] * 1e3:.1f} mm{where}.",
+            "Use --via, correct the obstacles in the arm file, or --no-collision if you can see "
+            "that the path is clear.",
         )
 
 
@@ -129,5 +190,5 @@ def _touching(gap_m: Matrix) -> NDArray[np.bool_]:
     """Return (looks, pairs) where a pair touches that need not."""
     been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
     touching = ~(gap_m >= -_TOUCH_M) & been_free
-    touching[-1] |= ~(gap_m[-1] >= np.minimum(gap_m[0], 0.0) - _TOUCH_M)
+    touching[-1] |= ~(gap_m[-1] >= np.minimum(gap_m[0], 0.0) - _SAME_M)
     return touching

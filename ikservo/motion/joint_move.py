@@ -168,5 +168,5 @@ def _refusal(why: str) -> RefusedError:
     reason = " ".join(why.replace("[ruckig]", "").split())[:_LONGEST_REASON]
     return RefusedError(
         f"No motion to the goal was found ({reason}).",
-        "Nothing was sent. Let the arm come to rest, then choose a nearer goal.",
+        "Nothing was sent. Wait until the arm is at rest, then choose a nearer target.",
     )

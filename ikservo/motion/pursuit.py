@@ -62,8 +62,8 @@ class Pursuit:
         self._upper = np.maximum(self._limits[1], rest.start.position) + _ROUNDING
         if not self._holds(rest):
             raise RefusedError(
-                "The joints are too fast to come to rest inside their limits.",
-                "Nothing was sent. Let the arm come to rest first.",
+                "The joints are too fast to stop inside their limits.",
+                "Nothing was sent. Wait until the arm is at rest.",
             )
         self._pieces: _Pieces = ((0.0, rest),)
         self._aimed_s, self._end_s = 0.0, math.inf

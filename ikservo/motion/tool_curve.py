@@ -120,7 +120,9 @@ def _smooth(chain: Chain, start: Vector, path: Rounded, turning: Turning | None)
             return spline
         astray_m = float(strays_m.argmax()) / (len(strays_m) - 1) * path.length
     at_m = path.at(astray_m)[0].tolist()
-    raise LineError(astray_m, at_m, at_m, ["the joints would turn too sharply: a singularity"])
+    raise LineError(
+        astray_m, at_m, at_m, ["the joints would have to turn too sharply (singularity)"]
+    )
 
 
 def _counts(path: Rounded, turning: Turning | None) -> list[int]:

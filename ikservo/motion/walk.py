@@ -89,7 +89,7 @@ def _check(
     if result.position_error_m > _REACHED_M:
         why = [str(limit) for limit in result.binding] or [BUILD]
     else:
-        why = [f"{chain.names[int(steps.argmax())]} would have to jump: a singularity"]
+        why = [f"{chain.names[int(steps.argmax())]} would have to jump (singularity)"]
     raise LineError(
         share * path.length,
         path.at(share * path.length)[0].tolist(),

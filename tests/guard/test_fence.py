@@ -82,8 +82,8 @@ def test_the_look_ahead_counts_on_the_horn():
 @pytest.mark.parametrize(
     ("tick", "words"),
     [
-        (3001, "elbow would have to go to 83.8°, past 83.7° (hand sweep)."),
-        (999, "elbow would have to go to -92.2°, past -92.1° (hand sweep)."),
+        (3001, "elbow target 83.8° is above its upper limit 83.7° (hand sweep)."),
+        (999, "elbow target -92.2° is below its lower limit -92.1° (hand sweep)."),
     ],
 )
 def test_what_is_beyond_names_the_limit_that_binds(tick, words):
@@ -91,4 +91,12 @@ def test_what_is_beyond_names_the_limit_that_binds(tick, words):
 
 
 def test_on_the_upper_limit_the_lower_one_is_never_named():
-    assert "past -92.1°" in fence().beyond(3000)
+    assert "below its lower limit -92.1°" in fence().beyond(3000)
+
+
+def test_a_target_that_rounds_to_its_limit_is_shown_with_a_second_decimal():
+    limits = Limits.of("lift", math.radians(-98.0), 1.5, "user")
+    lift = Fence(JointMap.revolute("lift", 1, 1, 2048, 65536), limits, 1.0)
+    assert lift.beyond(2048 - 17846) == (
+        "lift target -98.03° is below its lower limit -98.00° (set by you)."
+    )

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from ikservo.errors import ExitCode, RefusedError
 from ikservo.guard import Gate
-from tests.guard.gates import HandClock, Recorder, fence, gate_at
+from tests.guard.gates import BEAT_S, HandClock, Recorder, fence, gate_at
+
+LEAD = 138  # ticks, of a joint at its top speed
 
 
 @pytest.mark.parametrize(("start", "tick"), [(1010, 1000), (2990, 3000), (1000, 1000)])
@@ -30,7 +32,7 @@ def test_the_first_tick_outside_is_refused_and_nothing_is_sent(start, tick):
 
 def test_a_refusal_names_the_joint_the_goal_the_limit_and_its_source():
     gate, _, _ = gate_at(2990)
-    with pytest.raises(RefusedError, match=r"elbow would .* 83\.8°, past 83\.7° \(hand sweep\)"):
+    with pytest.raises(RefusedError, match=r"elbow target 83\.8° .* limit 83\.7° \(hand sweep\)"):
         gate.send({"elbow": 3001})
 
 
@@ -45,7 +47,7 @@ def test_a_step_as_long_as_the_speed_allows_passes(direction):
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_step_one_tick_longer_is_refused(direction):
     gate, bus, _ = gate_at(2048)
-    with pytest.raises(RefusedError, match="elbow would have to jump 202 ticks in 20 ms"):
+    with pytest.raises(RefusedError, match="setpoint step of 202 ticks in 20 ms for elbow"):
         gate.send({"elbow": 2048 + direction * 202})
     assert bus.sent == []
 
@@ -54,7 +56,7 @@ def test_after_a_stall_the_next_step_is_no_longer_than_after_50_ms():
     gate, _, clock = gate_at(2048)
     clock.time_s = 5.0
     gate.see({"elbow": 2300, "wrist": 2048}, 5.0)
-    with pytest.raises(RefusedError, match="jump 502 ticks in 50 ms, more than 501"):
+    with pytest.raises(RefusedError, match="step of 502 ticks in 50 ms for elbow \\(max 501\\)"):
         gate.send({"elbow": 2048 + 502})
     gate.send({"elbow": 2048 + 330})
 
@@ -101,7 +103,7 @@ def test_an_unknown_joint_is_refused_for_all_joints():
 def test_nothing_passes_before_somebody_has_measured_where_the_joint_is():
     bus = Recorder()
     gate = Gate([fence()], bus, HandClock())
-    with pytest.raises(RefusedError, match="Nobody has measured where elbow is"):
+    with pytest.raises(RefusedError, match="The position of elbow has not been measured"):
         gate.send({"elbow": 2048})
     assert bus.sent == []
 
@@ -163,7 +165,7 @@ def test_many_commands_in_one_instant_go_no_further_than_one():
     gate.send({"elbow": 2048 + 101})
     gate.send({"elbow": 2048 + 102})
     for tick in (2048 + 103, 2048 + 101):
-        with pytest.raises(RefusedError, match="jump 1 ticks in 0 ms, more than 0"):
+        with pytest.raises(RefusedError, match="step of 1 ticks in 0 ms for elbow \\(max 0\\)"):
             gate.send({"elbow": tick})
     gate.send({"elbow": 2048 + 102})
     assert [goals[3] for goals in bus.sent] == [2149, 2150, 2150]
@@ -173,7 +175,7 @@ def test_a_step_back_uses_up_its_time_as_well():
     gate, bus, _ = gate_at(2048)
     gate.see({"elbow": 1948}, 0.02)
     gate.send({"elbow": 2048 - 201})
-    with pytest.raises(RefusedError, match="jump 1 ticks"):
+    with pytest.raises(RefusedError, match="step of 1 ticks"):
         gate.send({"elbow": 2048 - 202})
     assert bus.sent == [{3: 1847}]
 
@@ -182,7 +184,7 @@ def test_goals_may_be_where_the_look_ahead_ends_and_no_tick_further():
     gate, bus, clock = gate_at(2048)
     clock.time_s = 0.04
     gate.see({"elbow": 2048}, 0.04)
-    with pytest.raises(RefusedError, match="139 ticks ahead of the joint, more than 138"):
+    with pytest.raises(RefusedError, match="139 ticks ahead of its position \\(max 138\\)"):
         gate.send({"elbow": 2048 + 139})
     gate.send({"elbow": 2048 + 138})
     assert bus.sent == [{3: 2186}]
@@ -193,7 +195,7 @@ def test_a_slow_motion_has_a_shorter_look_ahead():
     clock.time_s = 0.04
     gate.see({"elbow": 2048}, 0.04)
     gate.run_at({"elbow": 284 * 2 * math.pi / 4096})
-    with pytest.raises(RefusedError, match="107 ticks ahead of the joint, more than 106"):
+    with pytest.raises(RefusedError, match="107 ticks ahead of its position \\(max 106\\)"):
         gate.send({"elbow": 2048 + 107})
     gate.run_at({})
     gate.send({"elbow": 2048 + 107})
@@ -203,7 +205,7 @@ def test_a_joint_that_nobody_has_seen_gets_no_goal():
     bus = Recorder()
     gate = Gate([fence()], bus, HandClock())
     gate.start_from({"elbow": 2048})
-    with pytest.raises(RefusedError, match="Nobody has seen where elbow is"):
+    with pytest.raises(RefusedError, match="No position reading from elbow"):
         gate.send({"elbow": 2048})
     assert bus.sent == [{3: 2048}]
 
@@ -238,7 +240,7 @@ def test_after_a_stop_nothing_passes_but_a_hold():
     gate, bus, _ = gate_at(2048)
     gate.trip("elbow is too hot")
     for door in (gate.send, gate.start_from):
-        with pytest.raises(RefusedError, match="stopped and stays so: elbow is too hot"):
+        with pytest.raises(RefusedError, match="arm was stopped: elbow is too hot"):
             door({"elbow": 2048})
     gate.hold({"elbow": 2048})
     assert (bus.sent, gate.tripped) == ([{3: 2048}], "elbow is too hot")
@@ -249,7 +251,7 @@ def test_after_the_stop_was_acknowledged_goals_start_anew():
     gate.trip("the cable")
     assert gate.acknowledge() == "the cable"
     assert gate.tripped == ""
-    with pytest.raises(RefusedError, match="Nobody has measured where elbow is"):
+    with pytest.raises(RefusedError, match="The position of elbow has not been measured"):
         gate.send({"elbow": 2048})
     gate.start_from({"elbow": 1500})
     assert bus.sent == [{3: 1500}]
@@ -275,7 +277,7 @@ def test_a_joint_may_be_held_anywhere_between_its_place_and_its_goal(tick):
 def test_a_hold_that_would_move_a_joint_is_refused_for_all(tick, seen):
     gate, bus, _ = gate_at(2100 if seen == 2148 else 2148)
     gate.see({"elbow": seen}, 0.02)
-    with pytest.raises(RefusedError, match=f"{tick} would move it"):
+    with pytest.raises(RefusedError, match=f"{tick} would move elbow"):
         gate.hold({"wrist": 2048, "elbow": tick})
     assert bus.sent == []
 
@@ -291,7 +293,7 @@ def test_a_joint_that_was_not_seen_is_held_at_its_goal_only():
     bus = Recorder()
     gate = Gate([fence()], bus, HandClock())
     gate.start_from({"elbow": 2048})
-    with pytest.raises(RefusedError, match="2049 would move it"):
+    with pytest.raises(RefusedError, match="2049 would move elbow"):
         gate.hold({"elbow": 2049})
     gate.hold({"elbow": 2048})
     assert bus.sent == [{3: 2048}, {3: 2048}]
@@ -340,3 +342,135 @@ def test_goals_cannot_be_changed_past_the_gate():
     gate, _, _ = gate_at(2048)
     with pytest.raises(TypeError):
         gate.goals["elbow"] = 4000
+
+
+SLOW = 2000  # ticks/s: 40 in 20 ms and one of rounding, 101 in 50 ms
+
+
+class TestOneReadingOfTheClock:
+    def test_a_step_is_judged_by_the_time_for_which_it_was_worked_out(self):
+        gate, bus, clock = gate_at(2048, speed_tick_s=SLOW)
+        clock.time_s = 5 * BEAT_S  # held up since the reading
+        gate.send({"elbow": 2048 + 40}, BEAT_S)
+        gate.send({"elbow": 2048 + 80}, 2 * BEAT_S)
+        assert bus.sent[-1] == {3: 2048 + 80}
+
+    def test_time_that_one_step_has_used_is_not_given_to_another(self):
+        gate, _, clock = gate_at(2048, speed_tick_s=SLOW)
+        clock.time_s = 5 * BEAT_S
+        gate.send({"elbow": 2048 + 81}, 2 * BEAT_S)
+        with pytest.raises(RefusedError, match=r"setpoint step of 41 ticks in 20 ms .*max 40"):
+            gate.send({"elbow": 2048 + 122}, 3 * BEAT_S)
+
+    @pytest.mark.parametrize("time_s", [BEAT_S + 1e-6, -1e-6, math.nan, math.inf])
+    def test_a_time_after_now_or_before_the_last_command_is_refused(self, time_s):
+        gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
+        with pytest.raises(RefusedError, match=r"time of the goals .* not between"):
+            gate.send({"elbow": 2049}, time_s)
+        assert bus.sent == []
+
+    @pytest.mark.parametrize("time_s", [0.0, BEAT_S])
+    def test_the_last_command_and_now_are_times_between(self, time_s):
+        gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
+        gate.send({"elbow": 2049}, time_s)
+        assert bus.sent == [{3: 2049}]
+
+
+class TestCut:
+    @pytest.mark.parametrize("direction", [1, -1])
+    def test_a_step_that_may_pass_stays(self, direction):
+        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        goals = {"elbow": 2048 + direction * 41}
+        assert gate.cut(goals, BEAT_S) == goals
+
+    @pytest.mark.parametrize("direction", [1, -1])
+    @pytest.mark.parametrize("step", [42, 60, 101])
+    def test_a_step_that_is_too_long_for_the_time_is_cut_to_the_longest(self, step, direction):
+        gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
+        goals = gate.cut({"elbow": 2048 + direction * step}, BEAT_S)
+        assert goals == {"elbow": 2048 + direction * 41}
+        gate.send(goals, BEAT_S)
+        assert bus.sent == [{3: 2048 + direction * 41}]
+
+    def test_all_joints_are_cut_by_the_same_share(self):
+        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        assert gate.cut({"elbow": 2048 + 82, "wrist": 2048 - 41}, BEAT_S) == {
+            "elbow": 2048 + 41,
+            "wrist": 2048 - 20,
+        }
+
+    @pytest.mark.parametrize("direction", [1, -1])
+    def test_a_step_beyond_the_look_ahead_is_cut_to_it(self, direction):
+        gate, _, clock = gate_at(2048)  # fast
+        gate.send({"elbow": 2048 + direction * 100}, BEAT_S)
+        clock.time_s = 2 * BEAT_S
+        goals = gate.cut({"elbow": 2048 + direction * 200}, 2 * BEAT_S)
+        assert goals == {"elbow": 2048 + direction * LEAD}
+        gate.send(goals, 2 * BEAT_S)
+
+    @pytest.mark.parametrize("direction", [1, -1])
+    def test_a_goal_that_leads_too_far_already_stands_or_comes_back(self, direction):
+        gate, _, clock = gate_at(2048)  # fast
+        gate.send({"elbow": 2048 + direction * 100}, BEAT_S)
+        clock.time_s = 2 * BEAT_S
+        gate.see({"elbow": 2048 - direction * 100}, 2 * BEAT_S)
+        at = 2048 + direction * 100
+        assert gate.cut({"elbow": at + direction * 9}, 2 * BEAT_S) == {"elbow": at}
+        assert gate.cut({"elbow": at - direction * 9}, 2 * BEAT_S) == {"elbow": at - direction * 9}
+
+    @pytest.mark.parametrize("direction", [1, -1])
+    def test_a_goal_out_of_reach_of_50_ms_is_no_late_step_and_stays_as_it_is(self, direction):
+        gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
+        assert gate.cut({"elbow": 2048 + direction * 101}, BEAT_S) == {
+            "elbow": 2048 + direction * 41
+        }
+        jump = {"elbow": 2048 + direction * 102}
+        assert gate.cut(jump, BEAT_S) == jump
+        with pytest.raises(RefusedError, match="setpoint step of 102 ticks"):
+            gate.send(jump, BEAT_S)
+        assert bus.sent == []
+
+    @pytest.mark.parametrize("tick", [3001, 3300])
+    def test_a_goal_outside_the_limits_is_refused_not_cut(self, tick):
+        gate, _, _ = gate_at(2990, speed_tick_s=SLOW)
+        with pytest.raises(RefusedError, match="upper limit"):
+            gate.cut({"elbow": tick}, BEAT_S)
+
+    def test_without_time_nothing_moves(self):
+        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        gate.send({"elbow": 2048 + 41}, BEAT_S)
+        assert gate.cut({"elbow": 2048 + 60}, BEAT_S) == {"elbow": 2048 + 41}
+
+    def test_a_step_of_one_tick_is_cut_where_there_is_no_time_for_it(self):
+        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        gate.send({"elbow": 2048 + 41}, BEAT_S)
+        assert gate.cut({"elbow": 2048 + 42}, BEAT_S) == {"elbow": 2048 + 41}
+
+    def test_a_joint_that_stays_cuts_no_other(self):
+        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        goals = {"elbow": 2048 + 40, "wrist": 2048}
+        assert gate.cut(goals, BEAT_S) == goals
+
+    def test_no_goals_are_no_goals(self):
+        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        assert gate.cut({}, BEAT_S) == {}
+
+    @pytest.mark.parametrize("goal", [{"elbo": 2048}, {"elbow": 2048.5}, {"elbow": True}])
+    def test_what_is_no_goal_is_refused(self, goal):
+        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        with pytest.raises(RefusedError):
+            gate.cut(goal, BEAT_S)
+
+    def test_a_joint_without_a_recent_reading_is_refused(self):
+        gate, _, clock = gate_at(2048, speed_tick_s=SLOW)
+        clock.time_s = BEAT_S + 0.26
+        with pytest.raises(RefusedError, match="No position reading from elbow"):
+            gate.cut({"elbow": 2050}, clock.time_s)
+
+
+def test_joints_without_a_recent_reading_are_named():
+    gate, _, clock = gate_at(2048, speed_tick_s=SLOW)
+    assert gate.unseen(BEAT_S + 0.25) == ()
+    gate.see({"wrist": 2048}, BEAT_S + 0.1)
+    assert gate.unseen(BEAT_S + 0.2501) == ("elbow",)
+    assert Gate([fence()], Recorder(), clock).unseen(0.0) == ("elbow",)

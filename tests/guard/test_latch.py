@@ -16,7 +16,7 @@ def test_a_tripped_latch_says_why_in_one_line():
     latch.trip("The cable is gone.\nPlug it in.")
     with pytest.raises(RefusedError) as caught:
         latch.check()
-    assert caught.value.message == "The arm was stopped and stays so: The cable is gone."
+    assert caught.value.message == "The arm was stopped: The cable is gone."
     assert caught.value.exit_code == ExitCode.REFUSED
 
 

@@ -26,7 +26,9 @@ def test_a_goal_as_far_ahead_as_may_be_passes(lead):
 
 @pytest.mark.parametrize("lead", [LEAD + 1, -LEAD - 1])
 def test_a_goal_one_tick_further_ahead_is_refused(lead):
-    with pytest.raises(RefusedError, match="would be 139 ticks ahead of the joint, more than 138"):
+    with pytest.raises(
+        RefusedError, match="would be 139 ticks ahead of its position \\(max 138\\)"
+    ):
         seen_at(2048).check("elbow", 2048 + lead, 2048, 1.0)
 
 
@@ -46,7 +48,7 @@ def test_what_was_seen_stays_true_for_a_quarter_of_a_second(now_s):
 
 @pytest.mark.parametrize("now_s", [1.2501, 9.0, math.nan])
 def test_what_was_seen_long_ago_is_not_known_any_more(now_s):
-    with pytest.raises(RefusedError, match=r"where elbow is in the last 0\.25 s"):
+    with pytest.raises(RefusedError, match=r"from elbow for 0\.25 s"):
         seen_at(2048).check("elbow", 2048, 2048, now_s)
 
 
@@ -70,7 +72,7 @@ def test_a_place_that_is_no_whole_number_is_not_taken_for_any_joint(tick):
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf])
 def test_a_place_without_a_time_is_not_taken(time_s):
     ahead = seen_at(2048)
-    with pytest.raises(RefusedError, match="measured at"):
+    with pytest.raises(RefusedError, match="time of a measurement"):
         ahead.see({"elbow": 2000}, time_s)
     assert ahead.seen["elbow"] == 2048
 
@@ -78,14 +80,14 @@ def test_a_place_without_a_time_is_not_taken(time_s):
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan])
 def test_a_motion_without_a_speed_is_refused(speed):
     ahead = seen_at(2048)
-    with pytest.raises(RefusedError, match="elbow would run at"):
+    with pytest.raises(RefusedError, match="The speed of elbow must be above zero"):
         ahead.run_at({"elbow": speed})
 
 
 def test_each_joint_has_the_look_ahead_of_its_own_speed():
     ahead = seen_at(2048)
     ahead.run_at({"elbow": 100 * TICK})
-    with pytest.raises(RefusedError, match="more than 88"):
+    with pytest.raises(RefusedError, match="max 88"):
         ahead.check("elbow", 2048 + 89, 2048, 1.0)
     ahead.check("wrist", 2048 + LEAD, 2048, 1.0)
 

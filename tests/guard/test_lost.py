@@ -12,13 +12,13 @@ def test_the_third_cycle_in_a_row_without_an_answer_names_the_joint():
     losses = Losses(["elbow", "wrist"])
     losses.see(ONE)
     losses.see(ONE)
-    with pytest.raises(ServoSilentError, match="elbow gave no answer 3 times in a row"):
+    with pytest.raises(ServoSilentError, match="elbow did not answer 3 times in a row"):
         losses.see(ONE)
 
 
 def test_all_that_are_silent_are_named():
     losses = Losses(["elbow", "wrist"], most=1)
-    with pytest.raises(ServoSilentError, match="elbow, wrist gave"):
+    with pytest.raises(ServoSilentError, match="elbow, wrist did not answer"):
         losses.see(())
 
 

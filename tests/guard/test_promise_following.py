@@ -45,7 +45,7 @@ def jam(name, joint, after_s):
 @pytest.mark.parametrize(("name", "joint"), [*CASES[:6:2], CASES[7]])
 def test_a_jammed_joint_is_named_at_the_third_beat_that_it_is_too_far_behind(name, joint):
     beats, words = jam(name, joint, 0.4)
-    assert words.startswith(f"{joint} does not follow its goal")
+    assert words.startswith(f"{joint} does not follow its setpoint")
     assert beats <= 3
 
 
@@ -55,7 +55,7 @@ def test_a_joint_that_jams_at_any_time_of_its_motion_is_named(name, joint, seeds
     most = 0
     for seed in seeds:
         beats, words = jam(name, joint, LATEST_S * share(seed))
-        assert words.startswith(f"{joint} does not follow its goal"), seed
+        assert words.startswith(f"{joint} does not follow its setpoint"), seed
         most = max(most, beats)
     tell(capsys, f"{name} {joint}: {len(seeds)} jams named, at most {most} beats too far behind")
     assert most <= 3

@@ -161,6 +161,33 @@ def test_time_does_not_go_back(time_s, what):
         course.aim([0, 0, 0], time_s) if what == "aim" else course.end(time_s)
 
 
+def test_another_goal_is_turned_to_at_once_and_not_when_the_old_one_is_reached():
+    course = Pursuit(np.zeros(3), PACES)
+    course.aim([1.0, 0, 0], 0.0)
+    old_end_s = course.rest_s
+    course.aim([0.3, 0, 0], 0.5 * old_end_s)
+    assert course.state(old_end_s).position[0] < 0.9
+
+
+def test_ended_in_mid_motion_it_comes_to_rest_before_its_goal():
+    course = Pursuit(np.zeros(3), PACES)
+    course.aim([1.0, 0, 0], 0.0)
+    goal_s = course.rest_s
+    course.end(0.4 * goal_s)
+    assert course.duration_s < goal_s
+    assert course.goal[0] < 0.9
+
+
+def test_where_braking_at_once_would_pass_a_limit_it_comes_to_rest_where_it_was_going():
+    course = Pursuit(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
+    course.aim([1.0, 0, 0], 0.0)
+    goal_s = course.rest_s
+    course.run_at([Pace(1.0, 0.3, 3.0), *PACES[1:]])  # these could not stop it before the limit
+    course.end(0.7 * goal_s)
+    assert course.duration_s == goal_s
+    assert_inside(course, [-1, -1, -1], [1, 1, 1])
+
+
 def test_what_has_ended_is_not_aimed_again():
     course = Pursuit(np.zeros(3), PACES)
     course.end(1.0)
