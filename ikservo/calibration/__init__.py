@@ -8,6 +8,6 @@ LeRobot's files, and kept in a file and in the servos as one transaction.
 from ikservo.calibration.ticks.crank import Crank
 from ikservo.calibration.ticks.joint_map import JointMap
 from ikservo.calibration.ticks.limits import Limit, Limits
-from ikservo.calibration.ticks.words import JointUnit, say
+from ikservo.calibration.ticks.words import JointUnit, say, source_words
 
-__all__ = ["Crank", "JointMap", "JointUnit", "Limit", "Limits", "say"]
+__all__ = ["Crank", "JointMap", "JointUnit", "Limit", "Limits", "say", "source_words"]

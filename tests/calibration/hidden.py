@@ -201,12 +201,16 @@ def shown_directions(loose, person, wizard):
     while wizard.asked:
         subject = wizard.asked
         way = math.radians(25) * subject.towards * person.world.joint(subject.name).m_per_rad
-        person.move(subject.name, way)
-        wizard = read_until(
-            loose, wizard, lambda w, s=subject: w.asked is None or w.asked.name != s.name
-        )
+        person.move(subject.name, -way if wizard.repeated and not wizard.returned else way)
+        before = stage_of(wizard)
+        wizard = read_until(loose, wizard, lambda w, before=before: stage_of(w) != before)
         person.hold(subject.name)
     return wizard
+
+
+def stage_of(wizard):
+    """Return what is asked for: which joint, and its first motion, its way back or its second."""
+    return wizard.asked and wizard.asked.name, wizard.repeated, wizard.returned
 
 
 def swept(loose, person, wizard, duration_s=6.0):

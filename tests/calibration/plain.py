@@ -26,10 +26,10 @@ def plain_wizard(loose, signs, margin_rad=0.02):
 
 
 def _moves(wizard, signs):
-    """Yield steps: each joint a little in its shown direction and back, then all both ways."""
+    """Yield steps: each joint twice in its shown direction and back, then all both ways."""
     for subject in wizard.subjects:
         shown, ids = signs[subject.servo_id] * subject.towards, _ids(subject)
-        yield from [(shown, ids)] * 4 + [(-shown, ids)] * 4
+        yield from ([(shown, ids)] * 4 + [(-shown, ids)] * 4) * 2
     every = {i for subject in wizard.subjects for i in _ids(subject)}
     yield from [(1, every)] * 12 + [(-1, every)] * 24 + [(1, every)] * 12
 

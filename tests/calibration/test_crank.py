@@ -61,3 +61,53 @@ def test_a_gear_divides_what_a_tick_is_worth_and_stays_exact(gear, tick):
 def test_a_potentiometers_tick_is_300_degrees_by_1024():
     joint_map = JointMap.revolute("elbow", 3, 1, 512, 1024 * 360 / 300)
     assert math.degrees(joint_map.unit_per_tick) == pytest.approx(300 / 1024)
+
+
+def test_a_slide_ends_where_pin_and_rod_are_in_line():
+    upright_m = math.sqrt(0.036**2 - 0.022**2)
+    assert CRANK.position(CRANK.zero_rad) == pytest.approx(0.022 + 0.036 - upright_m)
+    assert CRANK.position(CRANK.zero_rad - math.pi) == pytest.approx(0.036 - 0.022 - upright_m)
+
+
+def test_beyond_its_ends_a_slide_is_where_the_crank_is_in_line():
+    furthest_m, nearest_m = (CRANK.position(CRANK.zero_rad - angle) for angle in (0.0, math.pi))
+    assert CRANK.turned_rad(furthest_m + 0.01) == pytest.approx(CRANK.zero_rad)
+    assert CRANK.turned_rad(nearest_m - 0.005) == pytest.approx(CRANK.zero_rad - math.pi)
+
+
+@pytest.mark.parametrize(("turn", "cut"), [(0.3, 0.3), (9.0, 0.0), (-9.0, -math.pi)])
+def test_a_turn_is_cut_where_the_slide_would_come_back(turn, cut):
+    expected = turn if turn == cut else CRANK.zero_rad + cut
+    assert CRANK.until_dead_centre(turn) == pytest.approx(expected)
+
+
+def test_the_most_that_a_slide_moves_is_the_steepest_slope_between_its_ends():
+    crank = Crank(0.02, 0.03, 0.5)
+    turns = [crank.zero_rad - math.pi * k / 2000 for k in range(1, 2000)]
+    slopes = [(crank.position(t + 1e-6) - crank.position(t - 1e-6)) / 2e-6 for t in turns]
+    assert crank.steepest_m_per_rad == pytest.approx(max(slopes), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("radius", "rod", "zero"), [(0.03, 0.03, 1), (0.02, 0.03, 0), (0.02, 0.03, math.pi),
+                                (0.02, 0.03, -0.5)]
+)  # fmt: skip
+def test_a_crank_in_line_at_zero_or_as_long_as_its_rod_is_refused(radius, rod, zero):
+    with pytest.raises(BadValueError, match="crank"):
+        Crank(radius, rod, zero)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_on_the_way_past_a_dead_centre_the_slide_was_at_its_end(sign):
+    joint_map = JointMap.cranked("gripper", 5, sign, 2048.0, 4096, CRANK)
+    end_m, half_turn = CRANK.position(CRANK.zero_rad), 2048
+    assert joint_map.furthest(2048 + sign * half_turn) == pytest.approx(end_m)
+    assert joint_map.position(2048 + sign * half_turn) < end_m
+    assert joint_map.furthest(2148) == joint_map.position(2148)
+
+
+def test_a_cranked_slide_counts_in_its_steepest_step_and_has_no_gear():
+    joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
+    horn_rad = math.tau / 4096
+    assert joint_map.unit_per_tick == pytest.approx(CRANK.steepest_m_per_rad * horn_rad)
+    assert joint_map.gear == 1.0

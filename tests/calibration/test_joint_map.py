@@ -55,3 +55,30 @@ def test_a_range_between_two_ticks_holds_none():
 def test_a_goal_that_is_no_number_has_no_tick(position):
     with pytest.raises(BadValueError, match="goal of elbow"):
         JointMap.revolute("elbow", 3, 1, 2048, 4096).tick(position)
+
+
+@pytest.mark.parametrize(("exact", "nearest"), [(100.45, 100), (100.55, 101), (-0.45, 0)])
+def test_a_position_between_two_ticks_is_the_nearer(exact, nearest):
+    joint_map = JointMap.revolute("waist", 1, 1, 0.0, 4096)
+    assert joint_map.tick(joint_map.position(exact)) == nearest
+
+
+@pytest.mark.parametrize("off_by_rounding", [-5e-7, 0.0, 5e-7])
+def test_a_limit_that_is_a_tick_is_not_lost_to_rounding(off_by_rounding):
+    joint_map = JointMap.revolute("waist", 1, 1, 0.0, 4096)
+    lower, upper = (joint_map.position(tick + off_by_rounding) for tick in (100, 200))
+    assert joint_map.ticks_inside(lower, upper) == (100, 200)
+
+
+def test_a_joint_whose_servo_turns_with_it_has_no_gear():
+    assert JointMap("waist", 1, 1, 2048.0, math.tau / 4096).gear == 1.0
+
+
+def test_what_does_not_turn_past_a_dead_centre_is_at_the_furthest_where_it_is():
+    joint_map = JointMap.revolute("waist", 1, -1, 2048.0, 4096)
+    assert joint_map.furthest(1024) == joint_map.position(1024) == pytest.approx(math.pi / 2)
+
+
+def test_turns_are_said_in_degrees_and_slides_in_millimetres():
+    assert JointMap.revolute("waist", 1, 1, 0.0, 4096).say(math.radians(101.34)) == "101.3°"
+    assert JointMap.prismatic("lift", 1, 1, 0.0, 4096, 0.04).say(0.01234) == "12.3 mm"

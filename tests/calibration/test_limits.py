@@ -33,3 +33,8 @@ def test_the_ends_belong_to_the_range():
     assert ARM_FILE.holds(-1.7)
     assert ARM_FILE.holds(1.7)
     assert not ARM_FILE.holds(1.7000001)
+
+
+def test_a_joint_that_may_not_move_has_limits_too():
+    held = Limits.of("elbow", 0.3, 0.3, "user")
+    assert held.lower.value == held.upper.value

@@ -97,12 +97,12 @@ def test_a_travel_of_almost_a_turn_finds_its_one_offset_wherever_the_horn_is(low
 
 @pytest.mark.parametrize("family", [STS, X])
 def test_a_travel_of_a_turn_is_refused(family):
-    with pytest.raises(CalibrationError, match=r"elbow would travel 4095 ticks.*\n.*--free elbow"):
+    with pytest.raises(CalibrationError, match=r"elbow: travel of 4095 ticks.*\n.*--free elbow"):
         choose_homing("elbow", family, Travel(0, 4095), 0, MAGNET)
 
 
 def test_a_servo_without_an_offset_refuses_a_travel_across_its_seam():
-    with pytest.raises(CalibrationError, match="horn on a few teeth further"):
+    with pytest.raises(CalibrationError, match="horn a few teeth further"):
         choose_homing("elbow", Family.DYNAMIXEL_1, Travel(4000, 5000), 0, MAGNET)
 
 
@@ -127,3 +127,7 @@ def test_each_model_counts_as_its_sheet_says(model, ticks, per_turn):
     encoder = encoder_of(MODELS[model])
     assert (encoder.ticks, encoder.ticks_per_turn) == (ticks, pytest.approx(per_turn))
     assert encoder.wraps == (ticks == 4096)
+
+
+def test_the_short_way_around_a_circle_of_an_odd_number_goes_either_way_as_far():
+    assert [short_way(0, end, 5) for end in range(5)] == [0, 1, 2, -2, -1]

@@ -10,6 +10,7 @@ from ikservo.calibration.sweeping.answers import Script, apply, read_script
 from ikservo.calibration.sweeping.homing import Travel
 from ikservo.calibration.sweeping.meter import State, meters
 from ikservo.calibration.sweeping.obstacles import findings
+from ikservo.calibration.sweeping.plausibility import shifted_zeros
 from ikservo.calibration.sweeping.subject import Subject
 from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.errors import BadValueError, CalibrationError, FileFormatError, UnknownNameError
@@ -62,7 +63,7 @@ def test_the_pose_is_taken_only_when_the_arm_is_still():
     for _ in range(40):
         hand.ticks[1] += 10
         hand.read()
-    with pytest.raises(CalibrationError, match="still moves"):
+    with pytest.raises(CalibrationError, match="still moving"):
         hand.accept()
     assert hand.rest().accept().wizard.stage is Stage.SWEEP
 
@@ -86,10 +87,34 @@ def test_a_joint_is_asked_to_go_where_there_is_more_room(pose, towards):
     assert subject(pose=pose).towards == towards
 
 
-@pytest.mark.parametrize(("way", "sign"), [(400, 1), (-400, -1)])
-def test_the_first_motion_in_the_shown_direction_tells_the_sign(way, sign):
-    hand = Hand(subject()).rest().accept().move(way)
-    assert hand.wizard.signs == {"elbow": sign}
+def test_the_first_motion_in_the_shown_direction_tells_the_arm_files_sign():
+    hand = Hand(subject()).rest().accept().move(400)
+    assert hand.wizard.signs == {"elbow": 1}
+
+
+def test_a_sign_opposite_to_the_arm_file_is_measured_again():
+    hand = Hand(subject()).rest().accept().move(-400)
+    assert hand.wizard.signs == {}
+    assert hand.wizard.repeated
+    with pytest.raises(CalibrationError, match="elbow: sign is opposite to the arm file"):
+        hand.accept()
+    hand.move(400).move(-400)
+    assert hand.wizard.signs == {"elbow": -1}
+
+
+def test_a_joint_moved_the_wrong_way_once_keeps_the_arm_files_sign():
+    hand = Hand(subject()).rest().accept().move(-400).move(400).move(400)
+    assert hand.wizard.signs == {"elbow": 1}
+
+
+def test_going_on_the_wrong_way_is_no_second_measurement():
+    hand = Hand(subject()).rest().accept().move(-1200)
+    assert hand.wizard.signs == {}
+
+
+def test_measuring_again_forgets_a_doubt():
+    hand = Hand(subject()).rest().accept().move(-400).say("again elbow")
+    assert not hand.wizard.repeated
 
 
 def test_only_the_joint_that_is_asked_for_tells_its_sign():
@@ -116,7 +141,7 @@ def test_the_sweep_does_not_end_before_every_joint_has_moved():
 
 def test_a_joint_that_hardly_moved_is_named():
     hand = Hand(subject(), margin_rad=0.5).rest().accept().move(400)
-    with pytest.raises(CalibrationError, match="elbow has hardly been moved: 400 ticks"):
+    with pytest.raises(CalibrationError, match="elbow was moved by only 400 ticks"):
         hand.accept()
 
 
@@ -158,7 +183,9 @@ def test_measuring_again_forgets_one_joint_only():
 
 def test_a_joint_without_stops_takes_the_arm_files_range_when_that_is_wide():
     hand = Hand(subject(lower=-3.1, upper=3.1)).rest().accept().move(4300).accept()
-    assert "turns freely: using the arm file's -177.6° to 177.6°" in " ".join(findings(hand.wizard))
+    assert "turns freely: the arm file's range -177.6° to 177.6° is used" in " ".join(
+        findings(hand.wizard)
+    )
 
 
 def test_a_whole_turn_of_a_joint_with_stops_is_refused_unless_the_person_says_it_is_free():
@@ -171,21 +198,29 @@ def test_a_whole_turn_of_a_joint_with_stops_is_refused_unless_the_person_says_it
 def test_a_joint_that_was_turned_too_fast_must_be_measured_again():
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.move(1500, step=1500)
-    with pytest.raises(CalibrationError, match="faster than it could be followed"):
+    with pytest.raises(CalibrationError, match="moved too fast to count its turns"):
         hand.accept()
+
+
+@pytest.mark.parametrize(("gap_s", "lost"), [(0.3, False), (0.5, False), (0.7, True)])
+def test_a_gap_in_the_readings_loses_a_turn_only_where_a_hand_could_have_made_one(gap_s, lost):
+    hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
+    hand.at_s += gap_s
+    hand.move(300, step=300)
+    assert hand.wizard.tracks[1].lost is lost
 
 
 def test_undo_does_not_make_a_lost_range_a_good_one():
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.move(1500, step=1500).say("again elbow").say("undo")
-    with pytest.raises(CalibrationError, match="faster than it could be followed"):
+    with pytest.raises(CalibrationError, match="moved too fast to count its turns"):
         hand.accept()
 
 
 def test_a_range_that_fits_only_mirrored_is_refused():
     lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
     hand = Hand(lopsided).rest().accept()
-    hand.move(-400).move(400).move(1900)  # first the wrong way
+    hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way
     with pytest.raises(CalibrationError, match="the wrong way"):
         hand.accept()
 
@@ -196,7 +231,7 @@ def test_servos_of_one_joint_that_count_against_each_other_are_refused():
         hand.ticks[1] += 100
         hand.ticks[2] -= 100
         hand.read()
-    with pytest.raises(CalibrationError, match="servos 1 and 2 of elbow do not count alike"):
+    with pytest.raises(CalibrationError, match="Servos 1 and 2 of elbow report different motions"):
         hand.accept()
 
 
@@ -213,8 +248,31 @@ def test_meters_tell_how_far_each_joint_has_come():
 
 
 def test_a_counter_direction_is_reported_before_saving():
-    hand = Hand(subject()).rest().accept().move(-900).move(1900).accept()
-    assert "elbow counts the other way round" in " ".join(findings(hand.wizard))
+    hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
+    assert "elbow: sign is opposite to the arm file, measured twice" in " ".join(
+        findings(hand.wizard)
+    )
+
+
+@pytest.mark.parametrize("shift", [-28, -12, 12, 28])
+def test_a_swept_range_that_is_shifted_shows_a_wrong_anchor_pose(shift):
+    zero = round(shift / 360 * TURN)
+    hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
+    hand.move(700 + zero, step=1).move(-1400, step=1).move(100, step=1)
+    (found,) = shifted_zeros(hand.accept().wizard)
+    assert math.degrees(found.shift) == pytest.approx(-shift, abs=0.5)
+    assert "the zero seems to be off by" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("up", "down"),
+    [(650, 1300), (750, 1500), (650, 900), (560, 1200)],
+    ids=["exact", "stops beyond both limits", "swept in part", "a few degrees off"],
+)
+def test_a_plausible_range_leaves_the_zero_in_peace(up, down):
+    hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
+    hand.move(up, step=1).move(-down, step=1)
+    assert list(shifted_zeros(hand.accept().wizard)) == []
 
 
 @pytest.mark.parametrize("word", ["jump", "skip", "accept it", ""])

@@ -16,6 +16,7 @@ __all__ = [
     "confirmation_path",
     "journal_path",
     "load",
+    "partial_path",
     "save",
 ]
 
@@ -36,6 +37,11 @@ def journal_path(arm: str, usb_serial_number: str) -> Path:
 def confirmation_path(arm: str, usb_serial_number: str) -> Path:
     """Return where it is noted which files an arm's joints were last seen to obey."""
     return config_folder() / "confirmed" / f"{_stem(arm, usb_serial_number)}.txt"
+
+
+def partial_path(arm: str, usb_serial_number: str) -> Path:
+    """Return where the joints are kept that an interrupted self-calibration has measured."""
+    return config_folder() / "partial" / f"{_stem(arm, usb_serial_number)}.toml"
 
 
 def calibrations_of(arm: str) -> list[Path]:

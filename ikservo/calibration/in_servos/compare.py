@@ -74,5 +74,5 @@ def refuse(contradictions: Iterable[Contradiction]) -> None:
     raise CalibrationError(
         f"{first}{rest}.",
         "See all: ikservo calibration diff. Write the file's values into the servos: "
-        "ikservo calibration push. Measure anew: ikservo calibrate",
+        "ikservo calibration push. Measure again: ikservo calibrate",
     )

@@ -110,7 +110,7 @@ def settle(bus: ServoBus, journal_path: Path) -> str:
         return "An interrupted calibration was complete in the servos; its file is saved now."
     _restore_file(journal)
     remove(journal_path)
-    return "An interrupted calibration had changed nothing yet; the one before holds."
+    return "An interrupted calibration had changed nothing yet; the previous one is valid."
 
 
 def resume(bus: ServoBus, journal_path: Path) -> bool:
@@ -154,8 +154,8 @@ def _interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
         names = change.old.keys() | change.new.keys()
         if servo is None or not names <= servo.table.registers.keys():
             raise CalibrationError(
-                f"{journal_path} tells of an interrupted writing into another servo {change.id}.",
-                "Has the arm file changed? Go on with the one of then, or remove the journal "
+                f"{journal_path}: interrupted write to servo {change.id}, which is another now.",
+                "Has the arm file changed? Use the earlier one, or remove this journal "
                 "and compare: ikservo calibration diff",
             )
     return journal
@@ -208,9 +208,8 @@ def _lock(bus: ServoBus, journal: Journal) -> None:
 
 def _unfinished() -> CalibrationError:
     return CalibrationError(
-        "A calibration was interrupted while it was written: some servos hold the new one, "
-        "others the old one.",
-        "Finish it: ikservo calibration resume. Or go back: ikservo calibration revert.",
+        "Writing a calibration was interrupted: some servos hold the new one, others the old.",
+        "Finish it: ikservo calibration resume. Or undo it: ikservo calibration revert.",
     )
 
 

@@ -16,10 +16,10 @@ __all__ = ["WORDS", "Script", "apply", "read_script"]
 
 WORDS = {
     "accept": "take the pose, end the sweep, or save",
-    "undo": "take the last answer back",
-    "again JOINT": "measure a joint anew",
-    "skip JOINT": "leave a joint to the arm file",
-    "free JOINT": "nothing stops this joint",
+    "undo": "undo the last answer",
+    "again JOINT": "measure a joint again",
+    "skip JOINT": "use the arm file's range and sign of a joint",
+    "free JOINT": "a joint has no end stops",
 }
 
 _LARGEST_BYTES = 64 * 1024
@@ -59,7 +59,7 @@ def read_script(path: Path) -> list[str]:
         word = line.partition("#")[0].strip()
         if word and word.partition(" ")[0] not in verbs:
             expected = f"one of: {', '.join(WORDS)}"
-            raise FileFormatError(path, f"line {number}", "is no answer", expected)
+            raise FileFormatError(path, f"line {number}", "is not an answer", expected)
         answers += [word] if word else []
     return answers
 
@@ -115,7 +115,9 @@ class Script:
 
     def _stuck(self, wizard: Wizard) -> CalibrationError:
         if wizard.stage is Stage.ANCHOR:
-            return CalibrationError("The arm never came to rest.", "Hold it still in the pose.")
+            return CalibrationError(
+                "Timeout: the arm was not held still.", "Hold it still in the pose."
+            )
         if not self._next[0]:
-            return CalibrationError("The script ended before the calibration.", "Add: accept")
-        return next(obstacles(wizard), CalibrationError("Nothing happens any more."))
+            return CalibrationError("The script ended before the calibration did.", "Add: accept")
+        return next(obstacles(wizard), CalibrationError("Timeout: no motion for 60 s."))

@@ -86,9 +86,8 @@ def choose_homing(
     """
     if travel.width > encoder.ticks - 2:  # a tick is needed to tell the ends apart
         raise CalibrationError(
-            f"{joint} would travel {travel.width} ticks; a turn of its servo has {encoder.ticks}.",
-            "A servo that counts one turn cannot tell its ends apart. If nothing stops the joint, "
-            f"calibrate with: --free {joint}",
+            f"{joint}: travel of {travel.width} ticks, more than one turn ({encoder.ticks}).",
+            f"Is a horn loose? For a joint without end stops: --free {joint}",
         )
     if family is Family.FEETECH_STS:
         return _sts(travel, offset, encoder.ticks)
@@ -124,8 +123,7 @@ def _fixed(joint: str, travel: Travel, encoder: Encoder) -> Homing:
     low = travel.low % encoder.ticks if encoder.wraps else travel.low
     if low < 0 or low + travel.width > encoder.ticks - 1:
         raise CalibrationError(
-            f"{joint} goes across the place where its servo's count begins again, "
-            "and this servo cannot move it.",
-            "Put the horn on a few teeth further, so that the joint stays on one side of it.",
+            f"{joint}: its travel crosses the encoder's wrap-around; this servo cannot shift it.",
+            "Remount the horn a few teeth further, so that the travel stays on one side of it.",
         )
     return Homing(0, False, travel.low - low)

@@ -68,7 +68,8 @@ def measure(wizard: Wizard, subject: Subject) -> Measured:
     track, anchor = wizard.tracks[subject.servo_id], wizard.anchor[subject.servo_id]
     placed, name = subject.placed(wizard.sign(subject), anchor), subject.name
     if subject.known:
-        return Measured(placed, _around(subject, subject.known, anchor), "by LeRobot")
+        earlier: Swept = "by itself" if wizard.driven else "by LeRobot"
+        return Measured(placed, _around(subject, subject.known, anchor), earlier)
     if name in wizard.skipped or name in wizard.free or goes_round(wizard, subject):
         expected = subject.expected
         ends = placed.ticks_inside(expected.lower.value, expected.upper.value)
@@ -85,7 +86,7 @@ def _around(subject: Subject, known: Travel, anchor: float) -> Travel:
         shift = nearest_turn(round(anchor), middle, subject.turn) - middle
     if not known.low + shift - 1 <= anchor <= known.high + shift + 1:
         raise CalibrationError(
-            f"{subject.name} in the anchor pose is outside the range that LeRobot recorded.",
-            "Is the arm in that pose, and is the file this arm's? Else: ikservo calibrate",
+            f"{subject.name}: the anchor pose is outside the range that was recorded before.",
+            "Is the arm in that pose, and the file this arm's? Otherwise: ikservo calibrate",
         )
     return Travel(known.low + shift, known.high + shift)

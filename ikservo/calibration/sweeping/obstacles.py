@@ -40,13 +40,22 @@ def complete(wizard: Wizard, subject: Subject) -> bool:
 
 def obstacles(wizard: Wizard) -> Iterator[CalibrationError]:
     """Yield what still has to be done before the sweep can end."""
-    asked = wizard.asked
-    if asked:
-        yield CalibrationError(f"{asked.name} has not been moved yet.", "Move it, or skip it.")
+    yield from _of_direction(wizard)
     for subject in wizard.subjects:
         if wizard.measured(subject) and subject.name not in wizard.free:
             yield from _of_range(wizard, subject)
         yield from _of_shadows(wizard, subject)
+
+
+def _of_direction(wizard: Wizard) -> Iterator[CalibrationError]:
+    asked = wizard.asked
+    if asked and wizard.repeated:
+        yield CalibrationError(
+            f"{asked.name}: sign is opposite to the arm file. Was it first moved the wrong way?",
+            "Move it back, then again in the direction shown, or skip it.",
+        )
+    elif asked:
+        yield CalibrationError(f"{asked.name} has not been moved yet.", "Move it, or skip it.")
 
 
 def _of_range(wizard: Wizard, subject: Subject) -> Iterator[CalibrationError]:
@@ -54,22 +63,23 @@ def _of_range(wizard: Wizard, subject: Subject) -> Iterator[CalibrationError]:
     margins = 2 * wizard.margin_rad / subject.joint_map.horn_rad_per_tick
     if track.lost:
         yield CalibrationError(
-            f"{name} was moved faster than it could be followed.", f"Measure {name} again, slower."
+            f"{name} was moved too fast to count its turns.", f"Measure {name} again, slower."
         )
     if track.width < LEAST_TICKS + margins:
         yield CalibrationError(
-            f"{name} has hardly been moved: {track.width} ticks.",
+            f"{name} was moved by only {track.width} ticks.",
             "Move it gently to both ends, or skip it.",
         )
     if goes_round(wizard, subject) and not _roomy(subject):
         yield CalibrationError(
             f"{name} was turned by a whole turn; the arm file expects {_range(subject)}.",
-            f"If nothing stops it, say that {name} turns freely; else look for a loose horn.",
+            f"Without end stops: mark {name} as turning freely. Else check for a loose horn.",
         )
     if _mirrored(wizard, subject):
         yield CalibrationError(
-            f"{name} goes from {_swept(wizard, subject)}; the arm file expects {_range(subject)}.",
-            f"Was it first moved the wrong way, or was the pose another? Measure {name} again.",
+            f"{name}: swept {_swept(wizard, subject)}, arm file {_range(subject)}; the sign or "
+            "the pose is wrong.",
+            f"Was it first moved the wrong way? Measure {name} again.",
         )
 
 
@@ -80,9 +90,9 @@ def _of_shadows(wizard: Wizard, subject: Subject) -> Iterator[CalibrationError]:
         shadow = wizard.tracks[shadow_id]
         if abs(shadow.tick - wizard.anchor[shadow_id] - moved) > _SHADOW_TICKS:
             yield CalibrationError(
-                f"The servos {subject.servo_id} and {shadow_id} of {subject.name} do not count "
-                "alike.",
-                f"Is drive_mode of servo {shadow_id} as in the arm file? A horn may be loose.",
+                f"Servos {subject.servo_id} and {shadow_id} of {subject.name} report different "
+                "motions.",
+                f"Is drive_mode of servo {shadow_id} as in the arm file? Is a horn loose?",
             )
 
 
@@ -95,14 +105,14 @@ def findings(wizard: Wizard) -> Iterator[str]:
 def _of_joint(wizard: Wizard, subject: Subject) -> Iterator[str]:
     name = subject.name
     if wizard.sign(subject) != subject.joint_map.sign:
-        yield f"{name} counts the other way round than the arm file says."
+        yield f"{name}: sign is opposite to the arm file, measured twice."
     if name in wizard.skipped:
-        yield f"{name} was skipped: using the arm file's {_range(subject)} and its sign."
+        yield f"{name} was skipped: the arm file's range {_range(subject)} and sign are used."
     elif wizard.measured(subject) and (name in wizard.free or goes_round(wizard, subject)):
-        yield f"{name} turns freely: using the arm file's {_range(subject)}."
+        yield f"{name} turns freely: the arm file's range {_range(subject)} is used."
     elif wizard.measured(subject) and not complete(wizard, subject):
         share = wizard.tracks[subject.servo_id].width / subject.expected_ticks
-        yield f"{name} was swept over {share:.0%} of what the arm file expects."
+        yield f"{name} was swept over {share:.0%} of the arm file's range."
 
 
 def _roomy(subject: Subject) -> bool:

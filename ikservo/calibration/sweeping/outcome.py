@@ -110,9 +110,9 @@ def _counted(wizard: Wizard, subject: Subject, facts: Facts) -> tuple[Homing, Me
     )
     if homing.extended and subject.shadow_ids:
         raise CalibrationError(
-            f"{subject.name} goes across the place where the count of servo {subject.servo_id} "
-            "begins again, and two servos that turn one joint cannot both count on.",
-            "Put its horns on so that the middle of the joint lies near tick 2048.",
+            f"{subject.name}: its travel crosses the encoder's wrap-around of servo "
+            f"{subject.servo_id}; two servos on one joint cannot both use multi-turn mode.",
+            "Remount its horns so that the middle of the joint is near tick 2048.",
         )
     return homing, found.shifted(homing.shift)
 
@@ -129,9 +129,9 @@ def _homings(
         offset = held if abs(wanted - held) <= _ALIKE_TICKS else wanted
         if abs(offset) > X_MOST or travel.low < offset or travel.high - offset >= subject.turn:
             raise CalibrationError(
-                f"Servo {shadow_id} of {subject.name} stands {offset} ticks from servo "
-                f"{subject.servo_id}; at most {X_MOST} can be made up for.",
-                f"Put the horn of servo {shadow_id} on so that both count nearly alike.",
+                f"Servo {shadow_id} of {subject.name} is {offset} ticks off servo "
+                f"{subject.servo_id}; a homing offset corrects at most {X_MOST}.",
+                f"Remount the horn of servo {shadow_id} so that both report nearly the same.",
             )
         rows.append((shadow_id, Homing(offset, False, -offset)))
     return rows

@@ -21,6 +21,8 @@ __all__ = ["MARGIN_RAD", "Stage", "Wizard"]
 
 MARGIN_RAD = math.radians(2.0)
 
+_RETURNED = 1 / 3  # of the motion that shows a direction: a joint so close is back again
+
 
 class Stage(StrEnum):
     """Where the conversation is."""
@@ -43,6 +45,9 @@ class Wizard:
         stillness: What was read in the last half second.
         anchor: The tick of each servo in the anchor pose, by id.
         signs: Directions found so far, by joint.
+        doubted: Directions found once that are opposite to the arm file's, by joint; such a joint
+            is asked for again.
+        returned: Whether the joint that is asked for again has come back to where it began.
         skipped: Joints that keep the arm file's range and sign.
         free: Joints that the person says nothing stops.
         trusted: Joints whose sign is believed as the arm file has it.
@@ -58,6 +63,8 @@ class Wizard:
     stillness: Stillness = field(default_factory=Stillness)
     anchor: Mapping[int, float] = field(default_factory=dict[int, float])
     signs: Mapping[str, int] = field(default_factory=dict[str, int])
+    doubted: Mapping[str, int] = field(default_factory=dict[str, int])
+    returned: bool = False
     skipped: frozenset[str] = frozenset()
     free: frozenset[str] = frozenset()
     trusted: frozenset[str] = frozenset()
@@ -79,6 +86,11 @@ class Wizard:
             return None
         settled = self.signs.keys() | self.skipped | self.trusted
         return next((s for s in self.subjects if s.name not in settled), None)
+
+    @property
+    def repeated(self) -> bool:
+        """Return whether the joint that is asked for moves a second time, its sign in doubt."""
+        return self.asked is not None and self.asked.name in self.doubted
 
     @property
     def still(self) -> bool:
@@ -165,21 +177,24 @@ class Wizard:
         """Measure one joint anew, its direction included."""
         subject = self.subject(joint)
         tracks = {**self.tracks, subject.servo_id: self.tracks[subject.servo_id].again()}
-        signs = {name: sign for name, sign in self.signs.items() if name != joint}
-        skipped, free = self.skipped - {joint}, self.free - {joint}
         return self._answered(
-            tracks=tracks, signs=signs, skipped=skipped, free=free, asked_from=None
+            tracks=tracks,
+            signs=_without(self.signs, joint),
+            doubted=_without(self.doubted, joint),
+            skipped=self.skipped - {joint},
+            free=self.free - {joint},
+            asked_from=None,
         )
 
     def _answered(self, **changes: object) -> Wizard:
         if self.stage is not Stage.SWEEP:
-            raise CalibrationError("That belongs to the sweep.", f"Now is: {self.stage}.")
+            raise CalibrationError("Only possible during the sweep.", f"This is: {self.stage}.")
         after: Wizard = replace(self, before=self, **changes)  # pyright: ignore[reportArgumentType]
         return after._with_direction()
 
     def _anchored(self) -> Wizard:
         if not self.still:
-            raise CalibrationError("The arm still moves.", "Hold it still for half a second.")
+            raise CalibrationError("The arm is still moving.", "Hold it still for half a second.")
         begun = replace(
             self,
             stage=Stage.SWEEP,
@@ -198,7 +213,20 @@ class Wizard:
         if self.asked_from is None:
             return replace(self, asked_from=tick)
         moved = tick - self.asked_from
+        if self.repeated and not self.returned:
+            back = abs(moved) < _RETURNED * subject.enough_ticks
+            return replace(self, returned=True) if back else self
         if abs(moved) < subject.enough_ticks:
             return self
-        sign = subject.towards if moved > 0 else -subject.towards
-        return self._answered(signs={**self.signs, subject.name: sign}, asked_from=None)
+        return self._with_sign(subject, subject.towards if moved > 0 else -subject.towards)
+
+    def _with_sign(self, subject: Subject, sign: int) -> Wizard:
+        """Take a joint's sign; one that is opposite to the arm file's only the second time."""
+        name = subject.name
+        if sign != subject.joint_map.sign and name not in self.doubted:
+            return self._answered(doubted={**self.doubted, name: sign}, returned=False)
+        return self._answered(signs={**self.signs, name: sign}, asked_from=None)
+
+
+def _without(signs: Mapping[str, int], joint: str) -> dict[str, int]:
+    return {name: sign for name, sign in signs.items() if name != joint}

@@ -8,10 +8,10 @@ from ikservo.calibration.ticks.seam import unwrapped
 
 __all__ = ["Track"]
 
-# Between two readings a hand turns a joint far less than a quarter turn; after a longer way, or
-# a longer silence, nobody can say how often it went round.
+# Between two readings a hand turns a joint far less than a quarter turn. After a gap in them
+# the turn is ambiguous only if the joint could have gone the other way round meanwhile.
 _LONGEST_STEP = 1024
-_LONGEST_GAP_S = 0.25
+_FASTEST_TURNS_PER_S = 1.6  # of a hand: 10 rad/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +48,15 @@ class Track:
         """Return the track with one more reading."""
         tick = unwrapped(self.tick, reading, self.turn) if self.turn else reading
         strayed = self.turn and abs(tick - self.tick) > _LONGEST_STEP
-        silent = at_s - self.at_s > _LONGEST_GAP_S and abs(tick - self.tick) > _LONGEST_STEP // 8
+        other_way = self.turn - abs(tick - self.tick)
+        ambiguous = other_way <= _FASTEST_TURNS_PER_S * self.turn * (at_s - self.at_s)
         return replace(
             self,
             tick=tick,
             low=min(self.low, tick),
             high=max(self.high, tick),
             at_s=at_s,
-            lost=self.lost or bool(strayed or silent),
+            lost=self.lost or bool(strayed or (self.turn and ambiguous)),
         )
 
     def counted(self, tick: int, at_s: float) -> Track:

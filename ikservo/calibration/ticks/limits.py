@@ -36,9 +36,9 @@ class Limits:
     def __post_init__(self) -> None:
         if not self.lower.value <= self.upper.value:
             raise CalibrationError(
-                f"{self.joint} has no range left: from {self._say(self.lower)} "
+                f"{self.joint}: empty range, from {self._say(self.lower)} "
                 f"to {self._say(self.upper)}.",
-                "One of the two is wrong; calibrate this joint again.",
+                "One of the two limits is wrong; calibrate this joint again.",
             )
 
     @classmethod
