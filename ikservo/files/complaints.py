@@ -32,7 +32,7 @@ class Complaint(NamedTuple):
 def first_of(complaints: Sequence[Complaint], path: Path) -> FileFormatError:
     """Return the first complaint as an error about the file; it says how many more there are."""
     first, more = complaints[0], len(complaints) - 1
-    rest = f" (and {more} more to mend)" if more else ""
+    rest = f" (and {more} more to correct)" if more else ""
     return FileFormatError(path, spelled(first.location), first.found + rest, first.expected)
 
 

@@ -15,7 +15,7 @@ __all__ = ["FileWriteError", "check_writable", "remove", "write_whole"]
 
 BACKUP_SUFFIX = ".bak"
 _PROBE_BYTES = 64 * 1024  # more than a calibration and its journal
-_UNCHANGED = "What was there is unchanged"
+_UNCHANGED = "The existing file is unchanged"
 
 
 class FileWriteError(IkservoError, OSError):
@@ -29,11 +29,11 @@ class FileWriteError(IkservoError, OSError):
 
     def __init__(self, path: Path, why: str, *, changed: bool = False) -> None:
         self.path, self.why, self.changed = path, why, changed
-        state = "It is changed, but may not outlive a power cut" if changed else _UNCHANGED
+        state = "It was written, but may be lost in a power cut" if changed else _UNCHANGED
         IkservoError.__init__(
             self,
             f"{path} cannot be written: {why}.",
-            f"{state}. Free space or mend the permissions, then try again.",
+            f"{state}. Free disk space or correct the permissions, then try again.",
         )
 
 

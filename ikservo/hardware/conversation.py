@@ -52,7 +52,7 @@ class Conversation:
         """
         servo = self._servo(servo_id)
         driver = self._questions.driver(servo)
-        data = self._questions.one(servo, "say who it is", lambda: driver.ping(servo_id))
+        data = self._questions.one(servo, "identify itself", lambda: driver.ping(servo_id))
         if data:
             return Identity(servo_id, int.from_bytes(data[:2], "little"), data[2])
         return Identity(servo_id, self.read(servo_id, Role.MODEL_NUMBER, raw=True))
@@ -121,7 +121,7 @@ class Conversation:
         data = self._permitted(servo, register, value, raw=raw)
         self._questions.one(
             servo,
-            f"hold {register} ready",
+            f"register a write of {register}",
             lambda: driver.reg_write(servo_id, register.address, data),
             repeat=False,
         )

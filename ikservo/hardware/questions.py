@@ -162,7 +162,7 @@ class Questions:
             return self._once(servo, question)
         if confirm(reply):
             return reply
-        return Fault(servo.id, FaultKind.GARBLED, "gave an answer that did not hold when checked")
+        return Fault(servo.id, FaultKind.GARBLED, "sent a reply that a second read did not confirm")
 
     def _once(self, servo: ServoSpec, question: Callable[[], Reply]) -> Reply:
         started_s = self.port.clock.now_s()
@@ -222,4 +222,4 @@ def _agreed(first: Reply, second: Reply) -> Reply:
     """Return what two readings of the same bytes say, if they say the same."""
     if isinstance(first, Fault) or isinstance(second, Fault) or first.data == second.data:
         return second
-    return Fault(first.servo_id, FaultKind.GARBLED, "gave two answers that differ")
+    return Fault(first.servo_id, FaultKind.GARBLED, "sent two different replies")

@@ -47,7 +47,7 @@ class Readings(Generic[T_co]):
         kinds = {type(error) for error in self.errors.values()}
         kind = type(first) if len(kinds) == 1 else BusError
         names = ", ".join(error.servo for error in self.errors.values())
-        found = "do not answer" if kind is ServoSilentError else "gave no usable answer"
+        found = "do not answer" if kind is ServoSilentError else "sent no usable reply"
         return kind(
             found,
             self.hint,

@@ -27,8 +27,8 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
     goal_tick = bus.read(servo_id, Role.GOAL_POSITION, raw=True)
     if goal_tick != present_tick:
         raise ServoRefusedError(
-            f"keeps goal {goal_tick} instead of {present_tick}, where it stands",
-            "Turn the joint by hand to within its limits; torque stays off.",
+            f"keeps goal {goal_tick} instead of {present_tick}, its position",
+            "Move the joint by hand into its limits; torque stays off.",
             servo=str(bus.servos[servo_id]),
             servo_id=servo_id,
             port=bus.port.name,
@@ -65,7 +65,7 @@ def check_supply(bus: ServoBus, servo_id: int) -> float:
     if lower_v <= voltage_v <= upper_v:
         return voltage_v
     raise ServoAlarmError(
-        f"{bus.servos[servo_id]} is fed {voltage_v:.1f} V; "
+        f"{bus.servos[servo_id]} has a supply of {voltage_v:.1f} V; "
         f"its own limits are {lower_v:.1f} to {upper_v:.1f} V.",
         "Check the power supply; torque stays off.",
     )

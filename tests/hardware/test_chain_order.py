@@ -18,18 +18,23 @@ CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
 @pytest.mark.parametrize(
     ("silent", "said"),
     [
-        ([3, 4, 5, 6], "ids 3 to 6 silent, 1 and 2 answer: look at the cable from lift to elbow."),
-        ([6], "id 6 silent, 1 to 5 answer: look at the cable from roll to gripper."),
-        ([2, 3, 4, 5, 6], "ids 2 to 6 silent, 1 answers: look at the cable from pan to lift."),
+        (
+            [3, 4, 5, 6],
+            "Servos 3 to 6 do not answer, 1 and 2 answer: check the cable from lift to elbow.",
+        ),
+        ([6], "Servo 6 does not answer, 1 to 5 answer: check the cable from roll to gripper."),
+        (
+            [2, 3, 4, 5, 6],
+            "Servos 2 to 6 do not answer, 1 answers: check the cable from pan to lift.",
+        ),
         (
             [3],
-            "id 3 silent, 1, 2, 4, 5 and 6 answer, so the cable is whole: "
-            "check plug, id and baud rate of the silent.",
+            "Servo 3 does not answer, the others do. Check its connector, id and baud rate.",
         ),
         (
             [1, 2, 3, 4, 5, 6],
-            "No servo answers: check the power supply, the baud rate and the first cable; "
-            "ikservo doctor tries every rate.",
+            "No servo answers. Check the power supply and the first cable; "
+            "to try every baud rate: ikservo doctor",
         ),
     ],
 )

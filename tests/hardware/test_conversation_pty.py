@@ -60,5 +60,5 @@ def test_a_server_that_ends_is_a_lost_port(served):
         bus.ping(1)
         server.terminate()
         server.wait(timeout=10)
-        with pytest.raises(PortLostError, match="is gone"):
+        with pytest.raises(PortLostError, match="Lost connection"):
             bus.read(1, Role.PRESENT_POSITION)

@@ -111,5 +111,5 @@ def test_whoever_is_silent_is_left_to_others_to_miss(models):
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_an_arm_with_two_servos_on_one_id_is_not_opened(monkeypatch, arm):
     desk.spoil(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
-    with pytest.raises(BadReplyError, match=r"\(id 2\) on .* answers like more than one servo"):
+    with pytest.raises(BadReplyError, match=r"\(id 2\) on .* answers like several servos"):
         ikservo.open_arm(arm, port="sim")

@@ -211,7 +211,7 @@ def test_noise_does_not_hide_the_answer_behind_it(dynamixel, line, noise):
 
 def test_a_wrong_crc_is_never_a_value(dynamixel, line):
     line.expect(READ_POSITION, "FF FF FD 00 01 08 00 55 00 A7 00 00 00 8C C0")
-    with pytest.raises(BadReplyError, match="damaged answer"):
+    with pytest.raises(BadReplyError, match="damaged reply"):
         dynamixel.read(1, POSITION)
 
 
@@ -289,7 +289,7 @@ class TestD12LongPackets:
             handler.syncWriteTxOnly(port, 116, 4, parameters, len(parameters))
 
     def test_ours_says_what_to_do(self, port):
-        with pytest.raises(BusError, match="Ask fewer servos at once"):
+        with pytest.raises(BusError, match="Read fewer servos at once"):
             DynamixelDriver(port).sync_write(116, dict.fromkeys(range(253), bytes(4)))
 
 

@@ -61,7 +61,7 @@ def test_under_torque_nothing_is_written(feetech, line):
 
 @pytest.mark.parametrize(
     ("register", "why"),
-    [(STS3215.goal_position, "not in EEPROM"), (STS3215.id, "lost to this bus")],
+    [(STS3215.goal_position, "not in EEPROM"), (STS3215.id, "no longer answer on this bus")],
 )
 def test_what_does_not_belong_here_is_refused_before_a_byte_is_sent(feetech, register, why):
     with pytest.raises(RegisterAccessError, match=why):

@@ -353,7 +353,7 @@ class TestF18HighErrorBits:
 
 def test_a_wrong_checksum_is_never_a_value(feetech, line):
     line.expect(READ_POSITION, "FF FF 01 04 00 01 08 F2")
-    with pytest.raises(BadReplyError, match="damaged answer"):
+    with pytest.raises(BadReplyError, match="damaged reply"):
         feetech.read(1, POSITION)
 
 

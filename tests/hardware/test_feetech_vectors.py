@@ -76,7 +76,7 @@ def test_sync_read_positions(feetech, line):
 
 
 def test_a_servo_without_reboot_says_so_without_a_byte(feetech, line):
-    with pytest.raises(Exception, match="knows no reboot"):
+    with pytest.raises(Exception, match="does not support reboot"):
         feetech.reboot(1)
     assert line.sent == []
 

@@ -20,23 +20,23 @@ class TestOpening:
 
     def test_a_missing_device_lists_the_ports_that_exist(self, monkeypatch):
         monkeypatch.setattr(why_closed, "known_devices", lambda: ["/dev/ttyACM7"])
-        with pytest.raises(NoPortError, match=r"Ports here: /dev/ttyACM7\. .*--port sim"):
+        with pytest.raises(NoPortError, match=r"Ports found: /dev/ttyACM7\. .*port=\"sim\""):
             open_port("/dev/ttyNOTHERE", 1_000_000)
 
     def test_no_name_at_all_offers_the_simulator(self):
-        with pytest.raises(NoPortError, match="--port sim"):
+        with pytest.raises(NoPortError, match='port="sim"'):
             open_port("", 1_000_000)
 
     def test_a_file_that_is_no_port_is_not_taken_for_one(self, tmp_path):
         file = tmp_path / "notes.txt"
         file.touch()
-        with pytest.raises(PortError, match="cannot be opened"):
+        with pytest.raises(PortError, match="Cannot open"):
             open_port(str(file), 1_000_000)
 
     @pytest.mark.skipif(sys.platform == "win32", reason="these are names of Unix")
     @pytest.mark.parametrize("name", ["/", "/dev/null", "/dev/zero", __file__])
     def test_what_is_no_port_is_said_to_be_none_without_the_systems_numbers(self, name):
-        with pytest.raises(NoPortError, match=r": it is no serial port\.\nPorts here: "):
+        with pytest.raises(NoPortError, match=r": not a serial port\.\nPorts found: "):
             open_port(name, 1_000_000)
 
     @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ class TestOpening:
 
     @pytest.mark.parametrize("rate", [2**31, 2**64])
     def test_a_rate_beyond_all_numbers_is_refused(self, pty_name, rate):
-        with pytest.raises(PortError, match=f"cannot talk at {rate} baud"):
+        with pytest.raises(PortError, match=f"does not support {rate} baud"):
             open_port(pty_name, rate)
 
     def test_a_missing_permission_names_the_group_to_join(self, monkeypatch):
@@ -59,7 +59,7 @@ class TestOpening:
     def test_windows_words_for_busy_are_understood(self, monkeypatch):
         words = "could not open port 'COM3': PermissionError(13, 'Access is denied.')"
         self._fail_with(monkeypatch, serial.SerialException(words))
-        with pytest.raises(PortError, match="may not be opened"):
+        with pytest.raises(PortError, match="No permission"):
             open_port("COM3", 1_000_000)
 
     def test_a_lock_held_elsewhere_is_busy(self, pty_name):
@@ -70,7 +70,7 @@ class TestOpening:
         with socket.socket() as nobody:
             nobody.bind(("127.0.0.1", 0))  # bound and not listening
             url = f"socket://127.0.0.1:{nobody.getsockname()[1]}"
-            with pytest.raises(NoPortError, match="cannot be opened"):
+            with pytest.raises(NoPortError, match="Cannot open"):
                 open_port(url, 1_000_000)
 
     def test_a_socket_is_a_port(self):
@@ -115,15 +115,15 @@ class TestLosing:
         port.close()
 
     def test_reading(self, orphan):
-        with pytest.raises(PortLostError, match="is gone"):
+        with pytest.raises(PortLostError, match="Lost connection"):
             orphan.read_until(1, orphan.clock.now_s() + 10)
 
     def test_writing(self, orphan):
-        with pytest.raises(PortLostError, match="is gone"):
+        with pytest.raises(PortLostError, match="Lost connection"):
             orphan.writePort(b"hello")
 
     def test_discarding(self, orphan):
-        with pytest.raises(PortLostError, match="is gone"):
+        with pytest.raises(PortLostError, match="Lost connection"):
             orphan.clearPort()
 
     def test_closing_a_lost_port_is_no_trouble(self, orphan):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+import time
 
 import pytest
 from serial import rfc2217
@@ -108,10 +109,24 @@ def test_many_are_read_and_told(bus):
     assert bus.sync_read([1, 2], Role.GOAL_POSITION, raw=True).complete() == ticks
 
 
+def test_packets_are_sent_at_once(bus):
+    connection = bus.port.transport._port._socket
+    assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
+def test_sixty_cycles_of_reading_and_telling_take_less_than_two_seconds(bus):
+    goals = bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).complete()
+    begin_s = time.monotonic()
+    for _ in range(60):  # with Nagle's algorithm, ten a second
+        bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+        bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+    assert time.monotonic() - begin_s < 2.0
+
+
 def test_a_server_that_goes_is_a_lost_port(bus, served):
     bus.ping(1)
     served[1].close()
-    with pytest.raises(PortLostError, match="is gone"):
+    with pytest.raises(PortLostError, match="Lost connection"):
         bus.read(1, Role.PRESENT_POSITION)
 
 

@@ -67,7 +67,7 @@ def test_settings_of_the_arm_are_written_and_told(alone):
 def test_another_model_is_left_alone(alone):
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
-    with pytest.raises(CalibrationError, match="must be a XM540-W270; plugged in is a"):
+    with pytest.raises(CalibrationError, match="must be a XM540-W270, but a"):
         provision(port, found(table), wish(table_for("XM540-W270")))
     assert servo.memory.eeprom_writes == writes
 

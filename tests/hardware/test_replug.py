@@ -99,7 +99,7 @@ def test_another_adapter_is_not_taken_for_it(desk, new_pty):
     (old, _), (other, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
     desk(Comport(other, "another"))
-    with pytest.raises(PortLostError, match="not back after 3 s"):
+    with pytest.raises(PortLostError, match="not reconnected within 3 s"):
         reopen(port, "58FA083", within_s=3.0, clock=StillClock())
     assert not port.is_open
 

@@ -26,9 +26,9 @@ _REBOOT, _BULK_READ = 0x08, 0x92
 # Bits of the error byte that blame the question; the others are alarms of the servo itself.
 _DAMAGED = 0x10
 _REFUSALS = {
-    0x02: "finds the goal outside its angle limits",
-    0x08: "finds the value or the address out of range",
-    0x40: "does not know the instruction",
+    0x02: "reports a goal outside its angle limits",
+    0x08: "reports a value or address out of range",
+    0x40: "does not support the instruction",
 }
 _ALARMS = 0xFF & ~sum(_REFUSALS, _DAMAGED)
 
@@ -39,7 +39,7 @@ class _Dialect(Protocol1Dialect):
     def judge(self, frame: Frame, size: int) -> Reply | None:
         alarms = frame.error & _ALARMS
         if frame.error & _DAMAGED and not frame.data:
-            found = "heard a damaged question"
+            found = "received a damaged instruction packet"
             return Fault(frame.servo_id, FaultKind.GARBLED, found, alarms)
         refusals = [words for bit, words in _REFUSALS.items() if frame.error & bit]
         if refusals and not frame.data:

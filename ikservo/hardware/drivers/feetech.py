@@ -62,5 +62,5 @@ class FeetechDriver(Protocol1Driver):
 
     def reboot(self, servo_id: int) -> Reply:
         """Say that this family has no such instruction."""
-        found = "knows no reboot; switch its power off and on instead"
+        found = "does not support reboot; switch its power off and on instead"
         return Fault(servo_id, FaultKind.REFUSED, found)

@@ -22,23 +22,24 @@ def silence_hint(
     asked = [servo for servo in chain if servo.id in answering or servo.id in silent]
     if not answering:
         return (
-            "No servo answers: check the power supply, the baud rate and the first cable; "
-            "ikservo doctor tries every rate."
+            "No servo answers. Check the power supply and the first cable; "
+            "to try every baud rate: ikservo doctor"
         )
     first = next(place for place, servo in enumerate(asked) if servo.id in silent)
-    facts = _facts(asked, answering, silent)
-    if first and all(servo.id in silent for servo in asked[first:]):
-        return (
-            f"{facts}: look at the cable from {_name(asked[first - 1])} to {_name(asked[first])}."
-        )
-    return f"{facts}, so the cable is whole: check plug, id and baud rate of the silent."
-
-
-def _facts(asked: Sequence[ServoSpec], answering: Collection[int], silent: Collection[int]) -> str:
     mute = [servo.id for servo in asked if servo.id in silent]
-    heard = [servo.id for servo in asked if servo.id in answering]
-    noun, verb = "id" if len(mute) == 1 else "ids", "answers" if len(heard) == 1 else "answer"
-    return f"{noun} {_listed(mute)} silent, {_listed(heard)} {verb}"
+    if first and all(servo.id in silent for servo in asked[first:]):
+        heard = [servo.id for servo in asked if servo.id in answering]
+        return (
+            f"{_silent(mute)}, {_listed(heard)} {'answers' if len(heard) == 1 else 'answer'}: "
+            f"check the cable from {_name(asked[first - 1])} to {_name(asked[first])}."
+        )
+    its = "its" if len(mute) == 1 else "their"
+    return f"{_silent(mute)}, the others do. Check {its} connector, id and baud rate."
+
+
+def _silent(servo_ids: Sequence[int]) -> str:
+    one = len(servo_ids) == 1
+    return f"Servo{'' if one else 's'} {_listed(servo_ids)} {'does' if one else 'do'} not answer"
 
 
 def _name(servo: ServoSpec) -> str:

@@ -14,7 +14,7 @@ from ikservo.hardware.servo import ServoSpec
 
 __all__ = ["UNCROWD", "crowded", "refuse_crowds", "refusing_crowds"]
 
-UNCROWD = "Do two have one id? Unplug all but one and give each its own: ikservo setup ARM"
+UNCROWD = "Several servos may share one id. Give each its own, one at a time: ikservo setup ARM"
 
 _PINGS = 6  # of each id; the answers of two servos fit over each other by chance now and then
 _LOOKS = 24  # pings of an id that is looked at more closely
@@ -51,9 +51,7 @@ def refuse_crowds(bus: ServoBus) -> None:
     crowds = crowded(bus)
     if crowds:
         named = ", ".join(map(str, crowds))
-        raise BadReplyError(
-            "answers like more than one servo", UNCROWD, servo=named, port=bus.port.name
-        )
+        raise BadReplyError("answers like several servos", UNCROWD, servo=named, port=bus.port.name)
 
 
 def crowded(bus: ServoBus) -> list[ServoSpec]:

@@ -58,7 +58,7 @@ def choose_port(name: str | None, arm: str = "") -> str:
     own = _remembered(arm, found) if arm else None
     if own or len(found) == 1:
         return (own or found[0]).device
-    why = "several adapters are plugged in; name one with --port" if found else ""
+    why = "several adapters are plugged in" if found else ""
     raise NoPortError("", [adapter.device for adapter in found], why)
 
 
@@ -79,10 +79,11 @@ def with_arm(name: str, arm_file: Path | None) -> str:
     if scheme != _SIMULATED or options.startswith("/"):
         return name
     if arm_file is None:
-        raise InputError("Which arm shall be simulated?", "Give --arm, as in --arm so101.")
+        raise InputError("No arm given for the simulator.", "Give --arm, as in --arm so101.")
     if options and not options.startswith("?"):
         raise InputError(
-            f"The port {name!r} is none.", "--port is sim, or sim:?seed=3; the arm goes to --arm."
+            f"{name!r} is not a port.",
+            "Use --port sim, or sim:?seed=3, and name the arm with --arm.",
         )
     return f"{_SIMULATED}:{arm_file.resolve()}{options}"
 

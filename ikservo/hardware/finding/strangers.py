@@ -102,7 +102,7 @@ def _is_set(port: Port, rate: int) -> bool:
 def _advice(found: Sequence[Found], silent: Sequence[ServoSpec], rate: int) -> str:
     wanted = {framing_of(servo.table.family).name for servo in silent}
     if not wanted.intersection(one.protocol for one in found):
-        return "Is this another arm? Choose with --arm. What is on the line: ikservo scan"
+        return "If this is another arm, choose it with --arm. List all servos: ikservo scan"
     if all(one.baud_rate != rate for one in found):
-        return "Bring them to this rate: ikservo setup ARM. Or is this another arm? See --arm."
-    return "Give each its own id: ikservo setup ARM. Or is this another arm? See --arm."
+        return "Set this rate: ikservo setup ARM. If this is another arm, choose it with --arm."
+    return "Give each its own id: ikservo setup ARM. If this is another arm, choose it with --arm."

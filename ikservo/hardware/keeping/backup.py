@@ -76,11 +76,11 @@ def read_backup(path: Path) -> dict[str, int]:
         raise FileFormatError(path, "", f"cannot be read ({error})") from error
     eeprom: object = tables.get("eeprom")
     if tables.get("format") != _FORMAT or not isinstance(eeprom, dict):
-        raise FileFormatError(path, "", "it is no copy of a servo's EEPROM", f"format = {_FORMAT}")
+        raise FileFormatError(path, "", "is not an EEPROM backup of a servo", f"format = {_FORMAT}")
     rows = cast("dict[str, object]", eeprom)
     for name, number in rows.items():
         if type(number) is not int:
-            raise FileFormatError(path, f"eeprom.{name}", f"{number!r} stands there", "an integer")
+            raise FileFormatError(path, f"eeprom.{name}", f"is {number!r}", "an integer")
     return cast("dict[str, int]", rows)
 
 

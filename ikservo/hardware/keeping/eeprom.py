@@ -85,7 +85,7 @@ def _refuse_foreign(servo: ServoSpec, register: Register) -> None:
     if register.area is not Area.EEPROM:
         raise RegisterAccessError(str(servo), register.name, "it is not in EEPROM")
     if register in (servo.table.id, servo.table.baud_rate):
-        reason = "the servo would be lost to this bus before it can be verified"
+        reason = "the servo would no longer answer on this bus"
         raise RegisterAccessError(str(servo), register.name, reason, "Use: ikservo setup")
 
 
@@ -122,7 +122,7 @@ def _verify(bus: ServoBus, servo_id: int, wanted: Mapping[Wanted, int]) -> None:
     for left in differences(bus, servo_id, wanted):
         raise ServoRefusedError(
             f"holds {left.register} = {left.found} after {left.wanted} was written",
-            "Its memory may be worn out or locked.",
+            "Its EEPROM may be worn out or locked.",
             servo=str(bus.servos[servo_id]),
             servo_id=servo_id,
             port=bus.port.name,

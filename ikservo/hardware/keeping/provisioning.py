@@ -15,7 +15,7 @@ from ikservo.hardware.packets.notation import Wanted
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, Role, ServoTable
 
-__all__ = ["Wish", "provision"]
+__all__ = ["Wish", "check_model", "provision"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,17 +63,26 @@ def provision(port: Port, found: Found, wish: Wish) -> tuple[str, ...]:
         ServoRefusedError: It did not keep a number.
         BusError: It does not answer.
     """
-    if found.table is not wish.servo.table:
-        raise CalibrationError(
-            f"{wish.servo} must be a {wish.servo.table.model_name}; plugged in is a {found.model}.",
-            "Plug in the right servo, or choose another arm.",
-        )
+    check_model(found, wish)
     wanted = _wanted(wish)
     code = wish.baud_code
     with _Patient(port, found, wish) as servo:
         servo.become(wish.servo.id, code)
         servo.keep(wanted)
     return tuple(servo.written)
+
+
+def check_model(found: Found, wish: Wish) -> None:
+    """Compare the servo on the line with the model that the arm file names.
+
+    Raises:
+        CalibrationError: It is of another model, perhaps of another family.
+    """
+    if found.table is not wish.servo.table:
+        raise CalibrationError(
+            f"{wish.servo} must be a {wish.servo.table.model_name}, but a {found} is connected.",
+            "Connect the right servo, or choose another arm. Nothing was written.",
+        )
 
 
 def _wanted(wish: Wish) -> dict[Wanted, int]:
@@ -155,7 +164,7 @@ class _Patient:
         if found != number:
             raise ServoRefusedError(
                 f"holds {register} = {found} after {number} was written",
-                "Its memory may be worn out or locked.",
+                "Its EEPROM may be worn out or locked.",
                 servo=str(self._wish.servo),
                 servo_id=self._id,
                 port=self._port.name,

@@ -54,7 +54,7 @@ class Descriptor:
     def _arrived(self, size: int) -> bytes:
         chunk = os.read(self._port.fd, size)
         if not chunk:
-            raise serial.SerialException("it says that bytes came, and gives none")
+            raise serial.SerialException("device unplugged")
         return chunk
 
     def write(self, data: bytes, /) -> int:

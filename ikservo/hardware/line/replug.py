@@ -41,7 +41,7 @@ def reopen(port: Port, serial_number: str, within_s: float, clock: Clock | None 
     port.close()
     while not _opened_again(port, serial_number):
         if clock.now_s() >= give_up_s:
-            raise PortLostError(port.name, f"not back after {within_s:.0f} s")
+            raise PortLostError(port.name, f"not reconnected within {within_s:.0f} s")
         clock.sleep_until(min(clock.now_s() + _LOOK_EVERY_S, give_up_s))
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import socket
 import sys
 import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import Any, Protocol, cast
+from typing import Any, NoReturn, Protocol, cast
 
 import serial
 from serial import rfc2217
 
 from ikservo.errors import NoPortError
 from ikservo.hardware.line.descriptor import Descriptor, has_descriptor
+from ikservo.hardware.line.forking import abandon_in_forked_children
 from ikservo.hardware.line.port_lock import PortLock, lock_of
 from ikservo.hardware.line.why_closed import known_devices, why_closed
 
@@ -103,11 +105,15 @@ def _open_serial(name: str, baud_rate: int) -> serial.Serial:
             exclusive=None if "://" in name else True,  # a URL's other end may not know of locks
         )
     _lower_latency(port)
+    _send_at_once(port)
     return cast("serial.Serial", port)
 
 
 class _Held:
     """A pyserial port, and the lock that is given back with it.
+
+    Both belong to the process that opened them; see ``forking``. ``abandoned`` says that this
+    process is a fork of it.
 
     Setting pyserial's ``timeout`` reconfigures the device, over the network where it stands
     there, although only ``read`` looks at it; so where that is possible it is set past pyserial.
@@ -122,6 +128,8 @@ class _Held:
             self.read, self.write = self._files.read, self._files.write
         if isinstance(port, rfc2217.Serial):
             self.reset_input_buffer = self._forget  # pyserial would wait for the server to agree
+        self.abandoned = False
+        abandon_in_forked_children(self)
 
     @property
     def in_waiting(self) -> int:
@@ -152,7 +160,20 @@ class _Held:
         while waiting := self._port.in_waiting:
             self._port.read(waiting)
 
+    def abandon(self) -> None:
+        connection = vars(self._port).get("_socket")
+        with contextlib.suppress(OSError):
+            if connection is not None:  # pyserial's own close would shut the parent's down, too
+                connection.close()
+            elif self._files:
+                self._port.close()
+        self._lock.release()
+        self.read = self.write = self.flush = self.reset_input_buffer = _not_ours
+        self.abandoned = True
+
     def close(self) -> None:
+        if self.abandoned:
+            return
         connection = vars(self._port).get("_socket")
         try:
             self._port.close()
@@ -168,3 +189,19 @@ def _lower_latency(port: serial.SerialBase) -> None:
     if ask:
         with contextlib.suppress(ValueError, OSError, NotImplementedError):
             ask(True)
+
+
+def _send_at_once(port: serial.SerialBase) -> None:
+    """Let a network port send each packet when it is written (TCP_NODELAY).
+
+    TCP would otherwise hold a goal back until the answer to the question before is confirmed, up
+    to 40 ms later; pyserial sets this for ``rfc2217://`` only.
+    """
+    connection = vars(port).get("_socket")
+    if isinstance(connection, socket.socket):
+        with contextlib.suppress(OSError):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
+def _not_ours(*_: object) -> NoReturn:
+    raise serial.SerialException("another process opened it")

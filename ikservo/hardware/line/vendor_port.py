@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 from collections.abc import Iterable
 from math import ceil
 
@@ -144,8 +145,8 @@ class VendorPort:
         except (ValueError, OverflowError) as error:
             self.transport.baudrate = self.baudrate
             raise PortError(
-                f"The adapter at {self.name} cannot talk at {baudrate} baud ({error}).",
-                f"It still talks at {self.baudrate}. Choose a rate it can make.",
+                f"The adapter at {self.name} cannot be set to {baudrate} baud ({error}).",
+                f"It is still at {self.baudrate}. Choose a rate that the adapter supports.",
             ) from error
         self.baudrate = baudrate
         return True
@@ -199,4 +200,17 @@ class VendorPort:
         """Return the error that names what happened to the line."""
         if not self.is_open:
             return PortError(f"{self.name} was closed.", "Open it again.")
-        return PortLostError(self.name, str(error))
+        if getattr(self.transport, "abandoned", False):
+            return PortError(
+                f"{self.name} was opened before this process was forked, by its parent.",
+                "Open the port in the process that uses it, after the fork.",
+            )
+        return PortLostError(self.name, _loss_words(error))
+
+
+def _loss_words(error: Exception) -> str:
+    """Return why a port was lost; systems and pyserial report an unplugged device differently."""
+    code = next(iter(error.args), None)
+    if code in {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF} or "no data" in str(error):
+        return "device unplugged"
+    return str(error)

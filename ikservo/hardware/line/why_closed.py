@@ -17,7 +17,7 @@ __all__ = ["known_devices", "why_closed"]
 
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _NO_TERMINAL = {errno.EISDIR, errno.ENOTTY, errno.EINVAL, errno.ENXIO, errno.ENODEV}
-_HOW = "the address of a port is written like socket://192.168.1.5:4000"
+_HOW = "a network port is written like socket://192.168.1.5:4000"
 
 
 def why_closed(name: str, baud_rate: int, error: Exception) -> PortError:
@@ -32,16 +32,16 @@ def why_closed(name: str, baud_rate: int, error: Exception) -> PortError:
     if code in _BUSY:
         return PortBusyError(name, holder_of(name))
     if code in {errno.EACCES, errno.EPERM} or "PermissionError" in str(error):
-        return PortError(f"The port {name} may not be opened by this user.", _permission(name))
+        return PortError(f"No permission to open {name}.", _permission(name))
     if isinstance(error, OverflowError) or "baud" in str(error).lower():
         return PortError(
-            f"The port {name} cannot talk at {baud_rate} baud.", "Choose a rate that it can make."
+            f"{name} does not support {baud_rate} baud.", "Choose a rate that the adapter supports."
         )
     if "://" in name:
         return NoPortError(name, known_devices(), _reason(error) if _is_address(name) else _HOW)
     if not Path(name).exists():
         return NoPortError(name, known_devices(), "" if code == errno.ENOENT else _reason(error))
-    why = "it is no serial port" if _code(error) in _NO_TERMINAL else _reason(error)
+    why = "not a serial port" if _code(error) in _NO_TERMINAL else _reason(error)
     return NoPortError(name, known_devices(), why)
 
 
@@ -70,12 +70,12 @@ def _reason(error: BaseException) -> str:
 
 def _permission(name: str) -> str:
     if sys.platform != "linux":
-        return "Another program may hold it; end that program, or plug the adapter in again."
+        return "Another program may use it; end that program, or plug the adapter in again."
     group = "dialout"
     with contextlib.suppress(OSError, KeyError):
         group = Path(name).group()
     return (
-        f"Join the group that owns it, then log in again: sudo usermod -aG {group} $USER "
+        f"Add yourself to its group, then log in again: sudo usermod -aG {group} $USER "
         '(or a udev rule with TAG+="uaccess").'
     )
 

@@ -87,10 +87,10 @@ class Exchange:
         result = send()
         if result == self.dialect.too_long:
             raise BusError(
-                "cannot carry so long a packet", "Ask fewer servos at once.", port=self.port.name
+                "cannot send so long a packet", "Read fewer servos at once.", port=self.port.name
             )
         if result != 0:
-            raise PortLostError(self.port.name, "it did not take the whole packet")
+            raise PortLostError(self.port.name, "the packet was not sent completely")
 
     def _heard_out(
         self, sizes: Mapping[int, int], asked: Mapping[int, Span] | Span | None

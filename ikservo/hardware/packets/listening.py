@@ -143,7 +143,7 @@ class Listening:
             return second
         if isinstance(second, Fault):
             return first
-        found = "gave two answers that differ"
+        found = "sent two different replies"
         return Fault(first.servo_id, FaultKind.GARBLED, found, sent=self._port.sent)
 
     def _complete(self) -> dict[int, Reply]:
@@ -180,5 +180,5 @@ class Listening:
     def _fault(self, servo_id: int) -> Fault:
         junk = self._heard.junk
         kind = FaultKind.GARBLED if junk else FaultKind.SILENT
-        found = "sent a damaged answer" if junk else "does not answer"
+        found = "sent a damaged reply" if junk else "does not answer"
         return Fault(servo_id, kind, found, sent=self._port.sent, received=bytes(self._raw))

@@ -23,12 +23,12 @@ _LONGEST = 1024
 _ALERT = 0x80
 _CRC_ERROR = 3
 _REFUSALS = {
-    1: "could not carry it out",
-    2: "does not know the instruction",
-    _CRC_ERROR: "heard a damaged question",
-    4: "finds the value out of range",
-    5: "finds the data too short or too long",
-    6: "finds the value beyond a limit it holds",
+    1: "could not execute it",
+    2: "does not support the instruction",
+    _CRC_ERROR: "received a damaged instruction packet",
+    4: "reports a value out of range",
+    5: "reports data of the wrong length",
+    6: "reports a value beyond one of its limits",
     7: "denies access (read-only, no such address, or EEPROM while torque is on)",
 }
 
