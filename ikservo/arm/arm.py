@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import TracebackType
-from typing import Literal
+from typing import Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,19 +14,31 @@ from numpy.typing import ArrayLike
 from ikservo.arm.arriving.aim import Aim
 from ikservo.arm.arriving.arrival import Arrival, arrive
 from ikservo.arm.arriving.one_side import drawn_back
+from ikservo.arm.background import Motion
 from ikservo.arm.foreseeing import Foreseeing
-from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, begun
+from ikservo.arm.given import all_positions, check_callable
+from ikservo.arm.motion_options import JointOptions, OnProgress, PointOptions
+from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, begun, stance_of
 from ikservo.arm.reports import JointReport, MoveReport, Progress
+from ikservo.arm.running import CLOSED
 from ikservo.arm.streaming.beat import Beat
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.stream import OnBeat
 from ikservo.arm.trust import Zeros
-from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.errors import (
+    BadValueError,
+    IkservoError,
+    PortError,
+    RefusedError,
+    StoppedError,
+    UnknownNameError,
+)
 from ikservo.guard import Space
 from ikservo.hardware.line.port import Port
+from ikservo.ik import Result
 from ikservo.kinematics import Chain
+from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
-from ikservo.motion import JointMove, Pace
 
 __all__ = ["Arm", "OnExit"]
 
@@ -64,8 +76,19 @@ class Arm(Foreseeing):
         super().__init__(model, chain, servos, port, space, zeros)
         self._on_exit: OnExit = on_exit
 
+    def __repr__(self) -> str:
+        """Return which arm on which port, and how it is; asks no servo."""
+        state = "open" if self._port.is_open else "closed"
+        stopped = f", stopped: {self.stopped_for}" if self.stopped_for else ""
+        return f"Arm({self.model.name!r} on {self.port_name!r}, {state}{stopped})"
+
     def __enter__(self) -> Arm:
-        """Return the arm; leaving the block closes it."""
+        """Return the arm; leaving the block closes it.
+
+        Raises:
+            PortError: It was closed before.
+        """
+        self._check_open()
         return self
 
     def __exit__(
@@ -79,51 +102,104 @@ class Arm(Foreseeing):
     def go(self, plan: Plan, on_progress: Callable[[Progress], None] | None = None) -> Arrival:
         """Carry out a plan; return where that ended, measured, and how long it took.
 
+        Args:
+            plan: Of this arm, from where it stands now.
+            on_progress: Called in every control cycle.
+
         Raises:
-            StoppedError: The person interrupted; the servos hold.
-            RefusedError: The guard stopped it; the servos hold.
+            RefusedError: The arm has moved since it was planned, or the guard stopped it; the arm
+                holds.
+            StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
+            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
+        _check_plan(plan)
+        check_callable("on_progress", on_progress)
+        return self._gone(plan, on_progress)[1]
+
+    def _gone(
+        self, plan: Plan, on_progress: Callable[[Progress], None] | None
+    ) -> tuple[Plan, Arrival]:
+        """Carry out a plan; return it as it was from where the arm held, and where it ended."""
         self._check_speed(plan)
         with self._moving():
-            return self._follow(plan, on_progress)
+            plan = self._from_here(plan)
+            return plan, self._follow(plan, on_progress)
 
+    @overload
+    def move_to(
+        self,
+        position_m: ArrayLike,
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[PointOptions],
+    ) -> MoveReport: ...
+    @overload
+    def move_to(
+        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
+    ) -> Motion[MoveReport]: ...
     def move_to(
         self,
         position_m: ArrayLike,
         *,
         speed: str = "normal",
         stance: Stance = AS_IT_CAN,
-        on_progress: Callable[[Progress], None] | None = None,
-    ) -> MoveReport:
+        orientation: ArrayLike | None = None,
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> MoveReport | Motion[MoveReport]:
         """Move the tip to a point and block until the arm is at rest.
 
         Args:
             position_m: The point (3,), metres, in the arm's base frame.
             speed: slow, normal or fast.
             stance: How the tool shall stand there, see ``plan_to``.
-            on_progress: Called at every beat.
+            orientation: The whole orientation R_base_tip (3, 3), instead of a stance. Arms with
+                fewer than six joints have it at few points; they take a direction or a pitch.
+            on_progress: Called in every control cycle, in the thread that moves the arm.
+            wait: Whether to block. If false the motion is planned and runs in the background,
+                after the ones before it; the returned ``Motion`` has ``done``, ``wait`` and
+                ``cancel``, its ``wait`` returns the report and raises the errors. Closing the arm
+                cancels it.
 
         Raises:
             UnreachableError: No joints inside the limits reach it; nothing has moved.
             OrientationError: The tool cannot stand there as asked; nothing has moved.
             RefusedError: The guard will not pass a goal on.
-            StoppedError: The person interrupted; the arm holds.
+            StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
+            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
-        plan = self._held_to(lambda: self.plan_to(position_m, speed=speed, stance=stance))
-        return self.carry_out(plan, on_progress)
+        check_callable("on_progress", on_progress)
+        asked = stance_of(stance, orientation)
+
+        def move() -> MoveReport:
+            plan = self._held_to(lambda: self.plan_to(position_m, speed=speed, stance=asked))
+            return self.carry_out(plan, on_progress)
+
+        return self._background.do(move) if wait else self._background.start(move)
 
     def carry_out(
         self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
     ) -> MoveReport:
-        """Carry out a plan of ``plan_to`` and report how it ended, measured."""
-        if plan.target_m is None or plan.solution is None:
-            raise BadValueError("The plan", "a motion of joints", "a plan of plan_to")
-        arrival = self.go(plan, on_progress)
+        """Carry out a plan of the tip and report how it ended, measured.
+
+        Args:
+            plan: Of ``plan_to``, ``plan_line`` or ``plan_through``, from where the arm stands now.
+            on_progress: Called in every control cycle.
+
+        Raises:
+            BadValueError: It is a plan of joints; see ``go``.
+            RefusedError, StoppedError, KeyboardInterrupt: See ``go``.
+        """
+        _check_plan(plan)
+        check_callable("on_progress", on_progress)
+        _target_of(plan)
+        plan, arrival = self._gone(plan, on_progress)
         tip_m = self._planner.tip(arrival.measured)
-        error_m = float(np.linalg.norm(plan.target_m - tip_m))
-        limits = tuple(str(limit) for limit in plan.solution.binding)
+        target_m, solution = _target_of(plan)
+        error_m = float(np.linalg.norm(target_m - tip_m))
+        limits = tuple(str(limit) for limit in solution.binding)
         return MoveReport(
-            target_m=plan.target_m,
+            target_m=target_m,
             commanded_tip_m=plan.tip_m,
             measured_tip_m=tip_m,
             error_m=error_m,
@@ -133,24 +209,57 @@ class Arm(Foreseeing):
             orientation_error_rad=plan.left_rad + self._planner.turned(plan.goal, arrival.measured),
             motion_s=arrival.motion_s,
             settling_s=arrival.settling_s,
+            orientation_requested=plan.orientation_requested,
+            orientation_change_rad=self._planner.turned(plan.start, arrival.measured),
         )
 
+    @overload
     def move_joints(
         self,
-        positions: Mapping[str, float],
+        positions: Mapping[str, float] | ArrayLike,
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[JointOptions],
+    ) -> JointReport: ...
+    @overload
+    def move_joints(
+        self,
+        positions: Mapping[str, float] | ArrayLike,
+        *,
+        wait: Literal[False],
+        **options: Unpack[JointOptions],
+    ) -> Motion[JointReport]: ...
+    def move_joints(
+        self,
+        positions: Mapping[str, float] | ArrayLike,
         *,
         speed: str = "normal",
-        on_progress: Callable[[Progress], None] | None = None,
-    ) -> JointReport:
-        """Move some joints, rad (m for prismatic ones), and block until the arm is at rest.
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> JointReport | Motion[JointReport]:
+        """Move some joints and block until the arm is at rest.
+
+        Args:
+            positions: By joint, rad, or m for prismatic ones; the others stay. Or an array of all
+                joints (n,), in the order of ``where().names``.
+            speed: slow, normal or fast.
+            on_progress: Called in every control cycle.
+            wait: Whether to block; else the motion runs in the background, see ``move_to``.
 
         Raises:
             UnknownNameError: No such joint.
             RefusedError: A position lies outside the joint's limits; nothing has moved.
-            StoppedError: The person interrupted; the arm holds.
+            StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
+            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
-        plan = self._held_to(lambda: self.plan_joints(positions, speed=speed))
-        return self._bring(positions, plan, on_progress)
+        check_callable("on_progress", on_progress)
+        goal = all_positions(positions, self._servos.names)
+
+        def move() -> JointReport:
+            plan = self._held_to(lambda: self.plan_joints(goal, speed=speed))
+            return self._bring(goal, plan, on_progress)
+
+        return self._background.do(move) if wait else self._background.start(move)
 
     def _bring(
         self,
@@ -172,29 +281,91 @@ class Arm(Foreseeing):
             binding=arrival.short,
         )
 
-    def relax(self, on_progress: Callable[[Progress], None] | None = None) -> JointReport:
+    def relax(self, on_progress: OnProgress | None = None) -> JointReport:
         """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
+
+        The rest pose is brought inside the arm's limits. Where the arm cannot be lowered, for
+        something is in its way or a servo is not well, torque is switched off where it stands;
+        the report then has ``reached`` False and says why in ``binding``.
 
         Raises:
             CalibrationError: Nobody knows where the rest pose is; see ``release``.
-            RefusedError: Neither the straight way there nor one by its other poses is free.
+            StoppedError: Somebody stopped it; the arm holds.
+            RefusedError: A motion is running, or a stop was not acknowledged; the arm holds.
+            BusError: A servo does not answer; the torque of all others is off.
         """
         self.zeros.check(self.model.name)
-        self._enabled = False  # torque is looked at anew, by limits that let it come down
+        with self._turn:
+            self._check_idle()
+            self._servos.check_stop()
+            self._enabled = False  # torque is looked at anew, by limits that let it come down
+            report = self._lowered(on_progress)
+            self.release()
+            return self._not_lowered(report) if isinstance(report, IkservoError) else report
+
+    def _lowered(
+        self, on_progress: Callable[[Progress], None] | None
+    ) -> JointReport | IkservoError:
+        """Lower the arm as far as its way is free; return why where it could not be lowered."""
+        try:
+            return self._lower(on_progress)
+        except (StoppedError, PortError):
+            raise
+        except IkservoError as error:
+            if self._servos.halt:
+                raise
+            return error
+
+    def _lower(self, on_progress: Callable[[Progress], None] | None = None) -> JointReport:
         with self._servos.bearing_heat():
-            plan = self._held_to(self.plan_rest)
-            report = self._bring(self._rest(), plan, on_progress)
-        self.release()
-        return report
+            plan = self._held_to(self.plan_down)
+            inside = self._resting()
+            report = self._bring(inside.positions, plan, on_progress)
+        return replace(report, binding=inside.changed + report.binding)
+
+    def _not_lowered(self, error: IkservoError) -> JointReport:
+        """Return where an arm was let go that could not be lowered."""
+        rest, where = dict(self.model.pose("rest")), self.where()
+        measured = {name: where.positions[name] for name in rest}
+        return JointReport(
+            goal_rad=rest,
+            measured_rad=measured,
+            measured_tip_m=where.tip_m,
+            error_rad=max(abs(measured[name] - rest[name]) for name in rest),
+            duration_s=0.0,
+            reached=False,
+            binding=(f"not lowered, torque is off: {error.message}",),
+        )
 
     def close(self, on_exit: OnExit | None = None) -> None:
-        """Give the port back, leaving the arm held or relaxed."""
+        """Give the port back, leaving the arm held or relaxed; the second time is nothing.
+
+        What runs in the background is cancelled; another running motion ends with
+        ``StoppedError`` first.
+
+        Args:
+            on_exit: ``hold`` or ``relax``; what ``open_arm`` was told if None.
+
+        Raises:
+            UnknownNameError: Neither; the arm stays open.
+            RefusedError: The arm shall be relaxed, and the callback of a motion asks for that.
+        """
+        if on_exit not in (None, "hold", "relax"):
+            raise UnknownNameError("way to exit", on_exit, ("hold", "relax"))
         if not self._port.is_open:
             return
+        self._background.close()
+        relaxed = (on_exit or self._on_exit) == "relax"
+        if relaxed:
+            with self._turn:
+                self._check_idle()
         try:
-            if (on_exit or self._on_exit) == "relax":
+            if relaxed:
                 self.relax()
         finally:
+            self._closed = True
+            with self._after_motion(*CLOSED):
+                pass
             if self._listener is not None:
                 self._listener.close()
             with self._turn:  # not while another terminal relaxes the arm
@@ -203,34 +374,49 @@ class Arm(Foreseeing):
     def _follow(self, plan: Plan, on_progress: Callable[[Progress], None] | None) -> Arrival:
         servos, paces = self._servos, self._planner.paces(plan.speed)
         horn_rad_s = self.model.speed(plan.speed).rad_s
-        aim = Aim(self.chain, servos.fences, plan, servos.measure())
         course = begun(plan, servos.goals(), paces, servos.names)
+        self.workings.check_course(course, plan.speed)
+        aim = Aim(self.chain, servos.fences, plan, servos.measure())
         started_s = servos.clock.now_s()
         self._stream.run(course, self._watcher(on_progress), speed_rad_s=horn_rad_s)
         motion_s = servos.clock.now_s() - started_s
-        if not plan.straight:  # the tool stays on its line
-            self._take_up_play(plan, paces, horn_rad_s)
-        arrival = arrive(self._stream, servos, aim, paces, horn_rad_s, motion_s)
-        return replace(arrival, settling_s=servos.clock.now_s() - started_s - motion_s)
+        below = self._drawn_back(plan)
+        return arrive(self._stream, servos, aim, paces, horn_rad_s, motion_s, below)
 
-    def _take_up_play(self, plan: Plan, paces: Sequence[Pace], horn_rad_s: float) -> None:
-        """Let joints with known play come from below, unless something is in that way."""
-        servos, goals = self._servos, self._servos.goals()
-        backlash = np.array([self.model.joint(name).backlash for name in servos.names])
-        below = drawn_back(goals, plan.goal != plan.start, backlash, servos.fences)
-        if below is None:
-            return
+    def _drawn_back(self, plan: Plan) -> Vector | None:
+        """Return the goals from which joints with known play come up to their places (n,).
+
+        None on a line, on which the tool stays, and where something is in that way.
+        """
+        goals, fences = self._servos.goals(), self._servos.fences
+        backlash = np.array([self.model.joint(name).backlash for name in self._servos.names])
+        below = drawn_back(goals, plan.goal != plan.start, backlash, fences)
+        if below is None or plan.straight:
+            return None
         try:
             self.workings.check_way(goals, below)
         except RefusedError:
-            return
-        self._stream.run(JointMove(goals, below, paces), speed_rad_s=horn_rad_s)
+            return None
+        return below
 
     def _watcher(self, on_progress: Callable[[Progress], None] | None) -> OnBeat | None:
         if on_progress is None:
             return None
 
         def tell(beat: Beat) -> None:
-            on_progress(Progress(beat.time_s, beat.duration_s, self._planner.tip(beat.measured)))
+            on_progress(self.workings.progress(beat))
 
         return tell
+
+
+def _check_plan(plan: object) -> None:
+    if not isinstance(plan, Plan):
+        raise BadValueError(
+            "The plan", repr(plan), "a plan, such as arm.plan_to((0.25, 0.0, 0.15))"
+        )
+
+
+def _target_of(plan: Plan) -> tuple[Vector, Result]:
+    if plan.target_m is None or plan.solution is None:
+        raise BadValueError("The plan", "a motion of joints", "a plan of plan_to")
+    return plan.target_m, plan.solution

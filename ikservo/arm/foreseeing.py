@@ -10,11 +10,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.given import joint_positions
-from ikservo.arm.planning import AS_IT_CAN, RISEN, Plan, Stance, risen, stance_of
+from ikservo.arm.given import all_positions
+from ikservo.arm.planning import (
+    AS_IT_CAN,
+    RISEN,
+    Inside,
+    Plan,
+    Stance,
+    brought_inside,
+    has_moved,
+    risen,
+    stance_of,
+)
+from ikservo.arm.planning.reaching import suggesting
 from ikservo.arm.running import Running
 from ikservo.arm.trust import LARGEST_STEP_RAD
-from ikservo.errors import RefusedError
+from ikservo.errors import OrientationError, RefusedError, UnreachableError
 from ikservo.kinematics.se3 import Vector
 
 __all__ = ["Foreseeing"]
@@ -22,13 +33,20 @@ __all__ = ["Foreseeing"]
 _LIES_M = 0.005
 # A gripper's goal leads it by more than this at the horn where something is between its jaws.
 _PRESSES_RAD = 0.05
+# Where the whole way down is not free, these shares of it are tried.
+_SHARES = (0.8, 0.6, 0.4, 0.2)
 
 
 class Foreseeing(Running):
     """What ``Arm`` finds out before it moves; nothing here moves."""
 
     def plan_to(
-        self, position_m: ArrayLike, *, speed: str = "normal", stance: Stance = AS_IT_CAN
+        self,
+        position_m: ArrayLike,
+        *,
+        speed: str = "normal",
+        stance: Stance = AS_IT_CAN,
+        orientation: ArrayLike | None = None,
     ) -> Plan:
         """Find joints that bring the tip to a point and the motion that takes them there.
 
@@ -37,6 +55,7 @@ class Foreseeing(Running):
             speed: slow, normal or fast; the first motion after torque comes on is slow.
             stance: How the tool shall stand there; if nothing is asked, as well as the arm can
                 keep it.
+            orientation: The whole orientation R_base_tip (3, 3), instead of a stance.
 
         Raises:
             UnreachableError: No joints inside the limits reach it; carries the nearest point.
@@ -45,10 +64,20 @@ class Foreseeing(Running):
             RefusedError: On the way the arm would touch itself, the table or a box.
             CalibrationError: Nobody knows where the arm's zeros are.
         """
-        asked = stance_of(stance)
-        return self.plan_by(
-            lambda here, pace: self._planner.to_point(here, position_m, pace, asked), speed
-        )
+        asked = stance_of(stance, orientation)
+
+        def plan(point_m: ArrayLike) -> Plan:
+            return self.plan_by(
+                lambda here, pace: self._planner.to_point(here, point_m, pace, asked), speed
+            )
+
+        try:
+            return plan(position_m)
+        except OrientationError:
+            raise
+        except UnreachableError as error:
+            tip_m = self._planner.tip(self._here())
+            raise suggesting(error, self.chain, tip_m, plan) from None
 
     def plan_by(self, planning: Callable[[Vector, str], Plan], speed: str) -> Plan:
         """Make a plan of the tip from where the arm is, at the speed it may go; look at its way.
@@ -60,16 +89,12 @@ class Foreseeing(Running):
             CalibrationError: Nobody knows where the arm's zeros are.
         """
         self.zeros.check(self.model.name)
-        here, pace = self._here(), self._allowed(speed)
-        try:
-            return self._clear(planning(here, pace), speed)
-        except RefusedError:
-            found = self._rising(planning, here, pace, speed) if self._folded(here) else None
-            if found is None:
-                raise
-            return found
+        plan = self._clear_or_rising(planning, self._here(), speed)
+        return self._renewable(plan, lambda: self.plan_by(planning, speed))
 
-    def plan_joints(self, positions: Mapping[str, float], *, speed: str = "normal") -> Plan:
+    def plan_joints(
+        self, positions: Mapping[str, float] | ArrayLike, *, speed: str = "normal"
+    ) -> Plan:
         """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
 
         Raises:
@@ -79,11 +104,30 @@ class Foreseeing(Running):
                 would touch itself, the table or a box.
             CalibrationError: Nobody knows where the arm's zeros are, and the way is long.
         """
-        here = self._here()
-        plan = self._planner.to_joints(here, joint_positions(positions), self._allowed(speed))
+        here, goals = self._here(), all_positions(positions, self._servos.names)
+        plan = self._planner.to_joints(here, goals, self._allowed(speed))
         self.zeros.check_steps(self.model.name, here, plan.goal, self._steps())
         self._servos.check(plan.goal, here)
-        return self._clear(plan, speed)
+        if self.zeros.known and set(self.chain.names) <= set(goals):  # a pose of the whole arm
+            plan = self._clear_or_rising(
+                lambda start, pace: self._planner.to_joints(start, goals, pace), here, speed
+            )
+        else:
+            plan = self._clear(plan, speed)
+        return self._renewable(plan, lambda: self.plan_joints(positions, speed=speed))
+
+    def inside(self, pose: str) -> Inside:
+        """Return a named pose as this arm can go to it: its limits may be narrower than the pose.
+
+        The rest pose is brought inside them whatever they are: an arm must always be able to come
+        down. Another pose is, where its joints lie on their end stops, just beyond a limit.
+
+        Raises:
+            UnknownNameError: There is no such pose.
+        """
+        if pose == "rest":
+            return self._resting()
+        return brought_inside(self.poses.named(pose), self._servos.fences, self._here())
 
     def plan_rest(self) -> Plan:
         """Plan the slow way to the rest pose; by another pose where that is not free.
@@ -92,7 +136,7 @@ class Foreseeing(Running):
             CalibrationError: Nobody knows where the rest pose is.
             RefusedError: No way there is free.
         """
-        rest = self._rest()
+        rest = self._resting().positions
         try:
             return self.plan_joints(rest, speed="slow")
         except RefusedError:
@@ -102,18 +146,38 @@ class Foreseeing(Running):
             )  # fmt: skip
             if found is None:
                 raise
-            return found
+        return self._renewable(found, self.plan_rest)
 
-    def _rest(self) -> dict[str, float]:
-        """Return where the joints rest; a gripper that presses on something is left as it is."""
-        rest, gripper = dict(self.model.pose("rest")), self.model.gripper
+    def plan_down(self) -> Plan:
+        """Plan the slow way to the rest pose, or as much of it as is free.
+
+        Raises:
+            CalibrationError: Nobody knows where the rest pose is.
+            RefusedError: No part of it is free.
+        """
+        try:
+            return self.plan_rest()
+        except RefusedError:
+            rest, here = self._resting().positions, self._here()
+            for share in _SHARES:
+                with suppress(RefusedError):
+                    return self.plan_joints(self._partway(here, rest, share), speed="slow")
+            raise
+
+    def _partway(self, here: Vector, goal: Mapping[str, float], share: float) -> dict[str, float]:
+        starts = {name: float(here[self._planner.column(name)]) for name in goal}
+        return {name: at + share * (goal[name] - at) for name, at in starts.items()}
+
+    def _resting(self) -> Inside:
+        """Return the rest pose inside the limits; a gripper that presses on something is left."""
+        rest, gripper, here = dict(self.model.pose("rest")), self.model.gripper, self._here()
         if gripper is not None:
             column = self._planner.column(gripper.joint)
             joint_map = self._servos.fences[column].joint_map
-            ahead = abs(self._here()[column] - self._servos.measure()[column])
+            ahead = abs(here[column] - self._servos.measure()[column])
             if ahead / joint_map.unit_per_tick * joint_map.horn_rad_per_tick > _PRESSES_RAD:
                 del rest[gripper.joint]
-        return rest
+        return brought_inside(rest, self._servos.fences, here, most_rad=math.inf)
 
     def _held_to(self, planning: Callable[[], Plan]) -> Plan:
         """Return a plan from where the arm holds: a limp one may sink before its torque is on."""
@@ -123,10 +187,48 @@ class Foreseeing(Running):
         self.enable()
         return plan if np.array_equal(plan.start, self._servos.goals()) else planning()
 
+    def _renewable(self, plan: Plan, again: Callable[[], Plan]) -> Plan:
+        """Return a plan that can be made anew, if the arm may sink until its torque is on."""
+        if self._enabled:
+            return plan
+
+        def made_again(arm: object) -> Plan | None:
+            return again() if arm is self else None
+
+        return replace(plan, again=made_again)
+
+    def _from_here(self, plan: Plan) -> Plan:
+        """Return a plan, made anew where a limp arm has sunk since; its servos hold by now.
+
+        Raises:
+            RefusedError: No way is free from there.
+        """
+        goals, paces = self._servos.goals(), self._planner.paces(plan.speed)
+        if plan.again is None or plan.names != self._servos.names:
+            return plan
+        return plan.again(self) or plan if has_moved(plan, goals, paces) else plan
+
     def _steps(self) -> dict[str, float]:
         """Return the longest way at once for each joint whose zero nobody knows, rad or m."""
         turns = {joint.name: joint.travel_per_turn / math.tau for joint in self.model.joints}
         return {name: LARGEST_STEP_RAD * turns[name] for name in self._servos.names}
+
+    def _clear_or_rising(
+        self, planning: Callable[[Vector, str], Plan], here: Vector, speed: str
+    ) -> Plan:
+        """Return a plan whose way is free: straight, or for a folded arm by another pose.
+
+        Raises:
+            RefusedError: On the way the arm would touch itself, the table or a box.
+        """
+        pace = self._allowed(speed)
+        try:
+            return self._clear(planning(here, pace), speed)
+        except RefusedError:
+            found = self._rising(planning, here, pace, speed) if self._folded(here) else None
+            if found is None:
+                raise
+            return found
 
     def _folded(self, here: Vector) -> bool:
         """Return whether the arm lies on itself, on the table or on a box, or nearly so."""
@@ -139,14 +241,14 @@ class Foreseeing(Running):
     ) -> Plan | None:
         """Return a plan by way of a pose where the arm stands free; None where there is no way."""
         for pose in RISEN:
-            goals = {n: q for n, q in self.model.pose(pose).items() if n in self.chain.names}
-            first = self._planner.to_joints(here, goals, pace)
+            named = {n: q for n, q in self.model.pose(pose).items() if n in self.chain.names}
+            inside = brought_inside(named, self._servos.fences, here, most_rad=math.inf)
+            first = self._planner.to_joints(here, inside.positions, pace)
             with suppress(RefusedError):
                 return self._clear(risen(first, planning(first.goal, pace), pose), asked)
         return None
 
     def _clear(self, plan: Plan, asked: str) -> Plan:
         """Return the plan, if the body's way to its goal is free."""
-        if self._space is not None and self.zeros.known:
-            self._space.check_way(list(self.workings.in_body(self._planner.way(plan))))
+        self.workings.check_course(plan.course, plan.speed)
         return replace(plan, slowed=plan.speed != asked)

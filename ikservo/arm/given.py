@@ -3,12 +3,70 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import cast
 
-from ikservo.errors import BadValueError
+import numpy as np
+from numpy.typing import ArrayLike
 
-__all__ = ["joint_positions", "number", "port_name"]
+from ikservo.errors import BadValueError
+from ikservo.kinematics import finite_vector
+
+__all__ = [
+    "all_positions",
+    "check_callable",
+    "file_path",
+    "joint_positions",
+    "number",
+    "points",
+    "port_name",
+]
+
+
+def all_positions(positions: object, names: Sequence[str]) -> dict[str, float]:
+    """Return joint positions by name, given by name or as an array of all joints (n,).
+
+    Raises:
+        BadValueError: They are neither.
+    """
+    if isinstance(positions, np.ndarray | list | tuple):
+        array = finite_vector(cast("ArrayLike", positions), len(names), "The goal of all joints")
+        return dict(zip(names, array.tolist(), strict=True))
+    return joint_positions(positions)
+
+
+def check_callable(what: str, value: object) -> None:
+    """Refuse what cannot be called, before anything moves; None is no callback.
+
+    Raises:
+        BadValueError: It cannot be called.
+    """
+    if value is not None and not callable(value):
+        raise BadValueError(what, repr(value), "a function, or None")
+
+
+def file_path(value: object) -> Path:
+    """Return the path of a file.
+
+    Raises:
+        BadValueError: It is neither text nor a path.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise BadValueError("The file", repr(value), "a path")
+    return Path(cast("str", value))
+
+
+def points(values: object) -> list[ArrayLike]:
+    """Return points one after another, from any iterable.
+
+    Raises:
+        BadValueError: It is none.
+    """
+    if not isinstance(values, Iterable) or isinstance(values, str | Mapping):
+        found = repr(cast("object", values))
+        raise BadValueError("The list of points", found, "points (k, 3)")
+    return list(cast("Iterable[ArrayLike]", values))
 
 
 def joint_positions(positions: object) -> dict[str, float]:
@@ -27,14 +85,14 @@ def number(what: str, value: object) -> float:
     """Return a number as a float.
 
     Raises:
-        BadValueError: It is none; text that reads like one is none either.
+        BadValueError: It is none; text that reads like one is none either, nor is a truth.
     """
     try:
-        if isinstance(value, str | bytes | bytearray):
+        if isinstance(value, str | bytes | bytearray | bool | np.bool_):
             raise TypeError
         return float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError):
-        raise BadValueError(what, repr(value), "a number") from None
+        raise BadValueError(what, repr(cast("object", value)), "a number") from None
 
 
 def port_name(port: object) -> str | None:

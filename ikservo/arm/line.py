@@ -47,7 +47,10 @@ def servo_specs(model: Model) -> list[ServoSpec]:
         InputError: The model names no servos.
     """
     if not model.joints:
-        raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
+        raise InputError(
+            f"{model.path} has no servos.",
+            "To move an arm, describe its servos in an arm.toml and give that to --arm.",
+        )
     return [
         _spec(servo, joint.name)
         for joint in model.joints

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from typing import Literal, Unpack, overload
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.given import number
+from ikservo.arm.background import Motion
+from ikservo.arm.given import check_callable, number, points
+from ikservo.arm.motion_options import OnProgress, PointOptions, ThroughOptions
 from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, stance_of
 from ikservo.arm.reports import MoveReport, Progress
 from ikservo.arm.skills.skills import Skills
@@ -40,19 +43,39 @@ class Lines(Skills):
         """Return a plan from where the arm holds; see ``Arm``."""
 
     def plan_line(
-        self, position_m: ArrayLike, *, speed: str = "normal", stance: Stance = AS_IT_CAN
+        self,
+        position_m: ArrayLike,
+        *,
+        speed: str = "normal",
+        stance: Stance = AS_IT_CAN,
+        orientation: ArrayLike | None = None,
     ) -> Plan:
         """Plan a straight line of the tip to a point; see ``move_line``."""
+        stance = stance_of(stance, orientation)
         return self.plan_through([position_m], line=True, speed=speed, stance=stance)
 
+    @overload
+    def move_line(
+        self,
+        position_m: ArrayLike,
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[PointOptions],
+    ) -> MoveReport: ...
+    @overload
+    def move_line(
+        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
+    ) -> Motion[MoveReport]: ...
     def move_line(
         self,
         position_m: ArrayLike,
         *,
         speed: str = "normal",
         stance: Stance = AS_IT_CAN,
-        on_progress: Callable[[Progress], None] | None = None,
-    ) -> MoveReport:
+        orientation: ArrayLike | None = None,
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> MoveReport | Motion[MoveReport]:
         """Move the tip to a point on a straight line, and block until the arm is at rest.
 
         Args:
@@ -60,16 +83,25 @@ class Lines(Skills):
             speed: slow, normal or fast.
             stance: How the tool shall stand at the end, turned evenly on the way; if nothing is
                 asked it is kept, as well as the arm can.
-            on_progress: Called at every beat.
+            orientation: The orientation R_base_tip (3, 3) at the end, instead of a stance.
+            on_progress: Called in every control cycle.
+            wait: Whether to block; else the motion runs in the background, see ``move_to``.
 
         Raises:
             UnreachableError: Something on the line cannot be reached; nothing has moved.
             OrientationError: The tool cannot stand as asked; nothing has moved.
             RefusedError: The guard will not pass it.
-            StoppedError: The person interrupted; the arm holds.
+            StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
+            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
-        plan = self._held_to(lambda: self.plan_line(position_m, speed=speed, stance=stance))
-        return self.carry_out(plan, on_progress)
+        check_callable("on_progress", on_progress)
+        asked = stance_of(stance, orientation)
+
+        def move() -> MoveReport:
+            plan = self._held_to(lambda: self.plan_line(position_m, speed=speed, stance=asked))
+            return self.carry_out(plan, on_progress)
+
+        return self._background.do(move) if wait else self._background.start(move)
 
     def plan_through(
         self,
@@ -79,12 +111,31 @@ class Lines(Skills):
         line: bool = False,
         speed: str = "normal",
         stance: Stance = AS_IT_CAN,
+        orientation: ArrayLike | None = None,
     ) -> Plan:
         """Plan a motion through points without a stop; see ``move_through``."""
         planner, blend_m = self.workings.planner, number("The blend", blend_m)
-        make, asked = (planner.on_lines if line else planner.through), stance_of(stance)
+        points_m = points(points_m)
+        make = planner.on_lines if line else planner.through
+        asked = stance_of(stance, orientation)
         return self.plan_by(lambda here, pace: make(here, points_m, pace, blend_m, asked), speed)
 
+    @overload
+    def move_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[ThroughOptions],
+    ) -> MoveReport: ...
+    @overload
+    def move_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        wait: Literal[False],
+        **options: Unpack[ThroughOptions],
+    ) -> Motion[MoveReport]: ...
     def move_through(
         self,
         points_m: Sequence[ArrayLike],
@@ -93,8 +144,10 @@ class Lines(Skills):
         line: bool = False,
         speed: str = "normal",
         stance: Stance = AS_IT_CAN,
-        on_progress: Callable[[Progress], None] | None = None,
-    ) -> MoveReport:
+        orientation: ArrayLike | None = None,
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> MoveReport | Motion[MoveReport]:
         """Move the tip through points, rest at the last, and block until then.
 
         Args:
@@ -103,17 +156,26 @@ class Lines(Skills):
             line: Whether it goes straight from point to point; else the joints do.
             speed: slow, normal or fast.
             stance: How the tool shall stand at the last point.
-            on_progress: Called at every beat.
+            orientation: The orientation R_base_tip (3, 3) there, instead of a stance.
+            on_progress: Called in every control cycle.
+            wait: Whether to block; else the motion runs in the background, see ``move_to``.
 
         Raises:
             UnreachableError: A point, or a line to it, cannot be reached; nothing has moved.
             OrientationError: The tool cannot stand as asked; nothing has moved.
             RefusedError: The guard will not pass it.
-            StoppedError: The person interrupted; the arm holds.
+            StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
+            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
-        plan = self._held_to(
-            lambda: self.plan_through(
-                points_m, blend_m=blend_m, line=line, speed=speed, stance=stance
+        check_callable("on_progress", on_progress)
+        asked, points_m = stance_of(stance, orientation), points(points_m)
+
+        def planned() -> Plan:
+            return self.plan_through(
+                points_m, blend_m=blend_m, line=line, speed=speed, stance=asked
             )
-        )
-        return self.carry_out(plan, on_progress)
+
+        def move() -> MoveReport:
+            return self.carry_out(self._held_to(planned), on_progress)
+
+        return self._background.do(move) if wait else self._background.start(move)

@@ -16,7 +16,7 @@ from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.trust import Zeros
 from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError
-from ikservo.guard import Box, Fence, Space
+from ikservo.guard import Box, Fence, Space, Weight, sag_of
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.finding.crowds import refusing_crowds
 from ikservo.hardware.finding.discovery import remember_port
@@ -24,6 +24,7 @@ from ikservo.hardware.finding.strangers import naming_strangers
 from ikservo.hardware.keeping.backup import back_up_once
 from ikservo.kinematics import Chain
 from ikservo.model import Model, ModelJoint, load_model
+from ikservo.model.sag import masses_of, yields_of
 from ikservo.model.shell import body_with_jaws
 
 __all__ = ["open_arm"]
@@ -103,7 +104,12 @@ def _fence(own: OwnArm, model: Model, joint: ModelJoint) -> Fence:
 
 def _space(model: Model) -> Space:
     boxes = [Box(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out]
-    return Space(body_with_jaws(model), model.floor_m, boxes)
+    body = body_with_jaws(model)
+    chain = body.chain
+    weight = Weight(
+        masses_of(model, chain), yields_of(model, chain), chain.lower_rad, chain.upper_rad
+    )
+    return Space(body, model.floor_m, boxes, sag_of(body, weight))
 
 
 def _narrowed(chain: Chain, fences: Sequence[Fence]) -> Chain:
@@ -112,7 +118,8 @@ def _narrowed(chain: Chain, fences: Sequence[Fence]) -> Chain:
     missing = [name for name in chain.names if name not in by_joint]
     if missing:
         raise InputError(
-            f"No servo turns {', '.join(missing)}.", "Every joint up to the tip needs [[joints]]."
+            f"No servo is assigned to {', '.join(missing)}.",
+            "Every joint up to the tip needs a [[joints]] table.",
         )
     ranges = [by_joint[name].positions for name in chain.names]
     return chain.with_limits([low for low, _ in ranges], [high for _, high in ranges])

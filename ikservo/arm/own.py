@@ -146,7 +146,7 @@ def check_models(bus: ServoBus) -> None:
             found = f"{other.model_name} ({number})" if other else f"model {number}"
             raise CalibrationError(
                 f"{servo} is a {found}, the arm file says {servo.table.model_name}.",
-                "Is this another arm, or are two ids swapped? Choose with --arm.",
+                "Another arm (choose it with --arm), or two swapped ids.",
             )
 
 

@@ -3,35 +3,53 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
-from threading import RLock
+from threading import RLock, current_thread, main_thread
 
 import numpy as np
 
+from ikservo.arm.background import Background
 from ikservo.arm.given import number
 from ikservo.arm.lines import Lines
 from ikservo.arm.own import serial_number_of, simulated
 from ikservo.arm.owner import Listener, listen
 from ikservo.arm.owner.answering import Answers
 from ikservo.arm.planning import Plan, Planner
-from ikservo.arm.reports import JointState, Whereabouts
+from ikservo.arm.reports import JointReport, JointState, Whereabouts
 from ikservo.arm.skills.poses import Poses
 from ikservo.arm.skills.workings import Begin, Workings
 from ikservo.arm.streaming.halt import STOPPED
 from ikservo.arm.streaming.servos import Servos
-from ikservo.arm.streaming.signals import interruptible
+from ikservo.arm.streaming.signals import ending, interruptible
 from ikservo.arm.streaming.stream import OnBeat, Stream
 from ikservo.arm.trust import Zeros
-from ikservo.errors import BadValueError, IkservoError, RefusedError, ServoAlarmError, StoppedError
+from ikservo.errors import (
+    BadValueError,
+    IkservoError,
+    PortError,
+    RefusedError,
+    ServoAlarmError,
+    StoppedError,
+)
 from ikservo.guard import Space
 from ikservo.hardware.line.port import Port
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
 
-__all__ = ["Running"]
+__all__ = ["CLOSED", "Running"]
+
+CLOSED = ("The program closed the arm during a motion.", "It holds. Open it again to move it.")
+_RELEASED = (
+    "The program switched torque off during a motion.",
+    "Torque is off. Acknowledge first.",
+)
+_ENDS_WITHIN_S = 1.0
+
+_LOOK_S = 0.02  # how soon somebody who asks where the arm is learns that it moves
 
 
 class Running(Lines):
@@ -53,9 +71,10 @@ class Running(Lines):
         self.model, self.chain, self.zeros = model, chain, zeros
         self._servos, self._port, self._space = servos, port, space
         self._planner = Planner(model, chain, servos.names)
-        self._enabled = self._fresh = self._lowering = False
+        self._enabled = self._fresh = self._lowering = self._closed = False
         self._stream = Stream(servos)
         self._turn = RLock()
+        self._background = Background(self, servos.halt)
         self._states: tuple[JointState, ...] = ()
         self._listener: Listener | None = None
         self._serial_number = serial_number_of(port.name)
@@ -70,9 +89,17 @@ class Running(Lines):
         return self._port.name
 
     def where(self) -> Whereabouts:
-        """Return the measured tip, joints and health."""
-        with self._turn:
+        """Return the measured tip, joints and health.
+
+        While another thread moves the arm, they are those of its last control cycle.
+        """
+        while not self._turn.acquire(timeout=_LOOK_S):
+            if self._servos.halt.heeded and self._states and self._stream.beat is not None:
+                return self.glimpse()
+        try:
             return self._whereabouts(self._servos.states())
+        finally:
+            self._turn.release()
 
     def glimpse(self) -> Whereabouts:
         """Return where and how the arm was last heard to be; asks no servo: any thread may look.
@@ -82,7 +109,7 @@ class Running(Lines):
         """
         beat, states = self._stream.beat, self._states
         if beat is None or not states:
-            raise IkservoError("The arm has just begun to move.", "Ask again.")
+            raise IkservoError("The arm has just started to move.", "Try again.")
         pairs = zip(self._servos.refreshed(states), beat.measured.tolist(), strict=True)
         return self._whereabouts(tuple(replace(state, position_rad=at) for state, at in pairs))
 
@@ -112,7 +139,7 @@ class Running(Lines):
 
         The motion ends with ``StoppedError``; nothing moves again before ``acknowledge``.
         """
-        self._stream.request_stop(reason)
+        self._stream.request_stop(str(reason))
 
     @property
     def stops_asked(self) -> int:
@@ -147,6 +174,7 @@ class Running(Lines):
         within_s = number("The wait", within_s)
         if not 0.0 <= within_s < math.inf:
             raise BadValueError("The wait", within_s, "seconds")
+        self._check_open()
         with self._turn:
             self._check_idle()
             self._enabled, self._fresh = False, True
@@ -154,9 +182,35 @@ class Running(Lines):
             self._servos.reconnect(adapter, within_s)
 
     def release(self) -> None:
-        """Switch every servo's torque off where the arm is; what nobody holds falls."""
-        self._enabled = False  # also where one does not answer
-        self._servos.release()
+        """Switch every servo's torque off where the arm is; what nobody holds falls.
+
+        A running motion ends with ``StoppedError`` first.
+
+        Raises:
+            BusError: A servo does not answer; the torque of all others is off.
+        """
+        with self._after_motion(*_RELEASED):
+            self._enabled = False  # also where one does not answer
+            self._servos.release()
+
+    @contextmanager
+    def _after_motion(self, reason: str, hint: str) -> Generator[None]:
+        """Have the turn, a running motion having been ended without braking.
+
+        Its own callback may want that, and so has the turn already; a motion that does not end is
+        not waited for any longer than a second.
+        """
+        halt = self._servos.halt
+        if halt.heeded:
+            halt.ask_at_once(reason, hint)
+        taken = self._turn.acquire(timeout=_ENDS_WITHIN_S)
+        try:
+            if halt.heeded:
+                self._servos.stop(reason)
+            yield
+        finally:
+            if taken:
+                self._turn.release()
 
     @contextmanager
     def _moving(self) -> Generator[None]:
@@ -165,21 +219,26 @@ class Running(Lines):
             self._check_idle()
             if not self._enabled or self.stopped_for:  # which is refused
                 self.enable()
-            if self._listener is not None:
+            if self._listener is not None or current_thread() is not main_thread():
                 self._states = self._servos.states()
             with self._stopping_well():
                 yield
             self._fresh = False
+            self._servos.acknowledge_ended()
 
     @contextmanager
     def _stopping_well(self) -> Generator[None]:
         try:
-            with interruptible(self._servos.halt):
+            with self._servos.halt.motion(), interruptible(self._servos.halt):
                 yield
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, StoppedError) as error:
             self._enabled = False
-            self._servos.stop(self._servos.halt.reason or STOPPED[0])
-            raise StoppedError(self._servos.stopped_for, STOPPED[1]) from None
+            halt = self._servos.halt
+            self._servos.stop(halt.reason or STOPPED[0])
+            if isinstance(error, StoppedError) and not halt.signal:
+                self._servos.acknowledge_ended()
+                raise
+            raise ending(halt.signal, self._servos.stopped_for) from None
         except ServoAlarmError as error:
             self._enabled = False
             self._let_go_of_the_hot(error.message)
@@ -188,6 +247,10 @@ class Running(Lines):
             self._enabled = False
             raise
 
+    @abstractmethod
+    def _lower(self) -> JointReport:
+        """Lower the arm to its rest pose; see ``Arm``."""
+
     def _let_go_of_the_hot(self, reason: str) -> None:
         """Lower the arm and let it go where a servo is too hot to hold it any longer."""
         if not self._servos.too_hot or self._lowering:
@@ -195,12 +258,17 @@ class Running(Lines):
         self._lowering = True
         try:
             self._servos.acknowledge()
-            self.relax()
+            self._lower()
+            self.release()
         except IkservoError as error:
-            self._servos.warn(f"It could not be lowered: {error.message}")
+            self._servos.warn(f"The arm could not be lowered: {error.message}")
         finally:
             self._lowering = False
             self._servos.latch(reason)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
 
     def _check_idle(self) -> None:
         if self._servos.halt.heeded:
@@ -217,7 +285,8 @@ class Running(Lines):
 
     def _whereabouts(self, states: tuple[JointState, ...]) -> Whereabouts:
         joints = np.array([state.position_rad for state in states])
-        return Whereabouts(self._planner.tip(joints), states)
+        T = self._planner.tip_pose(joints)
+        return Whereabouts(T[:3, 3], states, T[:3, :3])
 
     def _here(self) -> Vector:
         """Return where a motion starts: the goals of a holding arm, else the measured joints."""
@@ -235,6 +304,6 @@ class Running(Lines):
     def _check_speed(self, plan: Plan) -> None:
         if plan.speed != "slow" and self._is_first():
             raise RefusedError(
-                "Torque went off since this was planned.",
-                "Nothing was sent. Plan it again: the first motion is slow.",
+                "Torque was switched off after this was planned.",
+                "Nothing was sent. Plan again: the first motion after torque-on is slow.",
             )

@@ -15,8 +15,8 @@ LARGEST_STEP_RAD = math.radians(10.0)
 """How far a joint whose zero nobody knows may be moved at once, as its horn turns."""
 
 _HINT = (
-    "Calibrate it: ikservo calibrate {arm}. Until then only: ikservo joints, in steps of at most "
-    "10° (or --uncalibrated, if the horns are mounted exactly as the arm file says)."
+    "Calibrate it: ikservo calibrate {arm}. Until then: ikservo joints, at most 10° at a time "
+    "(or --uncalibrated, if the horns are mounted exactly as in the arm file)."
 )
 
 
@@ -60,6 +60,6 @@ class Zeros(Enum):
         for (name, step), way in zip(steps.items(), abs(goal - here), strict=True):
             if way > step * (1.0 + 1e-6):
                 raise CalibrationError(
-                    f"{arm} is not calibrated, and {name} would move more than a small step.",
+                    f"{arm} is not calibrated, and {name} would move by more than 10°.",
                     _HINT.format(arm=arm),
                 )

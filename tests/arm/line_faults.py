@@ -4,16 +4,17 @@ import dis
 import sys
 from collections import Counter
 
-from ikservo.arm.streaming import feedback, health_round, servos, stream, throttle
+from ikservo.arm.streaming import feedback, health_round, servos, setpoints, stream, throttle
 from ikservo.guard import following, gate, look_ahead
 
 _LOOP = [
     stream.Stream._stream,
     stream.Stream._told,
     throttle.Throttle.gap_s,
-    throttle.Throttle.advance,
+    setpoints.Setpoints.next,
     throttle.Throttle._count,
     servos.Servos.beat,
+    servos.Servos._heard,
     servos.Servos.advance_s,
     servos.Servos.command,
     servos.Servos.goals,
@@ -26,6 +27,8 @@ _LOOP = [
     health_round.HealthRound._ask,
     following.Following.see,
     gate.Gate.see,
+    gate.Gate.cut,
+    gate.Gate._share,
     gate.Gate.send,
     gate.Gate.advance_s,
     look_ahead.LookAhead.see,

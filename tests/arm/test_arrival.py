@@ -105,7 +105,7 @@ def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm)
     lead = registers(arm, "goal_position")[held] - registers(arm, "present_position")[held]
     assert abs(lead) <= arm._servos.fences[held - 1].lead_ticks(0.0) + 1
     assert not report.reached
-    assert report.binding == ("wrist_flex is 3.0° short: at its lead limit",)
+    assert report.binding == ("wrist_flex is 3.0° short: load too high (correction limit reached)",)
 
 
 def test_the_others_make_up_for_a_joint_that_cannot_be_led_past_its_limit(arm):

@@ -19,7 +19,7 @@ def arm(request):
 
 def stands(arm):
     before = registers(arm, "present_position")
-    with pytest.raises(RefusedError, match="stays so"):
+    with pytest.raises(RefusedError, match="was stopped"):
         arm.move_joints({"shoulder_pan": 0.8}, speed="fast")
     after = registers(arm, "present_position")
     return all(abs(after[i] - before[i]) <= 2 for i in before)
@@ -77,5 +77,5 @@ def test_a_watchdog_that_does_not_say_whether_it_has_tripped_counts_as_tripped(m
             raise BusError("nothing was heard")
 
         monkeypatch.setattr(arm._servos._bus, "read", silent)
-        with pytest.raises(RefusedError, match="stopped themselves"):
+        with pytest.raises(RefusedError, match="watchdog stopped them"):
             limits.check_gap(0.2)

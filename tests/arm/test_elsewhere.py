@@ -119,7 +119,7 @@ def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
     report = elsewhere.ask_to_relax(arm.model, None)
     assert report.reached
     assert not any(registers(arm, "torque_enable").values())
-    with pytest.raises(RefusedError, match="Relaxed from another terminal"):
+    with pytest.raises(RefusedError, match="Torque switched off from another terminal"):
         arm.move_joints({"gripper": 0.6})
 
 
@@ -141,7 +141,7 @@ def test_an_answer_of_another_version_is_named(device, answer):
     listener = listen(device, lambda _: answer)
     model = ikservo.load_model("so101")
     for ask in (elsewhere.ask_to_relax, elsewhere.stop_from_here):
-        with pytest.raises(IkservoError, match="another way"):
+        with pytest.raises(IkservoError, match="unexpected reply"):
             ask(model, None)
     with pytest.raises(IkservoError):
         elsewhere.ask_where(model, None)
@@ -150,7 +150,7 @@ def test_an_answer_of_another_version_is_named(device, answer):
 
 def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
     path = tmp_path / "wave.jsonl"
-    report = elsewhere.record_from_here(arm.model, None, path, 0.1, 0.02, overwrite=False)
+    report = elsewhere.record_from_here(arm.model, None, path, 0.1, None, 0.02, overwrite=False)
     recording = read_recording(path)
     assert report.samples == len(recording.times_s) > 2
     assert recording.joints[0][-1] == pytest.approx(0.52, abs=0.02)

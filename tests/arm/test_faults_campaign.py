@@ -138,7 +138,7 @@ def _stays_down(arm, auditor, at_s):
     try:
         arm.move_joints({arm.model.joints[0].name: 0.1})
     except RefusedError as error:
-        wrong = [] if "stays so" in str(error) else [str(error)]
+        wrong = [] if "was stopped" in str(error) else [str(error)]
     else:
         wrong = ["it moved"]
     return wrong + _nothing_switched_on(arm, auditor, at_s)

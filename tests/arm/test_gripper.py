@@ -67,7 +67,8 @@ CREEPING = [
 
 @pytest.mark.parametrize(("name", "begun", "force"), CREEPING)
 def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name, begun, force):
-    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+    with ikservo.open_arm(name, port="sim") as arm:
+        arm.pose("home")
         half = (jaws(arm).closed + jaws(arm).open) / 2
         arm.move_joints({jaws(arm).joint: jaws(arm).open if begun == "open" else half})
         report = arm.gripper("close", force=force)
@@ -166,7 +167,7 @@ def test_a_width_that_the_jaws_do_not_have_moves_nothing(width_m):
 
 
 def test_a_width_is_refused_where_nobody_knows_widths(so101):
-    with pytest.raises(BadValueError, match="knows no widths"):
+    with pytest.raises(BadValueError, match="has no widths"):
         so101.gripper(width_m=0.03)
 
 

@@ -74,7 +74,7 @@ def test_an_acceleration_that_is_gone_means_a_reset(sts):
         if progress.elapsed_s > 0.2:
             line_of(sts).servos[4].memory.put("acceleration", 0)
 
-    with pytest.raises(ServoAlarmError, match="wrist_flex was reset: its settings are gone"):
+    with pytest.raises(ServoAlarmError, match="wrist_flex was reset: settings lost"):
         sts.move_joints({joint(sts): 0.8}, on_progress=lose)
 
 

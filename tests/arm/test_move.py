@@ -9,7 +9,6 @@ import ikservo
 from ikservo.errors import (
     BadValueError,
     RefusedError,
-    StoppedError,
     UnknownNameError,
     UnreachableError,
 )
@@ -116,7 +115,7 @@ def test_an_interruption_leaves_the_arm_holding_where_it_was(arm):
         if progress.elapsed_s > 0.5:
             raise KeyboardInterrupt
 
-    with pytest.raises(StoppedError, match="the arm holds"):
+    with pytest.raises(KeyboardInterrupt, match="torque stays on"):
         arm.move_to((0.25, 0.05, 0.15), on_progress=interrupt)
     assert all(registers(arm, "torque_enable").values())
     apart = np.linalg.norm(true_tip_m(arm) - (0.25, 0.05, 0.15))
@@ -138,7 +137,7 @@ def test_a_jammed_joint_stops_the_motion_and_is_named(arm):
 
 def test_a_way_through_the_table_is_refused_before_anything_moves(arm):
     before = registers(arm, "goal_position")
-    with pytest.raises(RefusedError, match="would touch the floor"):
+    with pytest.raises(RefusedError, match="-the floor"):
         arm.move_to((0.25, 0.0, -0.08))
     assert registers(arm, "goal_position") == before
 
@@ -159,7 +158,7 @@ def test_joints_go_to_their_positions_gripper_included(arm):
 @pytest.mark.parametrize("position", [1.7, -1.7, 100.0])
 def test_a_joint_is_not_sent_past_its_limit(arm, position):
     before = registers(arm, "goal_position")
-    with pytest.raises(RefusedError, match=r"elbow_flex .* past .*96\.8° \(arm file\)"):
+    with pytest.raises(RefusedError, match=r"elbow_flex .* limit .*96\.8° \(arm file\)"):
         arm.move_joints({"elbow_flex": position, "wrist_flex": 0.1})
     assert registers(arm, "goal_position") == before
 
@@ -199,7 +198,7 @@ def test_relaxing_goes_round_what_is_in_the_way():
     with ikservo.open_arm("wx250s", port="sim") as arm:
         for joint, position in folded.items():
             line_of(arm).world.place(joint, position)
-        with pytest.raises(RefusedError, match="would touch"):
+        with pytest.raises(RefusedError, match="Collision"):
             arm.plan_joints(arm.model.pose("rest"))
         assert arm.plan_rest().by == "home"
 

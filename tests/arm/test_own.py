@@ -158,7 +158,7 @@ def test_a_joint_on_another_turn_gets_no_torque(desk):
     # Turned right round by hand while limp: the servo counts on until torque comes.
     arm.joint("joint1").servos[0].motor.upper_stop_rad = math.inf
     arm.world.place("joint1", math.radians(200))
-    with opened(arm) as machine, pytest.raises(RefusedError, match="joint1 stands at tick"):
+    with opened(arm) as machine, pytest.raises(RefusedError, match="joint1 is at tick"):
         machine.enable()
     assert not any(servo.read("torque_enable") for servo in arm.line.servos.values())
 

@@ -8,6 +8,7 @@ from tests.arm.seeds import tell, times
 
 FAMILIES = ("so101", "koch")
 OFTEN = 0.01  # of what is sent
+MOST_RESTARTS = 10  # of Dynamixels that stopped themselves, in one motion
 
 
 @times(2, 1500)
@@ -33,7 +34,7 @@ def stalled(name, seed):
         try:
             arm._drive(lambda _: move, None, speed)
         except RefusedError as error:
-            if name == "so101" or "the servos stopped themselves" not in str(error):
+            if slow.stalls < MOST_RESTARTS or "watchdog stopped them" not in str(error):
                 raise
     return auditor, slow.stalls
 

@@ -84,7 +84,7 @@ def test_a_stop_slows_down_over_a_quarter_of_a_second_instead_of_at_once():
 def test_a_stop_that_is_wanted_while_nothing_moves_keeps_the_next_motion_from_beginning(arm):
     before = registers(arm, "goal_position")
     arm.stop("wait")
-    with pytest.raises(RefusedError, match="stays so: wait"):
+    with pytest.raises(RefusedError, match="was stopped: wait"):
         arm.move_joints({arm.model.joints[0].name: 0.3})
     assert registers(arm, "goal_position") == before
 
@@ -120,7 +120,7 @@ def test_dynamixels_stop_themselves_in_a_stall_and_the_program_says_so():
     with ikservo.open_arm("koch", port="sim") as arm:
         arm.enable()
         clock = arm._servos.clock
-        with pytest.raises(RefusedError, match="so the servos stopped themselves"):
+        with pytest.raises(RefusedError, match="so the servos' watchdog stopped them"):
             Stream(arm._servos).run(
                 course_of(arm._servos), lambda _: clock.sleep_until(clock.now_s() + 0.3)
             )

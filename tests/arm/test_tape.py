@@ -8,7 +8,7 @@ import pytest
 
 from ikservo.arm.tapes.tape import Heading, Recorder
 from ikservo.arm.tapes.tape_reading import read_recording
-from ikservo.errors import BadValueError, FileFormatError
+from ikservo.errors import FileFormatError, InputError
 from ikservo.files.writing import FileWriteError
 
 HEADING = Heading("so101", ("a", "b"), ("rad", "m"), 0.02)
@@ -60,7 +60,7 @@ def test_each_line_is_whole_as_soon_as_it_is_written(tmp_path):
 
 def test_a_file_that_is_there_is_not_lost(tape):
     path = tape("precious")
-    with pytest.raises(BadValueError, match="there already"):
+    with pytest.raises(InputError, match="exists; use overwrite=True"):
         Recorder(path, HEADING)
     assert path.read_text() == "precious"
 
@@ -80,29 +80,29 @@ def test_a_place_that_takes_no_file_is_named(tmp_path, name):
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ('{"t_s": 0.04, "q": [0.1, ', "line 3: is cut off"),
-        ('{"t_s": 0.04, "q": [0.1, 0.0]}', "line 3: is cut off"),
+        ('{"t_s": 0.04, "q": [0.1, ', "line 3: is incomplete"),
+        ('{"t_s": 0.04, "q": [0.1, 0.0]}', "line 3: is incomplete"),
         ("\n", "line 3: is not JSON"),
         ("nonsense\n", "line 3: is not JSON"),
         ("[" * 5000 + "\n", "line 3: is not JSON"),
-        ("[1, 2]\n", "line 3: is no object"),
+        ("[1, 2]\n", "line 3: is not an object"),
         ('{"t_s": 0.04, "q": [NaN, 0.0]}\n', "line 3: is not JSON"),
         ('{"t_s": 0.04, "q": [Infinity, 0.0]}\n', "line 3: is not JSON"),
-        ('{"t_s": 0.04, "q": [1e999, 0.0]}\n', "line 3: has a position that is no number"),
-        ('{"t_s": 0.04, "q": [' + "9" * 400 + ", 0.0]}\n", "has a position that is no number"),
-        (sample(0.04, "0.1", 0.0), "line 3: has a position that is no number"),
-        (sample(0.04, True, 0.0), "line 3: has a position that is no number"),
-        (sample(0.04, None, 0.0), "line 3: has a position that is no number"),
+        ('{"t_s": 0.04, "q": [1e999, 0.0]}\n', "line 3: has a position that is not a number"),
+        ('{"t_s": 0.04, "q": [' + "9" * 400 + ", 0.0]}\n", "has a position that is not a number"),
+        (sample(0.04, "0.1", 0.0), "line 3: has a position that is not a number"),
+        (sample(0.04, True, 0.0), "line 3: has a position that is not a number"),
+        (sample(0.04, None, 0.0), "line 3: has a position that is not a number"),
         (sample(0.04, 0.1), "line 3: has 1 positions"),
         (sample(0.04, 0.1, 0.0, 0.0), "line 3: has 3 positions"),
         ({"t_s": 0.04, "q": {"a": 1}}, "line 3: has 0 positions"),
         (sample(0.0, 0.1, 0.0), "line 3: has t_s = 0"),
         (sample(-1.0, 0.1, 0.0), "line 3: has t_s = -1.0"),
         (sample("soon", 0.1, 0.0), "line 3: has t_s = 'soon'"),
-        ({"t_s": 0.04, "q": [0.1, 0.0], "torque": 1}, "line 3: is no sample"),
+        ({"t_s": 0.04, "q": [0.1, 0.0], "torque": 1}, "line 3: is not a sample"),
         (sample(1e6, 0.1, 0.0), "line 3: has t_s = 1000000.0"),
         ('{"t_s": 0.04, "t_s": 0.05, "q": [0.1, 0.0]}\n', "line 3: is not JSON"),
-        ({"time": 0.04, "q": [0.1, 0.0]}, "line 3: is no sample"),
+        ({"time": 0.04, "q": [0.1, 0.0]}, "line 3: is not a sample"),
         ("x" * 20_000 + "\n", "line 3: is too long"),
     ],
 )

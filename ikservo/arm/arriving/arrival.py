@@ -12,7 +12,7 @@ from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.stream import Stream
 from ikservo.errors import NotSettledError
 from ikservo.kinematics.se3 import Vector
-from ikservo.motion import Pace
+from ikservo.motion import JointMove, Pace
 
 __all__ = ["Arrival", "arrive"]
 
@@ -46,6 +46,7 @@ def arrive(
     paces: Sequence[Pace],
     speed_rad_s: float,
     motion_s: float,
+    below: Vector | None = None,
 ) -> Arrival:
     """Lead the goals until the joints stand where they are wanted, as near as they can.
 
@@ -58,12 +59,15 @@ def arrive(
         paces: How fast each may go.
         speed_rad_s: The motion's top speed at the horns.
         motion_s: How long the motion took up to here.
+        below: Goals (n,) to which joints with known play go first, see ``drawn_back``.
 
     Raises:
         NotSettledError: Some joint still moves after three seconds.
         StoppedError, RefusedError, BusError, ServoAlarmError: See ``Stream.run``.
     """
     started_s = servos.clock.now_s()
+    if below is not None:
+        stream.run(JointMove(servos.goals(), below, paces), speed_rad_s=speed_rad_s)
     first = last = _led(stream, servos, aim.ticks, paces, speed_rad_s)
     instead = aim.without(first.held, first.measured) if first.held else None
     if instead is not None:
@@ -89,5 +93,7 @@ def _led(
     stream.run(course, look, speed_rad_s=speed_rad_s)
     if course.moving:
         names = ", ".join(course.moving)
-        raise NotSettledError(f"{names} does not come to rest.", "Look for a loose horn or load.")
+        raise NotSettledError(
+            f"{names} did not settle in time.", "Check for a loose horn or a changing load."
+        )
     return course

@@ -92,4 +92,4 @@ class Correction:
 def _said(joint: Creep) -> str:
     joint_map = joint.fence.joint_map
     missing = joint_map.say(abs(joint.short) * joint_map.unit_per_tick)
-    return f"{joint_map.joint} is {missing} short: {joint.bound or 'it took too long'}"
+    return f"{joint_map.joint} is {missing} short: {joint.bound or 'timeout'}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ikservo.calibration import source_words
 from ikservo.guard import Fence
 
 __all__ = ["Creep"]
@@ -64,14 +65,16 @@ class Creep:
     def bound(self) -> str:
         """Return what keeps the goal from going on, in words; empty if nothing does."""
         if self._leads_enough():
-            return "at its lead limit"
+            return "load too high (correction limit reached)"
         end = self._high if self._side > 0 else self._low
         if self.there or self._side * (end - self.goal) > 0:
             return ""
         limits = self.fence.limits
         upper = self.fence.joint_map.sign * self._side > 0
         limit = limits.upper if upper else limits.lower
-        return f"at its limit of {self.fence.joint_map.say(limit.value)} ({limit.source})"
+        return (
+            f"at its limit {self.fence.joint_map.say(limit.value)} ({source_words(limit.source)})"
+        )
 
     def goal_at(self, after_s: float) -> float:
         """Return the goal's tick a time after it was last looked at."""

@@ -38,7 +38,7 @@ def adoptable(loose: LooseArm, path: Path | None = None) -> tuple[Path, Calibrat
         raise CalibrationError(f"Several calibrations fit: {names}.", "Choose one: --from FILE")
     reasons = " ".join(f"{p}: {doubt}" for p, doubt in doubts.items())
     raise CalibrationError(
-        f"No calibration of another adapter is this arm's. {reasons}".rstrip(),
+        f"No calibration of another adapter fits this arm. {reasons}".rstrip(),
         f"Calibrate it: ikservo calibrate {loose.model.name}",
     )
 
@@ -52,7 +52,7 @@ def adopt(loose: LooseArm, calibration: Calibration) -> Path:
 def _doubts(loose: LooseArm, calibration: Calibration) -> Iterator[str]:
     """Yield why a calibration cannot be this arm's."""
     if calibration.arm != loose.model.name:
-        yield f"it is of {calibration.arm}."
+        yield f"made for {calibration.arm}."
     try:
         check_joints(calibration, loose.model, "it")
     except CalibrationError as error:

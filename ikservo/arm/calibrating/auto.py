@@ -19,6 +19,7 @@ from ikservo.arm.calibrating.auto_setup import drivable, fenced_arm, set_up_coun
 from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.calibration import Limit, Limits
 from ikservo.calibration.sweeping.feeler import Touch
+from ikservo.calibration.sweeping.homing import Travel
 from ikservo.calibration.sweeping.subject import Subject
 from ikservo.calibration.sweeping.sweep import Wizard
 from ikservo.errors import CalibrationError
@@ -38,7 +39,7 @@ def check_safe(model: Model) -> None:
     """
     if model.auto_unsafe:
         raise CalibrationError(
-            f"{model.title} must not look for its stops by itself: {model.auto_unsafe}",
+            f"{model.title} cannot search its end stops by itself: {model.auto_unsafe}",
             f"Calibrate it by hand: ikservo calibrate {model.name}",
         )
 
@@ -51,6 +52,7 @@ class SelfCalibration:
         wizard: The conversation, the anchor taken.
         pose: The named pose.
         tell: Takes what happens, in words.
+        keep: Takes the travel of each joint whose two stops were found, in bare ticks.
 
     Attributes:
         wizard: The conversation with all that was found so far.
@@ -59,21 +61,26 @@ class SelfCalibration:
     """
 
     def __init__(
-        self, loose: LooseArm, wizard: Wizard, pose: str, tell: Callable[[str], None]
+        self,
+        loose: LooseArm,
+        wizard: Wizard,
+        pose: str,
+        tell: Callable[[str], None],
+        keep: Callable[[Subject, Travel], None],
     ) -> None:
         check_safe(loose.model)
-        self._loose, self._tell = loose, tell
+        self._loose, self._tell, self._keep = loose, tell, keep
         self._postures = Postures(loose.model)
         known = set_up_counts(loose, wizard, pose)
         self.arm = fenced_arm(loose, wizard, known, self._postures.space)
         self.arm.enable()
-        tell("It holds itself now: let go, and keep clear of it.")
+        tell("Torque is on. Let go of the arm and keep clear of it.")
         names = frozenset(subject.name for subject in wizard.subjects)
         self.wizard = replace(wizard, trusted=names, driven=True)
         self.felt: dict[str, Limits] = {}
 
     def sweep(self) -> None:
-        """Look for the stops of every joint that has some, tip first.
+        """Look for the stops of every joint that has some and was not measured before, tip first.
 
         Raises:
             CalibrationError: A joint met something where its stop cannot be, or no stop at all.
@@ -83,7 +90,7 @@ class SelfCalibration:
         for subject in reversed(self.wizard.subjects):
             if drivable(subject, self.wizard):
                 self._sweep_joint(subject)
-            elif subject.name not in self.wizard.skipped:
+            elif subject.known is None and subject.name not in self.wizard.skipped:
                 self.wizard = self.wizard.turns_freely(subject.name)
 
     def finish(self) -> Wizard:
@@ -92,11 +99,10 @@ class SelfCalibration:
         Raises:
             CalibrationError: The servos of one joint did not go alike.
         """
-        rest = self.arm.model.pose("rest")
         way = self._postures.way(self._in_chain(), self.arm.model.chain_pose("rest"))
         for posture in way or []:
             self._go(posture)
-        self.arm.move_joints(rest, speed="slow")
+        self.arm.pose("rest", speed="slow")
         self._watch(self.arm.workings.servos.measure())
         self.arm.release()
         reading = self._loose.read()
@@ -107,10 +113,12 @@ class SelfCalibration:
         found = [self._look_for(end, subject) for end in ends_of(subject)]
         lower, upper = found
         if lower is not None and upper is not None:
+            track = self.wizard.tracks[subject.servo_id]
+            self._keep(subject, Travel(track.low, track.high))
             return
         self._tell(
-            f"{subject.name}: the arm would touch something on the way to "
-            f"{'its ends' if lower is upper else 'one end'}; the arm file's is taken there."
+            f"{subject.name}: collision on the path to "
+            f"{'its ends' if lower is upper else 'one end'}; using the limit of the arm file there."
         )
         self.wizard = self.wizard.skip(subject.name)
         self._note_felt(subject, lower, upper)
@@ -125,7 +133,9 @@ class SelfCalibration:
         """Return where a joint's stop is, rad or m; None where it cannot be looked for."""
         if not self._make_room(end):
             return None
-        self._tell(f"{end.joint} looks for its stop near {subject.joint_map.say(end.expected)}.")
+        self._tell(
+            f"{end.joint}: searching its end stop near {subject.joint_map.say(end.expected)}."
+        )
         felt = self._press(end, subject, _SHARES[0])
         for share in _SHARES[1:]:
             if is_the_stop(felt, end, subject):

@@ -58,13 +58,13 @@ def false_stop(felt: Felt, end: End, subject: Subject) -> CalibrationError:
     say = subject.joint_map.say
     if felt.touch is Touch.SLACK:
         return CalibrationError(
-            f"{end.joint} stands at {say(felt.position)} although nothing holds it.",
-            "Nothing was saved. Look at its supply, its cable and its alarms: ikservo where",
+            f"{end.joint} does not move from {say(felt.position)} although no load was felt.",
+            "Nothing was saved. Check supply, cable and alarms: ikservo where",
         )
     return CalibrationError(
-        f"{end.joint} met something at {say(felt.position)}; its stop is expected at "
+        f"{end.joint} hit something at {say(felt.position)}; its end stop is expected at "
         f"{say(end.expected)}.",
-        "Nothing was saved; the arm holds. Take away what stands there. If that is its stop, "
+        "Nothing was saved; torque stays on. Remove the obstacle. If that is its end stop, "
         "calibrate by hand: ikservo calibrate",
     )
 
@@ -72,7 +72,7 @@ def false_stop(felt: Felt, end: End, subject: Subject) -> CalibrationError:
 def no_stop(felt: Felt, end: End, subject: Subject) -> CalibrationError:
     """Return what to say of a joint that went past where its stop is expected."""
     return CalibrationError(
-        f"{end.joint} met no stop up to {subject.joint_map.say(felt.position)}.",
-        "Nothing was saved. Was the arm in its pose when that was taken? If nothing stops the "
-        f"joint: --free {end.joint}",
+        f"{end.joint} found no end stop up to {subject.joint_map.say(felt.position)}.",
+        "Nothing was saved. Check that the arm was in the pose when it was recorded. If the "
+        f"joint has no end stop: --free {end.joint}",
     )

@@ -90,12 +90,12 @@ def _set_back(loose: LooseArm, memory: Memory, tell: Callable[[str], None]) -> N
         return
     if not loose.holding():
         _write(loose, memory)
-        tell("The servos hold again what they held before.")
+        tell("The settings of the servos were restored.")
         return
     again = f"ikservo calibrate {loose.model.name}"
-    old = f"; the calibration before comes back with: ikservo calibration push {loose.model.name}"
+    old = f"; or restore the previous calibration: ikservo calibration push {loose.model.name}"
     filed = old if loose.path.exists() else ""
-    tell(f"The servos count as the search needed it. Calibrate anew: {again}{filed}.")
+    tell(f"The servos keep the settings of the search. Calibrate again: {again}{filed}.")
 
 
 def _write(loose: LooseArm, memory: Memory) -> None:

@@ -20,8 +20,8 @@ def check_belongs(calibration: Calibration, model: Model, usb_serial_number: str
     own = (calibration.arm, calibration.usb_serial_number)
     if own != (model.name, usb_serial_number):
         raise CalibrationError(
-            f"{path} is of {own[0]} on adapter {own[1] or 'without a number'}.",
-            "Is it the same arm? Then: ikservo calibration adopt. Else: ikservo calibrate",
+            f"{path} belongs to {own[0]} on adapter {own[1] or 'without a number'}.",
+            "If it is the same arm: ikservo calibration adopt. Otherwise: ikservo calibrate",
         )
     check_joints(calibration, model, str(path))
 
@@ -49,8 +49,8 @@ def _check_origins(calibration: Calibration, model: Model) -> None:
     for origin in calibration.geometry.origins if calibration.geometry else ():
         if origin.joint not in known:
             raise CalibrationError(
-                f"The touch-off moved {origin.joint}, which is not on the way to the tip.",
-                "The arm file has changed since. Touch off again: ikservo calibrate --touch",
+                f"The touch-off moved {origin.joint}, which is not between base and tip.",
+                "The arm file has changed since. Repeat the touch-off: ikservo calibrate --touch",
             )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from importlib.metadata import version
@@ -12,7 +12,7 @@ from ikservo.arm.line import open_line
 from ikservo.arm.own import check_models, holds_free, serial_number_of, within_a_turn
 from ikservo.calibration import Limits
 from ikservo.calibration.filing.calibration_file import text_of
-from ikservo.calibration.filing.store import calibration_path, journal_path
+from ikservo.calibration.filing.store import calibration_path, journal_path, partial_path
 from ikservo.calibration.in_servos.compare import contradictions_with, refuse
 from ikservo.calibration.in_servos.memory import ServoFacts, facts_of
 from ikservo.calibration.in_servos.transaction import changes_for, commit, settle
@@ -61,8 +61,18 @@ class LooseArm:
         """Return where it is noted what is being written."""
         return journal_path(self.model.name, self.serial_number)
 
-    def subjects(self, pose: str, known: Mapping[str, Travel] | None = None) -> list[Subject]:
-        """Return the joints to be calibrated from a named pose.
+    @property
+    def partial_path(self) -> Path:
+        """Return where an interrupted self-calibration keeps the joints it has measured."""
+        return partial_path(self.model.name, self.serial_number)
+
+    def subjects(
+        self,
+        pose: str,
+        known: Mapping[str, Travel] | None = None,
+        only: Collection[str] = (),
+    ) -> list[Subject]:
+        """Return the joints to be calibrated from a named pose; all of them if ``only`` is empty.
 
         Raises:
             UnknownNameError: The arm has no such pose.
@@ -71,6 +81,7 @@ class LooseArm:
         return [
             self._subject(joint, positions[joint.name], (known or {}).get(joint.name))
             for joint in self.model.joints
+            if not only or joint.name in only
         ]
 
     def holding(self) -> list[str]:
@@ -152,8 +163,8 @@ class LooseArm:
             held = [own.servo.holds[name] for name in _limit_names(self.facts[own.servo.id])]
             if any(held) and not holds_free(joint_map, limits, (held[0], held[1])):
                 yield (
-                    f"{joint.name}: its servo's own limits, {held[0]} to {held[1]}, cut into the "
-                    "range found; replace them with --write-limits."
+                    f"{joint.name}: its servo's own limits, {held[0]} to {held[1]}, are narrower "
+                    "than the range found; replace them with --write-limits."
                 )
 
     def save(self, outcome: Outcome) -> Path:

@@ -32,7 +32,7 @@ def own_calibration(loose: LooseArm) -> Calibration:
     calibration = load(name, loose.serial_number)
     if calibration is None:
         others = calibrations_of(name)
-        adopt = f" Or take over the one of another adapter: ikservo calibration adopt {name}"
+        adopt = f" Or adopt that of another adapter: ikservo calibration adopt {name}"
         raise CalibrationError(
             f"{name} is not calibrated: there is no {loose.path}.",
             f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}",
@@ -51,9 +51,9 @@ def lost_by_saving(loose: LooseArm) -> Iterator[str]:
         before = load(loose.model.name, loose.serial_number)
         if before and before.geometry:
             yield (
-                f"What the touch-off of {before.geometry.touched:%Y-%m-%d} found of links and base "
-                "goes with the old zeros. Touch off again: "
-                f"ikservo calibrate {loose.model.name} --touch"
+                "The link and base corrections of the touch-off of "
+                f"{before.geometry.touched:%Y-%m-%d} are lost with the old zeros. "
+                f"Repeat the touch-off: ikservo calibrate {loose.model.name} --touch"
             )
 
 
@@ -93,15 +93,16 @@ def _pulled(joint: CalibratedJoint, facts: Mapping[int, ServoFacts]) -> Calibrat
     lead = facts[joint.servo.id]
     if not all(counts_alike(facts[servo.id], servo.holds) for servo in joint.servos):
         raise CalibrationError(
-            f"{joint.name} no longer counts as it was calibrated; its sign and its zero are lost.",
+            f"{joint.name} has another count direction than when calibrated; "
+            "its sign and zero are invalid.",
             "Write the file's values into the servos instead: ikservo calibration push. "
-            "Or measure anew: ikservo calibrate",
+            "Or measure again: ikservo calibrate",
         )
     shift = _shift(joint, lead)
     low, high = (tick + shift for tick in joint.travel_ticks)
     if not lead.counts_on and not 0 <= low < high < encoder_of(lead.table).ticks:
         raise CalibrationError(
-            f"With what its servo holds, the count of {joint.name} begins again inside its travel.",
+            f"With the servo's present offset, the encoder of {joint.name} wraps inside its range.",
             "Write the file's values into the servos instead: ikservo calibration push",
         )
     return joint.model_copy(

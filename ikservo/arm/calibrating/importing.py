@@ -32,11 +32,11 @@ def check_recorded(joints: Sequence[LerobotJoint], model: Model, loose: LooseArm
         if row.id != own.servo.id:
             raise CalibrationError(
                 f"{own.name} has id {row.id} in LeRobot's file and {own.servo.id} in the arm file.",
-                "Is it another arm's file?",
+                "It may be the file of another arm.",
             )
         if row.drive_mode != facts.held.get("drive_mode", 0) & 1:
             raise CalibrationError(
-                f"{own.name} counts the other way round than LeRobot recorded: drive_mode is "
+                f"{own.name} counts in the opposite direction from LeRobot's file: drive_mode is "
                 f"{facts.held.get('drive_mode', 0)} in the servo and {row.drive_mode} in the file.",
                 "Calibrate it: ikservo calibrate",
             )

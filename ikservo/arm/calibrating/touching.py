@@ -81,7 +81,7 @@ class TouchArm:
     def _reaches(self, position_m: Vector | None) -> bool:
         if position_m is None:
             return True
-        answer = solve(self.chain, Target(position_m), restarts=10)
+        answer = solve(self.chain, Target(position_m), restarts=10, nearest=False)
         return answer.position_error_m < _REACHED_M
 
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ikservo.arm.arm import Arm
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.model import ModelJoint
 from ikservo.model.directions import direction
 
-__all__ = ["Wiggle", "expected", "wiggle"]
+__all__ = ["Wiggle", "expected", "lift", "lifting", "wiggle"]
 
 WAY_RAD = math.radians(5.0)
 """How far the horn turns."""
 
 _FOLLOWS = 0.5  # of the way, at least
 _STIRS = 0.3  # of the way: more is more than the arm's own give
+# An arm that lies on the table drags its tool along it: it is lifted first where less is free.
+_CLEAR_M = 0.005
+_LIFT_RAD = 2.0 * WAY_RAD
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +41,51 @@ class Wiggle:
 
 
 def expected(arm: Arm, name: str) -> Wiggle:
-    """Return how a joint would be moved: to where it has more room."""
-    joint, here = arm.model.joint(name), _positions(arm)
+    """Return how a joint would be moved: to where the body is free, and the joint has more room."""
+    joint, here, free_m = arm.model.joint(name), _positions(arm), _clearance_m(arm)
     state = next(state for state in arm.where().joints if state.name == name)
     way = WAY_RAD * joint.travel_per_turn / math.tau
-    up = state.upper_rad - state.position_rad >= state.position_rad - state.lower_rad
-    return Wiggle(name, way if up else -way, _words(arm, joint, here, 1 if up else -1))
+
+    def merit(way: float) -> tuple[float, float]:
+        there = state.position_rad + way
+        room = state.upper_rad - there if way > 0 else there - state.lower_rad
+        return min(free_m({**here, name: there}), 0.0), room
+
+    best = max((way, -way), key=merit)
+    return Wiggle(name, best, _words(arm, joint, here, 1 if best > 0 else -1))
+
+
+def lifting(arm: Arm) -> Wiggle | None:
+    """Return the motion of one joint that lifts an arm off what it lies on; None where it is clear.
+
+    Of all joints, that one is taken by which the body gains the most distance.
+    """
+    here, free_m = _positions(arm), _clearance_m(arm)
+    at_m = free_m(here)
+    if at_m >= _CLEAR_M:
+        return None
+    ways = [
+        (free_m({**here, joint.name: here[joint.name] + way}), joint.name, way)
+        for joint in arm.model.joints
+        for way in _ways(arm, joint)
+    ]
+    best_m, name, way = max(ways, default=(at_m, "", 0.0))
+    if best_m <= at_m:
+        return None
+    return Wiggle(name, way, _words(arm, arm.model.joint(name), here, 1 if way > 0 else -1))
+
+
+def lift(arm: Arm, motion: Wiggle) -> None:
+    """Lift the arm by one joint, and leave it there; see that the joint follows.
+
+    Raises:
+        CalibrationError: It did not follow.
+        RefusedError: There is no room for it.
+        StoppedError: The person interrupted; the arm holds.
+    """
+    before = _positions(arm)
+    _lead(arm, motion.joint, before[motion.joint] + motion.way)
+    _check_followed(arm, motion, _positions(arm)[motion.joint] - before[motion.joint])
 
 
 def wiggle(arm: Arm, motion: Wiggle) -> None:
@@ -53,29 +97,65 @@ def wiggle(arm: Arm, motion: Wiggle) -> None:
         StoppedError: The person interrupted; the arm holds.
     """
     before = _positions(arm)
-    try:
-        arm.move_joints({motion.joint: before[motion.joint] + motion.way}, speed="slow")
-        there = _positions(arm)
-        arm.move_joints({motion.joint: before[motion.joint]}, speed="slow")
-    except RefusedError as error:
-        raise RefusedError(f"{motion.joint}: {error.message}", error.hint) from error
+    _lead(arm, motion.joint, before[motion.joint] + motion.way)
+    there = _positions(arm)
+    _lead(arm, motion.joint, before[motion.joint])
     _judge(arm, motion, {name: there[name] - before[name] for name in before})
 
 
+def _lead(arm: Arm, joint: str, position: float) -> None:
+    """Move one joint slowly to a position, or to the limit before it, where sagging began."""
+    try:
+        arm.move_joints({joint: _inside(arm, joint, position)}, speed="slow")
+    except RefusedError as error:
+        raise RefusedError(f"{joint}: {error.message}", error.command_hint) from error
+
+
+def _inside(arm: Arm, joint: str, position: float) -> float:
+    fence = next(fence for fence in arm.workings.servos.fences if fence.joint == joint)
+    lower, upper = fence.positions
+    return min(max(position, lower), upper)
+
+
+def _clearance_m(arm: Arm) -> Callable[[Mapping[str, float]], float]:
+    """Return what tells how much room the body has left in a posture; endless where unknown."""
+    space, names = arm.workings.space, arm.workings.servos.names
+    if space is None or not arm.zeros.known:
+        return lambda _: math.inf
+
+    def free_m(joints: Mapping[str, float]) -> float:
+        vector = np.array([joints[name] for name in names])
+        return float(space.gaps([arm.workings.in_body(vector)]).min())
+
+    return free_m
+
+
+def _ways(arm: Arm, joint: ModelJoint) -> list[float]:
+    """Return how far the joint may be lifted, each way in which its limits leave room."""
+    state = next(state for state in arm.where().joints if state.name == joint.name)
+    way = _LIFT_RAD * joint.travel_per_turn / math.tau
+    inside = (state.lower_rad, state.upper_rad)
+    return [w for w in (way, -way) if inside[0] <= state.position_rad + w <= inside[1]]
+
+
 def _judge(arm: Arm, motion: Wiggle, moved: Mapping[str, float]) -> None:
-    if moved[motion.joint] / motion.way < _FOLLOWS:
-        say = arm.model.joint(motion.joint).joint_map.say
-        raise CalibrationError(
-            f"{motion.joint} was to go {say(motion.way)} and went {say(moved[motion.joint])}.",
-            "Look for a loose horn or something in its way.",
-        )
+    _check_followed(arm, motion, moved[motion.joint])
     for name, way in moved.items():
         most = _STIRS * WAY_RAD * arm.model.joint(name).travel_per_turn / math.tau
         if name != motion.joint and abs(way) > most:
             raise CalibrationError(
-                f"{name} moved when {motion.joint} was told to.",
-                "Look for two servos with one id, or a joint that hangs on another.",
+                f"{name} moved when only {motion.joint} was told to.",
+                "Check for two servos with one id, or joints that are mechanically coupled.",
             )
+
+
+def _check_followed(arm: Arm, motion: Wiggle, moved: float) -> None:
+    if moved / motion.way < _FOLLOWS:
+        say = arm.model.joint(motion.joint).joint_map.say
+        raise CalibrationError(
+            f"{motion.joint} was told to move by {say(motion.way)} and moved by {say(moved)}.",
+            "Check for a loose horn or an obstacle.",
+        )
 
 
 def _words(arm: Arm, joint: ModelJoint, here: Mapping[str, float], towards: int) -> str:

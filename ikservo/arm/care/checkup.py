@@ -52,7 +52,7 @@ def check_up(
     try:
         name = chosen_port(model, port) if model else with_arm(choose_port(port), None)
     except PortError as error:
-        yield bad("port", error.message, error.hint)
+        yield bad("port", error.message, error.command_hint)
         name = ""
     else:
         yield from _adapter(name)
@@ -64,10 +64,10 @@ def _port(name: str, model: Model | None, on_progress: Progress | None) -> Itera
     try:
         line = open_port(name, model.baud_rate if model else baud_rates()[0])
     except PortError as error:
-        yield bad("port", error.message, error.hint)
+        yield bad("port", error.message, error.command_hint)
         return
     with line:
-        yield good("port", f"{name} opens; nobody else holds it")
+        yield good("port", f"{name} can be opened; no other program uses it")
         yield from _line(line, model, on_progress)
 
 
@@ -80,7 +80,7 @@ def _adapter(name: str) -> Iterator[Finding]:
     adapter = adapter_of(name)
     if adapter:
         number = f"serial number {adapter.serial_number}" if adapter.serial_number else ""
-        missing = "no serial number, so arms cannot be remembered by it"
+        missing = "no serial number: arms cannot be recognised by their adapter"
         yield good("adapter", f"{adapter.chip} at {adapter.device}, {number or missing}")
 
 
@@ -93,8 +93,8 @@ def _rules(name: str) -> Iterator[Finding]:
         return
     yield odd(
         "udev",
-        f"{RULES_FILE} is not installed: it lets you open adapters and keeps FTDI chips quick",
-        f"{_INSTALL}\n{read_rules()}",
+        f"{RULES_FILE} is not installed: it gives access to adapters and lowers FTDI latency",
+        _INSTALL,
     )
 
 
@@ -137,7 +137,7 @@ def _crowd(found: Sequence[Found]) -> Finding:
     if crowds:
         return _crowded(crowds)
     if not found:
-        return bad("servos", "nobody answers at any baud rate", _NO_POWER)
+        return bad("servos", "no servo answers at any baud rate", _NO_POWER)
     return good("servos", f"{len(found)} answer at {found[0].baud_rate} baud: {_models(found)}")
 
 
@@ -146,7 +146,7 @@ def _crowded(ids: Iterable[int]) -> Finding:
     return bad("servos", f"several servos answer at id {listed}", UNCROWD)
 
 
-_NO_POWER = "Is the servos' own power supply on? Is the cable in the right socket of the adapter?"
+_NO_POWER = "Check that the servos' power supply is on and the cable is in the right socket."
 
 
 def _models(found: Sequence[Found]) -> str:
@@ -182,11 +182,11 @@ def _presence(
 
 def _strangers(found: Sequence[Found], rate: int) -> Finding:
     if not found:
-        return bad("servos", f"nobody answers, at {rate} baud or any other", _NO_POWER)
+        return bad("servos", f"no servo answers, at {rate} baud or any other", _NO_POWER)
     return bad(
         "servos",
-        f"none of this arm's answers; on the line: {'; '.join(str(f) for f in found)}",
-        "Is it another arm? Choose with --arm. Are the servos new? ikservo setup ARM",
+        f"none of this arm's servos answers; on the bus: {'; '.join(str(f) for f in found)}",
+        "If it is another arm, choose it with --arm. If the servos are new: ikservo setup ARM",
     )
 
 
@@ -200,7 +200,7 @@ def _quality(quality: LineQuality, bus: ServoBus, adapter: Adapter | None) -> It
         return
     who = ", ".join(f"{bus.servos[i]}: {count}" for i, count in quality.lost.items())
     kind = bad if quality.lost_share > _BAD_LOSS else odd
-    yield kind("loss", f"{text} ({who})", "Look for loose plugs, a weak supply, long cables.")
+    yield kind("loss", f"{text} ({who})", "Check for loose connectors, a weak supply, long cables.")
 
 
 def _latency(quality: LineQuality, adapter: Adapter | None) -> Finding:
@@ -209,7 +209,5 @@ def _latency(quality: LineQuality, adapter: Adapter | None) -> Finding:
     if median_s < _SLOW_S:
         return good("latency", text)
     ftdi = adapter is not None and adapter.vid == 0x0403
-    hint = (
-        "The FTDI chip holds bytes back; install the udev rule" if ftdi else "The adapter is slow"
-    )
+    hint = "The FTDI chip buffers bytes; install the udev rule" if ftdi else "The adapter is slow"
     return odd("latency", text, f"{hint}; set the servos' return delay to 0: ikservo setup ARM")

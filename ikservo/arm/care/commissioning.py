@@ -9,7 +9,7 @@ from typing import Protocol
 from ikservo.arm.line import chosen_port
 from ikservo.errors import IkservoError, UnknownNameError
 from ikservo.hardware.finding.identify import Found
-from ikservo.hardware.keeping.provisioning import Wish, provision
+from ikservo.hardware.keeping.provisioning import Wish, check_model, provision
 from ikservo.hardware.line.plugging import await_none, await_one
 from ikservo.hardware.line.port import Port, open_port
 from ikservo.hardware.servo import ServoSpec
@@ -43,6 +43,10 @@ class Helper(Protocol):
 
     def see(self, found: Sequence[Found]) -> None:
         """Say who answers; called each time that changes."""
+        ...
+
+    def search(self, baud_rate: int) -> None:
+        """Say at which rate a servo is looked for; called before each is tried."""
         ...
 
     def may_write(self, wish: Wish, found: Found) -> bool:
@@ -97,9 +101,10 @@ def commission(
 
 def _settle(line: Port, wish: Wish, helper: Helper, wait_s: float) -> Settled:
     helper.ask_for(wish)
-    found = await_one(line, wish.servo.table, wish.baud_rate, wait_s, helper.see)
+    found = await_one(line, wish.servo.table, wish.baud_rate, wait_s, helper.see, helper.search)
+    check_model(found, wish)
     if not helper.may_write(wish, found):
-        raise IkservoError("Nothing was written.")
+        raise IkservoError("Cancelled; this servo was not changed.")
     return Settled(wish.servo, found, provision(line, found, wish))
 
 

@@ -38,7 +38,7 @@ def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
             alike = False
             yield finding
     if compared and alike:
-        yield good("eeprom", f"{compared} values are as the arm file says")
+        yield good("eeprom", f"{compared} values match the arm file")
 
 
 def _differing(bus: ServoBus, own: ModelServo, own_numbers: bool) -> Iterator[Finding]:
@@ -46,14 +46,14 @@ def _differing(bus: ServoBus, own: ModelServo, own_numbers: bool) -> Iterator[Fi
     try:
         left = differences(bus, own.id, _wanted(servo, own, own_numbers))
     except (BusError, UnknownNameError) as error:
-        yield bad("eeprom", f"{servo}: {error.message}", error.hint)
+        yield bad("eeprom", f"{servo}: {error.message}", error.command_hint)
         return
     for one in left:
         kind = odd if one.register.name in _ITS_OWN else bad
         yield kind(
             "eeprom",
-            f"{servo} holds {one.register} = {one.found}, the arm file says {one.wanted}",
-            "Write what the arm file says: ikservo doctor --write-eeprom",
+            f"{servo}: {one.register} is {one.found}, {one.wanted} in the arm file",
+            "Write the values of the arm file: ikservo doctor --write-eeprom",
         )
 
 

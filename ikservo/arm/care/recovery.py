@@ -16,7 +16,7 @@ __all__ = ["Recovery", "recover"]
 _BOOT_S = 3.0  # longest time until a servo answers again
 _BOOT_STEP_S = 0.05
 _REBOOTING = (Family.DYNAMIXEL_2,)  # keep an alarm until they start anew
-_NEEDS_REBOOT = "keeps its alarm until it starts anew: support the arm, then recover with --reboot"
+_NEEDS_REBOOT = "keeps its alarm until it restarts: support the arm, then ikservo recover --reboot"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,14 +93,14 @@ def _treat(bus: ServoBus, servo: ServoSpec, *, reboot: bool) -> str:
         return _NEEDS_REBOOT
     bus.reboot(servo.id)
     _await_boot(bus, servo)
-    return "restarted; it lets go"
+    return "restarted; torque off"
 
 
 def _cycle_torque(bus: ServoBus, servo: ServoSpec) -> str:
     was_on = bus.read(servo.id, Role.TORQUE_ENABLE, raw=True) == 1
     bus.write(servo.id, Role.TORQUE_ENABLE, 0, raw=True)
     if not was_on:
-        return "torque switched off once more"
+        return "torque switched off again"
     torque_on(bus, servo.id)
     return "torque off and on again"
 

@@ -33,7 +33,7 @@ def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
         try:
             yield from check(bus)
         except BusError as error:
-            yield bad(check.__name__.strip("_"), error.message, error.hint)
+            yield bad(check.__name__.strip("_"), error.message, error.command_hint)
     if model:
         yield from check_eeprom(bus, model)
 
@@ -47,7 +47,7 @@ def _models(bus: ServoBus) -> Iterator[Finding]:
         yield bad(
             "models",
             f"{servo} is a {name}, not a {servo.table.model_name}",
-            "Is this another arm, or are two ids swapped? Choose with --arm.",
+            "Another arm (choose it with --arm), or two swapped ids.",
         )
     if not wrong:
         yield good("models", _counted(s.table.model_name for s in bus.servos.values()))
@@ -63,8 +63,8 @@ def _supply(bus: ServoBus) -> Iterator[Finding]:
             fed = False
             yield bad(
                 "supply",
-                f"{servo} is fed {volts:.1f} V; it takes {lower:.1f} to {upper:.1f} V",
-                "Is it the right power supply for this arm? Torque will be refused.",
+                f"{servo} has a supply of {volts:.1f} V; allowed are {lower:.1f} to {upper:.1f} V",
+                "Check that the power supply is the right one; torque cannot be switched on.",
             )
     if fed:
         volts = [row[Role.PRESENT_VOLTAGE] for row in rows.values()]
@@ -78,7 +78,9 @@ def _heat(bus: ServoBus) -> Iterator[Finding]:
         if celsius >= _WARM_C:
             cool = False
             kind = bad if celsius >= _HOT_C else odd
-            yield kind("heat", f"{bus.servos[servo_id]} is at {celsius:.0f} °C", "Let it rest.")
+            yield kind(
+                "heat", f"{bus.servos[servo_id]} is at {celsius:.0f} °C", "Let it cool down."
+            )
     if cool:
         yield good("heat", f"{_span(degrees.values(), '.0f')} °C")
 
@@ -106,7 +108,9 @@ def _alarms(bus: ServoBus) -> Iterator[Finding]:
         if alarms:
             text = ", ".join(sorted(str(alarm) for alarm in alarms))
             yield bad(
-                "alarms", f"{bus.servos[servo_id]}: {text}", "Take the load off: ikservo recover"
+                "alarms",
+                f"{bus.servos[servo_id]}: {text}",
+                "Remove the load, then: ikservo recover",
             )
     if not any(complaints.values()):
         yield good("alarms", "none")
@@ -119,12 +123,12 @@ def _return_delay(bus: ServoBus) -> Iterator[Finding]:
     delays_s = bus.sync_read(ids, Role.RETURN_DELAY).complete()
     total_s = sum(delays_s.values())
     if total_s <= _LONG_DELAY_S:
-        yield good("delay", "servos answer at once")
+        yield good("delay", "servos answer without delay")
         return
     late = ", ".join(str(bus.servos[i]) for i, delay_s in delays_s.items() if delay_s)
     yield odd(
         "delay",
-        f"return delays cost {1000 * total_s:.1f} ms in each round ({late})",
+        f"return delays take {1000 * total_s:.1f} ms in each round ({late})",
         "Set them to 0: ikservo doctor --write-eeprom, or ikservo setup ARM",
     )
 
@@ -133,7 +137,11 @@ def _locks(bus: ServoBus) -> Iterator[Finding]:
     for servo in bus.servos.values():
         lock = servo.table.eeprom_lock
         if lock and not bus.read(servo.id, lock, raw=True):
-            yield odd("lock", f"{servo} leaves its EEPROM open", "Any write to it wears it out.")
+            yield odd(
+                "lock",
+                f"{servo} has its EEPROM unlocked",
+                "Every write wears it; lock it again: ikservo doctor --write-eeprom",
+            )
 
 
 def _counted(names: Iterable[str]) -> str:

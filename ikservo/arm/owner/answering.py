@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BRAKE_WITHIN_S", "Answers"]
 
-_STOPPED = "Stopped from another terminal; the arm holds."
-_RELAXED = "Relaxed from another terminal."
+_STOPPED = "Stopped from another terminal; torque stays on."
+_RELAXED = "Torque switched off from another terminal."
 BRAKE_WITHIN_S = 3.0
 
 
@@ -89,8 +89,8 @@ class Answers:
     def _turn_within(self, timeout_s: float) -> Generator[None]:
         if not self._turn.acquire(timeout=timeout_s):
             raise IkservoError(
-                "The program that moves the arm was told to stop and goes on.",
-                "End it, or take the arm's power away.",
+                "The program that moves the arm did not stop when told to.",
+                "End it, or switch off the arm's power.",
             )
         try:
             yield

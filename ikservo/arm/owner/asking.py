@@ -63,7 +63,7 @@ def _asked(place: Path, device: str, errand: Errand, timeout_s: float) -> dict[s
     except OSError as error:
         raise IkservoError(
             f"The program that has {device} open does not answer ({error}).",
-            "End it, and ask again.",
+            "End it and try again.",
         ) from None
 
 

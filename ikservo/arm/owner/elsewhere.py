@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -137,6 +138,7 @@ def record_from_here(
     port: str | None,
     path: Path,
     duration_s: float | None,
+    until: Callable[[], bool] | None,
     period_s: float,
     *,
     overwrite: bool,
@@ -153,11 +155,10 @@ def record_from_here(
         here = ask_where(model, port)
         if here is None:
             raise IkservoError(
-                "The program that moved the arm has ended.", "What was recorded stays."
+                "The program that moved the arm has ended.", "The recording up to then is kept."
             )
         return np.array([joint.position_rad for joint in here.joints])
 
-    until = None if duration_s is not None else lambda: False
     heading = heading_of(model, period_s)
     return record(measure, RealClock(), path, heading, duration_s, until, overwrite=overwrite)
 
@@ -175,6 +176,6 @@ def _read(adapter: TypeAdapter[T], value: object) -> T:
 
 def _other_version() -> IkservoError:
     return IkservoError(
-        "The program that has the port open answers in another way than this one expects.",
-        "Is it another version of ikservo? End it, and try again.",
+        "The program that has the port open sent an unexpected reply.",
+        "It may be another version of ikservo. End it and try again.",
     )

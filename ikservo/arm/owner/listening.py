@@ -12,6 +12,7 @@ from ikservo.arm.owner.door import Door, knock, open_door
 from ikservo.arm.owner.message import LONGEST_REQUEST, Request, answer_line, read_request
 from ikservo.arm.owner.place import place_of
 from ikservo.errors import IkservoError, RefusedError
+from ikservo.hardware.line.forking import abandon_in_forked_children
 
 __all__ = ["Answer", "Listener", "listen"]
 
@@ -49,6 +50,12 @@ class Listener:
         self._closing = False
         self._thread = threading.Thread(target=self._serve, name="ikservo-owner", daemon=True)
         self._thread.start()
+        abandon_in_forked_children(self)
+
+    def abandon(self) -> None:
+        """Close a forked child's copy of the socket: its parent goes on listening."""
+        self._closing = True
+        self._door.socket.close()
 
     def close(self) -> None:
         """Stop listening; callers that are being answered get a second for that."""
@@ -113,4 +120,4 @@ def _line_from(connection: socket.socket) -> bytes:
 
 
 def _failed(error: IkservoError) -> Mapping[str, object]:
-    return {"error": error.message, "hint": error.hint, "exit_code": int(error.exit_code)}
+    return {"error": error.message, "hint": error.command_hint, "exit_code": int(error.exit_code)}

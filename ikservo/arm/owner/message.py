@@ -109,13 +109,13 @@ def _read(line: bytes, longest: int) -> dict[str, Any]:
 def _once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
     row = dict(pairs)
     if len(row) < len(pairs):
-        raise ValueError("a key stands there twice")
+        raise ValueError("duplicate key")
     return row
 
 
 def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number")
+    raise ValueError(f"{name} is not a number")
 
 
 def _strange(why: str) -> InputError:
-    return InputError(f"That is no message between ikservo's programs: {why}.", "Nothing was done.")
+    return InputError(f"Not a valid message between ikservo programs: {why}.", "Nothing was done.")

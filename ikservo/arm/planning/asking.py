@@ -22,6 +22,7 @@ __all__ = ["Asker"]
 # Few starts: most questions here have no exact answer, and each start is tried in vain.
 _RESTARTS = 20
 _NOWHERE_M, _UPRIGHT = 1e-6, 0.99
+_POSE_DOF = 6  # so many joints it takes to have any orientation at a point
 
 
 class Asker:
@@ -36,8 +37,9 @@ class Asker:
 
     def answers(self, plain: Result) -> Iterator[Standing]:
         """Yield answers, those near the plain one first."""
-        if self._stance.keep:
-            yield from self._solved(self._first, plain.q)
+        whole = self._target_rotation()
+        if whole is not None:
+            yield from self._solved(whole, plain.q)
         elif self._stance.pitch_rad is None and self._stance.direction is not None:
             yield from self._pointed(plain.q)
         else:
@@ -48,6 +50,12 @@ class Asker:
             outward = self._outward_rad(plain.q)
             for heading_rad in (outward, self._heading_rad(plain.q), outward + math.pi):
                 yield from self._headed(heading_rad, pitch_rad, plain.q)
+
+    def _target_rotation(self) -> Matrix | None:
+        """Return the whole orientation (3, 3) that is asked for; None where a part of it is."""
+        if self._stance.keep:
+            return self._first
+        return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
 
     def standing(self, solution: Result) -> Standing:
         """Return how the tool stands in a solution."""
@@ -66,8 +74,18 @@ class Asker:
                 self._words(standing.solution.q),
                 standing.left_rad,
                 [str(limit) for limit in standing.solution.binding],
+                self._freedom(),
             )
         return standing.left_rad
+
+    def _freedom(self) -> str:
+        """Say in words what the arm lacks for a whole orientation; nothing where it has it."""
+        if self._target_rotation() is None or self._chain.dof >= _POSE_DOF:
+            return ""
+        return (
+            f"{self._chain.dof} joints reach few orientations; a whole pose takes {_POSE_DOF}. "
+            "Ask for a direction or a pitch instead."
+        )
 
     def _words(self, q: Vector) -> str:
         """Say how the tool stands at joints, in the terms of what was asked."""
@@ -133,8 +151,9 @@ class Asker:
         if stance.direction is not None:
             wanted = Target((0, 0, 0), direction=stance.direction, tool_axis=self._tool.ahead)
             left.append(float(np.linalg.norm(wanted.turn_left(R))))
-        if stance.keep:
-            left.append(float(np.linalg.norm(log_so3(self._first @ R.T))))
+        whole = self._target_rotation()
+        if whole is not None:
+            left.append(float(np.linalg.norm(log_so3(whole @ R.T))))
         return max(left)
 
     def _rotation(self, q: Vector) -> Matrix:

@@ -17,6 +17,7 @@ from ikservo.arm.planning.standing import Standing, check_stance, stand
 from ikservo.errors import BadValueError
 from ikservo.ik import Target
 from ikservo.kinematics import Chain
+from ikservo.kinematics.gravity import GRAVITY_M_S2
 from ikservo.kinematics.se3 import Matrix, Vector, log_so3
 from ikservo.model import Model
 from ikservo.model.tool import tool_of
@@ -47,6 +48,7 @@ class Planner:
         self._model, self._chain, self._names = model, chain, list(names)
         self._columns = [self._names.index(name) for name in chain.names]
         self._tool = tool_of(model)
+        self._units = tuple(model.joint(name).joint_map.unit for name in names)
 
     def to_point(
         self, here: Vector, position_m: ArrayLike, speed: str, stance: Stance = AS_IT_CAN
@@ -63,7 +65,7 @@ class Planner:
         standing = self._stand(here, target, stance)
         goal = self._with(here, standing.solution.q)
         plan = self._plan(here, JointMove(here, goal, paces), speed)
-        return _to(plan, target, standing)
+        return _to(plan, target, standing, stance)
 
     def on_lines(
         self,
@@ -78,9 +80,11 @@ class Planner:
         Raises:
             UnreachableError: The last point is out of reach, or a way to it; says where.
             OrientationError: The tool cannot stand there as asked.
-            BadValueError: No point, no finite numbers, or no positive blend.
+            BadValueError: No point, no finite numbers, no positive blend, or a preferred posture.
             UnknownNameError: No such speed.
         """
+        if stance.posture is not None:
+            raise BadValueError("The stance on a line", "a posture", "how the tool stands, or none")
         paces, target = self.paces(speed), _last(points_m)
         here = self._with(here, self._chain.clip(here[self._columns]))
         standing = self._stand(here, target, replace(stance, keep=False))
@@ -101,7 +105,7 @@ class Planner:
         if stance.asked_besides:
             left_rad = check_stance(self._chain, self._tool, target, stance, solution)
         plan = self._plan(here, Embedded(route, self._columns, here), speed)
-        return _to(replace(plan, straight=True), target, Standing(solution, left_rad))
+        return _to(replace(plan, straight=True), target, Standing(solution, left_rad), stance)
 
     def through(
         self,
@@ -131,7 +135,7 @@ class Planner:
         standing = self._stand(at, target, stance)
         goals.append(self._with(here, standing.solution.q))
         plan = self._plan(here, JointRoute(here, goals, paces, blends), speed)
-        return _to(plan, target, standing)
+        return _to(plan, target, standing, stance)
 
     def to_joints(self, here: Vector, positions: Mapping[str, float], speed: str) -> Plan:
         """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
@@ -151,10 +155,22 @@ class Planner:
 
     def way(self, plan: Plan) -> Matrix:
         """Return all joints (k, n) along a plan, near enough to look for contact."""
-        fastest = max(pace.speed_rad_s for pace in self.paces(plan.speed))
-        looks = max(2, 1 + math.ceil(plan.duration_s * fastest / _LOOK_RAD))
-        times_s = np.linspace(0.0, plan.duration_s, looks)
-        return np.array([plan.course.state(time_s).position for time_s in times_s])
+        return self.way_of(plan.course, plan.speed)
+
+    def way_of(self, course: Course, speed: str) -> Matrix:
+        """Return all joints (k, n) along a course that goes at a speed; see ``way``."""
+        fastest = max(pace.speed_rad_s for pace in self.paces(speed))
+        looks = max(2, 1 + math.ceil(course.duration_s * fastest / _LOOK_RAD))
+        times_s = np.linspace(0.0, course.duration_s, looks)
+        return np.array([course.state(time_s).position for time_s in times_s])
+
+    def load(self, speed: str) -> float:
+        """Return how many times its weight pulls the arm down where it brakes at a speed class."""
+        reach_m = max(
+            float(np.linalg.norm(self._chain.forward(self._model.chain_pose(pose))[:2, 3]))
+            for pose in self._model.poses
+        )
+        return 1.0 + self._model.speed(speed).rad_s2 * reach_m / GRAVITY_M_S2
 
     def column(self, joint: str) -> int:
         """Return where a joint stands in the vectors of plans."""
@@ -162,7 +178,11 @@ class Planner:
 
     def tip(self, joints: Vector) -> Vector:
         """Return the tip (3,) [m] for the joints (n,)."""
-        return self._chain.forward(joints[self._columns])[:3, 3]
+        return self.tip_pose(joints)[:3, 3]
+
+    def tip_pose(self, joints: Vector) -> Matrix:
+        """Return T_base_tip (4, 4) for the joints (n,)."""
+        return self._chain.forward(joints[self._columns])
 
     def turned(self, a: Vector, b: Vector) -> float:
         """Return by how much the tool turns between joints ``a`` and ``b`` (n,), rad."""
@@ -179,7 +199,7 @@ class Planner:
     def _stand(self, here: Vector, target: Target, stance: Stance) -> Standing:
         standing = stand(self._chain, self._tool, target, stance, here[self._columns])
         if not standing.solution.reached:
-            raise unreachable(self._chain, target, standing.solution, self.tip(here))
+            raise unreachable(target, standing.solution)
         return standing
 
     def _with(self, here: Vector, q: Vector) -> Vector:
@@ -196,11 +216,13 @@ class Planner:
     def _plan(self, here: Vector, course: Course, speed: str) -> Plan:
         position, velocity, acceleration = states_of(course)
         goal, chain = position[-1], self._chain
-        units = [
-            "m" if self._model.joint(name).joint_map.unit == "m" else "rad" for name in chain.names
-        ]
+        units = dict(zip(self._names, self._units, strict=True))
         near = near_limits(
-            position[:, self._columns], chain.lower_rad, chain.upper_rad, chain.names, units
+            position[:, self._columns],
+            chain.lower_rad,
+            chain.upper_rad,
+            chain.names,
+            [units[name] for name in chain.names],
         )
         return Plan(
             start=here,
@@ -212,16 +234,19 @@ class Planner:
             speed=speed,
             setters=tuple(time_setters(velocity, acceleration, self.paces(speed), self._names)),
             near=near,
+            names=tuple(self._names),
+            units=self._units,
         )
 
 
-def _to(plan: Plan, target: Target, standing: Standing) -> Plan:
+def _to(plan: Plan, target: Target, standing: Standing, stance: Stance) -> Plan:
     """Return the plan with where it goes."""
     return replace(
         plan,
         target_m=target.position,
         solution=standing.solution,
         left_rad=standing.left_rad,
+        orientation_requested=stance.asked,
     )
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arm.given import number
 from ikservo.errors import BadValueError
-from ikservo.ik import Target
+from ikservo.ik import Posture, Target
 
 __all__ = ["AS_IT_CAN", "Stance", "stance_of"]
 
@@ -28,6 +28,9 @@ class Stance:
         roll_rad: The turn about the tool axis, clockwise as seen from behind the tool; 0 is level.
         direction: Where the tool axis points (3,), base frame, any length.
         keep: Whether the orientation of the start is kept in the base frame, all of it.
+        posture: Joints to lean towards instead, where the point leaves freedom (lecture L10).
+        orientation: The whole orientation R_base_tip (3, 3). An arm with fewer than six joints
+            has it at few points only.
 
     Raises:
         BadValueError: They contradict each other, or are no finite numbers.
@@ -37,6 +40,8 @@ class Stance:
     roll_rad: float | None = None
     direction: ArrayLike | None = None
     keep: bool = False
+    posture: Posture | None = None
+    orientation: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         for name, angle, most in (
@@ -45,18 +50,30 @@ class Stance:
         ):
             if angle is not None and not abs(number(f"The {name}", angle)) <= most + 1e-9:
                 raise BadValueError(
-                    f"The {name}", f"{angle} rad", f"at most ±{math.degrees(most):.0f}°"
+                    f"The {name}",
+                    f"{math.degrees(angle):g}°",
+                    f"at most ±{math.degrees(most):.0f}°",
                 )
         Target((0.0, 0.0, 0.0), direction=self.direction)
+        Target((0.0, 0.0, 0.0), orientation=self.orientation)
+        if self.orientation is not None and replace(self, orientation=None).asked:
+            raise BadValueError(
+                "The tool orientation", "given twice", "an orientation, or parts of it"
+            )
         if self.keep and self.asked_besides:
-            raise BadValueError("The tool's stance", "asked twice", "keep, or how it shall stand")
+            raise BadValueError("The tool orientation", "given twice", "keep, or an orientation")
         if self.direction is not None and self.pitch_rad is not None:
-            raise BadValueError("The tool's stance", "asked twice", "a direction, or a pitch")
+            raise BadValueError("The tool orientation", "given twice", "a direction, or a pitch")
+        if self.posture is not None and self.asked:
+            raise BadValueError(
+                "The tool orientation", "given twice", "a preferred posture, or an orientation"
+            )
 
     @property
     def asked_besides(self) -> bool:
         """Return whether anything but to keep is asked."""
-        return not (self.pitch_rad is None and self.roll_rad is None and self.direction is None)
+        parts = (self.pitch_rad, self.roll_rad, self.direction, self.orientation)
+        return any(part is not None for part in parts)
 
     @property
     def asked(self) -> bool:
@@ -71,7 +88,8 @@ class Stance:
             "direction " + ",".join(f"{x:g}" for x in np.ravel(self.direction))
             if self.direction is not None
             else "",
-            "the orientation it has now" if self.keep else "",
+            "the present orientation" if self.keep else "",
+            "the given orientation" if self.orientation is not None else "",
         ]
         return " and ".join(word for word in words if word)
 
@@ -80,12 +98,12 @@ AS_IT_CAN = Stance()
 """Nothing asked."""
 
 
-def stance_of(stance: object) -> Stance:
-    """Return how the tool shall stand.
+def stance_of(stance: object, orientation: ArrayLike | None = None) -> Stance:
+    """Return how the tool shall stand, with an orientation (3, 3) that was given besides.
 
     Raises:
-        BadValueError: It is no ``Stance``.
+        BadValueError: It is no ``Stance``, or asks for another orientation.
     """
     if not isinstance(stance, Stance):
         raise BadValueError("The stance", repr(stance), "a Stance, such as Stance(pitch_rad=0.0)")
-    return stance
+    return stance if orientation is None else replace(stance, orientation=orientation)

@@ -29,8 +29,8 @@ def stand(chain: Chain, tool: Tool, target: Target, stance: Stance, here: Vector
     Raises:
         OrientationError: It is asked for, and more than half a degree is left.
     """
-    plain = solve(chain, target, here)
-    if not plain.reached:
+    plain = solve(chain, target, here, posture=stance.posture)
+    if not plain.reached or stance.posture is not None:
         return Standing(plain, 0.0)
     if not stance.asked:
         return kept(chain, target, here, plain)

@@ -68,8 +68,7 @@ class _Follower:
             self._goal = standing(self._arm, beat)
             self._dead_man.fresh(self._arm.now_s())
         if self._on_progress:
-            tip_m = self._arm.planner.tip(beat.measured)
-            self._on_progress(Progress(beat.time_s, beat.duration_s, tip_m))
+            self._on_progress(self._arm.progress(beat))
         return self._heard(self._next(), self._goal)
 
     def refused(self, error: RefusedError) -> None:
@@ -82,13 +81,13 @@ class _Follower:
         try:
             return next(self._wishes)
         except StopIteration:
-            self.ended, self._wishes = "the stream ended", repeat(None)
+            self.ended, self._wishes = "end of the targets", repeat(None)
             return None
 
     def _heard(self, wish: Wish | None, last: Vector) -> Vector | None:
         now_s = self._arm.now_s()  # a stream may have kept us waiting
         if self._dead_man.check(now_s):
-            self.ended = self.ended or f"nothing came for {_SILENCE_S} s"
+            self.ended = self.ended or f"no target for {_SILENCE_S} s"
             return None
         if wish is not None:
             self._dead_man.fresh(now_s)

@@ -73,7 +73,7 @@ def grip(
     def on_beat(beat: Beat) -> None:
         jaws.beat(beat)
         if on_progress:
-            on_progress(Progress(beat.time_s, beat.duration_s, arm.planner.tip(beat.measured)))
+            on_progress(arm.progress(beat))
 
     arm.drive(begin, on_beat, jaws.speed)
     state = arm.servos.states()[column]
@@ -101,7 +101,10 @@ def _check_way(arm: Workings, column: int, goal: float) -> None:
 
 def _gripper(arm: Workings) -> Gripper:
     if arm.model.gripper is None:
-        raise IkservoError(f"{arm.model.title} has no gripper.", "Its arm file names none.")
+        raise IkservoError(
+            f'Arm "{arm.model.name}" has no gripper.',
+            'Its arm file has no joint with role = "gripper".',
+        )
     return arm.model.gripper
 
 
@@ -116,7 +119,7 @@ def _goal(arm: Workings, gripper: Gripper, column: int, to: Opening | float) -> 
     width_m, known = number("The width", to), gripper.range_m()
     if known is None:
         raise BadValueError(
-            "The width", f"{width_m:g} m", "open or close: the arm file knows no widths ([gripper])"
+            "The width", f"{width_m:g} m", "open or close: the arm file has no widths ([gripper])"
         )
     if not known[0] - 1e-9 <= width_m <= known[1] + 1e-9:
         raise BadValueError("The width", f"{width_m:g} m", f"{known[0]:.3f} to {known[1]:.3f} m")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ikservo.guard import DeadMan
 from ikservo.kinematics.se3 import Vector
 from ikservo.motion import Pace, Pursuit
 
-__all__ = ["DIRECTIONS", "JogReport", "Wanted", "jog"]
+__all__ = ["DIRECTIONS", "NO_LONGER_REQUESTED", "JogReport", "Wanted", "jog"]
 
 DIRECTIONS = {
     "x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0),
@@ -29,6 +29,9 @@ DIRECTIONS = {
 
 Wanted = Callable[[], bool | None]
 """Says at each beat whether the jog shall go on: True, False, or None for no news."""
+
+NO_LONGER_REQUESTED = "no longer requested"
+"""Why a jog ended whose caller ended it."""
 
 _SILENCE_S = 0.3
 _LONGEST_S = 60.0
@@ -44,7 +47,7 @@ class JogReport:
     """How a jog ended.
 
     Attributes:
-        ended: Why: nobody wanted it any more, a limit, or what the guard said.
+        ended: Why: no longer requested, a limit, or the message of the guard.
         measured_rad: Where the joints are in the end, rad or m by name.
         measured_tip_m: Where that puts the tip (3,), metres.
         duration_s: How long it took.
@@ -95,7 +98,7 @@ class _TipAims:
             self._from_m = self._arm.planner.tip(pursuit.goal)
         point_m = self._from_m + self._velocity * (time_s + _AHEAD_S)
         goal, reached = self._tracker.joints(point_m, pursuit.goal)
-        return goal if reached else "the tip reaches no further"
+        return goal if reached else "the tip is at the edge of its reach"
 
 
 class _Jogger:
@@ -123,10 +126,10 @@ class _Jogger:
     def _why_not(self, time_s: float) -> str:
         wanted = self._wanted()
         if wanted is False or self._dead_man.check(self._arm.now_s()):
-            return "nobody wanted it to go on"
+            return NO_LONGER_REQUESTED
         if wanted:
             self._dead_man.fresh(self._arm.now_s())
-        return f"{_LONGEST_S:.0f} s are enough" if time_s > _LONGEST_S else ""
+        return f"time limit of {_LONGEST_S:.0f} s" if time_s > _LONGEST_S else ""
 
     def _go_on(self, pursuit: Pursuit, time_s: float) -> str:
         aim = self._aims.ahead(pursuit, time_s)
@@ -145,7 +148,7 @@ class _Jogger:
 def jog(arm: Workings, what: str, speed: float | None, wanted: Wanted) -> JogReport:
     """Jog a joint or the tip; see ``Arm.jog``."""
     if not callable(wanted):
-        raise BadValueError("What says how long to jog", repr(wanted), "a function")
+        raise BadValueError("The argument wanted", repr(wanted), "a function")
     at_most = arm.allowed("normal")
     aims, paces = _aims(arm, what, speed, at_most)
     lower, upper = arm.limits()
@@ -175,7 +178,7 @@ def _aims(arm: Workings, what: str, speed: float | None, at_most: str) -> tuple[
         own = paces[column]
         paces[column] = replace(own, speed_rad_s=min(abs(wanted), own.speed_rad_s))
         return _JointAims(arm, what, wanted), paces
-    if what not in DIRECTIONS:
+    if not isinstance(cast("object", what), str) or what not in DIRECTIONS:
         raise UnknownNameError("joint or direction", what, (*arm.servos.names, *DIRECTIONS))
     arm.zeros.check(arm.model.name)
     wanted = _checked(speed, _USUAL_M_S, f"m/s, at most {_FASTEST_M_S}", _FASTEST_M_S)

@@ -60,6 +60,10 @@ class Poses:
     def __init__(self, model: Model, usb_serial_number: str) -> None:
         self._model, self.path = model, pose_path(model.name, usb_serial_number)
 
+    def __repr__(self) -> str:
+        """Return the names of the poses of the arm file."""
+        return f"Poses({', '.join(self._model.poses)}; taught ones: taught())"
+
     def named(self, name: str) -> Positions:
         """Return the joint positions of a pose, rad or m by joint.
 
@@ -106,7 +110,7 @@ class Poses:
         Raises:
             BadValueError: It is none, or a pose of the arm file.
         """
-        if not _NAME.fullmatch(name):
+        if not isinstance(cast("object", name), str) or not _NAME.fullmatch(name):
             raise BadValueError("The name of the pose", repr(name), _EXPECTED_NAME)
         if name in self._model.poses:
             raise BadValueError(
@@ -148,7 +152,7 @@ class Poses:
                   for key in ("deg", "m")}  # fmt: skip
         for key, found in (("deg", set(pose.deg)), ("m", set(pose.m))):
             for joint in [*sorted(found - wanted[key]), *sorted(wanted[key] - found)]:
-                what = "does not belong there" if joint in found else "is missing"
+                what = "is not allowed here" if joint in found else "is missing"
                 raise FileFormatError(self.path, f"poses.{name}.{key}.{joint}", what)
         return {j: math.radians(value) for j, value in pose.deg.items()} | dict(pose.m)
 

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal, Unpack, overload
 
+from numpy.typing import ArrayLike
+
+from ikservo.arm.background import Motion
+from ikservo.arm.given import check_callable, file_path
+from ikservo.arm.motion_options import JointOptions
+from ikservo.arm.planning import Inside
 from ikservo.arm.reports import JointReport
 from ikservo.arm.skills.gripping import GripReport, Opening, grip
 from ikservo.arm.skills.poses import Poses
@@ -27,15 +35,36 @@ class Skills(Steered, ABC):
 
     poses: Poses
 
+    @overload
+    def move_joints(
+        self,
+        positions: Mapping[str, float] | ArrayLike,
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[JointOptions],
+    ) -> JointReport: ...
+    @overload
+    def move_joints(
+        self,
+        positions: Mapping[str, float] | ArrayLike,
+        *,
+        wait: Literal[False],
+        **options: Unpack[JointOptions],
+    ) -> Motion[JointReport]: ...
     @abstractmethod
     def move_joints(
         self,
-        positions: Mapping[str, float],
+        positions: Mapping[str, float] | ArrayLike,
         *,
         speed: str = "normal",
         on_progress: OnProgress | None = None,
-    ) -> JointReport:
+        wait: bool = True,
+    ) -> JointReport | Motion[JointReport]:
         """Move some joints; see ``Arm``."""
+
+    @abstractmethod
+    def inside(self, pose: str) -> Inside:
+        """Return a named pose inside this arm's limits; see ``Arm``."""
 
     @abstractmethod
     def hold(self) -> None:
@@ -45,16 +74,44 @@ class Skills(Steered, ABC):
     def relax(self, on_progress: OnProgress | None = None) -> JointReport:
         """Lower and let go; see ``Arm``."""
 
+    @overload
     def pose(
-        self, name: str, *, speed: str = "normal", on_progress: OnProgress | None = None
-    ) -> JointReport:
+        self, name: str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+    ) -> JointReport: ...
+    @overload
+    def pose(
+        self, name: str, *, wait: Literal[False], **options: Unpack[JointOptions]
+    ) -> Motion[JointReport]: ...
+    def pose(
+        self,
+        name: str,
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> JointReport | Motion[JointReport]:
         """Go to a pose of the arm file, or to one that was taught.
+
+        Joints that a pose leaves on their end stops go to their limits, and those of the rest pose
+        in any case: ``binding`` of the report says which.
+
+        Args:
+            name: Its name.
+            speed: slow, normal or fast.
+            on_progress: Called in every control cycle.
+            wait: Whether to block; else the motion runs in the background, see ``move_to``.
 
         Raises:
             UnknownNameError: There is no such pose; the closest is offered.
             RefusedError: It lies outside this arm's limits, or something is in the way.
         """
-        return self.move_joints(self.poses.named(name), speed=speed, on_progress=on_progress)
+        self.workings.model.speed(speed)
+        inside = self.inside(name)
+        goal = inside.positions
+        if not wait:
+            return self.move_joints(goal, speed=speed, on_progress=on_progress, wait=False)
+        report = self.move_joints(goal, speed=speed, on_progress=on_progress)
+        return replace(report, binding=inside.changed + report.binding)
 
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
@@ -72,6 +129,7 @@ class Skills(Steered, ABC):
             FileWriteError: The pose cannot be kept.
         """
         servos = self.workings.servos
+        check_callable("until", until)
         self.poses.check_name(name)
         self.poses.taught()  # a spoiled file is found before anybody carries the arm around
         if until is not None:
@@ -85,6 +143,7 @@ class Skills(Steered, ABC):
             self.hold()
         return positions
 
+    @overload
     def gripper(
         self,
         to: Opening | float | None = None,
@@ -92,7 +151,27 @@ class Skills(Steered, ABC):
         width_m: float | None = None,
         force: float | None = None,
         on_progress: OnProgress | None = None,
-    ) -> GripReport:
+        wait: Literal[True] = True,
+    ) -> GripReport: ...
+    @overload
+    def gripper(
+        self,
+        to: Opening | float | None = None,
+        *,
+        width_m: float | None = None,
+        force: float | None = None,
+        on_progress: OnProgress | None = None,
+        wait: Literal[False],
+    ) -> Motion[GripReport]: ...
+    def gripper(
+        self,
+        to: Opening | float | None = None,
+        *,
+        width_m: float | None = None,
+        force: float | None = None,
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> GripReport | Motion[GripReport]:
         """Open or close the gripper, or bring its jaws to a width.
 
         It stops pressing where something stands between the jaws, and goes on holding it with no
@@ -102,17 +181,23 @@ class Skills(Steered, ABC):
             to: open, close, or a width in metres where the arm file knows widths.
             width_m: The same width, by name.
             force: The share of the servo's torque that it may use, 0.05 to 1; 0.3 if None.
-            on_progress: Called at every beat.
+            on_progress: Called in every control cycle.
+            wait: Whether to block; else the motion runs in the background, see ``move_to``.
 
         Raises:
             IkservoError: The arm has no gripper.
             RefusedError: A jaw would touch something on its way; nothing has moved.
             BadValueError: The width is out of its range or unknown, or the force is no share.
         """
+        check_callable("on_progress", on_progress)
         goal = to if width_m is None else width_m
         if goal is None or (to is not None and width_m is not None):
             raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
-        return grip(self.workings, goal, force, on_progress)
+
+        def move() -> GripReport:
+            return grip(self.workings, goal, force, on_progress)
+
+        return self._background.do(move) if wait else self._background.start(move)
 
     def record(
         self,
@@ -139,14 +224,28 @@ class Skills(Steered, ABC):
             FileWriteError: It cannot be written.
             ServoSilentError: A servo does not answer; what was recorded stays.
         """
-        servos = self.workings.servos
+        servos, path = self.workings.servos, file_path(path)
+        check_callable("until", until)
         heading = heading_of(self.workings.model, period_s)
         return record(servos.measure, servos.clock, path, heading, duration_s, until,
                       overwrite=overwrite)  # fmt: skip
 
+    @overload
     def replay(
-        self, path: Path | str, *, speed: str = "normal", on_progress: OnProgress | None = None
-    ) -> ReplayReport:
+        self, path: Path | str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+    ) -> ReplayReport: ...
+    @overload
+    def replay(
+        self, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
+    ) -> Motion[ReplayReport]: ...
+    def replay(
+        self,
+        path: Path | str,
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> ReplayReport | Motion[ReplayReport]:
         """Go to the first pose of a recording of this arm, then along it.
 
         It goes as fast as recorded where that is within the speed class, else slower as a whole.
@@ -156,6 +255,12 @@ class Skills(Steered, ABC):
             RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
             CalibrationError: Nobody knows where the arm's zeros are.
         """
+        path = file_path(path)
+        check_callable("on_progress", on_progress)
         self.workings.zeros.check(self.workings.model.name)
         self.workings.model.speed(speed)
-        return replay(self.workings, path, speed, on_progress)
+
+        def move() -> ReplayReport:
+            return replay(self.workings, path, speed, on_progress)
+
+        return self._background.do(move) if wait else self._background.start(move)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from typing import cast
 
+from ikservo.arm.background import Background, SetpointStream
+from ikservo.arm.given import check_callable
 from ikservo.arm.reports import Progress
 from ikservo.arm.skills.following import FollowReport, follow
 from ikservo.arm.skills.jogging import JogReport, Wanted, jog
@@ -26,6 +29,40 @@ class Steered:
     """
 
     workings: Workings
+    _background: Background
+
+    @abstractmethod
+    def _check_open(self) -> None:
+        """Refuse where the arm was closed; see ``Arm``."""
+
+    def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> SetpointStream:
+        """Open a stream of setpoints, which the program pushes at its own rate.
+
+        ::
+
+            with arm.stream(speed="fast", rate_hz=50) as stream:
+                for q in trajectory:           # (n,), or {"elbow_flex": 0.3}, or a Target
+                    stream.send(q)
+
+        Each setpoint is gone to from the moment it is sent, as fast as the speed class allows and
+        without a jump, through the guard; the newest one counts. After 0.3 s without one, and at
+        the end of the block, the arm brakes where it is not there yet, and holds. An error ends
+        the stream and is raised by the next ``send``, or at the end of the block.
+
+        Args:
+            speed: slow, normal or fast; fast keeps closest.
+            rate_hz: How many setpoints a second, 5 to 1000: ``send`` returns when the next is due.
+                If None it returns at once, and the program keeps its own time.
+
+        Raises:
+            CalibrationError: Nobody knows where the arm's zeros are.
+            BadValueError: The rate makes no sense.
+            RefusedError: Another stream is open.
+        """
+        self.workings.zeros.check(self.workings.model.name)
+        self.workings.model.speed(speed)
+        self._check_open()
+        return SetpointStream(self.workings, self._background.start_stream, speed, rate_hz)
 
     def jog(self, what: str, speed: float | None = None, *, wanted: Wanted) -> JogReport:
         """Let a joint or the tip go on in one direction for as long as somebody wants it.
@@ -38,7 +75,7 @@ class Steered:
                 After 0.3 s without news it brakes and holds, too.
 
         Returns:
-            Where it ended, and why: nobody wanted it, a limit, or the guard.
+            Where it ended, and why: no longer requested, a limit, or the guard.
 
         Raises:
             UnknownNameError: No such joint or direction.
@@ -75,8 +112,9 @@ class Steered:
         """
         self.workings.zeros.check(self.workings.model.name)
         self.workings.model.speed(speed)
+        check_callable("on_progress", on_progress)
         if not isinstance(cast("object", wishes), Iterable):
-            raise BadValueError("The stream", repr(wishes), "wishes one after another")
+            raise BadValueError("The stream of targets", repr(wishes), "an iterable of targets")
         return follow(self.workings, wishes, speed, on_progress)
 
     def follow_arm(
@@ -102,6 +140,9 @@ class Steered:
             InputError: The arms have no joint in common.
             CalibrationError: Nobody knows where the leader's zeros are.
         """
+        if not isinstance(cast("object", leader), Steered) or leader is self:
+            raise BadValueError("The leader", repr(leader), "another open arm")
+        check_callable("until", until)
         leader.workings.zeros.check(leader.workings.model.name)
         beat_s = self.workings.servos.beat_s
         return self.follow(

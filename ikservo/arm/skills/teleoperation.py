@@ -23,13 +23,13 @@ def shared_joints(leader: Workings, follower: Workings) -> list[str]:
     if not shared:
         raise InputError(
             f"{leader.model.title} and {follower.model.title} have no joint in common.",
-            f"Joints there: {', '.join(own)}; here: {', '.join(units)}.",
+            f"Joints of the leader: {', '.join(own)}; of the follower: {', '.join(units)}.",
         )
     for name in shared:
         if own[name] != units[name]:
             raise InputError(
-                f"{name} slides on one of the two arms and turns on the other.",
-                "Such arms cannot lead each other.",
+                f"{name} is prismatic on one of the two arms and revolute on the other.",
+                "Such arms cannot be coupled.",
             )
     return shared
 

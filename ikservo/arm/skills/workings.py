@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from ikservo.arm.planning import Planner
+from ikservo.arm.progress import progress_of
+from ikservo.arm.reports import Progress
+from ikservo.arm.streaming.beat import Beat
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.stream import OnBeat
 from ikservo.arm.trust import Zeros
+from ikservo.errors import RefusedError
 from ikservo.guard import Space
 from ikservo.ik import Solver
 from ikservo.kinematics import Chain
@@ -18,10 +24,10 @@ from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model
 from ikservo.motion import Course, JointMove
 
-__all__ = ["Begin", "Workings", "straight"]
+__all__ = ["Begin", "Workings"]
 
 _LIES_M, _SINKS_M = 0.005, 0.010
-# No joint goes further than this between two looks at what the body comes near.
+# No horn goes further than this between two looks at what the body comes near.
 _LOOK_RAD = 0.05
 
 Begin = Callable[[Vector], Course]
@@ -58,6 +64,10 @@ class Workings:
         """Return the time on the line's clock."""
         return self.servos.clock.now_s()
 
+    def progress(self, beat: Beat) -> Progress:
+        """Return what a control cycle tells whoever watches the motion."""
+        return progress_of(beat, self.planner.tip(beat.measured), self.servos.names)
+
     def limits(self) -> tuple[Vector, Vector]:
         """Return the lowest and the highest positions (n,) that are whole ticks inside limits."""
         low, high = zip(*(fence.positions for fence in self.servos.fences), strict=True)
@@ -81,7 +91,9 @@ class Workings:
         q = self.chain.clip(np.zeros(self.chain.dof))
         Solver(self.chain, "position").track(self.chain.forward(q), q)
         if self.space is not None:
-            self.space.gaps([np.zeros(self.space.dof)])
+            here = np.zeros(self.space.dof)
+            with suppress(RefusedError):
+                self.space.check_way([here, here])
 
     def in_chain(self, joints: Matrix) -> Matrix:
         """Return the columns of the chain (…, dof) out of vectors of all joints (…, n)."""
@@ -95,6 +107,16 @@ class Workings:
             return chained
         jaws = self.planner.column(self.model.gripper.joint)
         return np.concatenate([chained, joints[..., jaws : jaws + 1]], axis=-1)
+
+    def check_course(self, course: Course, speed: str) -> None:
+        """Check the way of a course as it will be streamed, wherever it was planned.
+
+        Raises:
+            RefusedError: Something would be touched.
+        """
+        if self.space is not None and self.zeros.known:
+            way = self.in_body(self.planner.way_of(course, speed))
+            self.space.check_way(list(way), self.planner.load(speed))
 
     def check_move(self, move: JointMove) -> None:
         """Check the way of a motion as it will be gone, braking and turning round included.
@@ -113,7 +135,13 @@ class Workings:
         """
         if self.space is None or not self.zeros.known:
             return
-        self.space.check_way(list(self.in_body(straight(here, goal))))
+        self.space.check_way(list(self.in_body(self.straight(here, goal))))
+
+    def straight(self, here: Vector, goal: Vector) -> Matrix:
+        """Return the straight way (k, n) between joints, near enough to look for contact."""
+        turns = [self.model.joint(name).travel_per_turn / math.tau for name in self.servos.names]
+        looks = np.abs(goal - here) / (_LOOK_RAD * np.array(turns))
+        return np.linspace(here, goal, 2 + int(looks.max()))
 
     def check_recorded(self, way: Matrix) -> None:
         """Check a recorded way (k, n) of the joints for contact of the body.
@@ -132,8 +160,3 @@ class Workings:
         least_m = np.where(ends_m < _LIES_M, np.minimum(ends_m, 0.0) - _SINKS_M, 0.0)
         if (gap_m < least_m).any():
             self.space.check_way(looks)
-
-
-def straight(here: Vector, goal: Vector) -> Matrix:
-    """Return the straight way (k, n) from joints to others, near enough to look for contact."""
-    return np.linspace(here, goal, 2 + int(np.abs(goal - here).max() / _LOOK_RAD))

@@ -7,7 +7,7 @@ import contextlib
 from ikservo.arm.streaming.health_round import HealthRound
 from ikservo.arm.streaming.limits_in_servos import LimitsInServos
 from ikservo.clock import Clock
-from ikservo.errors import RefusedError
+from ikservo.errors import HeldUpError
 
 __all__ = ["arm_servos"]
 
@@ -34,7 +34,7 @@ def arm_servos(
     Raises:
         BusError: A servo does not answer.
         ServoAlarmError: A servo is not well.
-        RefusedError: The program was held up again and again.
+        HeldUpError: The program was held up again and again.
     """
 
     def armed_s() -> float:
@@ -46,7 +46,7 @@ def arm_servos(
         return since_s
 
     for _ in range(_ATTEMPTS):
-        with contextlib.suppress(RefusedError):  # one has tripped already
+        with contextlib.suppress(HeldUpError):  # one has tripped already
             since_s = armed_s()
             if clock.now_s() - since_s < _SOON_S or not limits.watched:
                 return since_s

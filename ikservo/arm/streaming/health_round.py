@@ -22,8 +22,8 @@ __all__ = ["HealthRound"]
 
 # Between two questions; where goals are streamed faster than this, not every beat has one.
 _EVERY_S = 0.008
-# While the program was held up nobody could be asked: no more of it counts as watched.
-_LONGEST_S = 0.1
+# While the program was held up nobody could be asked: no more of a cycle counts as watched.
+_LONGEST_S = 0.025
 
 _NUMBERS = (
     Role.TORQUE_ENABLE,

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from ikservo.arm.streaming.asking import patiently
-from ikservo.errors import BusError, RefusedError
+from ikservo.errors import BusError, HeldUpError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Family, Register, Role
@@ -118,7 +118,7 @@ class LimitsInServos:
         """Ask the servos where so long a time has gone that their watchdogs may have tripped.
 
         Raises:
-            RefusedError: One has, or does not say; the servos stand where they were.
+            HeldUpError: One has, or does not say; the servos stand where they were.
         """
         if self._armed and elapsed_s > _WATCHDOG_S:
             for servo_id in self.watched:
@@ -129,7 +129,7 @@ class LimitsInServos:
         """Ask a servo whether its watchdog has tripped.
 
         Raises:
-            RefusedError: It has; the servo stands where it was.
+            HeldUpError: It has; the servo stands where it was.
         """
         if self._tripped(servo_id):
             raise _held_up()
@@ -210,8 +210,8 @@ class LimitsInServos:
         return self._bus.servos[servo_id]
 
 
-def _held_up() -> RefusedError:
-    return RefusedError(
-        "The program was held up, so the servos stopped themselves.",
-        "End what loads the computer, then move again.",
+def _held_up() -> HeldUpError:
+    return HeldUpError(
+        "The program was delayed, so the servos' watchdog stopped them.",
+        "Reduce the computer's load, then move again.",
     )

@@ -15,6 +15,7 @@ from ikservo.arm.streaming.asking import ask_all, patiently
 from ikservo.arm.streaming.health_round import HealthRound
 from ikservo.arm.streaming.starting import (
     await_rest,
+    await_still,
     confirm_goals,
     goals_taken,
     holding_ticks,
@@ -31,6 +32,11 @@ from ikservo.kinematics.se3 import Vector
 from ikservo.registers import Role
 
 __all__ = ["Servos"]
+
+# How long an arm that sinks is waited for, in all, before it is planned for.
+_SINKS_S = 0.5
+# An arm that fell past the goals at which it was to be caught gets new ones so often.
+_CATCHES = 3
 
 
 class Servos(StreamedServos):
@@ -55,7 +61,7 @@ class Servos(StreamedServos):
         gripper: str | None = None,
     ) -> None:
         super().__init__(bus, fences, clock)
-        self._gripper = gripper
+        self._gripper, self._patience_s = gripper, _SINKS_S
         self._shadows = {i: f"{n} (servo {i})" for n in self.names for i in shadows.get(n, ())}
         self._health = HealthLimits() if health is None else health
 
@@ -85,7 +91,7 @@ class Servos(StreamedServos):
             switch_on = partial(self._bus.write, fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
             patiently(self.clock, switch_on)
         if limp:
-            await_rest(self.fences, start, self._feedback, self.clock)
+            self._catch(start)
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
         health = Health(self._health, self._supply_v(names))
         self._round = HealthRound(self._bus, names, self._limits, health, self._warn)
@@ -111,9 +117,17 @@ class Servos(StreamedServos):
         """Return where ``enable`` would let the joints hold (n,), rad or m; nothing is written.
 
         That is where they are, or the goals of those that hold already: load has pulled such a
-        joint below its goal, and a motion begins at the goal.
+        joint below its goal, and a motion begins at the goal. An arm that sinks is waited for.
+
+        Raises:
+            BusError: A servo does not answer.
+            RefusedError: A joint stands far outside what its servo allows.
         """
-        return self._positions(holding_ticks(self._bus, self.fences, self._feedback))
+        if self._patience_s > 0.0 and not self.holding():
+            since_s = self.clock.now_s()
+            await_still(self.fences, self._feedback, self.clock, self._patience_s)
+            self._patience_s -= self.clock.now_s() - since_s
+        return self._positions(self._start_ticks())
 
     def holding(self) -> bool:
         """Return whether every servo's torque is on."""
@@ -125,6 +139,7 @@ class Servos(StreamedServos):
         Raises:
             BusError: The first failure, after all were tried.
         """
+        self._patience_s = _SINKS_S
         failures = torque_off(self._bus, (*self._ids, *self._shadows))
         for error in failures.values():
             raise error
@@ -132,7 +147,7 @@ class Servos(StreamedServos):
     def reconnect(self, serial_number: str, within_s: float) -> None:
         """Open the line again once its adapter is back, and stay stopped; see ``Arm.reconnect``."""
         self._bus.reopen(serial_number, within_s)
-        self._gate.trip("its cable was pulled")
+        self._gate.trip("device unplugged")
         self._feedback.ticks()
 
     def latch(self, reason: str) -> None:
@@ -172,6 +187,14 @@ class Servos(StreamedServos):
     def states(self) -> tuple[JointState, ...]:
         """Return every joint's position, limits, temperature, voltage, load and torque."""
         return read_states(self._bus, self.fences, self._feedback.ticks())
+
+    def _catch(self, start: dict[str, int]) -> None:
+        """Wait until all joints stand near their goals; where one fell past, it holds there."""
+        for _ in range(_CATCHES):
+            if await_rest(self.fences, start, self._feedback, self.clock):
+                return
+            start = self._start_ticks()
+            self._gate.start_from(start)
 
     def _prepare(self, fence: Fence) -> None:
         """Make one servo ready to hold."""

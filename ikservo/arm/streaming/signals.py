@@ -4,22 +4,78 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from types import FrameType
 
 from ikservo.arm.streaming.halt import CTRL_C, Halt
 
-__all__ = ["CTRL_C", "TERMINATED", "interruptible"]
+__all__ = ["CTRL_C", "TERMINATED", "ending", "interruptible", "stop_on_signals"]
 
-TERMINATED = "Stopped by a request to end (SIGTERM); the arm holds."
+TERMINATED = "Stopped by SIGTERM; torque stays on."
 
 _WORDS = {
     "SIGINT": CTRL_C,
     "SIGTERM": TERMINATED,
-    "SIGHUP": "Stopped because the terminal was closed; the arm holds.",
+    "SIGHUP": "Stopped because the terminal was closed; torque stays on.",
 }
 _DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
+
+
+def ending(number: int, words: str) -> BaseException:
+    """Return what ends the program after a signal has stopped the arm; see decision 19.
+
+    No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
+    pressed Ctrl-C does not go on to its next motion.
+
+    Args:
+        number: The signal; 0 where the program raised ``KeyboardInterrupt`` itself.
+        words: What was done about the arm.
+    """
+    if number in (0, signal.SIGINT):
+        return KeyboardInterrupt(words)
+    return SystemExit(128 + number)  # what a shell says of a process that a signal ended
+
+
+_watched: list[tuple[Halt, Callable[[], bool]]] = []
+
+
+def stop_on_signals(halt: Halt, running: Callable[[], bool]) -> None:
+    """Let Ctrl-C, SIGTERM and SIGHUP stop a motion of another thread, wherever this thread is.
+
+    The program is ended besides, see ``ending``. Once nothing runs any more, signals do again what
+    they did. Handlers that a program has set itself stay; only the main thread can set any.
+
+    Args:
+        halt: Where the wish is put.
+        running: Whether the motion still runs.
+    """
+    _watched[:] = [each for each in _watched if each[1]()]
+    _watched.append((halt, running))
+    if threading.current_thread() is threading.main_thread():
+        for number in _numbers():
+            if signal.getsignal(number) in _DEFAULTS:
+                signal.signal(number, _stop_watched)
+
+
+def _stop_watched(number: int, _: FrameType | None) -> None:
+    words = _WORDS[signal.Signals(number).name]
+    if _ask_watched(number):
+        raise ending(number, words)
+    signal.signal(number, _DEFAULTS[number == signal.SIGINT])
+    signal.raise_signal(number)
+
+
+def _ask_watched(number: int) -> bool:
+    """Stop every motion of the background that still runs; return whether there was one."""
+    halts = [halt for halt, running in _watched if running()]
+    for halt in halts:
+        halt.ask(_WORDS[signal.Signals(number).name], number)
+    return bool(halts)
+
+
+def _numbers() -> list[int]:
+    return [getattr(signal, name) for name in _WORDS if hasattr(signal, name)]
 
 
 @contextmanager
@@ -35,15 +91,16 @@ def interruptible(halt: Halt) -> Generator[None]:
     """
 
     def ask(number: int, _: FrameType | None) -> None:
-        halt.ask(_WORDS[signal.Signals(number).name])
+        halt.ask(_WORDS[signal.Signals(number).name], number)
+        _ask_watched(number)
         if not halt.heeded:
             raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    numbers = [getattr(signal, name) for name in _WORDS if hasattr(signal, name)]
-    before = {n: signal.getsignal(n) for n in numbers if signal.getsignal(n) in _DEFAULTS}
+    ours = (*_DEFAULTS, _stop_watched)
+    before = {n: signal.getsignal(n) for n in _numbers() if signal.getsignal(n) in ours}
     try:
         for number in before:
             signal.signal(number, ask)

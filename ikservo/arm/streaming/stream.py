@@ -7,6 +7,7 @@ from collections.abc import Callable
 from ikservo.arm.streaming.beat import Beat
 from ikservo.arm.streaming.halt import STOPPED
 from ikservo.arm.streaming.servos import Servos
+from ikservo.arm.streaming.setpoints import Setpoints
 from ikservo.arm.streaming.throttle import Throttle
 from ikservo.kinematics.se3 import Vector
 from ikservo.motion import Course, Metronome
@@ -72,20 +73,24 @@ class Stream:
             return self._stream(course, on_beat)
 
     def _stream(self, course: Course, on_beat: OnBeat | None) -> Vector:
-        servos, throttle = self._servos, Throttle(self.beat_s)
-        told_s = servos.clock.now_s()
+        servos, throttle, setpoints = self._servos, Throttle(self.beat_s), Setpoints(course)
+        told_s, there, restarts = servos.clock.now_s(), True, servos.restarts
         for _ in Metronome(servos.clock, self.beat_s):
             measured = servos.beat()
-            # Goals go by the time at which they are sent: some answers take longer than others.
+            if servos.restarts > restarts:
+                restarts = servos.restarts
+                setpoints.lead_back(servos.goals())
+            # One reading of the clock for the setpoint and for the guard that judges its step.
             now_s, before_s = servos.clock.now_s(), told_s
             gap_s = throttle.gap_s(now_s - before_s, braking=bool(servos.halt))
-            time_s, told_s = throttle.advance(servos.advance_s(gap_s)), now_s
-            servos.command(course.state(time_s).position)
-            self._beat = self._told(time_s, course.duration_s, measured, throttle.late_s)
+            told_s = now_s
+            setpoint = setpoints.next(servos.advance_s(gap_s) if there else 0.0)
+            there = servos.command(setpoint, now_s)
+            self._beat = self._told(setpoints.time_s, course.duration_s, measured, throttle.late_s)
             if on_beat:
                 on_beat(self._beat)
             throttle.check()
-            ended = time_s >= course.duration_s
+            ended = there and setpoints.ended
             if ended or throttle.stands:
                 servos.halt.heed()
             if ended:

@@ -16,7 +16,7 @@ from ikservo.arm.streaming.limits_in_servos import LimitsInServos
 from ikservo.arm.streaming.rate import beat_of
 from ikservo.arm.streaming.signals import CTRL_C
 from ikservo.clock import Clock
-from ikservo.errors import IkservoError
+from ikservo.errors import HeldUpError, IkservoError, RefusedError
 from ikservo.guard import Fence, Following, Gate
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.se3 import Vector
@@ -28,6 +28,8 @@ __all__ = ["StreamedServos"]
 _PRESSING_RAD = math.radians(8.0)  # at the horn
 # After a beat as long as this a lost answer is asked for once more.
 _STALL_S = 0.1
+# A motion goes on by itself after no longer and no more pauses of the program than these.
+_LONGEST_PAUSE_S, _MOST_RESTARTS = 10.0, 10
 
 
 class StreamedServos:
@@ -43,6 +45,8 @@ class StreamedServos:
         fences: Likewise.
         names: The joints, in the order of the vectors.
         halt: The wish that the running motion ends.
+        restarts: How often in this motion the servos had stopped themselves, because the program
+            was held up, and were started again from where they stood.
         warn: Called with what a person should know, in words; nobody listens at first.
     """
 
@@ -55,7 +59,8 @@ class StreamedServos:
         self._feedback = Feedback(bus, fences)
         self._limits = LimitsInServos(bus, self._ids)
         self._round: HealthRound | None = None
-        self._beat_s = self._beat_at_s = 0.0
+        self._beat_s = self._beat_at_s = self._horn_rad_s = 0.0
+        self.restarts = 0
         self.halt = Halt()
         self.warn: Callable[[str], None] = lambda _: None
 
@@ -84,6 +89,14 @@ class StreamedServos:
         """Return why the arm was stopped until somebody acknowledges it; empty where it is not."""
         return self._gate.tripped
 
+    def check_stop(self) -> None:
+        """Raise while a stop was not acknowledged.
+
+        Raises:
+            RefusedError: The arm was stopped; says why.
+        """
+        self._gate.check_stop()
+
     def ask_to_stop(self, reason: str) -> None:
         """Want the running motion to end, or the next one not to begin; safe from anywhere."""
         self.halt.ask(reason)
@@ -91,9 +104,20 @@ class StreamedServos:
             self._gate.trip(reason)
 
     def acknowledge(self) -> None:
-        """Let the arm be moved again after a stop; torque is checked and set anew first."""
+        """Let the arm be moved again after a stop; torque is checked and set anew first.
+
+        A motion that was stopped ends nevertheless: where one still runs, this counts once it has.
+        """
+        if self.halt.running:
+            self.halt.acknowledged = bool(self.halt)
+            return
         self._gate.acknowledge()
         self.halt.clear()
+
+    def acknowledge_ended(self) -> None:
+        """Acknowledge a stop that was acknowledged before the motion it stopped had ended."""
+        if self.halt.acknowledged:
+            self.acknowledge()
 
     @contextlib.contextmanager
     def streaming(self, speed_rad_s: float | None) -> Generator[None]:
@@ -125,38 +149,84 @@ class StreamedServos:
     def beat(self) -> Vector:
         """Hear where the joints are (n,), and one of them how it is; rad or m.
 
+        Servos that stopped themselves while the program was held up are started again from where
+        they stand, and ``restarts`` says so; goals begin there, too.
+
         Raises:
             ServoSilentError: A joint gave no answer for three beats in a row.
             ServoAlarmError: A servo is not well, or was reset.
             RefusedError: A joint does not follow its goal.
+            HeldUpError: The program was held up too long, or too often.
         """
+        self.halt.heed_at_once()
+        try:
+            return self._heard()
+        except HeldUpError:
+            if self.restarts >= _MOST_RESTARTS:
+                raise
+        self._restart()
+        return self.measure()
+
+    def _heard(self) -> Vector:
         now_s, before_s = self.clock.now_s(), self._beat_at_s
         self._beat_at_s = now_s
+        _check_pause(now_s - before_s)
         measured = self._feedback.beat()
         if self.lost and now_s - before_s > _STALL_S:  # nobody has seen that joint for long
+            now_s = self.clock.now_s()
             measured = self._feedback.beat()
-        self._limits.check_gap(max(now_s - before_s, self.clock.now_s() - now_s))
-        self._gate.see(self._feedback.fresh, self.clock.now_s())
+        # By what was sent since the cycle before began, none of which can be told from silence.
+        self._limits.check_gap(self.clock.now_s() - before_s)
+        self._gate.see(self._feedback.fresh, now_s)  # which is no later than they were measured
         self._following.see(self.goals(), measured)
         if self._round:
             self._round.beat()
-        if self.clock.now_s() - now_s > _STALL_S:  # held up since: what was seen is old
-            self._limits.check_gap(self.clock.now_s() - now_s)
-            measured = self._feedback.beat()
-            self._gate.see(self._feedback.fresh, self.clock.now_s())
         return measured
+
+    def _restart(self) -> None:
+        """Let servos that stopped themselves hold where they stand, and watch them again.
+
+        Raises:
+            BusError: A servo does not answer.
+            ServoAlarmError: One is not well, or was reset.
+        """
+        self.restarts += 1
+        self._limits.disarm_watchdog()
+        self._limits.forget()
+        self._limits.run_at(self._horn_rad_s)
+        now_s = self.clock.now_s()
+        ticks = self._feedback.ticks()
+        self._gate.start_from(ticks)
+        self._gate.see(ticks, now_s)
+        self._feedback.begin()
+        self._beat_at_s = arm_servos(self._limits, self._round, self.clock, self._horn_rad_s)
 
     def advance_s(self, elapsed_s: float) -> float:
         """Return how far a motion may go on in a time, so that its goals stay near the joints."""
         return self._gate.advance_s(elapsed_s)
 
-    def command(self, positions: Vector) -> None:
-        """Send goals (n,), rad or m, through the guard.
+    def command(self, positions: Vector, now_s: float) -> bool:
+        """Send goals (n,), rad or m, through the guard, as far as they may go now.
+
+        While a joint has no recent position reading nothing is sent: the arm holds.
+
+        Args:
+            positions: The goals.
+            now_s: The reading of the clock by which they were worked out.
+
+        Returns:
+            Whether the goals are where they were wanted: a step that is too long is cut.
 
         Raises:
             RefusedError: The guard will not pass them; nothing was sent.
         """
-        self._gate.send(self._ticks(positions))
+        self.halt.heed_at_once()
+        if self._gate.unseen(now_s):
+            return False
+        wanted = self._ticks(positions)
+        goals = self._gate.cut(wanted, now_s)
+        self._gate.send(goals, now_s)
+        return goals == wanted
 
     def stop(self, reason: str) -> None:
         """Hold, and stay so until somebody acknowledges it; never raises.
@@ -179,8 +249,8 @@ class StreamedServos:
         self._gate.run_at(speeds)
         self._following = Following.of(self.fences, speeds)
         self._feedback.begin()
-        horn_rad_s = max(speeds[name] / horns[name] for name in speeds)
-        self._beat_at_s = arm_servos(self._limits, self._round, self.clock, horn_rad_s)
+        self._horn_rad_s, self.restarts = max(speeds[name] / horns[name] for name in speeds), 0
+        self._beat_at_s = arm_servos(self._limits, self._round, self.clock, self._horn_rad_s)
 
     def _hold(self) -> None:
         self._gate.hold({name: self._holding_tick(name) for name in self._gate.goals})
@@ -204,7 +274,28 @@ class StreamedServos:
         return np.array([f.joint_map.position(ticks[f.joint]) for f in self.fences])
 
 
+def _check_pause(elapsed_s: float) -> None:
+    """Refuse to go on by itself after a pause in which a person may have come near the arm.
+
+    Raises:
+        RefusedError: It was too long.
+    """
+    if elapsed_s > _LONGEST_PAUSE_S:
+        raise RefusedError(
+            f"The program was delayed by {elapsed_s:.0f} s in the middle of a motion; "
+            "torque stays on.",
+            "Look at the arm, then move it again.",
+        )
+
+
 def _told(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return CTRL_C
-    return error.message if isinstance(error, IkservoError) else repr(error)
+    if isinstance(error, IkservoError):
+        return error.message
+    if isinstance(error, MemoryError):
+        return "The program ran out of memory during the motion."
+    if isinstance(error, (SystemExit, GeneratorExit)):
+        return "The program ended during the motion."
+    words = f"{type(error).__name__}: {error}".removesuffix(": ")
+    return f"The program failed during the motion ({words})."

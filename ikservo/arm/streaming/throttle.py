@@ -27,7 +27,6 @@ class Throttle:
         beat_s: Between two goals when all is well.
 
     Attributes:
-        time_s: Of the motion.
         rate: Seconds of the motion in one of the clock, 0 to 1.
         late_s: How much longer than its period the beat before took.
     """
@@ -35,7 +34,7 @@ class Throttle:
     def __init__(self, beat_s: float) -> None:
         self._beat_s = beat_s
         self._late_beats = 0
-        self.time_s = self.late_s = 0.0
+        self.late_s = 0.0
         self.rate = 1.0
 
     @property
@@ -60,11 +59,6 @@ class Throttle:
             self.rate = min(1.0, self.rate + gap_s / BRAKE_S)
         return self.rate * gap_s
 
-    def advance(self, gap_s: float) -> float:
-        """Let the motion go on; return its time."""
-        self.time_s += gap_s
-        return self.time_s
-
     def check(self) -> None:
         """Raise once a machine that is too slow has braked the motion to a stop.
 
@@ -73,9 +67,9 @@ class Throttle:
         """
         if self._late_beats > _LATE_BEATS and self.stands:
             raise RefusedError(
-                f"The computer is too busy to stream goals every {self._beat_s * 1000:.1f} ms; "
-                "the arm was slowed down and holds.",
-                "End what loads it, then move again.",
+                f"The computer is too busy for a control cycle of {self._beat_s * 1000:.1f} ms; "
+                "the arm was slowed down and stopped.",
+                "Reduce the computer's load, then move again.",
             )
 
     def _count(self, elapsed_s: float) -> None:

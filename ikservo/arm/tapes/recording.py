@@ -59,7 +59,7 @@ def record(
 ) -> RecordReport:
     """Write what ``measure`` returns, joints (n,), to a file; see ``Arm.record``."""
     if duration_s is None and until is None:
-        raise BadValueError("The recording", "without end", "a duration_s, or until")
+        raise BadValueError("The recording", "without an end", "duration_s, or until")
     most_s = math.inf if duration_s is None else number("The duration", duration_s)
     if not most_s > 0.0:
         raise BadValueError("The duration", f"{most_s:g} s", "seconds above 0")

@@ -11,7 +11,7 @@ import numpy as np
 
 from ikservo.arm.arriving.settling import settle
 from ikservo.arm.reports import Progress
-from ikservo.arm.skills.workings import Workings, straight
+from ikservo.arm.skills.workings import Workings
 from ikservo.arm.streaming.beat import Beat
 from ikservo.arm.tapes.playback import Playback
 from ikservo.arm.tapes.recording import heading_of
@@ -78,12 +78,12 @@ def replay(
     started_s = arm.now_s()
 
     def approach(here: Vector) -> JointMove:
-        arm.check_recorded(straight(here, playback.start))
+        arm.check_recorded(arm.straight(here, playback.start))
         return JointMove(here, playback.start, paces)
 
     def on_beat(beat: Beat) -> None:
         if on_progress:
-            on_progress(Progress(beat.time_s, beat.duration_s, arm.planner.tip(beat.measured)))
+            on_progress(arm.progress(beat))
 
     arm.drive(approach, on_beat, at_first)
     arm.drive(lambda _: playback, on_beat, speed)
@@ -121,5 +121,6 @@ def _check_limits(arm: Workings, recording: Recording, path: Path) -> None:
             first = int(beyond[0])
             words = fence.beyond(fence.joint_map.tick(float(values[first])))
             raise RefusedError(
-                f"{path}, line {first + 2}: {words}", "Nothing has moved. Delete what lies outside."
+                f"{path}, line {first + 2}: {words}",
+                "Nothing moved. Remove the samples that cannot be replayed.",
             )

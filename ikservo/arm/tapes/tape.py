@@ -19,7 +19,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
-from ikservo.errors import BadValueError
+import numpy as np
+
+from ikservo.arm.trajectory import Trajectory
+from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError
 from ikservo.kinematics.se3 import Matrix, Vector
 
@@ -60,6 +63,29 @@ class Recording:
     times_s: Vector
     joints: Matrix
 
+    def trajectory(self) -> Trajectory:
+        """Return the samples as a trajectory; velocities are differences of the positions."""
+        several = len(self.times_s) > 1
+        velocities = (
+            np.gradient(self.joints, self.times_s, axis=0) if several else 0.0 * self.joints
+        )
+        heading = self.heading
+        return Trajectory(heading.joints, heading.units, self.times_s, self.joints, velocities)
+
+    def to_csv(self, path: Path | str | None = None, *, overwrite: bool = False) -> str:
+        """Return the recording as CSV, and write it to a file where a path is given.
+
+        Raises:
+            InputError: The file exists and ``overwrite`` is false.
+            FileWriteError: It cannot be written.
+        """
+        return self.trajectory().to_csv(path, overwrite=overwrite)
+
+    def __repr__(self) -> str:
+        """Return how many samples of which arm these are."""
+        last_s = float(self.times_s[-1]) if len(self.times_s) else 0.0
+        return f"Recording({len(self.times_s)} samples in {last_s:.3f} s of {self.heading.arm})"
+
 
 class Recorder:
     """Writes a recording line by line.
@@ -70,7 +96,7 @@ class Recorder:
         overwrite: Whether a file that is there may be lost.
 
     Raises:
-        BadValueError: The file is there already.
+        InputError: The file exists and ``overwrite`` is false.
         FileWriteError: It cannot be written.
     """
 
@@ -109,8 +135,7 @@ class Recorder:
         try:
             return self.path.open("w" if overwrite else "x", encoding="utf-8", newline="\n")
         except FileExistsError:
-            found = f"{self.path}, which is there already"
-            raise BadValueError("The recording", found, "a new file, or --overwrite") from None
+            raise InputError(f"File {self.path} exists; use --overwrite.") from None
         except (OSError, ValueError) as error:
             raise FileWriteError(self.path, _why(error)) from error
 

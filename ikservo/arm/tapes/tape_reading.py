@@ -10,6 +10,7 @@ from typing import Any, NoReturn, cast
 
 import numpy as np
 
+from ikservo.arm.given import file_path
 from ikservo.arm.tapes.tape import SCHEMA, Heading, Recording
 from ikservo.errors import FileFormatError
 
@@ -27,7 +28,7 @@ def read_recording(path: Path | str) -> Recording:
     Raises:
         FileFormatError: It cannot be read, or a line is not what it should be; says which.
     """
-    path = Path(path)
+    path = file_path(path)
     lines = _lines(path)
     heading = _heading(path, next(lines, ""))
     times_s: list[float] = []
@@ -37,11 +38,11 @@ def read_recording(path: Path | str) -> Recording:
         if times_s and time_s <= times_s[-1]:
             raise _wrong(path, number, f"has t_s = {time_s:g}", "a later time than the line before")
         if len(times_s) >= _MOST_SAMPLES:
-            raise _wrong(path, number, "is one too many", f"at most {_MOST_SAMPLES} samples")
+            raise _wrong(path, number, "is one sample too many", f"at most {_MOST_SAMPLES} samples")
         times_s.append(time_s)
         joints.append(q)
     if not times_s:
-        raise FileFormatError(path, "", "holds no sample", "at least one line behind the header")
+        raise FileFormatError(path, "", "has no sample", "at least one line behind the header")
     return Recording(heading, np.array(times_s), np.array(joints))
 
 
@@ -64,7 +65,7 @@ def _whole(path: Path, number: int, line: bytes) -> str:
     if len(line) > _LONGEST_LINE:
         raise _wrong(path, number, "is too long", f"at most {_LONGEST_LINE} bytes")
     if not line.endswith(b"\n"):
-        raise _wrong(path, number, "is cut off", "a whole line; delete it to use the others")
+        raise _wrong(path, number, "is incomplete", "a whole line; delete it to use the others")
     try:
         return line.decode()
     except UnicodeDecodeError:
@@ -74,13 +75,13 @@ def _whole(path: Path, number: int, line: bytes) -> str:
 def _heading(path: Path, line: str) -> Heading:
     row = _object(path, 1, line or "\n")
     if row.get("schema") != SCHEMA:
-        raise _wrong(path, 1, "is no header of a recording", f'"schema": "{SCHEMA}"')
+        raise _wrong(path, 1, "is not the header of a recording", f'"schema": "{SCHEMA}"')
     if row.keys() != _KEYS:
         odd = ", ".join(sorted(row.keys() ^ _KEYS))
         raise _wrong(path, 1, f"differs in: {odd}", f"the keys {', '.join(sorted(_KEYS))}")
     joints, units = _words(row["joints"]), _words(row["units"])
     if not (isinstance(row["arm"], str) and joints and len(set(joints)) == len(joints)):
-        raise _wrong(path, 1, "names no arm or joints", "the arm's name and each joint once")
+        raise _wrong(path, 1, "has no arm or joints", "the arm's name and each joint once")
     if len(units) != len(joints) or not set(units) <= {"rad", "m"}:
         raise _wrong(path, 1, "has other units", '"rad" or "m" for each joint')
     period_s = _number(row["period_s"])
@@ -92,7 +93,7 @@ def _heading(path: Path, line: str) -> Heading:
 def _sample(path: Path, number: int, line: str, n: int) -> tuple[float, list[float]]:
     row = _object(path, number, line)
     if row.keys() != {"t_s", "q"}:
-        raise _wrong(path, number, "is no sample", '{"t_s": seconds, "q": [positions]}')
+        raise _wrong(path, number, "is not a sample", '{"t_s": seconds, "q": [positions]}')
     time_s, q = _number(row["t_s"]), row["q"]
     if time_s is None or not 0.0 <= time_s <= _MOST_SECONDS:
         raise _wrong(path, number, f"has t_s = {row['t_s']!r}",
@@ -101,7 +102,7 @@ def _sample(path: Path, number: int, line: str, n: int) -> tuple[float, list[flo
     if len(values) != n:
         raise _wrong(path, number, f"has {len(values)} positions", f"{n}, one a joint")
     if None in values:
-        raise _wrong(path, number, "has a position that is no number", "finite numbers")
+        raise _wrong(path, number, "has a position that is not a number", "finite numbers")
     return time_s, cast("list[float]", values)
 
 
@@ -111,7 +112,7 @@ def _object(path: Path, number: int, line: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise _wrong(path, number, "is not JSON", "one object a line") from None
     if not isinstance(row, dict):
-        raise _wrong(path, number, "is no object", "one object a line")
+        raise _wrong(path, number, "is not an object", "one object a line")
     return cast("dict[str, Any]", row)
 
 
@@ -140,7 +141,7 @@ def _number(value: object) -> float | None:
 def _once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
     row = dict(pairs)
     if len(row) < len(pairs):
-        raise ValueError("a key stands there twice")
+        raise ValueError("duplicate key")
     return row
 
 

@@ -1,0 +1,37 @@
+"""The options that the motions of an arm share, for the types of their two ways to be called."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypedDict
+
+from numpy.typing import ArrayLike
+
+from ikservo.arm.planning import Stance
+from ikservo.arm.reports import Progress
+
+__all__ = ["JointOptions", "OnProgress", "PointOptions", "ThroughOptions"]
+
+OnProgress = Callable[[Progress], None]
+"""Called in every control cycle, in the thread that moves the arm."""
+
+
+class JointOptions(TypedDict, total=False):
+    """Of a motion of joints."""
+
+    speed: str
+    on_progress: OnProgress | None
+
+
+class PointOptions(JointOptions, total=False):
+    """Of a motion of the tip to a point."""
+
+    stance: Stance
+    orientation: ArrayLike | None
+
+
+class ThroughOptions(PointOptions, total=False):
+    """Of a motion of the tip through several points."""
+
+    blend_m: float
+    line: bool

@@ -1,0 +1,50 @@
+"""Moves, lines and follows at 60 Hz on a busy machine end well; ``tools/load_campaign.py`` is the
+long form, in real time on a pseudo-terminal.
+"""
+
+import numpy as np
+import pytest
+
+import ikservo
+from tests.arm.auditing import Auditor
+from tests.arm.held_up import HeldUp
+from tests.arm.misfortune import chance
+
+PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
+MEAN_S = 0.008
+
+
+def aside(arm):
+    return arm.where().tip_m + np.array([0.0, 0.02, 0.0])
+
+
+def move(arm):
+    return arm.move_to(aside(arm)).reached
+
+
+def line(arm):
+    return arm.move_line(aside(arm)).reached
+
+
+def follow(arm):
+    goal = aside(arm)
+    return arm.follow([goal] * 60).ended == "end of the targets"
+
+
+@pytest.mark.parametrize("task", [move, line, follow])
+@pytest.mark.parametrize("name", ["so101", pytest.param("koch", marks=pytest.mark.campaign)])
+def test_on_a_busy_machine_it_ends_well(name, task):
+    dice = chance(3)
+
+    def busy(_place, _count):
+        return dice.expovariate(1.0 / MEAN_S) if dice.random() < PAUSED / MEAN_S else 0.0
+
+    with ikservo.open_arm(name, port="sim:?pose=home", collisions=False) as arm:
+        arm.move_joints({"shoulder_pan": 0.05})
+        arm.workings.rehearse()
+        auditor = Auditor(arm, punctual=False)
+        with HeldUp(arm._servos.clock, busy) as held_up:
+            held_up.begun = True
+            assert task(arm)
+        assert held_up.pauses > 10
+        assert auditor.faults() == []

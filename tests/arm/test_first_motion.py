@@ -1,0 +1,155 @@
+"""The first motion of a limp arm, from its rest or met while it falls, and the way back down."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.calibration import Limits
+from ikservo.errors import RefusedError
+from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
+from tests.oracle import ARMS, arm_file
+
+STAYS_RAD = math.radians(6.0)  # its end stops are 2° behind its limits
+
+# Arms that fell past a limit before their first motion, and a slide; tests/journeys has all.
+FEW = ("koch", "wx250s", "open_manipulator_x")
+ALL = [name if name in FEW else pytest.param(name, marks=pytest.mark.campaign) for name in ARMS]
+
+
+def home_tip_m(model):
+    return model.chain.forward(model.chain_pose("home"))[:3, 3]
+
+
+def pass_time(arm, seconds):
+    clock = arm._port.transport.clock
+    clock.sleep_until(clock.now_s() + seconds)
+
+
+def limp(arm):
+    return not any(registers(arm, "torque_enable").values())
+
+
+def narrowed(name, **ranges_deg):
+    """Return an arm whose person has set limits of their own."""
+    model = ikservo.load_model(name)
+    joints = [
+        replace(joint, limits=Limits.of(joint.name, *np.radians(ranges_deg[joint.name]), "user"))
+        if joint.name in ranges_deg
+        else joint
+        for joint in model.joints
+    ]
+    return replace(model, joints=tuple(joints))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_limp_arm_stays_in_its_rest_pose(name):
+    with ikservo.open_arm(name, port="sim") as arm:
+        pass_time(arm, 5.0)
+        found, rest = true_joints(arm), arm.model.pose("rest")
+        assert {j: found[j] for j in rest} == pytest.approx(dict(rest), abs=STAYS_RAD)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", ARMS)
+def test_a_limp_arm_stays_in_its_rest_pose_where_bodies_touch_in_mujoco(name):
+    pytest.importorskip("mujoco")
+    with ikservo.open_arm(name, port="sim:?physics=1") as arm:
+        pass_time(arm, 5.0)
+        found, rest = true_joints(arm), arm.model.pose("rest")
+        assert {j: found[j] for j in rest} == pytest.approx(dict(rest), abs=math.radians(6.5))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_first_motion_from_rest_arrives(name):
+    with ikservo.open_arm(name, port="sim") as arm:
+        target_m = home_tip_m(arm.model)
+        assert arm.move_to(target_m).reached
+        np.testing.assert_allclose(true_tip_m(arm), target_m, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["koch", "wx250s"])
+def test_a_plan_for_a_limp_arm_is_made_anew_where_it_has_sunk_since(name):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        plan = arm.plan_to(home_tip_m(arm.model) + np.array([0.0, 0.0, 0.02]))
+        pass_time(arm, 0.3)  # nobody holds it, and a person reads what it would do
+        report = arm.carry_out(plan)
+        assert report.reached
+        np.testing.assert_allclose(true_tip_m(arm), plan.target_m, atol=2e-3)
+
+
+def test_an_arm_that_somebody_has_carried_elsewhere_goes_from_there():
+    with ikservo.open_arm("so101", port="sim") as arm:
+        plan = arm.plan_to(home_tip_m(arm.model))
+        line_of(arm).world.place("shoulder_pan", 1.0)
+        assert arm.carry_out(plan).reached
+        np.testing.assert_allclose(true_tip_m(arm), plan.target_m, atol=2e-3)
+
+
+@pytest.mark.parametrize(("name", "joint"), [("koch", "elbow_flex"), ("wx250s", "shoulder")])
+def test_a_joint_on_its_end_stop_is_led_back_inside_its_limits(name, joint):
+    with ikservo.open_arm(name, port="sim", collisions=False) as arm:
+        line_of(arm).world.place(joint, -3.0)  # further than it goes
+        assert arm.pose("home").reached
+
+
+LIFTED = {"shoulder_lift": (-95.0, 95.0), "elbow_flex": (-90.0, 90.0)}
+
+
+@pytest.mark.parametrize("start", ["rest", "home"])
+def test_a_rest_pose_outside_its_limits_keeps_no_arm_from_being_released(start):
+    with ikservo.open_arm(
+        narrowed("so101", **LIFTED), port=f"sim:{arm_path()}?pose={start}"
+    ) as arm:
+        arm.pose("home")
+        report = arm.relax()
+        assert report.reached
+        assert limp(arm)
+        assert any(words.startswith("shoulder_lift goes to -9") for words in report.binding)
+
+
+def test_the_rest_pose_itself_is_gone_to_as_far_as_the_limits_let_it():
+    with ikservo.open_arm(narrowed("so101", **LIFTED), port=f"sim:{arm_path()}") as arm:
+        arm.pose("home")
+        assert arm.pose("rest").reached
+        assert true_joints(arm)["elbow_flex"] == pytest.approx(math.radians(90.0), abs=0.01)
+
+
+def test_a_pose_far_outside_the_limits_is_refused_before_anything_moves():
+    with ikservo.open_arm(
+        narrowed("so101", wrist_flex=(-90.0, 40.0)), port=f"sim:{arm_path()}"
+    ) as arm:
+        with pytest.raises(RefusedError, match="wrist_flex target"):
+            arm.pose("home")
+        assert limp(arm)
+
+
+def test_an_arm_that_cannot_be_lowered_is_let_go_and_says_why():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        arm.pose("home")
+        line_of(arm).servos[2].motor.stuck = True
+        report = arm.relax()
+        assert limp(arm)
+        assert not report.reached
+        assert "shoulder_lift does not follow" in report.binding[0]
+
+
+def test_what_was_stopped_and_not_acknowledged_is_not_let_go():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        arm.pose("home")
+        arm.stop("Stopped by somebody.")
+        with pytest.raises(RefusedError, match="Stopped by somebody"):
+            arm.relax()
+        assert not limp(arm)
+        arm.acknowledge()
+        assert arm.relax().reached
+
+
+def arm_path():
+    return ikservo.load_model("so101").path
+
+
+def test_every_arm_file_has_a_rest_pose():
+    assert all("rest" in arm_file(name)["poses"] for name in ARMS)

@@ -1,0 +1,88 @@
+"""M3, M8: held up between any two lines of a control cycle, a motion goes on and ends well."""
+
+import numpy as np
+import pytest
+
+from tests.arm.auditing import Auditor
+from tests.arm.brief import brief_move, opened
+from tests.arm.held_up import HeldUp
+from tests.arm.misfortune import chance
+from tests.arm.seeds import part_of, tell, times
+
+LOOPS = 20  # what runs more often than this in a motion belongs to its control cycle
+PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
+PAUSES_S = (0.002, 0.012, 0.06, 0.15, 0.4, 3.0)
+
+
+@pytest.mark.parametrize("name", ["so101", "koch"])
+@pytest.mark.parametrize("most", [6, pytest.param(None, marks=pytest.mark.campaign)])
+@pytest.mark.timeout(0)
+def test_a_pause_between_any_two_lines_of_a_cycle_ends_no_motion(name, most, capsys):
+    places = cycle_of(name)
+    tried = [places[i] for i in part_of(len(places))]
+    if most:
+        tried = tried[:: len(tried) // most + 1]
+    pauses_s = PAUSES_S if most is None else [PAUSES_S[i % 6] for i in range(len(tried))]
+    for i, (place, hits) in enumerate(tried):
+        for pause_s in pauses_s if most is None else [pauses_s[i]]:
+            at = {place: hits // 2}
+            check(
+                name, lambda p, n, at=at, s=pause_s: s if at.get(p) == n else 0.0, (place, pause_s)
+            )
+    tell(
+        capsys,
+        f"{name}: held up before {len(tried)} of {len(places)} lines, each motion ended well",
+    )
+
+
+@pytest.mark.parametrize("name", ["so101", "koch"])
+@times(2, 300)
+@pytest.mark.timeout(0)
+def test_pauses_now_and_then_as_on_a_busy_machine_end_no_motion(name, seeds, capsys):
+    pauses = 0
+    for seed in seeds:
+        dice = chance(seed)
+        mean_s = dice.choice((0.002, 0.008, 0.02))
+        often = PAUSED / mean_s
+
+        def busy(_place, _count, dice=dice, often=often, mean_s=mean_s):
+            return dice.expovariate(1.0 / mean_s) if dice.random() < often else 0.0
+
+        pauses += check(name, busy, seed)
+    tell(capsys, f"{name}: {pauses} pauses in {len(seeds)} motions, each ended well")
+
+
+def cycle_of(name):
+    """Return each line that a motion comes by again and again, and how often."""
+    with opened(name, 0) as arm:
+        arm.enable()
+        with HeldUp(arm._servos.clock, lambda *_: 0.0) as counted:
+            move(arm, counted)
+    return sorted((place, hits) for place, hits in counted.hits.items() if hits > LOOPS)
+
+
+def move(arm, held_up):
+    """Move every joint a little at the arm's fastest speed; return the course."""
+    courses = []
+
+    def begin(_here):
+        courses.append(brief_move(arm, chance(1), "fast", most_rad=0.2))
+        return courses[0]
+
+    arm._drive(begin, held_up.begin, "fast")
+    return courses[0]
+
+
+def check(name, pause_s, where):
+    """Check that the motion ends at its goal and that no goal on the way was a wrong one."""
+    with opened(name, 0) as arm:
+        arm.enable()
+        auditor = Auditor(arm, punctual=False)
+        with HeldUp(arm._servos.clock, pause_s) as held_up:
+            course = move(arm, held_up)
+        fences = arm._servos.fences
+        units = np.array([fence.joint_map.unit_per_tick for fence in fences])
+        left = np.abs(arm._servos.goals() - course.goal) / units
+        assert (left <= 1.0).all(), (where, left)
+        assert auditor.faults() == [], where
+        return held_up.pauses

@@ -1,0 +1,70 @@
+"""Near the table the true body stays above it on every way that is accepted, sag included."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import IkservoError
+from tests.arm.simulated import line_of
+
+DEEP_M = 0.001
+
+
+class Table:
+    """Watches how low the bodies of goals and of the true joints come."""
+
+    def __init__(self, arm):
+        space = arm.workings.space
+        self._arm, self._gaps = arm, space.gaps
+        self._floor = [i for i, (link, thing) in enumerate(space.pairs)
+                       if thing == "the floor" and link != arm.model.chain.base]  # fmt: skip
+
+    def above_m(self, joints):
+        return float(self._gaps([self._arm.workings.in_body(joints)])[0][self._floor].min())
+
+    def true_m(self):
+        world = line_of(self._arm).world
+        return self.above_m(np.array([world.joint(n).position for n in self._arm._servos.names]))
+
+
+def campaign(name, speed, count, seed):
+    """Return how low the true body came on each accepted way [m], and how many were refused."""
+    random, lowest_m, planned_m, refused = np.random.default_rng(seed), [], [], 0
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        table = Table(arm)
+        home_m = arm.model.chain.forward(arm.model.chain_pose("home"))[:3, 3]
+        for _ in range(count):
+            turn, height_m = random.uniform(-1.0, 1.0), random.uniform(0.0, 0.05)
+            ahead_m = random.uniform(0.75, 1.35) * np.hypot(*home_m[:2])
+            point = (ahead_m * np.cos(turn), ahead_m * np.sin(turn), height_m + arm.model.floor_m)
+            true_m, goal_m = [], []
+
+            def watch(_, true_m=true_m, goal_m=goal_m):
+                true_m.append(table.true_m())
+                goal_m.append(table.above_m(arm._servos.goals()))
+
+            try:
+                arm.move_to(point, speed=speed, on_progress=watch)
+            except IkservoError:
+                refused += 1
+                continue
+            lowest_m.append(min(true_m))
+            planned_m.append(min(goal_m))
+    shown = f"{name} {speed}: {len(lowest_m)} accepted, {refused} refused"
+    print(f"{shown}, lowest {min(lowest_m) * 1e3:.1f} mm of {min(planned_m) * 1e3:.1f} planned")  # noqa: T201
+    return np.array(lowest_m), refused
+
+
+def test_on_accepted_ways_near_the_table_the_true_body_stays_above_it():
+    lowest_m, _ = campaign("so101", "normal", 12, seed=5)
+    assert len(lowest_m) >= 3
+    assert lowest_m.min() > -DEEP_M
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("speed", ["normal", "fast"])
+@pytest.mark.parametrize("name", ["so101", "so100", "koch", "omx_f", "px100", "wx250s", "vx300s"])
+def test_of_many_ways_near_the_table_none_goes_through_it(name, speed):
+    lowest_m, _ = campaign(name, speed, 100, seed=7)
+    assert lowest_m.min() > -DEEP_M

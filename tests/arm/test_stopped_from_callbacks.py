@@ -1,0 +1,114 @@
+"""What a program says from the callback of a motion: stop, acknowledge, release, close, fail."""
+
+import threading
+
+import pytest
+
+import ikservo
+from ikservo.errors import RefusedError, StoppedError
+from tests.arm.simulated import registers, true_joints
+
+
+@pytest.fixture(params=["so101", "koch"])
+def arm(request):
+    with ikservo.open_arm(request.param, port="sim:?pose=home", collisions=False) as machine:
+        machine.move_joints({"shoulder_pan": 0.0})
+        yield machine
+
+
+def once(act, after_s=0.4):
+    """Return a callback that does something once, in the middle of a motion."""
+    done = []
+
+    def look(progress):
+        if progress.elapsed_s > after_s and not done:
+            done.append(True)
+            act()
+
+    return look
+
+
+def go(arm, act):
+    return arm.move_joints({"shoulder_pan": 1.2}, on_progress=once(act))
+
+
+def test_a_stop_that_is_acknowledged_at_once_ends_the_motion_nevertheless(arm):
+    def stop():
+        arm.stop()
+        arm.acknowledge()
+
+    with pytest.raises(StoppedError):
+        go(arm, stop)
+    assert true_joints(arm)["shoulder_pan"] < 0.9
+    assert arm.stopped_for == ""
+    assert arm.move_joints({"shoulder_pan": 0.1}).reached
+
+
+def test_so_does_one_from_another_thread(arm):
+    def stop():
+        arm.stop()
+        arm.acknowledge()
+
+    def from_elsewhere():
+        thread = threading.Thread(target=stop)
+        thread.start()
+        thread.join()
+
+    with pytest.raises(StoppedError):
+        go(arm, from_elsewhere)
+    assert arm.move_joints({"shoulder_pan": 0.1}).reached
+
+
+def test_a_stop_after_the_acknowledgement_stays(arm):
+    def stop():
+        arm.stop("first")
+        arm.acknowledge()
+        arm.stop("second")
+
+    with pytest.raises(StoppedError):
+        go(arm, stop)
+    with pytest.raises(RefusedError, match="first"):
+        arm.move_joints({"shoulder_pan": 0.1})
+
+
+def test_acknowledging_nothing_changes_no_motion(arm):
+    assert go(arm, arm.acknowledge).reached
+
+
+def test_closing_in_a_callback_ends_the_motion_and_holds(arm):
+    line = arm._port.transport.line
+    with pytest.raises(StoppedError, match="closed the arm during a motion") as caught:
+        go(arm, arm.close)
+    assert "sim:" not in str(caught.value)
+    assert all(servo.read("torque_enable") for servo in line.servos.values())
+
+
+def test_releasing_in_a_callback_ends_the_motion_with_torque_off(arm):
+    with pytest.raises(StoppedError, match="switched torque off"):
+        go(arm, arm.release)
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_relaxing_in_a_callback_is_refused_and_nothing_is_closed(arm):
+    with pytest.raises(RefusedError, match="is moving"):
+        go(arm, lambda: arm.close("relax"))
+    assert all(registers(arm, "torque_enable").values())
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError(), "ran out of memory"),
+        (SystemExit(3), "The program ended"),
+        (GeneratorExit(), "The program ended"),
+        (ValueError("bad frame"), "ValueError: bad frame"),
+    ],
+)
+def test_a_callback_that_fails_is_told_in_words(arm, error, words):
+    def fail():
+        raise error
+
+    with pytest.raises(type(error)):
+        go(arm, fail)
+    assert words in arm.stopped_for
+    assert "()" not in arm.stopped_for

@@ -1,0 +1,94 @@
+"""What is looked at for contact is the way that is driven, from where the arm is then."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import RefusedError
+from ikservo.model.model import KeepOut
+from tests.arm.simulated import line_of
+
+# A post where the tool passes when the base is turned from 0.38 rad to the right.
+POST = KeepOut("the post", (0.205, 0.034, 0.0), (0.211, 0.040, 0.1))
+TURNED_RAD = -0.38  # so101 counts turns to the right
+
+
+def so101(*boxes, **options):
+    return ikservo.open_arm(
+        replace(ikservo.load_model("so101"), keep_out=boxes), port="sim:?pose=home", **options
+    )
+
+
+def goals(arm):
+    return arm._servos.goals()
+
+
+def turned(arm):
+    """Take the arm behind the post: up, round it and down again."""
+    home = {n: float(q) for n, q in arm.model.pose("home").items()}
+    for joints in (
+        {"shoulder_lift": home["shoulder_lift"] - 0.7},
+        {"shoulder_pan": TURNED_RAD},
+        {"shoulder_lift": home["shoulder_lift"]},
+    ):
+        arm.move_joints(joints, speed="fast")
+
+
+@pytest.fixture
+def at_home():
+    with so101(POST) as arm:
+        arm.move_joints({"shoulder_pan": 0.0}, speed="fast")
+        yield arm
+
+
+def test_a_plan_is_looked_at_again_from_where_the_arm_has_moved_to(at_home):
+    plan = at_home.plan_joints({"shoulder_pan": 0.8}, speed="fast")
+    turned(at_home)
+    before = goals(at_home)
+    with pytest.raises(RefusedError, match="-the post"):
+        at_home.go(plan)
+    np.testing.assert_array_equal(goals(at_home), before)
+
+
+def test_a_plan_whose_way_is_still_free_is_carried_out(at_home):
+    plan = at_home.plan_joints({"shoulder_pan": 0.8}, speed="fast")
+    at_home.move_joints({"shoulder_pan": 0.2}, speed="fast")
+    at_home.go(plan)
+    pan = line_of(at_home).world.joint("shoulder_pan").position
+    assert pan == pytest.approx(0.8, abs=0.01)
+
+
+def test_a_plan_of_an_arm_that_looks_at_nothing_is_looked_at_by_one_that_does():
+    with so101(collisions=False) as arm:
+        plan = arm.plan_joints({"shoulder_lift": 0.6}, speed="slow")
+    with so101() as arm, pytest.raises(RefusedError, match="-the floor"):
+        arm.go(plan)
+
+
+def test_a_plan_made_in_other_surroundings_is_looked_at_in_these():
+    with so101() as arm:
+        plan = arm.plan_joints({"shoulder_pan": -0.8}, speed="slow")
+    with so101(POST) as arm, pytest.raises(RefusedError, match="-the post"):
+        arm.go(plan)
+
+
+def test_a_plan_of_another_arm_is_refused():
+    with ikservo.open_arm("px100", port="sim:?pose=home") as arm:
+        plan = arm.plan_joints({"waist": 0.1})
+    with so101() as arm, pytest.raises(RefusedError, match="The plan moves waist"):
+        arm.go(plan)
+
+
+def test_an_arm_is_what_its_file_said_when_it_was_opened(tmp_path, monkeypatch):
+    source = ikservo.load_model("so101").path.parent
+    for file in source.iterdir():
+        (tmp_path / file.name).write_text(file.read_text())
+    with ikservo.open_arm(tmp_path, port=f"sim:{tmp_path}/arm.toml?pose=home") as arm:
+        floor = "\n[surroundings]\nfloor_m = -0.5\n"
+        (tmp_path / "arm.toml").write_text((tmp_path / "arm.toml").read_text() + floor)
+        (tmp_path / "arm.urdf").write_text("no robot")
+        with pytest.raises(RefusedError, match="-the floor"):
+            arm.move_joints({"shoulder_lift": 0.6})
+        assert arm.move_joints({"shoulder_pan": 0.1}).reached
