@@ -32,6 +32,38 @@ def test_in_preview_a_click_moves_nothing(person):
     assert person.items("ghost")
 
 
+def test_a_chosen_method_answers_a_drag_and_a_preferred_posture_is_weighed(person):
+    person.page.click("#solvers button[value=ccd]")
+    person.wait_for("status.solver.name === 'ccd'")
+    person.drag(person.tip_px(), ASIDE / 2).wait_for(
+        "status.solver.words.startsWith('ccd: 0.0 mm')"
+    )
+    person.release()
+    person.page.click("#preference summary")
+    person.page.click("#preferred button[value=rest]")
+    person.wait_for("status.preference.pose === 'rest' && status.preference.note")
+    person.page.get_by_label("How strongly elbow_flex").fill("0.3")
+    person.wait_for("status.preference.weights.elbow_flex === 0.3")
+    person.page.click("#solvers button[value=auto]")
+    person.page.click("#preferred button[value=none]")
+    person.wait_for("status.solver.name === 'auto' && status.preference.pose === 'none'")
+    assert person.errors == []
+
+
+def test_what_lies_behind_is_chosen_by_key_and_by_clicking_again(person):
+    person.page.mouse.move(*person.over(person.hub_px("elbow_flex")))
+    person.wait_for("status.under.length > 2 && status.under[0].chosen")
+    first = person.page.evaluate("window.ikservo.scene.hover")
+    person.page.keyboard.press("n")
+    person.wait_for(f"status.under[1].chosen && scene.hover !== '{first}'")
+    assert person.page.inner_text("#under .chosen").startswith(person.status["under"][1]["name"])
+    person.page.keyboard.press("Shift+N")
+    person.wait_for("status.under[0].chosen")
+    person.click(person.hub_px("elbow_flex"))
+    person.wait_for("status.under[1].chosen")
+    assert person.errors == []
+
+
 @pytest.mark.campaign
 def test_throwing_live_after_a_preview_moves_nothing(person):
     before = person.stand.ticks()
@@ -129,7 +161,7 @@ def test_after_a_resize_on_a_sharp_screen_a_click_still_means_the_same(visit):
 
 @pytest.mark.campaign
 def test_a_pose_button_brings_every_joint_there(live):
-    live.page.click("text=Rest")
+    live.page.click("#poses >> text=Rest")
     live.until_moving().until_still()
     wanted = live.stand.arm.model.pose("rest")
     chain = live.stand.arm.chain

@@ -62,7 +62,7 @@ def test_a_servo_that_is_unplugged_is_told_in_the_words_of_the_command_line(live
     live.page.wait_for_selector("#banner:not([hidden])")
     said = live.page.inner_text("#banner")
     assert "wrist_flex (id 4)" in said
-    assert "cable" in said
+    assert "Check its connector" in said
     live.wait_for("status.mode === 'stopped'")
 
 
@@ -71,7 +71,7 @@ def test_a_servo_that_is_unplugged_is_told_in_the_words_of_the_command_line(live
 def test_an_adapter_that_is_unplugged_is_told(live):
     live.stand.line.plugged = False
     live.page.wait_for_selector("#banner:not([hidden])")
-    assert "is gone" in live.page.inner_text("#banner-message")
+    assert "Lost connection" in live.page.inner_text("#banner-message")
 
 
 @pytest.mark.campaign  # on a busy machine every page hangs a little
@@ -83,7 +83,7 @@ def test_a_page_that_hangs_holds_the_arm(visit):
         "(() => { const t = performance.now(); while (performance.now() < t + 900); })()"
     )
     person.wait_for("!status.live").until_still()
-    assert "fell silent" in person.status["messages"][-1]["message"]
+    assert "does not answer" in person.status["messages"][-1]["message"]
 
 
 @pytest.mark.campaign
@@ -120,7 +120,7 @@ def test_what_cannot_be_done_is_told_and_then_forgotten(person, visit):
     other = visit()
     other.click(other.tip_px())
     other.page.wait_for_selector("#banner:not([hidden])")
-    assert "Somebody else" in other.page.inner_text("#banner-message")
+    assert "Another page" in other.page.inner_text("#banner-message")
     assert other.page.is_hidden("#acknowledge")
     other.page.wait_for_selector("#banner", state="hidden")
 

@@ -69,9 +69,9 @@ class Room:
         servos, told = self.arm.workings.servos, []
         command = type(servos).command
 
-        def heard(positions):
+        def heard(positions, *more):
             told.append((self.clock.now_s(), np.array(positions)))
-            command(servos, positions)
+            return command(servos, positions, *more)
 
         servos.command = heard
         return told

@@ -23,6 +23,8 @@ WORDS = [
     {"kind": "wheel", "x": 480, "y": 300, "notches": 2, "alt": False},
     {"kind": "key", "key": "ArrowUp", "alt": False, "shift": False},
     {"kind": "orbit", "dx": 10, "dy": -4, "zoom": 1.5}, {"kind": "speed", "name": "fast"},
+    {"kind": "behind", "step": -1},
+    {"kind": "prefer", "pose": "rest", "weights": {"elbow_flex": 0.5}},
     {"kind": "calibrate", "word": "begin", "joint": None},
 ]  # fmt: skip
 VALUES = [None, True, -1, 0, 1e308, -1e308, 2**63, "", "x" * 70, "../rest", [], {}, [[]], 1e-320,

@@ -29,7 +29,7 @@ def test_messages_in_order_come_in(intake):
 @pytest.mark.parametrize("seq", [1, 2])
 def test_a_replayed_message_is_refused(intake, seq):
     intake.accept(text(2), 0.0)
-    with pytest.raises(BadMessageError, match="was there before"):
+    with pytest.raises(BadMessageError, match="was received before"):
         intake.accept(text(seq), 0.0)
 
 
@@ -50,6 +50,12 @@ def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
 def test_a_page_that_says_too_late_that_it_is_hidden_is_heard(intake):
     intake.note_sent(0.0)
     assert not intake.accept(text(1, kind="beat", visible=False), 9.0).visible
+
+
+def test_a_page_that_is_slow_to_be_laid_out_is_still_heard_about_its_size(intake):
+    intake.note_sent(0.0)
+    look = {"kind": "look", "w": 640, "h": 480, "dpr": 1.0, "view": "side"}
+    assert intake.accept(text(1, **look), 9.0).h == 480
 
 
 def test_an_old_stop_still_stops(intake):

@@ -168,7 +168,7 @@ def test_a_replayed_message_is_refused_and_not_heard_again(visit, audience, keys
     guest.say("stop")
     guest.seq -= 1
     guest.say("stop")
-    assert "was there before" in guest.hear_of("refused")["message"]
+    assert "was received before" in guest.hear_of("refused")["message"]
     assert len(audience.heard) == 1
 
 

@@ -1,20 +1,34 @@
 """Pointer, wheel and keys become wishes, and wishes become goals that never leave the limits."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import null_space
 
-from ikservo.errors import UnknownNameError
+from ikservo.errors import InputError, UnknownNameError
+from ikservo.ik import METHODS, Posture, Target
 from ikservo.kinematics import room_to_limits
+from ikservo.model.model import KeepOut
 from ikservo.view.drag.drag import Drag, Sight
 from ikservo.view.drag.puppet import LONGEST_RAD, Puppet
-from ikservo.view.drag.wishes import Hold, Turn
+from ikservo.view.drag.wishes import Hold, Pull, Turn
 from ikservo.view.pick.pick import Picker
+from ikservo.view.pick.shapes import objects_of
 from tests.kinematics.chains import crane
-from tests.view.looks import drag_of, looked_at, model_of, pixel_of, pixel_on, sight, stage
+from tests.view.looks import (
+    drag_of,
+    looked_at,
+    model_of,
+    picker,
+    pixel_of,
+    pixel_on,
+    sight,
+    stage,
+)
 
 EMPTY_PX = np.array([60.0, 60.0])
 pixels = st.tuples(st.floats(0, 800), st.floats(0, 600)).map(np.array)
@@ -434,3 +448,248 @@ def test_hovering_names_the_link_that_a_press_would_grab():
     px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.06, 0.0, 0.0))
     assert drag.hover(px, look) == "forearm"
     assert drag.hover(EMPTY_PX, look) is None
+
+
+# --- a chosen method, and a preferred posture ---
+
+
+def answers_of(puppet, wish, q, count=400):
+    """Answer one wish until it is settled, as picture after picture does."""
+    answers = []
+    while len(answers) < count and not (answers and answers[-1].settled):
+        answers.append(puppet.answer(wish, q))
+        q = answers[-1].q
+    return answers
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_drag_is_answered_by_the_method_that_was_chosen(method):
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_on("so101", look, "gripper")
+    drag.press(px, look)
+    puppet, wish = Puppet(model_of("so101").chain), drag.move(px + np.array([20.0, 15.0]))
+    puppet.method = method
+    answers = answers_of(puppet, wish, look.arms[0])
+    steps = np.diff([look.arms[0], *(answer.q for answer in answers)], axis=0)
+    assert answers[-1].aim.gap_m < 1e-3
+    assert answers[0].words.startswith((method, "bounded"))
+    assert np.abs(steps).max() <= LONGEST_RAD + 1e-12
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_whatever_method_answers_the_joints_beyond_the_grabbed_link_stay(method):
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.03, 0.0, 0.0))
+    drag.press(px, look)
+    puppet, wish = Puppet(model_of("so101").chain), drag.move(px + np.array([6.0, 9.0]))
+    puppet.method = method
+    last = answers_of(puppet, wish, look.arms[0])[-1]
+    np.testing.assert_array_equal(last.q[3:], look.arms[0][3:])
+    assert last.aim.gap_m < 2e-3
+
+
+def leaning(name, method="auto", weights=None):
+    """Return a puppet that leans towards a posture, and the posture."""
+    chain = model_of(name).chain
+    puppet, wanted = Puppet(chain), chain.clip(stage(name).home + 0.3)
+    puppet.method = method
+    puppet.posture = Posture(wanted, np.ones(chain.dof) if weights is None else weights)
+    return puppet, wanted
+
+
+@pytest.mark.parametrize("method", ["auto", "pseudo_inverse"])
+def test_a_drag_leans_towards_the_posture_and_the_tip_stays_where_it_is_pulled(method):
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_on("so101", look, "gripper")
+    drag.press(px, look)
+    wish, (puppet, wanted) = drag.move(px + np.array([10.0, 5.0])), leaning("so101", method)
+    plain = answers_of(Puppet(model_of("so101").chain), wish, look.arms[0])[-1]
+    answers = answers_of(puppet, wish, look.arms[0])
+    last = answers[-1]
+    assert last.settled
+    assert last.aim.gap_m < 1e-4
+    assert np.linalg.norm(last.q - wanted) < 0.8 * np.linalg.norm(plain.q - wanted)
+    assert np.abs(np.diff([look.arms[0], *(a.q for a in answers)], axis=0)).max() <= 0.14
+
+
+def clicked(puppet, q):
+    """Return the answer to a click 5 cm beside the tip of an SO-101 at joints q."""
+    tip_m = model_of("so101").chain.forward(q)[:3, 3]
+    return puppet.answer(Pull(Target(tip_m + np.array([0.0, 0.03, 0.04])), jump=True), q)
+
+
+def test_a_click_goes_all_the_way_to_what_is_preferred():
+    """No posture nearby that the tip's place leaves is nearer to the preferred one, by weight."""
+    weights, chain = np.array([1.0, 1.0, 0.5, 1.0, 1.0]), model_of("so101").chain
+    puppet, wanted = leaning("so101", weights=weights)
+    answer = clicked(puppet, stage("so101").home)
+    assert answer.aim.reached
+    assert room_to_limits(chain, answer.q).min() > 0.01
+    free = null_space(chain.jacobian(answer.q)[:3])
+    np.testing.assert_allclose(free.T @ (weights * (answer.q - wanted)), 0.0, atol=1e-3)
+
+
+def test_a_weight_of_0_leaves_a_joint_alone():
+    puppet, wanted = leaning("so101", weights=np.array([0.0, 0.0, 0.0, 0.0, 1.0]))
+    answer = clicked(puppet, stage("so101").home)
+    assert answer.q[4] == pytest.approx(wanted[4], abs=1e-3)
+
+
+def test_a_preferred_posture_does_not_move_the_joints_beyond_the_grabbed_link():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.03, 0.0, 0.0))
+    drag.press(px, look)
+    puppet, _ = leaning("so101")
+    last = answers_of(puppet, drag.move(px + 5.0), look.arms[0])[-1]
+    np.testing.assert_array_equal(last.q[3:], look.arms[0][3:])
+
+
+# --- what lies behind ---
+
+
+def behind_each_other():
+    """Return a pixel at which two links of the arm at home lie behind each other, and the look."""
+    look, drag = sight("so101", "front"), drag_of("so101")
+    for link in ("wrist", "forearm", "upper_arm", "shoulder"):
+        px = pixel_of("so101", "front", look.arms[0], link)
+        names = [f.hit.link for f in drag.under(px, look)[0] if f and f.kind == "link"]
+        if len(names) > 1:
+            return px, look, names
+    raise AssertionError("nothing lies behind anything")
+
+
+def test_all_that_lies_behind_each_other_is_listed_with_its_depth():
+    px, look, names = behind_each_other()
+    options, index = drag_of("so101").under(px, look)
+    depths = [found.hit.depth_m for found in options if found and found.kind == "link"]
+    assert depths == sorted(depths)
+    assert len(set(names)) == len(names)
+    assert index == 0
+
+
+def test_a_goal_where_the_arm_is_lists_each_link_once_and_one_apart_lists_both():
+    px, look, names = behind_each_other()
+    q, drag = look.arms[0], drag_of("so101")
+
+    def listed(*arms):
+        options, _ = drag.under(px, Sight(look.camera, arms))
+        return [found.hit.link for found in options if found and found.kind == "link"]
+
+    assert listed(q + 1e-4, q) == names
+    assert len(listed(q + 0.05, q)) > len(names)
+
+
+def test_a_key_goes_on_to_what_is_behind_and_round():
+    px, look, names = behind_each_other()
+    drag, hovered = drag_of("so101"), []
+    for _ in drag.under(px, look)[0]:
+        hovered.append(drag.hover(px, look))
+        drag.go_on(px, look)
+    assert hovered[: len(names)] == names
+    assert drag.hover(px, look) == names[0]
+    drag.go_on(px, look, -1)
+    drag.go_on(px, look, 1)
+    assert drag.hover(px, look) == names[0]
+
+
+def test_a_second_click_at_the_same_place_grabs_what_is_behind():
+    px, look, names = behind_each_other()
+    drag = drag_of("so101")
+    for name in names:
+        drag.press(px, look)
+        assert drag.grabbed == name
+        drag.release()
+
+
+def test_what_was_chosen_behind_is_what_is_dragged():
+    px, look, names = behind_each_other()
+    drag = drag_of("so101")
+    drag.go_on(px, look)
+    assert drag.press(px, look).target.frame == names[1]
+
+
+def test_after_a_drag_the_nearest_is_first_again():
+    px, look, names = behind_each_other()
+    drag = drag_of("so101")
+    drag.go_on(px, look)
+    drag.press(px, look)
+    drag.move(px + 20.0)
+    drag.release()
+    assert drag.hover(px, look) == names[0]
+
+
+def test_elsewhere_the_nearest_is_first_again():
+    px, look, names = behind_each_other()
+    drag = drag_of("so101")
+    drag.go_on(px, look)
+    elsewhere = px + np.array([0.0, 6.0])
+    assert drag.hover(px + 0.5, look) == names[1]
+    assert drag.hover(elsewhere, look) in {*names, None}
+    assert drag.under(elsewhere, look)[1] == 0
+
+
+def test_behind_all_links_a_press_sends_the_tip_there():
+    px, look, names = behind_each_other()
+    drag = drag_of("so101")
+    for _ in names:
+        drag.go_on(px, look)
+    wish = drag.press(px, look)
+    assert wish.target.frame is None
+    assert wish.jump
+
+
+def test_the_base_comes_last_and_cannot_be_dragged():
+    look, drag = sight("so101", "side"), drag_of("so101")
+    px = pixel_of("so101", "side", look.arms[0], "base", (0.0, 0.0, 0.01))
+    assert drag.under(px, look)[0][-1].kind == "fixed"
+    drag.go_on(px, look, -1)
+    drag.press(px, look)
+    with pytest.raises(InputError, match="base cannot be dragged"):
+        drag.move(px + 10.0)
+
+
+# --- objects of the scene ---
+
+CUP = KeepOut("the cup", (0.15, 0.12, 0.0), (0.25, 0.2, 0.1))
+
+
+def with_a_cup(view):
+    """Return the drag and the look of an arm beside a cup, and the pixel of the cup's middle."""
+    model = replace(model_of("so101"), keep_out=(CUP,))
+    look = sight("so101", view)
+    drag = Drag(model.chain, picker("so101"), Picker(objects_of(model)))
+    return drag, look, look.camera.project(np.array([0.2, 0.16, 0.05]))[0]
+
+
+@pytest.mark.parametrize("view", ["top", "orbit"])
+def test_a_box_is_picked_by_its_name_where_the_line_of_sight_meets_it(view):
+    drag, look, px = with_a_cup(view)
+    found = next(f for f in drag.under(px, look)[0] if f and f.kind == "object")
+    assert found.hit.link == "the cup"
+    point, low, high = found.hit.point_m, np.array(CUP.low_m), np.array(CUP.high_m)
+    assert (point >= low - 1e-9).all()
+    assert (point <= high + 1e-9).all()
+    assert np.minimum(np.abs(point - low), np.abs(point - high)).min() < 1e-9
+    np.testing.assert_allclose(look.camera.project(point)[0], px, atol=1e-6)
+
+
+def test_a_box_that_is_dragged_is_refused_in_a_sentence_once():
+    drag, look, px = with_a_cup("top")
+    assert drag.press(px, look) is None
+    with pytest.raises(InputError, match="the cup cannot be dragged: it is an object"):
+        drag.move(px + 10.0)
+    assert drag.move(px + 20.0) is None
+
+
+def test_a_second_click_on_a_box_sends_the_tip_there():
+    drag, look, px = with_a_cup("top")
+    drag.press(px, look)
+    drag.release()
+    assert drag.press(px, look).target.frame is None
+
+
+def test_a_link_is_grabbed_before_the_box_around_it():
+    model = replace(model_of("so101"), keep_out=(KeepOut("the cage", (-1, -1, 0), (1, 1, 1)),))
+    look = sight("so101", "side")
+    drag = Drag(model.chain, picker("so101"), Picker(objects_of(model)))
+    assert drag.press(pixel_on("so101", look, "forearm"), look).target.frame == "forearm"

@@ -90,7 +90,8 @@ def test_a_ray_meets_a_triangle_where_its_own_plane_and_sides_say(a, b, c, seed)
     normal = np.cross(b - a, c - a)
     assume(np.linalg.norm(normal) > 1e-2 and abs(normal @ direction) > 1e-2)
     way = float((a - origin) @ normal / (direction @ normal))
-    shares = np.linalg.solve(np.array([a, b, c]).T + 10.0, origin + way * direction + 10.0)
+    corners, met = np.vstack([np.array([a, b, c]).T, np.ones(3)]), origin + way * direction
+    shares = np.linalg.lstsq(corners, np.append(met, 1.0))[0]
     assume(way > 0 and np.abs(shares).min() > 1e-6)
     rows = triangle_rows(np.array([[a, b, c]]))
     ways, _ = Picker({"x": rows}).cast(origin[None], direction[None], {"x": np.eye(4)})
@@ -171,6 +172,114 @@ def test_what_is_right_under_the_pointer_is_preferred_to_what_is_nearer_beside_i
 def test_all_that_is_near_the_pointer_is_listed_by_depth():
     thing, camera, poses, px = ball_beside_the_pointer(1.5, [("far", 9.9), ("near", 9.5)])
     assert [hit.link for hit in thing.all_at(camera, poses, px)] == ["ball", "near", "far"]
+
+
+# --- the square around the pointer, exactly ---
+
+AROUND = [np.array([u, v]) for u in np.linspace(-2.3, 2.3, 7) for v in np.linspace(-2.3, 2.3, 7)]
+
+
+def wire_at(camera, at_px, width_px, along_px):
+    """Return a wire of so many pixels across, from one pixel to another, a metre deep."""
+    ends = camera.unproject(at_px + np.array([[0.0, 0.0], along_px]), np.array([1.0, 1.0]))
+    radius_m = 0.5 * width_px / float(camera.pixels_per_metre(1.0))
+    return Picker({"wire": capsule_rows(ends[:1], ends[1:], np.array([radius_m]))})
+
+
+@pytest.mark.parametrize("view", ["front", "orbit"])
+def test_a_wire_of_half_a_pixel_is_found_all_over_the_square(view):
+    camera, middle = looked_at("so101", view), VIEWPORT.centre_px
+    missed = [
+        tuple(away)
+        for away in AROUND
+        if not wire_at(camera, middle + away, 0.4, (0.4, 0.0)).all_at(
+            camera, {"wire": np.eye(4)}, middle
+        )
+    ]
+    assert missed == []
+
+
+@pytest.mark.parametrize("view", ["front", "orbit"])
+@pytest.mark.parametrize(("away_px", "hit"), [(2.69, True), (2.71, False)])
+def test_a_wire_is_found_exactly_where_its_edge_is_in_the_square(view, away_px, hit):
+    """The square ends 2.5 px from the pointer, the wire 0.2 px from its middle."""
+    camera, middle = looked_at("so101", view), VIEWPORT.centre_px
+    for side in (np.array([away_px, 0.3]), np.array([0.3, -away_px])):
+        thing = wire_at(camera, middle + side, 0.4, side)
+        assert bool(thing.all_at(camera, {"wire": np.eye(4)}, middle)) == hit
+
+
+def rays_in_square(thing, camera, poses, px, half_px, count):
+    """Return how far from the pointer links are that rays all over a square meet."""
+    steps = np.linspace(-half_px, half_px, count)
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    ways, _ = thing.cast(*camera.rays(px + offsets), poses)
+    met = np.where(np.isfinite(ways), np.abs(offsets).max(axis=1)[:, None], np.inf)
+    return dict(zip(poses, met.min(axis=0).tolist(), strict=True))
+
+
+@pytest.mark.parametrize("kind", ["capsules", "balls", "triangles"])
+@settings(max_examples=25, deadline=None)
+@given(cameras, st.integers(0, 2**32 - 1))
+def test_the_square_holds_whatever_any_ray_in_it_meets(kind, camera, seed):
+    random, half_px, count = np.random.default_rng(seed), 40.0, 41
+    shapes = {link: cloud(random, 12, kind) for link in "abcdef"}
+    thing, poses, px = Picker(shapes), places(random, shapes), camera.viewport.centre_px + 30.0
+    rays = rays_in_square(thing, camera, poses, px, half_px, count)
+    hits = {hit.link: hit for hit in thing.all_at(camera, poses, px, 2 * half_px)}
+    for link, away_px in rays.items():
+        if np.isfinite(away_px):
+            assert hits[link].away_px <= away_px + 1e-6
+
+
+@pytest.mark.parametrize("kind", ["capsules", "balls", "triangles"])
+@settings(max_examples=25, deadline=None)
+@given(cameras, st.integers(0, 2**32 - 1))
+def test_what_is_found_beside_the_pointer_is_seen_at_that_very_place(kind, camera, seed):
+    """A ray a thousandth of the way further into the shape meets it, if the eye is before it."""
+    random, half_px = np.random.default_rng(seed), 60.0
+    shapes = {link: cloud(random, 3, kind) for link in "abcdef"}
+    thing, poses, px = Picker(shapes), places(random, shapes), camera.viewport.centre_px - 20.0
+    for hit in thing.all_at(camera, poses, px, 2 * half_px):
+        at_px, depth_m = camera.project(hit.point_m)
+        assert hit.away_px <= half_px
+        assert depth_m == pytest.approx(hit.depth_m, abs=1e-9)
+        assert np.abs(at_px - px).max() == pytest.approx(hit.away_px, abs=1e-5)
+        row = in_world(shapes[hit.link], poses[hit.link])[hit.shape]
+        corners = row[1:10].reshape(3, 3)[: 3 if kind == "triangles" else 2]
+        middle_px, _ = camera.project(corners.mean(axis=0))
+        if camera.depth_of(corners).min() > 0.5:
+            ways, _ = thing.cast(*camera.rays([at_px + 1e-3 * (middle_px - at_px)]), poses)
+            assert np.isfinite(ways[0, list(shapes).index(hit.link)])
+
+
+def test_a_triangle_seen_from_its_edge_is_found():
+    camera, middle = looked_at("so101", "front"), VIEWPORT.centre_px
+    corners = camera.unproject(
+        middle + np.array([[1.0, -9.0], [1.0, 9.0], [1.0, 9.0]]), np.array([1.0, 1.0, 2.0])
+    )
+    thing = Picker({"sheet": triangle_rows(corners[None])})
+    (hit,) = thing.all_at(camera, {"sheet": np.eye(4)}, middle)
+    assert hit.away_px == pytest.approx(1.0)
+
+
+def test_what_is_behind_the_eye_is_not_in_the_square():
+    camera = looked_at("so101", "orbit")
+    behind = camera.eye_m - 0.5 * camera.forward
+    rows = capsule_rows(behind[None], behind[None] + 0.1, np.array([0.05]))
+    assert Picker({"x": rows}).all_at(camera, {"x": np.eye(4)}, VIEWPORT.centre_px, 500) == ()
+
+
+def test_the_square_is_looked_at_in_a_fraction_of_a_frame():
+    camera, home = looked_at("wx250s", "orbit"), stage("wx250s").home
+    poses = link_poses(model_of("wx250s").chain, home, {})
+    px = camera.project(poses["wrist"][:3, 3])[0]
+
+    def look():
+        picker("wx250s").all_at(camera, poses, px, 41)
+
+    look()
+    assert min(_seconds(look) for _ in range(20)) < 0.004
 
 
 def test_over_empty_space_nothing_is_picked():

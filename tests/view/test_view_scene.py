@@ -110,6 +110,15 @@ def test_the_ghost_is_behind_the_arm():
     assert max(i for i, s in enumerate(styles) if s == "ghost") < styles.index("measured")
 
 
+def test_a_link_chosen_behind_others_is_outlined_over_them():
+    assert of_style(painted(hover="base"), "behind") == []
+    items = painted(hover="base", behind=True)
+    (over,) = of_style(items, "behind")
+    (under,) = [i for i in items if i.get("link") == "base"]
+    assert over["rings"] == under["rings"]
+    assert items.index(over) > max(n for n, item in enumerate(items) if item.get("link"))
+
+
 def test_hovered_and_grabbed_links_are_marked():
     items = painted(hover="forearm", grabbed="wrist")
     assert [i["link"] for i in of_style(items, "hover")] == ["forearm"]

@@ -1,6 +1,7 @@
 """The desk and the pilot on a simulated arm in virtual time: who moves it, and what holds it."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -214,7 +215,7 @@ def test_a_stop_latches(room):
     room.run(at_beat=lambda n: n == 5 and room.say(said.Stop))
     room.pilot.step()
     assert room.told()["status"]["mode"] == "stopped"
-    with pytest.raises(BadMessageError, match="holds for a reason"):
+    with pytest.raises(BadMessageError, match="The arm was stopped"):
         room.throw_live()
 
 
@@ -243,10 +244,127 @@ ASKING = [
     (said.Live, {"on": True}), (said.Stop, {}), (said.Acknowledge, {}), (said.Take, {"on": True}),
     (said.SpeedChoice, {"name": "fast"}), (said.SolverChoice, {"name": "ccd"}),
     (said.Pose, {"name": "rest"}), (said.Calibrate, {"word": "begin"}),
-    (said.Key, {"key": "ArrowUp"}), (said.Gamepad, {"axes": [1, 0, 0, 0]}),
+    (said.Key, {"key": "ArrowUp"}), (said.Behind, {"step": 1}), (said.Prefer, {"pose": "rest"}),
+    (said.Gamepad, {"axes": [1, 0, 0, 0]}),
     (said.Wheel, {"x": 480, "y": 300, "notches": 1}),
     (said.Pointer, {"phase": "down", "x": 480, "y": 300, "button": 0, "pointer": 1}),
 ]  # fmt: skip
+
+
+def pixel_of_hub(room, joint):
+    items = room.told()["scene"]["items"]
+    return next(i["at"] for i in items if i["style"] == "hub" and i.get("joint") == joint)
+
+
+def test_what_is_under_the_pointer_is_told_by_depth(room):
+    room.point("hover", *pixel_of_hub(room, "elbow_flex"))
+    under = room.told()["status"]["under"]
+    links = [row for row in under if row["depth"]]
+    assert links[0]["name"] in {"upper_arm", "forearm"}
+    assert links[0]["depth"] == "nearest"
+    assert [row["chosen"] for row in under] == [True] + [False] * (len(under) - 1)
+    assert under[len(links)]["name"] == "the tip comes here"
+
+
+def test_the_key_for_behind_chooses_the_next_of_them(room):
+    room.point("hover", *pixel_of_hub(room, "elbow_flex"))
+    first = room.told()["scene"]["hover"]
+    room.say(said.Behind, step=1)
+    told = room.told()
+    assert told["status"]["under"][1]["chosen"]
+    assert told["scene"]["hover"] != first
+
+
+def test_after_a_tap_the_list_stays_though_a_finger_leaves(room):
+    fields = {"x": 480, "y": 300, "button": 0, "pointer": 1, "touch": True}
+    for phase in ("down", "up", "leave"):
+        room.say(said.Pointer, phase=phase, **fields)
+    assert room.told()["status"]["under"]
+    room.point("leave", 480, 300)
+    assert not room.told()["status"]["under"]
+
+
+def test_over_nothing_only_the_tip_can_come(room):
+    room.point("hover", 5, 5)
+    assert [row["name"] for row in room.told()["status"]["under"]] == ["the tip comes here"]
+
+
+@pytest.mark.parametrize("method", ["ccd", "transpose"])
+def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_rests(room, method):
+    room.say(said.SolverChoice, name=method)
+    tip = next(i["at"] for i in room.told()["scene"]["items"] if i["style"] == "tip")
+    room.point("down", *tip)
+    room.point("move", tip[0] + 30, tip[1] - 30)
+    assert room.told()["status"]["solver"]["words"].startswith(f"{method}: ")
+    for _ in range(200):
+        room.told()
+    assert room.desk._gestures.aim.gap_m < 2e-3
+
+
+def test_the_preferred_posture_is_told_and_leans_where_the_tip_leaves_freedom(room):
+    room.say(said.Prefer, pose="rest", weights={"shoulder_pan": 0.0})
+    room.click(480, 300)
+    leaning, gestures = room.desk._gestures.goal, room.desk._gestures
+    room.say(said.Prefer, pose="none")
+    gestures.forget()
+    room.click(480, 300)
+    assert gestures.aim.reached
+    assert np.abs(leaning - gestures.goal).max() > 0.05
+    assert room.told()["status"]["preference"]["pose"] == "none"
+
+
+def test_a_method_without_a_null_space_says_that_it_does_not_lean(room):
+    room.say(said.Prefer, pose="rest")
+    assert room.told()["status"]["preference"]["note"] == ""
+    room.say(said.SolverChoice, name="ccd")
+    assert "does not lean" in room.told()["status"]["preference"]["note"]
+
+
+@pytest.mark.parametrize(
+    ("fields", "why"),
+    [
+        ({"pose": "nowhere"}, "no pose"),
+        ({"pose": "rest", "weights": {"knee": 1.0}}, "no joint"),
+    ],
+)
+def test_a_preference_that_makes_no_sense_is_refused(room, fields, why):
+    with pytest.raises(BadMessageError, match=why):
+        room.say(said.Prefer, **fields)
+    assert room.told()["status"]["preference"]["pose"] == "none"
+
+
+def test_an_iteration_that_ends_elsewhere_does_not_call_it_the_nearest_point(room):
+    room.say(said.SolverChoice, name="transpose")
+    room.click(60, 60)
+    assert "transpose ended" in room.told()["status"]["messages"][-1]["message"]
+
+
+def posture_rows(told):
+    return {name: words for name, words, _ in told["status"]["posture"]}
+
+
+def later(room, name):
+    """Return words about the posture that take a while to be found out."""
+    for _ in range(500):
+        told = room.told()
+        if "status" in told and name in posture_rows(told):
+            return posture_rows(told)[name]
+        threading.Event().wait(0.01)
+    raise AssertionError(f"{name} is never told")
+
+
+def test_manipulability_is_that_of_the_jacobian(room):
+    q = room.pilot.readout.measured[:5]
+    J = room.arm.chain.jacobian(q)[:3]
+    value, unit = posture_rows(room.told())["manipulability"].split(",")[0].split()
+    assert float(value) == pytest.approx(math.sqrt(np.linalg.det(J @ J.T)), rel=0.05)
+    assert unit == "m³"
+
+
+def test_the_nearest_singularity_and_hidden_links_are_told_once_the_arm_rests(room):
+    assert later(room, "singularity").endswith(("inside the limits", "elbow_flex"))
+    room.say(said.Look, w=900, h=700, dpr=1, view="top")
+    assert "shoulder (by " in later(room, "hidden here")
 
 
 def asks_in_vain(room, visitor, asking, why):
@@ -259,13 +377,13 @@ def asks_in_vain(room, visitor, asking, why):
 
 
 def test_who_only_watches_changes_nothing(room):
-    asks_in_vain(room, room.arrive(Right.WATCH), ASKING, "may only look")
+    asks_in_vain(room, room.arrive(Right.WATCH), ASKING, "for watching only")
 
 
 def test_who_is_not_in_control_changes_nothing(room):
     free = (said.Stop, said.Acknowledge, said.Take)
     asking = [(kind, fields) for kind, fields in ASKING if kind not in free]
-    asks_in_vain(room, room.arrive(), asking, "Somebody else")
+    asks_in_vain(room, room.arrive(), asking, "Another page")
 
 
 def test_everybody_with_the_key_may_stop(room):

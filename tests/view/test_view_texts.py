@@ -26,7 +26,7 @@ def test_the_words_of_a_target_out_of_reach_are_those_of_the_command_line():
         TIP + np.array([0.5, 0, 0]), TIP, reached=False, binding=(Binding("elbow_flex", "upper"),)
     )
     assert aim_words(aim) == (
-        "(0.700, 0.000, 0.150) m cannot be reached (held back by elbow_flex at its upper limit). "
+        "(0.700, 0.000, 0.150) m cannot be reached (elbow_flex at its upper limit). "
         "Nearest reachable point: (0.200, 0.000, 0.150) m, 500.0 mm away."
     )
 

@@ -10,8 +10,11 @@ A machine without clock, page or servo; every event returns a wish or None::
     wish = drag.wheel(px, notches, sight, fine=False)       # Turn
     wish = drag.key("ArrowUp", sight, fine=False)           # Pull of the tip, Hold for Escape
     link = drag.hover(px, sight)
+    options, index = drag.under(px, sight)                  # what lies behind each other there
+    drag.go_on(px, sight)                                   # a press means the next of them
 
-Touches and pens are pointers. A pointer beside the one that drags is ignored.
+A click on a thing that does not move the pointer goes on to the one behind it, too. Touches and
+pens are pointers. A pointer beside the one that drags is ignored.
 """
 
 from __future__ import annotations
@@ -22,14 +25,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.errors import InputError
 from ikservo.ik import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Vector
 from ikservo.view.camera.camera import Camera
+from ikservo.view.drag.choosing import STILL_PX, Choosing
 from ikservo.view.drag.turning import Turning, begin
 from ikservo.view.drag.wishes import Hold, Pull, Turn, Wish
-from ikservo.view.pick.pick import Hit, Picker
-from ikservo.view.pick.under import Sight, Under
+from ikservo.view.pick.pick import Picker
+from ikservo.view.pick.under import Found, Sight, Under
 
 __all__ = ["Drag", "Sight"]
 
@@ -69,17 +74,28 @@ class _Grip:
         return Target(position, frame=self.frame, offset_m=self.offset_m)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fixture:
+    """A thing that is pressed and cannot be moved: an object of the scene, or the base."""
+
+    camera: Camera
+    found: Found
+
+
 class Drag:
     """Turns what a person does into what they want.
 
     Args:
         chain: The arm, inside its own limits.
         picker: Finds its links.
+        objects: Finds the objects of the scene, in the base frame; None for none.
     """
 
-    def __init__(self, chain: Chain, picker: Picker) -> None:
-        self._chain, self._under = chain, Under(chain, picker)
-        self._held: _Grip | Turning | None = None
+    def __init__(self, chain: Chain, picker: Picker, objects: Picker | None = None) -> None:
+        self._chain, self._under = chain, Under(chain, picker, objects)
+        self._choosing = Choosing(self._under)
+        self._held: _Grip | Turning | _Fixture | None = None
+        self._pressed: tuple[Vector, Sight] | None = None
         self._pointer = 0
         self._tip_target: Vector | None = None
 
@@ -105,32 +121,53 @@ class Drag:
         if self._held is not None:
             return None
         at = np.asarray(px, dtype=np.float64)
-        hit = self._under.link(at, sight)
-        self._pointer = pointer
+        found = self._choosing.chosen(at, sight)
+        self._pointer, self._pressed = pointer, (at, sight)
         if shift:
-            self._held = self._turning(at, sight, hit)
+            self._held = self._turning(at, sight, found)
             return None if self._held is None else self._turn(self._held)
-        self._held = self._on_link(at, sight, *hit) if hit else self._on_nothing(at, sight)
-        return self._pull(self._held, at, jump=not hit)
+        if found is not None and found.kind != "link":
+            self._held = _Fixture(sight.camera, found)
+            return None
+        self._held = (
+            self._on_nothing(at, sight) if found is None else self._on_link(at, sight, found)
+        )
+        return self._pull(self._held, at, jump=found is None)
 
     def move(self, px: ArrayLike, pointer: int = 0) -> Wish | None:
-        """Follow the pointer to a pixel (2,)."""
+        """Follow the pointer to a pixel (2,).
+
+        Raises:
+            InputError: What is held cannot be moved; said once.
+        """
         if self._held is None or pointer != self._pointer:
             return None
         at = np.asarray(px, dtype=np.float64)
+        first = self._leaves(at)
+        if isinstance(self._held, _Fixture):
+            if first:
+                raise _fixed(self._held.found)
+            return None
         if isinstance(self._held, Turning):
             self._held = self._held.moved(at)
             return self._turn(self._held)
         return self._pull(self._held, at, jump=False)
 
     def release(self, pointer: int = 0) -> None:
-        """Let go; the last wish stands."""
-        if pointer == self._pointer:
-            self._held = None
+        """Let go; the last wish stands. What was only clicked gives way to what is behind it."""
+        if pointer != self._pointer:
+            return
+        self._held = None
+        if self._pressed is not None:
+            at, sight = self._pressed
+            if len(self._choosing.options(at, sight)) > 1:
+                self._choosing.go_on(at, sight)
+        self._pressed = None
 
     def cancel(self) -> Wish:
         """Let go, and hold."""
-        self._held = self._tip_target = None
+        self._held = self._tip_target = self._pressed = None
+        self._choosing.forget()
         return Hold()
 
     def wheel(
@@ -138,7 +175,7 @@ class Drag:
     ) -> Wish | None:
         """Turn the joint at a pixel (2,) by a degree (a slide by 1 mm) for each notch."""
         at = np.asarray(px, dtype=np.float64)
-        dial = self._under.dial(at, sight, self._under.link(at, sight))
+        dial = self._under.dial(at, sight, self._link(at, sight))
         if dial is None or self.busy:
             return None
         notch = (_NOTCH_M if dial.slides else _NOTCH_RAD) * (_FINE if fine else 1.0)
@@ -160,12 +197,39 @@ class Drag:
 
     def hover(self, px: ArrayLike, sight: Sight) -> str | None:
         """Return the link that a press at a pixel (2,) would grab."""
-        hit = self._under.link(np.asarray(px, dtype=np.float64), sight)
-        return hit[0].link if hit else None
+        found = self._link(np.asarray(px, dtype=np.float64), sight)
+        return found.hit.link if found else None
 
-    def _on_link(self, at: Vector, sight: Sight, hit: Hit, q: Vector) -> _Grip:
+    def under(self, px: ArrayLike, sight: Sight) -> tuple[tuple[Found | None, ...], int]:
+        """Return all that a press at a pixel (2,) may mean, and which of it is chosen.
+
+        None stands for the plane that the view shows: the tip is to come there.
+        """
+        at = np.asarray(px, dtype=np.float64)
+        options = self._choosing.options(at, sight)
+        return options, self._choosing.index(at, options)
+
+    def go_on(self, px: ArrayLike, sight: Sight, step: int = 1) -> None:
+        """Let a press at a pixel (2,) mean what is behind, or with -1 before, what it means now."""
+        self._choosing.go_on(np.asarray(px, dtype=np.float64), sight, step)
+
+    def _leaves(self, at: Vector) -> bool:
+        """Return whether the pointer has just moved away from where it was pressed."""
+        if self._pressed is None or float(np.hypot(*(at - self._pressed[0]))) < STILL_PX:
+            return False
+        self._pressed = None
+        self._choosing.forget()
+        return True
+
+    def _link(self, at: Vector, sight: Sight) -> Found | None:
+        found = self._choosing.chosen(at, sight)
+        return found if found is not None and found.kind == "link" else None
+
+    def _on_link(self, at: Vector, sight: Sight, found: Found) -> _Grip:
         """Grab the point that was hit, where it is fixed to what q moves."""
+        hit = found.hit
         frame = next(s.joint.child for s in reversed(self._chain.way(hit.link)) if s.scale)
+        q = sight.arms[0] if found.q is None else found.q
         T_world_frame = self._chain.forward(q, frame)
         offset = T_world_frame[:3, :3].T @ (hit.point_m - T_world_frame[:3, 3])
         px, depth_m = sight.camera.project(hit.point_m)
@@ -182,13 +246,14 @@ class Drag:
         self._tip_target = target.position if grip.link is None else None
         return Pull(target, jump)
 
-    def _turning(self, at: Vector, sight: Sight, hit: tuple[Hit, Vector] | None) -> Turning | None:
-        dial = self._under.dial(at, sight, hit)
+    def _turning(self, at: Vector, sight: Sight, found: Found | None) -> Turning | None:
+        link = found if found is not None and found.kind == "link" else None
+        dial = self._under.dial(at, sight, link)
         if dial is None:
             return None
         q = sight.arms[0]
         line = dial.place(self._under.poses(sight))
-        point = line[0] if hit is None else hit[0].point_m
+        point = line[0] if link is None else link.hit.point_m
         now = float(q[dial.column])
         return begin(dial.column, sight.camera, line, at, point, now, slides=dial.slides)
 
@@ -199,3 +264,13 @@ class Drag:
     def _to(self, column: int, position: float) -> Turn:
         low, high = float(self._chain.lower_rad[column]), float(self._chain.upper_rad[column])
         return Turn(self._chain.names[column], min(max(position, low), high))
+
+
+def _fixed(found: Found) -> InputError:
+    """Say why a thing cannot be dragged."""
+    where = ", ".join(f"{x:z.3f}" for x in found.hit.point_m.tolist())
+    what = "an object of the scene" if found.kind == "object" else "a link that no joint moves"
+    return InputError(
+        f"{found.hit.link} cannot be dragged: it is {what}, pressed at ({where}) m.",
+        "Grab a link of the arm; a click, or N, chooses what is behind.",
+    )

@@ -72,6 +72,7 @@ function show(scene) {
   drawing.show(scene.backdrop, scene.items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-held", Boolean(scene.held));
+  canvas.toggleAttribute("data-picked", Boolean(scene.picked));
   window.ikservo.scene = scene;
   window.ikservo.drawn += 1;
 }
@@ -83,6 +84,11 @@ addEventListener("keydown", (event) => {
   event.stopPropagation();
   if (!event.repeat) say("stop");
 }, { capture: true });
+// N chooses what is behind the thing under the pointer, Shift+N what is before it.
+addEventListener("keydown", (event) => {
+  const typing = event.target.closest?.("input, select") || event.ctrlKey || event.metaKey || event.altKey;
+  if (event.key.toLowerCase() === "n" && !typing) say("behind", { step: event.shiftKey ? -1 : 1 });
+});
 addEventListener("keyup", (event) => { if (event.key === " ") event.preventDefault(); }, { capture: true });
 
 new ResizeObserver(look).observe(canvas);

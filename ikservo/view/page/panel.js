@@ -2,6 +2,7 @@
 
 import { $, choices, make, rows, setAttribute, setText } from "./elements.js";
 import { Meter } from "./meter.js";
+import { Preference } from "./preference.js";
 
 const MODES = {
   preview: "Preview – the arm does not move",
@@ -23,6 +24,7 @@ export class Panel {
   constructor(say) {
     this.say = say;
     this.status = null;
+    this.preference = new Preference(say);
     this.refusal = null; // what could not be done just now; forgotten by itself
     $("stop").onclick = () => say("stop");
     $("acknowledge").onclick = () => say("acknowledge");
@@ -38,10 +40,11 @@ export class Panel {
     setText($("port"), arm.port);
     $("poses").replaceChildren(...arm.poses.map((name) => make("button", { type: "button", onclick: () => this.say("pose", { name }) }, title(name))));
     $("jaws").hidden = !arm.gripper;
+    this.preference.arm(arm);
     $("calibrate").hidden = arm.right !== "control";
     $("hint").textContent = matchMedia("(pointer: coarse)").matches
       ? "Touch the arm and pull, or tap where the tip should go. Two fingers move the view."
-      : "Grab any link and pull · click where the tip should go · Shift turns one joint · right button moves the view";
+      : "Grab any link and pull · click where the tip should go · Shift turns one joint · N: what is behind · right button moves the view";
   }
 
   show(status) {
@@ -53,8 +56,11 @@ export class Panel {
     this.banner(status.banner ?? this.refusal);
     this.meters(status.joints);
     this.solver(status.solver);
+    this.preference.show(status.preference, mine);
     this.health(status.health);
-    this.tip(status.tip);
+    this.pairs($("tip"), status.tip);
+    for (const list of document.querySelectorAll(".posture")) this.pairs(list, status.posture);
+    this.under(status.under);
     this.messages(status.messages);
   }
 
@@ -118,11 +124,22 @@ export class Panel {
     });
   }
 
-  tip(tip) {
-    rows($("tip"), tip, tipRow, (row, [name, words, level]) => {
+  pairs(list, pairs) {
+    rows(list, pairs, pairRow, (row, [name, words, level]) => {
       setText(row.name, name);
       setText(row.words, words);
       setAttribute(row.words, "class", level);
+    });
+  }
+
+  // What lies behind each other under the pointer; one thing alone needs no list.
+  under(under) {
+    const shown = under.length > 1 ? under : [];
+    $("under").hidden = !shown.length;
+    rows($("under"), shown, underRow, ({ element, cells }, row) => {
+      setAttribute(element, "class", row.chosen ? "chosen" : "");
+      const name = row.what ? `${row.name} (${row.what})` : row.name;
+      [name, row.depth, row.at].forEach((words, i) => setText(cells[i], words));
     });
   }
 
@@ -146,7 +163,12 @@ function healthRow() {
   return { element: make("li", {}, ...cells, alarms), cells, alarms };
 }
 
-function tipRow() {
+function underRow() {
+  const cells = [0, 1, 2].map(() => make("span"));
+  return { element: make("li", {}, ...cells), cells };
+}
+
+function pairRow() {
   const [name, words] = [make("dt"), make("dd")];
   return { element: make("div", {}, name, words), name, words };
 }

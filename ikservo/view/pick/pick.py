@@ -2,7 +2,7 @@
 
 Boxes of links, moved with the arm, stand over trees of boxes in link coordinates, which never
 change: the ray is taken into the link instead of the link to the ray. A pointer means a small
-square of pixels, with a ray through the middle of each::
+square of pixels; every link that falls in it is a hit, however thin it is (see ``region``)::
 
     picker = Picker(shapes_of(capsules_of(model)))
     hits = picker.all_at(camera, link_poses(chain, q, {}), px)     # by depth
@@ -11,7 +11,7 @@ square of pixels, with a ray through the middle of each::
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +36,8 @@ class Hit:
         offset_m: The point that was hit (3,), link coordinates, metres.
         point_m: The same point (3,), world coordinates.
         depth_m: How deep in the picture it is.
-        away_px: How far from the pointer itself; 0 where the pointer is right over the link.
+        away_px: Half the side of the smallest square about the pointer that the link falls in; 0
+            where the pointer is right over it.
         shape: Which of the link's shapes it belongs to.
     """
 
@@ -62,12 +63,17 @@ class Picker:
         self._halves = 0.5 * (roots[:, 3:] - roots[:, :3])
         self.looked = 0
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of what can be found."""
+        return self._forest.links
+
     def at(
         self,
         camera: Camera,
         poses: Mapping[str, Matrix],
         px: ArrayLike,
-        region_px: int = REGION_PX,
+        region_px: float = REGION_PX,
     ) -> Hit | None:
         """Return the nearest link right under the pixel (2,), else the nearest close to it."""
         hits = self.all_at(camera, poses, px, region_px)
@@ -78,7 +84,7 @@ class Picker:
         camera: Camera,
         poses: Mapping[str, Matrix],
         px: ArrayLike,
-        region_px: int = REGION_PX,
+        region_px: float = REGION_PX,
     ) -> tuple[Hit, ...]:
         """Return every link in the square around a pixel (2,), the nearest first.
 
@@ -86,20 +92,58 @@ class Picker:
             camera: What the person sees.
             poses: T_world_link (4, 4) of each link.
             px: Where the pointer is, CSS pixels.
-            region_px: The side of the square, an odd number of pixels.
+            region_px: The side of the square; with 0 only what is right under the pointer.
         """
-        offsets = _square(region_px)
-        origins, directions = camera.rays(np.asarray(px, dtype=np.float64) + offsets)
-        ways, rows = self.cast(origins, directions, poses)
-        hits: list[Hit] = []
-        for i, link in enumerate(self._forest.links):
-            rays = np.flatnonzero(np.isfinite(ways[:, i]))
-            if len(rays):  # the first is the closest to the pointer
-                ray = int(rays[0])
-                point = origins[ray] + ways[ray, i] * directions[ray]
-                away_px, row = float(np.hypot(*offsets[ray])), int(rows[ray, i])
-                hits.append(self._hit(camera, link, poses[link], point, away_px, row))
-        return tuple(sorted(hits, key=lambda hit: hit.depth_m))
+        at = np.asarray(px, dtype=np.float64)
+        hits = self._under(camera, poses, at)
+        hits |= {
+            link: hit
+            for link, hit in self._beside(camera, poses, at, 0.5 * region_px).items()
+            if link not in hits
+        }
+        return tuple(sorted(hits.values(), key=lambda hit: hit.depth_m))
+
+    def _under(self, camera: Camera, poses: Mapping[str, Matrix], at: Vector) -> dict[str, Hit]:
+        """Return what the line of sight through the pointer meets, by link."""
+        (origin,), (direction,) = origins, directions = camera.rays(at[None])
+        (ways,), (rows,) = self.cast(origins, directions, poses)
+        return {
+            link: self._hit(camera, link, poses[link], origin + way * direction, 0.0, int(row))
+            for link, way, row in zip(self._forest.links, ways, rows, strict=True)
+            if np.isfinite(way)
+        }
+
+    def _beside(
+        self, camera: Camera, poses: Mapping[str, Matrix], at: Vector, half_px: float
+    ) -> dict[str, Hit]:
+        """Return what falls in the square around the pointer, by link."""
+        from ikservo.view.pick.region import (  # noqa: PLC0415  # numba loads for a second
+            AWAY,
+            DEPTH,
+            RIGHT,
+            ROW,
+            UP,
+            find_in_square,
+        )  # fmt: skip
+
+        forest, hits = self._forest, dict[str, Hit]()
+        if half_px <= 0.0:
+            return hits
+        found = np.empty((len(forest.links), 5))
+        pointer = (at - camera.viewport.centre_px) * (1.0, -1.0) / camera.scale_px
+        eye = np.array([*pointer, float(camera.perspective)])
+        T_view_link = _seen_from(camera, [poses[link] for link in forest.links])
+        half = half_px / camera.scale_px
+        self.looked = find_in_square(
+            T_view_link, eye, half, forest.roots, forest.boxes, forest.nodes, forest.rows, found
+        )
+        for link, seen in zip(forest.links, found, strict=True):
+            if np.isfinite(seen[AWAY]):
+                away_px = camera.scale_px * seen[[RIGHT, UP]] * (1.0, -1.0)
+                point = camera.unproject(at + away_px, seen[DEPTH])
+                px = float(camera.scale_px * seen[AWAY])
+                hits[link] = self._hit(camera, link, poses[link], point, px, int(seen[ROW]))
+        return hits
 
     def cast(
         self, origins: Matrix, directions: Matrix, poses: Mapping[str, Matrix]
@@ -145,9 +189,10 @@ class Picker:
         )
 
 
-def _square(side_px: int) -> Matrix:
-    """Return the middles (n, 2) of a square of pixels around its own, the closest first."""
-    half = max(0, side_px // 2)
-    steps = np.arange(-half, half + 1, dtype=np.float64)
-    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    return offsets[np.argsort(np.hypot(*offsets.T), kind="stable")]
+def _seen_from(camera: Camera, poses: Sequence[Matrix]) -> Matrix:
+    """Return rotations and origins (links, 12) of links: right, up and depth from the eye."""
+    T = np.array(poses).reshape(-1, 4, 4)
+    R_view = camera.R_world_view.T * [[1.0], [1.0], [-1.0]]
+    R = (R_view @ T[:, :3, :3]).reshape(-1, 9)
+    places = (T[:, :3, 3] - camera.eye_m) @ R_view.T
+    return np.ascontiguousarray(np.hstack([R, places]))

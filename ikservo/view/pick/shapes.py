@@ -9,7 +9,7 @@ import numpy as np
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.se3 import Matrix
 from ikservo.model import Model
-from ikservo.model.shell import capsules_around
+from ikservo.model.shell import capsules_of
 
 __all__ = [
     "CAPSULE",
@@ -18,6 +18,7 @@ __all__ = [
     "boxes_around",
     "capsule_rows",
     "capsules_of",
+    "objects_of",
     "shapes_of",
     "triangle_rows",
 ]
@@ -26,16 +27,6 @@ __all__ = [
 WIDTH = 10
 CAPSULE, TRIANGLE = 0.0, 1.0
 _KIND, _A, _B, _C, _RADIUS = 0, slice(1, 4), slice(4, 7), slice(7, 10), 7
-
-
-def capsules_of(model: Model) -> list[Capsule]:
-    """Return the capsules around every shape of an arm; the guard knows its body by the same."""
-    return [
-        capsule
-        for link in model.urdf.links
-        for shape in link.collisions
-        for capsule in capsules_around(link.name, shape)
-    ]
 
 
 def shapes_of(capsules: Sequence[Capsule]) -> Mapping[str, Matrix]:
@@ -65,6 +56,23 @@ def triangle_rows(corners_m: Matrix) -> Matrix:
     rows[:, _KIND] = TRIANGLE
     rows[:, _A], rows[:, _B], rows[:, _C] = corners_m[:, 0], corners_m[:, 1], corners_m[:, 2]
     return rows
+
+
+def objects_of(model: Model) -> Mapping[str, Matrix]:
+    """Return the primitives (n, WIDTH) of each box that the arm keeps out of, base frame."""
+    return {box.name: _box_rows(np.array([box.low_m, box.high_m])) for box in model.keep_out}
+
+
+def _box_rows(ends_m: Matrix) -> Matrix:
+    """Return the twelve triangles of an upright box from its low and high corner (2, 3)."""
+    corners = np.array([[ends_m[index, axis] for axis, index in enumerate(each)] for each in _BITS])
+    halves = [half for a, b, c, d in _FACES for half in ((a, b, c), (a, c, d))]
+    return triangle_rows(corners[halves])
+
+
+_BITS = tuple(np.ndindex(2, 2, 2))
+# The corners of a box's faces, one after the other round each.
+_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 
 
 def boxes_around(rows: Matrix) -> Matrix:

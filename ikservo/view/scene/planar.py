@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
-from ikservo.ik import METHODS, Result, Target, solve
+from ikservo.ik import METHODS, Posture, Result, Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model
@@ -32,10 +32,13 @@ from ikservo.model.urdf import Cylinder, JointKind, Urdf, UrdfJoint, UrdfLink
 from ikservo.view.camera.camera import Camera
 from ikservo.view.scene.items import Item, circle, cross, polyline
 
-__all__ = ["CHOICES", "Lesson", "planar_model", "teach"]
+__all__ = ["CHOICES", "ITERATIVE", "Lesson", "planar_model", "teach"]
 
 CHOICES: tuple[str, ...] = tuple(METHODS)
 """The methods to choose from."""
+
+ITERATIVE = ("pseudo_inverse", "transpose", "ccd")
+"""Those that go on from where the arm is: where they end is not always the nearest point."""
 
 _MOST_SHOWN = 200
 _TRAIL = 10
@@ -90,15 +93,28 @@ class Lesson:
         return f"{self.result.method}, iteration {self.numbers[step]} of {self.numbers[-1]}: {left}"
 
 
-def teach(chain: Chain, target_m: ArrayLike, q0: ArrayLike, method: str) -> Lesson:
+def teach(
+    chain: Chain,
+    target_m: ArrayLike,
+    q0: ArrayLike,
+    method: str,
+    posture: Posture | None = None,
+) -> Lesson:
     """Let a method solve for a target from ``q0`` (dof,) and keep what it does.
+
+    Args:
+        chain: The arm.
+        target_m: Where the tip shall be (3,), metres.
+        q0: Where it starts (dof,).
+        method: One of ``CHOICES``.
+        posture: What to lean towards (lecture L10), where the method has a null space.
 
     Raises:
         UnknownNameError: There is no such method.
         BadValueError: The target or q0 makes no sense.
     """
     target = Target(target_m)
-    result = solve(chain, target, q0, method, trace=True, restarts=1)
+    result = solve(chain, target, q0, method, trace=True, restarts=1, posture=posture)
     steps = np.array(result.trace or (chain.clip(q0), result.q))
     shown = np.unique(np.linspace(0, len(steps) - 1, min(len(steps), _MOST_SHOWN)).round())
     numbers = shown.astype(int)
@@ -134,18 +150,8 @@ def planar_model(lengths_m: Sequence[float], limit_rad: float = math.pi) -> Mode
     ]
     ends = [_link("base", 0.0, 1.6 * radius_m), *links, _link("tool", None, radius_m)]
     urdf = Urdf("planar", tuple(ends), tuple(joints), "base")
-    return Model(
-        name="planar",
-        title=f"{len(lengths_m)} links in a plane",
-        chain=chain_of(urdf, "tool"),
-        urdf=urdf,
-        joints=(),
-        poses={},
-        speeds={},
-        family=None,
-        baud_rate=0,
-        path=Path("planar.urdf"),
-    )
+    title = f"{len(lengths_m)} links in a plane"
+    return Model.bare("planar", title, chain_of(urdf, "tool"), urdf, Path("planar.urdf"))
 
 
 def _check(lengths_m: Sequence[float], limit_rad: float) -> None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ikservo.clock import Clock
 from ikservo.kinematics.se3 import Vector
 from ikservo.view.camera.camera import Camera
 from ikservo.view.camera.stage import Stage
 from ikservo.view.camera.views import camera_of, views_of
+from ikservo.view.pick.visibility import Visibility
+from ikservo.view.scene.insights import Insight, Insights
 from ikservo.view.scene.items import Item
+from ikservo.view.scene.posing import link_poses
 from ikservo.view.scene.reach import Reach, ShownPlane, shown_plane
 from ikservo.view.scene.reaches import Reaches
 from ikservo.view.scene.scene import Moment, Theatre
@@ -21,6 +26,7 @@ from ikservo.view.session.told import arm_told, status_told
 __all__ = ["Posters"]
 
 _STATUS_S, _ALIVE_S = 0.066, 0.1
+_STILL_RAD = 2e-3  # between two statuses
 
 
 class Posters:
@@ -38,6 +44,8 @@ class Posters:
         limits = {state.name: state.limit_from for state in pilot.readout.states}
         self._theatre = Theatre(arm.model, arm.chain, limits)
         self._reaches = Reaches(arm.chain)
+        self._insights = Insights(arm.chain, Visibility(arm.model))
+        self._before: Vector | None = None
         names = [state.name for state in pilot.readout.states]
         self._columns = [names.index(name) for name in arm.chain.names]
         self._names = names
@@ -50,6 +58,7 @@ class Posters:
     def close(self) -> None:
         """Leave what is being worked out."""
         self._reaches.close()
+        self._insights.close()
 
     def camera(self, visitor: Visitor) -> Camera:
         """Return what a visitor looks through; it stays while something is held."""
@@ -76,8 +85,19 @@ class Posters:
         if not self._due(visitor, "status", _STATUS_S):
             return []
         step = self._gestures.step(self._clock.now_s())
-        status = status_told(self._pilot, self._gestures, step, controller)
+        insight = None if visitor.viewport is None else self._insight(visitor)
+        status = status_told(self._pilot, self._gestures, step, controller, insight)
         return self._if_new(visitor, status)
+
+    def _insight(self, visitor: Visitor) -> Insight | None:
+        """Return what is known of the arm where it rests, as the visitor sees it."""
+        readout = self._pilot.readout
+        q, before = self._q(readout.measured), self._before
+        self._before = q
+        rests = before is not None and float(np.abs(q - before).max(initial=0.0)) < _STILL_RAD
+        poses = link_poses(self._pilot.arm.chain, q, self._beside(readout))
+        idle = rests and self._gestures.camera is None
+        return self._insights.get(visitor.number, q, poses, self.camera(visitor), idle=idle)
 
     def _scene(self, visitor: Visitor) -> list[Frame]:
         """Return the scene, if anything moved or the visitor has not heard for a while."""
@@ -103,6 +123,8 @@ class Posters:
             reach=reach,
             hover=gestures.hover,
             grabbed=gestures.grabbed,
+            behind=gestures.chosen > 0,
+            picked=gestures.picked,
             beside=self._beside(readout),
         )
         frame: dict[str, object] = {
@@ -110,6 +132,7 @@ class Posters:
             "items": self._theatre.foreground(moment) + self._lesson_items(camera),
             "hover": gestures.hover,
             "held": gestures.grabbed,
+            "picked": gestures.picked,
         }
         behind = (camera.fingerprint, reach and reach.fingerprint)
         if visitor.told.get("backdrop") != behind:

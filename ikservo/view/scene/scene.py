@@ -6,9 +6,10 @@ Made once for an arm, then asked for every frame::
     items = theatre.items(Moment(camera, measured=q, goal=q_goal, aim=aim, hover="forearm", …))
 
 Items are painted from first to last, see ``items``. Styles, back to front: ``floor``, ``grid``,
-``reach``, ``keep_out``, the links of the goal ``ghost`` and of the arm ``measured`` (``hover``
-and ``grabbed`` where the pointer is), arcs ``limit`` | ``amber`` | ``red`` with ``needle`` and
-``hub``, ``trace``, ``tip``, ``gap``, ``nearest``, ``target`` | ``target_far``, ``scale``.
+``reach``, ``keep_out``, ``picked``, the links of the goal ``ghost`` and of the arm ``measured``
+(``hover`` and ``grabbed`` where the pointer is, ``behind`` over others), arcs ``limit`` |
+``amber`` | ``red`` with ``needle`` and ``hub``, ``trace``, ``tip``, ``gap``, ``nearest``,
+``target`` | ``target_far``, ``scale``.
 """
 
 from __future__ import annotations
@@ -52,6 +53,8 @@ class Moment:
         reach: The region of the shown plane, if it is known.
         hover: The link under the pointer.
         grabbed: The link that is being pulled.
+        behind: Whether the hovered link was chosen behind others: its outline is drawn over them.
+        picked: The object of the scene under the pointer.
         beside: Positions of joints beside the way to the tip, as the gripper's.
         trace_m: The way of the tip (n, 3), or of a solver's iterations.
     """
@@ -63,6 +66,8 @@ class Moment:
     reach: Reach | None = None
     hover: str | None = None
     grabbed: str | None = None
+    behind: bool = False
+    picked: str | None = None
     beside: Mapping[str, float] = field(default_factory=dict[str, float])
     trace_m: Matrix | None = None
 
@@ -101,7 +106,9 @@ class Theatre:
     def foreground(self, moment: Moment) -> list[Item]:
         """Return the arm and all that moves with it."""
         poses = link_poses(self.chain, moment.measured, moment.beside)
+        boxes = [box for box in self._model.keep_out if box.name == moment.picked]
         return [
+            *(draw_box(moment.camera, box, "picked") for box in boxes),
             *self._ghost(moment),
             *self._arm(moment, poses),
             *self._ranges(moment, poses),
@@ -119,10 +126,10 @@ class Theatre:
         return [polygon("ghost", outline.rings, link=outline.link) for outline in seen]
 
     def _arm(self, moment: Moment, poses: Mapping[str, Matrix]) -> list[Item]:
-        return [
-            polygon(_style_of(outline.link, moment), outline.rings, link=outline.link)
-            for outline in self._outlines.seen(moment.camera, poses)
-        ]
+        seen = self._outlines.seen(moment.camera, poses)
+        links = [polygon(_style_of(each.link, moment), each.rings, link=each.link) for each in seen]
+        over = [each for each in seen if moment.behind and each.link == moment.hover]
+        return [*links, *(polygon("behind", each.rings) for each in over)]
 
     def _ranges(self, moment: Moment, poses: Mapping[str, Matrix]) -> list[Item]:
         styles = [self._nearer(moment, dial.column) for dial in self._dials]

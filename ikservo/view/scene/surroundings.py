@@ -35,11 +35,11 @@ def draw_floor(stage: Stage, camera: Camera, floor_m: float) -> list[Item]:
     return [*table, *_grid(camera, centre, half)]
 
 
-def draw_box(camera: Camera, box: KeepOut) -> Item:
+def draw_box(camera: Camera, box: KeepOut, style: str = "keep_out") -> Item:
     """Return a keep-out box as its six faces filled together."""
     low, high = np.array(box.low_m), np.array(box.high_m)
     px, _ = camera.project(low + _CORNERS * (high - low))
-    return polygon("keep_out", [_turning_left(px[list(face)]) for face in _FACES], name=box.name)
+    return polygon(style, [_turning_left(px[list(face)]) for face in _FACES], name=box.name)
 
 
 def draw_scale(camera: Camera) -> list[Item]:

@@ -25,11 +25,18 @@ def point(at_m: Vector) -> str:
     return f"({', '.join(f'{float(x):z.3f}' for x in at_m)}) m"
 
 
-def aim_words(aim: Aim) -> str:
-    """Return what became of the target: reached, or how near and what holds the arm back."""
+def aim_words(aim: Aim, method: str | None = None) -> str:
+    """Return what became of the target: reached, or how near and what holds the arm back.
+
+    Args:
+        aim: The target.
+        method: The iteration that ended there, which need not be the nearest point that there is.
+    """
     if aim.reached:
         return f"target {point(aim.target_m)}"
-    held = f" (held back by {', '.join(map(str, aim.binding))})" if aim.binding else ""
+    if method is not None:
+        return f"{method} ended {aim.gap_m * 1000:.1f} mm from {point(aim.target_m)}."
+    held = f" ({', '.join(map(str, aim.binding))})" if aim.binding else ""
     return (
         f"{point(aim.target_m)} cannot be reached{held}. Nearest reachable point: "
         f"{point(aim.nearest_m)}, {aim.gap_m * 1000:.1f} mm away."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
-from ikservo.view.server.messages import BadMessageError, Beat, Message, Stop, read_message
+from ikservo.view.server.messages import BadMessageError, Beat, Look, Message, Stop, read_message
 
 __all__ = ["LARGEST_AGE_S", "Intake", "StaleError", "TooManyError"]
 
@@ -63,9 +63,9 @@ class Intake:
         except BadMessageError as error:
             self._bad += 1
             if self._bad > _MOST_BAD:
-                raise TooManyError("Too many messages that cannot be used.") from error
+                raise TooManyError("Too many invalid messages.") from error
             raise
-        if not _holds(message) and self._age_s(message.seen, now_s) > LARGEST_AGE_S:
+        if not _never_too_late(message) and self._age_s(message.seen, now_s) > LARGEST_AGE_S:
             raise StaleError("The message is too old to act on.", "Nothing has changed.")
         return message
 
@@ -78,7 +78,9 @@ class Intake:
 
     def _in_order(self, message: Message) -> None:
         if message.seq <= self._last_seq:
-            raise BadMessageError(f"Message {message.seq} was there before.", "Count on.")
+            raise BadMessageError(
+                f"Message {message.seq} was received before.", "Number it higher."
+            )
         if message.seen < self.seen or message.seen not in self._sent:
             raise BadMessageError(f"Scene {message.seen} was never sent, or long ago.")
         self._last_seq, self.seen = message.seq, message.seen
@@ -89,6 +91,10 @@ class Intake:
         return now_s - after
 
 
-def _holds(message: Message) -> bool:
-    """Return whether it can only make the arm hold: that is never too late."""
-    return isinstance(message, Stop) or (isinstance(message, Beat) and not message.visible)
+def _never_too_late(message: Message) -> bool:
+    """Return whether it moves nothing, or only makes the arm hold.
+
+    A page says once how large its drawing is, often in the second in which it is laid out.
+    """
+    holds = isinstance(message, Stop) or (isinstance(message, Beat) and not message.visible)
+    return holds or isinstance(message, Look)

@@ -13,6 +13,7 @@ __all__ = [
     "Acknowledge",
     "BadMessageError",
     "Beat",
+    "Behind",
     "Calibrate",
     "Gamepad",
     "Hello",
@@ -23,6 +24,7 @@ __all__ = [
     "Orbit",
     "Pointer",
     "Pose",
+    "Prefer",
     "SolverChoice",
     "SpeedChoice",
     "Stop",
@@ -40,6 +42,7 @@ _LARGEST_SEQ = 2**53 - 1  # the largest whole number that JavaScript counts with
 Pixels = Annotated[float, Field(ge=-16384, le=16384, allow_inf_nan=False)]
 Length = Annotated[float, Field(ge=16, le=16384, allow_inf_nan=False)]
 Axis = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
+Weight = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
 
 
@@ -120,6 +123,13 @@ class Key(_Message):
     shift: bool = False
 
 
+class Behind(_Message):
+    """Let a press mean what is behind, or before, what it means now where the pointer is."""
+
+    kind: Literal["behind"]
+    step: Literal[-1, 1]
+
+
 class Orbit(_Message):
     """Turn the camera by pixels of dragging, or come nearer."""
 
@@ -181,6 +191,19 @@ class SolverChoice(_Message):
     name: Name
 
 
+class Prefer(_Message):
+    """Choose the posture to lean towards where the target leaves freedom.
+
+    Attributes:
+        pose: The name of a pose, ``here`` for the one of now, or ``none``.
+        weights: How strongly joints lean that do not do so with 1.
+    """
+
+    kind: Literal["prefer"]
+    pose: Name
+    weights: Annotated[dict[Name, Weight], Field(max_length=32)] = {}
+
+
 class Pose(_Message):
     """Go to a named pose."""
 
@@ -197,8 +220,8 @@ class Calibrate(_Message):
 
 
 Message = (
-    Beat | Look | Pointer | Wheel | Key | Orbit | Gamepad | Stop | Acknowledge | Live | Take
-    | SpeedChoice | SolverChoice | Pose | Calibrate
+    Beat | Look | Pointer | Wheel | Key | Behind | Orbit | Gamepad | Stop | Acknowledge | Live
+    | Take | SpeedChoice | SolverChoice | Prefer | Pose | Calibrate
 )  # fmt: skip
 
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])

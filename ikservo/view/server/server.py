@@ -149,7 +149,7 @@ class _Live:
             except StaleError:
                 continue  # the page shows by itself that it hears nothing
             except BadMessageError as error:
-                said = {"kind": "refused", "message": error.message, "hint": error.hint}
+                said = {"kind": "refused", "message": error.message, "hint": error.command_hint}
                 talk.outbox.append(said)
             drawn = talk.intake.seen > talk.drawn
             if drawn or not talk.intake.under_way:

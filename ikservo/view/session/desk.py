@@ -20,6 +20,7 @@ from ikservo.view.server.visitor import Visitor
 from ikservo.view.server.visitors import Right
 from ikservo.view.session.gestures import Gestures
 from ikservo.view.session.pilot import Pilot
+from ikservo.view.session.preference import Preference
 
 __all__ = ["Desk"]
 
@@ -94,7 +95,7 @@ class Desk:
         try:
             self._move(message, visitor)
         except IkservoError as error:
-            raise BadMessageError(error.message, error.hint) from error
+            raise BadMessageError(error.message, error.command_hint) from error
         self._tell_pilot()
 
     @_hear.register
@@ -129,7 +130,7 @@ class Desk:
         _may_control(visitor)
         self._gestures.forget()
         self._pilot.wish = replace(self._pilot.wish, live=False, goal=None)
-        self._pilot.stop("Stopped from the page; the arm holds.")
+        self._pilot.stop("Stopped from the page; torque stays on.")
 
     @_hear.register
     def _(self, message: said.Acknowledge, visitor: Visitor) -> None:
@@ -157,6 +158,9 @@ class Desk:
             pilot.wish = replace(pilot.wish, speed=message.name)
         elif isinstance(message, said.SolverChoice):
             gestures.choose_solver(message.name)
+        elif isinstance(message, said.Prefer):
+            wanted = Preference(message.pose, message.weights)
+            gestures.prefer(wanted, pilot.readout.measured)
         elif isinstance(message, said.Calibrate):
             self._calibrate(message)
         elif isinstance(message, said.Pose):
@@ -171,7 +175,7 @@ class Desk:
         """Throw Live: the arm starts from where it stands, whatever the preview showed."""
         pilot = self._pilot
         if on and (pilot.readout.trouble or pilot.readout.talk):
-            raise BadMessageError("The arm holds for a reason.", "Look at it, then acknowledge.")
+            raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
         self._gestures.forget()
         flight = pilot.wish.flight + 1 if on and not pilot.wish.live else pilot.wish.flight
         pilot.wish = replace(pilot.wish, live=on, goal=None, flight=flight)
@@ -219,9 +223,11 @@ class Desk:
     def _in_control(self, visitor: Visitor) -> None:
         _may_control(visitor)
         if visitor.number != self._lease.holder:
-            raise BadMessageError("Somebody else is in control.", "Take control first.")
+            raise BadMessageError("Another page is in control.", "Take control first.")
 
 
 def _may_control(visitor: Visitor) -> None:
     if visitor.right is not Right.CONTROL:
-        raise BadMessageError("This page may only look.", "Open the address with the other key.")
+        raise BadMessageError(
+            "This page is for watching only.", "Open the address with the other key."
+        )

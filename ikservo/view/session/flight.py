@@ -70,4 +70,4 @@ class Flight:
 
     def refused(self, error: RefusedError) -> None:
         """Tell why the guard would not have a goal."""
-        self._watcher.note(f"{error.message} {error.hint}")
+        self._watcher.note(f"{error.message} {error.command_hint}")

@@ -15,22 +15,23 @@ from ikservo.view.camera.camera import Camera, Viewport
 from ikservo.view.camera.stage import stage_of
 from ikservo.view.camera.views import View, camera_of, views_of
 from ikservo.view.drag.drag import Drag, Sight
-from ikservo.view.drag.puppet import Puppet
+from ikservo.view.drag.puppet import AUTO, Puppet
 from ikservo.view.drag.wishes import Pull, Turn, Wish
 from ikservo.view.pick.pick import Picker
-from ikservo.view.pick.shapes import capsules_of, shapes_of
+from ikservo.view.pick.shapes import capsules_of, objects_of, shapes_of
+from ikservo.view.pick.under import Found
 from ikservo.view.scene.aim import Aim
-from ikservo.view.scene.planar import CHOICES, Lesson, teach
+from ikservo.view.scene.planar import CHOICES, ITERATIVE, Lesson, teach
 from ikservo.view.scene.texts import aim_words
 from ikservo.view.server import messages as said
 from ikservo.view.server.messages import Message
 from ikservo.view.session.jaws import Jaws, jaws_of
+from ikservo.view.session.preference import Preference
 from ikservo.view.session.readout import Readout
 from ikservo.view.session.sticks import Sticks
 
 __all__ = ["Gestures"]
 
-_AUTO = "auto"
 _STEPS_HZ = 30.0
 _MOST_COMPLAINTS = 6
 
@@ -44,9 +45,12 @@ class Gestures:
     Attributes:
         goal: Where all joints shall be (n,), rad or m; None where they are.
         aim: The target behind it, if there is one.
-        hover: The link under the pointer.
-        solver: ``auto``, or one of the lecture's methods for clicks.
+        hover: The link that a press would grab.
+        under: All that is under the pointer, None for the plane where the tip would go.
+        chosen: Which of them a press means.
         solve_s: How long the last answer took.
+        solver_words: What the lecture's method has done in the drag so far.
+        preference: The posture to lean towards.
         lesson: What a method of the lecture did on the last click, to be drawn step by step.
         complaints: What became of targets that are out of reach, the oldest first.
         stamp: Changes whenever the picture has to.
@@ -58,7 +62,8 @@ class Gestures:
         names = [joint.name for joint in arm.model.joints]
         self._names = names
         self._columns = [names.index(name) for name in chain.names]
-        self._drag = Drag(chain, Picker(shapes_of(capsules_of(arm.model))))
+        picker = Picker(shapes_of(capsules_of(arm.model)))
+        self._drag = Drag(chain, picker, Picker(objects_of(arm.model)))
         self._puppet, self._sticks = Puppet(chain), Sticks()
         self._jaws = jaws_of(arm)
         self._wish: Wish | None = None
@@ -67,8 +72,12 @@ class Gestures:
         self.goal: Vector | None = None
         self.aim: Aim | None = None
         self.hover: str | None = None
-        self.solver = _AUTO
+        self.under: tuple[Found | None, ...] = ()
+        self.chosen = 0
+        self._pointer: tuple[float, float] | None = None
         self.solve_s: float | None = None
+        self.solver_words = ""
+        self.preference = Preference()
         self.complaints: deque[str] = deque(maxlen=_MOST_COMPLAINTS)
         self.stamp = 0
         self._warm_up()
@@ -84,9 +93,20 @@ class Gestures:
         return self._drag.grabbed
 
     @property
+    def picked(self) -> str | None:
+        """Return the object of the scene that a press would pick."""
+        found = self.under[self.chosen] if self.under else None
+        return found.hit.link if found is not None and found.kind == "object" else None
+
+    @property
+    def solver(self) -> str:
+        """Return the solver that answers: ``auto``, or one of the lecture's methods."""
+        return self._puppet.method
+
+    @property
     def solvers(self) -> list[str]:
         """Return the solvers to choose from."""
-        return [_AUTO, *CHOICES]
+        return [AUTO, *CHOICES]
 
     def forget(self) -> None:
         """Let go of everything: the goal is where the arm is."""
@@ -95,14 +115,26 @@ class Gestures:
         self.stamp += 1
 
     def choose_solver(self, name: str) -> None:
-        """Let clicks be answered by a solver.
+        """Let clicks and drags be answered by a solver.
 
         Raises:
             UnknownNameError: There is none of that name.
         """
         if name not in self.solvers:
             raise UnknownNameError("solver", name, self.solvers)
-        self.solver = name
+        self._puppet.method = name
+        self.solver_words = ""
+
+    def prefer(self, preference: Preference, measured: Vector) -> None:
+        """Lean towards a posture where the target leaves freedom (lecture L10).
+
+        Raises:
+            UnknownNameError: There is no such pose, or no such joint.
+        """
+        here = measured[self._columns]
+        self._puppet.posture = preference.posture(self._arm.model, self._chain, here)
+        self.preference = preference
+        self.stamp += 1
 
     def pose(self, name: str) -> None:
         """Go to a named pose.
@@ -175,6 +207,8 @@ class Gestures:
             return drag.wheel((message.x, message.y), message.notches, sight, fine=message.alt)
         if isinstance(message, said.Key):
             return drag.key(message.key, sight, fine=message.alt)
+        if isinstance(message, said.Behind):
+            self._choose(message.step, sight)
         if isinstance(message, said.Gamepad):
             tip_m = self._chain.forward(sight.arms[0])[:3, 3]
             return self._sticks.wish(message, sight.camera, tip_m, now_s)
@@ -183,6 +217,7 @@ class Gestures:
     def _pointed(self, message: said.Pointer, sight: Sight) -> Wish | None:
         at = (message.x, message.y)
         if message.phase == "down":
+            self._look_under(at, sight)
             self.hover = None
             return self._drag.press(at, sight, shift=message.shift, pointer=message.pointer)
         if message.phase == "move":
@@ -192,9 +227,23 @@ class Gestures:
             self._complain()
         elif message.phase == "cancel":
             self.forget()
-        else:
-            self.hover = self._drag.hover(at, sight) if message.phase == "hover" else None
+        elif message.phase == "leave" and message.touch:
+            return None  # a finger that was lifted leaves its list behind
+        self._look_under(None if message.phase in ("cancel", "leave") else at, sight)
         return None
+
+    def _look_under(self, at: tuple[float, float] | None, sight: Sight) -> None:
+        """Notice what is under the pointer, and which of it a press would grab."""
+        self._pointer, self.hover, self.under, self.chosen = at, None, (), 0
+        if at is not None:
+            self.under, self.chosen = self._drag.under(at, sight)
+            found = self.under[self.chosen]
+            self.hover = found.hit.link if found is not None and found.kind == "link" else None
+
+    def _choose(self, step: int, sight: Sight) -> None:
+        if self._pointer is not None and not self._drag.busy:
+            self._drag.go_on(self._pointer, sight, step)
+            self._look_under(self._pointer, sight)
 
     def _answer(self, readout: Readout, now_s: float) -> None:
         wish = self._wish
@@ -212,23 +261,26 @@ class Gestures:
 
     def _answered(self, wish: Wish, q: Vector, now_s: float) -> tuple[Vector, bool]:
         """Return the chain's goal (dof,), and whether the wish leads no further."""
-        if self.solver != _AUTO and isinstance(wish, Pull) and wish.jump:
+        if self.solver != AUTO and isinstance(wish, Pull) and wish.jump:
             return self._by_method(wish, q, now_s), True
         answer = self._puppet.answer(wish, q)
-        self.aim = answer.aim
+        self.aim, self.solver_words = answer.aim, answer.words
         return answer.q, answer.settled or isinstance(wish, Turn)
 
     def _by_method(self, wish: Pull, q: Vector, now_s: float) -> Vector:
         """Let a method of the lecture answer a click, and keep its iterations to be drawn."""
-        self.lesson, self._began_s = teach(self._chain, wish.target.position, q, self.solver), now_s
+        posture = self._puppet.posture
+        self.lesson = teach(self._chain, wish.target.position, q, self.solver, posture)
+        self._began_s = now_s
         found = self.lesson.result
         self.aim = Aim(wish.target.position, found.nearest_m, found.reached, found.binding)
         return found.q
 
     def _complain(self) -> None:
-        """Say that a target is out of reach, once for each gesture."""
-        if self.aim is None or self.aim.reached or self._drag.busy:
+        """Say that a target is not reached, once for each gesture and not before its end."""
+        if self.aim is None or self.aim.reached or self._drag.busy or self._wish is not None:
             return
-        words = aim_words(self.aim)
+        method = self.solver if self.solver in ITERATIVE else None
+        words = aim_words(self.aim, method)
         if words not in self.complaints:
             self.complaints.append(words)

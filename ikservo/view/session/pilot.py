@@ -25,9 +25,9 @@ DEAD_MAN_S = 0.3
 _LOOK_S = 0.033  # between two looks at an arm that follows nobody
 _STATES_S = 1.0
 _MOST_NOTES = 40
-_SILENCE = "The page fell silent; the arm holds. Throw Live again to go on."
-_LOOK_FIRST = "Look at the arm, then go on."
-_START_AGAIN = "The arm holds. End `ikservo view` with Ctrl-C and start it again."
+_SILENCE = "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
+_LOOK_FIRST = "Check the arm, then continue."
+_START_AGAIN = "Torque stays on. End `ikservo view` with Ctrl-C and start it again."
 
 
 class Pilot:
@@ -71,7 +71,7 @@ class Pilot:
     def __exit__(self, *_: object) -> None:
         """Let the arm hold, end the thread and give the port back."""
         self._ending = True
-        self.stop("The view was closed; the arm holds.")
+        self.stop("The view was closed; torque stays on.")
         self._thread.join()
         self.arm.close("hold")
 
@@ -90,7 +90,7 @@ class Pilot:
             self._step()
         except IkservoError as error:
             self._lost = self._lost or isinstance(error, PortLostError)
-            self._ground(Trouble(error.message, error.hint))
+            self._ground(Trouble(error.message, error.command_hint))
 
     def see(self, beat: Beat) -> None:
         """Keep what a beat told; ask the servos how they are, once a second (``Watcher``)."""

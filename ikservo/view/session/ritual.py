@@ -90,7 +90,7 @@ class Ritual:
         try:
             after = apply(wizard, "accept" if protect else word)
         except (CalibrationError, InputError) as error:
-            return replace(talk, complaint=f"{error.message} {error.hint}")
+            return replace(talk, complaint=f"{error.message} {error.command_hint}")
         if after.stage is Stage.SAVED and wizard.stage is Stage.REVIEW:
             return Talk(after, saved_at=self._save(loose, wizard, protect=protect))
         return self._reviewed(loose, after) if after.stage is Stage.REVIEW else Talk(after)
@@ -100,7 +100,7 @@ class Ritual:
         try:
             outcome = loose.conclude(wizard, self.pose, datetime.now(UTC))
         except CalibrationError as error:
-            return Talk(wizard, complaint=f"{error.message} {error.hint}")
+            return Talk(wizard, complaint=f"{error.message} {error.command_hint}")
         warnings = (*lost_by_saving(loose), *loose.cut_by_servos(outcome))
         return Talk(wizard, warnings=warnings)
 

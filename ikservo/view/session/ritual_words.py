@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from ikservo.arm.calibrating.sketch import sketch
+from ikservo.arm.calibrating.steps import step_of
 from ikservo.calibration.sweeping.meter import Meter, State, meters
 from ikservo.calibration.sweeping.obstacles import findings
 from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.model import Model
-from ikservo.model.directions import direction
 from ikservo.view.session.readout import Talk
 from ikservo.view.session.ritual import POSE
 
 __all__ = ["shown_talk"]
 
 _MAY = {Stage.ANCHOR: ("accept", "leave"), Stage.REVIEW: ("accept", "protect", "undo", "leave")}
-_LET_GO = "The arm will go limp. Hold it, then go on."
+_LET_GO = "Torque will be switched off; support the arm, then go on."
 
 
 def shown_talk(model: Model, talk: Talk, pose: str = POSE) -> dict[str, object]:
@@ -38,11 +38,10 @@ def _task(model: Model, wizard: Wizard, pose: str) -> str:
         state = "It is held still." if wizard.still else "It still moves …"
         return f"Put the arm in the pose “{pose}” and hold it. {state}"
     if wizard.asked:
-        way = direction(model, model.joint(wizard.asked.name), pose, wizard.asked.towards)
-        return f"Move {wizard.asked.name} {way}."
+        return step_of(model, pose, wizard).request
     if wizard.stage is Stage.SWEEP:
         return "Now move every joint gently to both of its ends."
-    return "Is this what the arm can do?" if wizard.stage is Stage.REVIEW else "Saved."
+    return "Are these the ranges of the arm?" if wizard.stage is Stage.REVIEW else "Saved."
 
 
 def _lines(talk: Talk) -> list[str]:

@@ -6,7 +6,10 @@ from collections.abc import Sequence
 
 from ikservo.kinematics.se3 import Vector
 from ikservo.view.camera.views import ViewName
+from ikservo.view.scene.insight_words import insight_rows
+from ikservo.view.scene.insights import Insight
 from ikservo.view.scene.texts import point, solver_words
+from ikservo.view.scene.under_words import under_rows
 from ikservo.view.server.server import Frame
 from ikservo.view.server.visitors import Right
 from ikservo.view.session.gestures import Gestures
@@ -31,10 +34,13 @@ def arm_told(pilot: Pilot, gestures: Gestures, right: Right, views: Sequence[Vie
         "solvers": gestures.solvers,
         "joints": [state.name for state in pilot.readout.states],
         "gripper": model.gripper is not None,
+        "chain": list(arm.chain.names),
     }
 
 
-def status_told(pilot: Pilot, gestures: Gestures, step: int, controller: str) -> Frame:
+def status_told(
+    pilot: Pilot, gestures: Gestures, step: int, controller: str, insight: Insight | None = None
+) -> Frame:
     """Return everything that the page says beside the drawing.
 
     Args:
@@ -42,6 +48,7 @@ def status_told(pilot: Pilot, gestures: Gestures, step: int, controller: str) ->
         gestures: What the person in control is doing.
         step: Which step of a lesson is shown.
         controller: Who has control: ``you``, ``other`` or ``none``.
+        insight: What is known of the arm where it rests; None while it moves.
     """
     readout, live, lesson = pilot.readout, pilot.wish.live, gestures.lesson
     return {
@@ -54,11 +61,14 @@ def status_told(pilot: Pilot, gestures: Gestures, step: int, controller: str) ->
         "joints": joint_meters(pilot.arm.model, readout, gestures.goal),
         "health": health(readout.states),
         "tip": _tip(pilot, gestures),
+        "posture": insight_rows(pilot.arm.chain, _q(pilot), insight),
+        "under": under_rows(gestures.under, gestures.chosen),
         "solver": {
             "name": gestures.solver,
             "time": "" if gestures.solve_s is None else solver_words(gestures.solve_s),
-            "words": "" if lesson is None else lesson.words(step),
+            "words": gestures.solver_words if lesson is None else lesson.words(step),
         },
+        "preference": gestures.preference.told(gestures.solver),
         "messages": messages(readout, gestures.complaints),
         "calibration": shown_talk(pilot.arm.model, readout.talk) if readout.talk else None,
     }
@@ -74,8 +84,12 @@ def _tip(pilot: Pilot, gestures: Gestures) -> list[tuple[str, str, str]]:
     return rows
 
 
+def _q(pilot: Pilot) -> Vector:
+    """Return the measured joints of the chain (dof,)."""
+    names = [state.name for state in pilot.readout.states]
+    return pilot.readout.measured[[names.index(name) for name in pilot.arm.chain.names]]
+
+
 def _tip_m(pilot: Pilot) -> Vector:
     """Return where the tip is measured to be (3,)."""
-    chain, names = pilot.arm.chain, [state.name for state in pilot.readout.states]
-    q = pilot.readout.measured[[names.index(name) for name in chain.names]]
-    return chain.forward(q)[:3, 3]
+    return pilot.arm.chain.forward(_q(pilot))[:3, 3]
