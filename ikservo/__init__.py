@@ -17,44 +17,134 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ikservo.arm import Arm, open_arm
-    from ikservo.errors import IkservoError
-    from ikservo.ik import Result, Solver, Target, solve, solve_batch
+    __version__: str
+    from ikservo.arm import Arm, Plan, Stance, open_arm, read_recording
+    from ikservo.errors import (
+        BadReplyError,
+        BadValueError,
+        BusError,
+        CalibrationError,
+        ExitCode,
+        FileFormatError,
+        HeldUpError,
+        IkservoError,
+        InputError,
+        LineError,
+        NoPortError,
+        NotSettledError,
+        OrientationError,
+        PortBusyError,
+        PortError,
+        PortLostError,
+        RefusedError,
+        RegisterAccessError,
+        ServoAlarmError,
+        ServoRefusedError,
+        ServoSilentError,
+        StoppedError,
+        UnknownNameError,
+        UnreachableError,
+    )
+    from ikservo.files.writing import FileWriteError
+    from ikservo.ik import Posture, Result, Solver, Target, solve, solve_batch
     from ikservo.kinematics import Chain
     from ikservo.model import Model, arm_names, load_model
+    from ikservo.view.pick.visibility import visible_from
 
 __all__ = [
     "Arm",
+    "BadReplyError",
+    "BadValueError",
+    "BusError",
+    "CalibrationError",
     "Chain",
+    "ExitCode",
+    "FileFormatError",
+    "FileWriteError",
+    "HeldUpError",
     "IkservoError",
+    "InputError",
+    "LineError",
     "Model",
+    "NoPortError",
+    "NotSettledError",
+    "OrientationError",
+    "Plan",
+    "PortBusyError",
+    "PortError",
+    "PortLostError",
+    "Posture",
+    "RefusedError",
+    "RegisterAccessError",
     "Result",
+    "ServoAlarmError",
+    "ServoRefusedError",
+    "ServoSilentError",
     "Solver",
+    "Stance",
+    "StoppedError",
     "Target",
+    "UnknownNameError",
+    "UnreachableError",
     "arm_names",
     "load_model",
     "open_arm",
+    "read_recording",
     "solve",
     "solve_batch",
+    "visible_from",
 ]
 
 _HOMES = {
     "Arm": "arm",
+    "BadReplyError": "errors",
+    "BadValueError": "errors",
+    "BusError": "errors",
+    "CalibrationError": "errors",
     "Chain": "kinematics",
+    "ExitCode": "errors",
+    "FileFormatError": "errors",
+    "FileWriteError": "files.writing",
+    "HeldUpError": "errors",
     "IkservoError": "errors",
+    "InputError": "errors",
+    "LineError": "errors",
     "Model": "model",
+    "NoPortError": "errors",
+    "NotSettledError": "errors",
+    "OrientationError": "errors",
+    "Plan": "arm",
+    "PortBusyError": "errors",
+    "PortError": "errors",
+    "PortLostError": "errors",
+    "Posture": "ik",
+    "RefusedError": "errors",
+    "RegisterAccessError": "errors",
     "Result": "ik",
+    "ServoAlarmError": "errors",
+    "ServoRefusedError": "errors",
+    "ServoSilentError": "errors",
     "Solver": "ik",
+    "Stance": "arm",
+    "StoppedError": "errors",
     "Target": "ik",
+    "UnknownNameError": "errors",
+    "UnreachableError": "errors",
     "arm_names": "model",
     "load_model": "model",
     "open_arm": "arm",
+    "read_recording": "arm",
     "solve": "ik",
     "solve_batch": "ik",
+    "visible_from": "view.pick.visibility",
 }
 
 
 def __getattr__(name: str) -> object:
+    if name == "__version__":
+        from importlib.metadata import version  # noqa: PLC0415  # takes longer than --help may
+
+        return version("ikservo")
     if name not in _HOMES:
         raise AttributeError(f"module 'ikservo' has no attribute {name!r}")
     return getattr(import_module(f"ikservo.{_HOMES[name]}"), name)

@@ -35,6 +35,8 @@ from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
 
+from ikservo.remedies import in_python
+
 __all__ = [
     "BadReplyError",
     "BadValueError",
@@ -42,6 +44,7 @@ __all__ = [
     "CalibrationError",
     "ExitCode",
     "FileFormatError",
+    "HeldUpError",
     "IkservoError",
     "InputError",
     "LineError",
@@ -89,10 +92,10 @@ _MEANINGS = {
     ExitCode.PORT: "no port or no permission",
     ExitCode.SILENT: "servo silent",
     ExitCode.ALARM: "servo alarm",
-    ExitCode.CALIBRATION: "not calibrated or contradicts the servos",
+    ExitCode.CALIBRATION: "not calibrated, or servos differ from the calibration",
     ExitCode.UNREACHABLE: "unreachable",
     ExitCode.REFUSED: "refused by the guard",
-    ExitCode.STOPPED: "stopped by the person",
+    ExitCode.STOPPED: "stopped by the user",
 }
 
 
@@ -100,17 +103,27 @@ class IkservoError(Exception):
     """Anything that goes wrong in ikservo.
 
     Attributes:
-        message: What happened, one line.
-        hint: What to do now, one line, or empty.
+        command_message: What happened, in the words of the command line, one line.
+        command_hint: What to do now, likewise, or empty.
         exit_code: What the command line returns.
     """
 
     exit_code: ExitCode = ExitCode.FAILED
 
     def __init__(self, message: str, hint: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.hint = hint
+        super().__init__(in_python(message))
+        self.command_message = message
+        self.command_hint = hint
+
+    @property
+    def message(self) -> str:
+        """Return what happened in the words of a program, one line."""
+        return in_python(self.command_message)
+
+    @property
+    def hint(self) -> str:
+        """Return what to do now in the words of a program: ``arm.relax()``; one line, or empty."""
+        return in_python(self.command_hint)
 
     def __str__(self) -> str:
         return f"{self.message}\n{self.hint}" if self.hint else self.message
@@ -165,9 +178,12 @@ class NoPortError(PortError):
     def __init__(self, name: str, found: Iterable[str] = (), why: str = "") -> None:
         self.name, self.found, self.why = name, list(found), why
         listing = ", ".join(self.found) or "none"
-        reason = why.rstrip(".") or ("it does not exist" if name else "none was given")
-        what = f"The port {name} cannot be opened" if name else "There is no port to open"
-        super().__init__(f"{what}: {reason}.", f"Ports here: {listing}. Without an arm: --port sim")
+        reason = why.rstrip(".") or "it does not exist"
+        none = "and no USB adapter found" if not self.found else ""
+        given = f"No serial port given{': ' if why else ' '}{why.rstrip('.') or none}".rstrip()
+        message = f"Cannot open port {name}: {reason}." if name else f"{given}."
+        choose = "Choose one with --port. " if not name and len(self.found) > 1 else ""
+        super().__init__(message, f"{choose}Ports found: {listing}. Without an arm: --port sim")
 
 
 class PortBusyError(PortError):
@@ -176,7 +192,7 @@ class PortBusyError(PortError):
     def __init__(self, name: str, holder: str = "") -> None:
         self.name, self.holder = name, holder
         by = f" by {holder}" if holder else ""
-        super().__init__(f"The port {name} is in use{by}.", "End that program and try again.")
+        super().__init__(f"Port {name} is in use{by}.", "End that program and try again.")
 
 
 class PortLostError(PortError):
@@ -184,10 +200,9 @@ class PortLostError(PortError):
 
     def __init__(self, name: str, why: str = "") -> None:
         self.name, self.why = name, why
-        reason = f" ({why})" if why else ""
         super().__init__(
-            f"The port {name} is gone{reason}.",
-            "It was unplugged, lost power, or its server ended. Plug it in and start again.",
+            f"Lost connection to {name}: {why or 'device unplugged'}.",
+            "Check cable and power of the adapter, then start again.",
         )
 
 
@@ -308,7 +323,7 @@ class UnreachableError(IkservoError, ValueError):
         self.target_m, self.nearest_m = tuple(target_m), tuple(nearest_m)
         self.binding, self.instead_m = tuple(binding), instead_m and tuple(instead_m)
         gap_m = math.dist(target_m, nearest_m)
-        held = f" (held back by {', '.join(self.binding)})" if self.binding else ""
+        held = f" ({', '.join(self.binding)})" if self.binding else ""
         words = "" if instead_m is None else " ".join(f"{x:z.3f}" for x in instead_m)
         super().__init__(
             f"({_metres(target_m)}) m cannot be reached{held}.",
@@ -333,20 +348,21 @@ class LineError(UnreachableError):
     ) -> None:
         super().__init__(target_m, nearest_m, binding)
         self.along_m = along_m
-        self.message = (
-            f"The line cannot be followed further than {along_m:.3f} m, to "
+        self.command_message = (
+            f"The line can be followed for {along_m:.3f} m only, to "
             f"({_metres(target_m)}) m ({', '.join(binding)})."
         )
-        self.hint = "Nothing has moved. End it before, or go there without a line."
+        self.command_hint = "Nothing moved. Choose a nearer end, or move there without --line."
 
 
 class OrientationError(UnreachableError):
-    """The point can be reached, but not with the tool standing as it was asked to.
+    """The point can be reached, but not in the requested orientation.
 
     Attributes:
-        asked: How it was to stand, in words.
-        instead: How it can stand, in words.
+        asked: The requested orientation, in words.
+        instead: The closest possible one, in words.
         left_rad: The angle between the two.
+        freedom: What the arm lacks for it, in words; empty where it lacks no joint.
     """
 
     def __init__(
@@ -356,21 +372,29 @@ class OrientationError(UnreachableError):
         instead: str,
         left_rad: float,
         binding: Sequence[str] = (),
+        freedom: str = "",
     ) -> None:
         super().__init__(position_m, position_m, binding)
         self.asked, self.instead, self.left_rad = asked, instead, left_rad
-        held = f" (held back by {', '.join(self.binding)})" if self.binding else ""
-        self.message = (
-            f"At ({_metres(position_m)}) m the tool cannot stand at {asked}: "
-            f"{math.degrees(left_rad):.1f}° are left{held}."
+        self.freedom = freedom
+        held = f" ({', '.join(self.binding)})" if self.binding else ""
+        self.command_message = (
+            f"{asked} is not possible at ({_metres(position_m)}) m; "
+            f"closest is {math.degrees(left_rad):.1f}° off{held}."
         )
-        self.hint = f"Nothing has moved. The nearest there: {instead}."
+        self.command_hint = (
+            f"Nothing moved. {freedom} Closest orientation there: {instead}.".replace("  ", " ")
+        )
 
 
 class RefusedError(IkservoError):
     """The guard will not pass a goal on to the servos; nothing was sent."""
 
     exit_code = ExitCode.REFUSED
+
+
+class HeldUpError(RefusedError):
+    """The program was held up in a motion for so long that servos stopped themselves."""
 
 
 class NotSettledError(IkservoError, TimeoutError):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from ikservo.cli.options import JsonOption
-from ikservo.cli.output import print_json, print_table
+from ikservo.cli.output import print_json, print_lines, print_table
 from ikservo.model import Model, ModelServo, arm_names, load_model
 
 __all__ = ["command"]
+
+_CONVENTION = "x forward, y left, z up, origin on the first axis at the mounting surface"
 
 
 def command(*, json: JsonOption = False) -> None:
@@ -29,6 +31,10 @@ def command(*, json: JsonOption = False) -> None:
         for model in models
     ]
     print_table(["name", "arm", "joints", "servos", "poses"], rows)
+    frames = [["all others", _CONVENTION]]
+    frames[:0] = [[model.name, model.base_frame] for model in models if model.base_frame]
+    print_lines([""])
+    print_table(["name", "base frame"], frames)
 
 
 def _facts(model: Model) -> dict[str, object]:
@@ -40,6 +46,7 @@ def _facts(model: Model) -> dict[str, object]:
         "poses": list(model.poses),
         "family": model.family,
         "baud_rate": model.baud_rate,
+        "base_frame": model.base_frame or _CONVENTION,
         "path": str(model.path),
     }
 

@@ -15,6 +15,7 @@ from ikservo.cli.calibrating.options import (
     FromScript,
     Margin,
     NoInput,
+    OnlyJoint,
     OwnLimit,
     Points,
     Pose,
@@ -43,6 +44,7 @@ def command(
     margin: Margin = 2.0,
     free: Free = None,
     skip: Skip = None,
+    joint: OnlyJoint = None,
     limit: OwnLimit = None,
     write_limits: WriteLimits = None,
     auto: Auto = False,
@@ -64,15 +66,19 @@ def command(
 
     ikservo calibrate so101 --pose home --margin 1 --write-limits
 
+    ikservo calibrate so101 --joint elbow_flex        this joint again, the others are kept
+
     ikservo calibrate so101 --auto          the arm finds its stops itself
 
     ikservo calibrate so101 --touch         then: the tip on a printed sheet, for millimetres
     """
     if auto + touch + wiggle > 1:
         raise InputError("One of --auto, --touch and --wiggle at a time.")
+    if joint and (auto or touch):
+        raise InputError("--joint goes with a calibration by hand or with --wiggle.")
     if wiggle:
         with opened(arm, port, collisions=False, uncalibrated=uncalibrated) as machine:
-            wiggle_all(machine, yes=yes, json=json)
+            wiggle_all(machine, joint or [], yes=yes, json=json)
         return
     model = chosen_model(arm)
     asks = not (yes or no_input or from_script) and sys.stdin.isatty()
@@ -88,6 +94,7 @@ def command(
         margin_rad=math.radians(margin),
         free=free or [],
         skip=skip or [],
+        joints=[model.joint(name).name for name in joint or []],
         user=user,
         write_limits=write_limits,
         yes=yes,

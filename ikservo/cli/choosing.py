@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ikservo.calibration import say
+from ikservo.calibration import say, source_words
 from ikservo.calibration.filing.store import calibrations_of
 from ikservo.cli.output import note
 from ikservo.errors import InputError
@@ -23,7 +23,7 @@ def chosen_model(arm: str | None, tip: str | None = None) -> Model:
     """
     if not arm:
         known = ", ".join(arm_names())
-        raise InputError("Which arm?", f"Give --arm or set IKSERVO_ARM. Known: {known}.")
+        raise InputError("No arm given.", f"Add --arm or set IKSERVO_ARM. Known: {known}.")
     return load_model(arm, tip)
 
 
@@ -42,7 +42,7 @@ def known_model(arm: str | None, tip: str | None = None) -> Model:
 
     own = known(model)
     more = f" (the newest; {len(own.others)} older beside it)" if own.others else ""
-    note(f"This arm's own ranges: {own.file}{more}")
+    note(f"Limits from calibration: {own.file}{more}")
     return own.model
 
 
@@ -58,7 +58,7 @@ def limit_words(model: Model, binding: Binding) -> str:
     if joint is None:
         return str(binding)
     limit = joint.limits.lower if binding.side == "lower" else joint.limits.upper
-    return f"{binding}, {say(limit.value, joint.limits.unit)} ({limit.source})"
+    return f"{binding}, {say(limit.value, joint.limits.unit)} ({source_words(limit.source)})"
 
 
 def limit_sources(model: Model) -> list[str]:

@@ -23,7 +23,7 @@ __all__ = ["command"]
 
 Rules = Annotated[bool, typer.Option("--rules", help="Only print the udev rule.")]
 WriteEeprom = Annotated[
-    bool, typer.Option("--write-eeprom", help="First write what the arm file says into EEPROM.")
+    bool, typer.Option("--write-eeprom", help="First write the EEPROM values of the arm file.")
 ]
 
 
@@ -35,7 +35,7 @@ def command(
     eeprom: WriteEeprom = False,
     json: JsonOption = False,
 ) -> None:
-    """Look at adapter, line and servos, and say what is wrong; nothing is changed.
+    """Check adapter, bus and servos and report faults; nothing is changed.
 
     ikservo doctor
 
@@ -59,8 +59,8 @@ def command(
 def _shown(findings: Iterable[Finding]) -> Iterable[Finding]:
     """Print findings as they come."""
     for finding in findings:
-        print_lines([f"{finding.level.mark} {finding.topic:9} {finding.text}"])
-        print_lines(f"            {line}".rstrip() for line in finding.fix.splitlines())
+        print_lines([f"{finding.level.mark} {finding.topic:9} {finding.text}"], indent=12)
+        print_lines((f"            {line}".rstrip() for line in finding.fix.splitlines()), 12)
         yield finding
 
 

@@ -1,4 +1,4 @@
-"""``ikservo export``: this arm's calibration for another program."""
+"""``ikservo export``: this arm's calibration, or a recording, for another program."""
 
 from __future__ import annotations
 
@@ -7,39 +7,72 @@ from typing import Annotated
 
 import typer
 
+from ikservo.arm import read_recording
 from ikservo.arm.own import serial_number_of
 from ikservo.calibration.filing.calibration_file import read_calibration
 from ikservo.calibration.filing.lerobot import dump_lerobot, lerobot_joints, unsaid
 from ikservo.calibration.filing.store import calibration_path, calibrations_of
 from ikservo.cli.choosing import chosen_model
-from ikservo.cli.import_ import Kind, check_kind
 from ikservo.cli.options import ArmOption, PortOption
 from ikservo.cli.output import note
-from ikservo.errors import CalibrationError, InputError
+from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.files.writing import write_whole
 from ikservo.model import Model
 
 __all__ = ["command"]
 
+Kind = Annotated[str, typer.Argument(metavar="lerobot|csv", help="Format: lerobot or csv.")]
+Source = Annotated[
+    Path | None, typer.Argument(metavar="[RECORDING]", help="The recording, for csv.")
+]
 To = Annotated[
     Path | None, typer.Option("--to", metavar="FILE", help="Write a file instead of stdout.")
 ]
 
 
-def command(kind: Kind, *, arm: ArmOption = None, port: PortOption = None, to: To = None) -> None:
-    """Print a calibration as LeRobot's JSON; says on stderr what that cannot tell.
+def command(
+    kind: Kind,
+    recording: Source = None,
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    to: To = None,
+) -> None:
+    """Print a calibration as LeRobot's JSON, or a recording as CSV.
+
+    What LeRobot's file cannot hold is listed on stderr.
 
     ikservo export lerobot --arm so101 > my_arm.json
+
+    ikservo export csv wave.jsonl > wave.csv
     """
-    check_kind(kind)
-    calibration = read_calibration(_path(chosen_model(arm), port))
+    if kind == "csv":
+        _write(_csv(recording), to)
+    elif kind == "lerobot":
+        _write(_lerobot(chosen_model(arm), port), to)
+    else:
+        raise UnknownNameError("format", kind, ("lerobot", "csv"))
+
+
+def _csv(recording: Path | None) -> str:
+    if recording is None:
+        raise InputError("No recording given.", "Name it: ikservo export csv wave.jsonl")
+    return read_recording(recording).to_csv()
+
+
+def _lerobot(model: Model, port: str | None) -> str:
+    calibration = read_calibration(_path(model, port))
     text = dump_lerobot(lerobot_joints(calibration))
     for line in unsaid(calibration):
         note(line)
+    return text
+
+
+def _write(text: str, to: Path | None) -> None:
     if to:
         write_whole(to, text, keep_old=True)
     else:
-        typer.echo(text, nl=False)  # byte for byte as LeRobot writes it
+        typer.echo(text, nl=False)  # byte for byte as it would stand in a file
 
 
 def _path(model: Model, port: str | None) -> Path:
@@ -55,5 +88,7 @@ def _path(model: Model, port: str | None) -> Path:
         )
     if len(found) > 1:
         listing = ", ".join(path.name for path in found)
-        raise InputError(f"Several {model.name} are calibrated: {listing}.", "Name one by --port.")
+        raise InputError(
+            f"Several {model.name} are calibrated: {listing}.", "Choose one with --port."
+        )
     return found[0]

@@ -21,7 +21,7 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.output import note, point, print_json, print_lines
+from ikservo.cli.output import note, point, port_words, print_json, print_lines
 from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.session import agree, opened
 from ikservo.model import load_model
@@ -31,12 +31,13 @@ __all__ = ["command"]
 Leader = Annotated[
     str,
     typer.Argument(
-        metavar="LEADER", help="The arm that leads: a name or a file.", autocompletion=arms
+        metavar="LEADER", help="The arm guided by hand: a name or a file.", autocompletion=arms
     ),
 ]
 LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="The leader's serial port.")]
 Time = Annotated[
-    float | None, typer.Option("--time", parser=parse_time_s, help="How long; until Ctrl-C if not.")
+    float | None,
+    typer.Option("--time", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
 ]
 
 
@@ -54,9 +55,9 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Follow an arm that you lead by hand, joint by joint of the same name; Ctrl-C holds.
+    """Follow an arm that you guide by hand, joint by joint of the same name; Ctrl-C stops.
 
-    The leader stays limp. This arm keeps its own limits and speed.
+    The leader's torque stays off. This arm keeps its own limits and speed.
 
     ikservo follow so101 --leader-port /dev/ttyACM1 --arm so101 --port /dev/ttyACM0
     """
@@ -74,16 +75,21 @@ def command(
 
 
 def _say(leading: Arm, machine: Arm) -> None:
-    note(f"{machine.model.title} on {machine.port_name} follows {leading.model.title} on "
-         f"{leading.port_name}; Ctrl-C holds.")  # fmt: skip
+    note(f"{machine.model.title} on {port_words(machine.port_name)} follows "
+         f"{leading.model.title} on {port_words(leading.port_name)}; Ctrl-C stops.")  # fmt: skip
     if any(state.torque for state in leading.where().joints):
-        note(f"The leader holds. Release it with: ikservo relax --arm {leading.model.name} "
-             f"--port {leading.port_name}")  # fmt: skip
+        note("The leader's torque is on. Switch it off with: "
+             f"ikservo relax --arm {leading.model.name} --port {leading.port_name}")  # fmt: skip
 
 
 def _until(machine: Arm, time_s: float | None) -> Callable[[], bool]:
     end_s = None if time_s is None else machine.workings.now_s() + time_s
     return lambda: end_s is not None and machine.workings.now_s() >= end_s
+
+
+def _brief(reason: str) -> str:
+    """Return the message of a refusal as a part of a sentence."""
+    return f"{reason[:1].lower()}{reason[1:]}".rstrip(".")
 
 
 def _print(report: FollowReport, *, json: bool) -> None:
@@ -100,11 +106,12 @@ def _print(report: FollowReport, *, json: bool) -> None:
             duration_s=report.duration_s,
         )
         return
-    refused = f", {report.refused} refused: {report.reason}" if report.refused else ""
+    reason = f" ({_brief(report.reason)})" if report.reason else ""
+    rejected = f", rejected {report.refused}{reason}" if report.refused else ""
     print_lines(
         [
             f"ended     {report.ended}",
-            f"wishes    {report.wishes}{refused}",
+            f"targets   {report.wishes}{rejected}",
             f"tip       {point(report.measured_tip_m.tolist())}",
             f"duration  {report.duration_s:.2f} s",
         ]

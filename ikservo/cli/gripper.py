@@ -8,15 +8,21 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.arm.skills.gripping import GripReport, Opening
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
-from ikservo.cli.output import print_json, print_lines
+from ikservo.cli.completing import openings
+from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
+from ikservo.cli.output import note, port_words, print_json, print_lines
 from ikservo.cli.quantities import parse_length_m
-from ikservo.cli.session import opened, watched
+from ikservo.cli.session import agree, opened, watched
 from ikservo.errors import ExitCode
 
 __all__ = ["command"]
 
-To = Annotated[str, typer.Argument(metavar="open|close|WIDTH", help="open, close, or like 30mm.")]
+To = Annotated[
+    str,
+    typer.Argument(
+        metavar="open|close|WIDTH", help="open, close, or like 30mm.", autocompletion=openings
+    ),
+]
 Force = Annotated[
     float | None,
     typer.Option("--force", help="Share of the servo's torque, 0.05 to 1; 0.3 if not."),
@@ -30,17 +36,21 @@ def command(
     port: PortOption = None,
     force: Force = None,
     uncalibrated: UncalibratedOption = False,
+    yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Open or close the gripper; it stops at what stands between its jaws and holds it.
+    """Open or close the gripper; it stops at an object between its jaws and holds it.
 
     ikservo gripper close --force 0.2 --arm so101 --port sim
 
     ikservo gripper 30mm --arm px100 --port sim
     """
     goal = cast("Opening", to) if to.isalpha() else parse_length_m(to)
-    with opened(arm, port, uncalibrated=uncalibrated) as machine, watched() as draw:
-        report = machine.gripper(goal, force=force, on_progress=draw)
+    with opened(arm, port, uncalibrated=uncalibrated) as machine:
+        note(f"{machine.model.title} on {port_words(machine.port_name)}: gripper {to}.")
+        agree(machine, yes=yes)
+        with watched() as draw:
+            report = machine.gripper(goal, force=force, on_progress=draw)
     _print(report, machine, json=json)
     if not (report.reached or report.grasped):
         raise typer.Exit(ExitCode.FAILED)

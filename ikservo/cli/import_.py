@@ -24,8 +24,8 @@ from ikservo.calibration.filing.lerobot_places import find_lerobot
 from ikservo.calibration.sweeping.answers import read_script
 from ikservo.calibration.sweeping.outcome import Outcome
 from ikservo.calibration.sweeping.sweep import Wizard
-from ikservo.cli.calibrating.hands import show
-from ikservo.cli.calibrating.meeting import consent, greet, let_go
+from ikservo.cli.calibrating.hands import check_zeros, show
+from ikservo.cli.calibrating.meeting import consent, greet, let_go, telling_what_is_left
 from ikservo.cli.calibrating.options import FromScript, Margin, NoInput, Pose
 from ikservo.cli.calibrating.screen import screen
 from ikservo.cli.calibrating.talk import Answers, answers, converse
@@ -55,7 +55,7 @@ def command(
     no_input: NoInput = False,
     json: JsonOption = False,
 ) -> None:
-    """Take over ids and ranges from LeRobot; zeros and signs are asked for, with the arm in a pose.
+    """Import ids and ranges from LeRobot; zeros and signs are then measured in a pose.
 
     LeRobot's zero is the middle of what was swept, which says nothing about the geometry.
 
@@ -71,15 +71,17 @@ def command(
     with loose_arm(model, port) as loose:
         check_recorded(joints, model, loose)
         let_go(loose, asks=asks, yes=yes or from_script is not None)
-        greet(loose, pose)
-        with answers(from_script, yes=yes, ask=asks) as who:
-            wizard = _converse(loose, joints, pose, margin, who)
-        outcome = _concluded(loose, joints, wizard, pose)
-        for line in lost_by_saving(loose):
-            note(f"3  {line}")
-        if not consent(f"Save to {loose.path}?", default=True, asks=asks):
-            raise IkservoError("Nothing was saved or written.")
-        saved = loose.save(outcome)
+        with telling_what_is_left():
+            greet(loose, pose)
+            with answers(from_script, yes=yes, ask=asks) as who:
+                wizard = _converse(loose, joints, pose, margin, who)
+            check_zeros(wizard, pose, model.name, asks=asks)
+            outcome = _concluded(loose, joints, wizard, pose)
+            for line in lost_by_saving(loose):
+                note(f"  {line}")
+            if not consent(f"Save to {loose.path}?", default=True, asks=asks):
+                raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
+            saved = loose.save(outcome)
     show(outcome, wizard, saved, json=json)
 
 

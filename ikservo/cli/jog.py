@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Annotated
 
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.skills.jogging import DIRECTIONS, JogReport, Wanted
+from ikservo.arm.skills.jogging import DIRECTIONS, NO_LONGER_REQUESTED, JogReport, Wanted
 from ikservo.cli.calibrating.wiggle import check_once
-from ikservo.cli.keyboard import keys
+from ikservo.cli.completing import jogs
+from ikservo.cli.keyboard import Keys, keys
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -22,9 +24,9 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.output import note, point, print_json, print_lines
+from ikservo.cli.output import note, point, port_words, print_json, print_lines
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_time_s
-from ikservo.cli.session import opened
+from ikservo.cli.session import agree, opened
 from ikservo.errors import InputError
 
 __all__ = ["command"]
@@ -32,7 +34,12 @@ __all__ = ["command"]
 _HOLD_S = 0.6  # a held key repeats only after up to half a second
 
 What = Annotated[
-    str, typer.Argument(metavar="JOINT|DIRECTION", help="A joint, or x y z -x -y -z up down.")
+    str,
+    typer.Argument(
+        metavar="JOINT|DIRECTION",
+        help="A joint, or x y z -x -y -z up down.",
+        autocompletion=jogs,
+    ),
 ]
 Speed = Annotated[
     str | None,
@@ -40,7 +47,7 @@ Speed = Annotated[
 ]
 Time = Annotated[
     float | None,
-    typer.Option("--time", parser=parse_time_s, help="So long, without keys: 2, 0.5s."),
+    typer.Option("--time", parser=parse_time_s, help="Duration, without keys: 2, 0.5s."),
 ]
 
 
@@ -57,22 +64,30 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Let a joint or the tip go on in one direction, for as long as you hold the space bar.
+    """Move a joint or the tip in one direction while the space bar is held.
 
-    Let go and it stops. A negative speed goes the other way; --time needs no key.
+    Release it to stop. A negative speed reverses; --time needs no key.
 
     ikservo jog elbow_flex --speed -10 --time 1 --arm so101 --port sim
 
     ikservo jog x --speed 20mm
     """
     if time is None and not sys.stdin.isatty():
-        raise InputError("Nobody is here to hold a key.", "Give --time, as in --time 1.")
+        raise InputError(
+            "Cannot read keys: input is not a terminal.", "Add --time, as in --time 1."
+        )
     with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         wished = _speed(machine, what, speed)
+        if time is not None:  # else the key that is held agrees
+            note(f"{machine.model.title} on {port_words(machine.port_name)}: "
+                 f"{what} for {time:g} s.")  # fmt: skip
+            agree(machine, yes=yes)
         if not no_wiggle:
             check_once(machine, yes=yes)
         with _wanted(machine, time) as wanted:
             report = machine.jog(what, wished, wanted=wanted)
+    if report.ended == NO_LONGER_REQUESTED:
+        report = replace(report, ended="key released" if time is None else "time is up")
     _print(report, json=json)
 
 
@@ -92,19 +107,19 @@ def _wanted(machine: Arm, time_s: float | None) -> Generator[Wanted]:
         end_s = machine.workings.now_s() + time_s
         yield lambda: machine.workings.now_s() < end_s
         return
-    note("Hold the space bar to move, let go to stop.")
+    note("Hold the space bar to move; release it to stop.")
     with keys() as key:
-        while key() != " ":
+        while " " not in key():
             pass
         yield _held(machine, key)
 
 
-def _held(machine: Arm, key: Callable[[], str]) -> Wanted:
+def _held(machine: Arm, key: Keys) -> Wanted:
     pressed_s = machine.workings.now_s()
 
     def wanted() -> bool:
         nonlocal pressed_s
-        if key() == " ":
+        if " " in key():
             pressed_s = machine.workings.now_s()
         return machine.workings.now_s() - pressed_s < _HOLD_S
 

@@ -9,6 +9,7 @@ import typer
 
 from ikservo.arm import Arm, JointReport
 from ikservo.cli.calibrating.wiggle import check_once
+from ikservo.cli.completing import joints
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -24,13 +25,18 @@ from ikservo.cli.output import point, print_json, print_lines
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.reports.plan import print_plan
 from ikservo.cli.session import announce, opened, watched
-from ikservo.errors import BadValueError, ExitCode
+from ikservo.errors import BadValueError, ExitCode, InputError
 from ikservo.model import Model
 
 __all__ = ["command", "move_joints", "preview", "print_report"]
 
 Goals = Annotated[
-    list[str], typer.Argument(metavar="JOINT=POSITION…", help="Degrees or 0.2rad; 12mm on slides.")
+    list[str],
+    typer.Argument(
+        metavar="JOINT=POSITION…",
+        help="Degrees or 0.2rad; 12mm on slides.",
+        autocompletion=joints,
+    ),
 ]
 
 
@@ -75,9 +81,7 @@ def preview(machine: Arm, positions: Mapping[str, float], speed: str, *, json: b
     """Print what a motion of joints would be; nothing moves."""
     plan = machine.plan_joints(positions, speed=speed)
     announce(plan, machine, yes=True)
-    print_plan(
-        plan, positions, lambda name, at: machine.model.joint(name).joint_map.say(at), json=json
-    )
+    print_plan(plan, machine.model, positions, json=json)
 
 
 def print_report(report: JointReport, model: Model, *, json: bool) -> None:
@@ -95,9 +99,9 @@ def _positions(goals: list[str], model: Model) -> dict[str, float]:
     for goal in goals:
         name, equals, text = goal.partition("=")
         if not equals:
-            raise BadValueError("A joint's goal", repr(goal), "JOINT=POSITION, as in elbow_flex=30")
+            raise InputError(f"{goal!r} is not JOINT=POSITION (elbow_flex=30).")
         if name in positions:
-            raise BadValueError(f"The goal of {name}", "given twice", "one position a joint")
+            raise BadValueError(f"The target of {name}", "given twice", "one position per joint")
         slides = model.joint(name).joint_map.unit == "m"
         positions[name] = parse_length_m(text) if slides else parse_angle_rad(text)
     return positions
@@ -116,15 +120,16 @@ def _fields(report: JointReport) -> dict[str, object]:
 
 
 def _lines(report: JointReport, model: Model) -> list[str]:
+    say = {name: model.joint(name).joint_map.say for name in report.goal_rad}
+    width = max(8, *map(len, say))
     names = [
-        f"{name}  {model.joint(name).joint_map.say(report.measured_rad[name])} "
-        f"of {model.joint(name).joint_map.say(goal)}"
+        f"{name:{width}}  {say[name](report.measured_rad[name])} (target {say[name](goal)})"
         for name, goal in report.goal_rad.items()
     ]
     return [
         *names,
-        f"tip  {point(report.measured_tip_m.tolist())}",
-        f"duration  {report.duration_s:.2f} s",
-        f"reached  {'yes' if report.reached else 'no'}",
-        *(f"binds  {words}" for words in report.binding),
+        f"{'tip':{width}}  {point(report.measured_tip_m.tolist())}",
+        f"{'duration':{width}}  {report.duration_s:.2f} s",
+        f"{'reached':{width}}  {'yes' if report.reached else 'no'}",
+        *(f"{'binds':{width}}  {words}" for words in report.binding),
     ]

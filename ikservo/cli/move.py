@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -18,12 +19,14 @@ from ikservo.cli.options import (
     NoWiggleOption,
     PortOption,
     SpeedOption,
+    TipOption,
     UncalibratedOption,
     YesOption,
 )
 from ikservo.cli.output import point, print_json, print_lines
+from ikservo.cli.posture import PreferOption, WeightOption, note_freedom, posture_of
 from ikservo.cli.quantities import parse_length_m, parse_point_m
-from ikservo.cli.reports.plan import print_plan, turned
+from ikservo.cli.reports.plan import orientation_words, print_plan
 from ikservo.cli.session import announce, opened, watched
 from ikservo.cli.stance import DirectionOption, KeepOption, PitchOption, RollOption, stance_of
 from ikservo.errors import ExitCode
@@ -58,33 +61,42 @@ def command(
     roll: RollOption = None,
     direction: DirectionOption = None,
     keep: KeepOption = False,
+    prefer: PreferOption = None,
+    weight: WeightOption = None,
     collision: CollisionOption = True,
     dry_run: DryRunOption = False,
     uncalibrated: UncalibratedOption = False,
     no_wiggle: NoWiggleOption = False,
+    tip: TipOption = None,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
     """Move the tip to the point X Y Z in the arm's base frame.
 
-    The tool keeps how it stands as well as the arm can, or stands as it is asked to.
+    The tool keeps its orientation as far as the arm can, unless one is requested.
 
     ikservo move 0.25 0.05 0.15 --arm so101 --port sim
 
     ikservo move 250mm -50mm 0.15 --line --pitch -60
 
+    ikservo move 0.25 0 0.15 --prefer wrist_roll=90 --prefer wrist_flex=0 --weight wrist_flex=0.5
+
     ikservo move 0.2 0.1 0.1 --via 0.2,0,0.2 --via 0.25,0.05,0.2 --blend 30mm
     """
     stance = stance_of(pitch, roll, direction, keep=keep)
     points = [*(parse_point_m(text) for text in via or ()), (x, y, z)]
-    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+    with opened(arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated) as machine:
+        posture = posture_of(machine.model, machine.chain, prefer, weight)
+        stance = stance if posture is None else replace(stance, posture=posture)
         plan = _planned(machine, points, stance, speed, blend_m=blend, line=line)
+        if posture is not None and plan.solution is not None:
+            note_freedom(machine.chain, plan.solution.q, directed=False)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:
             _preview(plan, machine, json=json)
             return
-        if not no_wiggle:
-            check_once(machine, yes=yes)
+        if not no_wiggle and check_once(machine, yes=yes):
+            plan = _planned(machine, points, stance, speed, blend_m=blend, line=line)
         with watched() as draw:
             report = machine.carry_out(plan, draw)
     _print(report, json=json)
@@ -107,10 +119,11 @@ def _planned(
 
 
 def _preview(plan: Plan, machine: Arm, *, json: bool) -> None:
-    names = machine.chain.names
-    goals = dict(zip(machine.workings.servos.names, plan.goal.tolist(), strict=True))
-    joints = {name: goals[name] for name in names}
-    print_plan(plan, joints, lambda _, value: f"{value:.4f} rad", json=json)
+    workings = machine.workings
+    goals = dict(zip(workings.servos.names, plan.goal.tolist(), strict=True))
+    joints = {name: goals[name] for name in machine.chain.names}
+    change_rad = workings.planner.turned(plan.start, plan.goal)
+    print_plan(plan, machine.model, joints, change_rad, json=json)
 
 
 def _print(report: MoveReport, *, json: bool) -> None:
@@ -125,6 +138,8 @@ def _print(report: MoveReport, *, json: bool) -> None:
             reached=report.reached,
             binding=report.binding,
             orientation_error_rad=report.orientation_error_rad,
+            orientation_requested=report.orientation_requested,
+            orientation_change_rad=report.orientation_change_rad,
         )
         return
     print_lines(
@@ -133,9 +148,15 @@ def _print(report: MoveReport, *, json: bool) -> None:
             f"commanded  {point(report.commanded_tip_m.tolist())}",
             f"measured   {point(report.measured_tip_m.tolist())}",
             f"error      {report.error_m * 1000:.2f} mm",
-            f"tool       {turned(report.orientation_error_rad)}",
+            f"tool       {_orientation(report)}",
             f"duration   {report.duration_s:.2f} s",
             f"reached    {'yes' if report.reached else 'no'}",
             *(f"binds      {words}" for words in report.binding),
         ]
     )
+
+
+def _orientation(report: MoveReport) -> str:
+    requested = report.orientation_requested
+    rad = report.orientation_error_rad if requested else report.orientation_change_rad
+    return orientation_words(rad, requested=requested)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.completing import arms
+from ikservo.cli.completing import arms, speeds
 from ikservo.cli.quantities import parse_length_m
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "NoWiggleOption",
     "PortOption",
     "SpeedOption",
+    "TipOption",
     "UncalibratedOption",
     "YesOption",
 ]
@@ -36,21 +37,31 @@ PortOption = Annotated[
     typer.Option("--port", envvar="IKSERVO_PORT", help="Serial port, or `sim` for no hardware."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
-YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before moving.")]
+YesOption = Annotated[
+    bool,
+    typer.Option("--yes", "-y", help="Do not ask; required without a terminal, for a real arm."),
+]
 CollisionOption = Annotated[
     bool,
-    typer.Option("--collision/--no-collision", help="Look at the body's way before moving."),
+    typer.Option("--collision/--no-collision", help="Check the path for collisions before moving."),
 ]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Plan and print, but do not move.")]
-SpeedOption = Annotated[str, typer.Option("--speed", help="slow, normal or fast.")]
+SpeedOption = Annotated[
+    str, typer.Option("--speed", help="slow, normal or fast.", autocompletion=speeds)
+]
 Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]
+TipOption = Annotated[
+    str | None,
+    typer.Option("--tip", help="Link that is the tool; needed for a .urdf."),
+]
 UncalibratedOption = Annotated[
     bool,
     typer.Option(
-        "--uncalibrated", help="Trust the arm file's zeros, for an arm without a calibration."
+        "--uncalibrated",
+        help="Use the arm file's nominal zeros instead of a calibration.",
     ),
 ]
 NoWiggleOption = Annotated[
     bool,
-    typer.Option("--no-wiggle", help="Skip the look at each joint after the arm's files changed."),
+    typer.Option("--no-wiggle", help="Skip the test motion of each joint after its files changed."),
 ]

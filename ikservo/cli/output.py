@@ -9,7 +9,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, is_dataclass
 from typing import Any
 
-__all__ = ["note", "point", "print_json", "print_lines", "print_table"]
+from ikservo.cli.folding import folded, width_of
+
+__all__ = ["note", "point", "port_words", "print_json", "print_lines", "print_table"]
 
 
 _QUANTITY = re.compile(r"[-+]?[\d.]+( ?[°%]| mm| ms)?")
@@ -23,31 +25,61 @@ def print_json(schema: str, **fields: object) -> None:
     print(json.dumps(answer, default=_plain, ensure_ascii=False))  # noqa: T201
 
 
-def print_lines(lines: Iterable[str]) -> None:
-    """Print lines of data on stdout."""
+def print_lines(lines: Iterable[str], indent: int = 0) -> None:
+    """Print lines of data on stdout, folded on a terminal; all but the first of each indented."""
     for line in lines:
-        print(line)  # noqa: T201
+        print(folded(line, sys.stdout, indent))  # noqa: T201
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table on stdout; columns of numbers are set flush right."""
+    """Print a table on stdout; columns of numbers are set flush right.
+
+    Columns at the right that do not fit a terminal are printed below each row instead.
+    """
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
     rows = [list(row) for row in rows]
+    terminal = width_of(sys.stdout)
+    fitting = len(columns) if terminal is None else _fitting(columns, rows, terminal)
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for i, column in enumerate(columns):
+    for i, column in enumerate(columns[:fitting]):
         right = bool(rows) and all(_QUANTITY.fullmatch(row[i]) for row in rows)
-        table.add_column(column, justify="right" if right else "left", overflow="fold")
+        table.add_column(column, justify="right" if right else "left", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
-    width = None if sys.stdout.isatty() else _WIDE
-    Console(width=width, markup=False, highlight=False).print(table)
+        table.add_row(*row[:fitting])
+    console = Console(width=terminal or _WIDE, markup=False, highlight=False)
+    if fitting == len(columns):
+        console.print(table)
+        return
+    with console.capture() as capture:
+        console.print(table)
+    head, *printed = capture.get().splitlines()
+    print(head)  # noqa: T201  # in bold, whose codes take no columns
+    for line, row in zip(printed, rows, strict=True):
+        rest = zip(columns[fitting:], row[fitting:], strict=True)
+        words = ", ".join(f"{column} {value}" for column, value in rest if value)
+        print_lines([line.rstrip(), *([f"    {words}"] if words else [])], indent=4)
+
+
+def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> int:
+    """Return how many columns fit a width, two spaces between them; at least one."""
+    used = 0
+    for i, column in enumerate(columns):
+        used += max(len(text) for text in (column, *(row[i] for row in rows))) + 2 * (i > 0)
+        if used > width:
+            return max(i, 1)
+    return len(columns)
 
 
 def note(message: str) -> None:
     """Tell the person something that is not data, on stderr."""
-    print(message, file=sys.stderr)  # noqa: T201
+    print(folded(message, sys.stderr), file=sys.stderr)  # noqa: T201
+
+
+def port_words(port: str) -> str:
+    """Return a port's name as a person gave it; a simulated one without its arm file."""
+    return "sim" if port.startswith("sim:") else port
 
 
 def point(position_m: Sequence[float]) -> str:

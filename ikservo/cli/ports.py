@@ -13,12 +13,14 @@ from ikservo.hardware.finding.discovery import Adapter, Change, adapters, change
 
 __all__ = ["command"]
 
-Watch = Annotated[bool, typer.Option("--watch", help="Say which one is plugged in or unplugged.")]
+Watch = Annotated[
+    bool, typer.Option("--watch", help="Report adapters as they are plugged in or unplugged.")
+]
 Events = Annotated[int | None, typer.Option("--events", min=1, help="Stop watching after so many.")]
 
 
 def command(*, watch: Watch = False, events: Events = None, json: JsonOption = False) -> None:
-    """List the USB serial adapters: chip, stable name, who holds them.
+    """List the USB serial adapters: chip, stable name, program that uses them.
 
     ikservo ports
 
@@ -38,10 +40,10 @@ def _list(found: list[Adapter], *, json: bool) -> None:
     if json:
         print_json("ports", ports=[_facts(adapter) for adapter in found])
     elif found:
-        columns = ["port", "chip", "usb", "serial number", "held by", "by id"]
+        columns = ["port", "chip", "usb", "serial number", "used by", "by id"]
         print_table(columns, [_row(adapter) for adapter in found])
     else:
-        note("No USB serial adapter is plugged in. Without an arm: --port sim")
+        note("No USB serial adapter found. Without an arm: --port sim")
 
 
 def _tell(change: Change, *, json: bool) -> None:
@@ -58,8 +60,8 @@ def _row(adapter: Adapter) -> list[str]:
         adapter.device,
         adapter.chip,
         adapter.usb,
-        adapter.serial_number or "none",
-        adapter.holder or "nobody",
+        adapter.serial_number or "-",
+        adapter.holder or "-",
         adapter.by_id,
     ]
 

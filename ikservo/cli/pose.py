@@ -20,7 +20,7 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.output import print_json, print_lines
+from ikservo.cli.output import note, print_json, print_lines
 from ikservo.cli.session import opened
 
 __all__ = ["command"]
@@ -54,7 +54,10 @@ def command(
         if name is None:
             _list(machine, json=json)
             return
-        positions = machine.poses.named(name)
+        inside = machine.inside(name)
+        positions = inside.positions
+        for words in inside.changed:
+            note(f"{words}.")
         if dry_run:
             preview(machine, positions, speed, json=json)
             return

@@ -7,12 +7,13 @@ import re
 
 import typer
 
-__all__ = ["parse_angle_rad", "parse_axis", "parse_length_m", "parse_time_s"]
+__all__ = ["parse_angle_rad", "parse_axis", "parse_force_n", "parse_length_m", "parse_time_s"]
 
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z°]*)", re.IGNORECASE)
 _METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 0.001, "min": 60.0}
+_NEWTONS = {"": 1.0, "n": 1.0, "mn": 0.001}
 _RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0}
 
 
@@ -24,6 +25,11 @@ def parse_length_m(text: str | float) -> float:
 def parse_angle_rad(text: str) -> float:
     """Return radians from degrees, ``30`` or ``30deg``, or from ``0.2rad``."""
     return _parse(text, _RADIANS, "an angle like 30, 30deg or 0.2rad")
+
+
+def parse_force_n(text: str) -> float:
+    """Return newtons from ``5``, ``5N`` or ``500mN``."""
+    return _parse(text, _NEWTONS, "a force like 5, 5N or 500mN")
 
 
 def parse_time_s(text: str | float) -> float:
@@ -56,7 +62,11 @@ def parse_point_m(text: str) -> tuple[float, float, float]:
 
 
 def _parse(text: str, units: dict[str, float], expected: str) -> float:
-    match = _NUMBER.fullmatch(text.strip().replace("\N{MINUS SIGN}", "-"))
+    text = text.replace("\N{MINUS SIGN}", "-")
+    match = _NUMBER.fullmatch(text.strip())
+    if match is None and re.fullmatch(r"[-+]?\d+,\d+\s*[a-z°]*", text.strip(), re.IGNORECASE):
+        point = text.replace(",", ".")
+        raise typer.BadParameter(f"{text!r} has a comma; use a decimal point: {point}")
     if match is None or match[2].lower() not in units:
         raise typer.BadParameter(f"{text!r} is not {expected}.")
     value = float(match[1]) * units[match[2].lower()]

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ikservo.arm import Arm
 from ikservo.arm.owner.elsewhere import record_from_here
 from ikservo.arm.tapes.recording import RecordReport
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
 from ikservo.cli.output import note, print_json, print_lines
+from ikservo.cli.prompts import confirm
 from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.session import opened
 from ikservo.errors import InputError
@@ -26,7 +29,7 @@ Time = Annotated[
 Period = Annotated[
     float, typer.Option("--period", parser=parse_time_s, help="Between two samples: 20ms.")
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 
 
 def command(
@@ -47,20 +50,44 @@ def command(
     ikservo replay wave.jsonl --arm so101
     """
     if time is None and not sys.stdin.isatty():
-        raise InputError("Nobody is here to end the recording.", "Give --time, as in --time 10.")
+        raise InputError(
+            "Cannot wait for Ctrl-C: input is not a terminal.", "Add --time, as in --time 10."
+        )
     model = chosen_model(arm)
-    if time is None:
-        note("Recording; Ctrl-C ends it.")
-    report = record_from_here(model, port, file, time, period, overwrite=overwrite)
+    until = _announced() if time is None else None
+    report = record_from_here(model, port, file, time, until, period, overwrite=overwrite)
     if report is None:
         with opened(arm, port, uncalibrated=uncalibrated) as machine:
-            report = machine.record(file, duration_s=time, until=None if time else _never,
+            _offer_release(machine)
+            report = machine.record(file, duration_s=time, until=until,
                                     period_s=period, overwrite=overwrite)  # fmt: skip
     _print(report, json=json)
 
 
-def _never() -> bool:
-    return False
+def _offer_release(machine: Arm) -> None:
+    """Say that an arm with torque cannot be guided by hand, and offer to switch it off."""
+    if not any(state.torque for state in machine.where().joints):
+        return
+    note("Torque is on: the arm cannot be guided by hand.")
+    if sys.stdin.isatty() and machine.zeros.known:
+        if confirm("Lower the arm to its rest pose and switch torque off first?"):
+            machine.relax()
+    else:
+        note("To switch torque off: ikservo relax")
+
+
+def _announced() -> Callable[[], bool]:
+    """Return what says at the first sample, and not before, that the arm is being recorded."""
+    said = False
+
+    def never_ends() -> bool:
+        nonlocal said
+        if not said:
+            note("Recording; Ctrl-C ends it.")
+        said = True
+        return False
+
+    return never_ends
 
 
 def _print(report: RecordReport, *, json: bool) -> None:

@@ -12,12 +12,15 @@ from ikservo.arm.line import open_line
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_table
-from ikservo.errors import ExitCode, IkservoError
+from ikservo.cli.prompts import confirm
+from ikservo.errors import ExitCode, IkservoError, InputError
 
 __all__ = ["command"]
 
-Reboot = Annotated[bool, typer.Option("--reboot", help="Restart servos that need it; they let go.")]
-Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before servos let go.")]
+Reboot = Annotated[
+    bool, typer.Option("--reboot", help="Restart servos that need it; their torque goes off.")
+]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before torque goes off.")]
 
 
 def command(
@@ -28,11 +31,11 @@ def command(
     yes: Yes = False,
     json: JsonOption = False,
 ) -> None:
-    """Clear overload and other alarms; goals become where the joints are.
+    """Clear overload and other alarms; each goal becomes the joint's position.
 
     ikservo recover --arm so101
 
-    ikservo recover --arm koch --reboot        Dynamixels let go while they restart
+    ikservo recover --arm koch --reboot        torque is off while Dynamixels restart
     """
     model = chosen_model(arm)
     with open_line(model, port) as bus:
@@ -47,10 +50,15 @@ def command(
 
 
 def _ask(port: str) -> None:
-    if port.startswith("sim:") or not sys.stdin.isatty():
+    if port.startswith("sim:"):
         return
-    if not typer.confirm("Servos that restart let go. Is the arm supported?", err=True):
-        raise IkservoError("Nothing was restarted.")
+    if not sys.stdin.isatty():
+        raise InputError(
+            "Cannot ask: input is not a terminal.",
+            "To restart servos without being asked, add --yes.",
+        )
+    if not confirm("Torque goes off while servos restart. Is the arm supported?"):
+        raise IkservoError("Cancelled; nothing was restarted.", "Without asking: --yes")
 
 
 def _print(done: list[Recovery], *, json: bool) -> None:
@@ -60,7 +68,11 @@ def _print(done: list[Recovery], *, json: bool) -> None:
     columns = ["joint", "id", "alarms before", "done", "alarms now", "torque"]
     print_table(columns, [_row(one) for one in done])
     left = [str(one.servo) for one in done if not one.well]
-    note(f"Not well: {', '.join(left)}." if left else "All well; every goal is where its joint is.")
+    note(
+        f"Still faulty: {', '.join(left)}."
+        if left
+        else "All servos are fine; each goal is its position."
+    )
 
 
 def _row(one: Recovery) -> list[str]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sys
 
-import typer
-
 from ikservo.arm import Arm
 from ikservo.arm.owner.elsewhere import ask_to_relax
 from ikservo.cli.choosing import chosen_model
@@ -19,7 +17,8 @@ from ikservo.cli.options import (
     YesOption,
 )
 from ikservo.cli.output import note
-from ikservo.cli.session import announce, opened, watched
+from ikservo.cli.prompts import confirm
+from ikservo.cli.session import announce_lowering, opened, watched
 from ikservo.errors import IkservoError
 
 __all__ = ["command"]
@@ -47,16 +46,17 @@ def command(
         if not machine.zeros.known:
             _drop(machine, yes=yes)
             return
-        announce(machine.plan_rest(), machine, yes=yes)
+        announce_lowering(machine, yes=yes)
         with watched() as draw:
             report = machine.relax(draw)
     print_report(report, machine.model, json=json)
 
 
 def _drop(machine: Arm, *, yes: bool) -> None:
-    """Let go of an arm that nobody can lower, because nobody knows where it is."""
-    note(f"{machine.model.title} is not calibrated, so it cannot be lowered: hold it.")
-    if not yes and not (sys.stdin.isatty() and typer.confirm("Let go?", default=True, err=True)):
-        raise IkservoError("It still holds.", "Without asking: --yes")
+    """Switch off the torque of an arm that cannot be lowered, its zeros being unknown."""
+    note("Not calibrated, so the arm cannot be lowered.")
+    note("Torque will be switched off; support the arm.")
+    if not yes and not (sys.stdin.isatty() and confirm("Switch torque off?")):
+        raise IkservoError("Cancelled; torque stays on.", "Without asking: --yes")
     machine.release()
     note("Torque is off.")

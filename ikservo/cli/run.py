@@ -12,12 +12,14 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from ikservo.cli.hints import addressed
+from ikservo.cli.output import note
 from ikservo.errors import ExitCode, IkservoError
 
 __all__ = ["console", "main"]
 
 # A coordinate may be negative; an option is not a number. The typographic minus keeps the option
 # parser from taking the one for the other, and the quantity parsers read both.
+_COMPLETES = "_IKSERVO_COMPLETE"  # set by the shell that asks what may stand at the Tab key
 _NEGATIVE = re.compile(r"^-(?=\.?\d|inf|nan)", re.IGNORECASE)
 
 
@@ -50,16 +52,17 @@ def main(words: Sequence[str] | None = None) -> int:
         sys.stdout.flush()  # here, where a full disk can still be told of
         return code
     except IkservoError as error:
-        hint = addressed(error.hint, words)
-        return _report(error.message, hint, error.exit_code, as_json="--json" in words)
-    except KeyboardInterrupt:
-        return _report("Stopped.", "", ExitCode.STOPPED, as_json="--json" in words)
+        hint = addressed(error.command_hint, words)
+        return _report(error.command_message, hint, error.exit_code, as_json="--json" in words)
+    except (KeyboardInterrupt, SystemExit) as error:  # after a motion it says that the arm holds
+        message = str(error) if isinstance(error, KeyboardInterrupt) else ""
+        return _report(message or "Stopped.", "", ExitCode.STOPPED, as_json="--json" in words)
     except OSError as error:  # a full disk behind stdout, a reader that has gone
         _abandon_stdout()
         ended = _ended_by(error)
         if ended is not None:
             return ended
-        return _report(f"The answer could not be written: {error}.", "", ExitCode.FAILED)
+        return _report(f"The output could not be written: {error}.", "", ExitCode.FAILED)
 
 
 def _ready_streams() -> None:
@@ -81,6 +84,10 @@ def _run(words: list[str]) -> int:
 
     try:
         code = typer.main.get_command(app).main(words, prog_name="ikservo", standalone_mode=False)
+    except SystemExit as error:
+        if _COMPLETES not in os.environ:
+            raise
+        return int(error.code or 0)
     except typer.Abort:
         raise KeyboardInterrupt from None
     except Exception as error:
@@ -124,7 +131,7 @@ def _report(message: str, hint: str, code: ExitCode, *, as_json: bool = False) -
         answer = {"schema": "ikservo/error/1", "error": message, "hint": hint, "exit_code": code}
         print(json.dumps(answer, ensure_ascii=False))  # noqa: T201
     with contextlib.suppress(OSError):  # the terminal was closed: the code is all that is left
-        print(message, file=sys.stderr)  # noqa: T201
+        note(message)
         if hint:
-            print(hint, file=sys.stderr)  # noqa: T201
+            note(hint)
     return code

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
-from ikservo.cli.output import note, print_json, print_table
+from ikservo.cli.output import note, port_words, print_json, print_table
 from ikservo.cli.progress import bar
 from ikservo.errors import ExitCode, ServoSilentError
 from ikservo.hardware.finding.discovery import (
@@ -53,21 +53,21 @@ def command(
     with _watched() as draw:
         found = scan_port(where, wanted, every=every or bool(rates), on_step=draw)
     if not found:
-        raise ServoSilentError(_silence(wanted), _HINT, port=where)
+        raise ServoSilentError(f"No servo found on {port_words(where)} {_silence(wanted)}", _HINT)
     _print(where, found, json=json)
     crowds = sorted({servo.id for servo in found if servo.crowded})
     if crowds:
         note(f"Several servos answer at id {', '.join(map(str, crowds))}.")
-        note("Unplug all but one and give each its own id: ikservo setup ARM")
+        note("Connect one servo at a time and give each its own id: ikservo setup ARM")
         raise typer.Exit(ExitCode.FAILED)
 
 
-_HINT = "Is the servos' own power supply on? Check the cable, then: ikservo doctor"
+_HINT = "Check the servos' power supply and the cable, then: ikservo doctor"
 
 
 def _silence(rates: Sequence[int]) -> str:
-    at = f"at {rates[0]} baud" if len(rates) == 1 else f"at any of {len(rates)} baud rates"
-    return f"brings no answer from any id {at}"
+    at = f"{rates[0]} baud" if len(rates) == 1 else f"{len(rates)} baud rates"
+    return f"(all ids, {at})"
 
 
 def _arm_file(arm: str | None) -> Path | None:

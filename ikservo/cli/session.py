@@ -7,23 +7,27 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
-import typer
-
 from ikservo.arm import Arm, Plan, Progress, Zeros, open_arm
 from ikservo.cli.choosing import chosen_model
-from ikservo.cli.output import note, point
+from ikservo.cli.output import note, point, port_words
+from ikservo.cli.prompts import confirm
 from ikservo.cli.stopping import stoppable
 from ikservo.errors import IkservoError, InputError
 
-__all__ = ["agree", "announce", "opened", "watched"]
+__all__ = ["agree", "announce", "announce_lowering", "opened", "watched"]
 
 
 @contextmanager
 def opened(
-    arm: str | None, port: str | None, *, collisions: bool = True, uncalibrated: bool = False
+    arm: str | None,
+    port: str | None,
+    *,
+    tip: str | None = None,
+    collisions: bool = True,
+    uncalibrated: bool = False,
 ) -> Generator[Arm]:
     """Open the arm of ``--arm`` on ``--port``, and leave it holding."""
-    model = chosen_model(arm)
+    model = chosen_model(arm, tip)
     with open_arm(model, port, collisions=collisions, uncalibrated=uncalibrated) as machine:
         _warn_uncalibrated(machine)
         with stoppable(machine):
@@ -35,33 +39,53 @@ def announce(plan: Plan, machine: Arm, *, yes: bool) -> None:
 
     Raises:
         IkservoError: The person said no.
-        InputError: An arm whose zeros nobody knows would move and nobody is asked.
+        InputError: A real arm would move, without --yes and without a terminal to ask on.
     """
     where_to = "" if plan.target_m is None else f" to {point(plan.target_m.tolist())}"
-    note(f"{machine.model.title} on {machine.port_name}{where_to}: {plan.duration_s:.1f} s, "
-         f"{plan.speed}.")  # fmt: skip
+    note(f"{machine.model.title} on {port_words(machine.port_name)}{where_to}: "
+         f"{plan.duration_s:.1f} s, {plan.speed}.")  # fmt: skip
     if plan.by:
-        note(f"The straight way is not free; it goes by its pose {plan.by}.")
+        note(f'Direct path would collide; moving via pose "{plan.by}".')
     if plan.slowed:
-        note("It is the first motion after torque comes on, therefore slow.")
+        note("First motion after torque-on: slow speed.")
     agree(machine, yes=yes)
 
 
-def agree(machine: Arm, *, yes: bool) -> None:
-    """Ask once whether what was announced shall move, where a person can answer.
+def announce_lowering(machine: Arm, *, yes: bool) -> None:
+    """Say that the arm is about to be lowered and let go, and ask once as ``announce`` does.
 
     Raises:
         IkservoError: The person said no.
-        InputError: An arm whose zeros nobody knows would move and nobody is asked.
+    """
+    for words in machine.inside("rest").changed:
+        note(f"{words}.")
+    try:
+        plan = machine.plan_down()
+    except IkservoError as error:
+        if machine.stopped_for:
+            raise
+        note(f"It cannot be lowered: {error.message}")
+        note("Torque is switched off where it stands. Support the arm.")
+        agree(machine, yes=yes)
+        return
+    announce(plan, machine, yes=yes)
+
+
+def agree(machine: Arm, *, yes: bool) -> None:
+    """Ask once whether to make the motion that was announced; a simulated arm needs no answer.
+
+    Raises:
+        IkservoError: The person said no.
+        InputError: A real arm would move, without --yes and without a terminal to ask on.
     """
     if yes or machine.zeros is Zeros.SIMULATED:
         return
     if not sys.stdin.isatty():
-        if machine.zeros is Zeros.UNKNOWN:
-            raise InputError("Nobody is here to agree to this step.", "Give --yes.")
-        return
-    if not typer.confirm("Move?", default=True, err=True):
-        raise IkservoError("Nothing moved.")
+        raise InputError(
+            "Cannot ask: input is not a terminal.", "To move without being asked, add --yes."
+        )
+    if not confirm("Move?"):
+        raise IkservoError("Cancelled; nothing moved.")
 
 
 @contextmanager
@@ -91,9 +115,6 @@ def watched() -> Generator[Callable[[Progress], None] | None]:
 
 def _warn_uncalibrated(machine: Arm) -> None:
     if machine.zeros is Zeros.SIMULATED and not machine.port_name.startswith("sim:"):
-        note(f"{machine.port_name} is a pseudo-terminal: the arm behind it is taken for simulated.")
+        note(f"{machine.port_name} is a pseudo-terminal: treated as a simulated arm.")
     if machine.zeros in (Zeros.ACCEPTED, Zeros.UNKNOWN):
-        note(
-            f"{machine.model.title} is not calibrated; its zeros are {machine.zeros.value}: "
-            "the tip is only as right as the horns are mounted."
-        )
+        note("Not calibrated: using nominal zeros; the position may be wrong by several cm.")

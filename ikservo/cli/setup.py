@@ -13,6 +13,7 @@ from ikservo.arm.calibrating.sketch import sketch
 from ikservo.arm.care.commissioning import Settled, Wish, commission, wishes
 from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_lines
+from ikservo.cli.prompts import confirm
 from ikservo.cli.quantities import parse_time_s
 from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.finding.discovery import Found
@@ -40,7 +41,7 @@ def command(
 ) -> None:
     """Give each servo of an arm its id and baud rate; nothing moves.
 
-    Plug in one servo at a time, as you are asked; that it is there is seen by itself.
+    Plug in one servo at a time, as you are asked; it is found by itself, at any baud rate.
 
     ikservo setup so101
 
@@ -52,7 +53,7 @@ def command(
     helper = _Voice(model, yes=yes, json=json)
     with _resumable(arm, helper):
         commission(model, port, helper, start=start, wait_s=wait)
-    note(f"All set. Plug them together, then: ikservo doctor --arm {arm}")
+    note(f"All servos are set up. Plug them together, then: ikservo doctor --arm {arm}")
 
 
 class _Voice:
@@ -61,6 +62,7 @@ class _Voice:
     def __init__(self, model: Model, *, yes: bool, json: bool) -> None:
         self._model, self._yes, self._json = model, yes, json
         self.joint: str | None = None
+        self._status = _Status()
 
     def ask_for(self, wish: Wish) -> None:
         self.joint = wish.servo.name
@@ -73,20 +75,29 @@ class _Voice:
             f"{count} of {len(numbers)}: plug in only the {wish.servo.table.model_name} "
             f"of {wish.servo} …"
         )
+        note("Searching for it at every baud rate; Ctrl-C stops, servos already set up stay so.")
+
+    def search(self, baud_rate: int) -> None:
+        self._status.show(f"searching at {baud_rate} baud")
+
+    def stop_searching(self) -> None:
+        self._status.clear()
 
     def see(self, found: Sequence[Found]) -> None:
+        self._status.clear()
         if len(found) > 1 or any(servo.crowded for servo in found):
             listed = "; ".join(map(str, found))
             note(f"More than one servo answers: {listed}. Leave only that of {self.joint}.")
 
     def may_write(self, wish: Wish, found: Found) -> bool:
-        note(f"There is {found}, firmware {found.firmware}.")
+        self._status.clear()
+        note(f"Found {found}, firmware {found.firmware}.")
         if self._yes or (found.id, found.baud_rate) == (wish.servo.id, wish.baud_rate):
             return True
         asked = f"Make it id {wish.servo.id} at {wish.baud_rate} baud, {wish.servo.name}?"
         if not sys.stdin.isatty():
-            raise InputError(f"{asked} Nobody is here to answer.", "Give --yes.")
-        return typer.confirm(asked, default=True, err=True)
+            raise InputError(f"{asked} Cannot ask: input is not a terminal.", "Give --yes.")
+        return confirm(asked)
 
     def settle(self, settled: Settled, *, last: bool) -> None:
         changes = ", ".join(settled.written) or "nothing to change"
@@ -101,6 +112,23 @@ class _Voice:
     def _after(self, settled: Settled) -> str:
         todo = [wish.servo for wish in wishes(self._model)]
         return todo[todo.index(settled.servo) + 1].name
+
+
+class _Status:
+    """One line on a terminal that is written over; nothing elsewhere."""
+
+    def __init__(self) -> None:
+        self._shown = False
+
+    def show(self, text: str) -> None:
+        if sys.stderr.isatty():
+            self._shown = True
+            print(f"\r\x1b[2K{text} …", end="", file=sys.stderr, flush=True)  # noqa: T201
+
+    def clear(self) -> None:
+        if self._shown:
+            self._shown = False
+            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
 
 
 def _print_json(settled: Settled) -> None:
@@ -120,7 +148,8 @@ def _resumable(arm: str, helper: _Voice) -> Generator[None]:
     """Say how to go on, whatever stops it."""
     try:
         yield
-    except (IkservoError, KeyboardInterrupt):
+    except (IkservoError, KeyboardInterrupt, typer.Abort):
+        helper.stop_searching()
         if helper.joint:
             note(f"Go on with: ikservo setup {arm} --start {helper.joint}")
         raise

@@ -35,4 +35,4 @@ def command(words: Words = None) -> None:
 def _server() -> Callable[[list[str]], int]:
     for entry_point in entry_points(group=_GROUP, name="sim"):
         return cast("Callable[[list[str]], int]", entry_point.load())
-    raise IkservoError("The simulator is not installed.", "Try: pip install ikservo")
+    raise IkservoError("The simulator is not installed.", "Install it: pip install ikservo")

@@ -6,12 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from ikservo.cli.choosing import known_model, start_of
-from ikservo.cli.options import ArmOption, JsonOption, Length
+from ikservo.cli.completing import methods
+from ikservo.cli.options import ArmOption, JsonOption, Length, TipOption
 from ikservo.cli.output import note
-from ikservo.cli.quantities import parse_axis
+from ikservo.cli.posture import LEANING, PreferOption, WeightOption, note_freedom, posture_of
+from ikservo.cli.quantities import parse_axis, parse_force_n
+from ikservo.cli.reports.reach import ask_about_millimetres
 from ikservo.cli.reports.solutions import all_solutions, print_solutions
 from ikservo.cli.reports.solve import print_result
 from ikservo.cli.stance import DirectionOption, KeepOption, PitchOption, RollOption, stance_of
@@ -28,7 +32,6 @@ __all__ = ["command"]
 
 _METHODS = "auto, bounded, closed_form, pseudo_inverse, transpose or ccd."
 
-Tip = Annotated[str | None, typer.Option("--tip", help="The link that is the tool (for a .urdf).")]
 ToolAxis = Annotated[
     str | None,
     typer.Option(
@@ -36,7 +39,22 @@ ToolAxis = Annotated[
         help="What --direction points, in the tip's frame: x, y, z or X,Y,Z; else the tool.",
     ),
 ]
-Method = Annotated[str, typer.Option("--method", help=_METHODS)]
+Method = Annotated[str, typer.Option("--method", help=_METHODS, autocompletion=methods)]
+Nearest = Annotated[
+    bool,
+    typer.Option(
+        "--nearest/--no-nearest",
+        help="Of several solutions the nearest to the start, or the first found.",
+    ),
+]
+Force = Annotated[
+    tuple[str, str, str] | None,
+    typer.Option(
+        "--force",
+        metavar="FX FY FZ",
+        help="A force at the tip in newtons, base frame: print the torques of the joints.",
+    ),
+]
 All = Annotated[bool, typer.Option("--all", help="Every solution in closed form.")]
 Compare = Annotated[bool, typer.Option("--compare", help="Run every method on the target.")]
 Trace = Annotated[bool, typer.Option("--trace", help="Every iterate, one JSON object a line.")]
@@ -51,13 +69,17 @@ def command(
     z: Length,
     *,
     arm: ArmOption = None,
-    tip: Tip = None,
+    tip: TipOption = None,
     pitch: PitchOption = None,
     roll: RollOption = None,
     direction: DirectionOption = None,
     keep: KeepOption = False,
     tool_axis: ToolAxis = None,
+    prefer: PreferOption = None,
+    weight: WeightOption = None,
     method: Method = "auto",
+    nearest: Nearest = True,
+    force: Force = None,
     everything: All = False,
     comparison: Compare = False,
     trace: Trace = False,
@@ -71,17 +93,29 @@ def command(
 
     ikservo solve 0.25 0.05 0.15 --arm so101
 
+    ikservo solve 0.25 0.05 0.15 --arm so101 --prefer home --weight wrist_roll=0
+
+    ikservo solve 0.25 0.05 0.15 --arm so101 --force 0 0 -5
+
     ikservo solve 0.25 0.05 0.15 --arm so101 --compare --plot methods.svg
     """
     _check(method, plot, everything=everything, comparison=comparison, trace=trace)
+    force_n = _force_n(force, alone=not (everything or comparison or trace))
     posed = pitch is not None or roll is not None or keep
     if posed and (everything or comparison or trace or tool_axis or method != "auto"):
         raise InputError(
-            "--pitch, --roll and --keep are solved in one way only.",
-            "Give them without --all, --compare, --trace, --method and --tool-axis.",
+            "--pitch, --roll and --keep cannot be combined with these options.",
+            "Use them without --all, --compare, --trace, --method and --tool-axis.",
+        )
+    if (prefer or weight) and (posed or everything or comparison or method not in LEANING):
+        raise InputError(
+            "--prefer and --weight lean in the null space of the pseudo-inverse.",
+            "Give them with --method auto or pseudo_inverse, and without --all, --compare, "
+            "--pitch, --roll and --keep.",
         )
     stance = stance_of(pitch, roll, direction, keep=keep) if posed else None
     model = known_model(arm, tip)
+    posture = posture_of(model, model.chain, prefer, weight)
     target, start = _target((x, y, z), model, direction, tool_axis), start_of(model)
     if everything:
         answers = _print_all(model, target, start, json=json)
@@ -92,13 +126,24 @@ def command(
         result = (
             _stood(model, target, stance, start)
             if stance
-            else solve(model.chain, target, start, method, trace=keep_trace)
+            else solve(
+                model.chain,
+                target,
+                start,
+                method,
+                trace=keep_trace,
+                posture=posture,
+                nearest=nearest,
+            )
         )
         answers = [(result.method, result)]
-        _print_one(model, target, result, trace=trace, json=json)
+        if posture is not None:
+            note_freedom(model.chain, result.q, directed=direction is not None)
+        _print_one(model, target, result, force_n, trace=trace, json=json)
     if plot is not None:
         _draw(plot, model, target, start, answers)
     if not any(result.reached for _, result in answers):
+        ask_about_millimetres(model.chain, (x, y, z), "solve {}")
         raise typer.Exit(ExitCode.UNREACHABLE)
 
 
@@ -107,14 +152,26 @@ def _check(
 ) -> None:
     """Refuse what contradicts itself or could not be drawn, before any work is done."""
     if everything and (comparison or trace):
-        raise InputError("--all iterates nothing.", "Give it without --compare and --trace.")
+        raise InputError("--all has no iterations.", "Use it without --compare and --trace.")
     if method != "auto" and (everything or comparison):
         other = "--all" if everything else "--compare"
-        raise InputError(f"{other} chooses the method itself.", "Leave --method away.")
+        raise InputError(f"{other} chooses the method itself.", "Omit --method.")
     if plot is not None:
         from ikservo.cli.plotting.sheet import check_picture  # noqa: PLC0415  # few draw
 
         check_picture(plot)
+
+
+def _force_n(force: tuple[str, str, str] | None, *, alone: bool) -> Vector | None:
+    """Return the force (3,); refuse one whose torques would belong to many answers."""
+    if force is None:
+        return None
+    if not alone:
+        raise InputError(
+            "--force shows the torques of one answer.",
+            "Give it without --all, --compare and --trace.",
+        )
+    return np.array([parse_force_n(part) for part in force])
 
 
 def _target(
@@ -160,13 +217,21 @@ def _print_comparison(
     return answers
 
 
-def _print_one(model: Model, target: Target, result: Result, *, trace: bool, json: bool) -> None:
+def _print_one(
+    model: Model,
+    target: Target,
+    result: Result,
+    force_n: Vector | None,
+    *,
+    trace: bool,
+    json: bool,
+) -> None:
     if trace:
         from ikservo.cli.reports.comparison import print_traces  # noqa: PLC0415
 
         print_traces(model.chain, target, [(result.method, result)])
     else:
-        print_result(model, target, result, json=json)
+        print_result(model, target, result, force_n=force_n, json=json)
 
 
 def _draw(

@@ -7,7 +7,7 @@ import typer
 from ikservo.arm.owner.elsewhere import Stopped, stop_all, stop_from_here
 from ikservo.cli.choosing import chosen_model
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
-from ikservo.cli.output import print_json, print_lines
+from ikservo.cli.output import port_words, print_json, print_lines
 from ikservo.errors import ExitCode, InputError
 
 __all__ = ["command"]
@@ -23,21 +23,19 @@ def command(*, arm: ArmOption = None, port: PortOption = None, json: JsonOption 
     """
     stopped = [stop_from_here(chosen_model(arm), port)] if arm or port else stop_all()
     if not stopped:
-        raise InputError(
-            "No program of yours moves an arm.", "Give --arm to stop one that nobody moves."
-        )
+        raise InputError("No running ikservo program.", "Use --arm to stop the servos directly.")
     if json:
         print_json("stop", arms=stopped)
     else:
-        print_lines(line for one in stopped for line in _lines(one))
+        print_lines((line for one in stopped for line in _lines(one)), indent=12)
     if any(one.silent for one in stopped):
         raise typer.Exit(ExitCode.SILENT)
 
 
 def _lines(one: Stopped) -> list[str]:
-    was = "was moving and was stopped" if one.moving else "stands"
-    rows = {"held": one.held, "limp": one.limp, "silent": one.silent}
+    was = "was moving; stopped" if one.moving else "was not moving"
+    rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
     return [
-        f"{one.arm} on {one.port} {was}",
-        *(f"{word:7} {', '.join(names)}" for word, names in rows.items() if names),
+        f"{one.arm} on {port_words(one.port)} {was}",
+        *(f"{word:10}  {', '.join(names)}" for word, names in rows.items() if names),
     ]

@@ -9,6 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 from ikservo.arm import Arm
+from ikservo.arm.streaming.halt import STOPPED
 from ikservo.arm.streaming.signals import CTRL_C, TERMINATED
 from ikservo.cli.output import note
 from ikservo.errors import StoppedError
@@ -27,11 +28,13 @@ def stoppable(machine: Arm) -> Generator[None]:
     """
     try:
         yield
-    except StoppedError:
+    except (StoppedError, KeyboardInterrupt, SystemExit) as error:
         if machine.stopped_for in (CTRL_C, TERMINATED) and _said_again(machine):
             _lower(machine)
-            raise StoppedError("Stopped; the arm was lowered and has let go.") from None
-        raise
+            raise StoppedError("Stopped; the arm was lowered and torque is off.") from None
+        if isinstance(error, StoppedError) or not machine.stopped_for:
+            raise
+        raise StoppedError(machine.stopped_for, STOPPED[1]) from None
 
 
 def _said_again(machine: Arm) -> bool:
@@ -39,7 +42,7 @@ def _said_again(machine: Arm) -> bool:
         return True
     person = sys.stdin.isatty()
     if person:
-        note("The arm holds. Ctrl-C again lowers it to its rest pose and lets go.")
+        note("Torque stays on. Ctrl-C again lowers the arm and switches torque off.")
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         time.sleep(_PERSON_S if person else _SCRIPT_S)
@@ -51,6 +54,6 @@ def _said_again(machine: Arm) -> bool:
 
 
 def _lower(machine: Arm) -> None:
-    note("Lowering the arm to its rest pose; it lets go there. Ctrl-C makes it hold.")
+    note("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
     machine.acknowledge()
     machine.relax()

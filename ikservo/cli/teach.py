@@ -8,18 +8,22 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm
+from ikservo.calibration import JointUnit
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
 from ikservo.cli.output import note, print_json, print_lines
-from ikservo.cli.session import announce, opened
+from ikservo.cli.prompts import wait_for_enter
+from ikservo.cli.reports.joints import joint_lines
+from ikservo.cli.session import announce_lowering, opened
 from ikservo.errors import InputError
 
 __all__ = ["command"]
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="1 to 64 of A-Z a-z 0-9 _ -")]
 Now = Annotated[
-    bool, typer.Option("--now", help="Keep the pose it is in; do not relax, do not ask.")
+    bool,
+    typer.Option("--now", help="Save the present pose; torque stays as it is, nothing is asked."),
 ]
-Hold = Annotated[bool, typer.Option("--hold", help="Hold the arm there afterwards.")]
+Hold = Annotated[bool, typer.Option("--hold", help="Switch torque on there afterwards.")]
 
 
 def command(
@@ -33,14 +37,16 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Relax the arm, let you bring it into a pose, and keep that under a name.
+    """Switch torque off, let you move the arm by hand, and save its pose under a name.
 
     ikservo teach cup --arm so101
 
     ikservo pose cup --arm so101
     """
     if not now and not sys.stdin.isatty():
-        raise InputError("Nobody is here to press Enter.", "Give --now to keep the pose it is in.")
+        raise InputError(
+            "Cannot ask: input is not a terminal.", "To save the present pose, add --now."
+        )
     with opened(arm, port, uncalibrated=uncalibrated) as machine:
         machine.poses.check_name(name)
         if not now:
@@ -50,17 +56,17 @@ def command(
     if json:
         print_json("teach", name=name, joints_rad=positions, path=str(path))
         return
-    say = {joint: machine.model.joint(joint).joint_map.say for joint in positions}
-    print_lines([f"{joint}  {say[joint](value)}" for joint, value in positions.items()])
-    note(f"Kept as {name} in {path}.")
+    joints: dict[str, tuple[float, JointUnit]] = {
+        joint: (at, machine.model.joint(joint).joint_map.unit) for joint, at in positions.items()
+    }
+    print_lines(joint_lines(joints))
+    note(f'Saved pose "{name}" in {path}.')
 
 
 def _announce_relaxing(machine: Arm, *, yes: bool) -> None:
     if any(state.torque for state in machine.where().joints):
-        rest = machine.model.pose("rest")
-        announce(machine.plan_joints(rest, speed="slow"), machine, yes=yes)
+        announce_lowering(machine, yes=yes)
 
 
 def _until_enter() -> None:
-    typer.prompt("Bring the arm into the pose, then press Enter", default="", show_default=False,
-                 prompt_suffix=".", err=True)  # fmt: skip
+    wait_for_enter("Bring the arm into the pose, then press Enter.")

@@ -22,7 +22,9 @@ from ikservo.errors import InputError
 __all__ = ["command"]
 
 _NEEDS = ("starlette", "uvicorn", "websockets")
-_LISTEN_HELP = "IP address of the page; other than this machine's loopback lets the network in."
+_LISTEN_HELP = (
+    "IP address of the page; any but a loopback address makes it reachable from the network."
+)
 
 Http = Annotated[int, typer.Option("--http", min=0, max=65535, help="Port of the page; 0: any.")]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
@@ -39,7 +41,7 @@ def command(
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
 ) -> None:
-    """Serve a page that shows the arm; it moves once Live is thrown there.
+    """Serve a page that shows the arm; it moves only after Live is switched on there.
 
     ikservo view --port sim                      no arm needed
 
@@ -56,18 +58,18 @@ def command(
         note(f"To watch only: {urls.watch}")
         for warning in urls.warnings:
             note(warning)
-        note("Ctrl-C ends; the arm then holds.")
+        note("Ctrl-C ends; torque then stays on.")
         sys.stdout.flush()
         with _shown(urls.control, wanted=not no_open and _has_display()):
             house.serve()
-    note("The arm holds where it had torque. Release it with: ikservo relax")
+    note("Torque stays as it was. Switch it off with: ikservo relax")
 
 
 def _check_installed() -> None:
     missing = [name for name in _NEEDS if find_spec(name) is None]
     if missing:
         raise InputError(
-            f"The view needs {', '.join(missing)}, not installed here.",
+            f"The view needs {', '.join(missing)}; not installed.",
             "Try: pip install 'ikservo[view]'",
         )
 

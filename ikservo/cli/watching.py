@@ -69,7 +69,7 @@ def _looking(model: Model, port: str | None, *, uncalibrated: bool) -> Generator
 def _asked(model: Model, port: str | None) -> Whereabouts:
     here = ask_where(model, port)
     if here is None:
-        raise IkservoError("The program that had the port has ended.", "Watch again.")
+        raise IkservoError("The program that used the port has ended.", "Run the command again.")
     return here
 
 

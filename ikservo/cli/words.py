@@ -14,37 +14,51 @@ from ikservo.errors import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["WORDS", "app"]
+__all__ = ["PANELS", "WORDS", "app"]
 
-WORDS = {
-    "arms": "The arms that ship with ikservo.",
-    "ports": "The USB adapters: chip, stable name, who holds them.",
-    "scan": "Find servos at any id and baud rate.",
-    "setup": "Give new servos their ids, one at a time.",
-    "doctor": "What is wrong between this computer and the servos.",
-    "calibrate": "This arm's own zeros, signs and ranges, found by hand.",
-    "calibration": "Compare a calibration with the servos: diff, push, pull.",
-    "import": "Take a calibration over from LeRobot.",
-    "export": "Hand a calibration to LeRobot.",
-    "where": "Where the arm is: tip, joints, limits, health.",
-    "move": "Move the tip to a point.",
-    "joints": "Move single joints.",
-    "jog": "Move a joint or the tip while a key is held.",
-    "gripper": "Open, close, grasp.",
-    "pose": "Move to a named pose.",
-    "teach": "Give the pose in your hand a name.",
-    "record": "Write a motion of your hand to a file.",
-    "replay": "Play a recorded motion back.",
-    "follow": "Lead this arm by another one in your hand.",
-    "stop": "Hold now, whatever program moves the arm.",
-    "relax": "Lower the arm to its rest pose and release it.",
-    "recover": "Clear overload and other alarms.",
-    "view": "A page on which the arm is grabbed and pulled.",
-    "solve": "Find joints for a point; nothing moves.",
-    "workspace": "What the tip can reach: counts, a test of a point, a picture.",
-    "bench": "How fast the servos can be read and told.",
-    "sim": "Serve a simulated arm on a pseudo-terminal.",
+PANELS = {
+    "Without an arm": {
+        "arms": "List the arms that ship with ikservo.",
+        "solve": "Find joints for a point; nothing moves.",
+        "workspace": "What the tip can reach: counts, a test of a point, a picture.",
+        "sim": "Serve a simulated arm on a pseudo-terminal.",
+    },
+    "Set up": {
+        "ports": "List the USB adapters: chip, stable name, who uses them.",
+        "scan": "Find servos at any id and baud rate.",
+        "setup": "Give new servos their ids, one at a time.",
+        "doctor": "Check adapter, bus and servos and report faults.",
+        "bench": "Measure how fast servos can be read and written.",
+        "calibrate": "Measure this arm's zeros, signs and ranges.",
+        "calibration": "Compare a calibration with the servos: diff, push, pull.",
+        "import": "Import a calibration from LeRobot.",
+        "export": "Export a calibration to LeRobot, or a recording to CSV.",
+    },
+    "Move": {
+        "where": "Show where the arm is: tip, joints, limits, health.",
+        "move": "Move the tip to a point.",
+        "joints": "Move single joints.",
+        "pose": "Move to a named pose.",
+        "jog": "Move a joint or the tip while a key is held.",
+        "gripper": "Open, close, grasp.",
+        "view": "Serve a page on which the arm is dragged with the mouse.",
+    },
+    "Teach and replay": {
+        "teach": "Save the pose of an arm moved by hand.",
+        "record": "Record a motion made by hand to a file.",
+        "replay": "Replay a recorded motion.",
+        "follow": "Follow another arm that is guided by hand.",
+    },
+    "Stop and recover": {
+        "stop": "Stop the arm now, whatever program moves it.",
+        "relax": "Lower the arm to its rest pose and switch torque off.",
+        "recover": "Clear overload and other alarms.",
+    },
 }
+"""The commands and their help, grouped as ``--help`` prints them."""
+
+WORDS = {name: help_ for panel in PANELS.values() for name, help_ in panel.items()}
+_PANEL_OF = {name: panel for panel, commands in PANELS.items() for name in commands}
 
 _MODULES = {"import": "import_"}  # no module can have the name of a Python keyword
 
@@ -55,7 +69,7 @@ class Words(TyperGroup):
     _listing = False
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401  # typer hides click's types
-        """Return the names in the order a newcomer meets them."""
+        """Return the names in the order of the help."""
         return list(WORDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
@@ -63,7 +77,7 @@ class Words(TyperGroup):
         if cmd_name not in WORDS:
             return None
         if self._listing:
-            return TyperCommand(cmd_name, help=WORDS[cmd_name])
+            return TyperCommand(cmd_name, help=WORDS[cmd_name], rich_help_panel=_PANEL_OF[cmd_name])
         return _load(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
@@ -98,19 +112,33 @@ def _exit_codes() -> str:
     return "Exit codes: " + " · ".join(f"{code.value} {code.meaning}" for code in ExitCode)
 
 
-app = typer.Typer(cls=Words, no_args_is_help=True, epilog=_exit_codes())
+app = typer.Typer(
+    cls=Words,
+    no_args_is_help=True,
+    epilog=_exit_codes(),
+    context_settings={"help_option_names": ["-h", "--help"]},  # for the commands as well
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from ikservo import __version__  # noqa: PLC0415
+
+        typer.echo(__version__)
+        raise typer.Exit
 
 
 @app.callback()
 def _root(  # pyright: ignore[reportUnusedFunction]
-    version: bool = typer.Option(False, "--version", help="Print the version and exit."),
+    version: bool = typer.Option(
+        False,
+        "--version",
+        help="Print the version and exit.",
+        callback=_print_version,
+        is_eager=True,
+    ),
 ) -> None:
     """A box of bus servos becomes an arm that goes where you point.
 
     ikservo move 0.25 0.05 0.15 --arm so101 --port sim    no arm needed
     """
-    if version:
-        from importlib.metadata import version as installed  # noqa: PLC0415
-
-        typer.echo(installed("ikservo"))
-        raise typer.Exit

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ikservo.cli.choosing import known_model, start_of
-from ikservo.cli.options import ArmOption, JsonOption
+from ikservo.cli.options import ArmOption, CollisionOption, JsonOption, TipOption
 from ikservo.cli.output import print_json, print_lines
 from ikservo.cli.plotting.sheet import check_picture
 from ikservo.cli.plotting.workspace import draw
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
+from ikservo.cli.reports.reach import ask_about_millimetres
 from ikservo.cli.reports.workspace import (
+    COLLIDES,
     Slice,
     point_fields,
     point_lines,
@@ -22,15 +26,16 @@ from ikservo.cli.reports.workspace import (
     title,
 )
 from ikservo.errors import ExitCode, InputError
-from ikservo.ik import Target, solve
-from ikservo.ik.workspace import front_plane, side_plane, top_plane, workspace
+from ikservo.ik import Result, Target, solve
+from ikservo.ik.workspace import Clear, front_plane, joint_samples, side_plane, top_plane, workspace
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model
 
 __all__ = ["command"]
 
+_STARTS = 64  # postures from which a point is tried whose first answer collides
 
-Tip = Annotated[str | None, typer.Option("--tip", help="The link that is the tool (for a .urdf).")]
+
 Cut = Annotated[Slice | None, typer.Option("--slice", help="Cut it; the whole volume if absent.")]
 Height = Annotated[
     float | None,
@@ -55,18 +60,20 @@ Plot = Annotated[Path | None, typer.Option("--plot", help="Draw it to FILE.svg o
 def command(
     *,
     arm: ArmOption = None,
-    tip: Tip = None,
+    tip: TipOption = None,
     cut: Cut = None,
     height: Height = None,
     yaw: Yaw = None,
     cell: Cell = None,
     point: Point = None,
     plot: Plot = None,
+    collision: CollisionOption = True,
     json: JsonOption = False,
 ) -> None:
     """Say what the tip can reach inside this arm's limits; nothing moves.
 
-    The limits are those of the arm's calibration, or of its arm file where there is none.
+    The limits are those of the arm's calibration, or of its arm file where there is none. What
+    only a posture reaches in which the arm touches itself, the table or a box is left out.
 
     ikservo workspace --arm so101 --slice side --plot reach.svg
     ikservo workspace --arm so101 --point 0.25 0.05 0.15
@@ -75,10 +82,11 @@ def command(
     model = known_model(arm, tip)
     home = start_of(model)
     asked = None if point is None else [parse_length_m(text) for text in point]
-    found = None if asked is None else solve(model.chain, Target(asked), home)
+    clear = _clearance(model) if collision else None
+    found = None if asked is None else _answered(model, asked, home, clear)
     region = None
     if found is None or cut or plot or cell is not None:
-        region = workspace(model.chain, _plane(model, home, cut, height, yaw), cell)
+        region = workspace(model.chain, _plane(model, home, cut, height, yaw), cell, clear=clear)
     if region is not None and plot is not None:
         draw(region, model, home, title(model, cut, region), plot, asked)
     if json:
@@ -86,15 +94,33 @@ def command(
     else:
         print_lines([*point_lines(model, asked, found), *region_lines(model, cut, region)])
     if found is not None and not found.reached:
+        ask_about_millimetres(model.chain, asked or (), "workspace --point {}")
         raise typer.Exit(ExitCode.UNREACHABLE)
+
+
+def _clearance(model: Model) -> Clear:
+    from ikservo.arm.clearance import clearance_of  # noqa: PLC0415  # brings the servos along
+
+    return clearance_of(model)
+
+
+def _answered(model: Model, asked: Sequence[float], home: Vector, clear: Clear | None) -> Result:
+    """Return joints for a point, free of collisions if any found are; else the best found."""
+    best = solve(model.chain, Target(asked), home)
+    if clear is None or not best.reached:
+        return best
+    starts = [best.q, *joint_samples(model.chain, _STARTS)]
+    results = (solve(model.chain, Target(asked), start) for start in starts)
+    free = (result for result in results if result.reached and clear(result.q[None])[0])
+    return next(free, replace(best, reached=False, method=COLLIDES))
 
 
 def _check(cut: Slice | None, height: float | None, yaw: float | None, plot: Path | None) -> None:
     """Refuse what would be ignored, before any work is done."""
     if height is not None and cut is not Slice.TOP:
-        raise InputError("--height belongs to --slice top.", "Side and front are turned by --yaw.")
+        raise InputError("--height needs --slice top.", "For side and front: --yaw.")
     if yaw is not None and cut not in (Slice.SIDE, Slice.FRONT):
-        raise InputError("--yaw belongs to --slice side and front.", "Top is moved by --height.")
+        raise InputError("--yaw needs --slice side or front.", "For top: --height.")
     if plot is not None:
         check_picture(plot)
 

@@ -45,6 +45,11 @@ def spoil(monkeypatch, change):
 
 def run(words):
     """Run ``ikservo`` where a fixture outlives the test that captures its output."""
+    return run_words(words.split())
+
+
+def run_words(words):
+    """Run ``ikservo`` with words that may hold spaces."""
     with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
-        code = main(words.split())
+        code = main(words)
     return Said(code, out.getvalue(), err.getvalue())

@@ -72,7 +72,7 @@ def test_another_arms_file_is_refused(arm, say):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration.model_copy(update={"arm": "planar3"}), OLD)
     done = say(f"{WORDS} --yes --from {other}")
-    assert (done.code, "it is of planar2" in done.err, "it is of planar3" in done.err) == (
+    assert (done.code, "made for planar2" in done.err, "made for planar3" in done.err) == (
         6, False, True)  # fmt: skip
 
 

@@ -105,7 +105,7 @@ def test_two_servos_with_one_id_are_named(say, monkeypatch):
     [
         ("bench", 2, "Missing argument"),
         ("bench coffee --arm so101 --port sim", 2, "'coffee' is not"),
-        ("bench bus --port sim", 2, "Which arm?"),
+        ("bench bus --port sim", 2, "No arm given."),
         ("bench bus --arm so101 --port sim --cycles 0", 2, "Invalid value for '--cycles'"),
         ("bench bus --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],

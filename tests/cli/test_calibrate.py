@@ -79,13 +79,14 @@ def test_the_conversation_ends_with_a_saved_file(desk, say, home):
 
 
 def test_off_a_terminal_each_step_is_one_line(desk, say):
-    lines = calibrated(desk(), say).err.splitlines()
-    assert [line for line in lines if line[:2] in ("1 ", "2 ")] == [
-        '1  Put the arm in the pose "home": not still yet …',
-        '1  Put the arm in the pose "home": held still: press Enter.',
-        "2  Move joint1 so that the tool goes to the right.",
-        "2  Move joint2 so that the tool goes to the left.",
-        "2  Now move every joint gently to both of its ends.",
+    lines = calibrated(desk(sign=1), say).err.splitlines()
+    assert [line for line in lines if line.startswith("Step ")] == [
+        'Step 1 of 5: Put the arm in the pose "home": hold it still …',
+        'Step 1 of 5: Put the arm in the pose "home": held still, press Enter.',
+        "Step 2 of 5: Move joint1 so that the tool goes to the right (seen from behind the base).",
+        "Step 3 of 5: Move joint2 so that the tool goes to the left (seen from behind the base).",
+        "Step 4 of 5: Move every joint gently to both end stops.",
+        "Step 5 of 5: Review and save.",
     ]
 
 
@@ -145,6 +146,16 @@ def test_own_limits_bind_and_say_so(desk, say):
     assert math.degrees(joints[0]["upper_rad"]) == pytest.approx(40.0)
 
 
+def test_a_rest_pose_outside_of_what_was_swept_is_named(desk, say):
+    arm = desk()
+    hands_on(arm)
+    done = say(
+        f"calibrate {arm.name} --port {PORT} --pose home --margin 0.3 --limit joint2=-90:90 --yes"
+    )
+    assert done.code == 0, done.err
+    assert "joint2: the rest pose is at -150.0°, outside its limit of -90.0° (user)" in done.err
+
+
 @pytest.mark.parametrize("text", ["joint1", "joint1=3", "joint3=1:2", "joint1=a:b", "joint1=3:1"])
 def test_a_limit_that_is_none_changes_nothing(desk, say, home, text):
     done = say(f"calibrate planar2 --port {desk() and PORT} --limit {text} --yes")
@@ -171,7 +182,7 @@ def test_an_arm_that_holds_is_not_dropped_without_a_word(desk, say, home):
     arm = desk()
     arm.line.servos[1].write("torque_enable", 1)
     done = say(f"calibrate planar2 --port {PORT} --pose home --no-input")
-    assert "the arm will go limp" in done.err
+    assert "Torque will be switched off" in done.err
     assert done.code == 1
     assert arm.register(1, "torque_enable") == 1
 
@@ -187,7 +198,7 @@ def test_limits_in_the_servos_that_cut_the_range_are_named(desk, say):
     arm.line.servos[2].write("lock", 0)
     arm.line.servos[2].write("max_position_limit", 2100)
     said = calibrated(arm, say).err
-    assert "joint2: its servo's own limits, 0 to 2100, cut into the range found" in said
+    assert "joint2: its servo's own limits, 0 to 2100, are narrower than the range found" in said
     assert "--write-limits" in said
 
 
@@ -206,7 +217,7 @@ def test_an_uncalibrated_arm_takes_small_agreed_steps_only(desk, say):
     words = f"joints joint1={{}} --arm planar2 --port {PORT} --no-collision"
     here = math.degrees(arm.true_position("joint1"))
     far = say(words.format(here - 12) + " --yes")
-    assert (far.code, "more than a small step" in far.err) == (6, True)
+    assert (far.code, "more than 10°" in far.err) == (6, True)
     unasked = say(words.format(here - 5))
     assert (unasked.code, "--yes" in unasked.err) == (2, True)
     near = say(words.format(here - 5) + " --yes")
@@ -228,7 +239,7 @@ def test_a_person_may_vouch_for_the_arm_files_zeros(desk, say):
     words = f"move 0.18 0.05 0.05 --arm planar2 --port {PORT} --yes --no-collision"
     done = say(f"{words} --uncalibrated")
     assert done.code == 0, done.err
-    assert "as the person said" in done.err
+    assert "Not calibrated: using nominal zeros" in done.err
     assert arm.true_position("joint1") != pytest.approx(0.785, abs=0.1)
 
 
@@ -263,7 +274,7 @@ def test_diff_lists_every_register_that_differs_and_exits_with_6(desk, say):
     arm = desk()
     calibrated(arm, say)
     same = say(f"calibration diff planar2 --port {PORT}")
-    assert (same.code, same.out) == (0, "The servos hold what the calibration says.\n")
+    assert (same.code, same.out) == (0, "Servos and calibration file agree.\n")
     offset = changed(arm, say)
     done = say(f"calibration diff planar2 --port {PORT} --json")
     assert done.code == 6
@@ -301,7 +312,7 @@ def test_servos_that_count_otherwise_are_not_pulled(monkeypatch, say, name, regi
         servo.write("lock", 0)
     servo.write(register, servo.read(register) ^ flips)
     done = say(f"calibration pull {name} --port {PORT} --yes")
-    assert (done.code, "no longer counts as it was calibrated" in done.err) == (6, True)
+    assert (done.code, "has another count direction than when calibrated" in done.err) == (6, True)
     assert say(f"calibration diff {name} --port {PORT}").code == 6
 
 
@@ -328,7 +339,7 @@ def test_an_arm_without_a_calibration_has_nothing_to_push(desk, say):
 
 def test_there_is_nothing_to_resume_after_a_calibration_that_went_well(desk, say):
     done = say(f"calibration resume planar2 --port {desk() and PORT}")
-    assert (done.code, done.out) == (0, "No writing was broken off; nothing to do.\n")
+    assert (done.code, done.out) == (0, "No interrupted write; nothing to do.\n")
 
 
 def holding(arm):
@@ -371,7 +382,7 @@ def test_an_arm_that_holds_is_asked_about_before_a_writing_is_mended(desk, say, 
     journal = Journal(format=1, path="x", old_text="", new_text="", changes=())
     write_whole(journal_path("planar2", "58FA083"), journal_text(journal))
     done = say(f"calibration {action} planar2 --port {PORT}")
-    assert (done.code, "the arm will go limp" in done.err) == (1, True)
+    assert (done.code, "Torque will be switched off" in done.err) == (1, True)
     assert holds()
 
 
@@ -380,7 +391,9 @@ def test_a_new_calibration_says_that_it_drops_what_a_touch_off_found(desk, say, 
     calibrated(arm, say)
     calibration = read_calibration(file_of(home))
     save(calibration.model_copy(update={"geometry": GEOMETRY}))
-    assert "3  What the touch-off of 2026-11-03 found" in calibrated(arm, say).err
+    assert (
+        "  The link and base corrections of the touch-off of 2026-11-03" in calibrated(arm, say).err
+    )
     assert read_calibration(file_of(home)).geometry is None
 
 
@@ -388,7 +401,7 @@ def test_a_closed_stdin_is_nobody_who_answers(desk, say, monkeypatch):
     monkeypatch.setattr("sys.stdin", None)
     done = say(f"calibrate planar2 --port {desk() and PORT} --pose home")
     sys.stdin.close()
-    assert (done.code, "Nobody is here" in done.err) == (2, True)
+    assert (done.code, "input is not a terminal" in done.err) == (2, True)
 
 
 def test_an_unknown_action_names_the_known_ones(desk, say):
@@ -413,7 +426,7 @@ def test_another_arms_file_is_refused(desk, say, home):
     file_of(home).rename(file_of(home, "planar3"))
     done = say(f"where --arm planar3 --port {desk('planar3') and PORT}")
     assert done.code == 6
-    assert "is of planar2" in done.err
+    assert "belongs to planar2" in done.err
 
 
 def test_errors_of_a_calibration_are_one_json_object(desk, say):

@@ -7,7 +7,8 @@ import signal
 import pytest
 
 from ikservo.calibration.filing.calibration_file import read_calibration
-from ikservo.calibration.filing.store import calibration_path
+from ikservo.calibration.filing.store import calibration_path, partial_path
+from servosim.hand import Hand, glide
 from tests.calibration.hidden import Person, load_model
 from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
 from tests.oracle import CONFIGS
@@ -68,6 +69,8 @@ def watch(arm):
 
 
 def test_every_stop_is_found_within_half_a_degree_and_the_limit_lies_inside(arm, narrow, say):
+    set_stops(arm, "joint1", -0.4, 0.4)  # inside the arm file's range
+    arm.stops["joint1"] = (-0.4, 0.4)
     seen = watch(arm)
     done = auto(say, narrow)
     assert done.code == 0, done.err
@@ -93,16 +96,53 @@ def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, say):
     set_stops(arm, "joint2", -0.1, 0.436)
     done = auto(say, narrow)
     assert done.code == 6
-    assert re.search(r"joint2 met something at -[56]\.\d°; its stop is expected at -25", done.err)
+    assert re.search(
+        r"joint2 hit something at -[56]\.\d°; its end stop is expected at -25", done.err
+    )
     assert saved() is None
     assert all(servo.drive.torque_on for servo in arm.line.servos.values())
     assert {servo.read("torque_limit") for servo in arm.line.servos.values()} == {1000}
 
 
+def test_what_was_measured_before_a_failure_is_kept_and_the_next_run_goes_on(arm, narrow, say):
+    set_stops(arm, "joint1", -0.1, 0.436)
+    assert "Measured and kept for the next run: joint2." in auto(say, narrow).err
+    set_stops(arm, "joint1", -0.436, 0.436)
+    back_to_the_pose(arm)
+    done = auto(say, narrow)
+    assert (done.code, "joint2: searching" in done.err) == (0, False), done.err
+    assert "joint1: searching its end stop" in done.err
+    assert [joint.swept for joint in saved().joints] == ["by itself", "by itself"]
+    low, high = saved().joint("joint2").swept_range()
+    assert 0.0 <= low - arm.stops["joint2"][0] <= math.radians(0.6)
+    assert 0.0 <= arm.stops["joint2"][1] - high <= math.radians(0.6)
+    assert not partial_path("narrow", SERIAL).exists()
+
+
+def back_to_the_pose(arm):
+    """Let go of the arm and lead it back to where the run before began."""
+    for joint in arm.world.joints:
+        joint.servos[0].write("torque_enable", 0)
+        arm.world.grasp(joint.name, Hand(glide(joint.position, math.radians(5.0), 0.5), limit=60.0))
+    arm.port.clock.sleep_until(arm.port.clock.now_s() + 3.0)
+    for joint in arm.world.joints:
+        arm.world.release(joint.name)
+
+
+@pytest.mark.parametrize(
+    "text", ["no table", *(pytest.param(t, marks=pytest.mark.campaign) for t in ("", "format = 2"))]
+)
+def test_a_spoiled_file_of_measured_joints_is_no_trouble(arm, narrow, say, text):
+    path = partial_path("narrow", SERIAL)
+    path.parent.mkdir(parents=True)
+    path.write_text(text)
+    assert auto(say, narrow).code == 0
+
+
 def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, say):
     set_stops(arm, "joint2", -math.inf, math.inf)
     done = auto(say, narrow)
-    assert (done.code, "joint2 met no stop up to" in done.err) == (6, True)
+    assert (done.code, "joint2 found no end stop up to" in done.err) == (6, True)
     assert "--free joint2" in done.err
     assert saved() is None
 
@@ -140,7 +180,7 @@ def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, say):
     where = {joint.name: joint.position for joint in arm.world.joints}
     done = say(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
     assert done.code == 0, done.err
-    assert "looks for its stop" not in done.err
+    assert "searching its end stop" not in done.err
     assert where.keys() == {"joint1", "joint2"}
 
 

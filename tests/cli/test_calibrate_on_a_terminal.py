@@ -6,7 +6,7 @@ import os
 import sys
 
 import pytest
-from rich.console import Console
+from rich.console import Console, ConsoleDimensions
 from rich.live import Live
 
 from ikservo.calibration.sweeping.sweep import Stage, Wizard
@@ -14,6 +14,7 @@ from ikservo.cli.calibrating import screen as calibrate_screen
 from ikservo.cli.calibrating.talk import answers, converse
 from ikservo.cli.keyboard import keys
 from tests.calibration.hidden import hidden_arm, load_model
+from tests.calibration.plain import plain_wizard
 from tests.calibration.rehearsal import rehearse
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
@@ -88,7 +89,7 @@ def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
     assert wizard.stage is Stage.REVIEW
     swept = picture[-1]
     assert "joint1" in swept
-    assert "expected -150.0° … 150.0°" in swept
+    assert "-150° … 150°" in swept
     assert "━" in swept
     assert swept.count("✓") >= 2
 
@@ -119,3 +120,34 @@ def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, pictu
 
     wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
     assert wizard.skipped == {"joint1"}
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("name", ["so101", "wx250s"])
+def test_the_table_fits_the_terminal(name, width):
+    arm = hidden_arm(name, 7, spoiled=False)
+    with arm.loose() as loose:
+        wizard = plain_wizard(loose, {i: arm.direction(i) for i in arm.line.servos})
+    console = Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
+    with console.capture() as capture:
+        console.print(calibrate_screen._table(wizard, width))
+    lines = capture.get().splitlines()
+    assert len(lines) == 1 + len(load_model(name).joints)  # no row is folded
+    assert max(map(len, lines)) <= width
+    assert "…\n" not in capture.get()  # nothing is cut off at the end
+
+
+def test_a_resized_terminal_is_cleared_before_the_next_picture(terminal, picture, monkeypatch):
+    cleared = []
+    monkeypatch.setattr(Console, "clear", lambda console, home=True: cleared.append(console.width))
+
+    def typed(wizard, now_s):
+        if wizard.stage is Stage.ANCHOR:
+            return "\n" if wizard.still else ""
+        shrunk = now_s > 2.0
+        if shrunk:
+            monkeypatch.setattr(Console, "size", property(lambda _: ConsoleDimensions(70, 24)))
+        return "\n" if now_s > 6.5 else ""
+
+    conversation(hidden_arm("planar2", 7), terminal, typed)
+    assert len(cleared) == 1

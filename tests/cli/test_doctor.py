@@ -10,7 +10,7 @@ from tests.cli.desk import Comport, plug_in, run, spoil
 
 SIM = "--arm so101 --port sim"
 WELL = """\
-✓ port      sim:{path} opens; nobody else holds it
+✓ port      sim:{path} can be opened; no other program uses it
 ✓ servos    all 6 answer at 1000000 baud
 ✓ latency   a read takes 0.16 ms (median), … ms (p99)
 ✓ loss      0 of 1000 reads lost
@@ -19,7 +19,7 @@ WELL = """\
 ✓ heat      25 °C
 ✓ firmware  STS3215 3.10
 ✓ alarms    none
-✓ delay     servos answer at once
+✓ delay     servos answer without delay
 """
 
 
@@ -54,7 +54,7 @@ def lines_of(said, topic):
         (lambda s: s[3].memory.put("model_number", 9), "models",
          "✗ models    elbow_flex (id 3) is a servo of unknown model 9, not a STS3215"),
         (lambda s: s[3].memory.put("max_voltage_limit", 60), "supply",
-         "✗ supply    elbow_flex (id 3) is fed 7.4 V; it takes 4.0 to 6.0 V"),
+         "✗ supply    elbow_flex (id 3) has a supply of 7.4 V; allowed are 4.0 to 6.0 V"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 64.0), "heat",
          "! heat      elbow_flex (id 3) is at 63 °C"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 90.0), "heat",
@@ -63,9 +63,9 @@ def lines_of(said, topic):
          "! firmware  STS3215 servos differ: 3.10: shoulder_pan (id 1), shoulder_lift (id 2), "
          "wrist_flex (id 4), wrist_roll (id 5), gripper (id 6); 3.9: elbow_flex (id 3)"),
         (lambda s: s[3].memory.put("return_delay", 250), "delay",
-         "! delay     return delays cost 0.5 ms in each round (elbow_flex (id 3))"),
+         "! delay     return delays take 0.5 ms in each round (elbow_flex (id 3))"),
         (lambda s: s[3].memory.put("lock", 0), "lock",
-         "! lock      elbow_flex (id 3) leaves its EEPROM open"),
+         "! lock      elbow_flex (id 3) has its EEPROM unlocked"),
         (lambda s: setattr(s[6], "powered", False), "servos",
          "✗ servos    no answer from gripper (id 6)"),
     ],
@@ -83,7 +83,7 @@ def test_the_cable_behind_the_last_that_answers_is_named(say, monkeypatch):
             line.servos[number].powered = False
 
     spoil(monkeypatch, change)
-    assert "look at the cable from elbow_flex to wrist_flex." in say(f"doctor {SIM}").out
+    assert "check the cable from elbow_flex to wrist_flex." in say(f"doctor {SIM}").out
 
 
 def test_lost_reads_are_counted(say, monkeypatch):
@@ -112,7 +112,7 @@ def test_an_arm_at_another_rate_is_found_and_told(say, monkeypatch):
     spoil(monkeypatch, change)
     said = say(f"doctor {SIM}")
     assert said.code == 1
-    assert "none of this arm's answers; on the line: STS3215 at id 1, 115200 baud" in said.out
+    assert "none of this arm's servos answers; on the bus: STS3215 at id 1, 115200 baud" in said.out
 
 
 def test_a_dead_line_asks_for_the_power_supply(say, monkeypatch):
@@ -122,8 +122,8 @@ def test_a_dead_line_asks_for_the_power_supply(say, monkeypatch):
 
     spoil(monkeypatch, change)
     said = say(f"doctor {SIM}")
-    assert "✗ servos    nobody answers, at 1000000 baud or any other" in said.out
-    assert "Is the servos' own power supply on?" in said.out
+    assert "✗ servos    no servo answers, at 1000000 baud or any other" in said.out
+    assert "Check that the servos' power supply is on" in said.out
 
 
 def test_eeprom_is_compared_with_the_arm_file(say, monkeypatch):
@@ -131,7 +131,7 @@ def test_eeprom_is_compared_with_the_arm_file(say, monkeypatch):
     said = say("doctor --arm open_manipulator_x --port sim")
     assert said.code == 1
     assert lines_of(said, "eeprom") == [
-        "✗ eeprom    joint3 (id 13) holds drive_mode = 0, the arm file says 4"
+        "✗ eeprom    joint3 (id 13): drive_mode is 0, 4 in the arm file"
     ]
 
 
@@ -200,7 +200,7 @@ def test_no_adapter_is_a_trouble_too(say, monkeypatch):
     plug_in(monkeypatch, [])
     said = say("doctor --arm so101")
     assert said.code == 1
-    assert said.out.splitlines()[0] == "✗ port      There is no port to open: none was given."
+    assert said.out.splitlines()[0] == "✗ port      No serial port given and no USB adapter found."
 
 
 def test_a_port_that_may_not_be_opened_tells_the_group(say, monkeypatch, tmp_path):
@@ -213,19 +213,19 @@ def test_a_port_that_may_not_be_opened_tells_the_group(say, monkeypatch, tmp_pat
     monkeypatch.setattr("serial.serial_for_url", forbidden)
     said = say("doctor --arm so101")
     assert said.code == 1
-    assert "may not be opened by this user." in said.out
+    assert "No permission to open" in said.out
     assert "usermod -aG" in said.out
     assert lines_of(said, "adapter")[0].startswith("✓ adapter   CH343 (Feetech, Waveshare) at ")
 
 
 @pytest.mark.skipif(installed_rules() is not None, reason="the rule is installed here")
-def test_the_udev_rule_is_printed_where_it_is_missing(say, monkeypatch):
+def test_a_missing_udev_rule_is_a_command_and_not_the_rule_itself(say, monkeypatch):
     plug_in(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
     said = say("doctor")
     assert lines_of(said, "udev")[0].startswith("! udev      60-ikservo.rules is not installed")
-    for rule in read_rules().splitlines():
-        assert rule in said.out
+    assert "ikservo doctor --rules" in said.out
+    assert not any(rule in said.out for rule in read_rules().splitlines() if rule)
 
 
 def test_the_installed_rule_is_a_tick(say, monkeypatch, tmp_path):
@@ -255,9 +255,9 @@ def test_the_rule_names_the_adapters(fragment):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("doctor --port sim", "Which arm shall be simulated?"),
+        ("doctor --port sim", "No arm given for the simulator."),
         ("doctor --arm so1o1 --port sim", "Did you mean so101?"),
-        ("doctor --write-eeprom --port sim", "Which arm?"),
+        ("doctor --write-eeprom --port sim", "No arm given."),
     ],
 )
 def test_bad_input_is_one_clear_error(say, words, message):

@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from ikservo.cli.words import WORDS
+import ikservo
+from ikservo.cli.words import PANELS, WORDS
 from ikservo.errors import ExitCode
 
 
@@ -28,7 +29,7 @@ def test_every_command_explains_itself(say, word):
 
 def test_no_words_at_all_print_the_help(say):
     said = say("")
-    assert "Commands" in said.out + said.err
+    assert "Set up" in said.out + said.err
     assert said.code == 2
 
 
@@ -60,3 +61,56 @@ def test_a_command_imports_only_what_it_uses(words, allowed):
     done = subprocess.run([sys.executable, "-c", script, forbidden, *words.split()],
                           capture_output=True, text=True, check=True)  # fmt: skip
     assert done.stderr.strip().splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("word", ["", *sorted(set(WORDS) - {"sim"})])
+def test_h_is_help_everywhere(say, word):
+    said = say(f"{word} -h")
+    assert (said.code, "Usage: ikservo" in said.out) == (0, True)
+
+
+def test_the_version_is_printed(say):
+    said = say("--version")
+    assert (said.code, said.out) == (0, f"{ikservo.__version__}\n")
+
+
+def test_the_module_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "ikservo", "--version"],
+                          capture_output=True, text=True, check=True)  # fmt: skip
+    assert done.stdout == f"{ikservo.__version__}\n"
+
+
+def test_the_package_is_typed():
+    from pathlib import Path
+
+    assert (Path(ikservo.__file__).parent / "py.typed").exists()
+
+
+def test_help_groups_the_commands(say):
+    out = say("--help").out
+    places = [out.index(f" {panel} ") for panel in PANELS]
+    assert places == sorted(places)
+    for panel, after in zip(PANELS, [*list(PANELS)[1:], None], strict=True):
+        part = out[out.index(f" {panel} ") : out.index(f" {after} ") if after else None]
+        assert all(f" {word} " in part for word in PANELS[panel])
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("move --arm so1", "so100 so101"),
+        ("pose --arm so101 ho", "home"),
+        ("joints --arm so101 elb", "elbow_flex="),
+        ("jog --arm so101 shoulder_p", "shoulder_pan"),
+        ("move --speed fa", "fast"),
+        ("solve --method cl", "closed_form"),
+        ("gripper cl", "close"),
+        ("rec", "record recover"),
+    ],
+)
+def test_the_tab_key_completes(say, monkeypatch, typed, offered):
+    monkeypatch.setenv("_IKSERVO_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", f"ikservo {typed}")
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split())))
+    said = say("")
+    assert (said.code, said.out.split(), said.err) == (0, offered.split(), "")

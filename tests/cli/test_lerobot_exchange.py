@@ -121,4 +121,4 @@ def test_there_is_nothing_to_export_before_a_calibration(arm, say):
 def test_other_programs_are_not_known(arm, say):
     done = say("export dynamixel_wizard --arm so101")
     assert done.code == 2
-    assert "Known: lerobot" in done.err
+    assert "Known: csv, lerobot" in done.err

@@ -1,6 +1,7 @@
 """``ikservo move`` and its kin on the simulated bus, word for word."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ def test_the_json_has_the_keys_that_others_rely_on(say):
     assert answer["schema"] == "ikservo/move/1"
     assert set(answer) == {
         "schema", "target_m", "commanded_tip_m", "measured_tip_m", "error_m", "duration_s",
-        "reached", "binding", "orientation_error_rad",
+        "reached", "binding", "orientation_error_rad", "orientation_requested",
+        "orientation_change_rad",
     }  # fmt: skip
 
 
@@ -26,7 +28,7 @@ def test_stdout_is_the_report_and_stderr_the_announcement(say):
     said = say("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
     assert said.out.splitlines()[0] == "target     (0.230, 0.020, 0.100) m"
     assert said.out.splitlines()[-1] == "reached    yes"
-    assert said.err.startswith("SO-101 follower on sim:")
+    assert said.err.startswith("SO-101 follower on sim to (0.230, 0.020, 0.100) m: ")
 
 
 def test_a_dry_run_prints_the_plan_and_moves_nothing(say):
@@ -38,7 +40,7 @@ def test_a_dry_run_prints_the_plan_and_moves_nothing(say):
 
 def test_where_has_the_keys_that_others_rely_on(say):
     answer = say("where --arm so101 --port sim --json").json
-    assert set(answer) == {"schema", "tip_m", "joints"}
+    assert set(answer) == {"schema", "tip_m", "joints", "conditioning", "singularity"}
     assert set(answer["joints"][0]) >= {
         "name", "position_rad", "lower_rad", "upper_rad", "limit_from", "temperature_c",
         "voltage_v", "load_percent", "torque",
@@ -60,8 +62,8 @@ def test_joints_are_told_in_degrees_or_radians(say):
 
 
 def test_a_negative_angle_is_no_option(say):
-    goal = say("joints wrist_roll=-30 --arm so101 --port sim:?pose=home --json").json["goal_rad"]
-    assert goal == pytest.approx({"wrist_roll": -math.pi / 6})
+    goal = say("joints shoulder_pan=-30 --arm so101 --port sim --json").json["goal_rad"]
+    assert goal == pytest.approx({"shoulder_pan": -math.pi / 6})
 
 
 def test_a_slide_is_told_in_metres(say):
@@ -84,3 +86,20 @@ def test_arms_lists_what_can_stand_behind_arm(say):
     names = [arm["name"] for arm in say("arms --json").json["arms"]]
     assert names == ["koch", "omx_f", "open_manipulator_x", "planar2", "planar3", "px100", "so100",
                      "so101", "vx300s", "wx250s"]  # fmt: skip
+
+
+def test_arms_says_whose_base_frame_is_not_as_the_others(say):
+    frames = say("arms").out.partition("base frame")[2].splitlines()
+    (so101,) = [line for line in frames if line.startswith("so101")]
+    assert "the maker's: origin 38.84 mm behind the first axis" in so101
+
+
+def test_a_plain_move_says_how_far_the_tool_turned_and_that_nothing_was_requested(say):
+    said = say("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
+    assert re.search(r"^tool       orientation changed by \d+\.\d° \(none was requested\)$",
+                     said.out, re.M)  # fmt: skip
+
+
+def test_a_requested_orientation_is_reported_with_its_error(say):
+    said = say("move 0.25 0.05 0.15 --pitch -60 --arm so101 --port sim:?pose=home")
+    assert re.search(r"^tool       orientation error 0\.\d°$", said.out, re.M)

@@ -27,8 +27,8 @@ def test_way_points_are_lengths_with_or_without_units(say):
 def test_a_preview_tells_time_way_speed_and_limits(say):
     answer = say(f"move 0.25 0.05 0.15 --line {SO101} --dry-run --json").json
     assert set(answer) == {
-        "schema", "target_m", "q_rad", "duration_s", "path_m", "speed", "binding", "near_limits",
-        "orientation_error_rad",
+        "schema", "target_m", "q_rad", "joints_rad", "duration_s", "path_m", "speed", "binding",
+        "near_limits", "orientation_error_rad", "orientation_requested",
     }  # fmt: skip
     assert answer["path_m"] > 0.05
     assert answer["binding"]
@@ -44,7 +44,7 @@ def test_a_preview_for_a_person_has_a_unit_on_every_number(say):
 
 def test_the_first_motion_is_said_to_be_slow(say):
     said = say(f"move 0.25 0.05 0.15 --speed fast {SO101} --dry-run")
-    assert "first motion after torque comes on, therefore slow" in said.err
+    assert "First motion after torque-on: slow speed." in said.err
     assert "slow." in said.err.splitlines()[0]
 
 
@@ -58,13 +58,13 @@ def test_a_stance_that_the_arm_has_not_moves_nothing_and_exits_7(say):
     said = say(f"move 0.25 0.05 0.15 --pitch 40 {SO101}")
     assert said.code == 7
     assert said.out == ""
-    assert "the tool cannot stand at pitch 40.0°" in said.err
-    assert "The nearest there: pitch" in said.err
+    assert "pitch 40.0° is not possible at" in said.err
+    assert "Closest orientation there: pitch" in said.err
 
 
 @pytest.mark.parametrize(("words", "code", "said_words"), [
-    ("move 0.25 0.05 0.15 --pitch 20 --keep", 2, "asked twice"),
-    ("move 0.25 0.05 0.15 --pitch 20 --direction 1,0,0", 2, "asked twice"),
+    ("move 0.25 0.05 0.15 --pitch 20 --keep", 2, "given twice"),
+    ("move 0.25 0.05 0.15 --pitch 20 --direction 1,0,0", 2, "given twice"),
     ("move 0.25 0.05 0.15 --pitch 120", 2, "at most ±90°"),
     ("move 0.25 0.05 0.15 --pitch steep", 2, "is not an angle"),
     ("move 0.25 0.05 0.15 --direction up", 2, "is not a direction"),
@@ -90,7 +90,7 @@ def test_joints_and_poses_have_a_preview_that_moves_nothing(say):
         assert answer["path_m"] > 0.0
         assert answer["binding"]
     said = say(f"joints elbow_flex=30 gripper=20 {SO101} --dry-run")
-    assert said.out.splitlines()[:2] == ["elbow_flex 30.0°", "gripper 20.0°"]
+    assert said.out.splitlines()[:2] == ["elbow_flex  30.0°", "gripper     20.0°"]
     assert "slow" in said.err.splitlines()[0]
 
 

@@ -60,7 +60,7 @@ def test_a_motion_is_seen_and_stopped_from_another_terminal(say, port):
     (arm,) = stopped.json["arms"]
     assert (arm["arm"], arm["port"], arm["moving"]) == ("so101", port, True)
     assert len(arm["held"]) == 6
-    assert "StoppedError: Stopped from another terminal; the arm holds." in said
+    assert "StoppedError: Stopped from another terminal; torque stays on." in said
 
 
 def test_after_a_program_was_killed_the_arm_is_stopped_all_the_same(say, port):
@@ -70,6 +70,6 @@ def test_after_a_program_was_killed_the_arm_is_stopped_all_the_same(say, port):
     stopped = say(f"stop --arm so101 --port {port}")
     assert stopped.code == 0, stopped.err
     assert stopped.out.splitlines() == [
-        f"so101 on {port} stands",
-        "held    shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper",
+        f"so101 on {port} was not moving",
+        "torque on   shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper",
     ]

@@ -23,9 +23,9 @@ def own_home(monkeypatch, tmp_path):
 def test_an_adapter_is_named_with_chip_and_serial_number(say, monkeypatch):
     plug_in(monkeypatch, [U2D2, FEETECH, UART])
     lines = say("ports").out.splitlines()
-    assert lines[0].split() == ["port", "chip", "usb", "serial", "number", "held", "by", "by", "id"]
-    assert "/dev/ttyACM0  CH343 (Feetech, Waveshare)  1a86:55d3  58FA083        nobody" in lines[1]
-    assert "/dev/ttyUSB0  FT232H (U2D2)               0403:6014  FT4THVXD       nobody" in lines[2]
+    assert lines[0].split() == ["port", "chip", "usb", "serial", "number", "used", "by", "by", "id"]
+    assert "/dev/ttyACM0  CH343 (Feetech, Waveshare)  1a86:55d3  58FA083        -" in lines[1]
+    assert "/dev/ttyUSB0  FT232H (U2D2)               0403:6014  FT4THVXD       -" in lines[2]
     assert len(lines) == 3
 
 
@@ -63,7 +63,7 @@ def test_no_adapter_is_no_error_and_the_simulator_is_offered(say, monkeypatch):
     plug_in(monkeypatch, [])
     said = say("ports")
     assert (said.code, said.out) == (0, "")
-    assert said.err == "No USB serial adapter is plugged in. Without an arm: --port sim\n"
+    assert said.err == "No USB serial adapter found. Without an arm: --port sim\n"
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_without_memory_the_only_adapter_is_taken(monkeypatch):
 def test_of_two_strange_adapters_none_is_taken(monkeypatch):
     plug_in(monkeypatch, [FEETECH, U2D2])
     with pytest.raises(
-        NoPortError, match=r"several adapters.*\n.*ttyACM0, /dev/ttyUSB0.*--port sim"
+        NoPortError, match=r"several adapters.*\n.*ttyACM0, /dev/ttyUSB0.*port=\"sim\""
     ):
         choose_port(None, "so101")
 

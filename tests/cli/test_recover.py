@@ -68,8 +68,8 @@ def test_a_dynamixel_keeps_its_alarm_until_it_may_restart(say, monkeypatch):
     ports = spoil(monkeypatch, overloaded(2))
     said = say("recover --arm koch --port sim")
     assert said.code == 5
-    assert "support the arm, then recover with --reboot" in said.out
-    assert said.err == "Not well: shoulder_lift (id 2).\n"
+    assert "support the arm, then ikservo recover --reboot" in said.out
+    assert said.err == "Still faulty: shoulder_lift (id 2).\n"
     assert ports[0].line.servos[2].boot_s == 0.0
 
 
@@ -79,7 +79,7 @@ def test_a_dynamixel_is_restarted_on_request(say, monkeypatch):
     assert said.code == 0
     assert said.json["servos"][1] == {
         "joint": "shoulder_lift", "id": 2, "before": ["overload"], "after": [],
-        "action": "restarted; it lets go", "torque": False,
+        "action": "restarted; torque off", "torque": False,
     }  # fmt: skip
     servo = ports[0].line.servos[2]
     assert servo.boot_s > 0.0
@@ -100,7 +100,9 @@ def test_at_a_wrong_voltage_torque_stays_off(say, monkeypatch):
     ports = spoil(monkeypatch, change)
     said = say("recover --arm so101 --port sim --json")
     assert said.code == 5
-    assert said.json["servos"][2]["action"].startswith("torque stays off: elbow_flex (id 3) is fed")
+    assert said.json["servos"][2]["action"].startswith(
+        "torque stays off: elbow_flex (id 3) has a supply"
+    )
     assert ports[0].line.servos[3].read("torque_enable") == 0
 
 
@@ -118,13 +120,13 @@ def test_a_silent_servo_does_not_keep_the_others_from_recovering(say, monkeypatc
 def test_a_healthy_arm_is_left_alone(say):
     said = say("recover --arm so101 --port sim")
     assert said.code == 0
-    assert said.err == "All well; every goal is where its joint is.\n"
+    assert said.err == "All servos are fine; each goal is its position.\n"
 
 
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        ("recover --port sim", 2, "Which arm?"),
+        ("recover --port sim", 2, "No arm given."),
         ("recover --arm so1o1 --port sim", 2, "Did you mean so101?"),
         ("recover --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],

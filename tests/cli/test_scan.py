@@ -115,7 +115,7 @@ def test_a_servo_whose_first_answer_is_lost_is_found_all_the_same(say, monkeypat
 def test_only_the_wanted_rate_is_tried(say):
     said = say(f"{SCAN} --arm koch --baud 57600")
     assert said.code == 4
-    assert "brings no answer from any id at 57600 baud." in said.err
+    assert "(all ids, 57600 baud)." in said.err
     assert said.out == ""
 
 
@@ -158,7 +158,7 @@ def test_253_silent_ids_take_less_than_two_seconds_of_the_lines_time(say, monkey
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        ("scan --port sim", 2, "Which arm shall be simulated?"),
+        ("scan --port sim", 2, "No arm given for the simulator."),
         ("scan --port sim --arm so1o1", 2, "Did you mean so101?"),
         ("scan --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
         ("scan --baud 3 --port sim --arm so101", 2, "Invalid value for '--baud'"),

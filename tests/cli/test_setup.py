@@ -1,10 +1,12 @@
 """``ikservo setup``: a person plugs in servo after servo, and each becomes what it shall be."""
 
+import itertools
 import json
 
 import pytest
 
 import servosim
+from ikservo.hardware.finding.scanning import scan_rate
 from tests.cli.desk import run, spoil
 from tests.oracle import CONFIGS
 
@@ -138,7 +140,7 @@ def test_the_person_is_shown_the_joint_and_asked_to_unplug(set_up):
     assert "3 of 6: plug in only the XL330-M288 of elbow_flex (id 3) …" in said.err
     assert said.err.count("Unplug it.") == 5
     assert said.err.splitlines()[-1] == (
-        "All set. Plug them together, then: ikservo doctor --arm koch"
+        "All servos are set up. Plug them together, then: ikservo doctor --arm koch"
     )
 
 
@@ -197,14 +199,14 @@ def test_another_model_is_refused_and_nothing_is_written(say, monkeypatch):
     spoil(monkeypatch, all_but(3))
     said = say("setup koch --port sim --yes")
     assert said.code == 6
-    assert "shoulder_pan (id 1) must be a XL430-W250; plugged in is a XL330-M288." in said.err
+    assert "shoulder_pan (id 1) must be a XL430-W250, but a XL330-M288 at id 3" in said.err
 
 
 def test_nobody_came_and_it_says_how_to_go_on(say, monkeypatch):
     spoil(monkeypatch, all_but(99))
     said = say("setup so101 --port sim --yes --start wrist_flex --wait 3")
     assert said.code == 4
-    assert "brings no servo within 3 s." in said.err
+    assert "brings no servo within 3 s (all ids, " in said.err
     assert "Go on with: ikservo setup so101 --start wrist_flex" in said.err
 
 
@@ -216,7 +218,7 @@ def test_where_nobody_can_answer_the_flag_is_named(say, monkeypatch):
     ports = spoil(monkeypatch, change)
     said = say("setup so101 --port sim --start gripper")
     assert said.code == 2
-    assert "Nobody is here to answer.\nGive --yes." in said.err
+    assert "Cannot ask: input is not a terminal.\nGive --yes." in said.err
     assert 9 in ports[0].line.servos
 
 
@@ -259,6 +261,75 @@ def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(say, monkeypat
     assert said.out == "✓ wrist_roll (id 5): nothing to change\n"
     assert said.err.splitlines()[-3:] == [
         "Go on with: ikservo setup so101 --start gripper",
-        f"sim:{CONFIGS / 'so101' / 'arm.toml'} still brings answers from id 5 after 3 s.",
-        "Pull out the servo that is done.",
+        f"sim:{CONFIGS / 'so101' / 'arm.toml'} still has a servo with id 5 after 3 s.",
+        "Unplug the servo that is done.",
     ]
+
+
+# --- servos at other rates and of other families ---
+
+STS_CODES = {500_000: 1, 250_000: 2, 128_000: 3, 115_200: 4, 76_800: 5, 57_600: 6, 38_400: 7}
+
+
+def at_rate(code):
+    def change(line):
+        all_but(6)(line)
+        line.servos[6].memory.put("baud_rate", code)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "rate",
+    [r if r == 115_200 else pytest.param(r, marks=pytest.mark.campaign) for r in STS_CODES],
+)
+def test_a_servo_is_found_at_whatever_rate_it_has(say, monkeypatch, rate):
+    ports = spoil(monkeypatch, at_rate(STS_CODES[rate]))
+    said = say("setup so101 --port sim --start gripper --yes")
+    assert said.code == 0, said.err
+    assert f"Found STS3215 at id 6, {rate} baud" in said.err
+    assert said.out == f"✓ gripper (id 6): baud_rate {STS_CODES[rate]} → 0\n"
+    assert ports[0].line.servos[6].baud == 1_000_000
+
+
+def other_arm(monkeypatch, name, change):
+    """Put the servos of one arm on the line of whichever is asked for."""
+    opened = servosim.open_port
+
+    def open_port(url):
+        port = opened(f"sim:{CONFIGS / name / 'arm.toml'}")
+        change(port.line)
+        return port
+
+    monkeypatch.setattr("servosim.open_port", open_port)
+
+
+@pytest.mark.parametrize(("code", "rate"), [(1, 57_600), (2, 115_200)])
+def test_a_servo_of_another_family_is_named(say, monkeypatch, code, rate):
+    def change(line):
+        all_but(3)(line)
+        line.servos[3].memory.put("baud_rate", code)
+
+    other_arm(monkeypatch, "koch", change)
+    said = say("setup so101 --port sim --yes")
+    assert said.code == 6
+    assert f"must be a STS3215, but a XL330-M288 at id 3, {rate} baud is" in said.err
+
+
+def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(say, monkeypatch):
+    spoil(monkeypatch, all_but(6))
+    looks = itertools.count()
+
+    def now_and_then(port, rate, framings):
+        found = scan_rate(port, rate, framings)
+        return found if found and next(looks) % 2 else []
+
+    monkeypatch.setattr("ikservo.hardware.line.plugging.scan_rate", now_and_then)
+    said = say("setup so101 --port sim --start gripper --yes --wait 5")
+    assert said.code == 4
+    assert "brings answers of STS3215 at id 6, 1000000 baud, but not steadily" in said.err
+
+
+def test_it_says_what_it_is_doing_and_how_to_end_it(set_up):
+    _, said = set_up["koch"]
+    assert "Searching for it at every baud rate; Ctrl-C stops" in said.err

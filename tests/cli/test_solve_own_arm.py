@@ -49,7 +49,7 @@ def test_each_joint_says_where_its_limits_come_from(say, file):
 
 def test_which_file_is_used_is_said_on_stderr(say, file):
     said = say(f"solve {AT_THE_SIDE}")
-    assert said.err == f"This arm's own ranges: {file} (the newest; 1 older beside it)\n"
+    assert said.err == f"Limits from calibration: {file} (the newest; 1 older beside it)\n"
 
 
 @pytest.mark.parametrize("how", ["--all", "--compare", "--method closed_form", "--pitch 0"])

@@ -54,7 +54,7 @@ def test_ctrl_c_leaves_the_arm_holding_and_says_how_to_release_it(servos, monkey
     monkeypatch.setattr(stopping.time, "sleep", lambda _: None)
     assert move() == 130
     said = capsys.readouterr().err
-    assert "Stopped; the arm holds." in said
+    assert "Stopped; torque stays on." in said
     assert "ikservo relax" in said
     assert torques(servos) == {1}
 
@@ -92,7 +92,7 @@ def test_closing_the_terminal_is_a_stop_though_nothing_can_be_said_any_more(serv
 def test_a_progress_bar_that_cannot_be_taken_away_does_not_hide_the_stop(monkeypatch):
     def stopped_with_a_bar(_):
         try:
-            raise StoppedError("Stopped; the arm holds.")
+            raise StoppedError("Stopped; torque stays on.")
         finally:
             Gone().flush()
 
@@ -107,7 +107,7 @@ def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, nu
     said = capsys.readouterr().err
     assert "Lowering the arm" in said
     assert "holds\n" not in said
-    assert said.endswith("Stopped; the arm was lowered and has let go.\n")
+    assert said.endswith("Stopped; the arm was lowered and torque is off.\n")
     assert torques(servos) == {0}
     assert abs(servos[2].read("present_position") - 922) < 40  # its rest pose
 

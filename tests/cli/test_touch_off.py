@@ -87,7 +87,7 @@ def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
     assert math.sqrt(np.mean(before**2)) > 0.008
     assert math.sqrt(np.mean(after**2)) < 0.0015
     assert done.json["after_m"] < 0.2 * done.json["before_m"]
-    assert "Tip error on touches kept aside" in done.err
+    assert "Cross-validated tip error: " in done.err
     geometry = read_calibration(calibration_path(NAME, SERIAL)).geometry
     assert geometry.touches == 15
     home = load_model(NAME).chain_pose("home")
@@ -122,7 +122,7 @@ def test_a_script_skips_points_and_takes_answers_back(arm, truth, tmp_path, say)
 def test_too_few_touches_save_nothing(arm, truth, tmp_path, say):
     before = calibration_path(NAME, SERIAL).read_text()
     done = say(f"{WORDS} --points {guide(arm, truth, tmp_path, 4)} --yes")
-    assert (done.code, "say too little" in done.err) == (6, True)
+    assert (done.code, "Too few touches: " in done.err) == (6, True)
     assert calibration_path(NAME, SERIAL).read_text() == before
 
 
@@ -130,7 +130,7 @@ def test_nobody_at_the_arm_ends_with_what_is_missing(arm, tmp_path, say, monkeyp
     monkeypatch.setattr("ikservo.model.touch.answers._PATIENCE_S", 3.0)
     (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
     done = say(f"{WORDS} --points {tmp_path / 'points'} --yes")
-    assert (done.code, "Nobody has put the tip on B" in done.err) == (6, True)
+    assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
 
 
 def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
@@ -138,8 +138,8 @@ def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
 ):
     monkeypatch.setattr("ikservo.model.touch.answers._PATIENCE_S", 1.0)
     done = say(f"{WORDS} --sheet-at 250mm --yes")
-    assert "its near edge 250 mm from the middle of the base" in done.err
-    assert "Put the tip on B1 at (0.280, 0.050, 0.000) m" in done.err
+    assert "its near edge 250 mm from the base's origin" in done.err
+    assert "put the tip on B1 at (0.280, 0.050, 0.000) m" in done.err
 
 
 @pytest.mark.parametrize("line", ["A 1 2", "A 1 2 x", "A 1 2 inf", "A", "A 1 2 3 4"])
@@ -190,8 +190,8 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
     key.ready_s = arm.world.time_s + 1.5
     monkeypatch.setattr("ikservo.cli.calibrating.touch.keys", lambda: nullcontext(key))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    monkeypatch.setattr("typer.confirm", lambda *_, **__: True)
+    monkeypatch.setattr("ikservo.cli.prompts.read_answer", lambda _: "y")
     done = say(f"{WORDS} --points {points} --json")
     assert "Enter   s skip   u undo" in done.err
-    assert "8 touched. a: see what they say" in done.err
+    assert "8 points touched.  a evaluate" in done.err
     assert len(done.json["touches"]) == 8

@@ -7,7 +7,9 @@ import pytest
 from ikservo.arm.calibrating.confirmation import confirmed
 from ikservo.cli.calibrating import wiggle as calibrate_wiggle
 from tests.calibration.hidden import load_model
+from tests.cli.desk import run_words
 from tests.cli.real_port import PORT, calibrate_plainly, put
+from tests.journeys.lines import put as put_in
 
 NAME = "planar2"
 MOVE = f"move 0.18 0.05 0.05 --arm {NAME} --port {PORT} --no-collision"
@@ -55,17 +57,18 @@ def watcher(monkeypatch):
 
         monkeypatch.setattr(calibrate_wiggle, "wiggle", wiggle)
         monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-        monkeypatch.setattr("typer.confirm", answer(seen))
+        monkeypatch.setattr("ikservo.cli.prompts.read_answer", answer(seen))
         return seen
 
     return watch
 
 
 def answer(seen):
-    def confirm(question, **how):
-        return seen[question.split()[1]] if question.startswith("Did") else True
+    def read_answer(prompt):
+        right = seen[prompt.split()[1]] if prompt.startswith("Did") else True
+        return "y" if right else "n"
 
-    return confirm
+    return read_answer
 
 
 def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm, say, watcher):
@@ -153,7 +156,7 @@ def test_any_two_swapped_ids_are_seen(monkeypatch, say, watcher, pair):
     watcher(arm)
     done = say(f"calibrate so101 --port {PORT} --wiggle --uncalibrated")
     assert done.code == 6, done.err
-    assert "does not move as the arm's files say" in done.err
+    assert "does not move as in the arm file" in done.err
     assert not confirmed(load_model("so101"), PORT)
 
 
@@ -161,4 +164,11 @@ def test_a_mirrored_sign_is_seen(monkeypatch, say, watcher):
     arm = put(monkeypatch, NAME, zero=2048, sign=-1, spoiled=False)
     watcher(arm)
     done = say(f"calibrate {NAME} --port {PORT} --wiggle --uncalibrated")
-    assert (done.code, "It went the other way" in done.err) == (6, True)
+    assert (done.code, "If it went the other way" in done.err) == (6, True)
+
+
+def test_an_arm_that_lies_on_the_table_is_lifted_first_and_then_moves(monkeypatch):
+    bench = put_in(monkeypatch, "so101", "rest, sunk", "real, calibrated")
+    done = run_words(["pose", "home", "--arm", "so101", "--port", bench.port, "--yes"])
+    assert done.code == 0, done.err
+    assert "The arm lies on something: elbow_flex moves so that the tool goes up" in done.err

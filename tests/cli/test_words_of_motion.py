@@ -26,31 +26,31 @@ def test_stop_says_what_became_of_every_joint(say):
     said = say(f"stop {SIM}")
     assert said.code == 0
     first, second = said.out.splitlines()
-    assert first.startswith("so101 on sim:")
-    assert first.endswith("stands")
+    assert first.startswith("so101 on sim ")
+    assert first.endswith("was not moving")
     assert second == (
-        "limp    shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper"
+        "torque off  shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper"
     )
 
 
 def test_stop_without_an_arm_needs_a_program_that_moves_one(say):
     said = say("stop")
     assert said.code == 2
-    assert said.err.startswith("No program of yours moves an arm.\nGive --arm")
+    assert said.err.startswith("No running ikservo program.\nUse --arm")
 
 
 def test_jog_for_a_time(say):
     said = say(f"jog shoulder_pan --speed -20 --time 300ms {SIM} --json")
     assert said.code == 0
     assert said.json["schema"] == "ikservo/jog/1"
-    assert said.json["ended"] == "nobody wanted it to go on"
+    assert said.json["ended"] == "time is up"
     assert -0.2 < said.json["measured_rad"]["shoulder_pan"] < -0.05
 
 
 @pytest.mark.parametrize(
     ("words", "found"),
     [
-        ("jog shoulder_pan", "Nobody is here to hold a key."),
+        ("jog shoulder_pan", "Cannot read keys: input is not a terminal."),
         ("jog shoulder_pan --time 0", "not a time above 0"),
         ("jog shoulder_pan --time 1 --speed 0", "The speed is 0."),
         ("jog shoulder_pan --time 1 --speed 20mm", "is not an angle"),
@@ -58,10 +58,10 @@ def test_jog_for_a_time(say):
         ("gripper ajar", "There is no motion of the gripper named 'ajar'."),
         ("gripper 30mm", "The width is 0.03 m."),
         ("gripper close --force 2", "The force is 2."),
-        ("teach cup", "Nobody is here to press Enter."),
+        ("teach cup", "Cannot ask: input is not a terminal."),
         ("teach home --now", "The name of the pose is home, a pose of the arm file."),
         ("pose cupp", "There is no pose named 'cupp'."),
-        ("record wave.jsonl", "Nobody is here to end the recording."),
+        ("record wave.jsonl", "Cannot wait for Ctrl-C: input is not a terminal."),
         ("record no/wave.jsonl --time 1", "no/wave.jsonl cannot be written"),
         ("replay wave.jsonl", "wave.jsonl: cannot be read"),
         ("replay wave.jsonl --speed swift", "There is no speed named 'swift'."),
@@ -107,7 +107,7 @@ def test_what_was_recorded_is_replayed(say, home):
 def test_a_recording_that_is_there_is_not_lost(say, home):
     (home / "wave.jsonl").write_text("precious")
     said = say(f"record wave.jsonl --time 1 {SIM}")
-    assert said.err.startswith("The recording is wave.jsonl, which is there already.")
+    assert said.err.startswith("File wave.jsonl exists; use --overwrite.")
     assert (home / "wave.jsonl").read_text() == "precious"
 
 
@@ -117,13 +117,13 @@ def test_a_cut_off_recording_is_refused_with_its_line(say, home):
     (home / "wave.jsonl").write_text(whole[:-4])
     said = say(f"replay wave.jsonl {SIM}")
     assert said.code == 2
-    assert "line 11: is cut off" in said.err or "line 12: is cut off" in said.err
+    assert "line 11: is incomplete" in said.err or "line 12: is incomplete" in said.err
 
 
 def test_one_arm_follows_another(say):
     said = say(f"follow so101 --leader-port sim:?pose=home --time 200ms {SIM} --json")
     assert said.code == 0, said.err
-    assert said.json["ended"] == "the stream ended"
+    assert said.json["ended"] == "end of the targets"
     assert said.json["wishes"] > 10
 
 
@@ -161,11 +161,20 @@ def test_a_misspelled_command_is_answered_with_the_closest(say):
 @pytest.mark.parametrize(
     ("hint", "whole"),
     [
-        ("Release it with: ikservo relax", "Release it with: ikservo relax --arm a --port p"),
+        (
+            "Switch torque off with: ikservo relax",
+            "Switch torque off with: ikservo relax --arm a --port p",
+        ),
         ("Try: ikservo move 0.2 -0.1 0.3", "Try: ikservo move 0.2 -0.1 0.3 --arm a --port p"),
         ("Its alarms: ikservo where --arm a", "Its alarms: ikservo where --arm a --port p"),
-        ("Try: ikservo move --help", "Try: ikservo move --help --arm a --port p"),
-        ("Calibrate it: ikservo calibrate so101.", "Calibrate it: ikservo calibrate so101."),
+        ("Try: ikservo move --help", "Try: ikservo move --help"),
+        (
+            "Calibrate it: ikservo calibrate so101. Until then: ikservo joints, at most 10°",
+            "Calibrate it: ikservo calibrate so101 --port p. "
+            "Until then: ikservo joints --arm a --port p, at most 10°",
+        ),
+        ("New servos: ikservo setup ARM", "New servos: ikservo setup a --port p"),
+        ("See: ikservo calibration diff", "See: ikservo calibration diff a --port p"),
         ("Give --yes.", "Give --yes."),
         ("", ""),
     ],
@@ -214,6 +223,20 @@ def test_a_held_key_jogs_and_letting_go_stops(say, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     said = say(f"jog shoulder_pan --speed 20 {SIM} --json")
     assert said.code == 0, said.err
-    assert said.json["ended"] == "nobody wanted it to go on"
+    assert said.json["ended"] == "key released"
     assert said.json["measured_rad"]["shoulder_pan"] > 0.2
     assert "Hold the space bar" in said.err
+
+
+def test_recording_is_announced_once_the_arm_is_being_read(say, tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    path = tmp_path / "wave.jsonl"
+    heard = []
+
+    def noted(text):
+        heard.append((text, path.exists()))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ikservo.cli.record.note", noted)
+    assert say(f"record {path} --arm so101 --port sim").code == 0
+    assert heard == [("Recording; Ctrl-C ends it.", True)]

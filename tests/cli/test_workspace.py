@@ -54,7 +54,7 @@ def test_a_reachable_point_is_inside_and_exit_0(say):
 def test_an_unreachable_point_is_exit_7_with_its_distance(say):
     said = say("workspace --arm planar2 --point 0.3 0.4 50mm")
     assert said.code == 7
-    assert "outside: held back by the arm's build" in said.out
+    assert "outside: the links are too short" in said.out
     assert "nearest  (0.180, 0.240, 0.050) m, 200.0 mm away" in said.out
 
 
@@ -110,9 +110,9 @@ def test_without_matplotlib_the_extra_is_named(say, tmp_path, monkeypatch):
     ("words", "message"),
     [
         ("--slice back", "back"),
-        ("--slice side --height 0.1", "--height belongs to --slice top"),
-        ("--height 0.1", "--height belongs to --slice top"),
-        ("--slice top --yaw 10", "--yaw belongs to"),
+        ("--slice side --height 0.1", "--height needs --slice top"),
+        ("--height 0.1", "--height needs --slice top"),
+        ("--slice top --yaw 10", "--yaw needs"),
         ("--slice top --height nan", "'nan' is not a length"),
         ("--slice top --cell 0", "length above 0"),
         ("--slice top --cell 1e-7", "larger cells"),
@@ -141,3 +141,21 @@ def test_without_an_arm_the_arms_are_listed(say):
     said = say("workspace --slice top")
     assert said.code == 2
     assert "so101" in said.err
+
+
+def test_a_point_below_the_table_is_outside_and_says_why(say):
+    said = say("workspace --arm so101 --point 0.2 0 -0.05")
+    assert said.code == 7
+    assert "outside: every posture found collides" in said.out
+
+
+def test_without_the_collision_check_a_point_below_the_table_is_in_reach(say):
+    assert say("workspace --arm so101 --point 0.2 0 -0.05 --no-collision").code == 0
+
+
+def test_what_the_table_forbids_is_left_out_of_a_slice(say):
+    side = "workspace --arm so101 --slice side --cell 2cm --json"
+    checked, plain = say(side).json, say(f"{side} --no-collision").json
+    assert checked["lower_m"][1] > -0.01
+    assert plain["lower_m"][1] < -0.1
+    assert checked["reachable_cells"] < plain["reachable_cells"]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ikservo.arm.calibrating.auto import SelfCalibration, check_safe
+from ikservo.arm.calibrating.auto_kept import KeptTravels, with_known
 from ikservo.arm.calibrating.auto_setup import counts_set_back
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
 from ikservo.arm.calibrating.confirmation import confirm
@@ -41,15 +44,49 @@ def by_itself(model: Model, port: str | None, wishes: Wishes, script: Path | Non
     with loose_arm(model, port) as loose:
         let_go(loose, asks=wishes.asks, yes=wishes.yes)
         greet(loose, wishes.pose)
-        wizard = _anchored(loose, wishes, script)
-        with counts_set_back(loose, note):
-            auto = SelfCalibration(loose, wizard, wishes.pose, lambda words: note(f"2  {words}"))
+        kept = _offered(loose, wishes)
+        wizard = with_known(_anchored(loose, wishes, script), kept.travels)
+        with counts_set_back(loose, note), _keeping(kept):
+            auto = SelfCalibration(loose, wizard, wishes.pose, _tell, kept.keep)
             wizard = _driven(auto, wishes)
             outcome = reviewed(loose, wizard, wishes.with_user(auto.felt))
             path = loose.save(outcome)
+        kept.forget()
         if wishes.asks:
             confirm(model, loose.bus.port.name)  # each direction has just been agreed to
     show(outcome, wizard, path, json=wishes.json)
+
+
+def _tell(words: str) -> None:
+    note(f"2  {words}")
+
+
+def _offered(loose: LooseArm, wishes: Wishes) -> KeptTravels:
+    """Return the joints that an interrupted run has measured, if the person wants to use them."""
+    kept = KeptTravels(loose)
+    if not kept.travels:
+        return kept
+    names = ", ".join(kept.travels)
+    note(f"An interrupted run of {kept.written} measured {names}.")
+    if consent("Use these, and measure only the other joints?", default=True, asks=wishes.asks):
+        note(f"They are not measured again; to measure all joints, remove {kept.path}.")
+    else:
+        kept.forget()
+    return kept
+
+
+@contextmanager
+def _keeping(kept: KeptTravels) -> Generator[None]:
+    """Say, where the run does not end well, which joints need not be measured again."""
+    try:
+        yield
+    except BaseException:
+        if kept.travels:
+            note(
+                f"Measured and kept for the next run: {', '.join(kept.travels)}. "
+                "Put the arm into its pose and give the same command to go on with the others."
+            )
+        raise
 
 
 def _agree(wishes: Wishes) -> None:
@@ -57,7 +94,7 @@ def _agree(wishes: Wishes) -> None:
     if wishes.yes:
         return
     if not wishes.asks:
-        raise InputError("Nobody is here to agree to this.", "Give --yes.")
+        raise InputError("Cannot ask: input is not a terminal.", "Give --yes.")
     if not consent("May it begin?", default=False, asks=True):
         raise IkservoError("Nothing moved.")
 
@@ -90,6 +127,6 @@ def _show_directions(auto: SelfCalibration, wishes: Wishes) -> None:
         question = f"Did {motion.joint} move {motion.words}?"
         if not consent(question, default=True, asks=wishes.asks):
             raise CalibrationError(
-                f"{motion.joint} does not move as the arm file says; the arm holds.",
+                f"{motion.joint} does not move as in the arm file; torque stays on.",
                 f"Calibrate it by hand, which finds signs: ikservo calibrate {auto.arm.model.name}",
             )

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Generator
+from contextlib import contextmanager
 
 import typer
 
 from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.arm.calibrating.sketch import sketch
 from ikservo.cli.output import note
-from ikservo.errors import IkservoError
+from ikservo.cli.prompts import confirm
+from ikservo.errors import IkservoError, StoppedError
 from ikservo.files.writing import check_writable
 
-__all__ = ["consent", "greet", "let_go"]
+__all__ = ["consent", "greet", "let_go", "telling_what_is_left"]
 
 
 def consent(question: str, *, default: bool, asks: bool) -> bool:
-    """Return a person's yes or no, or the default where nobody is asked."""
-    return typer.confirm(question, default=default, err=True) if asks else default
+    """Ask for yes or no; return the default where nobody may be asked."""
+    return confirm(question) if asks else default
 
 
 def let_go(loose: LooseArm, *, asks: bool, yes: bool) -> None:
@@ -33,10 +36,23 @@ def let_go(loose: LooseArm, *, asks: bool, yes: bool) -> None:
         note(loose.settled)
     holding = loose.holding()
     if holding:
-        note(f"{', '.join(holding)} hold: the arm will go limp. Hold it.")
-        if not yes and not consent("Let go?", default=asks, asks=asks):
-            raise IkservoError("Nothing was changed.", "Without asking: --yes")
+        note("Torque will be switched off; support the arm.")
+        if not yes and not consent("Switch torque off?", default=False, asks=asks):
+            raise IkservoError("Cancelled; nothing changed.", "Without asking: --yes")
     loose.let_go()
+
+
+@contextmanager
+def telling_what_is_left() -> Generator[None]:
+    """Say, where Ctrl-C ends a calibration by hand, that it left nothing behind.
+
+    Raises:
+        StoppedError: In place of Ctrl-C or the end of the input.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, typer.Abort):
+        raise StoppedError("Stopped: nothing was saved; torque is off.") from None
 
 
 def greet(loose: LooseArm, pose: str) -> None:

@@ -17,6 +17,7 @@ __all__ = [
     "FromScript",
     "Margin",
     "NoInput",
+    "OnlyJoint",
     "OwnLimit",
     "Points",
     "Pose",
@@ -32,19 +33,29 @@ ArmWord = Annotated[
     str | None,
     typer.Argument(metavar="[ARM]", envvar="IKSERVO_ARM", help="Arm: a name or an arm file."),
 ]
-Pose = Annotated[str, typer.Option("--pose", help="The pose that the arm is held in at first.")]
+Pose = Annotated[
+    str, typer.Option("--pose", help="The named pose in which you hold the arm at first.")
+]
 Margin = Annotated[
-    float, typer.Option("--margin", min=0.0, max=20.0, help="Degrees inside each end found.")
+    float,
+    typer.Option(
+        "--margin", min=0.0, max=20.0, help="Degrees between each end stop and the limit."
+    ),
 ]
 FromScript = Annotated[
     Path | None, typer.Option("--from-script", metavar="FILE", help="Answers, one a line.")
 ]
 NoInput = Annotated[bool, typer.Option("--no-input", help="Never ask; a question is an error.")]
 Free = Annotated[
-    list[str] | None, typer.Option("--free", metavar="JOINT", help="Nothing stops this joint.")
+    list[str] | None, typer.Option("--free", metavar="JOINT", help="This joint has no end stops.")
 ]
 Skip = Annotated[
-    list[str] | None, typer.Option("--skip", metavar="JOINT", help="Leave it to the arm file.")
+    list[str] | None,
+    typer.Option("--skip", metavar="JOINT", help="Use the arm file's range and sign."),
+]
+OnlyJoint = Annotated[
+    list[str] | None,
+    typer.Option("--joint", metavar="JOINT", help="Calibrate only this joint again."),
 ]
 OwnLimit = Annotated[
     list[str] | None,
@@ -58,19 +69,22 @@ WriteLimits = Annotated[
 ]
 
 TouchOff = Annotated[
-    bool, typer.Option("--touch", help="Touch known points: zeros, links and base made exact.")
+    bool,
+    typer.Option("--touch", help="Touch-off: measure zeros, links and base by touching points."),
 ]
 Points = Annotated[
     Path | None,
     typer.Option("--points", metavar="FILE", help="Points to touch: NAME X Y Z, one a line."),
 ]
 SamePoint = Annotated[
-    bool, typer.Option("--same-point", help="Touch one unmeasured point again and again.")
+    bool, typer.Option("--same-point", help="Touch one fixed point of unknown position repeatedly.")
 ]
 SheetAt = Annotated[
     float | None,
     typer.Option(
-        "--sheet-at", parser=parse_length_m, help="From the base to the sheet's near edge."
+        "--sheet-at",
+        parser=parse_length_m,
+        help="Distance from the base to the near edge of the sheet.",
     ),
 ]
 Block = Annotated[
@@ -78,8 +92,9 @@ Block = Annotated[
     typer.Option("--block", parser=parse_length_m, help="Height of a block for every other cross."),
 ]
 Auto = Annotated[
-    bool, typer.Option("--auto", help="The arm finds its ranges itself, gently, stop by stop.")
+    bool, typer.Option("--auto", help="The arm drives gently to its end stops by itself.")
 ]
 Wiggle = Annotated[
-    bool, typer.Option("--wiggle", help="Each joint a little and back: is it the right one?")
+    bool,
+    typer.Option("--wiggle", help="Test motion: each joint 5° and back, to check ids and signs."),
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -12,17 +13,22 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from ikservo.arm.calibrating.steps import step_of
 from ikservo.calibration.sweeping.meter import Meter, State, meters
 from ikservo.calibration.sweeping.sweep import Stage, Wizard
+from ikservo.calibration.ticks.words import JointUnit
 from ikservo.cli.output import note
 from ikservo.model import Model
-from ikservo.model.directions import direction
 
 __all__ = ["Screen", "screen"]
 
-_BAR = 24
+_LONGEST_BAR, _SHORTEST_BAR = 24, 8
+_OTHER_COLUMNS = 64  # characters of a row beside the bar
+_NARROW = _OTHER_COLUMNS + _SHORTEST_BAR  # below, the arm file's range is left out
 _EVERY = 4  # readings between two pictures
-_KEYS = "Enter when all ✓   u undo   s skip joint   r measure joint again   f turns freely"
+_POSE_KEYS = "Enter take the pose   u undo   Ctrl-C stop without saving"
+_DIRECTION_KEYS = "s skip joint   u undo   Ctrl-C stop without saving"
+_SWEEP_KEYS = "Enter when all ✓   s skip   u undo   r again   f turns freely   Ctrl-C stop"
 
 
 class Screen(Protocol):
@@ -43,7 +49,8 @@ def screen(model: Model, pose: str) -> Generator[Screen]:
     if not sys.stderr.isatty():
         yield _Lines(model, pose)
         return
-    with Live(console=Console(stderr=True), refresh_per_second=15, transient=True) as live:
+    console = Console(stderr=True, highlight=False)
+    with Live(console=console, refresh_per_second=15, transient=True) as live:
         yield _Live(model, pose, live)
 
 
@@ -54,13 +61,14 @@ class _Lines:
         self._model, self._pose, self._said = model, pose, ""
 
     def show(self, wizard: Wizard) -> None:
-        line = _task(self._model, self._pose, wizard)
+        line = str(step_of(self._model, self._pose, wizard))
         if line != self._said:
             self._said = line
             note(line)
 
     def tell(self, message: str) -> None:
-        note(message)
+        if message:
+            note(message)
 
 
 class _Live:
@@ -70,14 +78,18 @@ class _Live:
         self._model, self._pose, self._live = model, pose, live
         self._message = ""
         self._beats = 0
+        self._size = live.console.size
 
     def show(self, wizard: Wizard) -> None:
         self._beats += 1
         if self._beats % _EVERY:
             return
-        parts: list[Text | Table] = [Text(_task(self._model, self._pose, wizard), style="bold")]
+        self._clear_after_resize()
+        step = step_of(self._model, self._pose, wizard)
+        parts: list[Text | Table] = [Text(str(step), style="bold")]
         if wizard.stage is Stage.SWEEP:
-            parts += [_table(wizard), Text(_KEYS, style="dim")]
+            parts.append(_table(wizard, self._size.width))
+        parts.append(Text(_keys(wizard), style="dim"))
         if self._message:
             parts.append(Text(self._message, style="yellow"))
         self._live.update(Group(*parts))
@@ -85,41 +97,61 @@ class _Live:
     def tell(self, message: str) -> None:
         self._message = message
 
+    def _clear_after_resize(self) -> None:
+        """Clear the screen: lines that the terminal has wrapped cannot be drawn over."""
+        size = self._live.console.size
+        if size != self._size:
+            self._size = size
+            self._live.console.clear()
 
-def _task(model: Model, pose: str, wizard: Wizard) -> str:
+
+def _keys(wizard: Wizard) -> str:
     if wizard.stage is Stage.ANCHOR:
-        state = "held still: press Enter." if wizard.still else "not still yet …"
-        return f'1  Put the arm in the pose "{pose}": {state}'
-    asked = wizard.asked
-    if asked:
-        way = direction(model, model.joint(asked.name), pose, asked.towards)
-        return f"2  Move {asked.name} {way}."
-    return "2  Now move every joint gently to both of its ends."
+        return _POSE_KEYS
+    return _DIRECTION_KEYS if wizard.asked else _SWEEP_KEYS
 
 
-def _table(wizard: Wizard) -> Table:
-    table = Table(box=None, pad_edge=False, show_header=False)
+def _table(wizard: Wizard, width: int) -> Table:
+    """Draw a row for each joint, at most as wide as the terminal."""
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    columns = ["joint", "", "swept", "arm file", ""]
+    wide = width >= _NARROW
+    for column in columns if wide else [c for c in columns if c != "arm file"]:
+        table.add_column(column, no_wrap=True, overflow="ellipsis")
+    length = min(max(width - _OTHER_COLUMNS, _SHORTEST_BAR), _LONGEST_BAR)
     for meter in meters(wizard):
-        say = meter.subject.joint_map.say
-        expected = meter.subject.expected
-        table.add_row(
-            Text(meter.name, style="bold" if wizard.asked is meter.subject else ""),
-            _bar(meter),
-            Text("" if meter.state is State.UNMOVED else f"{say(meter.low)} … {say(meter.high)}"),
-            Text(f"expected {say(expected.lower.value)} … {say(expected.upper.value)}", "dim"),
-            Text(meter.state.value, style="green" if "✓" in meter.state.value else "yellow"),
-        )
+        name, bar, swept, expected, state = _row(meter, length, asked=wizard.asked is meter.subject)
+        table.add_row(name, bar, swept, *([expected] if wide else []), state)
     return table
 
 
-def _bar(meter: Meter) -> Text:
-    """Draw where a joint is and has been between the ends that the arm file expects."""
+def _row(meter: Meter, length: int, *, asked: bool) -> list[Text]:
+    unit, expected = meter.subject.joint_map.unit, meter.subject.expected
+    moved = meter.state is not State.UNMOVED
+    return [
+        Text(meter.name, style="bold" if asked else ""),
+        _bar(meter, length),
+        Text(_range(meter.low, meter.high, unit) if moved else ""),
+        Text(_range(expected.lower.value, expected.upper.value, unit), "dim"),
+        Text(meter.state.value, style="green" if "✓" in meter.state.value else "yellow"),
+    ]
+
+
+def _range(low: float, high: float, unit: JointUnit) -> str:
+    """Return ``-100° … 100°`` or ``15.0 … 37.0 mm``: short, for a table."""
+    if unit == "m":
+        return f"{low * 1000:z.1f} … {high * 1000:z.1f} mm"
+    return f"{math.degrees(low):z.0f}° … {math.degrees(high):z.0f}°"
+
+
+def _bar(meter: Meter, length: int) -> Text:
+    """Draw where a joint is and has been between the limits of the arm file."""
     low, high = meter.subject.expected.lower.value, meter.subject.expected.upper.value
 
     def cell(position: float) -> int:
-        return min(_BAR - 1, max(0, round((position - low) / (high - low) * (_BAR - 1))))
+        return min(length - 1, max(0, round((position - low) / (high - low) * (length - 1))))
 
-    cells = ["┄"] * _BAR
+    cells = ["┄"] * length
     for k in range(cell(meter.low), cell(meter.high) + 1):
         cells[k] = "━"
     cells[cell(meter.position)] = "●"

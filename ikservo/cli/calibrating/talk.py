@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
@@ -13,7 +13,7 @@ from ikservo.calibration.sweeping.answers import Script, apply, read_script
 from ikservo.calibration.sweeping.obstacles import goes_round, obstacles
 from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.cli.calibrating.screen import Screen
-from ikservo.cli.keyboard import keys
+from ikservo.cli.keyboard import Keys, keys
 from ikservo.errors import CalibrationError, InputError
 
 __all__ = ["Answers", "answers", "converse"]
@@ -59,7 +59,7 @@ def _answered(wizard: Wizard, word: str, who: Answers, screen: Screen) -> Wizard
     except CalibrationError as error:
         if not isinstance(who, _Keyboard):
             raise
-        screen.tell(f"{error.message} {error.hint}")
+        screen.tell(f"{error.message} {error.command_hint}")
         return wizard
 
 
@@ -83,18 +83,20 @@ def answers(script: Path | None, *, yes: bool, ask: bool) -> Generator[Answers]:
         with keys() as key:
             yield _Keyboard(key)
     else:
-        raise InputError("Nobody is here to answer.", "Give --yes, or --from-script FILE.")
+        raise InputError(
+            "Cannot ask: input is not a terminal.", "Give --yes, or --from-script FILE."
+        )
 
 
 class _Keyboard:
     """A person at the keys; what they mean stands on the screen."""
 
-    def __init__(self, key: Callable[[], str]) -> None:
+    def __init__(self, key: Keys) -> None:
         self._key = key
 
     def answer(self, wizard: Wizard, at_s: float) -> str | None:
-        """Return what the key that was pressed means here."""
-        key = self._key().lower()
+        """Return what the first of the keys pressed since the last reading means here."""
+        key = self._key()[:1].lower()
         if key in ("\n", "\r"):
             return "accept"
         if key == "u":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,13 +11,14 @@ from typing import Protocol
 
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
 from ikservo.arm.calibrating.touching import TouchArm
-from ikservo.cli.calibrating.meeting import consent, greet, let_go
+from ikservo.cli.calibrating.meeting import consent, greet, let_go, telling_what_is_left
 from ikservo.cli.calibrating.touch_findings import fields, findings
 from ikservo.cli.calibrating.touch_points import read_points
-from ikservo.cli.keyboard import keys
+from ikservo.cli.keyboard import Keys, keys
 from ikservo.cli.output import note, point, print_json, print_lines
 from ikservo.errors import CalibrationError, IkservoError, InputError
 from ikservo.model import Model
+from ikservo.model.touch import Estimate
 from ikservo.model.touch.answers import TouchScript, apply, read_touch_script
 from ikservo.model.touch.conversation import Touching
 from ikservo.model.touch.grid import Place, sheet
@@ -75,37 +75,49 @@ def touch_off(
         arm = TouchArm(loose)
         places = arm.within_reach(_places(model, wishes))
         let_go(loose, asks=asks, yes=yes or script is not None)
-        greet(loose, "home")
-        talk = _conversed(loose, arm.begin(places), answers, yes=yes, asks=asks)
-        found = talk.found
-        assert found is not None  # noqa: S101  # only accepting ends a conversation
-        for line in findings(talk, found):
-            note(f"2  {line}")
-        if not found.improves:
-            raise CalibrationError(
-                "The touches make the arm no better than it is; nothing was saved.",
-                "Touch more points, further apart and in other postures.",
-            )
-        if not consent("Save this?", default=True, asks=asks):
-            raise IkservoError("Nothing was saved.")
-        path = arm.save(found, datetime.now(UTC))
+        with telling_what_is_left():
+            greet(loose, "home")
+            talk = _conversed(loose, arm.begin(places), answers, yes=yes, asks=asks)
+            found = _reviewed(talk, asks=asks)
+            path = arm.save(found, datetime.now(UTC))
     if json:
         print_json("touch-off", path=path, **fields(talk, found))
     else:
         print_lines([f"Saved to {path}"])
 
 
+def _reviewed(talk: Touching, *, asks: bool) -> Estimate:
+    """Show what the touches say, and ask whether to save it.
+
+    Raises:
+        CalibrationError: It is no improvement.
+        IkservoError: The person said no.
+    """
+    found = talk.found
+    assert found is not None  # noqa: S101  # only accepting ends a conversation
+    for line in findings(talk, found):
+        note(f"  {line}")
+    if not found.improves:
+        raise CalibrationError(
+            "Touch-off did not improve the calibration; nothing was saved.",
+            "Touch more points, further apart and in more different postures.",
+        )
+    if not consent("Save this?", default=True, asks=asks):
+        raise IkservoError("Cancelled; nothing was saved, torque is off.")
+    return found
+
+
 def _places(model: Model, wishes: TouchWishes) -> list[Place]:
     """Return what shall be touched, and say where the sheet must lie."""
     if wishes.same_point:
-        note("1  Put the tip on one fixed point, again and again, in postures unlike each other.")
+        note("Put the tip on one fixed point again and again, each time in another posture.")
         return [Place("the point") for _ in range(_REPEATS)]
     if wishes.points:
         return read_points(wishes.points)
     edge_m, places = sheet(model, wishes.edge_m, wishes.block_m)
     note(
-        f"1  Lay the sheet docs/touch-grid.svg flat before the arm, its near edge "
-        f"{edge_m * 1000:.0f} mm from the middle of the base, its arrow pointing away."
+        f"Lay the sheet docs/touch-grid.svg flat in front of the arm, its near edge "
+        f"{edge_m * 1000:.0f} mm from the base's origin, its arrow pointing away from the arm."
     )
     return places
 
@@ -116,7 +128,9 @@ def _conversed(
     """Read the servos and take answers until the touches have been reviewed."""
     scripted = yes or answers is not None
     if not scripted and not (asks and sys.stdin.isatty()):
-        raise InputError("Nobody is here to answer.", "Give --yes, or --from-script FILE.")
+        raise InputError(
+            "Cannot ask: input is not a terminal.", "Give --yes, or --from-script FILE."
+        )
     said = ""
     with nullcontext() if scripted else keys() as key:
         who: _Answers = TouchScript(answers) if key is None else _Keyboard(key)
@@ -137,7 +151,7 @@ def _answered(talk: Touching, word: str, *, scripted: bool) -> Touching:
     except CalibrationError as error:
         if scripted:
             raise
-        note(f"{error.message} {error.hint}")
+        note(f"{error.message} {error.command_hint}")
         return talk
 
 
@@ -148,21 +162,22 @@ def _told(line: str, said: str) -> str:
 
 
 def _task(talk: Touching) -> str:
-    done = f"{len(talk.touches)} touched"
+    done = len(talk.touches)
     if talk.asked is None:
-        return f"1  {done}. a: see what they say   u: undo"
+        return f"{done} points touched.  a evaluate   u undo   Ctrl-C stop"
     where = talk.asked.position_m
     place = "" if where is None else f" at {point(where.tolist())}"
-    more = "   a enough" if talk.enough else ""
-    return f"1  {done}. Put the tip on {talk.asked.name}{place}. Enter   s skip   u undo{more}"
+    keys = f"Enter   s skip   u undo{'   a evaluate' if talk.enough else ''}   Ctrl-C stop"
+    number = f"Point {done + 1} of {done + len(talk.places)}"
+    return f"{number}: put the tip on {talk.asked.name}{place}.\n  {keys}"
 
 
 class _Keyboard:
     """A person at the keys."""
 
-    def __init__(self, key: Callable[[], str]) -> None:
+    def __init__(self, key: Keys) -> None:
         self._key = key
 
     def answer(self, talk: Touching, at_s: float) -> str | None:
-        """Return what the key that was pressed means here."""
-        return _KEYS.get(self._key().lower())
+        """Return what the first of the keys pressed since the last reading means here."""
+        return _KEYS.get(self._key()[:1].lower())

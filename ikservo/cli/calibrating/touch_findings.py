@@ -19,24 +19,24 @@ def findings(talk: Touching, found: Estimate) -> Iterator[str]:
     """Yield what the person should know before saving, one line each."""
     fit = found.fit
     yield (
-        f"Tip error on touches kept aside: {_mm(found.before_m)} before, "
-        f"{_mm(found.after_m)} after ({len(talk.touches)} touches; {found.extent.value} changed)."
+        f"Cross-validated tip error: {_mm(found.before_m)} before, {_mm(found.after_m)} after "
+        f"({len(talk.touches)} touches; estimated: {found.extent.value})."
     )
     for touch, good, residual_m in zip(talk.touches, fit.kept, fit.residuals_m, strict=True):
         if not good:
-            yield f"Left out: {touch.point}, {_mm(float(residual_m))} from where the others put it."
+            yield f"Outlier, not used: {touch.point}, residual {_mm(float(residual_m))}."
     for parameter, value, deviation in _estimated(found):
         if deviation < _DETERMINED * parameter.prior:
             yield f"{parameter.name}: {_say(value, parameter)} ± {_say(deviation, parameter)}"
     unknown = [p.name for p, _, d in _estimated(found) if d >= _DETERMINED * p.prior]
     if unknown:
-        yield f"Not told by these touches alone: {', '.join(unknown)}."
+        yield f"Not identified by these touches: {', '.join(unknown)}."
     told = int(np.count_nonzero(fit.scaled > 1.0))
-    yield f"{told} of {len(fit.scaled)} combinations of them are known better than before."
+    yield f"Parameters identified: {told} of {len(fit.scaled)}."
     middle_m, most_m = found.deviation_m
     yield (
-        f"Expected tip error all over the joints' ranges, one deviation: {_mm(middle_m)} in the "
-        f"middle, {_mm(most_m)} at worst in 19 of 20 postures."
+        f"Expected tip error (1 sigma) in the workspace: median {_mm(middle_m)}, "
+        f"95 % below {_mm(most_m)}."
     )
 
 

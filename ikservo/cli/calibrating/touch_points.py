@@ -34,7 +34,7 @@ def read_points(path: Path) -> list[Place]:
 
 def _place(path: Path, where: str, words: list[str]) -> Place:
     if len(words) != 4:
-        raise FileFormatError(path, where, "is no point", _EXPECTED)
+        raise FileFormatError(path, where, "is not a point", _EXPECTED)
     try:
         return Place(words[0], np.array([parse_length_m(word) for word in words[1:]]))
     except typer.BadParameter as error:

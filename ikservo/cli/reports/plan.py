@@ -3,35 +3,54 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from ikservo.arm import Plan
 from ikservo.arm.planning import NearLimit
+from ikservo.calibration import JointUnit
 from ikservo.cli.output import print_json, print_lines
+from ikservo.cli.reports.joints import joint_lines
+from ikservo.model import Model
 
-__all__ = ["print_plan", "turned"]
+__all__ = ["orientation_words", "print_plan"]
 
 
 def print_plan(
-    plan: Plan, joints: Mapping[str, float], say: Callable[[str, float], str], *, json: bool
+    plan: Plan, model: Model, goal: Mapping[str, float], change_rad: float = 0.0, *, json: bool
 ) -> None:
-    """Print a plan, and where joints would end; ``say`` says it of one by its name."""
+    """Print a motion that could start now.
+
+    Args:
+        plan: The motion.
+        model: The arm.
+        goal: Where joints end, rad or m by name.
+        change_rad: By how much the tool turns.
+        json: Whether to print one JSON object.
+    """
     if json:
-        print_json("plan", **_fields(plan, joints))
+        print_json("plan", **_fields(plan, goal))
         return
-    print_lines([f"{name} {say(name, value)}" for name, value in joints.items()])
-    print_lines(_lines(plan))
+    print_lines(joint_lines({name: (at, _unit(model, name)) for name, at in goal.items()}))
+    print_lines(_lines(plan, change_rad), indent=9)
 
 
-def turned(left_rad: float) -> str:
-    """Say how far the tool is from how it should stand."""
-    return f"{math.degrees(left_rad):.1f}° from how it should stand"
+def orientation_words(angle_rad: float, *, requested: bool) -> str:
+    """Return the error of a requested orientation in words, or the change where none was."""
+    angle = f"{math.degrees(angle_rad):.1f}°"
+    if requested:
+        return f"orientation error {angle}"
+    return f"orientation changed by {angle} (none was requested)"
 
 
-def _fields(plan: Plan, joints: Mapping[str, float]) -> dict[str, object]:
+def _unit(model: Model, name: str) -> JointUnit:
+    return model.joint(name).joint_map.unit
+
+
+def _fields(plan: Plan, goal: Mapping[str, float]) -> dict[str, object]:
     return {
         "target_m": plan.target_m,
-        "q_rad": joints,
+        "q_rad": goal,
+        "joints_rad": goal,
         "duration_s": plan.duration_s,
         "path_m": plan.path_m,
         "speed": plan.speed,
@@ -41,17 +60,20 @@ def _fields(plan: Plan, joints: Mapping[str, float]) -> dict[str, object]:
             for near in plan.near
         ],
         "orientation_error_rad": plan.left_rad,
+        "orientation_requested": plan.orientation_requested,
     }
 
 
-def _lines(plan: Plan) -> list[str]:
+def _lines(plan: Plan, change_rad: float) -> list[str]:
+    angle_rad = plan.left_rad if plan.orientation_requested else change_rad
+    tool = orientation_words(angle_rad, requested=plan.orientation_requested)
     return [
         f"duration {plan.duration_s:.2f} s",
         f"path     {plan.path_m:.3f} m of the tip",
         f"speed    {plan.speed}",
         *(f"binds    {words}" for words in _binding(plan)),
         *(f"near     {_say(near)}" for near in plan.near),
-        *([] if plan.target_m is None else [f"tool     {turned(plan.left_rad)}"]),
+        *([] if plan.target_m is None else [f"tool     {tool}"]),
     ]
 
 
@@ -63,4 +85,4 @@ def _binding(plan: Plan) -> list[str]:
 
 def _say(near: NearLimit) -> str:
     room = f"{near.room:.4f} m" if near.unit == "m" else f"{math.degrees(near.room):.1f}°"
-    return f"{near.joint} comes within {room} of its {near.side} limit"
+    return f"{near.joint} to {room} from its {near.side} limit"

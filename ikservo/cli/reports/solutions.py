@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ikservo.calibration import say
+from ikservo.calibration import JointUnit, say
 from ikservo.cli.output import print_json, print_lines, print_table
 from ikservo.errors import InputError
 from ikservo.ik import Result, Target, Tolerance
@@ -16,7 +16,7 @@ from ikservo.kinematics import Chain, JointKind
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
 
-__all__ = ["Solutions", "all_solutions", "joint_words", "print_solutions"]
+__all__ = ["Solutions", "all_solutions", "joint_units", "joint_words", "print_solutions"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,8 @@ def all_solutions(model: Model, target: Target, start: Vector) -> Solutions:
     arm = structure(chain, target.frame)
     if arm is None:
         raise InputError(
-            f"{model.title} has no closed form: its joints are not of a kind that equations solve.",
-            "Leave --all away for one solution.",
+            f"{model.title} has no closed-form solution for its arrangement of joints.",
+            "Omit --all for one numerical solution.",
         )
     found = solutions(chain, target, start)
     free = intervals(chain, target, start) if target.only_position else ()
@@ -67,10 +67,12 @@ def print_solutions(model: Model, found: Solutions, *, json: bool) -> None:
 
 def joint_words(chain: Chain, q: Vector) -> Sequence[str]:
     """Return each joint's position as a person reads it."""
-    slides = [kind is JointKind.PRISMATIC for kind in chain.kinds]
-    return [
-        say(value, "m" if slide else "rad") for value, slide in zip(q.tolist(), slides, strict=True)
-    ]
+    return [say(value, unit) for value, unit in zip(q.tolist(), joint_units(chain), strict=True)]
+
+
+def joint_units(chain: Chain) -> list[JointUnit]:
+    """Return the unit of each joint's position."""
+    return ["m" if kind is JointKind.PRISMATIC else "rad" for kind in chain.kinds]
 
 
 def _judged(chain: Chain, target: Target, q: Vector) -> Result:
@@ -96,6 +98,11 @@ def _fields(found: Solutions) -> dict[str, object]:
 def _freedom(free: Directions) -> str:
     low, high = math.degrees(free.lower_rad), math.degrees(free.upper_rad)
     return (
-        f"last link free from {low:z.1f}° to {high:z.1f}° "
-        f"(yaw {math.degrees(free.yaw_rad):z.1f}°, elbow {free.elbow})"
+        f"one-parameter family, {_elbow(free.elbow)}: last link {low:z.1f}° to {high:z.1f}° "
+        f"(yaw {math.degrees(free.yaw_rad):z.1f}°)"
     )
+
+
+def _elbow(number: int) -> str:
+    """Return which way the elbow points; 0 bends counterclockwise after it."""
+    return "elbow-up" if number else "elbow-down"

@@ -9,12 +9,25 @@ from enum import Enum
 from ikservo.cli.choosing import limit_words
 from ikservo.cli.output import point as say_point
 from ikservo.cli.plotting.workspace import axis_names
-from ikservo.ik import BUILD, Result
+from ikservo.cli.reports.reach import why_short
+from ikservo.ik import Result, Target
 from ikservo.ik.workspace import Workspace
 from ikservo.kinematics.se3 import Matrix
 from ikservo.model import Model
 
-__all__ = ["Slice", "point_fields", "point_lines", "region_fields", "region_lines", "title"]
+__all__ = [
+    "COLLIDES",
+    "Slice",
+    "point_fields",
+    "point_lines",
+    "region_fields",
+    "region_lines",
+    "title",
+]
+
+
+COLLIDES = "every posture found collides with the arm itself, the table or a box"
+"""Why a point is left out that is in reach."""
 
 
 class Slice(Enum):
@@ -36,6 +49,7 @@ def point_fields(
         "inside": found.reached,
         "distance_m": 0.0 if found.reached else found.position_error_m,
         "nearest_m": found.nearest_m,
+        "collides": found.method == COLLIDES,
         "binding": [limit_words(model, limit) for limit in found.binding],
     }
 
@@ -46,10 +60,13 @@ def point_lines(model: Model, asked: Sequence[float] | None, found: Result | Non
         return []
     if found.reached:
         return [f"{say_point(asked)}  inside"]
-    held = ", ".join(limit_words(model, limit) for limit in found.binding) or BUILD
+    if found.method == COLLIDES:
+        return [f"{say_point(asked)}  outside: {COLLIDES}"]
+    held = ", ".join(limit_words(model, limit) for limit in found.binding)
+    held = held or why_short(model.chain, Target(asked))
     nearest = say_point(found.nearest_m.tolist())
     return [
-        f"{say_point(asked)}  outside: held back by {held}",
+        f"{say_point(asked)}  outside: {held}",
         f"nearest  {nearest}, {found.position_error_m * 1000:.1f} mm away",
     ]
 

@@ -1,0 +1,43 @@
+"""Remedies in the words of a program: errors name commands, a program has methods and arguments.
+
+Hints are written once, as a person at a terminal would type them; what a program reads is derived
+from that. Commands that no method replaces (``ikservo calibrate``, ``ikservo setup``) stay.
+"""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["in_python"]
+
+_NUMBER = r"(-?[\d.]+\d)"
+
+_WORDS = [
+    (rf"ikservo move {_NUMBER} {_NUMBER} {_NUMBER}", r"arm.move_to((\1, \2, \3))"),
+    (r"ikservo (relax|where|stop)\b(?! [A-Z<])", r"arm.\1()"),
+    (r"acknowledge the stop\b", "call arm.acknowledge()"),
+    (r"ikservo joints\b", "arm.move_joints()"),
+    (r"ikservo pose (\w+)", r'arm.pose("\1")'),
+    (r"--no-collision \(collisions=False\)", "--no-collision"),
+    (r"--no-collision\b", "open_arm(..., collisions=False)"),
+    (r"--uncalibrated\b", "open_arm(..., uncalibrated=True)"),
+    (r"--overwrite\b", "overwrite=True"),
+    (r"--via\b", "arm.move_through([...])"),
+    (r"without --line\b", "with arm.move_to()"),
+    (r"--port (sim\b[^\s.,]*)", r'port="\1"'),
+    (r"--port\b", "port="),
+    (r", as in --arm (\w+)", r', as in open_arm("\1")'),
+    (r"Give --arm\b", "Name it"),
+    (r"--arm (\w+)", r'open_arm("\1")'),
+    (r"to --arm\b", "to open_arm()"),
+    (r"with --arm\b", "by the first argument of open_arm"),
+    (r" \(--tip\)", ""),
+]  # fmt: skip
+_REMEDIES = [(re.compile(pattern), words) for pattern, words in _WORDS]
+
+
+def in_python(hint: str) -> str:
+    """Return a hint with methods and arguments in place of commands and their options."""
+    for pattern, words in _REMEDIES:
+        hint = pattern.sub(words, hint)
+    return hint

@@ -1,0 +1,352 @@
+"""A motion that runs while the program does something else: done, wait, cancel."""
+
+import asyncio
+import gc
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import ikservo
+from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
+
+NEAR = (0.23, 0.02, 0.10)
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        yield machine
+
+
+class Gate:
+    """Holds a motion in one of its control cycles until it is let go on."""
+
+    def __init__(self, at_s=0.3):
+        self.reached, self._open, self._at_s = threading.Event(), threading.Event(), at_s
+
+    def __call__(self, progress):
+        if progress.elapsed_s > self._at_s:
+            self.reached.set()
+            self._open.wait(20.0)
+
+    def open(self):
+        self._open.set()
+
+
+def holding(arm):
+    return all(registers(arm, "torque_enable").values())
+
+
+def begun(arm, pan=0.4, at_s=0.3):
+    """Return a motion of the pan that waits in mid-motion, and its gate."""
+    gate = Gate(at_s)
+    motion = arm.move_joints({"shoulder_pan": pan}, on_progress=gate, wait=False)
+    assert gate.reached.wait(20.0)
+    return motion, gate
+
+
+def test_a_motion_in_the_background_ends_with_the_report_of_the_blocking_one(arm):
+    motion = arm.move_to(NEAR, wait=False)
+    report = motion.wait()
+    assert report.reached
+    np.testing.assert_allclose(true_tip_m(arm), NEAR, atol=2e-3)
+    assert motion.wait() is report
+
+
+def test_the_program_goes_on_while_the_arm_moves(arm):
+    motion, gate = begun(arm)
+    assert not motion.done
+    gate.open()
+    motion.wait()
+    assert motion.done
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        lambda arm: arm.move_to(NEAR, wait=False),
+        lambda arm: arm.move_line(arm.where().tip_m + np.array([0, 0, 0.02]), wait=False),
+        lambda arm: arm.move_through([(0.22, 0.01, 0.09), NEAR], wait=False),
+        lambda arm: arm.move_joints({"shoulder_pan": 0.2}, wait=False),
+        lambda arm: arm.pose("home", wait=False),
+        lambda arm: arm.gripper("open", wait=False),
+    ],
+)
+def test_every_motion_runs_in_the_background_if_asked_to(arm, start):
+    assert start(arm).wait().reached
+
+
+def test_a_recording_is_replayed_in_the_background(arm, tmp_path):
+    arm.enable()
+    arm.record(tmp_path / "still.jsonl", duration_s=0.2)
+    assert arm.replay(tmp_path / "still.jsonl", wait=False).wait().error_rad < 0.02
+
+
+@pytest.mark.parametrize(
+    ("start", "error"),
+    [
+        (lambda arm: arm.move_to((0.9, 0, 0), wait=False), ikservo.UnreachableError),
+        (lambda arm: arm.move_joints({"elbow_flex": 9.0}, wait=False), ikservo.RefusedError),
+        (lambda arm: arm.move_to(NEAR, speed="warp", wait=False), ikservo.UnknownNameError),
+    ],
+)
+def test_errors_are_raised_by_wait_each_time(arm, start, error):
+    motion = start(arm)
+    for _ in range(2):
+        with pytest.raises(error):
+            motion.wait()
+    assert motion.done
+
+
+def test_a_fault_in_mid_motion_is_raised_by_wait(arm):
+    pan = line_of(arm).servos[servo_id("so101", "shoulder_pan")]
+
+    def jam(progress):
+        if progress.elapsed_s > 0.3:
+            pan.motor.stuck = True
+
+    motion = arm.move_joints({"shoulder_pan": 1.5}, on_progress=jam, wait=False)
+    with pytest.raises(ikservo.RefusedError, match="shoulder_pan does not follow"):
+        motion.wait()
+
+
+def test_waiting_no_longer_than_a_time_lets_the_motion_go_on(arm):
+    motion, gate = begun(arm)
+    with pytest.raises(TimeoutError, match="not over"):
+        motion.wait(0.05)
+    gate.open()
+    assert motion.wait(60.0).reached
+
+
+def test_a_cancelled_motion_brakes_within_0_3_s_holds_and_is_told_as_stopped(arm):
+    clock, times = arm._port.clock, []
+    motion, gate = begun(arm, pan=1.6, at_s=0.6)
+    times.append(clock.now_s())
+    motion.cancel()
+    gate.open()
+    with pytest.raises(ikservo.StoppedError, match="Cancelled"):
+        motion.wait()
+    assert clock.now_s() - times[0] <= 0.3
+    assert holding(arm)
+    assert true_joints(arm)["shoulder_pan"] < 1.4
+
+
+def test_after_a_cancelled_motion_the_next_one_needs_no_acknowledgement(arm):
+    motion, gate = begun(arm)
+    motion.cancel()
+    gate.open()
+    motion.join()
+    assert arm.stopped_for == ""
+    assert arm.move_joints({"shoulder_pan": 0.1}).reached
+
+
+def test_a_stop_beside_a_cancel_stays_until_it_is_acknowledged(arm):
+    motion, gate = begun(arm)
+    motion.cancel()
+    arm.stop("the door was opened")
+    gate.open()
+    with pytest.raises(ikservo.StoppedError):
+        motion.wait()
+    with pytest.raises(ikservo.RefusedError):
+        arm.move_joints({"shoulder_pan": 0.1})
+
+
+def test_cancelling_a_motion_that_is_over_changes_nothing(arm):
+    motion = arm.move_joints({"shoulder_pan": 0.1}, wait=False)
+    motion.wait()
+    motion.cancel()
+    assert motion.wait().reached
+    assert arm.stopped_for == ""
+
+
+def test_a_motion_that_was_cancelled_before_its_turn_never_moves(arm):
+    first, gate = begun(arm)
+    second = arm.move_joints({"wrist_roll": 1.0}, wait=False)
+    second.cancel()
+    gate.open()
+    assert first.wait().reached
+    with pytest.raises(ikservo.StoppedError, match="Cancelled"):
+        second.wait()
+    assert abs(true_joints(arm)["wrist_roll"]) < 0.01
+
+
+def test_motions_in_the_background_run_one_after_the_other(arm):
+    motions = [arm.move_joints({"shoulder_pan": pan}, wait=False) for pan in (0.1, -0.1, 0.05)]
+    assert all(motion.wait().reached for motion in motions)
+    assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.05, abs=0.01)
+
+
+def test_a_blocking_motion_waits_for_the_one_in_the_background(arm):
+    motion, gate = begun(arm, pan=0.3)
+    threading.Timer(0.1, gate.open).start()
+    assert arm.move_joints({"wrist_roll": 0.2}).reached
+    assert motion.done
+
+
+def test_two_threads_move_one_arm_in_turn(arm):
+    reports = []
+
+    def move(joint):
+        reports.append(arm.move_joints({joint: 0.3}))
+
+    threads = [threading.Thread(target=move, args=(j,)) for j in ("shoulder_pan", "wrist_roll")]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60.0)
+    assert [report.reached for report in reports] == [True, True]
+
+
+def test_where_answers_while_a_motion_runs(arm):
+    motion, gate = begun(arm, pan=0.5)
+    here = arm.where()
+    assert 0.0 < here["shoulder_pan"].position_rad < 0.5
+    assert here.torque.all()
+    gate.open()
+    motion.wait()
+
+
+def test_closing_the_arm_cancels_what_runs_and_what_waits(arm):
+    running, gate = begun(arm)
+    waiting = arm.move_joints({"wrist_roll": 1.0}, wait=False)
+    threading.Timer(0.1, gate.open).start()
+    arm.close()
+    for motion in (running, waiting):
+        with pytest.raises(ikservo.StoppedError, match="Cancelled"):
+            motion.wait(0.0)
+    assert holding(arm)
+
+
+def test_an_error_in_the_block_cancels_the_motion_and_holds():
+    arm = ikservo.open_arm("so101", port="sim:?pose=home", on_exit="relax")
+    motion, gate = begun(arm)
+    threading.Timer(0.1, gate.open).start()
+    with pytest.raises(ZeroDivisionError), arm:
+        raise ZeroDivisionError
+    assert motion.done
+    assert holding(arm)
+
+
+def test_a_motion_does_not_wait_for_itself(arm):
+    found = []
+
+    def wait_here(_):
+        try:
+            handle[0].wait()
+        except ikservo.RefusedError as error:
+            found.append(error.message)
+
+    handle = [arm.move_joints({"shoulder_pan": 0.1}, on_progress=wait_here, wait=False)]
+    handle[0].wait()
+    assert "wait for itself" in found[-1]
+
+
+@pytest.mark.parametrize(
+    ("number", "ends"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
+)
+def test_a_signal_while_the_program_waits_brakes_the_arm_and_ends_the_program(arm, number, ends):
+    motion, gate = begun(arm, pan=1.6)
+
+    def strike():
+        time.sleep(0.1)
+        signal.pthread_kill(threading.main_thread().ident, number)
+        time.sleep(0.1)
+        gate.open()
+
+    threading.Thread(target=strike).start()
+    with pytest.raises(ends):
+        motion.wait()
+    assert motion.done
+    assert holding(arm)
+    assert true_joints(arm)["shoulder_pan"] < 1.4
+
+
+def test_a_signal_while_the_program_does_something_else_brakes_the_arm(arm):
+    motion, gate = begun(arm, pan=1.6)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    gate.open()
+    assert motion.join()
+    assert holding(arm)
+    assert true_joints(arm)["shoulder_pan"] < 1.4
+
+
+def test_signals_do_what_they_did_once_nothing_runs(arm):
+    arm.move_joints({"shoulder_pan": 0.1}, wait=False).wait()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    assert arm.stopped_for == ""
+    assert arm.move_joints({"shoulder_pan": 0.0}).reached
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+LEFT_BEHIND = """
+import atexit, threading
+def tell():  # after whatever ikservo does at the end of a program
+    print(motion.done, arm.stopped_for, {s.read("torque_enable") for s in servos.values()})
+atexit.register(tell)
+import ikservo
+arm = ikservo.open_arm("so101", port="sim:?pose=home&paced=1")
+servos, began = arm._port.transport.line.servos, threading.Event()
+arm.enable()
+motion = arm.move_joints({"shoulder_pan": 1.6}, on_progress=lambda _: began.set(), wait=False)
+began.wait(60)
+"""
+
+
+def test_a_program_that_ends_in_mid_motion_brakes_it_first():
+    ran = subprocess.run([sys.executable, "-c", LEFT_BEHIND], capture_output=True, text=True,
+                         check=False, timeout=100)  # fmt: skip
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.strip() == "True  {1}"
+
+
+def test_a_program_of_asyncio_awaits_a_motion(arm):
+    async def main():
+        report = await arm.move_joints({"shoulder_pan": 0.2}, wait=False)
+        return report.reached
+
+    assert asyncio.run(main())
+
+
+def test_cancelling_a_task_cancels_its_motion(arm):
+    motion, gate = begun(arm)
+
+    async def main():
+        async def move():
+            await motion
+
+        task = asyncio.create_task(move())
+        await asyncio.sleep(0.05)
+        task.cancel()
+        threading.Timer(0.1, gate.open).start()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(main())
+    assert motion.cancelled
+    assert motion.done
+
+
+def test_an_error_that_nobody_waited_for_is_logged(arm, caplog):
+    motion = arm.move_to((0.9, 0.0, 0.1), wait=False)
+    motion.join()
+    arm.close()
+    with ikservo.open_arm("so101", port="sim:?pose=home") as other:
+        other.gripper("open", wait=False).wait()  # whatever is watched for signals is looked at
+    del motion
+    gc.collect()
+    assert "nobody waited for" in caplog.text
+
+
+@pytest.mark.parametrize("timeout", ["soon", [1]])
+def test_a_timeout_is_a_number(arm, timeout):
+    motion = arm.move_joints({"shoulder_pan": 0.1}, wait=False)
+    with pytest.raises(ikservo.BadValueError):
+        motion.wait(timeout)
+    assert motion.wait().reached

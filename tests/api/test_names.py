@@ -1,0 +1,55 @@
+"""Everything a program needs is importable from ``ikservo`` itself."""
+
+import ast
+import importlib
+from pathlib import Path
+
+import pytest
+
+import ikservo
+from ikservo import errors
+
+SOURCES = Path(ikservo.__file__).parent
+
+
+def test_every_error_is_importable_from_the_top_level():
+    for name in errors.__all__:
+        assert getattr(ikservo, name) is getattr(errors, name)
+        assert name in ikservo.__all__
+
+
+def test_every_name_of_the_top_level_is_there():
+    for name in ikservo.__all__:
+        assert getattr(ikservo, name) is not None
+
+
+def test_an_error_can_be_caught_by_its_top_level_name():
+    with pytest.raises(ikservo.UnknownNameError):
+        ikservo.load_model("so102")
+    with (
+        ikservo.open_arm("so101", port="sim") as arm,
+        pytest.raises(ikservo.UnreachableError),
+    ):
+        arm.move_to((0.9, 0.0, 0.1))
+
+
+def raised_in_the_packages_of_the_api():
+    for path in sorted(SOURCES.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef) and node.name.endswith("Error"):
+                yield path, node.name
+
+
+def test_every_error_that_a_method_of_an_arm_may_raise_is_one_of_them():
+    own = {"cli", "view"}  # these have errors that no program ever sees
+    missing = [
+        f"{path.relative_to(SOURCES)}: {name}"
+        for path, name in raised_in_the_packages_of_the_api()
+        if path.relative_to(SOURCES).parts[0] not in own and not hasattr(ikservo, name)
+    ]
+    assert missing == []
+
+
+def test_importing_the_package_imports_no_arm():
+    module = importlib.import_module("ikservo")
+    assert set(module.__dir__()) >= {"open_arm", "UnreachableError"}

@@ -1,0 +1,79 @@
+"""A whole orientation of the tool, where the arm has it; else an error that says what it lacks."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.kinematics.se3 import exp_so3, log_so3
+from tests.oracle import arm_file
+
+
+@pytest.fixture(scope="module")
+def six():
+    with ikservo.open_arm("wx250s", port="sim:?pose=home") as machine:
+        machine.enable()
+        yield machine
+
+
+@pytest.fixture(scope="module")
+def five():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        machine.enable()
+        yield machine
+
+
+def turned_by(arm, plan, R):
+    """Return by how much the tool at a plan's goal is turned away from R, rad."""
+    reached = arm.chain.forward(plan.goal[: arm.chain.dof])[:3, :3]
+    return float(np.linalg.norm(log_so3(R @ reached.T)))
+
+
+def test_an_arm_with_six_joints_takes_a_whole_orientation(six):
+    here = six.where()
+    wanted = exp_so3(np.array([0.0, 0.3, 0.2])) @ here.orientation
+    report = six.move_to(here.tip_m + np.array([0.0, 0.05, 0.03]), orientation=wanted)
+    assert report.reached
+    assert np.linalg.norm(log_so3(wanted @ six.where().orientation.T)) < np.radians(1.0)
+
+
+def test_a_line_ends_in_a_whole_orientation(six):
+    here = six.where()
+    wanted = exp_so3(np.array([0.0, 0.1, 0.0])) @ here.orientation
+    plan = six.plan_line(here.tip_m + np.array([0.0, 0.0, 0.04]), orientation=wanted)
+    assert turned_by(six, plan, wanted) < np.radians(0.5)
+
+
+def test_an_arm_with_five_joints_takes_one_that_it_has(five):
+    q = five.chain.clip(five.where().positions_rad[:5] + np.array([0.2, 0.05, -0.05, 0.1, 0.3]))
+    T = five.chain.forward(q)
+    plan = five.plan_to(T[:3, 3], orientation=T[:3, :3])
+    assert turned_by(five, plan, T[:3, :3]) < np.radians(0.5)
+
+
+def test_an_arm_with_five_joints_says_that_it_lacks_one(five):
+    here = five.where()
+    wanted = exp_so3(np.array([0.0, 0.0, 0.7])) @ here.orientation
+    with pytest.raises(ikservo.OrientationError, match="5 joints") as caught:
+        five.move_to(here.tip_m, orientation=wanted)
+    assert "direction or a pitch" in caught.value.hint
+    assert caught.value.left_rad > np.radians(0.5)
+    assert len(arm_file("so101")["joints"]) - 1 == 5
+
+
+def test_a_missing_freedom_is_no_matter_where_only_a_pitch_is_asked_for(five):
+    with pytest.raises(ikservo.OrientationError) as caught:
+        five.plan_to((0.40, 0.0, 0.20), stance=ikservo.Stance(pitch_rad=-1.5))
+    assert caught.value.freedom == ""
+
+
+@pytest.mark.parametrize(
+    "orientation", [np.eye(4), 2.0 * np.eye(3), -np.eye(3), "up", np.full((3, 3), np.nan)]
+)
+def test_what_is_no_rotation_is_refused_before_anything_moves(five, orientation):
+    with pytest.raises(ikservo.BadValueError, match="orientation"):
+        five.move_to((0.23, 0.02, 0.10), orientation=orientation)
+
+
+def test_an_orientation_and_a_stance_are_one_question_too_many(five):
+    with pytest.raises(ikservo.BadValueError, match="given twice"):
+        five.plan_to((0.23, 0, 0.1), orientation=np.eye(3), stance=ikservo.Stance(keep=True))

@@ -1,0 +1,94 @@
+"""Errors name what a program can do; at the command line the same errors name commands."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import ikservo
+from ikservo.cli import main
+from ikservo.remedies import in_python
+
+SOURCES = Path(ikservo.__file__).parent
+# What only commands do, and what is said on a terminal or a page only.
+COMMANDS_ONLY = ("cli", "view", "calibration", "arm/calibrating", "arm/care")
+OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
+REPLACED = re.compile(r"ikservo (relax|where|stop|joints|pose|move)\b")
+
+
+@pytest.mark.parametrize(
+    ("at_a_terminal", "in_a_program"),
+    [
+        ("Release it with: ikservo relax", "Release it with: arm.relax()"),
+        ("Try: ikservo move 0.477 -0.010 0.108", "Try: arm.move_to((0.477, -0.010, 0.108))"),
+        ("Check its alarms: ikservo where", "Check its alarms: arm.where()"),
+        ("Without an arm: --port sim", 'Without an arm: port="sim"'),
+        ("Use --port sim, or another", 'Use port="sim", or another'),
+        ("a new file, or --overwrite", "a new file, or overwrite=True"),
+        ("or --no-collision if you can see", "or open_arm(..., collisions=False) if you can see"),
+        ("Give --arm, as in --arm so101.", 'Name it, as in open_arm("so101").'),
+        ("Calibrate it: ikservo calibrate so101", "Calibrate it: ikservo calibrate so101"),
+        ("Give tip (--tip), of: base.", "Give tip, of: base."),
+        ("", ""),
+    ],
+)
+def test_a_hint_for_the_terminal_becomes_one_for_a_program(at_a_terminal, in_a_program):
+    assert in_python(at_a_terminal) == in_a_program
+
+
+def texts():
+    """Yield every text of the packages that a program calls, docstrings left out."""
+    for path in sorted(SOURCES.rglob("*.py")):
+        place = path.relative_to(SOURCES).as_posix()
+        if place.startswith(COMMANDS_ONLY) or place == "remedies.py":
+            continue
+        tree = ast.parse(path.read_text())
+        said = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+            if is_text and id(node) not in said:
+                yield place, node.value
+
+
+def test_no_text_of_the_api_names_an_option_or_a_command_that_a_method_replaces():
+    left = [
+        (place, text)
+        for place, text in texts()
+        if OPTION.search(in_python(text)) or REPLACED.search(f"{in_python(text)} ")
+    ]
+    assert [each for each in left if not each[1].endswith("ikservo move ")] == []
+
+
+def told_by(do):
+    with pytest.raises(ikservo.IkservoError) as caught:
+        do()
+    return str(caught.value)
+
+
+def test_a_point_out_of_reach_suggests_a_call_that_can_be_made():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        said = told_by(lambda: arm.move_to((0.9, 0.0, 0.1)))
+        point = re.search(r"arm\.move_to\(\((.*)\)\)", said)
+        assert arm.plan_to([float(x) for x in point[1].split(",")]).duration_s > 0.0
+
+
+def test_a_stopped_arm_names_the_call_that_lets_it_move_again():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        arm.stop("enough")
+        assert "arm.acknowledge()" in told_by(lambda: arm.move_joints({"shoulder_pan": 0.1}))
+
+
+def test_a_recording_that_exists_names_the_argument(tmp_path):
+    (tmp_path / "a.jsonl").write_text("")
+    with ikservo.open_arm("so101", port="sim") as arm:
+        said = told_by(lambda: arm.record(tmp_path / "a.jsonl", duration_s=0.1))
+    assert "overwrite=True" in said
+
+
+def test_the_command_line_names_the_command(capsys):
+    words = ["move", "0.9", "0", "0.1", "--arm", "so101", "--port", "sim", "--yes"]
+    assert main(words) == 7
+    assert re.search(
+        r"Try: ikservo move \S+ \S+ \S+ --arm so101 --port sim", capsys.readouterr().err
+    )

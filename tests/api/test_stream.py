@@ -1,0 +1,274 @@
+"""Setpoints that a program pushes at its own rate: through the guard, within the arm's limits."""
+
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm.background.mailbox import Mailbox
+from tests.arm.auditing import Auditor
+from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        machine.move_joints({"wrist_roll": 0.0})  # the first motion is slow
+        yield machine
+
+
+def joints_of(arm):
+    return arm.where().positions_rad
+
+
+def test_arrays_of_joints_are_followed_at_the_rate_of_the_program(arm):
+    start = joints_of(arm)
+    with arm.stream(rate_hz=50) as stream:
+        for share in np.linspace(0.0, 1.0, 25):
+            stream.send(start + share * np.array([0.1, 0, 0, 0, 0.1, 0]))
+    assert stream.sent == 25
+    assert true_joints(arm)["shoulder_pan"] == pytest.approx(start[0] + 0.1, abs=0.02)
+    assert true_joints(arm)["wrist_roll"] == pytest.approx(start[4] + 0.1, abs=0.02)
+
+
+def test_a_paced_stream_takes_as_long_as_its_setpoints_on_the_arms_clock(arm):
+    clock, start = arm._port.clock, joints_of(arm)
+    with arm.stream(rate_hz=50) as stream:
+        stream.send(start)
+        begun_s = clock.now_s()
+        for _ in range(25):
+            stream.send(start)
+        assert clock.now_s() - begun_s == pytest.approx(0.5, abs=0.06)
+
+
+def test_joints_by_name_leave_the_others_where_they_are(arm):
+    before = true_joints(arm)
+    with arm.stream(rate_hz=50) as stream:
+        for _ in range(20):
+            stream.send({"wrist_roll": 0.15})
+    after = true_joints(arm)
+    assert after["wrist_roll"] == pytest.approx(0.15, abs=0.02)
+    assert all(abs(after[n] - before[n]) < 0.02 for n in before if n != "wrist_roll")
+
+
+def test_targets_and_poses_move_the_tip(arm):
+    here = arm.where()
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = here.orientation, here.tip_m + np.array([0.0, 0.0, 0.01])
+    with arm.stream(rate_hz=50) as stream:
+        for _ in range(15):
+            stream.send(T)
+        for _ in range(25):
+            stream.send(ikservo.Target(here.tip_m + np.array([0.0, 0.015, 0.01])))
+    wanted_m = here.tip_m + np.array([0.0, 0.015, 0.01])
+    np.testing.assert_allclose(true_tip_m(arm), wanted_m, atol=4e-3)
+
+
+def test_a_jump_of_the_setpoint_is_shaped_to_the_arms_limits(arm):
+    auditor = Auditor(arm)
+    with arm.stream(speed="fast", rate_hz=50) as stream:
+        for pan in [0.0] * 5 + [0.8] * 40:
+            stream.send({"shoulder_pan": pan})
+    assert auditor.faults() == []
+    assert true_joints(arm)["shoulder_pan"] > 0.5
+
+
+def test_a_setpoint_outside_the_limits_means_the_limit(arm):
+    with arm.stream(rate_hz=20) as stream:
+        for _ in range(40):
+            stream.send({"gripper": 99.0})
+    assert true_joints(arm)["gripper"] == pytest.approx(arm.where()["gripper"].upper_rad, abs=0.05)
+
+
+def test_what_would_collide_is_refused_and_counted_and_the_arm_stays(arm):
+    with arm.stream(rate_hz=20) as stream:
+        for _ in range(5):
+            stream.send(ikservo.Target((0.25, 0.0, -0.08)))
+    assert stream.refused >= 1
+    assert "floor" in stream.reason
+    assert true_tip_m(arm)[2] > 0.0
+
+
+def test_it_holds_when_the_program_falls_silent_and_goes_on_with_the_next(arm):
+    clock = arm._port.clock
+    with arm.stream(rate_hz=20) as stream:
+        stream.send({"shoulder_pan": 1.2})
+        deadline = time.monotonic() + 20.0
+        while arm._servos.halt.heeded and time.monotonic() < deadline:
+            time.sleep(0.01)  # the program is busy with something else
+        held = true_joints(arm)["shoulder_pan"]
+        assert 0.0 < held < 0.6
+        at_s = clock.now_s()
+        stream.send({"shoulder_pan": 0.0})
+        assert clock.now_s() > at_s
+        for _ in range(30):
+            stream.send({"shoulder_pan": 0.0})
+    assert abs(true_joints(arm)["shoulder_pan"]) < 0.03
+    assert all(registers(arm, "torque_enable").values())
+
+
+def test_without_a_rate_sending_returns_at_once_and_time_passes_as_for_a_person(arm):
+    clock, begun_s = arm._port.clock, time.monotonic()
+    with arm.stream() as stream:
+        stream.send({"wrist_roll": 0.1})
+        assert time.monotonic() - begun_s < 1.0
+        at_s, wall_s = clock.now_s(), time.monotonic()
+        while time.monotonic() - wall_s < 0.25:
+            stream.send({"wrist_roll": 0.1})
+            time.sleep(0.02)
+        assert clock.now_s() - at_s < 2.0
+
+
+def test_the_last_control_cycle_can_be_looked_at(arm):
+    with arm.stream(rate_hz=50) as stream:
+        for _ in range(10):
+            stream.send({"wrist_roll": 0.1})
+        assert stream.progress.names == stream.names
+        assert stream.progress.joints_rad.shape == (6,)
+    assert "10 sent" in repr(stream)
+
+
+@pytest.mark.parametrize(
+    "setpoint",
+    [(0.2, 0.0, 0.1), "home", {"pan": 0.1}, {"shoulder_pan": math.nan}, np.full(6, np.inf), None,
+     {"shoulder_pan": "0.1"}, np.eye(3), [0.1, [0.2]]],
+)  # fmt: skip
+def test_what_is_no_setpoint_is_refused_where_it_is_sent(arm, setpoint):
+    with arm.stream(rate_hz=50) as stream, pytest.raises(ikservo.InputError):
+        stream.send(setpoint)
+
+
+def test_an_array_that_is_changed_after_it_was_sent_changes_nothing(arm):
+    q = joints_of(arm)
+    with arm.stream(rate_hz=50) as stream:
+        for _ in range(5):
+            stream.send(q)
+            q[:] = 9.0
+            q = joints_of_last(stream)
+    assert abs(true_joints(arm)["shoulder_pan"]) < 0.05
+
+
+def joints_of_last(stream):
+    return stream.progress.joints_rad.copy()
+
+
+def send_for_ever(stream):
+    for i in itertools.count():
+        stream.send({"shoulder_pan": 0.4 * math.sin(0.05 * i)})
+        if i > 2000:
+            raise AssertionError("nothing ended it")
+
+
+def test_a_stop_is_raised_by_the_next_send(arm):
+    arm._port.transport.line.world.at(
+        line_of(arm).world.time_s + 0.5, lambda: arm.stop("the door was opened")
+    )
+    with pytest.raises(ikservo.StoppedError, match="door"), arm.stream(rate_hz=50) as stream:
+        send_for_ever(stream)
+    assert all(registers(arm, "torque_enable").values())
+
+
+def test_a_fault_of_a_servo_is_raised_by_the_next_send(arm):
+    servo = line_of(arm).servos[servo_id("so101", "shoulder_pan")]
+
+    def jam():
+        servo.motor.stuck = True
+
+    line_of(arm).world.at(line_of(arm).world.time_s + 0.5, jam)
+    with (
+        pytest.raises(ikservo.RefusedError, match="shoulder_pan does not follow"),
+        arm.stream(rate_hz=50) as stream,
+    ):
+        send_for_ever(stream)
+
+
+def test_an_error_in_the_block_brakes_and_holds_and_is_the_one_that_is_raised(arm):
+    def send_and_stumble():
+        with arm.stream(rate_hz=50) as stream:
+            for _ in range(10):
+                stream.send({"shoulder_pan": 1.0})
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        send_and_stumble()
+    assert arm.stopped_for == ""
+    assert true_joints(arm)["shoulder_pan"] < 0.5
+    assert arm.move_joints({"shoulder_pan": 0.0}).reached
+
+
+def test_other_motions_are_refused_while_a_stream_is_open_and_asking_is_not(arm):
+    with arm.stream(rate_hz=50) as stream:
+        stream.send({"wrist_roll": 0.1})
+        assert arm.where()["wrist_roll"].position_rad < 0.2
+        for move in (
+            lambda: arm.move_joints({"wrist_roll": 0.0}),
+            lambda: arm.move_joints({"wrist_roll": 0.0}, wait=False),
+            lambda: arm.stream().__enter__(),
+        ):
+            with pytest.raises(ikservo.RefusedError, match="stream of setpoints is open"):
+                move()
+    assert arm.move_joints({"wrist_roll": 0.0}).reached
+
+
+def test_a_block_that_sends_nothing_moves_nothing(arm):
+    goals = registers(arm, "goal_position")
+    with arm.stream(rate_hz=50):
+        pass
+    assert registers(arm, "goal_position") == goals
+
+
+def test_a_stream_takes_nothing_before_and_after_its_block(arm):
+    stream = arm.stream(rate_hz=50)
+    with pytest.raises(ikservo.RefusedError, match="not open"):
+        stream.send({"wrist_roll": 0.1})
+    with stream:
+        pass
+    with pytest.raises(ikservo.RefusedError, match="closed"):
+        stream.send({"wrist_roll": 0.1})
+    with pytest.raises(ikservo.RefusedError, match="used before"), stream:
+        pass
+
+
+def test_closing_the_arm_ends_its_stream(arm):
+    with arm.stream(rate_hz=50) as stream:
+        stream.send({"wrist_roll": 0.1})
+        arm.close()
+        with pytest.raises(ikservo.StoppedError, match="Cancelled"):
+            send_for_ever(stream)
+
+
+@pytest.mark.parametrize("rate", [0.0, 2.0, -50, math.nan, 1e6, "often"])
+def test_a_rate_that_makes_no_sense_is_refused(arm, rate):
+    with pytest.raises(ikservo.BadValueError, match="rate"):
+        arm.stream(rate_hz=rate)
+
+
+def test_an_arm_that_is_not_calibrated_streams_nothing(arm, monkeypatch):
+    monkeypatch.setattr(arm, "workings", arm.workings)
+    object.__setattr__(arm.workings, "zeros", ikservo.arm.Zeros.UNKNOWN)
+    with pytest.raises(ikservo.CalibrationError):
+        arm.stream()
+
+
+class StandingClock:
+    """A clock that only the test lets pass."""
+
+    def __init__(self):
+        self.at_s = 0.0
+
+    def now_s(self):
+        return self.at_s
+
+    def sleep_until(self, deadline_s):
+        self.at_s = max(self.at_s, deadline_s)
+
+
+def test_the_newest_setpoint_counts():
+    mailbox = Mailbox(StandingClock(), None, lambda: False)
+    mailbox.put({"a": 1.0})
+    mailbox.put({"a": 2.0})
+    setpoints = mailbox.setpoints()
+    assert [next(setpoints), next(setpoints)] == [{"a": 2.0}, None]

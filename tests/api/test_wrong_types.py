@@ -1,0 +1,132 @@
+"""What a program hands over by mistake is refused by name, before anything moves."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from tests.arm.simulated import registers, true_joints
+
+NEAR = (0.23, 0.02, 0.10)
+
+
+@pytest.fixture(scope="module")
+def limp():
+    """Return an arm that no test of this module may move or switch on."""
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        yield machine
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda arm: arm.move_to(NEAR, on_progress=3),
+        lambda arm: arm.move_joints({"wrist_roll": 0.1}, on_progress="print"),
+        lambda arm: arm.move_line(NEAR, on_progress=3),
+        lambda arm: arm.move_through([NEAR], on_progress=3),
+        lambda arm: arm.gripper("open", on_progress=3),
+        lambda arm: arm.follow([NEAR], on_progress=3),
+        lambda arm: arm.go(arm.plan_to(NEAR), on_progress=3),
+        lambda arm: arm.teach("cup", until=3),
+        lambda arm: arm.teach(3),
+        lambda arm: arm.record(3, duration_s=0.1),
+        lambda arm: arm.record("wave.jsonl", until=3),
+        lambda arm: arm.replay(3),
+        lambda arm: arm.replay("wave.jsonl", on_progress=3),
+        lambda arm: arm.go(None),
+        lambda arm: arm.carry_out(None),
+        lambda arm: arm.move_through(None),
+        lambda arm: arm.move_through("abc"),
+        lambda arm: arm.move_through(NEAR),
+        lambda arm: arm.jog(["x"], wanted=lambda: True),
+        lambda arm: arm.follow_arm(None),
+        lambda arm: arm.follow_arm(arm),
+        lambda arm: arm.move_joints([0.0, 0.0]),
+        lambda arm: arm.move_joints(np.full(6, math.nan)),
+        lambda arm: arm.move_joints({"wrist_roll": True}),
+        lambda arm: arm.gripper(True),
+        lambda arm: arm.close("drop"),
+        lambda arm: arm.move_to(NEAR, speed=None),
+        lambda arm: arm.move_to(ikservo.Target(NEAR)),
+    ],
+)
+def test_a_slip_is_an_input_error_and_moves_nothing(limp, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ikservo.InputError):
+        call(limp)
+    assert not any(registers(limp, "torque_enable").values())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda chain: chain.clip("x"),
+        lambda chain: chain.clip(np.zeros(3)),
+        lambda chain: chain.clip(None),
+        lambda chain: chain.forward([True] * chain.dof),
+        lambda chain: chain.with_origins(None),
+        lambda chain: chain.with_origins({"nowhere": np.eye(4)}),
+        lambda chain: chain.with_origins({chain.names[0]: np.eye(3)}),
+        lambda _: ikservo.read_recording(3),
+    ],
+)
+def test_a_slip_in_geometry_is_an_input_error(limp, call):
+    with pytest.raises(ikservo.InputError):
+        call(limp.chain)
+
+
+def test_points_may_come_from_a_generator(limp):
+    assert limp.plan_through(point for point in (NEAR, (0.22, 0.0, 0.12))).duration_s > 0.0
+
+
+def test_numbers_of_numpy_are_numbers(limp):
+    plan = limp.plan_joints({"wrist_roll": np.float32(0.1), "shoulder_pan": np.array(0.1)})
+    assert plan.goal[0] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_an_array_moves_all_joints_in_the_order_of_where():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        here = arm.where()
+        goal = here.positions_rad + np.array([0.1, 0.0, 0.0, 0.0, -0.1, 0.0])
+        assert arm.move_joints(goal).reached
+        joints = true_joints(arm)
+        np.testing.assert_allclose([joints[name] for name in here.names], goal, atol=0.01)
+
+
+@pytest.fixture
+def closed():
+    machine = ikservo.open_arm("so101", port="sim")
+    machine.close()
+    return machine
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda arm: arm.where(),
+        lambda arm: arm.move_to(NEAR),
+        lambda arm: arm.move_to(NEAR, wait=False).wait(),
+        lambda arm: arm.plan_to(NEAR),
+        lambda arm: arm.stream(),
+        lambda arm: arm.relax(),
+        lambda arm: arm.reconnect(0.1),
+        lambda arm: arm.__enter__(),
+    ],
+)
+def test_a_closed_arm_refuses_and_says_that_it_was_closed(closed, call):
+    with pytest.raises(ikservo.PortError, match="was closed"):
+        call(closed)
+
+
+def test_closing_twice_is_closing_once(closed):
+    closed.close()
+    assert "closed" in repr(closed)
+
+
+def test_an_arm_with_a_wrong_way_to_close_stays_open():
+    with ikservo.open_arm("so101", port="sim") as arm:
+        with pytest.raises(ikservo.UnknownNameError, match="hold, relax"):
+            arm.close("drop")
+        assert arm.where().names

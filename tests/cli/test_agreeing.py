@@ -1,0 +1,83 @@
+"""Where no terminal can answer, a real arm moves with --yes only; a simulated one needs none."""
+
+import pytest
+
+from tests.cli.real_port import PORT, calibrate_plainly, put
+
+NAME = "planar2"
+REAL = f"--arm {NAME} --port {PORT}"
+MOTIONS = [
+    f"move 0.18 0.05 0.05 {REAL} --no-collision",
+    f"joints joint1=5 {REAL}",
+    f"pose home {REAL}",
+    f"jog joint1 --time 200ms {REAL}",
+    f"relax {REAL}",
+    f"replay wave.jsonl {REAL}",
+    f"calibrate {NAME} --wiggle --port {PORT}",
+    f"recover --reboot {REAL}",
+]
+
+
+@pytest.fixture(autouse=True)
+def no_terminal(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def arm(monkeypatch):
+    arm = put(monkeypatch, NAME, spoiled=False)
+    calibrate_plainly(arm)
+    return arm
+
+
+@pytest.mark.parametrize("words", MOTIONS)
+def test_a_real_arm_does_not_move_unasked(say, arm, words):
+    if words.startswith("replay"):
+        assert say(f"record wave.jsonl --time 100ms {REAL}").code == 0
+    before = [joint.position for joint in arm.world.joints]
+    said = say(words)
+    assert (said.code, "input is not a terminal" in said.err) == (2, True), said.err
+    assert "--yes" in said.err
+    assert [joint.position for joint in arm.world.joints] == pytest.approx(before, abs=1e-3)
+
+
+def test_a_real_gripper_does_not_close_unasked(say, monkeypatch):
+    calibrate_plainly(put(monkeypatch, "so101", spoiled=False))
+    said = say(f"gripper close --arm so101 --port {PORT}")
+    assert (said.code, "input is not a terminal" in said.err) == (2, True), said.err
+
+
+def test_with_yes_a_real_arm_moves(say, arm):
+    said = say(f"joints joint1=5 {REAL} --yes --no-wiggle --no-collision")
+    assert said.code == 0, said.err
+
+
+@pytest.mark.parametrize("words", ["joints joint1=5", "jog joint1 --time 100ms", "pose home"])
+def test_a_simulated_arm_is_not_asked_for(say, words):
+    assert say(f"{words} --arm {NAME} --port sim:?pose=home").code == 0
+
+
+def test_recording_a_stiff_arm_says_how_to_guide_it(say, arm):
+    for servo in arm.line.servos.values():
+        servo.write("torque_enable", 1)
+    said = say(f"record wave.jsonl --time 100ms {REAL}")
+    assert said.code == 0
+    assert "Torque is on: the arm cannot be guided by hand." in said.err
+    assert "To switch torque off: ikservo relax" in said.err
+
+
+def test_recording_a_limp_arm_says_nothing_of_torque(say, arm):
+    assert "Torque" not in say(f"record wave.jsonl --time 100ms {REAL}").err
+
+
+def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(say, arm, monkeypatch):
+    for servo in arm.line.servos.values():
+        servo.write("torque_enable", 1)
+    relaxed = []
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("ikservo.cli.record.confirm", lambda question: True)
+    monkeypatch.setattr("ikservo.arm.Arm.relax", lambda machine: relaxed.append(machine.model))
+    assert say(f"record wave.jsonl --time 100ms {REAL}").code == 0
+    assert len(relaxed) == 1

@@ -1,0 +1,55 @@
+"""The simulator's scripted hands and ``calibrate --yes`` together end well on every arm."""
+
+import math
+
+import pytest
+
+import servosim
+from tests.calibration.hidden import load_model
+from tests.oracle import ARMS, CONFIGS
+
+# One arm of each kind in the suite: an STS, an X with mixed models, an X with shadows and a crank.
+_QUICK = ("so101", "koch", "vx300s")
+EVERY_ARM = [pytest.param(arm, marks=() if arm in _QUICK else pytest.mark.campaign) for arm in ARMS]
+NEARLY_A_TURN_DEG = 350.0
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+@pytest.mark.parametrize("arm", EVERY_ARM)
+def test_an_arm_is_calibrated_by_the_scripted_hands(say, arm):
+    done = say(f"calibrate {arm} --port sim:?hand=sweep --yes --json")
+    assert done.code == 0, done.err
+    model = load_model(arm)
+    for joint in done.json["joints"]:
+        known = model.joint(joint["name"])
+        assert joint["sign"] == known.joint_map.sign
+        ends_deg = [math.degrees(end.value) for end in (known.limits.lower, known.limits.upper)]
+        if known.joint_map.unit == "m":
+            assert joint["swept"] == "by hand", joint["name"]
+        elif ends_deg[1] - ends_deg[0] > NEARLY_A_TURN_DEG:
+            assert f"{joint['name']} turns freely" in " ".join(done.json["findings"])
+        else:
+            found = [joint["lower_deg"], joint["upper_deg"]]
+            assert found == pytest.approx(ends_deg, abs=1.0), joint["name"]
+
+
+def test_an_arm_with_every_servo_mounted_the_other_way_is_calibrated_as_well(
+    say, monkeypatch, tmp_path
+):
+    opened = servosim.open_port
+
+    def open_port(url):
+        text = (CONFIGS / "planar2" / "arm.toml").read_text().replace("sign = 1", "sign = -1")
+        (tmp_path / "arm.toml").write_text(text)
+        (tmp_path / "arm.urdf").write_text((CONFIGS / "planar2" / "arm.urdf").read_text())
+        return opened(f"sim:{tmp_path / 'arm.toml'}?hand=sweep")
+
+    monkeypatch.setattr("servosim.open_port", open_port)
+    done = say("calibrate planar2 --port sim --yes --json")
+    assert done.code == 0, done.err
+    assert [joint["sign"] for joint in done.json["joints"]] == [-1, -1]
+    assert "joint2: sign is opposite to the arm file, measured twice." in done.json["findings"]

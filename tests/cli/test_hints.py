@@ -1,0 +1,72 @@
+"""Every command that a message names exists, with every option that it is named with."""
+
+import ast
+from pathlib import Path
+
+import ikservo
+from ikservo.cli.hints import COMMAND, addressed
+from ikservo.cli.words import WORDS, app
+
+PROSE = ("x", "has", "is", "program", "programs", "wrote")  # "a file that ikservo has written"
+SOURCES = Path(ikservo.__file__).parent
+
+
+def sentences():
+    """Every string of the program that is no docstring; what is filled in stands as ``x``."""
+    for path in sorted(SOURCES.rglob("*.py")):
+        tree = ast.parse(path.read_text("utf-8"))
+        inner = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)
+                 for part in node.values}  # fmt: skip
+        docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if id(node) in inner | docs:
+                continue
+            if isinstance(node, ast.JoinedStr):
+                parts = (v.value if isinstance(v, ast.Constant) else "x" for v in node.values)
+                yield path.name, "".join(parts)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield path.name, node.value
+
+
+NAMED = sorted(
+    {
+        (file, found[1], found[2])
+        for file, text in sentences()
+        for found in COMMAND.finditer(text)
+        if found[1] not in PROSE and not text.startswith("ikservo ")  # a thread's name
+    }
+)
+
+
+def command_of(name):
+    import typer
+
+    group = typer.main.get_command(app)
+    return group.get_command(None, name)
+
+
+def test_commands_in_messages_exist():
+    assert [(file, name) for file, name, _ in NAMED if name not in WORDS] == []
+
+
+def test_options_of_commands_in_messages_exist():
+    wrong = []
+    for file, name, arguments in NAMED:
+        options = {text for param in command_of(name).params for text in param.opts}
+        named = {word.partition("=")[0] for word in arguments.split() if word.startswith("--")}
+        wrong += [(file, name, option) for option in named - options - {"--help"}]
+    assert wrong == []
+
+
+def test_no_sentence_goes_on_behind_a_command_without_punctuation():
+    prose = {"tries", "is", "and", "then", "the", "to", "goes", "with", "for"}
+    assert [row for row in NAMED if prose & set(row[2].split())] == []
+
+
+def test_the_arm_of_a_calibration_is_repeated_where_it_stands():
+    hint = "Finish it: ikservo calibration resume. Or go back: ikservo calibration revert."
+    said = addressed(hint, ["calibrate", "so101", "--port", "/dev/ttyACM0"])
+    assert said == (
+        "Finish it: ikservo calibration resume so101 --port /dev/ttyACM0. "
+        "Or go back: ikservo calibration revert so101 --port /dev/ttyACM0."
+    )

@@ -1,0 +1,120 @@
+"""A question is answered by what is typed after it, never by what was typed before."""
+
+import os
+import re
+import select
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+import ikservo.cli
+from ikservo.cli.keyboard import keys
+from ikservo.cli.prompts import confirm, wait_for_enter
+from ikservo.cli.session import agree
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
+
+
+class Terminal:
+    """The keyboard of the terminal that is stdin; types the next text once a prompt is printed."""
+
+    def __init__(self, keyboard):
+        self.keyboard, self.texts = keyboard, []
+
+    def type(self, text):
+        os.write(self.keyboard, text.encode())
+        select.select([sys.stdin], [], [], 0.2)  # the kernel carries it over when it has time
+
+    def print(self, prompt, **how):
+        print(prompt, **how)  # noqa: T201
+        if self.texts:
+            self.type(self.texts.pop(0))
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    master, slave = os.openpty()
+    stdin = os.fdopen(slave, "r")
+    terminal = Terminal(master)
+    monkeypatch.setattr(sys, "stdin", stdin)
+    monkeypatch.setattr("ikservo.cli.prompts.print", terminal.print, raising=False)
+    yield terminal
+    stdin.close()
+    os.close(master)
+
+
+@pytest.mark.parametrize("ahead", ["y\n", "y\ny\ny\n", "\n\n\n", "y"])
+def test_what_was_typed_before_a_question_does_not_answer_it(terminal, ahead):
+    terminal.type(ahead)
+    terminal.texts = ["n\n"]
+    assert confirm("Switch torque off?") is False
+
+
+def test_a_second_typed_line_does_not_answer_the_next_question(terminal):
+    terminal.texts = ["y\ny\n", "n\n"]
+    assert [confirm("Save?"), confirm("Write the limits?")] == [True, False]
+
+
+@pytest.mark.parametrize("text", ["\n", "   \n", "maybe\n", "yn\n"])
+def test_no_question_has_a_default_answer(terminal, capsys, text):
+    terminal.texts = [text, "y\n"]
+    assert confirm("Move?") is True
+    assert capsys.readouterr().err == "Move? [y/n]: Type y or n, then Enter.\nMove? [y/n]: "
+
+
+@pytest.mark.parametrize(("text", "answer"), [("YES\n", True), (" No \n", False)])
+def test_the_whole_words_are_understood(terminal, text, answer):
+    terminal.texts = [text]
+    assert confirm("Move?") is answer
+
+
+def test_enter_that_was_pressed_too_early_does_not_keep_a_pose(terminal):
+    terminal.type("\n")
+    terminal.texts = ["\x04"]  # Ctrl-D: nothing else is waiting
+    with pytest.raises(typer.Abort):
+        wait_for_enter("Bring the arm into the pose, then press Enter.")
+
+
+def test_an_arm_does_not_move_because_enter_was_typed_ahead(terminal):
+    class Machine:
+        zeros = None
+
+    terminal.type("\ny\n")
+    terminal.texts = ["n\n"]
+    with pytest.raises(Exception, match="nothing moved"):
+        agree(Machine(), yes=False)
+
+
+def test_keys_that_were_typed_ahead_are_not_pressed(terminal):
+    terminal.type("us\n")
+    with keys() as pressed:
+        assert pressed() == ""
+
+
+def test_keys_that_come_together_are_all_seen_at_once_and_none_later(terminal):
+    with keys() as pressed:
+        terminal.type("us")
+        assert pressed() == "us"
+        assert pressed() == ""
+
+
+def test_an_arrow_key_is_not_the_letter_that_it_ends_with(terminal):
+    with keys() as pressed:
+        terminal.type("\x1b[A\x1bOB\x1b[1;5Cs")
+        assert pressed() == "s"
+
+
+def test_keys_left_unread_do_not_answer_the_next_question(terminal):
+    with keys():
+        terminal.type("y\n")
+    terminal.texts = ["n\n"]
+    assert confirm("Save?") is False
+
+
+def test_every_question_of_the_command_line_is_asked_in_this_way():
+    elsewhere = re.compile(r"typer\.(confirm|prompt)|\binput\(|stdin\.read")
+    sources = Path(ikservo.cli.__file__).parent.rglob("*.py")
+    found = [path.name for path in sources if elsewhere.search(path.read_text("utf-8"))]
+    assert found == ["prompts.py"]  # which reads lines itself where there are no descriptors
