@@ -22,7 +22,7 @@ check: $(VENV)/checked  ## what a commit must pass besides the tests
 campaign: $(VENV)/tested  ## long seeded campaigns
 	$(BIN)/python -m pytest -m campaign
 
-mutate: $(VENV)/tested  ## every small change of the guard must make a test fail
+mutate: $(VENV)/tested  ## every small change of guard, kinematics and calibration must make a test fail
 	$(BIN)/python tools/mutate.py
 
 bench: $(VENV)/tested  ## how long the commands take; results belong in docs/benchmarks.md

@@ -185,6 +185,7 @@ class ArmFile(_Table):
     urdf: Text = Field(description="a file in the arm's own folder")
     tip: Text = Field(description="the URDF link whose frame is the tool")
     source: Text = Field(description=_TEXT)
+    base_frame: Text | None = Field(default=None, description=_TEXT)
     bus: ArmBus = Field(description="a table [bus]")
     speeds: ArmSpeeds = Field(description="tables [speeds.slow], [speeds.normal], [speeds.fast]")
     joints: tuple[ArmJoint, ...] = Field(strict=False, description="tables [[joints]]")

@@ -12,7 +12,7 @@ __all__ = ["arm_names", "catalogue_name", "find_arm"]
 ARM_FILE = "arm.toml"
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
-_SUFFIXES = (".toml", ".urdf")
+_SUFFIXES = (".toml", ".urdf", ".xacro", ".xml")
 _LONGEST_SHOWN = 80
 
 
@@ -25,8 +25,8 @@ def find_arm(name_or_path: str | Path) -> Path:
     """Return the ``arm.toml`` or ``.urdf`` that a person means.
 
     A name is looked up in the listing of the shelves and never becomes part of a path unless
-    it is there. What has a separator or ends in .toml or .urdf is a path: to such a file, or to a
-    folder that holds an ``arm.toml``. Nothing is opened here.
+    it is there. What has a separator or ends in .toml, .urdf, .xacro or .xml is a path: to such a
+    file, or to a folder that holds an ``arm.toml``. Nothing is opened here.
 
     Raises:
         UnknownNameError: There is no such arm; the closest name is offered.

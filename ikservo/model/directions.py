@@ -12,7 +12,11 @@ __all__ = ["axes", "direction"]
 # A joint that moves the tip by less than this for a radian rolls the tool.
 _ROLLS_M_PER_RAD = 0.03
 _AHEAD_M = 0.01
-_WORDS = (("forwards", "back"), ("to the left", "to the right"), ("up", "down"))
+_WORDS = (
+    ("forwards", "back"),
+    ("to the left (seen from behind the base)", "to the right (seen from behind the base)"),
+    ("up", "down"),
+)
 
 
 def direction(model: Model, joint: ModelJoint, pose: str, towards: int) -> str:

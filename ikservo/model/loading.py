@@ -18,11 +18,12 @@ from ikservo.model.arm_file import (
     read_arm_file,
 )
 from ikservo.model.catalogue import find_arm
+from ikservo.model.description import read_description
 from ikservo.model.gripper import Gripper
 from ikservo.model.health import HealthLimits
 from ikservo.model.model import KeepOut, Model, ModelJoint, ModelServo, Speed
 from ikservo.model.skeleton import chain_of
-from ikservo.model.urdf import Urdf, UrdfJoint, read_urdf
+from ikservo.model.urdf import Urdf, UrdfJoint
 from ikservo.registers import MODELS, Family, ServoTable
 
 __all__ = ["load_model"]
@@ -35,7 +36,8 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
 
     Args:
         arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder that holds one,
-            or to a ``.urdf``.
+            to a ``.urdf``, a ``.xacro`` where xacro is installed, or an MJCF
+            (``.xml``) where mujoco is.
         tip: The link that is the tool; required for a bare URDF, else the arm file's.
 
     Raises:
@@ -43,33 +45,23 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
         FileFormatError: A file cannot be used; says where and what was expected.
     """
     path = find_arm(arm)
-    return _from_urdf(path, tip) if path.suffix == ".urdf" else _from_arm_file(path, tip)
+    return _from_arm_file(path, tip) if path.suffix == ".toml" else _from_urdf(path, tip)
 
 
 def _from_urdf(path: Path, tip: str | None) -> Model:
-    urdf = read_urdf(path)
+    urdf = read_description(path)
     if tip is None:
         links = ", ".join(link.name for link in urdf.links)
         raise InputError(
             f"{path} does not say which link is the tool.", f"Give tip (--tip), of: {links}."
         )
-    return Model(
-        name=urdf.name or path.stem,
-        title=urdf.name or path.stem,
-        chain=chain_of(urdf, tip),
-        urdf=urdf,
-        joints=(),
-        poses={},
-        speeds={},
-        family=None,
-        baud_rate=0,
-        path=path,
-    )
+    name = urdf.name or path.stem
+    return Model.bare(name, name, chain_of(urdf, tip), urdf, path)
 
 
 def _from_arm_file(path: Path, tip: str | None) -> Model:
     arm = read_arm_file(path)
-    urdf = read_urdf(arm.urdf_path)
+    urdf = read_description(arm.urdf_path, path.parent)
     _check_tip(path, arm, urdf)
     joints = tuple(_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
     _check_poses(path, joints, arm)
@@ -91,6 +83,7 @@ def _from_arm_file(path: Path, tip: str | None) -> Model:
         health=_health(arm.health),
         auto_unsafe="" if arm.calibration.auto else arm.calibration.reason or "no reason given",
         gripper=_gripper(arm.gripper, joints),
+        base_frame=arm.base_frame or "",
     )
 
 

@@ -99,6 +99,9 @@ class Model:
         health: What its servos may be asked to bear.
         auto_unsafe: Why it must not look for its own stops; empty where it may.
         gripper: What is known of its jaws; None where no servo moves any.
+        base_frame: How the base frame differs from the convention of the catalogue, and why; empty
+            where it does not: x forward, y left, z up, origin on the first axis at the mounting
+            surface.
     """
 
     name: str
@@ -116,6 +119,18 @@ class Model:
     health: HealthLimits = _USUAL_HEALTH
     auto_unsafe: str = ""
     gripper: Gripper | None = None
+    base_frame: str = ""
+
+    @classmethod
+    def bare(cls, name: str, title: str, chain: Chain, urdf: Urdf, path: Path) -> Model:
+        """Return an arm of which only the geometry is known: no servos, poses or speeds."""
+        return cls(name, title, chain, urdf, (), {}, {}, None, 0, path)
+
+    def __repr__(self) -> str:
+        """Return its name, joints and poses; the attributes tell the rest."""
+        joints = ", ".join(joint.name for joint in self.joints) or ", ".join(self.chain.names)
+        poses = ", ".join(self.poses) or "none"
+        return f"Model({self.name!r}: {self.title}; joints {joints}; poses {poses})"
 
     def joint(self, name: str) -> ModelJoint:
         """Return the joint of that name.

@@ -6,20 +6,23 @@ import math
 
 import numpy as np
 
+from ikservo.errors import InputError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.body import Body
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.se3 import Vector, rotation_rpy
+from ikservo.model.meshes import capsules_around_mesh, capsules_around_surface
 from ikservo.model.model import Model
 from ikservo.model.skeleton import chain_of
-from ikservo.model.urdf import Box, Cylinder, Mesh, Shape, Sphere
+from ikservo.model.urdf import Box, Cylinder, Mesh, Shape, Sphere, Surface
 
-__all__ = ["body_of", "body_with_jaws", "capsules_around"]
+__all__ = ["body_of", "body_with_jaws", "capsules_around", "capsules_of"]
 
 
 def body_of(model: Model) -> Body:
     """Return the arm's capsules and the pairs of links that its named poses keep apart."""
-    return Body(model.chain, _capsules(model), [model.chain_pose(name) for name in model.poses])
+    postures = [model.chain_pose(name) for name in model.poses]
+    return Body(model.chain, _some_capsules(model), postures)
 
 
 def body_with_jaws(model: Model) -> Body:
@@ -33,7 +36,7 @@ def body_with_jaws(model: Model) -> Body:
         return body_of(model)
     poses = [np.array([pose[name] for name in chain.names]) for pose in model.poses.values()]
     closed = [np.append(q[:-1], gripper.closed) for q in poses]  # jaws may touch each other
-    return Body(chain, _capsules(model), poses + closed)
+    return Body(chain, _some_capsules(model), poses + closed)
 
 
 def _chain_to_jaws(model: Model) -> Chain | None:
@@ -46,23 +49,45 @@ def _chain_to_jaws(model: Model) -> Chain | None:
     return None
 
 
-def _capsules(model: Model) -> list[Capsule]:
+def capsules_of(model: Model) -> list[Capsule]:
+    """Return the capsules around every link's collision shapes, or what is drawn of it.
+
+    Raises:
+        FileFormatError: A mesh cannot be used; names the link.
+    """
     return [
         capsule
         for link in model.urdf.links
-        for shape in link.collisions
+        for shape in link.collisions or link.visuals
         for capsule in capsules_around(link.name, shape)
     ]
 
 
+def _some_capsules(model: Model) -> list[Capsule]:
+    capsules = capsules_of(model)
+    if not capsules:
+        raise InputError(
+            f"Contact cannot be checked: no link of {model.name} has a shape.",
+            "Add <collision> shapes to its description, or use --no-collision "
+            "(collisions=False) where you see that the way is free.",
+        )
+    return capsules
+
+
 def capsules_around(link: str, shape: Shape) -> list[Capsule]:
-    """Return capsules that cover a shape; a mesh, which is never opened, has none.
+    """Return capsules that cover a shape.
 
     A box is covered along its longest edge: one capsule through the middle of each of as many
     strips as the middle edge is wider than the shortest.
+
+    Raises:
+        FileFormatError: A mesh cannot be used; names the link.
+        InputError: A mesh needs the extra ``mesh``, which is not installed.
     """
     if isinstance(shape, Mesh):
-        return []
+        return capsules_around_mesh(link, shape)
+    if isinstance(shape, Surface):
+        return capsules_around_surface(link, shape)
     if isinstance(shape, Sphere):
         centre = np.array(shape.xyz_m)
         return [Capsule(link, centre, centre, shape.radius_m)]

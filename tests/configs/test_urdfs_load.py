@@ -45,10 +45,16 @@ CHAINS = {
     ],
 }
 
+# The source's base frame in ours, where ours is another: xyz [m], rpy [rad].
+BASES = {
+    "so100": ((-0.0452, 0, 0),                     (0, 0, np.pi / 2)),
+    "koch":  ((-0.0326246, 0.0401555, 0.022),      (0, 0, -np.pi / 2)),
+}
+
 # The makers' frames do not turn at zero: the tip is the sum of the origins [m].
 TIPS_M = {
     "open_manipulator_x": (0.012 + 0.024 + 0.124 + 0.126,            0,        0.0595 + 0.128),
-    "omx_f":              (0.0415 + 0.162 + 0.0287 + 0.09 - 0.01125, -0.00165, 0.0975 + 0.11315),
+    "omx_f":              (0.0415 + 0.162 + 0.0287 + 0.09193 - 0.01125, -0.0016, 0.0975 + 0.11315),
     "px100":              (0.248575,                                 0,        0.1931),
     "wx250s":             (0.458325,                                 0,        0.36065),
     "vx300s":             (0.536494,                                 0,        0.42705),
@@ -116,7 +122,7 @@ def transform(xyz: tuple[float, ...], rpy: tuple[float, ...]) -> np.ndarray:
 def expected_tip_m(arm: str) -> np.ndarray:
     if arm in TIPS_M:
         return np.array(TIPS_M[arm])
-    T_world_tool = np.eye(4)
+    T_world_tool = transform(*BASES.get(arm, ((0, 0, 0), (0, 0, 0))))
     for xyz, rpy in CHAINS[arm]:
         T_world_tool = T_world_tool @ transform(xyz, rpy)
     return T_world_tool[:3, 3]

@@ -20,7 +20,10 @@ OUTSIDE = [
     "..",
     ".",
     "",
-    "package://small/meshes/base.stl",
+    "package://small/meshes/../../base.stl",
+    "package:///meshes/base.stl",
+    "file:base.stl",
+    "file://host/base.stl",
     "package://../../etc/passwd",
     "package://small/../../etc/passwd",
     "model://small/base.stl",
@@ -53,9 +56,9 @@ def test_a_mesh_outside_the_folder_has_no_path(
 
 
 def test_a_mesh_outside_the_folder_is_mentioned(urdf_path: Path, urdf_text: str) -> None:
-    urdf = read_with_mesh(urdf_path, urdf_text, "package://small/base.stl")
+    urdf = read_with_mesh(urdf_path, urdf_text, "../base.stl")
     assert urdf.warnings == (
-        'meshes outside the URDF\'s own folder are ignored: 1, first "package://small/base.stl"',
+        'meshes outside the model\'s folder cannot be used: 1, first "../base.stl"',
     )
 
 

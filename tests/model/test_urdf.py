@@ -70,6 +70,12 @@ def test_an_origin_without_rpy_is_not_turned(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").rpy_rad == (0, 0, 0)
 
 
+def test_an_origin_without_xyz_sits_at_its_parent(urdf_path: Path, urdf_text: str) -> None:
+    urdf_path.write_text(urdf_text.replace('xyz="0 0 0.1" rpy="0 1.5 0"', 'rpy="0 1.5 0"'))
+    tool = joint(read_urdf(urdf_path), "tool")
+    assert (tool.xyz_m, tool.rpy_rad) == ((0, 0, 0), (0, 1.5, 0))
+
+
 def test_an_axis_is_made_one_long(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").axis == pytest.approx((0, 0.6, 0.8), abs=1e-15)
 

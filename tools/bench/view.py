@@ -21,6 +21,7 @@ from ten_links import ten_links
 from visiting import served
 
 from ikservo.arm.streaming.beat import Beat
+from ikservo.kinematics.se3 import Vector
 from ikservo.model import load_model
 from ikservo.view.server.messages import Pointer
 from ikservo.view.session.house import House
@@ -47,7 +48,7 @@ def _goal_times(house: House) -> list[tuple[float, object]]:
     """Return a list that grows by the time and the wish behind each goal that is sent."""
     out: list[tuple[float, object]] = []
     servos = house.pilot.arm.workings.servos
-    send: Callable[[Any], None] = servos.command
+    send: Callable[[Vector, float], bool] = servos.command
     see = house.pilot.see
     taken: list[object] = [None]
 
@@ -57,9 +58,10 @@ def _goal_times(house: House) -> list[tuple[float, object]]:
 
     house.pilot.see = seen
 
-    def command(positions: Any) -> None:  # noqa: ANN401
-        send(positions)
+    def command(positions: Vector, now_s: float) -> bool:
+        sent = send(positions, now_s)
         out.append((time.perf_counter(), taken[-1]))
+        return sent
 
     servos.command = command
     return out

@@ -43,7 +43,7 @@ def read_touch_script(path: Path) -> list[str]:
         word = line.partition("#")[0].strip()
         if word and word not in WORDS:
             expected = f"one of: {', '.join(WORDS)}"
-            raise FileFormatError(path, f"line {number}", "is no answer", expected)
+            raise FileFormatError(path, f"line {number}", "is not an answer", expected)
         answers += [word] if word else []
     return answers
 
@@ -77,7 +77,7 @@ class TouchScript:
             return word
         if at_s - self._since_s > _PATIENCE_S:
             raise CalibrationError(
-                f"Nobody has put the tip on {talk.asked.name} for a minute.",
-                "Guide it there and hold it still.",
+                f"Timeout: the tip was not put on {talk.asked.name} within 60 s.",
+                "Guide the tip there and keep it still.",
             )
         return None

@@ -91,9 +91,9 @@ class Touching:
             CalibrationError: The arm still moves, or nothing is asked for.
         """
         if self.asked is None:
-            raise CalibrationError("Every point has been touched.", "Accept, or undo.")
+            raise CalibrationError("Every point has been touched.", "Evaluate (a), or undo (u).")
         if not self.still:
-            raise CalibrationError("The arm still moves.", "Hold it still for half a second.")
+            raise CalibrationError("The arm is still moving.", "Hold it still for half a second.")
         ticks = self.stillness.middle()
         touch = Touch(self._joints(ticks), self.asked.name, self.asked.position_m)
         return replace(

@@ -88,8 +88,8 @@ def estimate(chain: Chain, touches: Sequence[Touch], present: Chain | None = Non
     """
     if len(touches) < FEWEST:
         raise CalibrationError(
-            f"{len(touches)} touches say too little about an arm.",
-            f"Touch at least {FEWEST} points, better 15, in postures unlike each other.",
+            f"Too few touches: {len(touches)}; at least {FEWEST} are needed.",
+            "Touch about 15 points, in different postures.",
         )
     extents = _extents(touches)
     kept = fit_robustly(chain, touches, extents[-1]).kept

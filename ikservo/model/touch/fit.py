@@ -146,16 +146,15 @@ def _refuse_scatter(found: Fit) -> None:
     spread_m = float(np.median(found.residuals_m[found.kept]))
     if spread_m > _WILDEST_M:
         raise CalibrationError(
-            f"The touches fit no arm like this one: half of them are off by {1000 * spread_m:.0f} "
-            "mm and more.",
-            "Is the sheet where it was said to be, printed at full size, and are the points "
-            "touched in the order that was asked for? Nothing was saved.",
+            f"The touches do not fit this arm: median residual {1000 * spread_m:.0f} mm.",
+            "Check the place of the sheet, its print scale (100 %) and the order of the points. "
+            "Nothing was saved.",
         )
 
 
 def _contradicting(touches: Sequence[Touch], kept: Mask) -> CalibrationError:
     names = ", ".join(t.point for t, good in zip(touches, kept, strict=True) if not good)
     return CalibrationError(
-        f"{np.count_nonzero(~kept)} of {len(touches)} touches contradict the others: {names}.",
-        "Is the sheet where it was said to be, and printed at full size? Nothing was saved.",
+        f"{np.count_nonzero(~kept)} of {len(touches)} touches are outliers: {names}.",
+        "Check the place of the sheet and its print scale (100 %). Nothing was saved.",
     )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ikservo.files.quoting import quoted
-from ikservo.files.reading import path_inside
 from ikservo.model.urdf.elements import Element
+from ikservo.model.urdf.mesh_paths import mesh_path
 from ikservo.model.urdf.origins import read_origin
 from ikservo.model.urdf.parts import Box, Cylinder, Mesh, Shape, Sphere, UrdfLink, Vector
 
@@ -14,11 +16,11 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def read_link(element: Element) -> UrdfLink:
-    """Return one link."""
+def read_link(element: Element, folder: Path) -> UrdfLink:
+    """Return one link; its meshes are files under a folder."""
     name = element.name()
-    collisions = tuple(_read_shape(each) for each in element.each("collision"))
-    visuals = tuple(_read_shape(each) for each in element.each("visual"))
+    collisions = tuple(_read_shape(each, folder) for each in element.each("collision"))
+    visuals = tuple(_read_shape(each, folder) for each in element.each("visual"))
     inertial = element.optional("inertial")
     if inertial is None:
         zero = (0.0, 0.0, 0.0)
@@ -45,7 +47,7 @@ def _read_inertia(inertial: Element) -> tuple[float, float, float, float, float,
     return ixx, ixy, ixz, iyy, iyz, izz
 
 
-def _read_shape(element: Element) -> Shape:
+def _read_shape(element: Element, folder: Path) -> Shape:
     xyz_m, rpy_rad = read_origin(element)
     geometry = element.required("geometry")
     shape = _only_shape(geometry)
@@ -58,7 +60,7 @@ def _read_shape(element: Element) -> Shape:
         case "sphere":
             return Sphere(_length(shape, "radius"), xyz_m, rpy_rad)
         case _:
-            return _read_mesh(shape, xyz_m, rpy_rad)
+            return _read_mesh(shape, folder, xyz_m, rpy_rad)
 
 
 def _only_shape(geometry: Element) -> Element:
@@ -68,9 +70,9 @@ def _only_shape(geometry: Element) -> Element:
     return geometry.children[0]
 
 
-def _read_mesh(mesh: Element, xyz_m: Vector, rpy_rad: Vector) -> Mesh:
+def _read_mesh(mesh: Element, folder: Path, xyz_m: Vector, rpy_rad: Vector) -> Mesh:
     filename = mesh.text("filename")
-    path = path_inside(mesh.path.parent, filename)
+    path = mesh_path(filename, mesh.path, folder)
     return Mesh(filename, path, mesh.vector("scale", default=1.0), xyz_m, rpy_rad)
 
 

@@ -5,8 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ikservo.errors import UnknownNameError
+
+if TYPE_CHECKING:  # reading a URDF needs no numpy
+    import numpy as np
+    from numpy.typing import NDArray
 
 __all__ = [
     "Box",
@@ -16,6 +21,7 @@ __all__ = [
     "Mimic",
     "Shape",
     "Sphere",
+    "Surface",
     "Urdf",
     "UrdfJoint",
     "UrdfLink",
@@ -117,7 +123,7 @@ class Mesh:
 
     Attributes:
         filename: What the file says.
-        path: The resolved file if it lies under the URDF's own folder, else None.
+        path: The resolved file if it lies under the model's own folder, else None.
         scale: Factor along each axis.
         xyz_m: Origin in the link frame.
         rpy_rad: Orientation in the link frame.
@@ -130,7 +136,16 @@ class Mesh:
     rpy_rad: Vector
 
 
-Shape = Box | Cylinder | Sphere | Mesh
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """A mesh that is already in memory; ``triangles_m`` are corners (n, 3, 3) in its own frame."""
+
+    triangles_m: NDArray[np.float64]
+    xyz_m: Vector
+    rpy_rad: Vector
+
+
+Shape = Box | Cylinder | Sphere | Mesh | Surface
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from ikservo.model.urdf.links import read_link
 from ikservo.model.urdf.parts import Urdf
 from ikservo.model.urdf.slips import find_slips
 from ikservo.model.urdf.tree import find_root
+from ikservo.model.urdf.xacro import expanded
 
 __all__ = ["read_urdf"]
 
@@ -21,10 +22,14 @@ _XACRO = "xacro}"  # how its namespace ends; files spell the rest in several way
 _EXPAND = "plain URDF; run: xacro arm.urdf.xacro > arm.urdf"
 
 
-def read_urdf(path: Path | str) -> Urdf:
+def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
     """Read the links, joints and simple shapes of a URDF; anything else in it is passed over.
 
     Nothing but the file itself is opened: no meshes, no includes, no document types.
+
+    Args:
+        path: The file; macros of one that ends in .xacro are expanded, where xacro is installed.
+        folder: Under which its meshes may lie; its own if None.
 
     Source: the URDF XML specification, http://wiki.ros.org/urdf/XML
 
@@ -32,13 +37,19 @@ def read_urdf(path: Path | str) -> Urdf:
         FileFormatError: The file cannot be read or is not a usable URDF; ``where`` is the line.
     """
     path = Path(path)
-    root = parse_xml(path, read_text(path, LARGEST_BYTES))
+    root = parse_xml(path, _text(path))
     _refuse_other_formats(root)
-    links = tuple(read_link(each) for each in root.each("link"))
+    home = path.parent if folder is None else folder
+    links = tuple(read_link(each, home) for each in root.each("link"))
     joints = tuple(read_joint(each) for each in root.each("joint"))
     base = find_root(path, links, joints)
     name = root.name() if root.attributes.get("name") else ""
     return Urdf(name, links, joints, base, find_slips(root, links, joints))
+
+
+def _text(path: Path) -> str:
+    text = read_text(path, LARGEST_BYTES)
+    return expanded(path) if path.suffix == ".xacro" else text
 
 
 def _refuse_other_formats(root: Element) -> None:

@@ -51,4 +51,4 @@ def _meshes_outside(links: Sequence[UrdfLink]) -> Iterator[str]:
     outside = [shape for shape in shapes if isinstance(shape, Mesh) and shape.path is None]
     if outside:
         first = quoted(outside[0].filename)
-        yield f"meshes outside the URDF's own folder are ignored: {len(outside)}, first {first}"
+        yield f"meshes outside the model's folder cannot be used: {len(outside)}, first {first}"

@@ -41,7 +41,10 @@ class _Compiler:
     discardvisual: bool
     balanceinertia: bool
 
-class _Body:
+class MjsBody:
+    name: str
+    bodies: list[MjsBody]
+    joints: list[object]
     def add_geom(
         self, *, type: mjtGeom, size: tuple[float, ...], pos: tuple[float, ...]
     ) -> object: ...
@@ -49,9 +52,10 @@ class _Body:
 class MjSpec:
     compiler: _Compiler
     option: _Option
-    worldbody: _Body
+    worldbody: MjsBody
     @staticmethod
     def from_file(filename: str) -> MjSpec: ...
+    def add_exclude(self, *, bodyname1: str, bodyname2: str) -> object: ...
     def compile(self) -> MjModel: ...
 
 def mj_forward(m: MjModel, d: MjData) -> None: ...

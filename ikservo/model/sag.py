@@ -1,0 +1,68 @@
+"""What an arm weighs, and how far its joints yield under load while servos hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import tau
+from types import MappingProxyType
+
+import numpy as np
+
+from ikservo.kinematics import Chain
+from ikservo.kinematics.gravity import LinkMass
+from ikservo.kinematics.se3 import Vector
+from ikservo.model.model import Model, ModelJoint
+
+__all__ = ["STIFFNESS_NM_RAD", "masses_of", "yields_of"]
+
+# Torque of each rad between goal and horn, at the gains that the servo has while an arm moves: as
+# delivered, XL330 as `arm.streaming.stiffness` raises them. STS3215: identified by Rhoban's BAM,
+# the kp of the SO-101 MJCF; other Feetech servos by their stall torques. Dynamixel: P gain / 128
+# PWM steps of 885 for each tick, times the stall torque of the data sheet.
+STIFFNESS_NM_RAD: Mapping[str, float] = MappingProxyType(
+    {
+        "STS3215": 17.8,
+        "STS3250": 26.0,
+        "SCS0009": 1.2,
+        "SCS15": 7.8,
+        "XL330-M288": 4.49,
+        "XL330-M077": 1.86,
+        "XL430-W250": 5.52,
+        "XM430-W350": 18.9,
+        "XM540-W270": 48.8,
+        "AX-12A": 2.7,
+        "MX-28": 6.4,
+    }
+)
+_FEETECH_GAIN = 32  # the P gain as delivered
+
+
+def masses_of(model: Model, chain: Chain) -> list[LinkMass]:
+    """Return the masses of a chain's links; links without a mass weigh nothing."""
+    return [
+        LinkMass(link.name, link.mass_kg, np.array(link.com_m))
+        for link in model.urdf.links
+        if link.mass_kg > 0 and link.name in chain.frames
+    ]
+
+
+def yields_of(model: Model, chain: Chain) -> Vector:
+    """Return how far each joint (dof,) of a chain yields, rad for each N m (m for each N).
+
+    A joint whose servo's stiffness is unknown does not yield.
+
+    Args:
+        model: The servos.
+        chain: The joints, base to tip; may end with the gripper's.
+    """
+    joints = {joint.name: joint for joint in model.joints}
+    return np.array([_yield(joints[name]) if name in joints else 0.0 for name in chain.names])
+
+
+def _yield(joint: ModelJoint) -> float:
+    stiffness_nm_rad = sum(
+        STIFFNESS_NM_RAD.get(servo.model, 0.0) * servo.eeprom.get("p_gain", _FEETECH_GAIN)
+        for servo in (joint.servo, *joint.shadows)
+    ) / _FEETECH_GAIN  # fmt: skip
+    per_horn_rad = joint.travel_per_turn / tau
+    return per_horn_rad**2 / stiffness_nm_rad if stiffness_nm_rad else 0.0

@@ -1,0 +1,100 @@
+"""How every public method of an arm is called: found from its own signature.
+
+A new method is in the matrix by itself as long as its required parameters have names that are
+known here; a parameter that is not known fails the test that lists the methods.
+"""
+
+import inspect
+import itertools
+
+import numpy as np
+
+from ikservo.arm import Arm
+from tests.journeys.recorded import record_a_wave
+from tests.journeys.typed import usual_target_m
+
+# Methods whose calls need another one first, or a program of their own.
+LISTENING = ("listen",)  # opens a socket; tests/arm/test_owner_socket.py
+PLUGGED = ("reconnect",)  # needs a cable that was pulled; tests/arm/test_faults_in_motion.py
+
+
+def methods():
+    """Return the name of every public method of an arm."""
+    found = inspect.getmembers(Arm, inspect.isfunction)
+    return tuple(name for name, _ in found if not name.startswith("_"))
+
+
+def arguments(name, arm, folder):
+    """Return the required arguments of a method, for this arm.
+
+    Raises:
+        LookupError: A parameter that nobody has said a value for.
+    """
+    values = {}
+    for parameter in list(inspect.signature(getattr(Arm, name)).parameters.values())[1:]:
+        if (name, parameter.name) in _OWN:
+            values[parameter.name] = _OWN[name, parameter.name](arm, folder)
+        elif parameter.default is inspect.Parameter.empty:
+            if parameter.name not in _VALUES:
+                raise LookupError(f"What is {parameter.name!r} of arm.{name}()? See {__name__}.")
+            values[parameter.name] = _VALUES[parameter.name](arm, folder)
+    return values
+
+
+def _some_joints(arm, _):
+    joint = arm.chain.names[-1]
+    return {joint: arm.model.pose("home")[joint] + 0.05}
+
+
+def _points(arm, _):
+    return [_target(arm), arm.chain.forward(arm.model.chain_pose("home"))[:3, 3]]
+
+
+def _target(arm, _=None):
+    return np.array(usual_target_m(arm.model.name))
+
+
+def _wave(arm, folder):
+    record_a_wave(arm.model.name, folder / "wave.jsonl")
+    return folder / "wave.jsonl"
+
+
+def _leader(arm, _):
+    import ikservo
+
+    return ikservo.open_arm(arm.model.name, port="sim:?pose=home")
+
+
+def _until_soon():
+    looks = itertools.count()
+    return lambda *_: next(looks) > 20
+
+
+_VALUES = {
+    "position_m": _target,
+    "points_m": _points,
+    "positions": _some_joints,
+    "plan": lambda arm, folder: arm.plan_joints(_some_joints(arm, folder)),
+    "planning": lambda arm, _: lambda here, pace: arm.plan_joints(_some_joints(arm, _)),
+    "speed": lambda *_: "slow",
+    "name": lambda *_: "home",
+    "pose": lambda *_: "rest",
+    "wishes": lambda *_: iter(()),
+    "leader": _leader,
+    "what": lambda arm, _: arm.chain.names[0],
+    "wanted": lambda *_: _while_wanted(),
+}
+_OWN = {
+    ("record", "path"): lambda _, folder: folder / "new.jsonl",
+    ("record", "duration_s"): lambda *_: 0.1,
+    ("replay", "path"): _wave,
+    ("carry_out", "plan"): lambda arm, _: arm.plan_to(_target(arm)),
+    ("teach", "name"): lambda *_: "cup",
+    ("follow_arm", "until"): lambda *_: _until_soon(),
+    ("gripper", "to"): lambda *_: "open",
+}
+
+
+def _while_wanted():
+    looks = itertools.count()
+    return lambda *_: next(looks) < 20

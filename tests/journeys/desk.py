@@ -1,0 +1,67 @@
+"""What lies on an owner's desk: simulated arms behind pseudo-terminals, and hands to them."""
+
+import contextlib
+import json
+import socket
+import subprocess
+import sys
+import time
+
+IKSERVO = [sys.executable, "-c", "from ikservo.cli import console; console()"]
+
+
+class Served:
+    """A simulated arm, or loose servos, behind a port.
+
+    Attributes:
+        port: The path that follows ``--port``.
+    """
+
+    def __init__(self, folder, *words):
+        self.port, self._control = folder / "port", folder / "control"
+        argv = [*IKSERVO, "sim", *map(str, words), "--link", self.port, "--control", self._control]
+        self._process = subprocess.Popen(list(map(str, argv)), stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout.readline().strip()
+
+    def do(self, what, **more):
+        """Do something to the servos, see docs/servosim.md; return what is answered."""
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(self._control))
+            client.sendall(json.dumps({"do": what, **more}).encode() + b"\n")
+            answer = json.loads(client.makefile().readline())
+        assert answer["ok"], answer
+        return answer
+
+    def joints_deg(self):
+        """Return the true position of every turning joint [degrees]."""
+        joints = self.do("state")["joints"]
+        return {n: joint["position_deg"] for n, joint in joints.items() if "position_deg" in joint}
+
+    def torque(self):
+        """Return whether each servo holds, in the order of the bus."""
+        return [servo["torque"] for servo in self.do("state")["servos"]]
+
+    def lead(self, joint, deg, force=20.0):
+        """Let a hand bring a joint somewhere, and wait until it is there."""
+        self.do("hand", joint=joint, deg=deg, force=force)
+        until_s = time.monotonic() + 30.0
+        while abs(self.joints_deg()[joint] - deg) > 2.0 and time.monotonic() < until_s:
+            time.sleep(0.05)
+
+    def let_go(self, joint):
+        self.do("hand", joint=joint, release=True)
+
+    def end(self):
+        self._process.terminate()
+        self._process.communicate()
+
+
+@contextlib.contextmanager
+def served(folder, *words):
+    """Yield a simulated arm, or loose servos, behind a port."""
+    folder.mkdir(exist_ok=True)
+    desk = Served(folder, *words)
+    try:
+        yield desk
+    finally:
+        desk.end()

@@ -1,0 +1,22 @@
+"""A recording to play back: a short wave around the pose home, as `ikservo record` writes it."""
+
+import shutil
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import ikservo
+
+
+def record_a_wave(arm, path):
+    """Write a recording of an arm to a path."""
+    shutil.copy(_recorded(arm), path)
+
+
+@cache
+def _recorded(arm):
+    path = Path(tempfile.mkdtemp()) / "wave.jsonl"
+    with ikservo.open_arm(arm, port="sim:?pose=home") as machine:
+        machine.enable()
+        machine.record(path, duration_s=0.3)
+    return path

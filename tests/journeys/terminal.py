@@ -1,0 +1,160 @@
+"""A terminal with a person in front of it: types, reads the screen, waits for words."""
+
+import contextlib
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import sys
+import termios
+import time
+from dataclasses import dataclass, field
+
+import pyte
+
+IKSERVO = [sys.executable, "-c", "from ikservo.cli import console; console()"]
+CONTROLS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\x1b[()][A-Z0-9]|\x1b[=>]")
+ROWS = 50
+SOON_S = 40.0  # for a machine with other work
+
+
+@dataclass
+class Ended:
+    """What a command left on the screen.
+
+    Attributes:
+        code: Its exit code; minus the signal that ended it.
+        text: All that it printed, without colours and control sequences.
+        screen: The lines that are on the screen now.
+        long: The printed lines that are longer than the screen is wide.
+    """
+
+    code: int
+    text: str
+    screen: list
+    long: list
+
+
+@dataclass
+class Terminal:
+    """A screen of so many columns, and the environment of the shell in it."""
+
+    columns: int = 80
+    env: dict = field(default_factory=dict)
+
+    @contextlib.contextmanager
+    def running(self, *words):
+        """Run ``ikservo`` with these words; yield the program, which is killed in the end."""
+        program = Program(self, [*IKSERVO, *map(str, words)])
+        try:
+            yield program
+        finally:
+            program.kill()
+
+    def run(self, *words, typed=()):
+        """Run a command to its end and return what it left; ``typed`` is (words, answer) pairs."""
+        with self.running(*words) as program:
+            for question, answer in typed:
+                program.wait_for(question)
+                program.type(answer)
+            return program.ended()
+
+
+class Program:
+    """A command that runs in a terminal."""
+
+    def __init__(self, terminal, argv):
+        self._columns = terminal.columns
+        self._screen = pyte.Screen(terminal.columns, ROWS)
+        self._stream, self.raw, self._read_to = pyte.ByteStream(self._screen), b"", 0
+        self._pid, self._fd = pty.fork()
+        if self._pid == 0:
+            env = {**os.environ, "TERM": "xterm-256color", **terminal.env}
+            for name in ("COLUMNS", "LINES", "NO_COLOR"):
+                env.pop(name, None)
+            time.sleep(0.05)  # until the screen has its size
+            os.execvpe(argv[0], argv, env)
+        self.resize(terminal.columns)
+
+    def resize(self, columns):
+        """Let the person draw the window to another width."""
+        fcntl.ioctl(self._fd, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, columns, 0, 0))
+        self._screen.resize(ROWS, columns)
+
+    @property
+    def text(self):
+        """Return all that was printed, without colours and control sequences."""
+        return CONTROLS.sub("", self.raw.decode(errors="replace")).replace("\r\n", "\n")
+
+    def type(self, text):
+        """Press keys; "\\x03" is Ctrl-C."""
+        os.write(self._fd, text.encode())
+
+    def wait_for(self, words, within_s=SOON_S):
+        """Wait until words were printed that have not been waited for, however they are wrapped."""
+        pattern, until_s = _loosely(words), time.monotonic() + within_s
+        while True:
+            match = pattern.search(self.text, self._read_to)
+            if match:
+                self._read_to = match.end()
+                return match.group()
+            alive = self.pump(0.1)
+            if time.monotonic() > until_s or not alive:
+                message = f"{words!r} was not printed; the screen:\n" + "\n".join(self.lines())
+                raise AssertionError(message)
+
+    def lines(self):
+        """Return the lines on the screen, without what is empty at its end."""
+        lines = [line.rstrip() for line in self._screen.display]
+        while lines and not lines[-1]:
+            lines.pop()
+        return lines
+
+    def signal(self, number):
+        os.kill(self._pid, number)
+
+    def ended(self, within_s=SOON_S):
+        """Wait for the end and return what is left."""
+        until_s = time.monotonic() + within_s
+        while self.pump(0.1):
+            assert time.monotonic() < until_s, "it does not end; the screen:\n" + self.text[-3000:]
+        _, status = os.waitpid(self._pid, 0)
+        self._pid = 0
+        long = [line for line in self._printed() if len(line) > self._columns]
+        return Ended(os.waitstatus_to_exitcode(status), self.text, self.lines(), long)
+
+    def kill(self):
+        if self._pid:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._pid, signal.SIGKILL)
+            os.waitpid(self._pid, 0)
+        self._pid = 0
+        os.close(self._fd)
+
+    def _printed(self):
+        """Yield lines as printed; of one that was drawn anew, the last; a path may be long."""
+        for line in self.text.split("\n"):
+            last = line.rstrip("\r").rpartition("\r")[2].rstrip()
+            if not any(len(word) > self._columns // 2 for word in last.split()):
+                yield last
+
+    def pump(self, wait_s=0.1):
+        """Read what is there; return whether the program still runs."""
+        ready, _, _ = select.select([self._fd], [], [], wait_s)
+        if not ready:
+            return True
+        try:
+            data = os.read(self._fd, 65536)
+        except OSError:
+            return False
+        self.raw += data
+        self._stream.feed(data)
+        return bool(data)
+
+
+def _loosely(words):
+    """Return a pattern of words with anything between them that a wrapped line may have."""
+    return re.compile(r"[\s│]+".join(re.escape(word) for word in words.split()), re.IGNORECASE)

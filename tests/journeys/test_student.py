@@ -1,0 +1,69 @@
+"""A student's afternoon, in a terminal: planar arms, methods compared, pictures, wrong input."""
+
+import sys
+
+import pytest
+
+from tests.journeys.terminal import Terminal
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
+
+COMPARED = ("bounded", "pseudo_inverse", "transpose", "ccd", "closed_form")
+
+
+@pytest.fixture(params=[80, pytest.param(120, marks=pytest.mark.campaign)])
+def terminal(request, tmp_path):
+    return Terminal(request.param, {"IKSERVO_HOME": str(tmp_path / "home")})
+
+
+def test_compares_the_methods_on_a_planar_arm(terminal):
+    ended = terminal.run("solve", "0.25", "0.10", "0.05", "--arm", "planar3", "--compare")
+    assert ended.code == 0
+    assert all(any(line.strip().startswith(name) for line in ended.screen) for name in COMPARED)
+    assert not ended.long
+
+
+def test_sees_both_elbows_of_two_links(terminal):
+    ended = terminal.run("solve", "0.20", "0.10", "0.05", "--arm", "planar2", "--all")
+    assert ended.code == 0
+    assert [line.split()[0] for line in ended.screen[1:3]] == ["1", "2"]
+    assert not ended.long
+
+
+def test_draws_the_iterations_to_a_file(terminal, tmp_path):
+    picture = tmp_path / "ccd.png"
+    words = ["solve", "0.25", "0.10", "0.05", "--arm", "planar3", "--method", "ccd"]
+    ended = terminal.run(*words, "--trace", "--plot", picture)
+    assert ended.code == 0, ended.text
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_is_told_what_to_do_about_a_point_out_of_reach(terminal):
+    ended = terminal.run("solve", "0.9", "0", "0.05", "--arm", "planar2")
+    assert ended.code == 7
+    assert not ended.long
+
+
+def test_reads_the_help_of_solve_on_one_screen_each_line_whole(terminal):
+    ended = terminal.run("solve", "--help")
+    assert ended.code == 0
+    assert not ended.long
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "solve 0,25 0 0.1 --arm so101",
+        "solve nan 0 0.1 --arm so101",
+        "solve 0.2 0 0.1 --arm so102",
+        "solve 0.2 0 0.1 --arm so101 --method newton",
+        "workspace --arm nowhere",
+        "solve 0.2 0 --arm so101",
+    ],
+)
+def test_a_slip_of_the_pen_is_one_clear_error(terminal, words):
+    ended = terminal.run(*words.split())
+    assert ended.code == 2
+    assert "Traceback" not in ended.text
+    assert 1 <= len(ended.screen) <= 8
+    assert not ended.long

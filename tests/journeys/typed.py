@@ -1,0 +1,120 @@
+"""What a person types after each command: found from the command's own parameters.
+
+A new command is in the matrix by itself as long as its parameters have names that are known here;
+a parameter that is not known fails the test that lists the commands.
+"""
+
+import itertools
+from functools import cache
+
+import numpy as np
+import typer
+
+from ikservo.cli import words as listing
+from ikservo.model import load_model
+
+SERVERS = ("view", "sim")  # end by Ctrl-C alone
+BY_HAND = ("calibrate", "setup", "import")  # wait for a person's hand
+FILED = ("calibration", "export", "replay")  # work on a file that has to be there
+
+# What belongs behind each option, where the command has it. Left out: options that need more
+# hardware, or that a test of their own covers.
+_OPTIONS = {
+    "--arm": "{arm}",
+    "--port": "{port}",
+    "--yes": None,
+    "--time": "0.3",
+    "--now": None,
+    "--cycles": "10",
+    "--no-open": None,
+    "--http": "0",
+    "--wait": "1",
+    "--leader-port": "sim",
+}
+_ARGUMENTS = {
+    "x": ["{x}"],
+    "y": ["{y}"],
+    "z": ["{z}"],
+    "arm": ["{arm}"],
+    "name": ["home"],
+    "goals": ["{joint}={degrees}"],
+    "file": ["{folder}/wave.jsonl"],
+    "leader": ["{arm}"],
+    "source": ["my_arm"],
+    "kind": ["lerobot"],
+    "what": ["bus"],
+}
+_OWN = {  # where one name means something else
+    ("scan", "name"): [""],
+    ("teach", "name"): ["cup"],
+    ("jog", "what"): ["{joint}", "z"],
+    ("gripper", "to"): ["open", "close"],
+    ("calibration", "action"): ["diff", "push", "pull"],
+    ("sim", "words"): ["{arm}"],
+}
+_WHOLE = {  # arguments that depend on each other, as typed, and which they are
+    "export": (("kind", "recording"), ["lerobot", "csv {folder}/wave.jsonl"]),
+}
+
+
+@cache
+def commands():
+    """Return the name of every command of the program."""
+    return tuple(listing.WORDS)
+
+
+@cache
+def lines_of(command):
+    """Return the argument lines that are typed after a command, with places for the arm.
+
+    Raises:
+        LookupError: A parameter that nobody has said a value for.
+    """
+    parameters = _loaded(command).params
+    names = tuple(p.name for p in parameters if p.param_type_name == "argument")
+    if command in _WHOLE and _WHOLE[command][0] == names:
+        lines = [(text,) for text in _WHOLE[command][1]]
+    else:
+        lines = list(itertools.product(*(_values(command, name) for name in names)))
+    options = [word for p in parameters for word in _typed(p) if p.param_type_name == "option"]
+    return [" ".join((command, *line, *options)) for line in lines]
+
+
+def filled(line, arm, port, folder):
+    """Return the words of a line for one arm, as the shell hands them over."""
+    model = load_model(arm)
+    x, y, z = usual_target_m(arm)
+    joint = model.chain.names[-1]
+    degrees = round(float(np.degrees(model.pose("home")[joint])) + 3.0, 1)
+    text = line.format(
+        arm=arm, port=port, folder=folder, x=f"{x:.3f}", y=f"{y:.3f}", z=f"{z:.3f}",
+        joint=joint, degrees=degrees,
+    )  # fmt: skip
+    return text.split()
+
+
+@cache
+def usual_target_m(arm):
+    """Return a point (3,) [m] that is well inside the reach, beside where the pose home is."""
+    chain, home = load_model(arm).chain, load_model(arm).chain_pose("home")
+    return tuple(chain.forward(0.7 * home + 0.05)[:3, 3].tolist())
+
+
+def _loaded(command):
+    app = typer.main.get_command(listing.app)
+    return app.get_command(None, command)
+
+
+def _values(command, name):
+    found = _OWN.get((command, name), _ARGUMENTS.get(name))
+    if found is None:
+        raise LookupError(f"What is typed for {name!r} of `ikservo {command}`? See {__name__}.")
+    return found
+
+
+def _typed(parameter):
+    for option in parameter.opts:
+        if option in _OPTIONS:
+            value = _OPTIONS[option]
+            return [option] if value is None else [option, value]
+    return []

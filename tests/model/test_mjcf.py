@@ -1,0 +1,126 @@
+"""MJCF is read as MuJoCo understands it: frames, limits, masses, shapes, followers."""
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+import ikservo
+from ikservo.errors import FileFormatError, InputError
+from ikservo.model.sag import masses_of
+from ikservo.model.shell import body_of
+
+MJCF = """<mujoco model="made">
+  <compiler angle="degree" meshdir="meshes" autolimits="true"/>
+  <asset><mesh name="bar" file="bar.stl"/></asset>
+  <worldbody>
+    <geom name="table" type="plane" size="1 1 0.1"/>
+    <body name="base" pos="0 0 0.02"><geom type="box" size="0.04 0.04 0.02"/>
+      <body name="upper" pos="0.01 0 0.05" euler="10 20 30">
+        <joint name="pan" axis="0 0 1" pos="0 0.005 0" range="-90 90"/>
+        <joint name="lift" axis="0 1 0" pos="0.01 0 0.02" range="-80 100" ref="15"/>
+        <geom type="mesh" mesh="bar" pos="0.06 0 0.02" mass="0.1"/>
+        <body name="fore" pos="0.12 0 0.02">
+          <joint name="elbow" axis="0 1 0"/>
+          <geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.012" mass="0.08"/>
+          <site name="tool" pos="0.11 0 0" euler="0 90 0"/>
+          <body name="left"><joint name="grip" type="slide" axis="0 1 0" range="0 0.03"/>
+            <geom type="box" size="0.01 0.002 0.01" pos="0.11 0 0" mass="0.01"/></body>
+          <body name="right"><joint name="follow" type="slide" axis="0 -1 0" range="0 0.03"/>
+            <geom type="sphere" size="0.004" pos="0.11 0 0" mass="0.01"/></body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <equality><joint joint1="follow" joint2="grip" polycoef="0 1 0 0 0"/></equality>
+</mujoco>"""
+
+
+@pytest.fixture
+def path(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box((0.12, 0.03, 0.02)).export(tmp_path / "meshes" / "bar.stl")
+    path = tmp_path / "made.xml"
+    path.write_text(MJCF)
+    return path
+
+
+def test_the_tool_is_where_mujoco_has_it(path):
+    model, oracle = ikservo.load_model(path, tip="tool"), mujoco.MjModel.from_xml_path(str(path))
+    assert model.chain.names == ("pan", "lift", "elbow")
+    data, random = mujoco.MjData(oracle), np.random.default_rng(1)
+    for q in random.uniform(-1.0, 1.0, (20, 3)):
+        for name, value in zip(model.chain.names, q, strict=True):
+            data.joint(name).qpos[0] = value
+        mujoco.mj_kinematics(oracle, data)
+        T = model.chain.forward(q)
+        np.testing.assert_allclose(T[:3, 3], data.site("tool").xpos, atol=1e-9)
+        np.testing.assert_allclose(T[:3, :3].ravel(), data.site("tool").xmat, atol=1e-9)
+
+
+def test_limits_and_kinds_are_those_of_the_file(path):
+    chain = ikservo.load_model(path, tip="tool").chain
+    np.testing.assert_allclose(np.rad2deg(chain.lower_rad[:2]), [-90, -80])
+    assert chain.upper_rad[2] == np.inf
+
+
+def test_masses_hang_where_mujoco_has_them(path):
+    model, oracle = ikservo.load_model(path, tip="tool"), mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(oracle)
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(oracle, data)
+    mujoco.mj_comPos(oracle, data)
+    poses = model.chain.link_poses(np.zeros(3))
+    for mass in masses_of(model, model.chain):
+        centre_m = (poses[mass.link] @ np.append(mass.centre_m, 1.0))[:3]
+        np.testing.assert_allclose(centre_m, data.body(mass.link).xipos, atol=1e-9)
+        assert mass.mass_kg == pytest.approx(float(oracle.body(mass.link).mass[0]))
+
+
+def test_a_joint_that_follows_another_is_a_mimic(path):
+    joints = {j.name: j for j in ikservo.load_model(path, tip="tool").urdf.joints}
+    assert (joints["follow"].mimic.joint, joints["follow"].mimic.multiplier) == ("grip", 1.0)
+
+
+def test_every_body_has_capsules_its_meshes_too(path):
+    gaps = body_of(ikservo.load_model(path, tip="tool")).above([[0.0, 0.0, 0.0]], -1.0)
+    assert {link for link, _ in gaps.pairs} == {"base", "upper", "fore", "left", "right"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('file="bar.stl"', 'file="../../bar.stl"'),
+        ('file="bar.stl"', 'file="/etc/passwd"'),
+        ('meshdir="meshes"', 'meshdir="../../meshes"'),
+        ("<asset>", '<include file="../other.xml"/><asset>'),
+    ],
+)
+def test_a_file_outside_the_folder_is_refused_before_mujoco_reads_it(path, old, new, monkeypatch):
+    monkeypatch.setattr("ikservo.model.mjcf.reader.importlib.import_module", None)
+    path.write_text(MJCF.replace(old, new))
+    with pytest.raises(FileFormatError, match="outside the model's folder"):
+        ikservo.load_model(path, tip="tool")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        ('<joint name="elbow" axis="0 1 0"/>', '<joint name="elbow" type="ball"/>', "ball"),
+        ('range="0 0.03"/>\n            <geom type="box"', '/><geom type="box"', "without a range"),
+        ("<worldbody>", "<worldbody><nonsense/>", "MuJoCo refuses it"),
+    ],
+)
+def test_what_no_arm_has_is_named(path, old, new, found):
+    assert old in MJCF
+    path.write_text(MJCF.replace(old, new))
+    with pytest.raises(FileFormatError, match=found):
+        ikservo.load_model(path, tip="tool")
+
+
+def test_without_mujoco_the_error_says_what_to_install(path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(InputError, match="needs mujoco") as caught:
+        ikservo.load_model(path, tip="tool")
+    assert "ikservo[physics]" in caught.value.hint

@@ -1,0 +1,152 @@
+"""Motions on a busy machine: a move, a line, a follow at 60 Hz and a search for the end stops.
+
+Run ``python tools/load_campaign.py --runs 20 --load 6``: so many busy processes run beside the
+simulator, which is served on a pseudo-terminal in real time, and beside the program that moves the
+arm. Each run is a program of its own, as a person starts it; it must end with exit code 0.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from served_arm import Served, forked, served
+
+import ikservo
+from ikservo.arm import Arm, open_arm
+from ikservo.arm.calibrating.auto_feeling import feel
+from ikservo.calibration.sweeping.feeler import Touch
+from ikservo.hardware.bus import ServoBus
+from ikservo.kinematics.se3 import Vector
+
+WISHES_S, RATE_HZ = 4.0, 60.0
+AWAY_M = 0.04
+SEARCHED = {"so101": "gripper", "koch": "gripper"}
+Task = Callable[[Arm], bool]
+
+
+def move(arm: Arm) -> bool:
+    """Move the tip to a point and back."""
+    return all(arm.move_to(point, speed="fast").reached for point in _there_and_back(arm))
+
+
+def line(arm: Arm) -> bool:
+    """Move the tip straight to a point and back."""
+    return all(arm.move_line(point, speed="fast").reached for point in _there_and_back(arm))
+
+
+def follow(arm: Arm) -> bool:
+    """Follow wishes on a circle that come at 60 Hz."""
+    centre = arm.where().tip_m
+    report = arm.follow(_circle(centre), speed="fast")
+    well = report.ended == "end of the targets" and report.refused == 0
+    if not well:
+        print(f"follow: {report.ended}; {report.refused} refused: {report.reason}", flush=True)
+    return well
+
+
+def search(arm: Arm) -> bool:
+    """Drive one joint gently towards where it is stopped, as ``calibrate --auto`` does."""
+    joint = SEARCHED[arm.model.name]
+    workings, bus = arm.workings, _bus_of(arm)
+    low, _ = workings.limits()
+    end = float(low[workings.planner.column(joint)])
+    felt = feel(workings, bus, joint, end, 0.3, lambda _: None)
+    return felt.touch in (Touch.STOP, Touch.MOVING)
+
+
+TASKS: dict[str, Task] = {"move": move, "line": line, "follow": follow, "search": search}
+
+
+def _bus_of(arm: Arm) -> ServoBus:
+    return vars(arm.workings.servos)["_bus"]
+
+
+def _there_and_back(arm: Arm) -> list[Vector]:
+    here = arm.where().tip_m
+    return [here + np.array([0.0, AWAY_M, 0.0]), here]
+
+
+def _circle(centre: Vector) -> Iterator[Vector | None]:
+    """Yield a wish whenever the next one is due at 60 Hz, else None."""
+    begin_s, told = time.monotonic(), -1
+    while (now_s := time.monotonic() - begin_s) < WISHES_S:
+        due = int(now_s * RATE_HZ)
+        angle = math.tau * due / RATE_HZ / WISHES_S
+        turned = np.array([0.0, math.sin(angle), 1.0 - math.cos(angle)])
+        yield centre + 0.5 * AWAY_M * turned if due != told else None
+        told = due
+
+
+def attempt(arm: Served, task: Task) -> int:
+    """Do a task in a program of its own; return its exit code: 0 done, 1 done badly."""
+    try:
+        with open_arm(arm.name, port=str(arm.port), collisions=False) as machine:
+            machine.pose("home")
+            machine.workings.rehearse()
+            return 0 if task(machine) else 1
+    except ikservo.IkservoError as error:
+        print(f"{arm.name}: {error}", file=sys.stderr, flush=True)
+        return int(error.exit_code)
+
+
+@contextmanager
+def busy(count: int) -> Generator[None]:
+    """Keep so many processes busy until the block ends."""
+    words = [sys.executable, "-c", "while True: pass"]
+    processes = [subprocess.Popen(words) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def campaign(name: str, runs: int, load: int, wanted: list[str]) -> bool:
+    """Run each task so many times; print how they ended, and return whether all ended well."""
+    ikservo.load_model(name)  # loaded here, not in each forked child
+    well = True
+    with tempfile.TemporaryDirectory() as folder, served(name, Path(folder)) as arm, busy(load):
+        for task in wanted:
+            codes = Counter(_ended(arm, TASKS[task]) for _ in range(runs))
+            loads = " ".join(f"{x:.1f}" for x in os.getloadavg())
+            print(
+                f"{name} {task}: {codes[0]} of {runs} ended well; exit codes {dict(codes)}; "
+                f"{load} busy processes, load average {loads}",
+                flush=True,
+            )
+            well = well and codes[0] == runs
+    return well
+
+
+def _ended(arm: Served, task: Task) -> int:
+    _, status = os.waitpid(forked(lambda: attempt(arm, task), quiet=False), 0)
+    return os.waitstatus_to_exitcode(status)
+
+
+def run() -> int:
+    """Run the tasks on both families."""
+    parser = argparse.ArgumentParser(description="Motions on a busy machine")
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--load", type=int, default=6, help="busy processes")
+    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
+    parser.add_argument("--task", action="append", choices=list(TASKS), help="all if not given")
+    options = parser.parse_args()
+    names, tasks = options.arm or ["so101", "koch"], options.task or list(TASKS)
+    well = [campaign(name, options.runs, options.load, tasks) for name in names]
+    return 0 if all(well) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(run())
