@@ -9,8 +9,10 @@ from ikservo.arm.tapes.tape import Recording
 from ikservo.arm.tapes.tape_reading import read_recording
 from ikservo.arm.trajectory import Trajectory
 from ikservo.arm.trust import Zeros
+from ikservo.guard import DEAD_MAN_TIMEOUT_S
 
 __all__ = [
+    "DEAD_MAN_TIMEOUT_S",
     "Arm",
     "JointReport",
     "JointState",

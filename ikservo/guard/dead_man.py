@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["DeadMan"]
+__all__ = ["DEAD_MAN_TIMEOUT_S", "DeadMan"]
+
+DEAD_MAN_TIMEOUT_S = 0.3
+"""How long one command lasts, of whoever streams them: without another the arm brakes and holds."""
 
 
 class DeadMan:
@@ -14,7 +17,7 @@ class DeadMan:
         timeout_s: How long one command lasts.
     """
 
-    def __init__(self, timeout_s: float = 0.3) -> None:
+    def __init__(self, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> None:
         self._timeout_s = timeout_s
         self._fresh_s = -math.inf
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,10 @@ from ikservo.kinematics.body import Body
 from ikservo.kinematics.numbers import finite_vectors
 from ikservo.kinematics.se3 import Matrix, Vector
 
-__all__ = ["Box", "Space"]
+__all__ = ["MAX_SAMPLE_STEP_RAD", "Box", "Space", "sample_line", "sample_path", "thin_path"]
+
+MAX_SAMPLE_STEP_RAD = 0.05
+"""No joint turns further than this between two samples of a path that is checked for collisions."""
 
 _CHUNK = 8192  # postures at a time: each takes a number for every pair
 _TOUCH_M = 1e-9
@@ -47,6 +50,48 @@ class Box:
         corners = np.array([self.low_m, self.high_m], dtype=np.float64)
         if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
             raise BadValueError(f"The box {self.name}", corners.tolist(), "low < high, finite")
+
+
+def sample_path(
+    positions_at: Callable[[float], Vector], duration_s: float, top_speed_rad_s: float
+) -> Matrix:
+    """Return joints (k, n) along a path in time, close enough for collision checks.
+
+    Args:
+        positions_at: The joints (n,) at a time.
+        duration_s: How long the path takes; both its ends are sampled.
+        top_speed_rad_s: No joint is faster than this.
+    """
+    times_s = np.linspace(0.0, duration_s, _sample_count(duration_s * top_speed_rad_s))
+    return np.array([positions_at(time_s) for time_s in times_s])
+
+
+def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0) -> Matrix:
+    """Return joints (k, n) on the straight line from a start to a goal, both included.
+
+    Args:
+        start: Where it begins (n,), rad or m.
+        goal: Where it ends (n,).
+        unit_per_rad: How far a radian of its servo's horn moves each joint: 1 rad, or metres.
+    """
+    distance_rad = float(np.abs((goal - start) / unit_per_rad).max())
+    return np.linspace(start, goal, _sample_count(distance_rad))
+
+
+def thin_path(joints: Matrix) -> Matrix:
+    """Return those rows of a densely sampled path (k, n) that collision checks need.
+
+    The first and the last are among them. Rows stay further apart than the sampling step only
+    where the given ones are, by no more than the distance of two of those.
+    """
+    travelled = np.abs(np.diff(joints, axis=0)).max(axis=1)
+    travelled_rad = np.concatenate([[0.0], np.cumsum(travelled)])
+    marks_rad = np.arange(0.0, travelled_rad[-1], MAX_SAMPLE_STEP_RAD)
+    return joints[np.unique(np.append(np.searchsorted(travelled_rad, marks_rad), len(joints) - 1))]
+
+
+def _sample_count(distance_rad: float) -> int:
+    return max(2, 1 + math.ceil(distance_rad / MAX_SAMPLE_STEP_RAD))
 
 
 class Space:

@@ -2,7 +2,7 @@
 
 from ikservo.motion.course import Course
 from ikservo.motion.embedded import Embedded
-from ikservo.motion.joint_move import JointMove, brake
+from ikservo.motion.joint_move import JointMove, RuckigMotion, brake
 from ikservo.motion.joint_route import JointRoute
 from ikservo.motion.metronome import Metronome
 from ikservo.motion.pace import Pace
@@ -19,6 +19,7 @@ __all__ = [
     "Metronome",
     "Pace",
     "Pursuit",
+    "RuckigMotion",
     "Sequel",
     "State",
     "ToolLine",

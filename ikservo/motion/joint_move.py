@@ -24,12 +24,60 @@ from ikservo.motion.extent import extent_of
 from ikservo.motion.pace import Pace
 from ikservo.motion.state import State
 
-__all__ = ["JointMove", "brake"]
+__all__ = ["JointMove", "RuckigMotion", "brake"]
 
 _LONGEST_REASON = 120
 
 
-class JointMove:
+class RuckigMotion:
+    """A motion of n joints that has been computed; ready to be sampled at any time.
+
+    Args:
+        start: The state in which it begins.
+        end: The state in which it ends, and stays.
+        trajectory: The computed motion.
+        top_speeds: The speed that each joint never exceeds, rad/s or m/s.
+
+    Attributes:
+        start: The state in which it begins.
+        goal: Where it ends (n,), rad or m.
+    """
+
+    def __init__(
+        self, start: State, end: State, trajectory: Trajectory, top_speeds: Sequence[float]
+    ) -> None:
+        self.start, self._end, self.goal = start, end, end.position
+        self._trajectory, self._top_speeds = trajectory, list(top_speeds)
+
+    @property
+    def duration_s(self) -> float:
+        """Return how long the motion takes."""
+        return float(self._trajectory.duration)
+
+    @property
+    def extent(self) -> tuple[Vector, Vector]:
+        """Return the lowest and the highest positions (n,) on the way."""
+        return extent_of(self._trajectory)
+
+    @property
+    def top_speed(self) -> float:
+        """Return the speed that no joint exceeds, rad/s or m/s."""
+        return max(abs(speed) for speed in self._top_speeds)
+
+    def at(self, time_s: float) -> Vector:
+        """Return the joints (n,) at a time; the start before it begins, the goal after it ends."""
+        return self.state(time_s).position
+
+    def state(self, time_s: float) -> State:
+        """Return position, velocity and acceleration (n,) at a time."""
+        if time_s <= 0.0:
+            return self.start
+        if time_s >= self.duration_s:
+            return self._end
+        return State(*(np.array(part) for part in self._trajectory.at_time(time_s)))
+
+
+class JointMove(RuckigMotion):
     """A motion of n joints to a goal, ready to be asked for any instant.
 
     It may begin in the middle of another motion: a new goal is then reached without a stop and
@@ -55,52 +103,17 @@ class JointMove:
         together: bool = True,
     ) -> None:
         n = len(paces)
-        self.start = _checked(start, n, "start")
-        self._end = _checked(goal, n, "goal")
-        self.goal = self._end.position
-        self._top_speeds = [pace.speed_rad_s for pace in paces]
-        wanted = _question(self.start, paces)
-        wanted.target_position = self.goal.tolist()
-        wanted.target_velocity = self._end.velocity.tolist()
-        wanted.target_acceleration = self._end.acceleration.tolist()
+        begin, end = _checked(start, n, "start"), _checked(goal, n, "goal")
+        wanted = _question(begin, paces)
+        wanted.target_position = end.position.tolist()
+        wanted.target_velocity = end.velocity.tolist()
+        wanted.target_acceleration = end.acceleration.tolist()
         # Joints in phase go straight from start to goal, where their paces and motion allow it.
         wanted.synchronization = Synchronization.Phase if together else Synchronization.No
-        self._trajectory = _answer(wanted, n)
-
-    @property
-    def duration_s(self) -> float:
-        """Return how long the motion takes."""
-        return float(self._trajectory.duration)
-
-    @property
-    def extent(self) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest positions (n,) on the way."""
-        return extent_of(self._trajectory)
-
-    def way(self, step_rad: float) -> list[Vector]:
-        """Return joints (n,) along the motion, start and goal included.
-
-        Args:
-            step_rad: The furthest that any joint goes between two of them, rad or m.
-        """
-        fastest = max(abs(speed) for speed in self._top_speeds)
-        looks = max(2, 1 + math.ceil(self.duration_s * fastest / step_rad))
-        return [self.at(time_s) for time_s in np.linspace(0.0, self.duration_s, looks)]
-
-    def at(self, time_s: float) -> Vector:
-        """Return the joints (n,) at a time; the start before it begins, the goal after it ends."""
-        return self.state(time_s).position
-
-    def state(self, time_s: float) -> State:
-        """Return position, velocity and acceleration (n,) at a time."""
-        if time_s <= 0.0:
-            return self.start
-        if time_s >= self.duration_s:
-            return self._end
-        return State(*(np.array(part) for part in self._trajectory.at_time(time_s)))
+        super().__init__(begin, end, _answer(wanted, n), [pace.speed_rad_s for pace in paces])
 
 
-def brake(moving: State, paces: Sequence[Pace]) -> JointMove:
+def brake(moving: State, paces: Sequence[Pace]) -> RuckigMotion:
     """Return the motion that brings moving joints to rest as soon as their paces allow.
 
     Raises:
@@ -112,17 +125,7 @@ def brake(moving: State, paces: Sequence[Pace]) -> JointMove:
     wanted.synchronization = Synchronization.No
     stop = _answer(wanted, len(paces))
     rest, _, _ = stop.at_time(stop.duration)
-    return _Stop(moving, np.array(rest), stop, wanted.max_velocity)
-
-
-class _Stop(JointMove):
-    """A motion whose end follows from its beginning."""
-
-    def __init__(
-        self, start: State, goal: Vector, trajectory: Trajectory, top_speeds: list[float]
-    ) -> None:
-        self.start, self.goal, self._end = start, goal, State.rest(goal)
-        self._trajectory, self._top_speeds = trajectory, top_speeds
+    return RuckigMotion(moving, State.rest(np.array(rest)), stop, wanted.max_velocity)
 
 
 def _checked(at: ArrayLike | State, n: int, which: str) -> State:

@@ -109,24 +109,6 @@ def test_joints_at_rest_brake_in_no_time():
     assert brake(State.rest([1.0, 2.0]), PACES).duration_s == 0.0
 
 
-@settings(max_examples=50, deadline=None)
-@given(joints, joints)
-def test_from_rest_joints_of_one_pace_go_straight_to_the_goal(start, goal):
-    way = np.array(JointMove(start, goal, [PACES[0]] * 2).way(0.05))
-    span = goal - start
-    across = (way - start) @ np.array([span[1], -span[0]])
-    np.testing.assert_allclose(across, 0, atol=1e-6)
-
-
-@settings(max_examples=50, deadline=None)
-@given(joints, joints)
-def test_on_a_way_no_joint_steps_further_than_asked(start, goal):
-    way = np.array(JointMove(start, goal, PACES).way(0.05))
-    assert np.abs(np.diff(way, axis=0)).max() <= 0.05 + 1e-9
-    np.testing.assert_allclose(way[0], start, atol=1e-12)
-    np.testing.assert_allclose(way[-1], goal, atol=1e-12)
-
-
 SLOW_AND_FAST = [Pace(1.0, 2.0, 20.0), Pace(0.5, 3.0, 15.0), Pace(2.0, 9.0, 60.0)]
 three = st.tuples(*[st.floats(-3, 3)] * 3).map(np.array)
 
@@ -189,3 +171,12 @@ class Failing:
 
     def calculate(self, wanted, trajectory):
         return self.result
+
+
+def test_a_braking_motion_knows_all_that_a_motion_knows():
+    moving = State(np.zeros(2), np.array([0.8, -0.2]), np.zeros(2))
+    stop = brake(moving, PACES)
+    assert vars(stop).keys() == vars(JointMove([0.0, 0.0], [1.0, 1.0], PACES)).keys()
+    assert stop.top_speed == 1.0
+    np.testing.assert_array_equal(stop.state(stop.duration_s).velocity, np.zeros(2))
+    np.testing.assert_array_equal(stop.at(0.0), moving.position)

@@ -8,11 +8,9 @@ from collections.abc import Callable, Iterator
 
 from ikservo.arm.skills.tracking import Wish
 from ikservo.clock import Clock, RealClock
+from ikservo.guard import DEAD_MAN_TIMEOUT_S
 
-__all__ = ["SILENCE_S", "Mailbox"]
-
-SILENCE_S = 0.3
-"""After so long without a setpoint the arm brakes and holds."""
+__all__ = ["Mailbox"]
 
 _LOOK_S = 0.1  # how soon a waiting sender notices that the control loop has ended
 
@@ -79,7 +77,7 @@ class Mailbox:
     def _take(self, now_s: float) -> Wish | None:
         with self._changed:
             if self._holds_time(now_s):
-                told = self._changed.wait_for(self._has_news, timeout=SILENCE_S)
+                told = self._changed.wait_for(self._has_news, timeout=DEAD_MAN_TIMEOUT_S)
                 self._late = not told
             setpoint, self._setpoint = self._setpoint, None
             if setpoint is not None:

@@ -8,7 +8,7 @@ from itertools import chain, islice
 import numpy as np
 
 from ikservo.errors import RefusedError
-from ikservo.guard import Box, Space
+from ikservo.guard import Box, Space, sample_line
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model
 from ikservo.model.shell import body_of
@@ -16,7 +16,6 @@ from ikservo.model.shell import body_of
 __all__ = ["Postures"]
 
 _LOOKS = 30
-_STEP = 0.08  # rad, between two looks at a way
 _TRIES, _DETOURS = 400, 40
 _INSIDE_RAD = 0.26  # from the arm file's ends: nobody knows yet where the true ones are
 # So near its end a joint may meet its own neighbour: that is what many stops are. What it never
@@ -64,10 +63,12 @@ class Postures:
 
     def way(self, here: Vector, goal: Vector) -> list[Vector] | None:
         """Return postures (dof,) by which the arm gets to a goal and touches nothing, or None."""
-        if self._is_free(_straight(here, goal)):
+        if self._is_free(sample_line(here, goal)):
             return [goal]
         for between in self._detours():
-            if self._is_free(_straight(here, between)) and self._is_free(_straight(between, goal)):
+            if self._is_free(sample_line(here, between)) and self._is_free(
+                sample_line(between, goal)
+            ):
                 return [between, goal]
         return None
 
@@ -105,9 +106,3 @@ def _swept(begin: Vector, column: int, end: float) -> Matrix:
     rows: Matrix = np.tile(begin, (_LOOKS, 1))
     rows[:, column] = np.linspace(begin[column], end, _LOOKS)
     return rows
-
-
-def _straight(here: Vector, goal: Vector) -> Matrix:
-    looks = 2 + int(np.abs(goal - here).max() / _STEP)
-    way: Matrix = np.linspace(here, goal, looks)
-    return way

@@ -15,6 +15,7 @@ from ikservo.arm.planning.reaching import unreachable
 from ikservo.arm.planning.stance import AS_IT_CAN, Stance
 from ikservo.arm.planning.standing import Standing, check_stance, stand
 from ikservo.errors import BadValueError
+from ikservo.guard import sample_path
 from ikservo.ik import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.gravity import GRAVITY_M_S2
@@ -25,8 +26,6 @@ from ikservo.motion import Course, Embedded, JointMove, JointRoute, Pace, ToolRo
 
 __all__ = ["Planner"]
 
-# No joint turns further than this between two looks at what the body comes near.
-_LOOK_RAD = 0.05
 # No servo's joint goes further, many turns included.
 _FURTHEST_RAD = 1000.0
 # How fast the tip goes on a line at most; 0.25 m/s is what safety standards call reduced speed.
@@ -160,9 +159,7 @@ class Planner:
     def way_of(self, course: Course, speed: str) -> Matrix:
         """Return all joints (k, n) along a course that goes at a speed; see ``way``."""
         fastest = max(pace.speed_rad_s for pace in self.paces(speed))
-        looks = max(2, 1 + math.ceil(course.duration_s * fastest / _LOOK_RAD))
-        times_s = np.linspace(0.0, course.duration_s, looks)
-        return np.array([course.state(time_s).position for time_s in times_s])
+        return sample_path(lambda time_s: course.state(time_s).position, course.duration_s, fastest)
 
     def load(self, speed: str) -> float:
         """Return how many times its weight pulls the arm down where it brakes at a speed class."""

@@ -13,12 +13,10 @@ from ikservo.arm.skills.tracking import Tracker, Wish
 from ikservo.arm.skills.workings import Workings
 from ikservo.arm.streaming.beat import Beat
 from ikservo.errors import RefusedError
-from ikservo.guard import DeadMan
+from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadMan
 from ikservo.kinematics.se3 import Vector
 
 __all__ = ["FollowReport", "follow"]
-
-_SILENCE_S = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +55,7 @@ class _Follower:
     ) -> None:
         self._arm, self._wishes, self._on_progress = arm, iter(wishes), on_progress
         self._tracker = Tracker(arm.chain, arm.servos.names)
-        self._dead_man = DeadMan(_SILENCE_S)
+        self._dead_man = DeadMan()
         self._goal: Vector | None = None
         self.count = self.unreached = self.refusals = 0
         self.reason = self.ended = ""
@@ -87,7 +85,7 @@ class _Follower:
     def _heard(self, wish: Wish | None, last: Vector) -> Vector | None:
         now_s = self._arm.now_s()  # a stream may have kept us waiting
         if self._dead_man.check(now_s):
-            self.ended = self.ended or f"no target for {_SILENCE_S} s"
+            self.ended = self.ended or f"no target for {DEAD_MAN_TIMEOUT_S} s"
             return None
         if wish is not None:
             self._dead_man.fresh(now_s)

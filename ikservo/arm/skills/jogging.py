@@ -33,7 +33,6 @@ Wanted = Callable[[], bool | None]
 NO_LONGER_REQUESTED = "no longer requested"
 """Why a jog ended whose caller ended it."""
 
-_SILENCE_S = 0.3
 _LONGEST_S = 60.0
 _FASTEST_M_S = 0.5
 _FASTEST = 100.0  # of a joint: it goes as fast as its class allows
@@ -106,7 +105,7 @@ class _Jogger:
 
     def __init__(self, arm: Workings, aims: _Aims, wanted: Wanted, braked_s: float) -> None:
         self._arm, self._aims, self._wanted, self._braked_s = arm, aims, wanted, braked_s
-        self._dead_man = DeadMan(_SILENCE_S)
+        self._dead_man = DeadMan()
         self.pursuit: Pursuit | None = None
         self.ended = ""
 

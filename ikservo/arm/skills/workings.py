@@ -17,7 +17,7 @@ from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.stream import OnBeat
 from ikservo.arm.trust import Zeros
 from ikservo.errors import RefusedError
-from ikservo.guard import Space
+from ikservo.guard import Space, sample_line, sample_path
 from ikservo.ik import Solver
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Matrix, Vector
@@ -27,8 +27,6 @@ from ikservo.motion import Course, JointMove
 __all__ = ["Begin", "Workings"]
 
 _LIES_M, _SINKS_M = 0.005, 0.010
-# No horn goes further than this between two looks at what the body comes near.
-_LOOK_RAD = 0.05
 
 Begin = Callable[[Vector], Course]
 """Makes a course that begins at the goals (n,) the servos hold."""
@@ -125,7 +123,8 @@ class Workings:
             RefusedError: Something would be touched.
         """
         if self.space is not None and self.zeros.known:
-            self.space.check_way(list(self.in_body(np.array(move.way(_LOOK_RAD)))))
+            way = sample_path(move.at, move.duration_s, move.top_speed)
+            self.space.check_way(list(self.in_body(way)))
 
     def check_way(self, here: Vector, goal: Vector) -> None:
         """Check the straight way of the joints (n,) to a goal for contact of the body.
@@ -140,8 +139,7 @@ class Workings:
     def straight(self, here: Vector, goal: Vector) -> Matrix:
         """Return the straight way (k, n) between joints, near enough to look for contact."""
         turns = [self.model.joint(name).travel_per_turn / math.tau for name in self.servos.names]
-        looks = np.abs(goal - here) / (_LOOK_RAD * np.array(turns))
-        return np.linspace(here, goal, 2 + int(looks.max()))
+        return sample_line(here, goal, np.array(turns))
 
     def check_recorded(self, way: Matrix) -> None:
         """Check a recorded way (k, n) of the joints for contact of the body.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ikservo.guard import thin_path
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.motion import JointMove, Pace, State
 
@@ -21,7 +22,6 @@ _GRID_S = 0.02
 _SMOOTH_S = 0.04
 # It fades in and out: its rate goes from 0 to 1, per second and second.
 _FADE = Pace(1.0, 1.0, 8.0)
-_LOOK_RAD = 0.05
 _MARGIN = 1.02
 
 
@@ -80,12 +80,7 @@ class Playback:
         """Return joints (k, n) along it, no further apart than a body should be looked at."""
         if self._spline is None:
             return self._still[None, :]
-        grid = _grid(self._span_s)
-        joints = np.clip(self._spline(grid), *self._limits)
-        gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(joints, axis=0)).max(axis=1))])
-        looks = np.arange(0.0, gone[-1], _LOOK_RAD)
-        chosen = np.unique(np.append(np.searchsorted(gone, looks), len(grid) - 1))
-        return joints[chosen]
+        return thin_path(np.clip(self._spline(_grid(self._span_s)), *self._limits))
 
 
 def _smoothed(times_s: Vector, joints: Matrix, span_s: float) -> CubicSpline:

@@ -7,7 +7,7 @@ import ipaddress
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from ikservo.arm import Arm, open_arm
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm, open_arm
 from ikservo.clock import RealClock
 from ikservo.errors import BadValueError
 from ikservo.model import Model
@@ -15,7 +15,7 @@ from ikservo.view.server.hosting import Address, hosted, serve
 from ikservo.view.server.server import application
 from ikservo.view.server.visitors import Keys
 from ikservo.view.session.desk import Desk
-from ikservo.view.session.pilot import DEAD_MAN_S, Pilot
+from ikservo.view.session.pilot import Pilot
 from ikservo.view.session.ritual import Ritual
 from ikservo.view.session.steady import steady
 
@@ -59,7 +59,7 @@ class House:
         *,
         collisions: bool = True,
         uncalibrated: bool = False,
-        dead_man_s: float = DEAD_MAN_S,
+        dead_man_s: float = DEAD_MAN_TIMEOUT_S,
     ) -> None:
         self._model, self._port = model, paced(port)
         self._listen, self._http = _checked(listen), http

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ikservo.arm import Arm
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.arm.skills.leading import lead
 from ikservo.arm.streaming.beat import Beat
 from ikservo.clock import Clock
@@ -18,9 +18,7 @@ from ikservo.view.session.flight import Flight
 from ikservo.view.session.readout import Readout, Trouble, Wish
 from ikservo.view.session.ritual import Ritual
 
-__all__ = ["DEAD_MAN_S", "Pilot"]
-
-DEAD_MAN_S = 0.3
+__all__ = ["Pilot"]
 
 _LOOK_S = 0.033  # between two looks at an arm that follows nobody
 _STATES_S = 1.0
@@ -50,7 +48,7 @@ class Pilot:
         self,
         open_arm: Callable[[], Arm],
         clock: Clock,
-        dead_man_s: float = DEAD_MAN_S,
+        dead_man_s: float = DEAD_MAN_TIMEOUT_S,
         ritual: Ritual | None = None,
     ) -> None:
         self._open, self._clock, self._dead_man_s = open_arm, clock, dead_man_s
