@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import math
 import sys
-import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 
@@ -19,6 +18,7 @@ from ikservo.arm import JointState, Whereabouts
 from ikservo.arm.owner.elsewhere import ask_where
 from ikservo.cli.output import point, print_json
 from ikservo.cli.session import opened
+from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError
 from ikservo.model import Model
 
@@ -40,10 +40,21 @@ def watch_arm(
     *,
     uncalibrated: bool,
     json: bool,
+    clock: Clock | None = None,
 ) -> None:
-    """Look until Ctrl-C, or so many times; a line of JSON each, or a table that stays in place."""
+    """Look until Ctrl-C, or so many times; a line of JSON each, or a table that stays in place.
+
+    Args:
+        model: The arm.
+        port: Its port; chosen as for every command if None.
+        interval_s: Between two looks.
+        times: How many looks; until Ctrl-C if None.
+        uncalibrated: Whether an arm without calibration may be opened.
+        json: Whether to print lines of JSON.
+        clock: Measures the interval; the computer's if None, on simulated arms too.
+    """
     with _looking(model, port, uncalibrated=uncalibrated) as look, _quietly():
-        looks = _looks(look, interval_s, times)
+        looks = _looks(look, interval_s, times, clock or RealClock())
         if json:
             for here in looks:
                 print_json("where", tip_m=here.tip_m, joints=here.joints)
@@ -83,12 +94,12 @@ def _quietly() -> Generator[None]:
         yield
 
 
-def _looks(look: Look, interval_s: float, times: int | None) -> Iterator[Whereabouts]:
+def _looks(look: Look, interval_s: float, times: int | None, clock: Clock) -> Iterator[Whereabouts]:
     for number in itertools.count(1):
         yield look()
         if number == times:
             return
-        time.sleep(interval_s)
+        clock.sleep_until(clock.now_s() + interval_s)
 
 
 def _screen(here: Whereabouts, model: Model, width: int) -> Group:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.arm.arriving.creep import Creep
+from ikservo.arm.arriving.creep import Creep, Saturation, SaturationReason
 from ikservo.calibration import JointMap, Limits
 from ikservo.guard import Fence
 
@@ -44,7 +44,9 @@ def test_a_goal_never_leads_a_held_joint_further_than_the_guard_allows_at_rest()
     joint = creep()
     goals = feed(joint, [1990] * 2000)
     assert max(goals) <= 1990 + joint.fence.lead_ticks(0.0) + 1
-    assert joint.bound == "load too high (correction limit reached)"
+    assert joint.saturation_reason == SaturationReason(
+        Saturation.LOAD, "load too high (correction limit reached)"
+    )
 
 
 def test_a_lead_that_is_already_too_long_is_not_taken_back():
@@ -56,7 +58,16 @@ def test_a_goal_stays_inside_the_limits_and_says_which_one_binds():
     joint = creep(goal=2690, wanted=2699, upper=1.0)
     goals = feed(joint, [2680] * 500)
     assert max(goals) <= joint.fence.ticks[1]
-    assert joint.bound == "at its limit 57.3° (hand sweep of 2026-11-02)"
+    assert joint.saturation_reason == SaturationReason(
+        Saturation.LIMIT, "at its limit 57.3° (hand sweep of 2026-11-02)"
+    )
+
+
+@pytest.mark.parametrize("ticks", [[1980] * 5, [2000] * 5])
+def test_a_goal_that_can_go_on_or_need_not_is_saturated_by_nothing(ticks):
+    joint = creep()
+    feed(joint, ticks)
+    assert joint.saturation_reason is None
 
 
 def test_a_joint_that_has_gone_across_is_not_turned_round_for_a_tick():

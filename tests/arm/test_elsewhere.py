@@ -11,6 +11,7 @@ from ikservo.arm.owner import elsewhere, listen
 from ikservo.arm.owner.answering import Answers
 from ikservo.arm.tapes.tape_reading import read_recording
 from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
+from servosim.clock import VirtualClock
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_joints
 
@@ -192,3 +193,16 @@ def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monk
 
     monkeypatch.setattr(elsewhere, "halt_line", busy)
     assert elsewhere.stop_from_here(arm.model, None).moving
+
+
+def test_a_program_that_never_listens_is_waited_for_three_seconds(arm, device, monkeypatch):
+    monkeypatch.setattr(elsewhere, "ask", lambda *_: None)
+
+    def busy(*_):
+        raise PortBusyError(device)
+
+    monkeypatch.setattr(elsewhere, "halt_line", busy)
+    clock = VirtualClock()
+    with pytest.raises(PortBusyError):
+        elsewhere.stop_from_here(arm.model, None, clock)
+    assert clock.now_s() == pytest.approx(3.0, abs=0.05)

@@ -7,9 +7,11 @@ import signal
 import pytest
 
 from ikservo.arm import open_arm
-from ikservo.cli import session, stopping
+from ikservo.cli import session
 from ikservo.cli.run import main
+from ikservo.cli.stopping import stoppable
 from ikservo.errors import StoppedError
+from servosim.clock import VirtualClock
 
 
 @pytest.fixture
@@ -51,7 +53,7 @@ def torques(servos):
 
 def test_ctrl_c_leaves_the_arm_holding_and_says_how_to_release_it(servos, monkeypatch, capsys):
     press(monkeypatch, [signal.SIGINT])
-    monkeypatch.setattr(stopping.time, "sleep", lambda _: None)
+    monkeypatch.setattr("ikservo.clock.RealClock.sleep_until", lambda *_: None)
     assert move() == 130
     said = capsys.readouterr().err
     assert "Stopped; torque stays on." in said
@@ -114,10 +116,42 @@ def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, nu
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_second_one_is_heard_while_the_arm_already_stands(servos, monkeypatch, number):
-    def again(_):
+    def again(*_):
         signal.raise_signal(number)
 
     press(monkeypatch, [number])
-    monkeypatch.setattr(stopping.time, "sleep", again)
+    monkeypatch.setattr("ikservo.clock.RealClock.sleep_until", again)
     assert move() == 130
     assert torques(servos) == {0}
+
+
+class PressedAgain(VirtualClock):
+    """A clock in whose time the user presses Ctrl-C once more."""
+
+    def __init__(self, at_s):
+        super().__init__()
+        self._at_s = at_s
+
+    def sleep_until(self, deadline_s):
+        super().sleep_until(min(deadline_s, self._at_s))
+        if deadline_s >= self._at_s:
+            raise KeyboardInterrupt
+
+
+def interrupt_a_motion(arm, clock):
+    """Press Ctrl-C in a motion of an arm whose second Ctrl-C is waited for by a clock."""
+
+    def press_once(progress):
+        if progress.elapsed_s > 0.3 and not arm.stops_asked:
+            signal.raise_signal(signal.SIGINT)
+
+    with stoppable(arm, clock):
+        arm.move_joints({"shoulder_pan": 1.2}, on_progress=press_once)
+
+
+@pytest.mark.parametrize(("at_s", "torque"), [(0.9, 0), (1.1, 1)])
+def test_a_script_has_a_second_by_the_given_clock_to_say_it_again(at_s, torque):
+    with open_arm("so101", port="sim:?pose=home") as arm:
+        with pytest.raises(StoppedError):
+            interrupt_a_motion(arm, PressedAgain(at_s))
+        assert torques(arm._port.transport.line.servos) == {torque}

@@ -9,8 +9,9 @@ import ikservo
 from ikservo.cli import main
 from ikservo.cli.hints import addressed
 from ikservo.cli.output import point
-from ikservo.cli.watching import bar
+from ikservo.cli.watching import bar, watch_arm
 from ikservo.errors import UnreachableError
+from servosim.clock import VirtualClock
 
 SIM = "--arm so101 --port sim:?pose=home"
 
@@ -131,6 +132,14 @@ def test_watching_prints_a_line_of_json_each(say):
     said = say(f"where --watch --times 3 --interval 1ms {SIM} --json")
     rows = [json.loads(line) for line in said.out.splitlines()]
     assert [row["schema"] for row in rows] == ["ikservo/where/1"] * 3
+
+
+def test_the_interval_between_two_looks_is_measured_by_the_clock_it_is_given(capsys):
+    clock = VirtualClock()
+    model = ikservo.load_model("so101")
+    watch_arm(model, "sim", 3600.0, 3, uncalibrated=False, json=True, clock=clock)
+    assert clock.now_s() == 7200.0
+    assert len(capsys.readouterr().out.splitlines()) == 3
 
 
 def test_watching_shows_joints_between_their_limits(say):

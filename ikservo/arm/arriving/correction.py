@@ -62,7 +62,7 @@ class Correction:
             tick = joint.fence.joint_map.tick(float(position))
             joint.see(tick, time_s, time_s - self._seen_s)
         self._seen_s = time_s
-        settled = all(j.there or j.bound for j in self._joints) and not self.moving
+        settled = all(_has_ended(j) for j in self._joints) and not self.moving
         if settled or time_s >= _LONGEST_S:
             self._end_s = min(self._end_s, time_s)
 
@@ -81,7 +81,7 @@ class Correction:
     def held(self) -> tuple[str, ...]:
         """Return the joints that did not arrive and whose goals go no further."""
         short = (j for j in self._joints if abs(j.short) >= _SHORT_TICKS)
-        return tuple(j.fence.joint for j in short if j.bound)
+        return tuple(j.fence.joint for j in short if j.saturation_reason is not None)
 
     @property
     def short(self) -> tuple[str, ...]:
@@ -89,7 +89,12 @@ class Correction:
         return tuple(_said(j) for j in self._joints if abs(j.short) >= _SHORT_TICKS)
 
 
+def _has_ended(joint: Creep) -> bool:
+    return joint.there or joint.saturation_reason is not None
+
+
 def _said(joint: Creep) -> str:
+    reason = joint.saturation_reason
     joint_map = joint.fence.joint_map
     missing = joint_map.say(abs(joint.short) * joint_map.unit_per_tick)
-    return f"{joint_map.joint} is {missing} short: {joint.bound or 'timeout'}"
+    return f"{joint_map.joint} is {missing} short: {reason.text if reason else 'timeout'}"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from enum import Enum, auto
 
 from ikservo.calibration import source_words
 from ikservo.guard import Fence
 
-__all__ = ["Creep"]
+__all__ = ["Creep", "Saturation", "SaturationReason"]
 
 # The goal moves by this share of what is missing each second, and no slower than the second
 # number [rad/s at the horn]: what sticks must come loose in good time.
@@ -18,6 +20,28 @@ _NEAR_TICKS = 3
 _WAIT_S = 0.04
 # More than sensors flicker.
 _FLICKER_TICKS = 1
+
+
+class Saturation(Enum):
+    """What keeps the goal of a joint from going on."""
+
+    LOAD = auto()
+    """The goal leads the joint by as much as the guard allows of a joint at rest."""
+    LIMIT = auto()
+    """The goal is at a limit of the joint."""
+
+
+@dataclass(frozen=True, slots=True)
+class SaturationReason:
+    """Why the goal of a joint goes no further.
+
+    Attributes:
+        kind: What keeps it.
+        text: The same for the user, with the limit that binds and where that comes from.
+    """
+
+    kind: Saturation
+    text: str
 
 
 class Creep:
@@ -62,19 +86,18 @@ class Creep:
         return self.short == 0 or (self._crossed and abs(self.short) <= 1)
 
     @property
-    def bound(self) -> str:
-        """Return what keeps the goal from going on, in words; empty if nothing does."""
+    def saturation_reason(self) -> SaturationReason | None:
+        """What keeps the goal from going on; None where nothing does."""
         if self._leads_enough():
-            return "load too high (correction limit reached)"
+            return SaturationReason(Saturation.LOAD, "load too high (correction limit reached)")
         end = self._high if self._side > 0 else self._low
         if self.there or self._side * (end - self.goal) > 0:
-            return ""
+            return None
         limits = self.fence.limits
         upper = self.fence.joint_map.sign * self._side > 0
         limit = limits.upper if upper else limits.lower
-        return (
-            f"at its limit {self.fence.joint_map.say(limit.value)} ({source_words(limit.source)})"
-        )
+        value, source = self.fence.joint_map.say(limit.value), source_words(limit.source)
+        return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
 
     def goal_at(self, after_s: float) -> float:
         """Return the goal's tick a time after it was last looked at."""

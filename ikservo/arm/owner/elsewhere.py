@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from ikservo.arm.owner.answering import BRAKE_WITHIN_S
 from ikservo.arm.owner.halting import halt_line
 from ikservo.arm.reports import JointReport, JointState, Whereabouts
 from ikservo.arm.tapes.recording import RecordReport, heading_of, record
-from ikservo.clock import RealClock
+from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, PortBusyError
 from ikservo.kinematics.numbers import numbers
 from ikservo.kinematics.se3 import Vector
@@ -68,14 +67,20 @@ _JOINT_REPORT = TypeAdapter[dict[str, Any]](
 )
 
 
-def stop_from_here(model: Model, port: str | None) -> Stopped:
+def stop_from_here(model: Model, port: str | None, clock: Clock | None = None) -> Stopped:
     """Stop an arm: through the program that owns its port, or on the port itself.
+
+    Args:
+        model: The arm.
+        port: Its port; chosen as for every command if None.
+        clock: Measures how long a program that does not listen yet is waited for.
 
     Raises:
         IkservoError: The owner cannot, or the port cannot be opened.
     """
     device = chosen_port(model, port)
-    until_s = time.monotonic() + _STARTS_WITHIN_S
+    clock = clock or RealClock()
+    until_s = clock.now_s() + _STARTS_WITHIN_S
     while True:
         answer = _asked(device, Errand.STOP, BRAKE_WITHIN_S + 2.0)
         if answer is not None:
@@ -83,9 +88,9 @@ def stop_from_here(model: Model, port: str | None) -> Stopped:
         try:
             halted = halt_line(model, port)
         except PortBusyError:  # a program that has just opened it, and does not listen yet
-            if time.monotonic() > until_s:
+            if clock.now_s() > until_s:
                 raise
-            time.sleep(_ASK_AGAIN_S)
+            clock.sleep_until(clock.now_s() + _ASK_AGAIN_S)
         else:
             return Stopped(model.name, device, False, halted.held, halted.limp, halted.silent)
 
