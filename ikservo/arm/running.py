@@ -126,7 +126,7 @@ class Running(Lines):
         """
         with self._turn:
             self._check_idle()
-            self._fresh = self._fresh or not self._servos.holding()
+            self._fresh = self._fresh or not self._servos.read_torque_on()
             self._servos.enable(self.model.speed("slow").rad_s)
             self._enabled = True
 
@@ -299,7 +299,7 @@ class Running(Lines):
 
     def _is_first(self) -> bool:
         """Return whether no motion has ended well since torque came on, or it is off."""
-        return self._fresh or not (self._enabled or self._servos.holding())
+        return self._fresh or not (self._enabled or self._servos.read_torque_on())
 
     def _check_speed(self, plan: Plan) -> None:
         if plan.speed != "slow" and self._is_first():

@@ -10,7 +10,7 @@ from ikservo.guard import following, gate, look_ahead
 _LOOP = [
     stream.Stream._stream,
     stream.Stream._told,
-    throttle.Throttle.gap_s,
+    throttle.Throttle.step,
     setpoints.Setpoints.next,
     throttle.Throttle._count,
     servos.Servos.beat,

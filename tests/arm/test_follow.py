@@ -22,7 +22,7 @@ def arm():
 
 
 def beats(arm, seconds):
-    return round(seconds / arm.workings.servos.beat_s)
+    return round(seconds / arm.workings.servos.measure_cycle_time_s())
 
 
 def circle(centre_m, radius_m, count):

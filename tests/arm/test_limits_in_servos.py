@@ -83,3 +83,13 @@ def test_a_soft_dynamixel_is_made_stiff_enough_to_carry_its_arm(x_series):
     gains = [registers(x_series, f"position_{part}_gain") for part in "pid"]
     assert {tuple(gain[i] for gain in gains) for i in (3, 4, 5)} == {(1500, 0, 600)}
     assert gains[0][6] == 800
+
+
+def test_a_profile_that_was_made_time_based_while_torque_was_off_is_noticed(x_series):
+    x_series.enable()
+    servo = line_of(x_series).servos[4]
+    assert servo.read("profile_velocity") > 0
+    x_series.release()
+    servo.memory.put("drive_mode", servo.read("drive_mode") | 0b100)
+    x_series.enable()
+    assert servo.read("profile_velocity") == 0

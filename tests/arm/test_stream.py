@@ -50,12 +50,12 @@ def test_beats_come_at_their_rate_and_tell_the_time_of_the_motion(arm):
     stream.run(course_of(arm._servos), beats.append)
     times = [beat.time_s for beat in beats]
     assert times == sorted(times)
-    assert np.median(np.diff(times)) == pytest.approx(stream.beat_s, rel=0.2)
+    assert np.median(np.diff(times)) == pytest.approx(stream.cycle_time_s, rel=0.2)
     assert times[-1] == beats[-1].duration_s
 
 
 def test_the_rate_is_between_100_and_500_hz(either):
-    assert 0.002 <= Stream(either._servos).beat_s <= 0.010
+    assert 0.002 <= Stream(either._servos).cycle_time_s <= 0.010
 
 
 def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
@@ -76,7 +76,7 @@ def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
 
 def test_a_stop_slows_down_over_a_quarter_of_a_second_instead_of_at_once():
     throttle = Throttle(0.005)
-    gaps = [throttle.gap_s(0.005, braking=True) for _ in range(60)]
+    gaps = [throttle.step(0.005, braking=True) for _ in range(60)]
     assert gaps == sorted(gaps, reverse=True)
     assert sum(gap > 0 for gap in gaps) == pytest.approx(50, abs=1)
 
@@ -206,7 +206,7 @@ def test_a_stop_that_is_wanted_at_the_very_end_is_not_lost(arm):
     stream = Stream(arm._servos)
 
     def ask(beat):
-        if beat.time_s >= beat.duration_s - 1.5 * stream.beat_s:
+        if beat.time_s >= beat.duration_s - 1.5 * stream.cycle_time_s:
             stream.request_stop("enough")
 
     with pytest.raises(StoppedError, match="enough"):

@@ -144,9 +144,9 @@ class Steered:
             raise BadValueError("The leader", repr(leader), "another open arm")
         check_callable("until", until)
         leader.workings.zeros.check(leader.workings.model.name)
-        beat_s = self.workings.servos.beat_s
+        cycle_time_s = self.workings.servos.measure_cycle_time_s()
         return self.follow(
-            led_by(leader.workings, self.workings, beat_s, until),
+            led_by(leader.workings, self.workings, cycle_time_s, until),
             speed=speed,
             on_progress=on_progress,
         )

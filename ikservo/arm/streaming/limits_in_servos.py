@@ -41,7 +41,7 @@ class LimitsInServos:
     def __init__(self, bus: ServoBus, servo_ids: Sequence[int]) -> None:
         self._bus, self._ids = bus, list(servo_ids)
         self._expected: dict[int, dict[Register, int]] = {i: {} for i in servo_ids}
-        self._plain: dict[int, bool] = {}
+        self._time_based: dict[int, bool] = {}
         self._speed_rad_s: float | None = None
         self._armed = False
 
@@ -69,7 +69,8 @@ class LimitsInServos:
         registers = self._registers(servo_id)
         if "bus_watchdog" in registers:
             self._bus.write(servo_id, registers["bus_watchdog"], 0, raw=True)
-        limit = None if keep_torque else self._torque_limit(servo_id)
+        self._time_based[servo_id] = self._read_time_based(servo_id)
+        limit = None if keep_torque else self._read_torque_limit(servo_id)
         if limit is not None:
             own, most = limit
             self._bus.write(servo_id, own, self._bus.read(servo_id, most, raw=True), raw=True)
@@ -122,7 +123,7 @@ class LimitsInServos:
         """
         if self._armed and elapsed_s > _WATCHDOG_S:
             for servo_id in self.watched:
-                if self._tripped(servo_id) is not False:
+                if self._read_tripped(servo_id) is not False:
                     raise _held_up()
 
     def check_watchdog(self, servo_id: int) -> None:
@@ -131,7 +132,7 @@ class LimitsInServos:
         Raises:
             HeldUpError: It has; the servo stands where it was.
         """
-        if self._tripped(servo_id):
+        if self._read_tripped(servo_id):
             raise _held_up()
 
     def canaries(self, servo_id: int) -> Mapping[Register, int]:
@@ -143,7 +144,7 @@ class LimitsInServos:
             return expected | {registers["bus_watchdog"]: _WATCHDOG_COUNTS}
         return expected
 
-    def _tripped(self, servo_id: int) -> bool | None:
+    def _read_tripped(self, servo_id: int) -> bool | None:
         """Return whether a servo's watchdog has tripped; None where it does not answer."""
         watchdog = self._registers(servo_id).get("bus_watchdog")
         if watchdog is None:
@@ -163,10 +164,10 @@ class LimitsInServos:
     def _limit(self, servo_id: int, speed_rad_s: float) -> None:
         table = self._servo(servo_id).table
         speed = table.find(Role.PROFILE_VELOCITY)
-        if not self._is_plain(servo_id):  # it is told how long a step takes; 0 leaves it to us
+        if self._time_based[servo_id]:  # it is told how long a step takes; 0 leaves it to us
             self._expect(servo_id, speed, 0)
             return
-        self._expect(servo_id, speed, self._speed_counts(servo_id, speed, speed_rad_s))
+        self._expect(servo_id, speed, self._read_speed_counts(servo_id, speed, speed_rad_s))
         if Role.PROFILE_ACCELERATION not in table.lacks:
             ramp = table.find(Role.PROFILE_ACCELERATION)
             counts = min(max(1, ramp.to_raw(speed_rad_s / _RAMP_S)), ramp.range[1])
@@ -177,7 +178,7 @@ class LimitsInServos:
         self._bus.write(servo_id, register, counts, raw=True)
         self._expected[servo_id] = {register: counts}
 
-    def _speed_counts(self, servo_id: int, register: Register, speed_rad_s: float) -> int:
+    def _read_speed_counts(self, servo_id: int, register: Register, speed_rad_s: float) -> int:
         counts = register.to_raw(speed_rad_s)
         phase = self._registers(servo_id).get("phase")
         if self._servo(servo_id).table.family is Family.FEETECH_STS and phase is not None:
@@ -185,15 +186,18 @@ class LimitsInServos:
             counts = counts if fine else -(-counts // _COARSE_SPEED)
         return min(max(1, counts), register.range[1])
 
-    def _is_plain(self, servo_id: int) -> bool:
-        if servo_id not in self._plain:
-            mode = self._registers(servo_id).get("drive_mode")
-            timed = mode and self._bus.read(servo_id, mode, raw=True) & _TIME_BASED_PROFILE
-            self._plain[servo_id] = not timed
-        return self._plain[servo_id]
+    def _read_time_based(self, servo_id: int) -> bool:
+        """Read whether a servo's profile is a time instead of a speed."""
+        mode = self._registers(servo_id).get("drive_mode")
+        if mode is None:
+            return False
+        return self._bus.read(servo_id, mode, raw=True) & _TIME_BASED_PROFILE != 0
 
-    def _torque_limit(self, servo_id: int) -> tuple[Register, Register] | None:
-        """Return the RAM register that limits the torque, and the one that holds the most."""
+    def _read_torque_limit(self, servo_id: int) -> tuple[Register, Register] | None:
+        """Find the RAM register that limits the torque, and the one that holds its maximum.
+
+        A Dynamixel has one only in one operating mode, which is read.
+        """
         registers = self._registers(servo_id)
         if "torque_limit" in registers and "max_torque" in registers:
             return registers["torque_limit"], registers["max_torque"]

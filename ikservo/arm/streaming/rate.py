@@ -7,7 +7,7 @@ from statistics import median
 from ikservo.arm.streaming.feedback import Feedback
 from ikservo.hardware.bus import ServoBus
 
-__all__ = ["beat_of"]
+__all__ = ["measure_cycle_time_s"]
 
 _BEATS_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)
 _READINGS = 5
@@ -16,8 +16,11 @@ _ROOM = 4.0
 _LEAST_ROOM = 1.25  # a slow bus may be busy for most of it
 
 
-def beat_of(bus: ServoBus, feedback: Feedback) -> float:
-    """Return the time between two goals, seconds: 500 to 100 Hz, less on a slow bus.
+def measure_cycle_time_s(bus: ServoBus, feedback: Feedback) -> float:
+    """Read the positions a few times and choose the control cycle that the bus allows.
+
+    Returns:
+        The time between two goals: 500 to 100 Hz, less on a slow bus.
 
     Raises:
         BusError: A servo does not answer.

@@ -79,18 +79,21 @@ class Servos(StreamedServos):
                 and nobody has acknowledged it; likewise.
             ServoRefusedError: A servo keeps an old goal; likewise.
         """
+        torque = ask_all(self._bus, self._ids, Role.TORQUE_ENABLE)
+        if self._cycle_time_s is None:
+            self.measure_cycle_time_s()
         for fence in self.fences:
-            patiently(self.clock, partial(self._prepare, fence))
+            grips = fence.joint == self._gripper and torque[fence.servo_id] != 0
+            patiently(self.clock, partial(self._prepare, fence, grips=grips))
         self._limits.forget()
         self._limits.run_at(speed_rad_s)
         start = self._start_ticks()
         self._gate.start_from(start)
         confirm_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
-        limp = not self.holding()
         for fence in self.fences:
             switch_on = partial(self._bus.write, fence.servo_id, Role.TORQUE_ENABLE, 1, raw=True)
             patiently(self.clock, switch_on)
-        if limp:
+        if not all(torque.values()):
             self._catch(start)
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
         health = Health(self._health, self._supply_v(names))
@@ -123,14 +126,14 @@ class Servos(StreamedServos):
             BusError: A servo does not answer.
             RefusedError: A joint stands far outside what its servo allows.
         """
-        if self._patience_s > 0.0 and not self.holding():
+        if self._patience_s > 0.0 and not self.read_torque_on():
             since_s = self.clock.now_s()
             await_still(self.fences, self._feedback, self.clock, self._patience_s)
             self._patience_s -= self.clock.now_s() - since_s
         return self._positions(self._start_ticks())
 
-    def holding(self) -> bool:
-        """Return whether every servo's torque is on."""
+    def read_torque_on(self) -> bool:
+        """Read whether every servo's torque is on."""
         return all(ask_all(self._bus, self._ids, Role.TORQUE_ENABLE).values())
 
     def release(self) -> None:
@@ -196,17 +199,16 @@ class Servos(StreamedServos):
             start = self._start_ticks()
             self._gate.start_from(start)
 
-    def _prepare(self, fence: Fence) -> None:
-        """Make one servo ready to hold."""
-        check_supply(self._bus, fence.servo_id)
-        self._limits.prepare(fence.servo_id, keep_torque=self._grips(fence))
-        stiffen(self._bus, fence.servo_id, jaws=fence.joint == self._gripper)
+    def _prepare(self, fence: Fence, *, grips: bool) -> None:
+        """Make one servo ready to hold.
 
-    def _grips(self, fence: Fence) -> bool:
-        """Return whether a joint's servo may hold something now, as hard as it was told to."""
-        if fence.joint != self._gripper:
-            return False
-        return self._bus.read(fence.servo_id, Role.TORQUE_ENABLE, raw=True) != 0
+        Args:
+            fence: Of its joint.
+            grips: Whether it may hold something now; its torque limit then stays as it is.
+        """
+        check_supply(self._bus, fence.servo_id)
+        self._limits.prepare(fence.servo_id, keep_torque=grips)
+        stiffen(self._bus, fence.servo_id, jaws=fence.joint == self._gripper)
 
     def _start_ticks(self) -> dict[str, int]:
         """Return where each servo shall hold; the joints are measured last, for limp ones fall."""

@@ -23,17 +23,21 @@ class Stream:
 
     Args:
         servos: The arm, its torque on.
-        beat_s: Between two goals; what the bus allows if None.
+        cycle_time_s: Between two goals; what the bus allows, as measured, if None.
     """
 
-    def __init__(self, servos: Servos, beat_s: float | None = None) -> None:
-        self._servos, self._wanted_beat_s = servos, beat_s
+    def __init__(self, servos: Servos, cycle_time_s: float | None = None) -> None:
+        self._servos, self._given_cycle_time_s = servos, cycle_time_s
         self._beat: Beat | None = None
 
     @property
-    def beat_s(self) -> float:
-        """Return the time between two goals, seconds."""
-        return self._wanted_beat_s or self._servos.beat_s
+    def cycle_time_s(self) -> float:
+        """The time between two goals, seconds.
+
+        Raises:
+            RefusedError: None was given, and that of the bus was not measured yet.
+        """
+        return self._given_cycle_time_s or self._servos.cycle_time_s
 
     @property
     def beat(self) -> Beat | None:
@@ -73,16 +77,16 @@ class Stream:
             return self._stream(course, on_beat)
 
     def _stream(self, course: Course, on_beat: OnBeat | None) -> Vector:
-        servos, throttle, setpoints = self._servos, Throttle(self.beat_s), Setpoints(course)
+        servos, throttle, setpoints = self._servos, Throttle(self.cycle_time_s), Setpoints(course)
         told_s, there, restarts = servos.clock.now_s(), True, servos.restarts
-        for _ in Metronome(servos.clock, self.beat_s):
+        for _ in Metronome(servos.clock, self.cycle_time_s):
             measured = servos.beat()
             if servos.restarts > restarts:
                 restarts = servos.restarts
                 setpoints.lead_back(servos.goals())
             # One reading of the clock for the setpoint and for the guard that judges its step.
             now_s, before_s = servos.clock.now_s(), told_s
-            gap_s = throttle.gap_s(now_s - before_s, braking=bool(servos.halt))
+            gap_s = throttle.step(now_s - before_s, braking=bool(servos.halt))
             told_s = now_s
             setpoint = setpoints.next(servos.advance_s(gap_s) if there else 0.0)
             there = servos.command(setpoint, now_s)

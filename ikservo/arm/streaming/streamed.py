@@ -13,7 +13,7 @@ from ikservo.arm.streaming.feedback import Feedback
 from ikservo.arm.streaming.halt import Halt
 from ikservo.arm.streaming.health_round import HealthRound
 from ikservo.arm.streaming.limits_in_servos import LimitsInServos
-from ikservo.arm.streaming.rate import beat_of
+from ikservo.arm.streaming.rate import measure_cycle_time_s
 from ikservo.arm.streaming.signals import CTRL_C
 from ikservo.clock import Clock
 from ikservo.errors import HeldUpError, IkservoError, RefusedError
@@ -59,7 +59,8 @@ class StreamedServos:
         self._feedback = Feedback(bus, fences)
         self._limits = LimitsInServos(bus, self._ids)
         self._round: HealthRound | None = None
-        self._beat_s = self._beat_at_s = self._horn_rad_s = 0.0
+        self._cycle_time_s: float | None = None
+        self._beat_at_s = self._horn_rad_s = 0.0
         self.restarts = 0
         self.halt = Halt()
         self.warn: Callable[[str], None] = lambda _: None
@@ -73,11 +74,27 @@ class StreamedServos:
         return self._positions(self._gate.goals)
 
     @property
-    def beat_s(self) -> float:
-        """Return the time between two goals that the bus allows."""
-        if not self._beat_s:
-            self._beat_s = beat_of(self._bus, self._feedback)
-        return self._beat_s
+    def cycle_time_s(self) -> float:
+        """The time between two goals, as last measured; reads no servo.
+
+        Raises:
+            RefusedError: It was not measured yet.
+        """
+        if self._cycle_time_s is None:
+            raise RefusedError(
+                "The control cycle of this arm has not been measured.",
+                "Switch its torque on first.",
+            )
+        return self._cycle_time_s
+
+    def measure_cycle_time_s(self) -> float:
+        """Choose the time between two goals by what reading the bus takes now: five reads.
+
+        Raises:
+            BusError: A servo does not answer.
+        """
+        self._cycle_time_s = measure_cycle_time_s(self._bus, self._feedback)
+        return self._cycle_time_s
 
     @property
     def lost(self) -> tuple[str, ...]:

@@ -42,12 +42,17 @@ class Throttle:
         """Return whether the motion has been braked to a stop."""
         return self.rate <= 0.0
 
-    def gap_s(self, elapsed_s: float, *, braking: bool) -> float:
-        """Return how far the motion may go on now, before anybody looks at its joints.
+    def step(self, elapsed_s: float, *, braking: bool) -> float:
+        """Count one control cycle, adapt the rate to it, and say how far the motion goes on.
+
+        Called once a cycle, before the lag of the joints is looked at.
 
         Args:
-            elapsed_s: Since the beat before, by the clock.
+            elapsed_s: Since the cycle before, by the clock.
             braking: A stop is wanted.
+
+        Returns:
+            The time by which the motion may go on, seconds.
         """
         self._count(elapsed_s)
         gap_s = min(elapsed_s, max(_LONGEST_S, 2.0 * self._beat_s))

@@ -1,0 +1,96 @@
+"""What is named like a value is one: reading it asks no servo and changes nothing."""
+
+import ast
+import re
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+import ikservo
+from ikservo.errors import IkservoError, RefusedError
+
+PACKAGE = Path(ikservo.__file__).parent
+READS = {"read", "bulk_read", "sync_read", "ask_all", "ask_each"}
+# What begins with one of these says that it does something.
+VERBS = re.compile(r"_*(read|measure|await|command|choose)(_|$)")
+QUANTITY = re.compile(r"\w*_(s|rad|m|c|v|ticks)$")
+
+
+def functions(folder):
+    """Return (name of file and function, its syntax tree) for all below a folder."""
+    for path in sorted((PACKAGE / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                yield f"{path.relative_to(PACKAGE)}: {node.name}", node
+
+
+def is_property(function):
+    return any(isinstance(d, ast.Name) and d.id == "property" for d in function.decorator_list)
+
+
+def is_predicate(function):
+    returns = ast.unparse(function.returns) if function.returns else ""
+    return returns.startswith("bool") and not VERBS.match(function.name)
+
+
+def reads_a_servo(function):
+    called = (node.func for node in ast.walk(function) if isinstance(node, ast.Call))
+    return any(getattr(f, "attr", getattr(f, "id", "")) in READS for f in called)
+
+
+def assigns_to_itself(function):
+    for node in ast.walk(function):
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        if any(isinstance(t, ast.Attribute) and ast.unparse(t.value) == "self" for t in targets):
+            return True
+    return False
+
+
+def test_no_predicate_or_property_of_the_control_loop_reads_a_servo():
+    asked = [f for f in functions("arm/streaming") if is_property(f[1]) or is_predicate(f[1])]
+    assert len(asked) > 10
+    assert [place for place, function in asked if reads_a_servo(function)] == []
+
+
+@pytest.mark.parametrize("folder", ["arm/streaming", "arm/arriving", "guard", "motion"])
+def test_nothing_that_is_named_like_a_quantity_changes_anything(folder):
+    asked = [
+        (place, function)
+        for place, function in functions(folder)
+        if is_property(function)
+        or (QUANTITY.match(function.name) and not VERBS.match(function.name))
+    ]
+    assert asked
+    assert [place for place, function in asked if assigns_to_itself(function)] == []
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim") as machine:
+        yield machine
+
+
+@pytest.mark.parametrize("part", ["", "_servos", "_stream", "_servos._limits", "_servos._feedback"])
+def test_no_property_of_an_arm_that_was_just_opened_sends_a_byte(arm, monkeypatch, part):
+    owner = arm
+    for name in part.split(".") if part else ():
+        owner = getattr(owner, name)
+    sent = []
+    monkeypatch.setattr(type(arm._port.transport), "write", lambda _, data: sent.append(data))
+    names = [n for n in dir(type(owner)) if isinstance(getattr(type(owner), n), property)]
+    for name in names:
+        with suppress(IkservoError):
+            getattr(owner, name)
+    assert names
+    assert sent == []
+
+
+def test_the_control_cycle_is_measured_when_torque_comes_on_and_then_kept(arm):
+    with pytest.raises(RefusedError, match="torque"):
+        _ = arm._servos.cycle_time_s
+    arm.enable()
+    measured_s = arm._servos.cycle_time_s
+    now_s = arm._servos.clock.now_s()
+    assert (arm._servos.cycle_time_s, arm._servos.clock.now_s()) == (measured_s, now_s)
+    assert 0.002 <= measured_s <= 0.010
