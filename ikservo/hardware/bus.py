@@ -225,7 +225,7 @@ class ServoBus(Conversation):
         for family, driver in self._questions.drivers.items():
             ids = [i for i, servo in self.servos.items() if servo.table.family is family]
             if readings.errors.keys().isdisjoint(ids):
-                driver.exchange.return_delay_s = max(readings.values[i] for i in ids)
+                driver.set_return_delay(max(readings.values[i] for i in ids))
 
     def reopen(self, serial_number: str, within_s: float) -> None:
         """Go on after the adapter was pulled and plugged in again; nothing moves.

@@ -5,8 +5,11 @@ from __future__ import annotations
 import pytest
 
 from ikservo.errors import ServoRefusedError
-from ikservo.hardware import ServoBus, ServoSpec
+from ikservo.hardware import Port, ServoBus, ServoSpec
+from ikservo.hardware.drivers.dynamixel import DynamixelDriver
 from ikservo.registers import XL430W250, Alarm, Role
+
+from .desk import line_with
 
 FAST = "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2"
 COMBINED = (
@@ -105,3 +108,18 @@ def test_after_200_slow_readings_the_fast_way_gets_another_chance(bus, line):
     for _ in range(201):
         line.clock.s += 0.3  # nothing is owed any more
         assert read(bus).complete() == TICKS
+
+
+def waited_s(return_delay_s):
+    """Return how long two absent servos are waited for, fast and then one by one."""
+    port = Port(line_with({1: "XL430-W250"}), "desk", 1_000_000)
+    driver = DynamixelDriver(port)
+    driver.set_return_delay(return_delay_s)
+    begun_s = port.clock.now_s()
+    driver.sync_read([3, 4], 132, 4)
+    return port.clock.now_s() - begun_s
+
+
+def test_both_ways_of_asking_many_wait_for_the_return_delay():
+    delays_s = waited_s(0.000_5) - waited_s(0.0)
+    assert delays_s == pytest.approx(3 * 0.000_5, abs=1e-5)  # once fast, then once for each

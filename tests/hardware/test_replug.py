@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import pytest
 
 from ikservo.errors import PortLostError
-from ikservo.hardware import ServoBus, ServoSpec, open_port, reopen, serial_number_of
+from ikservo.hardware import Port, ServoBus, ServoSpec, open_port, reopen, serial_number_of
 from ikservo.registers import STS3215
 
 from .conftest import StillClock
+from .desk import line_with
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
 
@@ -127,3 +128,17 @@ def test_a_cable_pulled_in_mid_conversation_is_an_error_within_100_ms(new_pty, m
     assert time.monotonic() - started_s < 0.1
     assert time.process_time() - cpu_s < 0.05
     port.close()
+
+
+def test_a_port_that_is_connected_anew_knows_nothing_of_the_old_line():
+    port = Port(line_with({1: "STS3215"}), "old", 1_000_000)
+    new = Port(line_with({1: "STS3215"}), "new", 57_600)
+    lock, kept = port.lock, vars(port).keys()
+    port.is_using, port.echoes = True, True
+    old = {name: vars(port)[name] for name in ("pace", "trust", "ghosts", "patience")}
+    port.connect(new.transport, "new", 57_600)
+    assert (port.name, port.baudrate, port.transport) == ("new", 57_600, new.transport)
+    assert (port.is_using, port.echoes, port.sent) == (False, None, b"")
+    assert all(vars(port)[name] is not value for name, value in old.items())
+    assert port.lock is lock
+    assert vars(port).keys() == kept == vars(new).keys()

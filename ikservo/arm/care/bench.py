@@ -21,7 +21,6 @@ __all__ = ["CYCLES", "BusSpeed", "bench_bus"]
 
 CYCLES = 1000
 _WARM_UP = 50  # cycles in which the line is learned
-_BITS_PER_BYTE = 10
 
 Tell = Callable[[str, int], None]
 
@@ -146,7 +145,7 @@ class _Bench:
         self._cycle(roles)
         self._meter.listen = False
         sent, received = self._meter.sent - sent, self._meter.received - received
-        wire_s = (sent + received) * _BITS_PER_BYTE / self._bus.port.baudrate
+        wire_s = self._bus.port.wire_s(sent + received)
         return sent, received, wire_s + self._delays_s(bytes(self._meter.heard))
 
     def _delays_s(self, heard: bytes) -> float:

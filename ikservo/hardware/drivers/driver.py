@@ -25,6 +25,10 @@ class Driver(Protocol):
         """Return how questions are put and heard out; it knows the servos' return delay."""
         ...
 
+    def set_return_delay(self, return_delay_s: float) -> None:
+        """Wait no longer than this before each answer, seconds."""
+        ...
+
     @property
     def can_sync_read(self) -> bool:
         """Whether one question can be put to many servos for the same bytes."""

@@ -16,6 +16,7 @@ from ikservo.hardware.drivers.dynamixel_packets import PacketHandler
 from ikservo.hardware.drivers.fast_sync import combined_size, split
 from ikservo.hardware.finding.roll_call import RollCall, hear_all
 from ikservo.hardware.line.port import Port
+from ikservo.hardware.packets.dialect import BROADCAST_ID
 from ikservo.hardware.packets.exchange import Exchange
 from ikservo.hardware.packets.phrasebook import Phrasebook
 from ikservo.hardware.packets.protocol_2 import Answers, CombinedAnswer
@@ -24,7 +25,6 @@ from ikservo.hardware.packets.span import Span
 
 __all__ = ["DynamixelDriver"]
 
-_BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _BULK_READ, _BULK_WRITE = 0x92, 0x93
@@ -32,7 +32,6 @@ _QUESTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
 _PING_SIZE = 3  # model number and firmware
 _FAST_FAILURES = 2  # in a row; then the firmware is too old, a servo is absent, or the line bad
 _TRY_AGAIN = 200  # readings, after which the fast way gets another chance
-_LONGEST_RETURN_DELAY_S = 254 * 2e-6
 
 
 class DynamixelDriver:
@@ -49,10 +48,15 @@ class DynamixelDriver:
         self._port, self._handler = port, PacketHandler()
         self._send = Phrasebook(port, self._write, _QUESTIONS).send
         self._dialect = Answers(COMM_TX_ERROR)
-        self.exchange = Exchange(port, self._dialect, _LONGEST_RETURN_DELAY_S)
-        self._combined = Exchange(port, CombinedAnswer(COMM_TX_ERROR), _LONGEST_RETURN_DELAY_S)
+        self.exchange = Exchange(port, self._dialect)
+        self._combined = Exchange(port, CombinedAnswer(COMM_TX_ERROR))
         self._fast, self._fast_failures = fast, dict[tuple[int, ...], int]()
         self.repeated_itself = False
+
+    def set_return_delay(self, return_delay_s: float) -> None:
+        """Wait no longer than this before each answer, seconds."""
+        for exchange in (self.exchange, self._combined):
+            exchange.set_return_delay(return_delay_s)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
         """Whether one question can be put to these servos, each for its own bytes."""
@@ -65,7 +69,7 @@ class DynamixelDriver:
     def roll_call(self, highest_id: int) -> RollCall:
         """Ask everybody up to an id whether they are there."""
         return hear_all(
-            self.exchange, lambda: self._send(_BROADCAST, _PING, b""), _PING_SIZE, highest_id
+            self.exchange, lambda: self._send(BROADCAST_ID, _PING, b""), _PING_SIZE, highest_id
         )
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
@@ -104,7 +108,7 @@ class DynamixelDriver:
         window = self.exchange.window(servo_ids, span)
         parameters = _words(window.address, window.size) + bytes(servo_ids)
         replies = self.exchange.ask(
-            lambda: self._send(_BROADCAST, _SYNC_READ, parameters),
+            lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
             dict.fromkeys(servo_ids, window.size),
             window,
         )
@@ -113,14 +117,15 @@ class DynamixelDriver:
     def _fast_sync_read(self, servo_ids: tuple[int, ...], span: Span) -> dict[int, Reply]:
         """Return every servo's reply, or nothing if they could not be had this way."""
         count = len(servo_ids)
-        window = self._combined.window((_BROADCAST,), span, lambda size: combined_size(count, size))
+        window = self._combined.window(
+            (BROADCAST_ID,), span, lambda size: combined_size(count, size)
+        )
         parameters = _words(window.address, window.size) + bytes(servo_ids)
-        self._combined.return_delay_s = self.exchange.return_delay_s  # only the first one waits
         reply = self._combined.ask(
-            lambda: self._send(_BROADCAST, _FAST_SYNC_READ, parameters),
-            {_BROADCAST: combined_size(count, window.size)},
+            lambda: self._send(BROADCAST_ID, _FAST_SYNC_READ, parameters),
+            {BROADCAST_ID: combined_size(count, window.size)},
             window,
-        )[_BROADCAST]
+        )[BROADCAST_ID]
         frames = [] if isinstance(reply, Fault) else split(reply.data, servo_ids, window.size)
         judged = {frame.servo_id: self._dialect.judge(frame, window.size) for frame in frames}
         return {i: span.cut(reply, window) for i, reply in judged.items() if reply}
@@ -132,7 +137,7 @@ class DynamixelDriver:
             rows = (bytes((i,)) + _words(w.address, w.size) for i, w in windows.items())
             parameters = b"".join(rows)
             replies = self.exchange.ask(
-                lambda: self._send(_BROADCAST, _BULK_READ, parameters),
+                lambda: self._send(BROADCAST_ID, _BULK_READ, parameters),
                 {i: window.size for i, window in windows.items()},
                 windows,
             )
@@ -144,7 +149,7 @@ class DynamixelDriver:
         rows = b"".join(bytes((servo_id, *row)) for servo_id, row in data.items())
         parameters = _words(address, size) + rows
         self._port.ghosts.outdate(data, Span(address, size))
-        self.exchange.ask(lambda: self._send(_BROADCAST, _SYNC_WRITE, parameters))
+        self.exchange.ask(lambda: self._send(BROADCAST_ID, _SYNC_WRITE, parameters))
 
     def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
         """Write to many servos at once, each to its own address; there is no answer to this."""
@@ -152,7 +157,7 @@ class DynamixelDriver:
         for servo_id, (address, data) in rows.items():
             parameters += bytes((servo_id,)) + _words(address, len(data)) + data
             self._port.ghosts.outdate((servo_id,), Span(address, len(data)))
-        self.exchange.ask(lambda: self._send(_BROADCAST, _BULK_WRITE, parameters))
+        self.exchange.ask(lambda: self._send(BROADCAST_ID, _BULK_WRITE, parameters))
 
     def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
         """Lay a write ready that ``action`` sets off."""
@@ -160,8 +165,8 @@ class DynamixelDriver:
 
     def action(self) -> None:
         """Set off what ``reg_write`` laid ready; always to all, for one would answer (D10)."""
-        self._port.ghosts.outdate(range(_BROADCAST))
-        self.exchange.ask(lambda: self._send(_BROADCAST, _ACTION, b""))
+        self._port.ghosts.outdate(range(BROADCAST_ID))
+        self.exchange.ask(lambda: self._send(BROADCAST_ID, _ACTION, b""))
 
     def reboot(self, servo_id: int) -> Reply:
         """Restart one servo; its torque is lost."""

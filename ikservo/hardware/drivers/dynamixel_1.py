@@ -14,13 +14,12 @@ from dynamixel_sdk.robotis_def import COMM_TX_ERROR
 
 from ikservo.hardware.drivers.protocol_1 import Protocol1Dialect, Protocol1Driver
 from ikservo.hardware.line.port import Port
-from ikservo.hardware.packets.dialect import Frame
+from ikservo.hardware.packets.dialect import BROADCAST_ID, Frame
 from ikservo.hardware.packets.replies import Fault, FaultKind, Reply, Status
 from ikservo.hardware.packets.span import Span
 
 __all__ = ["Dynamixel1Driver"]
 
-_BROADCAST = 0xFE
 _REBOOT, _BULK_READ = 0x08, 0x92
 
 # Bits of the error byte that blame the question; the others are alarms of the servo itself.
@@ -80,7 +79,7 @@ class Dynamixel1Driver(Protocol1Driver):
             windows = {i: self.exchange.window((i,), span) for i, span in spans.items()}
             rows = b"".join(bytes((w.size, i, w.address)) for i, w in windows.items())
             replies = self.exchange.ask(
-                lambda: self._send(_BROADCAST, _BULK_READ, b"\0" + rows),
+                lambda: self._send(BROADCAST_ID, _BULK_READ, b"\0" + rows),
                 {i: window.size for i, window in windows.items()},
                 windows,
             )

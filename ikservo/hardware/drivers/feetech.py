@@ -15,13 +15,12 @@ from scservo_sdk.scservo_def import COMM_TX_ERROR
 
 from ikservo.hardware.drivers.protocol_1 import Protocol1Dialect, Protocol1Driver
 from ikservo.hardware.line.port import Port
-from ikservo.hardware.packets.dialect import Frame
+from ikservo.hardware.packets.dialect import BROADCAST_ID, Frame
 from ikservo.hardware.packets.replies import Fault, FaultKind, Reply, Status
 from ikservo.hardware.packets.span import Span
 
 __all__ = ["FeetechDriver"]
 
-_BROADCAST = 0xFE
 _SYNC_READ = 0x82
 
 
@@ -52,7 +51,7 @@ class FeetechDriver(Protocol1Driver):
             window = self.exchange.window(tuple(servo_ids), span)
             parameters = bytes((window.address, window.size, *servo_ids))
             replies = self.exchange.ask(
-                lambda: self._send(_BROADCAST, _SYNC_READ, parameters),
+                lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
                 dict.fromkeys(servo_ids, window.size),
                 window,
             )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from ikservo.hardware.finding.roll_call import RollCall, hear_all
 from ikservo.hardware.line.port import Port
 from ikservo.hardware.packets import protocol_1
-from ikservo.hardware.packets.dialect import Dialect, Frame, Heard
+from ikservo.hardware.packets.dialect import BROADCAST_ID, Dialect, Frame, Heard
 from ikservo.hardware.packets.exchange import Exchange
 from ikservo.hardware.packets.phrasebook import Phrasebook
 from ikservo.hardware.packets.replies import Reply
@@ -15,11 +15,9 @@ from ikservo.hardware.packets.span import Span
 
 __all__ = ["Protocol1Dialect", "Protocol1Driver"]
 
-_BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION = 0x01, 0x02, 0x03, 0x04, 0x05
 _SYNC_WRITE = 0x83
 _QUESTIONS = frozenset((_READ, 0x82, 0x92))  # of one servo, and of many: sync read, bulk read
-_LONGEST_RETURN_DELAY_S = 254 * 2e-6
 _PING_SIZE = 0
 
 Send = Callable[[Port, list[int]], int]
@@ -62,7 +60,11 @@ class Protocol1Driver:
     def __init__(self, port: Port, send: Send, dialect: Dialect) -> None:
         self._port, self._tx_packet = port, send
         self._send = Phrasebook(port, self._write, _QUESTIONS).send
-        self.exchange = Exchange(port, dialect, _LONGEST_RETURN_DELAY_S)
+        self.exchange = Exchange(port, dialect)
+
+    def set_return_delay(self, return_delay_s: float) -> None:
+        """Wait no longer than this before each answer, seconds."""
+        self.exchange.set_return_delay(return_delay_s)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
         """Whether one question can be put to these servos, each for its own bytes."""
@@ -75,7 +77,7 @@ class Protocol1Driver:
     def roll_call(self, highest_id: int) -> RollCall:
         """Ask everybody up to an id whether they are there."""
         return hear_all(
-            self.exchange, lambda: self._send(_BROADCAST, _PING, b""), _PING_SIZE, highest_id
+            self.exchange, lambda: self._send(BROADCAST_ID, _PING, b""), _PING_SIZE, highest_id
         )
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
@@ -105,7 +107,7 @@ class Protocol1Driver:
         rows = b"".join(bytes((servo_id, *row)) for servo_id, row in data.items())
         self._port.ghosts.outdate(data, Span(address, size))
         parameters = bytes((address, size)) + rows
-        self.exchange.ask(lambda: self._send(_BROADCAST, _SYNC_WRITE, parameters))
+        self.exchange.ask(lambda: self._send(BROADCAST_ID, _SYNC_WRITE, parameters))
 
     def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
         """Write to many servos, each to its own address, here one write after the other."""
@@ -118,8 +120,8 @@ class Protocol1Driver:
 
     def action(self) -> None:
         """Set off what ``reg_write`` laid ready, on every servo at the same moment."""
-        self._port.ghosts.outdate(range(_BROADCAST))
-        self.exchange.ask(lambda: self._send(_BROADCAST, _ACTION, b""))
+        self._port.ghosts.outdate(range(BROADCAST_ID))
+        self.exchange.ask(lambda: self._send(BROADCAST_ID, _ACTION, b""))
 
     def _ask(
         self, servo_id: int, instruction: int, parameters: bytes, window: Span | None = None

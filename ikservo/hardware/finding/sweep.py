@@ -11,12 +11,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from ikservo.hardware.line.port import Port
-from ikservo.hardware.packets.dialect import Frame
+from ikservo.hardware.packets.dialect import LONGEST_RETURN_DELAY_S, Frame
 from ikservo.hardware.packets.framing import Framing
 
 __all__ = ["Sweep", "sweep"]
 
-_LONGEST_RETURN_DELAY_S = 254 * 2e-6
 _USB_FRAME_S = 0.001  # two packets may leave the adapter so much closer than they were written
 _ECHO_ERROR = 1  # a ping of protocol 1 reads like an answer with this error byte
 _HELD_BACK_S = 0.040  # adapters keep bytes for up to 16 ms, busy machines for longer
@@ -92,7 +91,7 @@ def _listen(port: Port, framing: Framing, *, calm: bool) -> bytes:
 def slot_s(port: Port, framing: Framing) -> float:
     """Return after what time the next ping cannot run into the answer to this one."""
     on_wire_s = port.wire_s(framing.ping_bytes + framing.answer_bytes)
-    return on_wire_s + _LONGEST_RETURN_DELAY_S + _USB_FRAME_S
+    return on_wire_s + LONGEST_RETURN_DELAY_S + _USB_FRAME_S
 
 
 class _Ear:

@@ -48,11 +48,11 @@ class Port(VendorPort):
 
     def __init__(self, transport: Transport, name: str, baud_rate: int) -> None:
         self.lock = threading.RLock()
-        self.connect(transport, name, baud_rate)
+        super().__init__(transport, name, baud_rate)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
         """Talk through another transport from now on; what was learned of the old is forgotten."""
-        VendorPort.__init__(self, transport, name, baud_rate)
+        super().connect(transport, name, baud_rate)
         self.pace, self.trust, self.ghosts = Pace(), Trust(), Ghosts()
         self.echoes: bool | None = None
 

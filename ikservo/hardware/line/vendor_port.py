@@ -44,6 +44,10 @@ class VendorPort:
     """Shaped like the vendors' ``PortHandler``, on a transport that is already open."""
 
     def __init__(self, transport: Transport, name: str, baud_rate: int) -> None:
+        self.connect(transport, name, baud_rate)
+
+    def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
+        """Talk through this transport from now on; what was learned of another is forgotten."""
         self.transport = transport
         self.name, self.baudrate = name, baud_rate
         virtual: Clock | None = getattr(transport, "clock", None)

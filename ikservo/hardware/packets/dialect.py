@@ -8,7 +8,13 @@ from typing import Protocol
 
 from ikservo.hardware.packets.replies import Reply
 
-__all__ = ["Dialect", "Frame", "Heard"]
+__all__ = ["BROADCAST_ID", "LONGEST_RETURN_DELAY_S", "Dialect", "Frame", "Heard"]
+
+BROADCAST_ID = 0xFE
+"""The id that every servo listens to, of both vendors and in both protocols."""
+
+LONGEST_RETURN_DELAY_S = 254 * 2e-6
+"""The longest delay before an answer that any servo's register can hold."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ikservo.errors import BusError, PortLostError
 from ikservo.hardware.line.port import Port
-from ikservo.hardware.packets.dialect import Dialect
+from ikservo.hardware.packets.dialect import LONGEST_RETURN_DELAY_S, Dialect
 from ikservo.hardware.packets.listening import Listening
 from ikservo.hardware.packets.replies import Fault, FaultKind, Reply, Status
 from ikservo.hardware.packets.span import Span
@@ -23,11 +23,20 @@ class Exchange:
     Attributes:
         port: The line.
         dialect: How answers are written.
-        return_delay_s: The longest a servo waits before it answers, seconds.
     """
 
-    def __init__(self, port: Port, dialect: Dialect, return_delay_s: float) -> None:
-        self.port, self.dialect, self.return_delay_s = port, dialect, return_delay_s
+    def __init__(self, port: Port, dialect: Dialect) -> None:
+        self.port, self.dialect = port, dialect
+        self._return_delay_s = LONGEST_RETURN_DELAY_S
+
+    @property
+    def return_delay_s(self) -> float:
+        """Return the longest a servo waits before it answers, seconds."""
+        return self._return_delay_s
+
+    def set_return_delay(self, return_delay_s: float) -> None:
+        """Wait no longer than this before each answer, seconds: what the servos' registers say."""
+        self._return_delay_s = return_delay_s
 
     def window(
         self, servo_ids: tuple[int, ...], span: Span, size_of: Callable[[int], int] = int
