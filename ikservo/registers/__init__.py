@@ -10,7 +10,7 @@ from ikservo.registers.feetech_scs import SCS0009, SCS15
 from ikservo.registers.feetech_sts import STS3215, STS3250
 from ikservo.registers.models import MODELS, table_for, table_with_number
 from ikservo.registers.register import Access, Area, Register
-from ikservo.registers.table import Family, Role, ServoTable
+from ikservo.registers.table import Family, FeetechMode, OperatingMode, Role, ServoTable
 from ikservo.registers.units import Unit
 
 __all__ = [
@@ -30,6 +30,8 @@ __all__ = [
     "Alarm",
     "Area",
     "Family",
+    "FeetechMode",
+    "OperatingMode",
     "Register",
     "Role",
     "ServoTable",

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import ClassVar
 
 from ikservo.errors import UnknownNameError
 from ikservo.registers.alarms import Alarm, decode_alarms
 from ikservo.registers.register import ByteOrder, Register
 
-__all__ = ["Family", "Role", "ServoTable"]
+__all__ = ["Family", "FeetechMode", "OperatingMode", "Role", "ServoTable"]
 
 
 class Family(StrEnum):
@@ -20,6 +20,26 @@ class Family(StrEnum):
     FEETECH_SCS = "feetech_scs"
     DYNAMIXEL_1 = "dynamixel_1"
     DYNAMIXEL_2 = "dynamixel_2"
+
+
+class OperatingMode(IntEnum):
+    """What a Dynamixel X controls: its register ``operating_mode`` (e-manual, address 11)."""
+
+    CURRENT = 0
+    VELOCITY = 1
+    POSITION = 3
+    EXTENDED_POSITION = 4
+    CURRENT_BASED_POSITION = 5
+    PWM = 16
+
+
+class FeetechMode(IntEnum):
+    """What a Feetech STS controls: its register ``operating_mode`` (memory table, address 33)."""
+
+    POSITION = 0
+    SPEED = 1
+    PWM = 2
+    STEP = 3
 
 
 class Role(StrEnum):

@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ikservo.calibration.sweeping.homing import Homing
+from ikservo.calibration.sweeping.homing import X_MOST, Homing
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.finding.identify import firmware_of
-from ikservo.registers import Family, Register, Role, ServoTable
+from ikservo.registers import (
+    Family,
+    FeetechMode,
+    OperatingMode,
+    Register,
+    Role,
+    ServoTable,
+)
 
 __all__ = [
     "ServoFacts",
@@ -31,9 +38,16 @@ _NAMED = {Family.FEETECH_STS: ("phase",), Family.DYNAMIXEL_2: ("drive_mode",)}
 _BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
 
 TURNS_BIT = 0b0001_0000  # of phase: an STS that counts several turns forgets them with the power
-POSITION, EXTENDED, CURRENT_POSITION = 3, 4, 5  # operating modes of Dynamixel X
-_X_POSITIONS = (POSITION, EXTENDED, CURRENT_POSITION)
-STS_POSITION = 0
+_POSITION_MODES = {
+    Family.FEETECH_STS: (FeetechMode.POSITION,),
+    Family.DYNAMIXEL_2: (
+        OperatingMode.POSITION,
+        OperatingMode.EXTENDED_POSITION,
+        OperatingMode.CURRENT_BASED_POSITION,
+    ),
+}
+EXTENDED, CURRENT_POSITION = OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION
+_MULTI_TURN_MODES = (EXTENDED, CURRENT_POSITION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +70,8 @@ class ServoFacts:
     def offset(self) -> int:
         """Return the homing offset that is in force."""
         offset = self.held.get("homing_offset", 0)
-        ignored = self.held.get("operating_mode") == POSITION and abs(offset) > 1024
+        one_turn = self.held.get("operating_mode") == OperatingMode.POSITION
+        ignored = one_turn and abs(offset) > X_MOST
         return 0 if self.table.family is Family.DYNAMIXEL_2 and ignored else offset
 
     @property
@@ -70,19 +85,18 @@ def counts_alike(facts: ServoFacts, held: Mapping[str, int]) -> bool:
 
     An offset that the servo ignores counts as no offset that could be relied on, either.
     """
-    modes = {Family.FEETECH_STS: (STS_POSITION,), Family.DYNAMIXEL_2: _X_POSITIONS}
     mode = facts.held.get("operating_mode")
     turned = (name for name in _BITS if name in held and name in facts.held)
     if any(differs(name, held[name], facts.held[name]) for name in turned):
         return False
     ignored = facts.offset != facts.held.get("homing_offset", 0)
-    return not ignored and mode in modes.get(facts.table.family, (mode,))
+    return not ignored and mode in _POSITION_MODES.get(facts.table.family, (mode,))
 
 
 def counts_on(held: Mapping[str, int]) -> bool:
     """Return whether a servo that holds these numbers counts on beyond one turn."""
     dynamixel = "drive_mode" in held
-    return dynamixel and held["operating_mode"] in (EXTENDED, CURRENT_POSITION)
+    return dynamixel and held["operating_mode"] in _MULTI_TURN_MODES
 
 
 def held_registers(table: type[ServoTable]) -> list[Register]:
@@ -122,7 +136,7 @@ def wanted_memory(
     """
     held = dict(facts.held)
     if facts.table.family is Family.FEETECH_STS:
-        held["operating_mode"] = STS_POSITION
+        held["operating_mode"] = FeetechMode.POSITION
         held["phase"] &= ~TURNS_BIT
     elif facts.table.family is Family.DYNAMIXEL_2:
         held["operating_mode"] = _x_mode(held["operating_mode"], homing)
@@ -132,9 +146,9 @@ def wanted_memory(
 
 
 def _x_mode(mode: int, homing: Homing) -> int:
-    if mode == CURRENT_POSITION:
+    if mode == OperatingMode.CURRENT_BASED_POSITION:
         return mode  # a gripper that yields; it counts on like the extended mode
-    return EXTENDED if homing.extended else POSITION
+    return OperatingMode.EXTENDED_POSITION if homing.extended else OperatingMode.POSITION
 
 
 def _limits(

@@ -1,0 +1,59 @@
+"""Each servo model has one register that limits its torque, as a share of its most."""
+
+import pytest
+
+from ikservo.arm.skills.force import limit_force, torque_limit_registers
+from ikservo.errors import RegisterAccessError
+from ikservo.registers import MODELS, Access, Area, OperatingMode
+from tests.hardware.desk import bus_with
+
+LIMITED = {
+    "STS3215": ("torque_limit", "max_torque"),
+    "STS3250": ("torque_limit", "max_torque"),
+    "AX-12A": ("torque_limit", "max_torque"),
+    "MX-28": ("torque_limit", "max_torque"),
+    "XL430-W250": ("goal_pwm", "pwm_limit"),
+    "XL330-M288": ("goal_pwm", "pwm_limit"),
+    "XL330-M077": ("goal_pwm", "pwm_limit"),
+    "XM430-W350": ("goal_pwm", "pwm_limit"),
+    "XM540-W270": ("goal_pwm", "pwm_limit"),
+}
+"""In position mode; the SCS models have none."""
+
+WITH_CURRENT = [name for name, table in MODELS.items() if "goal_current" in table.registers]
+
+
+def names_of(found):
+    return tuple(register.name for register in found)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_has_its_limit_or_none(model):
+    bus = bus_with({1: model})
+    found = torque_limit_registers(bus, 1)
+    assert (names_of(found) if found else None) == LIMITED.get(model)
+
+
+@pytest.mark.parametrize("model", WITH_CURRENT)
+def test_in_current_based_position_mode_the_current_is_the_limit(model):
+    bus = bus_with({1: model})
+    bus.port.transport.line.servos[1].memory.put(
+        "operating_mode", OperatingMode.CURRENT_BASED_POSITION
+    )
+    assert names_of(torque_limit_registers(bus, 1)) == ("goal_current", "current_limit")
+
+
+@pytest.mark.parametrize("model", LIMITED)
+def test_the_limit_is_written_to_ram_as_a_share_of_what_eeprom_allows(model):
+    bus = bus_with({1: model})
+    limit, most = torque_limit_registers(bus, 1)
+    assert (limit.area, limit.access, most.area) == (Area.RAM, Access.RW, Area.EEPROM)
+    limit_force(bus, 1, 0.25)
+    top = bus.read(1, most, raw=True)
+    assert bus.read(1, limit, raw=True) == round(0.25 * top) > 0
+
+
+@pytest.mark.parametrize("model", sorted(MODELS.keys() - LIMITED.keys()))
+def test_a_model_without_a_limit_is_refused(model):
+    with pytest.raises(RegisterAccessError, match="there is none in RAM"):
+        limit_force(bus_with({1: model}), 1, 0.5)
