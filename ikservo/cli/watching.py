@@ -21,13 +21,13 @@ from ikservo.cli.session import opened
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError
 from ikservo.model import Model
+from ikservo.model.health import HealthLimits
+from ikservo.model.joint_limits import limit_distance, near_limit
 
-__all__ = ["bar", "watch_arm"]
+__all__ = ["bar", "heat_colour", "limit_colour", "watch_arm"]
 
 # Characters between the limits, and what the other columns take.
 _SHORTEST, _LONGEST, _REST = 9, 31, 68
-_NEAR_RAD = math.radians(5.0)
-_WARM_C, _HOT_C = 60.0, 65.0
 
 Look = Callable[[], Whereabouts]
 
@@ -116,32 +116,33 @@ def _screen(here: Whereabouts, model: Model, width: int) -> Group:
 
 
 def _row(state: JointState, model: Model, length: int) -> list[Text | str]:
-    say = model.joint(state.name).joint_map.say
-    colour = _colour(state)
+    joint_map = model.joint(state.name).joint_map
+    say, colour = joint_map.say, limit_colour(state, joint_map.unit)
     return [
         state.name,
         Text(say(state.position_rad), colour),
         say(state.lower_rad),
         Text(bar(state.position_rad, state.lower_rad, state.upper_rad, length), colour),
         say(state.upper_rad),
-        Text(f"{state.temperature_c:.0f}", _heat(state)),
+        Text(f"{state.temperature_c:.0f}", heat_colour(state.temperature_c, model.health)),
         f"{state.voltage_v:.1f}",
         "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
         "on" if state.torque else "off",
     ]
 
 
-def _heat(state: JointState) -> str:
-    return "red" if state.temperature_c >= _HOT_C else "yellow" * (state.temperature_c >= _WARM_C)
+def heat_colour(temperature_c: float, limits: HealthLimits) -> str:
+    """Return red from the temperature on at which the arm holds, yellow where it warns."""
+    hot, warm = (temperature_c >= c for c in (limits.hold_c, limits.warn_c))
+    return "red" if hot else "yellow" if warm else ""
 
 
-def _colour(state: JointState) -> str:
-    """Return red outside the limits, yellow near one; a slide is near in its last twentieth."""
-    span = state.upper_rad - state.lower_rad
-    room = min(state.position_rad - state.lower_rad, state.upper_rad - state.position_rad)
-    if room < 0.0:
+def limit_colour(state: JointState, unit: str) -> str:
+    """Return red outside the limits, yellow near one."""
+    joint = (state.position_rad, state.lower_rad, state.upper_rad)
+    if limit_distance(*joint) < 0.0:
         return "red"
-    return "yellow" if room < min(_NEAR_RAD, span / 20) else ""
+    return "yellow" if near_limit(*joint, unit) else ""
 
 
 def bar(position: float, lower: float, upper: float, length: int) -> str:

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 
+from ikservo.model.health import HealthLimits
+
 __all__ = [
     "ArmBus",
     "ArmCalibration",
@@ -30,6 +32,7 @@ def _whole(value: object) -> object:
     return value
 
 
+_USUAL = HealthLimits()
 # Each description is also what an error message expects there.
 _NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 _TEXT = "one line of text"
@@ -143,11 +146,15 @@ class ArmSurroundings(_Table):
 class ArmHealth(_Table):
     """``[health]``: what the servos may be asked to bear, where it is not as usual."""
 
-    warn_c: Positive = Field(default=60.0, description="degrees Celsius, such as 60.0")
-    hold_c: Positive = Field(default=65.0, description="degrees Celsius, such as 65.0")
-    release_c: Positive = Field(default=70.0, description="degrees Celsius, such as 70.0")
-    load_percent: Positive = Field(default=90.0, description="a share of the most, in percent")
-    load_s: Positive = Field(default=3.0, description="seconds above 0")
+    warn_c: Positive = Field(default=_USUAL.warn_c, description="degrees Celsius, such as 60.0")
+    hold_c: Positive = Field(default=_USUAL.hold_c, description="degrees Celsius, such as 65.0")
+    release_c: Positive = Field(
+        default=_USUAL.release_c, description="degrees Celsius, such as 70.0"
+    )
+    load_percent: Positive = Field(
+        default=_USUAL.load_percent, description="a share of the most, in percent"
+    )
+    load_s: Positive = Field(default=_USUAL.load_s, description="seconds above 0")
     low_v: Positive | None = Field(default=None, description="volts, such as 6.5")
     high_v: Positive | None = Field(default=None, description="volts, such as 8.4")
 

@@ -57,6 +57,8 @@ def lines_of(said, topic):
          "✗ supply    elbow_flex (id 3) has a supply of 7.4 V; allowed are 4.0 to 6.0 V"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 64.0), "heat",
          "! heat      elbow_flex (id 3) is at 63 °C"),
+        (lambda s: setattr(s[3].motor.heat, "temperature_c", 68.0), "heat",
+         "✗ heat      elbow_flex (id 3) is at 67 °C"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 90.0), "heat",
          "✗ heat      elbow_flex (id 3) is at 89 °C"),
         (lambda s: s[3].memory.put("firmware_minor", 9), "firmware",

@@ -6,11 +6,13 @@ import re
 import pytest
 
 import ikservo
+from ikservo.arm import JointState
 from ikservo.cli import main
 from ikservo.cli.hints import addressed
 from ikservo.cli.output import point
-from ikservo.cli.watching import bar, watch_arm
+from ikservo.cli.watching import bar, heat_colour, limit_colour, watch_arm
 from ikservo.errors import UnreachableError
+from ikservo.model.health import HealthLimits
 from servosim.clock import VirtualClock
 
 SIM = "--arm so101 --port sim:?pose=home"
@@ -249,3 +251,15 @@ def test_recording_is_announced_once_the_arm_is_being_read(say, tmp_path, monkey
     monkeypatch.setattr("ikservo.cli.record.note", noted)
     assert say(f"record {path} --arm so101 --port sim").code == 0
     assert heard == [("Recording; Ctrl-C ends it.", True)]
+
+
+@pytest.mark.parametrize(("celsius", "colour"), [(39.9, ""), (40.0, "yellow"), (45.0, "red")])
+def test_heat_is_coloured_by_the_arms_own_limits(celsius, colour):
+    limits = HealthLimits(warn_c=40.0, hold_c=45.0, release_c=50.0)
+    assert heat_colour(celsius, limits) == colour
+
+
+@pytest.mark.parametrize(("position_rad", "colour"), [(1.1, "red"), (0.95, "yellow"), (0.85, "")])
+def test_a_joint_is_yellow_near_its_limit_and_red_beyond_it(position_rad, colour):
+    state = JointState("wrist", position_rad, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
+    assert limit_colour(state, "rad") == colour

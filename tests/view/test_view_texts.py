@@ -7,6 +7,7 @@ import pytest
 
 from ikservo.arm import JointState
 from ikservo.ik import Binding
+from ikservo.model.health import HealthLimits
 from ikservo.view.scene.aim import Aim
 from ikservo.view.scene.texts import (
     aim_words,
@@ -50,12 +51,19 @@ def test_points_and_times_have_units():
 )  # fmt: skip
 def test_a_servos_health_has_a_level(said, level):
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, None, torque=True)
-    assert health_rows([replace(state, **said)])[0]["level"] == level
+    assert health_rows([replace(state, **said)], HealthLimits())[0]["level"] == level
+
+
+@pytest.mark.parametrize(("celsius", "level"), [(39.0, "good"), (41.0, "amber"), (46.0, "red")])
+def test_an_arm_with_its_own_limits_is_warm_and_hot_by_those(celsius, level):
+    state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", celsius, 12.1, 4.0, torque=True)
+    limits = HealthLimits(warn_c=40.0, hold_c=45.0, release_c=50.0)
+    assert health_rows([state], limits)[0]["level"] == level
 
 
 def test_health_is_said_in_units():
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
-    row = health_rows([state])[0]
+    row = health_rows([state], HealthLimits())[0]
     assert (row["temperature"], row["voltage"], row["load"]) == ("31 °C", "12.1 V", "4 %")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from ikservo.arm.care.eeprom_checks import check_eeprom
 from ikservo.arm.care.findings import Finding, bad, good, odd
@@ -12,12 +12,12 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.finding.identify import firmware_of
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model
+from ikservo.model.health import HealthLimits
 from ikservo.registers import Role, table_with_number
 
 __all__ = ["check_servos"]
 
-_WARM_C = 60.0
-_HOT_C = 70.0
+_USUAL_HEALTH = HealthLimits()
 _LONG_DELAY_S = 1e-4  # of all servos together
 
 
@@ -28,12 +28,21 @@ def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
         bus: The line, with those servos.
         model: The arm they should be, if one is meant.
     """
-    checks = [_models, _supply, _heat, _firmware, _alarms, _return_delay, _locks]
-    for check in checks:
+    limits = model.health if model else _USUAL_HEALTH
+    checks: dict[str, Callable[[], Iterator[Finding]]] = {
+        "models": lambda: _models(bus),
+        "supply": lambda: _supply(bus),
+        "heat": lambda: _heat(bus, limits),
+        "firmware": lambda: _firmware(bus),
+        "alarms": lambda: _alarms(bus),
+        "delay": lambda: _return_delay(bus),
+        "lock": lambda: _locks(bus),
+    }
+    for name, check in checks.items():
         try:
-            yield from check(bus)
+            yield from check()
         except BusError as error:
-            yield bad(check.__name__.strip("_"), error.message, error.command_hint)
+            yield bad(name, error.message, error.command_hint)
     if model:
         yield from check_eeprom(bus, model)
 
@@ -71,13 +80,13 @@ def _supply(bus: ServoBus) -> Iterator[Finding]:
         yield good("supply", f"{_span(volts, '.1f')} V, inside every servo's limits")
 
 
-def _heat(bus: ServoBus) -> Iterator[Finding]:
+def _heat(bus: ServoBus, limits: HealthLimits) -> Iterator[Finding]:
     degrees = bus.sync_read(bus.servos, Role.PRESENT_TEMPERATURE).complete()
     cool = True
     for servo_id, celsius in degrees.items():
-        if celsius >= _WARM_C:
+        if celsius >= limits.warn_c:
             cool = False
-            kind = bad if celsius >= _HOT_C else odd
+            kind = bad if celsius >= limits.hold_c else odd
             yield kind(
                 "heat", f"{bus.servos[servo_id]} is at {celsius:.0f} °C", "Let it cool down."
             )

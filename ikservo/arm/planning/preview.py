@@ -10,6 +10,7 @@ import numpy as np
 from ikservo.arm.planning.plan import NearLimit
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.model.joint_limits import near_distance
 from ikservo.motion import Course, Pace
 
 __all__ = ["near_limits", "path_length_m", "states_of", "time_setters"]
@@ -17,7 +18,6 @@ __all__ = ["near_limits", "path_length_m", "states_of", "time_setters"]
 _LOOKS = 200
 # A joint that uses this share of its pace at some instant is one that sets the time.
 _FULL = 0.98
-_CLOSE = 0.05
 
 
 def states_of(course: Course) -> tuple[Matrix, Matrix, Matrix]:
@@ -59,7 +59,7 @@ def time_setters(
 def near_limits(
     joints: Matrix, lower: Vector, upper: Vector, names: Sequence[str], units: Sequence[str]
 ) -> tuple[NearLimit, ...]:
-    """Return the joints that come within a twentieth of their range of a limit, closest first.
+    """Return the joints that come near a limit, closest first; see ``near_limit``.
 
     Args:
         joints: Along the way (k, n), rad or m.
@@ -71,13 +71,13 @@ def near_limits(
     found: list[tuple[float, NearLimit]] = []
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         span = float(upper[i] - lower[i])
-        if not 0.0 < span < math.inf:
+        if not 0.0 < span < math.inf:  # a joint that turns freely, or cannot turn
             continue
         below, above = (
             float((joints[:, i] - lower[i]).min()),
             float((upper[i] - joints[:, i]).min()),
         )
         room, side = min((below, "lower"), (above, "upper"))
-        if room < _CLOSE * span:
+        if room <= near_distance(float(lower[i]), float(upper[i]), unit):
             found.append((room / span, NearLimit(name, side, room, unit)))
     return tuple(near for _, near in sorted(found, key=lambda each: each[0]))

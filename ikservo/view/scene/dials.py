@@ -11,15 +11,12 @@ import numpy as np
 
 from ikservo.kinematics import Chain, JointKind, Step
 from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.model.joint_limits import at_limit, near_limit
 
-__all__ = ["AMBER_RAD", "RED_RAD", "Dial", "dials_of", "nearness"]
+__all__ = ["Dial", "dials_of", "nearness"]
 
 Nearness = Literal["limit", "amber", "red"]
 
-AMBER_RAD, RED_RAD = math.radians(5.0), math.radians(0.3)
-"""How near to a limit a joint is said to be near, and at it; as many metres / 17 for a slide."""
-
-_SLIDE_M_PER_RAD = 0.057  # 5 mm of a slide count like 5°
 _LEAST_ARM_M = 0.005
 
 
@@ -75,11 +72,10 @@ def _dial(step: Step, needle: Vector) -> Dial:
 
 
 def nearness(chain: Chain, q: Vector, column: int) -> Nearness:
-    """Return ``amber`` within 5° (5 mm) of a limit, ``red`` at it, else ``limit``."""
-    room = min(q[column] - chain.lower_rad[column], chain.upper_rad[column] - q[column])
-    if chain.kinds[column] is JointKind.PRISMATIC:
-        room /= _SLIDE_M_PER_RAD
-    return "red" if room <= RED_RAD else "amber" if room <= AMBER_RAD else "limit"
+    """Return ``amber`` near a limit, ``red`` at it, else ``limit``."""
+    joint = (float(q[column]), float(chain.lower_rad[column]), float(chain.upper_rad[column]))
+    unit = "m" if chain.kinds[column] is JointKind.PRISMATIC else "rad"
+    return "red" if at_limit(*joint, unit) else "amber" if near_limit(*joint, unit) else "limit"
 
 
 def _needle(step: Step, T_world_child: Matrix, towards_m: Vector) -> Vector:

@@ -13,10 +13,10 @@ from ikservo.view.scene.aim import Aim
 
 if TYPE_CHECKING:
     from ikservo.arm import JointState
+    from ikservo.model.health import HealthLimits
 
 __all__ = ["aim_words", "health_rows", "point", "range_words", "solver_words", "supply_words"]
 
-_WARM_C, _HOT_C = 60.0, 65.0
 _LOADED_PERCENT = 80.0
 
 
@@ -64,8 +64,13 @@ def range_words(chain: Chain, column: int, position: float, limit_from: str) -> 
     return f"{at}, {say(low, unit)} to {say(high, unit)} ({limit_from})"
 
 
-def health_rows(states: Sequence[JointState]) -> list[dict[str, object]]:
-    """Return a row for each servo: temperature, voltage, load, torque, alarms, how bad it is."""
+def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict[str, object]]:
+    """Return a row for each servo: temperature, voltage, load, torque, alarms, how bad it is.
+
+    Args:
+        states: The servos.
+        limits: From which temperatures on the arm warns and holds.
+    """
     return [
         {
             "name": state.name,
@@ -74,14 +79,14 @@ def health_rows(states: Sequence[JointState]) -> list[dict[str, object]]:
             "load": "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
             "torque": "on" if state.torque else "off",
             "alarms": ", ".join(state.alarms),
-            "level": _level(state),
+            "level": _level(state, limits),
         }
         for state in states
     ]
 
 
-def _level(state: JointState) -> str:
-    if state.alarms or state.temperature_c >= _HOT_C:
+def _level(state: JointState, limits: HealthLimits) -> str:
+    if state.alarms or state.temperature_c >= limits.hold_c:
         return "red"
     loaded = abs(state.load_percent or 0.0) >= _LOADED_PERCENT
-    return "amber" if state.temperature_c >= _WARM_C or loaded else "good"
+    return "amber" if state.temperature_c >= limits.warn_c or loaded else "good"

@@ -11,7 +11,8 @@ from ikservo.arm import JointState
 from ikservo.calibration import say
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
-from ikservo.view.scene.dials import AMBER_RAD, RED_RAD
+from ikservo.model.health import HealthLimits
+from ikservo.model.joint_limits import at_limit, near_limit
 from ikservo.view.scene.texts import health_rows, supply_words
 from ikservo.view.session.readout import Readout
 
@@ -50,18 +51,18 @@ def joint_meters(model: Model, readout: Readout, goal: Vector | None) -> list[di
     return [_meter(model, state, float(at), float(to)) for state, at, to in rows]
 
 
-def health(states: Sequence[JointState]) -> dict[str, object]:
+def health(states: Sequence[JointState], limits: HealthLimits) -> dict[str, object]:
     """Return how the servos are."""
     volts = [state.voltage_v for state in states]
-    return {"supply": supply_words(volts) if volts else "", "joints": health_rows(states)}
+    return {"supply": supply_words(volts) if volts else "", "joints": health_rows(states, limits)}
 
 
 def _meter(model: Model, state: JointState, at: float, to: float) -> dict[str, object]:
     unit = model.joint(state.name).joint_map.unit
     low, high = state.lower_rad, state.upper_rad
+    at_it, near_it = (check(at, low, high, unit) for check in (at_limit, near_limit))
     if not math.isfinite(high - low):
         low, high = at - math.pi, at + math.pi
-    room = min(at - low, high - at) * (1.0 if unit == "rad" else math.radians(1.0) / 0.001)
 
     def share(position: float) -> float:
         return round(float(np.clip((position - low) / max(high - low, 1e-9), 0.0, 1.0)), 4)
@@ -74,5 +75,5 @@ def _meter(model: Model, state: JointState, at: float, to: float) -> dict[str, o
         "from": state.limit_from,
         "share": share(at),
         "goal": share(to),
-        "state": "at" if room <= RED_RAD else "near" if room <= AMBER_RAD else "",
+        "state": "at" if at_it else "near" if near_it else "",
     }

@@ -59,7 +59,7 @@ def status_told(
         "speed": pilot.wish.speed,
         "banner": banner(readout),
         "joints": joint_meters(pilot.arm.model, readout, gestures.goal),
-        "health": health(readout.states),
+        "health": health(readout.states, pilot.arm.model.health),
         "tip": _tip(pilot, gestures),
         "posture": insight_rows(pilot.arm.chain, _q(pilot), insight),
         "under": under_rows(gestures.under, gestures.chosen),

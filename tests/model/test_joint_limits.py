@@ -1,0 +1,53 @@
+"""Near a limit is 5°, 5 mm of a slide, or a twentieth of a short range; at it 0.3° or 0.3 mm."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ikservo.model.joint_limits import at_limit, limit_distance, near_limit
+
+DEG = math.radians(1.0)
+
+
+@pytest.mark.parametrize(
+    ("position", "unit", "near", "at"),
+    [
+        (95.1 * DEG, "rad", True, False),
+        (94.9 * DEG, "rad", False, False),
+        (-95.1 * DEG, "rad", True, False),
+        (99.8 * DEG, "rad", True, True),
+        (101.0 * DEG, "rad", True, True),
+        (0.0, "rad", False, False),
+    ],
+)
+def test_a_joint_that_turns_is_near_within_five_degrees(position, unit, near, at):
+    joint = (position, -100 * DEG, 100 * DEG, unit)
+    assert (near_limit(*joint), at_limit(*joint)) == (near, at)
+
+
+@pytest.mark.parametrize(
+    ("position_m", "near", "at"),
+    [(0.2951, True, False), (0.2949, False, False), (0.2998, True, True), (0.0002, True, True)],
+)
+def test_a_slide_is_near_within_five_millimetres(position_m, near, at):
+    joint = (position_m, 0.0, 0.3, "m")
+    assert (near_limit(*joint), at_limit(*joint)) == (near, at)
+
+
+def test_of_a_short_range_only_the_last_twentieth_is_near():
+    assert near_limit(0.0195, 0.0, 0.02, "m")
+    assert not near_limit(0.0185, 0.0, 0.02, "m")
+
+
+def test_a_joint_that_turns_freely_is_never_near():
+    assert not near_limit(7.0, -math.inf, math.inf)
+    assert limit_distance(7.0, -math.inf, math.inf) == math.inf
+
+
+@given(st.floats(-2, 2), st.floats(-1, 0), st.floats(0, 1), st.sampled_from(["rad", "m"]))
+def test_what_is_at_a_limit_is_near_it_and_what_is_outside_is_at_it(position, lower, upper, unit):
+    joint = (position, lower, upper, unit)
+    assert near_limit(*joint) or not at_limit(*joint)
+    assert at_limit(*joint) or limit_distance(*joint[:3]) >= 0.0
