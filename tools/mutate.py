@@ -1,43 +1,43 @@
 """Mutation run: every small change of the code must make a test of its package fail.
 
     python tools/mutate.py [MODULE ...] [--package NAME] [--jobs N] [--list]
+                           [--line N ...] [--tests FILE ...] [--sample FRACTION --seed N]
 
 Each mutant is one change: a comparison, a sign, a constant, a condition, a statement left out. It
-is imported in a forked process in place of the module, and the package's tests run until one
-fails. Survivors are printed with their place and difference; the exit code is 1 if there are any.
-Those that no test can see are excused, with the reason, in ``tools/mutation/excused.py``.
+is put in place of the original in a forked process, and the tests that call what is changed run
+there until one fails. Survivors are printed with their place and difference; the exit code is 1 if
+there are any. Those that no test can see are excused, with the reason, in
+``tools/mutation/excused.py``.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import random
 import sys
+from pathlib import Path
 
+from mutation.gathering import Tests, with_tests
 from mutation.mutant import Mutant, mutants_of
 from mutation.packages import PACKAGES, Package
-from mutation.running import preload, run, time_of_tests_s
-
-# A mutant may make a loop run on: it has this many times as long as the unchanged tests.
-_PATIENCE, _GRACE_S = 4.0, 20.0
+from mutation.running import preload, run
 
 
 def main() -> int:
     """Run all mutants of the chosen packages and say how many were killed."""
     given = _options()
-    packages = [PACKAGES[name] for name in given.package or PACKAGES]
-    chosen = [
-        (package, module)
-        for package in packages
-        for module in package.modules
-        if not given.modules or module in given.modules
-    ]
-    if given.list:
-        print(*_tried(chosen, given.line), sep="\n")
-        return 0
-    os.nice(5)
-    preload(packages)
-    survivors = [mutant for each in chosen for mutant in _run(*each, given.line, given.jobs)]
+    survivors = 0
+    if not given.list:
+        os.nice(5)
+        preload()
+    for package in (PACKAGES[name] for name in given.package or PACKAGES):
+        tried = {m: _tried(package, m, given) for m in package.modules if _is_chosen(m, given)}
+        tried = {module: mutants for module, mutants in tried.items() if mutants}
+        if given.list:
+            print(*(mutant for mutants in tried.values() for mutant in mutants), sep="\n")
+        elif tried:
+            survivors += _run(package, tried, given)
     return 1 if survivors else 0
 
 
@@ -47,27 +47,39 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--package", action="append", choices=list(PACKAGES), help="(all)")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--list", action="store_true", help="print the mutants and run none")
-    parser.add_argument("--line", type=int, help="only the mutants of one line")
+    parser.add_argument("--line", type=int, action="append", help="only the mutants of this line")
+    parser.add_argument("--tests", type=Path, action="append", help="only this test file (all)")
+    parser.add_argument("--sample", type=float, default=1.0, help="run this fraction of them only")
+    parser.add_argument("--seed", type=int, default=1, help="which ones those are")
     return parser.parse_args()
 
 
-def _tried(chosen: list[tuple[Package, str]], line: int | None) -> list[Mutant]:
-    every = (mutant for package, module in chosen for mutant in mutants_of(package, module))
-    return [m for m in every if line in (None, m.line) and not m.excuse()]
+def _is_chosen(module: str, given: argparse.Namespace) -> bool:
+    return not given.modules or module in given.modules
 
 
-def _run(package: Package, module: str, line: int | None, jobs: int) -> list[Mutant]:
-    """Run the mutants of one module; print its line of the table; return who survived."""
-    name = f"{package.name}.{module}"
-    tried = _tried([(package, module)], line)
-    taken_s = time_of_tests_s(package, module) if tried else 0.0
-    if taken_s is None:
-        sys.exit(f"The tests fail without any mutant of {name}.")
-    survivors = run(tried, jobs, _PATIENCE * taken_s + _GRACE_S)
-    excused = sum(line in (None, m.line) for m in mutants_of(package, module)) - len(tried)
-    killed = len(tried) - len(survivors)
-    print(f"{name}: {killed} killed, {len(survivors)} survived, {excused} excused", flush=True)
-    return survivors
+def _tried(package: Package, module: str, given: argparse.Namespace) -> list[Mutant]:
+    """Return the mutants of a module to run: the same ones for the same seed."""
+    chance = random.Random(f"{given.seed} {package.name}.{module}")  # not a secret
+    sample = (m for m in mutants_of(package, module) if chance.random() < given.sample)
+    return [m for m in sample if (not given.line or m.line in given.line) and not m.excuse()]
+
+
+def _run(package: Package, tried: dict[str, list[Mutant]], given: argparse.Namespace) -> int:
+    """Run the mutants of a package, print a line of the table for each module, count survivors."""
+    survivors: list[Mutant] = []
+
+    def work(tests: Tests) -> None:
+        for module, mutants in tried.items():
+            alive = run(mutants, tests, given.jobs)
+            survivors.extend(alive)
+            excused = sum(bool(m.excuse()) for m in mutants_of(package, module))
+            counts = f"{len(mutants) - len(alive)} killed, {len(alive)} survived"
+            print(*alive, f"{package.name}.{module}: {counts}, {excused} excused", sep="\n")
+            sys.stdout.flush()
+
+    with_tests(package, given.tests or package.tests(), work)
+    return len(survivors)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from ikservo.kinematics.se3 import Matrix, Vector
 
 __all__ = ["Capsule", "segment_box_distance", "segment_distance"]
 
-_POINT_M2 = 1e-18
+_NOTHING = 1e-30
 _GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -45,14 +45,11 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
     d1, d2, r = q1 - p1, q2 - p2, p1 - p2
     a, e, b = _dot(d1, d1), _dot(d2, d2), _dot(d1, d2)
     c, f = _dot(d1, r), _dot(d2, r)
-    # A segment that is a point has one parameter; parallel segments have no single closest pair.
-    safe_a, safe_e = np.maximum(a, _POINT_M2), np.maximum(e, _POINT_M2)
-    crossing = a * e - b * b
-    skewed = crossing > 1e-12 * safe_a * safe_e
-    s = np.where(skewed, _unit((b * f - c * e) / np.where(skewed, crossing, 1.0)), 0.0)
-    t = np.where(e > _POINT_M2, (b * s + f) / safe_e, 0.0)
-    s = np.where((t < 0.0) | (t > 1.0) | (e <= _POINT_M2), _unit((b * _unit(t) - c) / safe_a), s)
-    t = _unit(t)
+    # Parallel segments and points have no single closest pair: any s begins with one as good.
+    crossing = np.maximum(a * e - b * b, _NOTHING)
+    s = _unit((b * f - c * e) / crossing)
+    t = _unit((b * s + f) / np.maximum(e, _NOTHING))
+    s = _unit((b * t - c) / np.maximum(a, _NOTHING))
     gap = r + s[..., None] * d1 - t[..., None] * d2
     return np.sqrt(_dot(gap, gap))
 

@@ -1,5 +1,7 @@
 """Distances between capsules and boxes against a dense search and an independent library."""
 
+import math
+
 import coal
 import numpy as np
 import pytest
@@ -79,3 +81,38 @@ def test_points_are_segments_without_length():
     assert segment_distance(origin, origin, one, one) == pytest.approx(1.0)
     assert segment_distance(origin, origin, one, -one) == pytest.approx(0.0)
     assert segment_distance(one, -one, origin, origin) == pytest.approx(0.0)
+
+
+@given(points, points, points, st.floats(-1, 1), st.floats(-1, 1))
+def test_parallel_segments_are_as_far_apart_as_a_dense_search_says(p1, q1, p2, stretch, shift):
+    along = q1 - p1
+    p2 = p2 + shift * along
+    q2 = p2 + stretch * along
+    t = np.linspace(0, 1, 200)[:, None]
+    first, second = p1 + t * along, p2 + t * (q2 - p2)
+    densest = np.linalg.norm(first[:, None] - second[None], axis=2).min()
+    assert densest - 0.02 <= segment_distance(p1, q1, p2, q2) <= densest + 1e-7
+
+
+def test_segments_of_many_postures_are_as_far_from_a_box_as_one_by_one():
+    ends = np.random.default_rng(4).uniform(-1, 1, (2, 5, 4, 3))
+    low, high = np.array([-0.2, -0.3, 0.0]), np.array([0.3, 0.1, 0.4])
+    together = segment_box_distance(*ends, low, high)
+    alone = [
+        [segment_box_distance(a, b, low, high) for a, b in zip(*rows, strict=True)]
+        for rows in zip(*ends, strict=True)
+    ]
+    np.testing.assert_allclose(together, alone, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "distance_m"),
+    [
+        ((0.5, 2.0, 0.5), (3.0, 2.0, 0.5), 1.0),
+        ((2.0, 2.0, 0.5), (5.0, 2.0, 0.5), math.sqrt(2.0)),
+        ((-1.0, 0.3, 0.5), (0.61, 1.91, 0.5), 0.3 / math.sqrt(2.0)),
+    ],
+)
+def test_a_segment_is_as_far_from_a_box_as_a_person_would_measure(a, b, distance_m):
+    found = segment_box_distance(np.array(a), np.array(b), np.zeros(3), np.ones(3))
+    assert found == pytest.approx(distance_m, abs=1e-9)

@@ -17,15 +17,17 @@ class Package:
     Attributes:
         name: Its name below ``ikservo``.
         left_out: Parts of names of test files that are too long or no business of single modules.
-        beyond: Test files of other packages that are asked where the package's own pass.
-        kernel: A compiled module, which stays loaded while others are mutated and is mutated as
-            plain Python with its own tests only.
+        beyond: Test files of other packages that use this one too.
+        kernel: A compiled module, which is mutated as plain Python with its own tests only.
+        layouts: Modules whose constants are compiled into kernels: those run as plain Python
+            where such a constant is changed.
     """
 
     name: str
     left_out: tuple[str, ...] = ()
     beyond: tuple[str, ...] = ()
     kernel: str = ""
+    layouts: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -42,19 +44,22 @@ class Package:
         """Return the file of a module."""
         return self.folder.joinpath(*module.split(".")).with_suffix(".py")
 
-    def tests_of(self, module: str) -> list[list[str]]:
-        """Return rounds of test files: the module's own, the package's others, those beyond."""
-        folder, stem = ROOT / "tests" / self.name, module.rpartition(".")[2]
-        files = sorted(str(path) for path in folder.glob("test_*.py"))
-        files = [f for f in files if not any(part in Path(f).name for part in self.left_out)]
-        own = [f for f in files if stem in Path(f).name]
-        if self.kernel and module == self.kernel:
-            return [own]
-        rest = [f for f in files if f not in own]
-        rounds = [own, rest, [str(ROOT / "tests" / f) for f in self.beyond]]
-        return [files for files in rounds if files]
+    def tests(self) -> list[Path]:
+        """Return all test files: the package's own, then those beyond."""
+        files = sorted((ROOT / "tests" / self.name).glob("test_*.py"))
+        kept = [f for f in files if not any(part in f.name for part in self.left_out)]
+        return kept + [ROOT / "tests" / f for f in self.beyond]
+
+    def is_own(self, module: str, test: Path) -> bool:
+        """Return whether a test file is named after the module."""
+        return module.rpartition(".")[2] in test.name
+
+    def is_plain(self, module: str) -> bool:
+        """Return whether kernels run as plain Python while the module is mutated."""
+        return module == self.kernel or module in self.layouts
 
 
+_CALIBRATE = ("", "_auto", "_doubts", "_scripted_hand")
 PACKAGES = {
     package.name: package
     for package in (
@@ -62,9 +67,16 @@ PACKAGES = {
         Package(
             "kinematics",
             beyond=("guard/test_space.py", "guard/test_nearness.py", "ik/test_kernel.py"),
+            layouts=("packing", "packed_body"),
         ),
         Package(
-            "calibration", left_out=("hidden_arms",), beyond=("calibration/test_hidden_arms.py",)
+            "calibration",
+            beyond=(
+                *(f"cli/test_calibrate{what}.py" for what in _CALIBRATE),
+                "cli/test_lerobot_exchange.py",
+                "cli/test_touch_off.py",
+                "cli/test_wiggle.py",
+            ),
         ),
     )
 }

@@ -2,84 +2,204 @@
 
 from __future__ import annotations
 
-import contextlib
-import importlib.abc
-import importlib.util
-import io
+import importlib
+import mmap
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import time
-from collections.abc import Sequence
-from importlib.machinery import ModuleSpec
-from types import ModuleType
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FunctionType
 
-from mutation.mutant import Mutant, unchanged
-from mutation.packages import ROOT, Package
+import pytest
 
-__all__ = ["preload", "run", "time_of_tests_s"]
+from mutation.gathering import OPTIONS, Failures, Tests
+from mutation.mutant import Mutant
+from mutation.packages import ROOT
+from mutation.swapping import (
+    Name,
+    NotLoadedError,
+    function_around,
+    functions_of,
+    import_anew,
+    put_in,
+)
 
-_LONGEST_S = 300.0
+__all__ = ["preload", "run"]
+
 _POLL_S = 0.005
-_SURVIVED, _KILLED = 1, 0
+_SURVIVED, _KILLED, _NOT_LOADED = 1, 0, 2
+# A mutant may make a loop run on: a test then has this many times as long as without it.
+_PATIENCE, _GRACE_S = 3.0, 2.0
+# Importing everything anew takes a few seconds, and kernels as plain Python are slow.
+_IMPORT_S, _PLAIN = 10.0, 30.0
+# A mutant may also wait for what never comes, which takes no time of the processor; others may
+# take most of that time.
+_WALL_S, _WALL = 60.0, 10.0
+# How much likelier a test named after the module is to fail than another.
+_OWN, _OTHER = 1.0, 0.2
 
 
-def preload(packages: Sequence[Package]) -> None:
+def preload() -> None:
     """Import once what every mutant's process needs and what does not change."""
     sys.path[:0] = [str(ROOT), str(ROOT / "sim")]
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     os.chdir(ROOT)
-    for name in ("pytest", "hypothesis", "numpy", "scipy.optimize", "numba"):
+    for name in ("numpy", "scipy.optimize", "numba"):
         importlib.import_module(name)
-    for package in packages:
-        if package.kernel:
-            importlib.import_module(f"ikservo.{package.name}.{package.kernel}")
+    from hypothesis import HealthCheck, Phase, settings  # noqa: PLC0415  # after numpy's threads
+
+    settings.register_profile(
+        "mutation",
+        derandomize=True,
+        database=None,
+        deadline=None,
+        phases=(Phase.explicit, Phase.generate),  # no matter how small an example is
+        suppress_health_check=tuple(HealthCheck),
+    )
+    settings.load_profile("mutation")
 
 
-def time_of_tests_s(package: Package, module: str) -> float | None:
-    """Return how long the tests take on the unchanged module; None where they fail."""
-    began_s = time.monotonic()
-    _, status = os.waitpid(_fork(unchanged(package, module)), 0)
-    passed = os.WIFEXITED(status) and os.WEXITSTATUS(status) == _SURVIVED
-    return time.monotonic() - began_s if passed else None
+def run(mutants: Sequence[Mutant], tests: Tests, jobs: int) -> list[Mutant]:
+    """Return those mutants of one module that no test killed.
+
+    What is changed inside of a function is put into the function as it is loaded. Where it lives
+    on, and the function is called already while modules are imported, or the change is not inside
+    of one, everything is imported anew.
+    """
+    if not mutants:
+        return []
+    module = _Module(mutants[0], tests)
+    inside = [m for m in mutants if function_around(m)]
+    longest_s = module.longest_s(plain=False)
+    alive, not_loaded = _in_children(inside, module.survives_inside, jobs, longest_s)
+    again = [m for m in alive if module.is_called_early(m)]
+    anew = [m for m in mutants if not function_around(m) or m in again or m in not_loaded]
+    longest_s = module.longest_s(plain=mutants[0].package.is_plain(mutants[0].module))
+    alive_anew, _ = _in_children(anew, module.survives_anew, jobs, longest_s)
+    alive = [m for m in alive if m not in again] + alive_anew
+    return [m for m in mutants if m in alive]
 
 
-def run(mutants: Sequence[Mutant], jobs: int, longest_s: float = _LONGEST_S) -> list[Mutant]:
-    """Return the mutants that no test killed; one that takes too long counts as killed."""
-    waiting, survivors = list(reversed(mutants)), list[Mutant]()
-    running: dict[int, tuple[Mutant, float]] = {}
-    done = 0
+@dataclass(slots=True, init=False)
+class _Module:
+    """A module's tests and functions; its methods run in the processes of mutants."""
+
+    tests: Tests
+    own: set[int]
+    functions: dict[Name, list[FunctionType]]
+    kills: mmap.mmap
+
+    def __init__(self, mutant: Mutant, tests: Tests) -> None:
+        self.tests = tests
+        package, module = mutant.package, mutant.module
+        self.own = {i for i, t in enumerate(tests.items) if package.is_own(module, t.path)}
+        self.functions = functions_of(mutant.path)
+        self.kills = mmap.mmap(-1, len(tests.items))  # shared by all processes
+
+    def longest_s(self, *, plain: bool) -> float:
+        """Return how long a mutant may take in all."""
+        return (_PLAIN if plain else _WALL) * sum(self.tests.cost_s) + _WALL_S
+
+    def is_called_early(self, mutant: Mutant) -> bool:
+        """Return whether the changed function is called while modules are imported."""
+        first, last = function_around(mutant) or (0, 0)
+        early = self.tests.while_imported
+        return any(file == str(mutant.path) and first <= n <= last for file, n in early)
+
+    def survives_inside(self, mutant: Mutant) -> bool:
+        """Run the tests that enter the changed function; return whether all of them passed."""
+        put_in(mutant, self.functions)
+        first, last = function_around(mutant) or (0, 0)
+        entering = sorted(self.tests.of(mutant.path, first, last), key=self._cost_of_a_kill)
+        failures = Failures()
+        for i, following in zip(entering, [*entering[1:], None], strict=True):
+            item = self.tests.items[i]
+            item.config.pluginmanager.register(failures)
+            _limit(_PATIENCE * self.tests.cost_s[i] + _GRACE_S)
+            after = None if following is None else self.tests.items[following]
+            item.ihook.pytest_runtest_protocol(item=item, nextitem=after)
+            item.config.pluginmanager.unregister(failures)
+            if failures.any:
+                self.kills[i] = min(255, self.kills[i] + 1)
+                return False
+        return True
+
+    def survives_anew(self, mutant: Mutant) -> bool:
+        """Import the mutant and the tests of its module; return whether all of them passed."""
+        using = self.tests.of(mutant.path) or list(range(len(self.tests.items)))
+        if mutant.module == mutant.package.kernel:
+            using = sorted(self.own)
+        cost_s = sum(self.tests.cost_s[i] for i in using)
+        slower = _PLAIN if mutant.package.is_plain(mutant.module) else _PATIENCE
+        _limit(slower * cost_s + _IMPORT_S)
+        import_anew(mutant)
+        by_cost = sorted(using, key=self._cost_of_a_kill)
+        rounds = [i for i in by_cost if i in self.own], [i for i in by_cost if i not in self.own]
+        names = [[self.tests.items[i].nodeid for i in each] for each in rounds if each]
+        return all(pytest.main(["-x", *OPTIONS, *each]) == 0 for each in names)
+
+    def _cost_of_a_kill(self, i: int) -> float:
+        likely = self.kills[i] + (_OWN if i in self.own else _OTHER)
+        return self.tests.cost_s[i] / likely
+
+
+def _limit(cpu_s: float) -> None:
+    """End this process when it has taken so long of the processor, from now on."""
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, cpu_s)
+
+
+def _in_children(
+    mutants: Sequence[Mutant], survives: Callable[[Mutant], bool], jobs: int, longest_s: float
+) -> tuple[list[Mutant], list[Mutant]]:
+    """Return the mutants that survived, and those whose function is not loaded."""
+    waiting = list(reversed(mutants))
+    ended: dict[int, list[Mutant]] = {_SURVIVED: [], _NOT_LOADED: []}
+    running: dict[int, _Child] = {}
     while waiting or running:
         while waiting and len(running) < jobs:
-            mutant = waiting.pop()
-            running[_fork(mutant)] = (mutant, time.monotonic())
-        for pid in list(running):
-            mutant, started_s = running[pid]
-            status = _ended(pid, late=time.monotonic() - started_s > longest_s)
-            if status is None:
-                continue
-            del running[pid]
-            done += 1
-            if os.WIFEXITED(status) and os.WEXITSTATUS(status) == _SURVIVED:
-                survivors.append(mutant)
-                print(mutant, flush=True)
-            if done % 50 == 0:
-                print(f"{done} of {len(mutants)} ...", file=sys.stderr, flush=True)
+            child = _Child(waiting.pop(), Path(tempfile.mkdtemp(prefix="m", dir=_memory())))
+            running[_fork(child, survives)] = child
+        for pid, child in list(running.items()):
+            code = _code_of(pid, late=time.monotonic() - child.began_s > longest_s)
+            if code is not None:
+                del running[pid]
+                shutil.rmtree(child.folder, ignore_errors=True)
+                ended.setdefault(code, []).append(child.mutant)
         time.sleep(_POLL_S)
-    return survivors
+    return ended[_SURVIVED], ended[_NOT_LOADED]
 
 
-def _ended(pid: int, *, late: bool) -> int | None:
-    """Return the status of a process that has ended, or is ended because it takes too long."""
+@dataclass(frozen=True, slots=True)
+class _Child:
+    """What a process runs, where its files are, and since when it runs."""
+
+    mutant: Mutant
+    folder: Path
+    began_s: float = field(default_factory=time.monotonic)
+
+
+def _memory() -> str | None:
+    return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+
+
+def _code_of(pid: int, *, late: bool) -> int | None:
+    """Return the exit code of a process that has ended, or is ended because it takes too long."""
     ended, status = os.waitpid(pid, os.WNOHANG)
-    if ended:
-        return status
-    if not late:
+    if not ended and not late:
         return None
-    os.kill(pid, signal.SIGKILL)
-    return os.waitpid(pid, 0)[1]
+    if not ended:
+        os.kill(pid, signal.SIGKILL)
+        status = os.waitpid(pid, 0)[1]
+    return os.WEXITSTATUS(status) if os.WIFEXITED(status) else _KILLED
 
 
-def _fork(mutant: Mutant) -> int:
+def _fork(child: _Child, survives: Callable[[Mutant], bool]) -> int:
     """Start a mutant's process and return its id."""
     pid = os.fork()
     if pid:
@@ -89,56 +209,12 @@ def _fork(mutant: Mutant) -> int:
         devnull = os.open(os.devnull, os.O_WRONLY)
         os.dup2(devnull, 1)
         os.dup2(devnull, 2)
-        code = _SURVIVED if _survives(mutant) else _KILLED
+        os.environ["PYTEST_DEBUG_TEMPROOT"] = str(child.folder)
+        code = _SURVIVED if survives(child.mutant) else _KILLED
+    except NotLoadedError:
+        code = _NOT_LOADED
     except BaseException:  # a mutant that cannot be imported is as dead as one that fails a test
         code = _KILLED
     finally:
         os._exit(code)
     return 0
-
-
-def _survives(mutant: Mutant) -> bool:
-    """Run the tests on a mutant, in this process; return whether all of them passed."""
-    import pytest  # noqa: PLC0415  # preloaded, but only in the processes of mutants
-
-    _forget(mutant)
-    sys.meta_path.insert(0, _Swap(mutant))
-    options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header", "--timeout=0"]
-    options += ["--assert=plain", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
-    rounds = mutant.package.tests_of(mutant.module)
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        return all(pytest.main([*options, *files]) == 0 for files in rounds)
-
-
-def _forget(mutant: Mutant) -> None:
-    """Let everything of ours be imported anew, except compiled kernels that are not mutated."""
-    kernel = f"ikservo.{mutant.package.name}.{mutant.package.kernel}"
-    keep = {kernel, "ikservo.ik.kernel.compiling"} if mutant.package.kernel else set[str]()
-    if mutant.dotted == kernel:
-        import numba  # noqa: PLC0415  # see above
-
-        numba.config.DISABLE_JIT = True
-        keep = set[str]()
-    for name in list(sys.modules):
-        if name.split(".")[0] in ("ikservo", "servosim", "tests") and name not in keep:
-            del sys.modules[name]
-
-
-class _Swap(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Imports a mutant in place of its module."""
-
-    def __init__(self, mutant: Mutant) -> None:
-        self._mutant = mutant
-
-    def find_spec(
-        self, fullname: str, path: object = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Answer for the mutated module only."""
-        if fullname != self._mutant.dotted:
-            return None
-        return importlib.util.spec_from_loader(fullname, self, origin=str(self._mutant.path))
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Run the mutant's code as the module's."""
-        code = compile(self._mutant.tree, str(self._mutant.path), "exec")
-        exec(code, module.__dict__)
