@@ -9,7 +9,13 @@ import pytest
 from ikservo.calibration import Limits
 from ikservo.calibration.filing.calibration_file import parse_calibration, read_calibration, text_of
 from ikservo.calibration.filing.record import CalibratedGeometry, CalibratedOrigin, Calibration
-from ikservo.calibration.filing.store import calibration_path, calibrations_of, load, save
+from ikservo.calibration.filing.store import (
+    calibration_path,
+    calibrations_of,
+    load,
+    partial_path,
+    save,
+)
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.guarded import with_checksum
 from tests.calibration.hidden import hidden_arm
@@ -246,6 +252,14 @@ def test_an_arms_name_leads_nowhere_but_into_the_folder(tmp_path):
 def test_calibrations_of_other_arms_are_not_found(calibration, path, tmp_path):
     (tmp_path / "arms" / "open_manipulator_x2.toml").write_text("")
     assert calibrations_of("open_manipulator_x") == [path]
+
+
+def test_what_an_interrupted_calibration_measured_is_never_taken_for_a_calibration(tmp_path):
+    unfinished = partial_path("so101", "58FA")
+    assert unfinished == tmp_path / "partial" / "so101-58FA.toml"
+    unfinished.parent.mkdir(parents=True)
+    unfinished.write_text("")
+    assert calibrations_of("so101") == []
 
 
 def test_an_arm_that_was_never_calibrated_has_none():

@@ -1,0 +1,78 @@
+"""What an interrupted calibration has measured is kept, and believed whole or not at all."""
+
+import pytest
+
+from ikservo.calibration.filing.partial import (
+    MeasuredJoint,
+    PartialCalibration,
+    partial_text,
+    read_partial,
+)
+from ikservo.errors import FileFormatError
+from ikservo.files.guarded import with_checksum
+
+JOINT = {"name": "elbow", "servo_id": 3, "servo_model": "STS3215", "low_tick": -20, "high_tick": 7}
+TABLE = {"format": 1, "arm": "so101", "written": "2026-11-02 14:03", "joints": [JOINT]}
+
+
+def partial_of(**changes):
+    return PartialCalibration.model_validate({**TABLE, "joints": [{**JOINT, **changes}]})
+
+
+def test_what_was_measured_is_read_as_it_was_written(tmp_path):
+    path, partial = tmp_path / "so101.partial", PartialCalibration.model_validate(TABLE)
+    path.write_text(partial_text(partial))
+    assert read_partial(path) == partial
+    assert "The next run goes on from here" in path.read_text()
+
+
+def test_where_nothing_was_interrupted_there_is_nothing(tmp_path):
+    assert read_partial(tmp_path / "so101.partial") is None
+
+
+@pytest.mark.parametrize("servo_id", [0, 252])
+def test_every_id_of_a_bus_can_be_kept(servo_id):
+    assert partial_of(servo_id=servo_id).joints == (
+        MeasuredJoint.model_validate({**JOINT, "servo_id": servo_id}),
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        ("servo_id = 3", "servo_id = 253", "joints[0].servo_id"),
+        ("servo_id = 3", "servo_id = -1", "joints[0].servo_id"),
+        ("servo_id = 3", 'servo_id = "3"', "joints[0].servo_id"),
+        ("low_tick = -20", "low_tick = -20.5", "joints[0].low_tick"),
+        ("format = 1", "format = 2", "format"),
+        ('name = "elbow"', f'name = "{"e" * 65}"', "joints[0].name"),
+        ('"STS3215"', f'"{"e" * 65}"', "joints[0].servo_model"),
+        ('arm = "so101"', f'arm = "{"e" * 65}"', "arm"),
+        ('written = "2026-11-02 14:03"', f'written = "{"e" * 65}"', "written"),
+        ("high_tick", "highest_tick", "joints[0].high"),
+    ],
+)
+def test_a_spoiled_value_is_named(tmp_path, old, new, where):
+    path = tmp_path / "so101.partial"
+    body = partial_text(PartialCalibration.model_validate(TABLE)).partition("\n")[2]
+    assert old in body
+    path.write_text(with_checksum(body.replace(old, new)))
+    with pytest.raises(FileFormatError) as caught:
+        read_partial(path)
+    assert where in caught.value.where
+
+
+def test_names_of_the_greatest_length_are_kept():
+    longest = "e" * 64
+    partial = PartialCalibration.model_validate(
+        {**TABLE, "arm": longest, "written": longest,
+         "joints": [{**JOINT, "name": longest, "servo_model": longest}]}
+    )  # fmt: skip
+    assert (partial.arm, partial.joints[0].name) == (longest, longest)
+
+
+def test_a_file_that_was_cut_short_is_refused(tmp_path):
+    path = tmp_path / "so101.partial"
+    path.write_text(partial_text(PartialCalibration.model_validate(TABLE))[:-5])
+    with pytest.raises(FileFormatError, match="cut short"):
+        read_partial(path)
