@@ -2,6 +2,7 @@
 
     python tools/mutate.py [MODULE ...] [--package NAME] [--jobs N] [--list]
                            [--line N ...] [--tests FILE ...] [--sample FRACTION --seed N]
+                           [--most-s SECONDS]
 
 Each mutant is one change: a comparison, a sign, a constant, a condition, a statement left out. It
 is put in place of the original in a forked process, and the tests that call what is changed run
@@ -13,6 +14,7 @@ there are any. Those that no test can see are excused, with the reason, in
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import random
 import sys
@@ -22,6 +24,8 @@ from mutation.gathering import Tests, with_tests
 from mutation.mutant import Mutant, mutants_of
 from mutation.packages import PACKAGES, Package
 from mutation.running import preload, run
+
+_MOST = "tests of so many seconds in all for each mutant, the likeliest to fail (all)"
 
 
 def main() -> int:
@@ -51,6 +55,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--tests", type=Path, action="append", help="only this test file (all)")
     parser.add_argument("--sample", type=float, default=1.0, help="run this fraction of them only")
     parser.add_argument("--seed", type=int, default=1, help="which ones those are")
+    parser.add_argument("--most-s", type=float, default=math.inf, help=_MOST)
     return parser.parse_args()
 
 
@@ -71,7 +76,7 @@ def _run(package: Package, tried: dict[str, list[Mutant]], given: argparse.Names
 
     def work(tests: Tests) -> None:
         for module, mutants in tried.items():
-            alive = run(mutants, tests, given.jobs)
+            alive = run(mutants, tests, given.jobs, given.most_s)
             survivors.extend(alive)
             excused = sum(bool(m.excuse()) for m in mutants_of(package, module))
             counts = f"{len(mutants) - len(alive)} killed, {len(alive)} survived"

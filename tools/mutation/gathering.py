@@ -24,6 +24,7 @@ OPTIONS += ("-W", "ignore::pytest.PytestAssertRewriteWarning")
 
 Place = tuple[str, int]
 """A file, and the first line of a function in it."""
+_Row = tuple[float, set[Place]]
 
 
 @dataclass(slots=True)
@@ -118,16 +119,20 @@ def _noted(items: list[pytest.Item], noting: _Noting) -> Tests:
         if os.waitpid(pid, 0)[1]:
             sys.exit("The tests end the process without any mutant.")
         file.seek(0)
-        rows = pickle.loads(file.read())  # written by our own child
+        rows: list[_Row | None] = pickle.loads(file.read())  # written by our own child
+    tests = Tests([])
     for item, row in zip(items, rows, strict=True):
         if row is None:
             print(f"left out, as it fails without any mutant: {item.nodeid}", flush=True)
-    kept = [(item, *row) for item, row in zip(items, rows, strict=True) if row]
-    return Tests([k[0] for k in kept], [k[1] for k in kept], [k[2] for k in kept])
+        else:
+            tests.items.append(item)
+            tests.cost_s.append(row[0])
+            tests.entered.append(row[1])
+    return tests
 
 
 def _note_and_exit(items: list[pytest.Item], noting: _Noting, file: int) -> None:
-    rows: list[tuple[float, set[Place]] | None] = []
+    rows: list[_Row | None] = []
     code = 1
     try:
         for item, following in zip(items, [*items[1:], None], strict=True):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import itertools
+import math
 import mmap
 import os
 import shutil
@@ -64,8 +66,12 @@ def preload() -> None:
     settings.load_profile("mutation")
 
 
-def run(mutants: Sequence[Mutant], tests: Tests, jobs: int) -> list[Mutant]:
+def run(
+    mutants: Sequence[Mutant], tests: Tests, jobs: int, most_s: float = math.inf
+) -> list[Mutant]:
     """Return those mutants of one module that no test killed.
+
+    For each of them tests are run that take so many seconds in all, the likeliest to fail first.
 
     What is changed inside of a function is put into the function as it is loaded. Where it lives
     on, and the function is called already while modules are imported, or the change is not inside
@@ -73,7 +79,7 @@ def run(mutants: Sequence[Mutant], tests: Tests, jobs: int) -> list[Mutant]:
     """
     if not mutants:
         return []
-    module = _Module(mutants[0], tests)
+    module = _Module(mutants[0], tests, most_s)
     inside = [m for m in mutants if function_around(m)]
     longest_s = module.longest_s(plain=False)
     alive, not_loaded = _in_children(inside, module.survives_inside, jobs, longest_s)
@@ -93,9 +99,10 @@ class _Module:
     own: set[int]
     functions: dict[Name, list[FunctionType]]
     kills: mmap.mmap
+    most_s: float
 
-    def __init__(self, mutant: Mutant, tests: Tests) -> None:
-        self.tests = tests
+    def __init__(self, mutant: Mutant, tests: Tests, most_s: float) -> None:
+        self.tests, self.most_s = tests, most_s
         package, module = mutant.package, mutant.module
         self.own = {i for i, t in enumerate(tests.items) if package.is_own(module, t.path)}
         self.functions = functions_of(mutant.path)
@@ -115,7 +122,7 @@ class _Module:
         """Run the tests that enter the changed function; return whether all of them passed."""
         put_in(mutant, self.functions)
         first, last = function_around(mutant) or (0, 0)
-        entering = sorted(self.tests.of(mutant.path, first, last), key=self._cost_of_a_kill)
+        entering = self._likeliest(self.tests.of(mutant.path, first, last))
         failures = Failures()
         for i, following in zip(entering, [*entering[1:], None], strict=True):
             item = self.tests.items[i]
@@ -134,14 +141,20 @@ class _Module:
         using = self.tests.of(mutant.path) or list(range(len(self.tests.items)))
         if mutant.module == mutant.package.kernel:
             using = sorted(self.own)
+        using = self._likeliest(using)
         cost_s = sum(self.tests.cost_s[i] for i in using)
         slower = _PLAIN if mutant.package.is_plain(mutant.module) else _PATIENCE
         _limit(slower * cost_s + _IMPORT_S)
         import_anew(mutant)
-        by_cost = sorted(using, key=self._cost_of_a_kill)
-        rounds = [i for i in by_cost if i in self.own], [i for i in by_cost if i not in self.own]
+        rounds = [i for i in using if i in self.own], [i for i in using if i not in self.own]
         names = [[self.tests.items[i].nodeid for i in each] for each in rounds if each]
         return all(pytest.main(["-x", *OPTIONS, *each]) == 0 for each in names)
+
+    def _likeliest(self, tests: Sequence[int]) -> list[int]:
+        """Return tests, the cheapest way to a kill first, as long as they fit into the time."""
+        ordered = sorted(tests, key=self._cost_of_a_kill)
+        so_far_s = itertools.accumulate(self.tests.cost_s[i] for i in ordered)
+        return [i for i, cost_s in zip(ordered, so_far_s, strict=True) if cost_s <= self.most_s]
 
     def _cost_of_a_kill(self, i: int) -> float:
         likely = self.kills[i] + (_OWN if i in self.own else _OTHER)
