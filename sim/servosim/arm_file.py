@@ -57,6 +57,7 @@ class ArmFile:
         joints: From base to tip.
         poses: Joint coordinates [rad or m] by pose and joint.
         floor_m: Height of the table in the base frame.
+        tip: The link whose origin is the arm's tip; empty where the file names none.
     """
 
     path: Path
@@ -67,6 +68,7 @@ class ArmFile:
     joints: tuple[JointEntry, ...]
     poses: Mapping[str, Mapping[str, float]]
     floor_m: float = 0.0
+    tip: str = ""
 
 
 def read_arm_file(path: Path) -> ArmFile:
@@ -97,6 +99,7 @@ def _arm(path: Path, document: dict[str, Any]) -> ArmFile:
         joints=tuple(_joint(entry) for entry in document["joints"]),
         poses={name: _pose(table) for name, table in document["poses"].items()},
         floor_m=float(document.get("surroundings", {}).get("floor_m", 0.0)),
+        tip=str(document.get("tip", "")),
     )
 
 

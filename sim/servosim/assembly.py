@@ -57,7 +57,7 @@ def world_of_arm(
         backlash_deg: Free play of every servo's gears; None for what its maker promises.
 
     Raises:
-        ArmFileError: No such pose, or a URDF without the joints.
+        ArmFileError: No such pose, or a URDF without the joints or the tip.
         SimulatorError: MuJoCo is not installed, or a play that no gears have.
         UnknownModelError: A servo model without a table.
     """
@@ -71,11 +71,12 @@ def world_of_arm(
         _joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed, backlash_deg)
         for entry, limits in zip(arm.joints, body.limits, strict=True)
     ]
+    tip = body.tip(arm.tip) if arm.tip else None
     if physics:
-        return World(joints, _mujoco(arm, joints))
+        return World(joints, _mujoco(arm, joints), tip=tip)
     others = [positions for name, positions in arm.poses.items() if name != "rest"]
     postures = [[positions.get(name, 0.0) for name in names] for positions in others]
-    return World(joints, body, contacts=body.contacts(arm.floor_m, postures))
+    return World(joints, body, contacts=body.contacts(arm.floor_m, postures), tip=tip)
 
 
 def _mujoco(arm: ArmFile, joints: list[Joint]) -> Mover:

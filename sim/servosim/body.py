@@ -10,7 +10,8 @@ from typing import Protocol
 from servosim.contact import Contacts
 from servosim.errors import ArmFileError
 from servosim.gravity import Driven, MassTree
-from servosim.urdf import MovingJoint, read_joints, read_shapes
+from servosim.tip import Tip
+from servosim.urdf import MovingJoint, read_joints, read_link_frame, read_shapes
 
 
 class Body(Protocol):
@@ -101,6 +102,15 @@ class GravityBody:
         """
         shapes = read_shapes(self._path)
         return Contacts(self._joints, self._drivers, shapes, self._tree, floor_m, postures)
+
+    def tip(self, link: str) -> Tip:
+        """Return the tip, which is the origin of a link.
+
+        Raises:
+            ArmFileError: There is no such link.
+        """
+        parent, T = read_link_frame(self._path, link)
+        return Tip(self._joints, self._drivers, self._tree, parent, T[:3, 3], self.limits)
 
     def _driven(self, joint: MovingJoint) -> Driven:
         if joint.name in self.names:

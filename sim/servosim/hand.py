@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 Path = Callable[[float], tuple[float, float]]  # seconds since the grasp -> position, velocity
 
+HAND_SPEED = 1.0  # rad/s, or m/s / 10 on a sliding joint: how fast a hand leads a joint
 STIFFNESS_RAD_S = 150.0  # natural frequency of the grip; stable at steps of 2 ms
 
 

@@ -90,6 +90,18 @@ def read_shapes(path: Path) -> list[Shape]:
     return _walk(path).shapes
 
 
+def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
+    """Read behind which moving joint a link is, as `read_joints` counts, and its frame there.
+
+    Raises:
+        ArmFileError: The file is no URDF that can be used, or has no such link.
+    """
+    frames = _walk(path).link_frames
+    if link not in frames:
+        raise ArmFileError(path, "", f"no link {link!r}; has: {', '.join(frames)}")
+    return frames[link]
+
+
 def _walk(path: Path) -> _Walk:
     try:
         return _Walk(ElementTree.fromstring(path.read_bytes()))
@@ -103,6 +115,7 @@ class _Walk:
     def __init__(self, robot: Element) -> None:
         self.joints: list[MovingJoint] = []
         self.shapes: list[Shape] = []
+        self.link_frames: dict[str, tuple[int, Matrix]] = {}
         self._links = {link.attrib["name"]: link for link in robot.iter("link")}
         self._children: dict[str, list[Element]] = {name: [] for name in self._links}
         for joint in robot.findall("joint"):
@@ -117,6 +130,7 @@ class _Walk:
     def _visit(self, link: str, parent: int, T: Matrix) -> None:
         """`T` is the link's frame in the frame of the moving joint `parent`."""
         self.shapes += shapes_of(self._links[link], parent, T)
+        self.link_frames[link] = (parent, T)
         if parent >= 0:
             body, T_link_body = _mass(self._links[link])
             self.joints[parent].body.absorb(body, T @ T_link_body)

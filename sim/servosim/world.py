@@ -11,10 +11,11 @@ from typing import Protocol, runtime_checkable
 from servosim.body import Body, FreeBody
 from servosim.contact import Contacts
 from servosim.errors import SimulatorError
-from servosim.hand import Hand
+from servosim.hand import HAND_SPEED, Hand, glide, hold
 from servosim.joint import STEP_S, Joint
 from servosim.servo import Servo
 from servosim.supply import Supply
+from servosim.tip import Tip
 
 __all__ = ["Mover", "World"]
 
@@ -53,7 +54,7 @@ class World:
     ``contacts`` carry what is limp: a servo that holds does not feel them, and while a hand leads
     the arm it is kept clear of what is around it.
 
-    ``limits`` are the body's, by joint.
+    ``limits`` are the body's, by joint; ``tip`` is the arm's, None for servos without an arm.
 
     Nothing happens between two steps; ``advance_to`` makes as many as time asks for. A world in
     which nothing moves and nothing changes dozes: only heat and supervision go on.
@@ -65,6 +66,7 @@ class World:
         body: Body | Mover | None = None,
         rails: Mapping[float, Supply] | None = None,
         contacts: Contacts | None = None,
+        tip: Tip | None = None,
     ) -> None:
         self.joints = tuple(joints)
         self.servos = tuple(servo for joint in joints for servo in joint.servos)
@@ -80,6 +82,7 @@ class World:
             for volts in self.rails
         }
         self._contacts = contacts
+        self.tip = tip
         self.hands: dict[str, Hand] = {}
         self.steps = 0
         self._still = self._unheated = 0
@@ -153,6 +156,30 @@ class World:
         """Let a hand take a joint."""
         self.hands[self.joint(name).name] = hand
         self.wake()
+
+    def lead_tip(
+        self, point_m: Sequence[float], speed: float = HAND_SPEED, limit: float = 10.0
+    ) -> None:
+        """Let hands take the joints that move the tip and bring it to a point, all in one time.
+
+        Args:
+            point_m: In the base frame.
+            speed: Of the fastest joint [rad/s]; a tenth of it in m/s on sliding joints.
+            limit: The greatest force on each joint: N m, or N on a sliding joint.
+
+        Raises:
+            SimulatorError: The point is out of reach, or there is no tip.
+        """
+        if self.tip is None:
+            raise SimulatorError("these servos have no arm with a tip")
+        goals = self.tip.posture_at(point_m, [joint.position for joint in self.joints])
+        led = [(self.joints[i], goals[i]) for i in self.tip.moved_by]
+        ways = [abs(goal - j.position) * (10.0 if j.slides else 1.0) for j, goal in led]
+        duration_s = max(ways) / speed
+        for joint, goal in led:
+            way = abs(goal - joint.position)
+            path = glide(joint.position, goal, way / duration_s) if way else hold(goal)
+            self.grasp(joint.name, Hand(path, limit=limit))
 
     def release(self, name: str) -> None:
         """Let go of a joint."""

@@ -4,6 +4,7 @@
 >>> {"do": "place", "joint": "elbow_flex", "deg": 30}
 >>> {"do": "hand", "joint": "elbow_flex", "deg": 60, "force": 2}
 >>> {"do": "hand", "joint": "elbow_flex", "release": true}
+>>> {"do": "hand", "tip_m": [0.28, 0.05, 0.0]}    {"do": "hand", "release": true}
 >>> {"do": "fault", "fault": {"kind": "silent", "id": 3, "for_s": 1}}
 >>> {"do": "unplug"}    {"do": "replug"}    {"do": "brownout", "for_s": 0.5}
 >>> {"do": "disconnect", "servo": 2}    {"do": "connect", "servo": 2}
@@ -22,13 +23,12 @@ from typing import Any
 
 from servosim.errors import SimulatorError
 from servosim.faults import Fault
-from servosim.hand import Hand, glide
+from servosim.hand import HAND_SPEED, Hand, glide
 from servosim.line import Line
 from servosim.serving.state import joint_state, servo_state
 
 __all__ = ["Remote"]
 
-HAND_SPEED = 1.0  # rad/s, or m/s / 10 on a sliding joint
 Request = dict[str, Any]
 _UNFIT = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
@@ -116,22 +116,45 @@ class Remote:
         world = self._line.world
         servos = [servo_state(joint, servo) for joint in world.joints for servo in joint.servos]
         joints = {joint.name: joint_state(joint) for joint in world.joints}
-        return {"time_s": world.time_s, "servos": servos, "joints": joints}
+        state: Request = {"time_s": world.time_s, "servos": servos, "joints": joints}
+        if world.tip is not None:
+            positions = [joint.position for joint in world.joints]
+            state["tip_m"] = world.tip.position_m(positions).tolist()
+        return state
 
     def _place(self, request: Request) -> None:
         self._line.world.place(request["joint"], _coordinate(request))
 
     def _hand(self, request: Request) -> None:
-        world, name = self._line.world, request["joint"]
-        joint = world.joint(name)
+        world = self._line.world
         if request.get("release"):
-            world.release(name)
+            self._release(request)
             return
+        if "tip_m" in request:
+            self._lead_tip(request)
+            return
+        name = request["joint"]
+        joint = world.joint(name)
         speed = HAND_SPEED / 10 if joint.slides else HAND_SPEED
         speed = _finite(request.get("speed", speed), "speed", above=0.0)
         force = _finite(request.get("force", 2.0), "force", above=0.0)
         path = glide(joint.position, _coordinate(request), speed)
         world.grasp(name, Hand(path, limit=force))
+
+    def _release(self, request: Request) -> None:
+        """Let go of one joint, or of all."""
+        world = self._line.world
+        named = [world.joint(request["joint"]).name] if "joint" in request else [*world.hands]
+        for name in named:
+            world.release(name)
+
+    def _lead_tip(self, request: Request) -> None:
+        point_m = [_finite(value, "tip_m") for value in request["tip_m"]]
+        if len(point_m) != 3:
+            raise SimulatorError(f"tip_m = {point_m} is no point; try [0.25, 0.05, 0.1]")
+        speed = _finite(request.get("speed", HAND_SPEED), "speed", above=0.0)
+        force = _finite(request.get("force", 10.0), "force", above=0.0)
+        self._line.world.lead_tip(point_m, speed, force)
 
     def _fault(self, request: Request) -> None:
         fault = Fault.of({"at_s": self._line.world.time_s, **request["fault"]})
