@@ -7,8 +7,10 @@ import io
 import json
 import os
 import re
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NoReturn
 
 from ikservo.cli.hints import addressed
@@ -23,17 +25,32 @@ _COMPLETES = "_IKSERVO_COMPLETE"  # set by the shell that asks what may stand at
 _NEGATIVE = re.compile(r"^-(?=\.?\d|inf|nan)", re.IGNORECASE)
 
 
+@dataclass(frozen=True, slots=True)
+class _Ended:
+    """How a command ended.
+
+    Attributes:
+        code: Its exit code.
+        interrupted: Whether Ctrl-C stopped it.
+    """
+
+    code: int
+    interrupted: bool = False
+
+
 def console() -> NoReturn:
     """Run the shell's words as a process of its own, and leave at once.
 
-    Everything that has to be closed is closed when ``main`` returns; unloading the compiled solver
-    would take a fifth of a second more.
+    Everything that has to be closed is closed by now; unloading the compiled solver would take a
+    fifth of a second more. A command that Ctrl-C has stopped ends by SIGINT.
     """
-    code = main()
+    ended = _ended(sys.argv[1:])
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
         sys.stderr.flush()
-    os._exit(code)
+    if ended.interrupted and sys.platform != "win32":
+        _end_by_sigint()
+    os._exit(ended.code)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -45,24 +62,54 @@ def main(words: Sequence[str] | None = None) -> int:
     Returns:
         The exit code, see ``ExitCode``.
     """
-    words = list(sys.argv[1:] if words is None else words)
+    return _ended(sys.argv[1:] if words is None else words).code
+
+
+def _ended(words: Sequence[str]) -> _Ended:
+    """Run one command; what ended it becomes words on stderr."""
+    words = list(words)
     _ready_streams()
     try:
         code = _run([_NEGATIVE.sub("\N{MINUS SIGN}", word) for word in words])
         sys.stdout.flush()  # here, where a full disk can still be told of
-        return code
-    except IkservoError as error:
+        return _Ended(code)
+    except (IkservoError, KeyboardInterrupt, SystemExit, OSError) as error:
+        code = _explained(error, words)
+        return _Ended(code, code == ExitCode.STOPPED and _is_interrupt(error))
+
+
+def _explained(error: BaseException, words: Sequence[str]) -> int:
+    """Say what ended a command, and return the exit code for it."""
+    as_json = "--json" in words
+    if isinstance(error, IkservoError):
         hint = addressed(error.command_hint, words)
-        return _report(error.command_message, hint, error.exit_code, as_json="--json" in words)
-    except (KeyboardInterrupt, SystemExit) as error:  # after a motion it says that the arm holds
+        return _report(error.command_message, hint, error.exit_code, as_json=as_json)
+    if not isinstance(error, OSError):  # Ctrl-C; after a motion it says that the arm holds
         message = str(error) if isinstance(error, KeyboardInterrupt) else ""
-        return _report(message or "Stopped.", "", ExitCode.STOPPED, as_json="--json" in words)
-    except OSError as error:  # a full disk behind stdout, a reader that has gone
-        _abandon_stdout()
-        ended = _ended_by(error)
-        if ended is not None:
-            return ended
-        return _report(f"The output could not be written: {error}.", "", ExitCode.FAILED)
+        return _report(message or "Stopped.", "", ExitCode.STOPPED, as_json=as_json)
+    _abandon_stdout()  # a full disk behind stdout, a reader that has gone
+    ended = _ended_by(error)
+    if ended is not None:
+        return ended
+    return _report(f"The output could not be written: {error}.", "", ExitCode.FAILED)
+
+
+def _is_interrupt(error: BaseException) -> bool:
+    """Return whether Ctrl-C is behind an error, and not the end of the input at a question."""
+    chain = list(_behind(error))
+    asked = any(isinstance(each, EOFError) for each in chain)
+    return not asked and any(isinstance(each, KeyboardInterrupt) for each in chain)
+
+
+def _end_by_sigint() -> None:
+    """End this process by SIGINT, as if nothing had caught it.
+
+    A shell ends the loop or the script around a command that SIGINT has ended; one that has
+    *exited* with 130 counts as one that dealt with Ctrl-C itself, and the loop goes on to the next
+    motion. ``$?`` is 130 both ways.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.raise_signal(signal.SIGINT)
 
 
 def _ready_streams() -> None:
@@ -96,6 +143,8 @@ def _run(words: list[str]) -> int:
         if explain is None:
             raise
         return _report_usage(error, str(explain()), as_json="--json" in words)
+    if code == ExitCode.STOPPED:  # what newer versions of typer make of Ctrl-C, without a word
+        raise KeyboardInterrupt
     return int(code or 0)
 
 
@@ -116,14 +165,19 @@ def _abandon_stdout() -> None:
 
 def _ended_by(error: BaseException) -> ExitCode | None:
     """Return why the command ended that had no terminal left to say so; None for no such reason."""
-    reason = error.__context__
-    while reason is not None:
+    for reason in _behind(error.__context__):
         if isinstance(reason, IkservoError):
             return reason.exit_code
         if isinstance(reason, KeyboardInterrupt):
             return ExitCode.STOPPED
-        reason = reason.__context__
     return None
+
+
+def _behind(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and those in whose handling it was raised, one after the other."""
+    while error is not None:
+        yield error
+        error = error.__context__
 
 
 def _report(message: str, hint: str, code: ExitCode, *, as_json: bool = False) -> int:

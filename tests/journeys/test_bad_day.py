@@ -112,7 +112,7 @@ def test_ctrl_c_holds_and_says_how_to_go_on(terminal, desk):
         under_way(desk, program)
         program.type("\x03")
         ended = program.ended()
-    assert_clear(ended, 130)
+    assert_clear(ended, -signal.SIGINT)
     assert all(desk.torque())
     assert_moves_again(terminal, desk)
 

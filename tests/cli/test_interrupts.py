@@ -1,0 +1,89 @@
+"""How a command ends that Ctrl-C stopped: by the signal, so that a shell's loop around it ends."""
+
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from ikservo.cli import run
+from ikservo.errors import StoppedError
+from ikservo.files.writing import FileWriteError
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="no process ends by a signal there")
+WAITING = [sys.executable, "-c", "from ikservo.cli import console; console()", "ports", "--watch"]
+
+
+def ended_after(monkeypatch, *errors):
+    """Return how a command ends that raises errors, each in the handling of the one before."""
+
+    def fail(_):
+        before = None
+        for error in errors:
+            error.__context__ = before
+            before = error
+        raise before
+
+    monkeypatch.setattr(run, "_run", fail)
+    return run._ended(["move"])
+
+
+@posix
+def test_ctrl_c_ends_the_process_by_its_signal_after_the_last_words():
+    with subprocess.Popen(WAITING, stdout=-1, stderr=subprocess.PIPE, text=True) as process:
+        process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == -signal.SIGINT
+    assert said.endswith("Stopped.\n")
+
+
+@posix
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_ctrl_c_ends_a_shell_loop_over_commands():
+    from tests.journeys.terminal import Program, Terminal
+
+    command = shlex.join(WAITING)
+    program = Program(Terminal(), ["bash", "-c", f"for i in 1 2; do {command}; echo next; done"])
+    try:
+        program.wait_for("Ctrl-C ends")
+        program.type("\x03")
+        ended = program.ended()
+    finally:
+        program.kill()
+    assert ended.code == -signal.SIGINT
+    assert "next" not in ended.text
+
+
+def test_ctrl_c_behind_the_words_of_a_stop_is_an_interrupt(monkeypatch):
+    ended = ended_after(monkeypatch, KeyboardInterrupt(), StoppedError("Stopped; torque is off."))
+    assert (ended.code, ended.interrupted) == (130, True)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        [StoppedError("Stopped from another terminal; torque stays on.")],
+        [SystemExit(143), StoppedError("Stopped by SIGTERM; torque stays on.")],
+        [EOFError(), KeyboardInterrupt()],  # the end of the input at a question
+    ],
+)
+def test_a_stop_without_ctrl_c_is_an_exit_with_130(monkeypatch, errors):
+    ended = ended_after(monkeypatch, *errors)
+    assert (ended.code, ended.interrupted) == (130, False)
+
+
+def test_what_fails_after_ctrl_c_keeps_its_own_exit_code(monkeypatch):
+    ended = ended_after(monkeypatch, KeyboardInterrupt(), FileWriteError("wave.jsonl", "full"))
+    assert (ended.code, ended.interrupted) == (1, False)
+
+
+def test_on_windows_ctrl_c_is_an_exit_with_130(monkeypatch):
+    codes = []
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(run, "_ended", lambda _: run._Ended(130, interrupted=True))
+    monkeypatch.setattr("os._exit", codes.append)
+    run.console()
+    assert codes == [130]
