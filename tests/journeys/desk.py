@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import socket
 import subprocess
 import sys
@@ -48,8 +49,28 @@ class Served:
         while abs(self.joints_deg()[joint] - deg) > 2.0 and time.monotonic() < until_s:
             time.sleep(0.05)
 
+    def lead_all(self, joints_deg, force=20.0, speed=3.0):
+        """Let hands bring joints somewhere, all at once, and wait until they stand there."""
+        for joint, deg in joints_deg.items():
+            self.do("hand", joint=joint, deg=deg, force=force, speed=speed)
+        self._wait(lambda: all(abs(self.joints_deg()[j] - d) < 1.0 for j, d in joints_deg.items()))
+
+    def lead_tip(self, point_m, speed=3.0):
+        """Let hands bring the tip to a point, and wait until it stands there."""
+        self.do("hand", tip_m=list(point_m), speed=speed)
+        self._wait(lambda: math.dist(self.do("state")["tip_m"], point_m) < 0.001)
+
+    def _wait(self, done, within_s=30.0):
+        until_s = time.monotonic() + within_s
+        while not done():
+            assert time.monotonic() < until_s, f"the hand does not get there: {self.joints_deg()}"
+            time.sleep(0.05)
+
     def let_go(self, joint):
         self.do("hand", joint=joint, release=True)
+
+    def let_go_of_all(self):
+        self.do("hand", release=True)
 
     def end(self):
         self._process.terminate()

@@ -10,6 +10,7 @@ import signal
 import struct
 import sys
 import termios
+import threading
 import time
 from dataclasses import dataclass, field
 
@@ -64,7 +65,10 @@ class Terminal:
 
 
 class Program:
-    """A command that runs in a terminal."""
+    """A command that runs in a terminal, which takes what is printed at once, as terminals do.
+
+    A program whose words nobody takes would have to wait, and could read no servos meanwhile.
+    """
 
     def __init__(self, terminal, argv):
         self._columns = terminal.columns
@@ -78,6 +82,25 @@ class Program:
             time.sleep(0.05)  # until the screen has its size
             os.execvpe(argv[0], argv, env)
         self.resize(terminal.columns)
+        self._news, self._unread, self._open = threading.Condition(), b"", True
+        self._reader = threading.Thread(target=self._take_all, daemon=True)
+        self._reader.start()
+
+    def _take_all(self):
+        """Take what is printed until nobody can print any more."""
+        while self._open:
+            ready, _, _ = select.select([self._fd], [], [], 0.1)
+            data = self._taken() if ready else b""
+            with self._news:
+                self._unread += data
+                self._open = self._open and (bool(data) or not ready)
+                self._news.notify()
+
+    def _taken(self):
+        try:
+            return os.read(self._fd, 65536)
+        except OSError:  # the last program in it has ended
+            return b""
 
     def resize(self, columns):
         """Let the person draw the window to another width."""
@@ -95,16 +118,29 @@ class Program:
 
     def wait_for(self, words, within_s=SOON_S):
         """Wait until words were printed that have not been waited for, however they are wrapped."""
-        pattern, until_s = _loosely(words), time.monotonic() + within_s
+        return self.wait_for_any(words, within_s=within_s)
+
+    def wait_for_any(self, *choices, within_s=SOON_S):
+        """Wait likewise for the first of some words; return those that were printed, unwrapped."""
+        pattern = re.compile("|".join(map(_loosely, choices)), re.IGNORECASE)
+        until_s = time.monotonic() + within_s
         while True:
             match = pattern.search(self.text, self._read_to)
             if match:
                 self._read_to = match.end()
-                return match.group()
+                return " ".join(match.group().split())
             alive = self.pump(0.1)
             if time.monotonic() > until_s or not alive:
-                message = f"{words!r} was not printed; the screen:\n" + "\n".join(self.lines())
+                message = f"{choices} was not printed; the screen:\n" + "\n".join(self.lines())
                 raise AssertionError(message)
+
+    def wait_until(self, seen, within_s=SOON_S):
+        """Wait until something holds for the lines on the screen."""
+        until_s = time.monotonic() + within_s
+        while not seen(self.lines()):
+            alive = self.pump(0.1)
+            assert alive, "it has ended; the screen:\n" + "\n".join(self.lines())
+            assert time.monotonic() < until_s, "the screen stays:\n" + "\n".join(self.lines())
 
     def lines(self):
         """Return the lines on the screen, without what is empty at its end."""
@@ -131,7 +167,8 @@ class Program:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self._pid, signal.SIGKILL)
             os.waitpid(self._pid, 0)
-        self._pid = 0
+        self._pid, self._open = 0, False
+        self._reader.join()
         os.close(self._fd)
 
     def _printed(self):
@@ -142,19 +179,21 @@ class Program:
                 yield last
 
     def pump(self, wait_s=0.1):
-        """Read what is there; return whether the program still runs."""
-        ready, _, _ = select.select([self._fd], [], [], wait_s)
-        if not ready:
-            return True
-        try:
-            data = os.read(self._fd, 65536)
-        except OSError:
-            return False
+        """Look at what was printed, or wait for it; return whether the program still runs."""
+        with self._news:
+            if self._open and not self._unread:
+                self._news.wait(wait_s)
+            data, self._unread = self._unread, b""
+            runs = self._open or bool(data)
         self.raw += data
         self._stream.feed(data)
-        return bool(data)
+        return runs
 
 
 def _loosely(words):
-    """Return a pattern of words with anything between them that a wrapped line may have."""
-    return re.compile(r"[\s│]+".join(re.escape(word) for word in words.split()), re.IGNORECASE)
+    """Return a pattern of words with anything between them that a wrapped line may have.
+
+    ``#`` stands for any number.
+    """
+    escaped = (re.escape(word).replace(r"\#", r"[-+]?[\d.]+") for word in words.split())
+    return r"[\s│]+".join(escaped)

@@ -12,13 +12,17 @@ ZERO_RAD, LINK_M, TOUCH_M = math.radians(2.0), 0.001, 0.0005
 
 
 class HiddenGeometry:
-    """An arm by name and seed: zeros off by 2°, every joint's origin by 1 mm on each axis."""
+    """An arm by name and seed: zeros off by 2°, every joint's origin by 1 mm on each axis.
+
+    ``urdf`` is its true description.
+    """
 
     def __init__(self, name, seed, chain):
         self.name, self.chain = name, chain
         self.chance = np.random.default_rng([seed, *name.encode()])
         self.zeros = self.chance.normal(0, ZERO_RAD, chain.dof)
-        self._model = pinocchio.buildModelFromXML(self._perturbed())
+        self.urdf = self._perturbed()
+        self._model = pinocchio.buildModelFromXML(self.urdf)
         self._data = self._model.createData()
         self._tip = self._model.getFrameId(arm_file(name)["tip"])
 
