@@ -71,8 +71,6 @@ class Body:
     def between_links(self, q: ArrayLike) -> Gaps:
         """Return how close each watched pair of links comes, for q (n, dof)."""
         starts, ends = self._place(q)
-        if not self.pairs:
-            return Gaps((), np.empty((len(starts), 0)))
         i, j = self._ones, self._others
         distance = segment_distance(starts[:, i], ends[:, i], starts[:, j], ends[:, j])
         gap_m = np.minimum.reduceat(

@@ -60,7 +60,7 @@ def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) ->
     The distance to a convex body is a convex function along the segment, so that a search by
     golden sections finds its least value.
     """
-    low, high = np.zeros(a.shape[:-1]), np.ones(a.shape[:-1])
+    low, high = np.zeros(()), np.ones(())
     for _ in range(60):
         s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
         nearer = _box_at(a, b, s, low_m, high_m) <= _box_at(a, b, t, low_m, high_m)

@@ -76,6 +76,12 @@ def test_the_file_says_its_units_and_where_it_comes_from(path):
         assert key in text
 
 
+def test_what_a_joint_does_not_have_is_not_in_the_file(path):
+    text = path.read_text()
+    assert "[]" not in text
+    assert "shadows" not in text
+
+
 def test_a_file_of_before_touch_offs_is_still_read(calibration, path):
     older = calibration.model_copy(update={"geometry": None})
     path.write_text(text_of(older))

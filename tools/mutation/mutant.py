@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from mutation.excused import EXCUSED
 from mutation.packages import ROOT, Package
 
 __all__ = ["Mutant", "mutants_of", "unchanged"]
+
+_NUMBERS = re.compile(r"[-+.0-9e]+ -> [-+.0-9e]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +49,13 @@ class Mutant:
     def excuse(self) -> str:
         """Return why no test can see this one; empty where one must."""
         line = self.path.read_text().splitlines()[self.line - 1].strip()
-        return EXCUSED.get((f"{self.package.name}.{self.module}", line, self.what), "")
+        place = f"{self.package.name}.{self.module}", line
+        exact = EXCUSED.get((*place, self.what), "")
+        return exact or (EXCUSED.get((*place, "number"), "") if self._is_number else "")
+
+    @property
+    def _is_number(self) -> bool:
+        return bool(_NUMBERS.fullmatch(self.what))
 
     def __str__(self) -> str:
         """Return place, change and the changed lines."""
