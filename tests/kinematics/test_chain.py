@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics import Chain, JointKind
+from ikservo.kinematics.se3 import pose
 from tests.kinematics.chains import crane, joint, planar
 
 angles = st.floats(-3.0, 3.0)
@@ -106,3 +107,57 @@ def _assert_jacobian(chain, q, frame, offset_m, h=1e-6):
         np.testing.assert_allclose(J[:3, i], (after - before)[:3, 3] / (2 * h), atol=1e-7)
         spin = (after - before)[:3, :3] / (2 * h) @ chain.forward(q, frame)[:3, :3].T
         np.testing.assert_allclose(J[3:, i], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-7)
+
+
+def test_a_tip_that_does_not_hang_on_the_base_is_refused():
+    arm = joint("elbow", JointKind.REVOLUTE, "base", "hand")
+    with pytest.raises(UnknownNameError, match="hnad"):
+        Chain.from_joints([arm], "base", "hnad")
+
+
+def test_a_range_may_be_a_single_value():
+    locked = planar(0.3, 0.2).with_limits([0.5, -1.0], [0.5, 1.0])
+    assert locked.upper_rad.tolist() == [0.5, 1.0]
+
+
+def test_the_middle_of_a_range_is_as_far_from_both_ends():
+    chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [2.0, 1.0])
+    assert chain.middle().tolist() == [0.5, 0.75]
+
+
+def test_a_joint_that_is_limited_on_one_side_only_stands_nearest_to_zero_in_the_middle():
+    turning = joint("spin", JointKind.REVOLUTE, "base", "tip", lower=0.5)
+    assert Chain.from_joints([turning], "base", "tip").middle().tolist() == [0.5]
+
+
+def test_a_joint_that_is_limited_on_one_side_can_be_narrowed_on_that_side_only():
+    turning = joint("spin", JointKind.REVOLUTE, "base", "tip", lower=0.5)
+    chain = Chain.from_joints([turning], "base", "tip")
+    narrow = chain.with_limits([0.7], [math.inf])
+    assert (narrow.lower_rad[0], narrow.upper_rad[0]) == (0.7, math.inf)
+    with pytest.raises(BadValueError, match="upper limits"):
+        chain.with_limits([0.7], [-math.inf])
+
+
+@pytest.mark.parametrize("limits", [[0.0], [0.0, 0.0, 0.0], 0.0, [[0.0, 0.0]]])
+def test_limits_of_another_number_of_joints_are_refused(limits):
+    with pytest.raises(BadValueError, match="lower limits"):
+        planar(0.3, 0.2).with_limits(limits, [1.0, 1.0])
+
+
+def test_a_joint_can_be_put_elsewhere_and_the_others_stay():
+    chain, q = planar(0.3, 0.2), [0.0, math.pi / 2]
+    moved = chain.with_origins({"j2": pose(np.array([0.4, 0.0, 0.1]))})
+    np.testing.assert_allclose(moved.forward(q)[:3, 3], [0.4, 0.2, 0.1], atol=1e-15)
+    np.testing.assert_allclose(chain.forward(q)[:3, 3], [0.3, 0.2, 0.0], atol=1e-15)
+
+
+def test_origins_of_unknown_joints_or_that_are_no_poses_are_refused():
+    chain = planar(0.3, 0.2)
+    with pytest.raises(UnknownNameError, match="Did you mean j2"):
+        chain.with_origins({"jj2": np.eye(4)})
+    for T in (np.eye(3), np.full((4, 4), math.nan)):
+        with pytest.raises(BadValueError, match="The origin of j2"):
+            chain.with_origins({"j2": T})
+    with pytest.raises(BadValueError, match="The origins"):
+        chain.with_origins([np.eye(4)])

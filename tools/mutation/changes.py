@@ -76,11 +76,13 @@ def _descend(
 
 
 def _is_no_code(node: ast.AST, field: str) -> bool:
-    """Return whether a field is an annotation, a decorator, an import or a list of names."""
+    """Return whether a field is an annotation, a decorator, an import, a list of names, a check."""
     if isinstance(node, ast.Import | ast.ImportFrom):
         return True
     if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
         return node.targets[0].id == "__all__"
+    if isinstance(node, ast.keyword) and node.arg == "strict":
+        return True  # of zip: makes sure of what is so
     return field in ("annotation", "returns", "decorator_list", "bases", "type_params")
 
 

@@ -14,6 +14,8 @@ _SECTIONS = "_SECTIONS = 40  # the rest of a segment of one metre is then 4 nm"
 _SEARCH = "any section beyond the half finds the same valley"
 _AS_FINE = "one section more or less of sixty makes no difference"
 _VALLEY = "nearer = _box_at(a, b, s, low_m, high_m) <= _box_at(a, b, t, low_m, high_m)"
+_FINITE = "finite_vector(np.where(open_ended, 0.0, array), self.dof, what)"
+_NO_OFFSET = 'offset = joint.servo.holds.get("homing_offset", 0)'
 _ROOM = "memory may be wider than what is written to it"
 _BUFFERS = "places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))"
 EXCUSED: dict[tuple[str, str, str], str] = {
@@ -44,6 +46,17 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         _VALLEY,
         "LtE -> Lt",
     ): "of two equal ends of a convex valley either may be cut off",
+    ("kinematics.chain", _FINITE, "number"): "any finite number stands for what may be infinite",
+    (
+        "kinematics.chain",
+        "if step.scale:",
+        "always",
+    ): "a joint that nothing moves adds zero; it is skipped to save time",
+    (
+        "calibration.filing.contradictions",
+        _NO_OFFSET,
+        "number",
+    ): "any small number stands for a register that is told to be missing",
 }
 """(module, line as it stands in the file, what the mutant does, or ``number`` for every number of
 the line that is changed a little): why it is the same."""

@@ -91,7 +91,7 @@ def _travel(where: Location, joint: CalibratedJoint) -> Iterator[Complaint]:
         yield Complaint(
             (*where, "travel_ticks"), found, f"{LEAST_TICKS} to {encoder.ticks - 1} ticks apart"
         )
-    elif not joint.extended and not 0 <= low < high < encoder.ticks:
+    elif not joint.extended and (low < 0 or high >= encoder.ticks):
         found = f"is [{low}, {high}]"
         yield Complaint((*where, "travel_ticks"), found, f"ticks from 0 to {encoder.ticks - 1}")
     yield from _offset(where, joint, table.family)

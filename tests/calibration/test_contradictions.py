@@ -1,0 +1,144 @@
+"""Values of a calibration file that exclude each other are told one by one."""
+
+import pytest
+
+from ikservo.calibration.filing.contradictions import contradictions
+from ikservo.calibration.filing.record import Calibration
+
+WHEN = "2026-11-02T14:03:22Z"
+STS = {"homing_offset": 0, "operating_mode": 0, "min_position_limit": 0, "max_position_limit": 4095,
+       "phase": 12}  # fmt: skip
+X = {"homing_offset": 0, "operating_mode": 3, "min_position_limit": 0, "max_position_limit": 4095,
+     "drive_mode": 0}  # fmt: skip
+SCS = {"min_position_limit": 0, "max_position_limit": 1023}
+FAMILIES = {
+    "STS3215": ("feetech_sts", STS),
+    "XM430-W350": ("dynamixel_2", X),
+    "SCS15": ("feetech_scs", SCS),
+}
+GEOMETRY = {"touched": WHEN, "touches": 9, "left_out": 0, "before_mm": 5.0, "after_mm": 1.0,
+            "base_moved_mm": [0.0, 0.0, 0.0], "base_turned_deg": [0.0, 0.0, 0.0]}  # fmt: skip
+
+
+def joint(name="elbow", servo_id=1, model="STS3215", holds=None, **changes):
+    servo = {"id": servo_id, "model": model, "firmware": "3.10",
+             "holds": FAMILIES.get(model, ("", {}))[1] | (holds or {})}  # fmt: skip
+    return {"name": name, "sign": 1, "sign_from": "by hand", "zero_tick": 2048.0, "gear": 1.0,
+            "extended": False, "swept": "by hand", "travel_ticks": [1000, 3000],
+            "lower_deg": -80.0, "upper_deg": 80.0, "servo": servo} | changes  # fmt: skip
+
+
+def said_of(*joints, geometry=None):
+    """Return what is said of a file of such joints, by place."""
+    family = FAMILIES.get(joints[0]["servo"]["model"], ("feetech_sts",))[0]
+    calibration = Calibration.model_validate_json(
+        Calibration.model_construct(
+            format=1, arm="so101", written=WHEN, tool_version="1", usb_serial_number="",
+            family=family, anchor_pose="home", margin_deg=2.0, joints=joints, geometry=geometry,
+        ).model_dump_json(warnings=False)
+    )  # fmt: skip
+    return {c.location: (c.found, c.expected) for c in contradictions(calibration)}
+
+
+@pytest.mark.parametrize("model", FAMILIES)
+def test_nothing_is_said_of_a_joint_in_order(model):
+    travel = [100, 900] if model == "SCS15" else [1000, 3000]
+    assert said_of(joint(model=model, travel_ticks=travel)) == {}
+
+
+def test_an_origin_that_a_touch_off_moved_twice_is_told():
+    origins = [{"joint": name, "moved_mm": [1.0, 0.0, 0.0]} for name in ("a", "b", "a", "b")]
+    said = said_of(joint(), geometry=GEOMETRY | {"origins": origins})
+    assert {place[2]: found for place, (found, _) in said.items()} == {
+        2: 'is "a" a second time', 3: 'is "b" a second time',
+    }  # fmt: skip
+    assert said_of(joint(), geometry=GEOMETRY | {"origins": origins[:2]}) == {}
+
+
+def test_a_name_and_an_id_given_twice_are_told_of_the_second_joint():
+    said = said_of(joint(), joint("wrist", 2), joint("elbow", 1))
+    assert said == {
+        ("joints", 2, "name"): ('is "elbow" a second time', "a name of its own"),
+        ("joints", 2, "servo", "id"): ("is 1 a second time", "an id of its own"),
+    }
+
+
+def test_a_model_of_another_family_offers_those_of_the_files_own():
+    stranger = joint("wrist", 2, model="SCS15", travel_ticks=[100, 900])
+    found, expected = said_of(joint(), stranger)["joints", 1, "servo", "model"]
+    assert (found, expected) == ('is "SCS15"', "one of: STS3215, STS3250")
+
+
+@pytest.mark.parametrize("tick", [0, 4095])
+def test_the_ends_of_a_registers_range_can_be_held(tick):
+    assert said_of(joint(holds={"max_position_limit": tick})) == {}
+
+
+@pytest.mark.parametrize("tick", [-1, 4096])
+def test_what_a_register_cannot_hold_is_told_with_its_range(tick):
+    said = said_of(joint(holds={"max_position_limit": tick}))
+    place = ("joints", 0, "servo", "holds", "max_position_limit")
+    assert said == {place: (f"is {tick}", "0 to 4095")}
+
+
+PLACE = ("joints", 0, "travel_ticks")
+APART, ON_THE_SENSOR = "50 to 4095 ticks apart", "ticks from 0 to 4095"
+
+
+@pytest.mark.parametrize("travel", [[0, 50], [0, 4095], [4045, 4095]])
+def test_a_travel_may_be_as_narrow_as_fifty_ticks_and_as_wide_as_the_sensor(travel):
+    assert said_of(joint(travel_ticks=travel)) == {}
+
+
+@pytest.mark.parametrize(
+    ("travel", "expected"),
+    [
+        ([0, 49], APART),
+        ([0, 4096], APART),
+        ([300, 100], APART),
+        ([-1, 1000], ON_THE_SENSOR),
+        ([4000, 4096], ON_THE_SENSOR),
+    ],
+)
+def test_a_travel_that_no_joint_has_is_told_with_what_one_has(travel, expected):
+    said = said_of(joint(travel_ticks=travel))
+    assert said == {PLACE: (f"is [{travel[0]}, {travel[1]}]", expected)}
+
+
+def test_a_servo_that_counts_on_may_travel_beyond_its_sensor():
+    assert said_of(joint(model="XM430-W350", travel_ticks=[-900, 900], extended=True)) == {}
+    assert said_of(joint(model="XM430-W350", travel_ticks=[4000, 4200], extended=True)) == {}
+    assert PLACE in said_of(joint(model="XM430-W350", travel_ticks=[-900, 900]))
+
+
+@pytest.mark.parametrize("offset", [1025, -1025])
+def test_an_offset_that_a_dynamixel_ignores_is_told(offset):
+    said = said_of(joint(model="XM430-W350", holds={"homing_offset": offset}))
+    assert said == {
+        ("joints", 0, "servo", "holds", "homing_offset"): (f"is {offset}", "-1024 to 1024")
+    }
+
+
+@pytest.mark.parametrize("offset", [1024, -1024])
+def test_the_largest_offset_of_a_dynamixel_is_in_force(offset):
+    assert said_of(joint(model="XM430-W350", holds={"homing_offset": offset})) == {}
+
+
+def test_a_dynamixel_that_counts_on_obeys_any_offset():
+    far = joint(model="XM430-W350", holds={"homing_offset": -5000}, extended=True)
+    assert said_of(far) == {}
+
+
+@pytest.mark.parametrize(("lower_deg", "upper_deg"), [(10.0, 10.0), (10.0, -10.0)])
+def test_a_range_without_an_inside_is_told(lower_deg, upper_deg):
+    said = said_of(joint(lower_deg=lower_deg, upper_deg=upper_deg))
+    place = ("joints", 0, "lower_deg")
+    assert said == {place: ("is not below the upper limit", "lower < upper")}
+
+
+@pytest.mark.parametrize(
+    "changes", [{"lower_deg": None}, {"upper_deg": None}, {"swept": "not swept"}]
+)
+def test_a_range_stands_in_the_file_exactly_where_somebody_swept_it(changes):
+    assert [*said_of(joint(**changes))] == [("joints", 0, "swept")]
+    assert said_of(joint(lower_deg=None, upper_deg=None, swept="not swept")) == {}
