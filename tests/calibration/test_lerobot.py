@@ -7,12 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.calibration.filing.lerobot import dump_lerobot, parse_lerobot, read_lerobot, unsaid
+from ikservo.calibration.filing.lerobot import (
+    LerobotJoint,
+    dump_lerobot,
+    lerobot_joints,
+    parse_lerobot,
+    read_lerobot,
+    unsaid,
+)
 from ikservo.calibration.filing.lerobot_places import find_lerobot
 from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.plain import plain_calibration
 from tests.calibration.test_calibration_file import GEOMETRY
+from tests.calibration.written import calibration_of, joint
 
 ROW = {"id": 1, "drive_mode": 0, "homing_offset": -1043, "range_min": 750, "range_max": 3450}
 TABLE = {"shoulder_pan": ROW, "gripper": {**ROW, "id": 6, "homing_offset": 2047}}
@@ -77,6 +85,21 @@ def test_two_devices_of_one_id_must_be_told_apart(tmp_path):
         find_lerobot("black")
 
 
+def test_a_folder_that_two_variables_name_holds_each_device_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "own"))
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "own" / "calibration"))
+    path = put(tmp_path / "own" / "calibration", "so_follower")
+    assert find_lerobot("black") == path
+
+
+def test_a_file_whose_name_is_no_id_is_not_offered(tmp_path):
+    root = tmp_path / ".cache/huggingface/lerobot/calibration"
+    put(root, "so_follower"), put(root, "so_follower", "black (copy)")
+    with pytest.raises(UnknownNameError) as caught:
+        find_lerobot("blackk")
+    assert "copy" not in str(caught.value) + caught.value.hint
+
+
 def test_an_unknown_id_offers_the_closest(tmp_path):
     put(tmp_path / ".cache/huggingface/lerobot/calibration", "so_follower")
     with pytest.raises(UnknownNameError, match="Did you mean black"):
@@ -100,13 +123,15 @@ SPOILED = {
     "true for a number": (TEXT.replace("-1043", "true"), "no whole number"),
     "not a number": (TEXT.replace("-1043", "NaN"), "NaN stands in it"),
     "infinity": (TEXT.replace("-1043", "1e999"), "no whole number"),
+    "more ticks than any servo has": (TEXT.replace("-1043", str(-(2**20) - 1)), "no whole number"),
+    "a range of one tick": (TEXT.replace("750", "3450", 1), "not below"),
     "a huge number": (TEXT.replace("-1043", "9" * 30), "no whole number"),
     "digits without end": (TEXT.replace("-1043", "9" * 5000), "a number is too long"),
     "a name for the terminal": ('{"\\u001b[31m": {"id": 1}}', "is missing"),
     "a joint twice": (TEXT.replace('"gripper"', '"shoulder_pan"'), "twice"),
     "an id twice": (TEXT.replace('"id": 6', '"id": 1'), "second time"),
     "a range turned over": (TEXT.replace("750", "3451", 1), "not below"),
-    "nested too deep": ("[" * 100_000, ""),
+    "nested too deep": ("[" * 60_000, "too deep"),
     "of before mid-2025": (
         '{"motor_names": ["a"], "start_pos": [1], "calib_mode": []}',
         "mid-2025",
@@ -137,6 +162,74 @@ def test_mutated_files_are_read_or_refused_but_never_trip_the_reader(tmp_path, c
         except IkservoError:
             continue
         assert all(joint.range_min < joint.range_max for joint in joints)
+
+
+def test_a_long_name_is_cut_and_a_harmful_one_is_written_out():
+    for name, shown in (("e" * 80, "e" * 64), ("\x07" + "e" * 80, ascii("\x07" + "e" * 63))):
+        with pytest.raises(FileFormatError) as caught:
+            parse_lerobot(Path("x.json"), json.dumps({name: 3}))
+        assert caught.value.where == shown
+
+
+def test_as_many_ticks_as_fit_are_taken():
+    text = TEXT.replace("-1043", str(-(2**20)))
+    assert parse_lerobot(Path("x.json"), text)[0].homing_offset == -(2**20)
+
+
+@pytest.mark.parametrize(("digits", "found"), [(100, "no whole number"), (101, "too long")])
+def test_a_number_of_a_hundred_digits_is_still_read(digits, found):
+    with pytest.raises(FileFormatError, match=found):
+        parse_lerobot(Path("x.json"), TEXT.replace("-1043", "9" * digits))
+
+
+@pytest.mark.parametrize("range_max", [4095, 4094])
+def test_a_whole_turn_for_a_range_means_a_joint_without_stops(range_max):
+    row = {**ROW, "range_min": 0, "range_max": range_max}
+    (found,) = parse_lerobot(Path("x.json"), json.dumps({"wrist": row}))
+    assert found.turns_freely == (range_max == 4095)
+
+
+def test_joints_are_handed_to_lerobot_with_what_their_servos_hold():
+    swept = joint(holds={"homing_offset": -7})
+    free = joint("wrist", 2, swept="not swept", lower_deg=None, upper_deg=None)
+    assert lerobot_joints(calibration_of(swept, free)) == (
+        LerobotJoint("elbow", 1, 0, -7, 1000, 3000),
+        LerobotJoint("wrist", 2, 0, 0, 0, 4095),
+    )
+
+
+@pytest.mark.parametrize(("mode", "reverse"), [(0, 0), (1, 1), (4, 0), (5, 1)])
+def test_only_the_direction_of_a_dynamixels_drive_mode_is_handed_over(mode, reverse):
+    turned = joint(model="XM430-W350", holds={"drive_mode": mode})
+    assert lerobot_joints(calibration_of(turned))[0].drive_mode == reverse
+
+
+def test_a_servo_without_an_offset_is_handed_over_with_none():
+    (found,) = lerobot_joints(calibration_of(joint(model="SCS15", travel_ticks=[100, 900])))
+    assert (found.homing_offset, found.drive_mode) == (0, 0)
+
+
+ZEROS = "LeRobot takes the middle of each range for zero; these zeros are not in its file."
+UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, []),
+        ({"sign": -1}, ["elbow counts against its joint; LeRobot's degrees will, too."]),
+        (UNSWEPT, ["elbow was not swept; LeRobot gets a whole turn."]),
+        ({**UNSWEPT, "extended": True}, ["elbow was not swept; LeRobot gets a whole turn."]),
+        (
+            {"extended": True},
+            ["elbow counts on beyond a turn, which LeRobot's range does not tell."],
+        ),
+        ({"user_lower_deg": 3.0}, ["elbow has limits of your own, which LeRobot does not get."]),
+        ({"user_upper_deg": 3.0}, ["elbow has limits of your own, which LeRobot does not get."]),
+    ],
+)
+def test_what_lerobots_file_cannot_say_is_told_joint_by_joint(changes, said):
+    assert [*unsaid(calibration_of(joint(**changes)))] == [ZEROS, *said]
 
 
 def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_path, monkeypatch):

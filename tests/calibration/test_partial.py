@@ -1,6 +1,7 @@
 """What an interrupted calibration has measured is kept, and believed whole or not at all."""
 
 import pytest
+from pydantic import ValidationError
 
 from ikservo.calibration.filing.partial import (
     MeasuredJoint,
@@ -69,6 +70,11 @@ def test_names_of_the_greatest_length_are_kept():
          "joints": [{**JOINT, "name": longest, "servo_model": longest}]}
     )  # fmt: skip
     assert (partial.arm, partial.joints[0].name) == (longest, longest)
+
+
+def test_what_was_measured_is_not_changed_afterwards():
+    with pytest.raises(ValidationError):
+        partial_of().joints[0].low_tick = 0
 
 
 def test_a_file_that_was_cut_short_is_refused(tmp_path):

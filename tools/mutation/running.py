@@ -138,7 +138,7 @@ class _Module:
 
     def survives_anew(self, mutant: Mutant) -> bool:
         """Import the mutant and the tests of its module; return whether all of them passed."""
-        using = self.tests.of(mutant.path) or list(range(len(self.tests.items)))
+        using = self._using(mutant)
         if mutant.module == mutant.package.kernel:
             using = sorted(self.own)
         using = self._likeliest(using)
@@ -149,6 +149,13 @@ class _Module:
         rounds = [i for i in using if i in self.own], [i for i in using if i not in self.own]
         names = [[self.tests.items[i].nodeid for i in each] for each in rounds if each]
         return all(pytest.main(["-x", *OPTIONS, *each]) == 0 for each in names)
+
+    def _using(self, mutant: Mutant) -> list[int]:
+        """Return the tests of files that enter the module or are named after it, else all."""
+        items = self.tests.items
+        files = {items[i].path for i in [*self.tests.of(mutant.path), *self.own]}
+        every = range(len(items))
+        return [i for i in every if items[i].path in files] or list(every)
 
     def _likeliest(self, tests: Sequence[int]) -> list[int]:
         """Return tests, the cheapest way to a kill first, as long as they fit into the time."""

@@ -88,7 +88,7 @@ def unsaid(calibration: Calibration) -> Iterator[str]:
     """Yield what LeRobot's file cannot say of a calibration, one line each."""
     yield "LeRobot takes the middle of each range for zero; these zeros are not in its file."
     for joint in calibration.joints:
-        if joint.sign < 0:
+        if joint.sign == -1:
             yield f"{joint.name} counts against its joint; LeRobot's degrees will, too."
         if joint.swept == "not swept":
             yield f"{joint.name} was not swept; LeRobot gets a whole turn."
