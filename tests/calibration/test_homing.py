@@ -1,0 +1,111 @@
+"""Where a servo's count is made to begin, tick for tick."""
+
+import pytest
+
+from ikservo.calibration.sweeping.homing import Homing, Travel, bare_tick, choose_homing
+from ikservo.calibration.ticks.encoder import Encoder
+from ikservo.errors import CalibrationError
+from ikservo.registers import Family
+
+MAGNET, POTENTIOMETER = Encoder(4096, 4096.0), Encoder(1024, 1228.8)
+STS, X = Family.FEETECH_STS, Family.DYNAMIXEL_2
+
+
+def homing_of(family, low, high, offset=0, encoder=MAGNET, **more):
+    return choose_homing("elbow", family, Travel(low, high), offset, encoder, **more)
+
+
+@pytest.mark.parametrize(("family", "bare"), [(STS, 100), (X, 4000), (Family.DYNAMIXEL_1, 4000)])
+def test_the_offset_is_added_by_one_family_and_taken_off_by_the_other(family, bare):
+    assert bare_tick(family, 2050, 2146 if family is STS else -1950, MAGNET) == bare
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "kept"),
+    [
+        (64, 3000, True),  # as far from the seam as it should be
+        (63, 3000, False),
+        (1000, 4031, True),
+        (1000, 4032, False),
+        (19, 4075, True),  # no room to be further away
+        (20, 4076, True),
+        (18, 4074, False),
+        (21, 4077, False),
+    ],
+)
+def test_an_sts_keeps_its_offset_while_the_seam_is_clear_of_the_travel(low, high, kept):
+    found = homing_of(STS, low, high)
+    assert (found.offset == 0) is kept
+
+
+@pytest.mark.parametrize("turns", [-2, 1])
+def test_an_sts_keeps_its_offset_whatever_turn_the_travel_was_counted_in(turns):
+    low, high = 500 + 4096 * turns, 3000 + 4096 * turns
+    assert homing_of(STS, low, high, offset=300) == Homing(300, False, low - 200)
+
+
+def test_an_sts_travel_across_the_seam_is_put_in_the_middle_of_the_count():
+    # 1000 ticks leave 1547 on either side
+    assert homing_of(STS, 3596, 4596) == Homing(-2047, False, 3596 - 1547)
+    assert homing_of(STS, -500, 500) == Homing(-2047, False, -500 - 1547)
+    # the offset would be 2048, which does not fit
+    assert homing_of(STS, 3595, 4595) == Homing(2047, False, 3595 - 1548)
+    assert homing_of(STS, 96, 4095) == Homing(48, False, 48)
+
+
+def test_an_sts_offset_that_its_register_cannot_hold_is_not_kept():
+    assert homing_of(STS, 500, 3000, offset=2048).offset != 2048
+    assert homing_of(STS, 2600, 5600, offset=2047).offset == 2047
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "offset", "kept"),
+    [
+        (1000, 3000, -1000, True),
+        (1000, 3000, -1001, False),
+        (1000, 3071, 1024, True),
+        (1000, 3072, 1024, False),
+        (1000, 2000, 1025, False),
+        (1100, 2000, -1025, False),
+    ],
+)
+def test_an_x_keeps_an_offset_that_is_in_force_and_leaves_the_travel_in_one_turn(
+    low, high, offset, kept
+):
+    found = homing_of(X, low, high, offset)
+    assert found == (Homing(offset, False, -offset) if kept else Homing(0, False, 0))
+
+
+def test_an_x_counts_on_only_where_its_travel_crosses_the_seam():
+    assert homing_of(X, 96, 4095) == Homing(0, False, 0)
+    assert homing_of(X, 4096, 4096 + 2000) == Homing(0, False, 4096)
+    found = homing_of(X, 3000, 4096, offset=5)
+    assert found == Homing(5, True, 3548 - 3553)
+
+
+def test_an_x_that_counts_on_already_goes_on_doing_so():
+    assert homing_of(X, 5096, 6096, offset=100, counts_on=True) == Homing(100, True, 5596 - 1600)
+
+
+@pytest.mark.parametrize("encoder", [MAGNET, POTENTIOMETER])
+def test_a_travel_is_at_most_a_tick_less_than_the_sensor(encoder):
+    homing_of(Family.DYNAMIXEL_1, 0, encoder.ticks - 2, encoder=encoder)
+    with pytest.raises(CalibrationError, match="more than one turn"):
+        homing_of(Family.DYNAMIXEL_1, 0, encoder.ticks - 1, encoder=encoder)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 500), (523, 1023)])
+def test_a_servo_that_cannot_shift_its_count_uses_all_of_its_sensor(low, high):
+    found = homing_of(Family.DYNAMIXEL_1, low, high, encoder=POTENTIOMETER)
+    assert found == Homing(0, False, 0)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-1, 500), (524, 1024)])
+def test_a_servo_that_cannot_shift_its_count_refuses_what_its_sensor_does_not_see(low, high):
+    with pytest.raises(CalibrationError, match="wrap-around"):
+        homing_of(Family.DYNAMIXEL_1, low, high, encoder=POTENTIOMETER)
+
+
+def test_a_magnet_that_cannot_shift_its_count_is_counted_within_its_turn():
+    found = homing_of(Family.DYNAMIXEL_1, -4000, -3000)
+    assert found == Homing(0, False, -4096)
