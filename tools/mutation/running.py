@@ -25,9 +25,11 @@ from mutation.packages import ROOT
 from mutation.swapping import (
     Name,
     NotLoadedError,
+    constants_around,
     function_around,
     functions_of,
     import_anew,
+    put_constants_in,
     put_in,
 )
 
@@ -73,18 +75,18 @@ def run(
 
     For each of them tests are run that take so many seconds in all, the likeliest to fail first.
 
-    What is changed inside of a function is put into the function as it is loaded. Where it lives
-    on, and the function is called already while modules are imported, or the change is not inside
-    of one, everything is imported anew.
+    What is changed inside of a function or in a constant is put into the module as it is loaded.
+    Where it lives on although it acts while modules are imported already, or the change is
+    somewhere else, everything is imported anew.
     """
     if not mutants:
         return []
     module = _Module(mutants[0], tests, most_s)
-    inside = [m for m in mutants if function_around(m)]
+    inside = [m for m in mutants if function_around(m) or constants_around(m)]
     longest_s = module.longest_s(plain=False)
     alive, not_loaded = _in_children(inside, module.survives_inside, jobs, longest_s)
-    again = [m for m in alive if module.is_called_early(m)]
-    anew = [m for m in mutants if not function_around(m) or m in again or m in not_loaded]
+    again = [m for m in alive if module.acts_early(m)]
+    anew = [m for m in mutants if m not in inside or m in again or m in not_loaded]
     longest_s = module.longest_s(plain=mutants[0].package.is_plain(mutants[0].module))
     alive_anew, _ = _in_children(anew, module.survives_anew, jobs, longest_s)
     alive = [m for m in alive if m not in again] + alive_anew
@@ -112,17 +114,24 @@ class _Module:
         """Return how long a mutant may take in all."""
         return (_PLAIN if plain else _WALL) * sum(self.tests.cost_s) + _WALL_S
 
-    def is_called_early(self, mutant: Mutant) -> bool:
-        """Return whether the changed function is called while modules are imported."""
-        first, last = function_around(mutant) or (0, 0)
+    def acts_early(self, mutant: Mutant) -> bool:
+        """Return whether what is changed may be used while modules are imported."""
+        around = function_around(mutant)
+        if around is None:
+            return True
+        first, last = around
         early = self.tests.while_imported
         return any(file == str(mutant.path) and first <= n <= last for file, n in early)
 
     def survives_inside(self, mutant: Mutant) -> bool:
-        """Run the tests that enter the changed function; return whether all of them passed."""
-        put_in(mutant, self.functions)
-        first, last = function_around(mutant) or (0, 0)
-        entering = self._likeliest(self.tests.of(mutant.path, first, last))
+        """Run the tests that use what is changed; return whether all of them passed."""
+        around = function_around(mutant)
+        if around:
+            put_in(mutant, self.functions)
+            entering = self._likeliest(self.tests.of(mutant.path, *around))
+        else:
+            put_constants_in(mutant)
+            entering = self._likeliest(self._using(mutant))
         failures = Failures()
         for i, following in zip(entering, [*entering[1:], None], strict=True):
             item = self.tests.items[i]

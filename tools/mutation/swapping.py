@@ -14,7 +14,16 @@ from types import CodeType, FunctionType, ModuleType
 
 from mutation.mutant import Mutant
 
-__all__ = ["Name", "NotLoadedError", "function_around", "functions_of", "import_anew", "put_in"]
+__all__ = [
+    "Name",
+    "NotLoadedError",
+    "constants_around",
+    "function_around",
+    "functions_of",
+    "import_anew",
+    "put_constants_in",
+    "put_in",
+]
 
 Name = tuple[str, int]
 """What a function is called in its module, and its first line."""
@@ -71,6 +80,28 @@ def put_in(mutant: Mutant, functions: Mapping[Name, Sequence[FunctionType]]) -> 
                 swapped += 1
     if not swapped:
         raise NotLoadedError
+
+
+def constants_around(mutant: Mutant) -> list[str]:
+    """Return the names that the changed statement of the module gives values; maybe none."""
+    for node in mutant.tree.body:
+        inside = node.lineno <= mutant.line <= (node.end_lineno or node.lineno)
+        if inside and isinstance(node, ast.Assign):
+            targets = (each for target in node.targets for each in ast.walk(target))
+            return [each.id for each in targets if isinstance(each, ast.Name)]
+    return []
+
+
+def put_constants_in(mutant: Mutant) -> None:
+    """Give constants of a module the mutant's values, in every module that has imported them."""
+    changed: dict[str, object] = {"__name__": mutant.dotted}
+    exec(compile(mutant.tree, str(mutant.path), "exec"), changed)
+    original = sys.modules[mutant.dotted]
+    for name in constants_around(mutant):
+        old = getattr(original, name)
+        for module in list(sys.modules.values()):
+            if module.__name__.startswith("ikservo.") and vars(module).get(name) is old:
+                setattr(module, name, changed[name])
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
