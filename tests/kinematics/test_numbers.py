@@ -1,0 +1,63 @@
+"""Only finite numbers of the right shape are taken for numbers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ikservo.errors import BadValueError
+from ikservo.kinematics.numbers import finite_array, finite_vector, finite_vectors, frozen, numbers
+
+
+@pytest.mark.parametrize("values", [[1, 2], (1.0, 2.0), np.array([1, 2], dtype=np.int8)])
+def test_whole_numbers_and_fractions_are_taken_as_floats(values):
+    found = finite_vector(values, 2, "q")
+    assert (found.dtype, found.tolist()) == (np.float64, [1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[True, False], [1j, 2j], [b"1", b"2"], ["1", "2"], [[1], [1, 2]], [10**400, 0]],
+)
+def test_truths_texts_and_imaginary_numbers_are_none(values):
+    with pytest.raises(BadValueError) as caught:
+        finite_vector(values, 2, "q")
+    assert "q" in caught.value.message
+    assert "numbers of shape (2,)" in str(caught.value) + caught.value.hint
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_refused_by_every_question(bad):
+    for ask in (
+        lambda: finite_vector([1.0, bad], 2, "q"),
+        lambda: finite_vectors([[0.0, 0.0], [1.0, bad]], 2, "q"),
+        lambda: finite_array([[bad]], (1, 1), "q"),
+    ):
+        with pytest.raises(BadValueError, match="q"):
+            ask()
+
+
+def test_one_vector_or_many_of_them_are_vectors():
+    assert finite_vectors([1.0, 2.0], 2, "q").shape == (2,)
+    assert finite_vectors([[1.0, 2.0]] * 3, 2, "q").shape == (3, 2)
+    assert finite_vectors(np.zeros((0, 2)), 2, "q").shape == (0, 2)
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (2, 3), (3, 1), (1, 1, 2)])
+def test_vectors_of_another_shape_are_refused(shape):
+    with pytest.raises(BadValueError) as caught:
+        finite_vectors(np.zeros(shape), 2, "q")
+    assert str(shape) in caught.value.message
+
+
+def test_any_shape_of_numbers_is_numbers():
+    assert numbers([[1, math.inf]], "limits", "numbers").tolist() == [[1.0, math.inf]]
+
+
+def test_a_frozen_copy_cannot_be_written_to_and_follows_nobody():
+    original = np.array([1, 2])
+    copy = frozen(original)
+    original[0] = 9
+    assert (copy.dtype, copy.tolist()) == (np.float64, [1.0, 2.0])
+    with pytest.raises(ValueError, match="read-only"):
+        copy[0] = 3.0
