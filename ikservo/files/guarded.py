@@ -25,14 +25,14 @@ def guarded(path: Path, text: str) -> str:
     """Return what stands below the checksum, if it is what the checksum was made of.
 
     Raises:
-        FileFormatError: There is no checksum, or it is not this text's.
+        FileFormatError: There is not a checksum, or it is not this text's.
     """
     first, _, body = text.replace("\r\n", "\n").partition("\n")
     if not first.startswith(_CHECKSUM):
         expected = "a file that ikservo has written"
-        raise FileFormatError(path, "line 1", "is no checksum", expected)
+        raise FileFormatError(path, "line 1", "is not a checksum", expected)
     if first != _first_line(body):
-        expected = "the file as ikservo wrote it; the one before may stand beside it, with .bak"
+        expected = "the file as ikservo wrote it; the previous one may be beside it as .bak"
         raise FileFormatError(path, "", "was cut short or changed after it was written", expected)
     return body
 

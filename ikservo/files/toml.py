@@ -39,7 +39,7 @@ def parse_toml(path: Path, text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise _located(path, str(error)) from error
     except RecursionError as error:
-        raise FileFormatError(path, "", "tables lie too deep in each other") from error
+        raise FileFormatError(path, "", "tables are nested too deeply") from error
     except ValueError as error:  # a whole number of thousands of digits
         raise FileFormatError(path, "", "holds a number that is too long") from error
 

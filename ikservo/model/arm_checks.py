@@ -19,9 +19,9 @@ def contradictions(arm: ArmFile) -> Iterator[Complaint]:
     """Yield each contradiction between values of an arm file, in the order of the file."""
     if not any(joint.role == "arm" for joint in arm.joints):
         yield Complaint(("joints",), 'has no joint with role = "arm"', "at least one")
-    yield from _repeated(_names(arm), "a name of its own")
+    yield from _repeated(_names(arm), "a unique name")
     yield from _arm_after_gripper(arm)
-    yield from _repeated(_ids(arm), "an id of its own on the bus")
+    yield from _repeated(_ids(arm), "an id that is unique on the bus")
     yield from _transmissions(arm)
     yield from _poses(arm)
     yield from _health(arm.health)
@@ -47,7 +47,7 @@ def _repeated(values: Iterator[tuple[Location, str | int]], expected: str) -> It
     for location, value in values:
         if value in first:
             shown = quoted(value) if isinstance(value, str) else value
-            yield Complaint(location, f"is {shown} like {spelled(first[value])}", expected)
+            yield Complaint(location, f"is {shown}, the same as {spelled(first[value])}", expected)
         first.setdefault(value, location)
 
 
@@ -94,18 +94,21 @@ def _health(health: ArmHealth) -> Iterator[Complaint]:
 def _gripper(gripper: ArmGripper, joints: Sequence[ArmJoint]) -> Iterator[Complaint]:
     if not joints:
         if gripper != ArmGripper():
-            yield Complaint(("gripper",), "is there", 'none, or a joint with role = "gripper"')
+            yield Complaint(
+                ("gripper",), "is present", 'a joint with role = "gripper", or no [gripper]'
+            )
         return
     slides = joints[0].slides
-    for key, pairs, fits in (
-        ("width_m_by_deg", gripper.width_m_by_deg, not slides),
-        ("width_m_by_m", gripper.width_m_by_m, slides),
+    motion, fitting = ("slides", "width_m_by_m") if slides else ("turns", "width_m_by_deg")
+    for key, pairs in (
+        ("width_m_by_deg", gripper.width_m_by_deg),
+        ("width_m_by_m", gripper.width_m_by_m),
     ):
-        if pairs and not fits:
-            yield Complaint(("gripper", key), "is there", f"the other, {joints[0].name} is none")
+        if pairs and key != fitting:
+            yield Complaint(("gripper", key), f"is set, but {joints[0].name} {motion}", fitting)
         elif pairs and not _one_way(pairs):
             expected = "two or more pairs, both numbers growing or one growing and one falling"
-            yield Complaint(("gripper", key), "does not go one way", expected)
+            yield Complaint(("gripper", key), "is not monotonic", expected)
 
 
 def _one_way(pairs: Sequence[tuple[float, float]]) -> bool:

@@ -98,7 +98,7 @@ def test_a_file_that_was_cut_short_is_refused_at_every_length(path):
     text = path.read_text()
     for length in range(0, len(text) - 1, 37):
         assert refusal(path, text[:length]).found in (
-            "was cut short or changed after it was written", "is empty", "is no checksum",
+            "was cut short or changed after it was written", "is empty", "is not a checksum",
         )  # fmt: skip
 
 
@@ -111,7 +111,7 @@ def test_a_changed_limit_is_refused_and_the_backup_named(path):
 
 
 def test_a_foreign_file_is_no_calibration(path):
-    assert refusal(path, '{"shoulder_pan": {"id": 1}}').found == "is no checksum"
+    assert refusal(path, '{"shoulder_pan": {"id": 1}}').found == "is not a checksum"
 
 
 def test_a_future_format_asks_for_a_newer_ikservo(calibration, path):

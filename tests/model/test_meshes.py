@@ -182,7 +182,7 @@ def test_a_changed_mesh_is_fitted_anew(tmp_path):
         ("empty.stl", b"", "cannot be read|no triangles"),
         ("text.stl", b"no mesh at all", "cannot be read|no triangles"),
         ("cut.glb", b"glTF\x02\0\0\0", "cannot be read"),
-        ("shape.step", b"ISO-10303-21;", "the format .step"),
+        ("shape.step", b"ISO-10303-21;", "its format is .step"),
     ],
 )
 def test_a_mesh_that_cannot_be_read_is_an_error_that_names_the_link(name, data, found, tmp_path):

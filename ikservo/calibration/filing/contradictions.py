@@ -41,7 +41,7 @@ def _geometry(calibration: Calibration) -> Iterator[Complaint]:
     for i, name in enumerate(names):
         if name in names[:i]:
             where = ("geometry", "origins", i, "joint")
-            yield Complaint(where, f"is {quoted(name)} a second time", "a joint of its own")
+            yield Complaint(where, f"is {quoted(name)} a second time", "each joint once")
 
 
 def _repeated_names(calibration: Calibration) -> Iterator[Complaint]:
@@ -49,7 +49,7 @@ def _repeated_names(calibration: Calibration) -> Iterator[Complaint]:
     for i, joint in enumerate(calibration.joints):
         if joint.name in seen:
             found = f"is {quoted(joint.name)} a second time"
-            yield Complaint(("joints", i, "name"), found, "a name of its own")
+            yield Complaint(("joints", i, "name"), found, "a unique name")
         seen.add(joint.name)
 
 
@@ -59,7 +59,7 @@ def _repeated_ids(calibration: Calibration) -> Iterator[Complaint]:
         for servo in joint.servos:
             if servo.id in seen:
                 found = f"is {servo.id} a second time"
-                yield Complaint(("joints", i, "servo", "id"), found, "an id of its own")
+                yield Complaint(("joints", i, "servo", "id"), found, "a unique id")
             seen.add(servo.id)
 
 
@@ -71,7 +71,9 @@ def _servo(where: Location, servo: CalibratedServo, family: str) -> Iterator[Com
         return
     for name, number in servo.holds.items():
         if name not in table.registers:
-            yield Complaint((*where, "holds", name), "is no register", f"one of {table.model_name}")
+            yield Complaint(
+                (*where, "holds", name), "is not a register", f"one of {table.model_name}"
+            )
         elif not table.registers[name].range[0] <= number <= table.registers[name].range[1]:
             low, high = table.registers[name].range
             yield Complaint((*where, "holds", name), f"is {number}", f"{low} to {high}")

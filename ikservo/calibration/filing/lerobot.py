@@ -120,7 +120,7 @@ def _parsed(path: Path, text: str) -> object:
         where = f"line {error.lineno}, column {error.colno}"
         raise FileFormatError(path, where, f"is not JSON: {error.msg.lower()}") from error
     except RecursionError as error:
-        raise FileFormatError(path, "", "tables lie too deep in each other") from error
+        raise FileFormatError(path, "", "tables are nested too deeply") from error
     except ValueError as error:
         raise FileFormatError(path, "", f"is not a calibration: {error}") from error
 
@@ -128,12 +128,12 @@ def _parsed(path: Path, text: str) -> object:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) != len(pairs):
-        raise ValueError("a key stands in it twice")
+        raise ValueError("a key appears twice")
     return table
 
 
 def _no_number(name: str) -> float:
-    raise ValueError(f"{name} stands in it")
+    raise ValueError(f"it contains {name}")
 
 
 def _integer(digits: str) -> int:
@@ -168,7 +168,7 @@ def _shown(name: str) -> str:
 
 def _whole(path: Path, where: str, value: object) -> int:
     if type(value) is not int or abs(value) > 2**20:
-        raise FileFormatError(path, where, "is no whole number", "ticks, or an id")
+        raise FileFormatError(path, where, "is not a whole number", "ticks, or an id")
     return value
 
 
@@ -177,4 +177,4 @@ def _check_ids(path: Path, joints: Sequence[LerobotJoint]) -> None:
     for joint in joints:
         if ids.count(joint.id) > 1:
             found = f"is {joint.id} a second time"
-            raise FileFormatError(path, f"{_shown(joint.name)}.id", found, "an id of its own")
+            raise FileFormatError(path, f"{_shown(joint.name)}.id", found, "a unique id")

@@ -36,7 +36,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     place, suffix = f"mesh of link {link}", path.suffix.lower()
     if suffix not in _FORMATS:
         expected = f"one of {', '.join(_FORMATS)}"
-        raise FileFormatError(path, place, f"the format {suffix or 'without a name'}", expected)
+        raise FileFormatError(path, place, f"its format is {suffix or 'unnamed'}", expected)
     if len(data) > _LARGEST_BYTES:
         raise FileFormatError(path, place, "it is larger than 64 MiB", "a simpler collision mesh")
     triangles = _loaded(path, data, place)
@@ -86,7 +86,7 @@ class _FolderResolver:
         """Return the content of a file; none outside the folder is looked at."""
         path = path_inside(self._folder, name)
         if path is None or not path.is_file():
-            raise ValueError(f"{name!r} is no file in the mesh's folder")
+            raise ValueError(f"{name!r} is not a file in the mesh's folder")
         with path.open("rb") as file:
             return file.read(_LARGEST_BYTES)
 

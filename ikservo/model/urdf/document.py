@@ -38,10 +38,10 @@ def parse_xml(path: Path, text: str) -> Element:
         parser.feed(text.encode())
         return parser.close()
     except DefusedXmlException as error:
-        found = "declares a document type, and with it perhaps entities"
+        found = "declares a document type (DTD)"
         raise FileFormatError(path, tree.where, found, _PLAIN) from error
     except ParseError as error:
-        line, found = error.position[0], f"the XML breaks off: {ErrorString(error.code)}"
+        line, found = error.position[0], f"XML syntax error: {ErrorString(error.code)}"
         raise FileFormatError(path, f"line {line}", found, "well-formed XML") from error
 
 
@@ -63,7 +63,7 @@ class _Tree:
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         self._count += 1
         if len(self._open) >= DEEPEST:
-            self._refuse("elements lie too deep in each other", f"at most {DEEPEST} levels")
+            self._refuse("elements are nested too deeply", f"at most {DEEPEST} levels")
         if self._count > MOST_ELEMENTS:
             self._refuse("too many elements", f"at most {MOST_ELEMENTS}")
         element = Element(self.path, tag, attributes, self.expat.CurrentLineNumber)

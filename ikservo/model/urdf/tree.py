@@ -40,7 +40,7 @@ def _refuse_doubles(path: Path, kind: str, parts: Sequence[_Part]) -> None:
     lines: dict[str, int] = {}
     for part in parts:
         if part.name in lines:
-            found = f"{kind} {quoted(part.name)} is there already, in line {lines[part.name]}"
+            found = f"{kind} {quoted(part.name)} is already defined in line {lines[part.name]}"
             raise _error(path, part, found, "each name once")
         lines[part.name] = part.line
 
@@ -50,7 +50,7 @@ def _refuse_unknown_links(path: Path, names: Collection[str], joints: Sequence[U
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in names:
                 found = (
-                    f"joint {quoted(joint.name)} has the {role} {quoted(link)}, which is no link"
+                    f"joint {quoted(joint.name)} has the {role} {quoted(link)}, which is not a link"
                 )
                 raise _error(path, joint, found, _one_of(link, names))
 
@@ -60,7 +60,7 @@ def _refuse_bad_mimics(path: Path, joints: Sequence[UrdfJoint]) -> None:
     for joint in joints:
         if joint.mimic is not None and joint.mimic.joint not in leaders:
             followed = quoted(joint.mimic.joint)
-            found = f"joint {quoted(joint.name)} mimics {followed}, which is no joint to follow"
+            found = f"joint {quoted(joint.name)} mimics {followed}, which cannot be mimicked"
             raise _error(path, joint, found, "a joint that moves and mimics no other")
 
 
@@ -69,8 +69,8 @@ def _carriers(path: Path, joints: Sequence[UrdfJoint]) -> Mapping[str, UrdfJoint
     for joint in joints:
         other = carriers.setdefault(joint.child, joint)
         if other is not joint:
-            found = f"joint {quoted(joint.name)} carries link {quoted(joint.child)}"
-            already = f"which {quoted(other.name)} in line {other.line} carries already"
+            found = f"joint {quoted(joint.name)} has the child {quoted(joint.child)}"
+            already = f"which is already the child of {quoted(other.name)} in line {other.line}"
             raise _error(path, joint, f"{found}, {already}", "one parent for each link")
     return carriers
 
@@ -82,8 +82,8 @@ def _refuse_cycles(path: Path, carriers: Mapping[str, UrdfJoint]) -> None:
         at = start
         while at in carriers and at not in grounded:
             if at in trail:
-                found = f"joint {quoted(carriers[at].name)} closes a ring of links"
-                raise _error(path, carriers[at], found, "a tree: no link carries itself")
+                found = f"joint {quoted(carriers[at].name)} closes a cycle of links"
+                raise _error(path, carriers[at], found, "a tree without cycles")
             trail[at] = carriers[at]
             at = carriers[at].parent
         grounded.update(trail)
@@ -92,8 +92,8 @@ def _refuse_cycles(path: Path, carriers: Mapping[str, UrdfJoint]) -> None:
 def _only_root(path: Path, roots: Sequence[UrdfLink]) -> str:
     if len(roots) > 1:
         both = f"neither link {quoted(roots[0].name)} nor {quoted(roots[1].name)}"
-        found = f"{both} hangs on a joint"
-        raise _error(path, roots[1], found, "one root link that carries all others")
+        found = f"{both} is the child of a joint"
+        raise _error(path, roots[1], found, "exactly one root link")
     return roots[0].name
 
 
