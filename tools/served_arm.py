@@ -36,11 +36,15 @@ class Served:
 
     def state(self) -> list[dict[str, Any]]:
         """Return what the simulator knows about each servo."""
+        return self.ask({"do": "state"})["servos"]
+
+    def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Send the simulator a request; return its answer."""
         with socket.socket(socket.AF_UNIX) as line:
             line.connect(str(self.control))
-            line.sendall(b'{"do": "state"}\n')
+            line.sendall(json.dumps(request).encode() + b"\n")
             with line.makefile() as answer:
-                return json.loads(answer.readline())["servos"]
+                return json.loads(answer.readline())
 
     def audited(self) -> tuple[int, int, int]:
         """Return goals, those outside the servos' limits, and the longest step; once it ended."""
@@ -58,17 +62,20 @@ def first(process: int) -> None:
     """Let the simulator go before others, where it may: servos have processors of their own."""
     with suppress(PermissionError, AttributeError):  # Windows has no such thing
         os.setpriority(os.PRIO_PROCESS, process, -10)
+    with suppress(OSError):  # Linux may share processors among sessions first, whatever is in them
+        Path(f"/proc/{process}/autogroup").write_text("-10")
 
 
 @contextmanager
-def served(name: str, folder: Path) -> Generator[Served]:
-    """Serve an arm until the block ends."""
+def served(name: str, folder: Path, pose: str = "home") -> Generator[Served]:
+    """Serve an arm, limp in a pose at first, until the block ends."""
     arm = Served(name, *(folder / f"{name}.{part}" for part in ("port", "control", "audit")))
-    words = ["sim", name, "--link", str(arm.port), "--control", str(arm.control), "--pose", "home",
+    words = ["sim", name, "--link", str(arm.port), "--control", str(arm.control), "--pose", pose,
              "--audit", str(arm.audit)]  # fmt: skip
     with subprocess.Popen(
-        [sys.executable, "-c", SERVE, "ikservo", *words], stdout=subprocess.PIPE, text=True
-    ) as server:
+        [sys.executable, "-c", SERVE, "ikservo", *words],
+        stdout=subprocess.PIPE, text=True, start_new_session=True,
+    ) as server:  # fmt: skip
         assert server.stdout is not None  # it was asked for
         server.stdout.readline()
         first(server.pid)

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from ikservo.arm.calibrating.auto_postures import Postures
+from ikservo.errors import RefusedError
+from ikservo.model.shell import body_of
 from tests.calibration.hidden import load_model
 
 
@@ -37,5 +39,22 @@ def test_in_the_posture_the_joint_goes_to_its_end_above_the_table(so101):
     assert (heights > 0.0).all()
 
 
-def test_an_end_that_lies_below_the_table_in_every_posture_is_left_alone(so101):
-    assert towards(so101, "shoulder_lift", 1.8) is None
+def test_joints_whose_ends_are_known_may_stand_near_them_and_a_long_arm_gets_to_its_end(so101):
+    model = so101[0]
+    postures = Postures(model)
+    for joint in ("wrist_flex", "elbow_flex"):
+        limits = model.joint(joint).limits
+        column = model.chain.names.index(joint)
+        postures.learn(column, limits.lower.value, limits.upper.value)
+    posture = towards((model, postures), "shoulder_lift", 1.8)[-1]
+    rows = np.tile(posture, (30, 1))
+    rows[:, 1] = np.linspace(0.0, 1.8, 30)
+    around = len(body_of(model).pairs)
+    assert postures.space.gaps(rows)[:, around:].min() >= 0.0
+
+
+def test_an_end_that_lies_below_the_table_in_every_posture_is_refused_with_what_touches():
+    model = load_model("wx250s")
+    column = model.chain.names.index("shoulder")
+    with pytest.raises(RefusedError, match=r"upper_arm would touch the floor by \d+ mm"):
+        Postures(model).towards(column, 0.0, 2.0, model.chain_pose("rest"))

@@ -8,6 +8,7 @@ import pytest
 
 from ikservo.calibration.filing.calibration_file import read_calibration
 from ikservo.calibration.filing.store import calibration_path, partial_path
+from ikservo.errors import StoppedError
 from servosim.hand import Hand, glide
 from tests.calibration.hidden import Person, load_model
 from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
@@ -99,6 +100,7 @@ def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, say):
     assert re.search(
         r"joint2 hit something at -[56]\.\d°; its end stop is expected at -25", done.err
     )
+    assert "--skip joint2" in done.err
     assert saved() is None
     assert all(servo.drive.torque_on for servo in arm.line.servos.values())
     assert {servo.read("torque_limit") for servo in arm.line.servos.values()} == {1000}
@@ -181,6 +183,7 @@ def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, say):
     done = say(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
     assert done.code == 0, done.err
     assert "searching its end stop" not in done.err
+    assert "joint1: not searched: its range in the arm file, -150.0° to 150.0°" in done.err
     assert where.keys() == {"joint1", "joint2"}
 
 
@@ -212,6 +215,68 @@ def letting_go_when_it_holds(arm):
         arm.world.at(arm.world.time_s + 0.05, look)
 
     look()
+
+
+ARMS = ["so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "wx250s", "planar2",
+        "planar3"]  # fmt: skip
+
+
+def limp(say, name, *more):
+    """Let a simulated arm find its ends by itself that nobody held before its torque came on."""
+    return say(" ".join(["calibrate", name, "--port", "sim", "--auto", "--yes", "--json", *more]))
+
+
+def lifts(done):
+    """Return which joints moved so that another has room, and which."""
+    return re.findall(r"(\w+) moves .*, and stays there: (\w+) needs room", done.err)
+
+
+SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}
+
+
+@pytest.mark.parametrize("name", ["so100", pytest.param("wx250s", marks=pytest.mark.campaign)])
+def test_a_folded_arm_that_nobody_holds_first_makes_room_for_its_joints(say, name):
+    left_out = [joint.name for joint in load_model(name).joints if joint.name != "gripper"]
+    done = limp(say, name, *(f"--skip {joint}" for joint in left_out))
+    assert done.code == 0, done.err
+    assert SHORT[name] in lifts(done)
+    swept = {joint["name"]: joint["swept"] for joint in done.json["joints"]}
+    assert swept == {**dict.fromkeys(left_out, "not swept"), "gripper": "by itself"}
+
+
+def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, say):
+    """The limp omx_f lies against the lower stops of its joint2, past the arm file's limit."""
+    monkeypatch.setattr("ikservo.arm.calibrating.auto.SelfCalibration.sweep", lambda _: None)
+    monkeypatch.setattr("ikservo.arm.calibrating.auto.SelfCalibration.finish", stopped_there)
+    done = limp(say, "omx_f")
+    assert done.code == 130, done.err
+    assert "gripper moves so that it opens, then back" in done.err
+
+
+def stopped_there(_):
+    raise StoppedError("Stopped.")
+
+
+def test_an_arm_without_room_for_a_motion_is_told_to_begin_elsewhere(monkeypatch, say):
+    monkeypatch.setattr("ikservo.cli.calibrating.by_itself.making_room", lambda *_: None)
+    done = limp(say, "so100")
+    assert done.code == 8
+    assert "shoulder_lift cannot move by 5° without a collision" in done.err
+    assert "ikservo calibrate so100 --auto --pose home" in done.err
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("name", ARMS)
+def test_each_joint_of_a_limp_shipped_arm_is_measured_or_named_with_the_reason(say, name):
+    done = limp(say, name)
+    assert done.code == 0, done.err
+    for joint in done.json["joints"]:
+        told = [line for line in done.json["findings"] if line.startswith(f"{joint['name']}: ")]
+        assert joint["swept"] == "by itself" or told, joint["name"]
+    reached = {"so101": 5, "so100": 5, "koch": 6, "open_manipulator_x": 4, "px100": 3}
+    swept = [joint["name"] for joint in done.json["joints"] if joint["swept"] == "by itself"]
+    assert len(swept) >= reached.get(name, 0), done.json["findings"]
 
 
 @pytest.mark.campaign

@@ -10,8 +10,10 @@ from ikservo.arm.calibrating.auto_ends import (
     ends_of,
     false_stop,
     is_the_stop,
+    nearly_a_turn,
     no_stop,
     per_horn,
+    unreached,
 )
 from ikservo.arm.calibrating.auto_feeling import Felt, feel
 from ikservo.arm.calibrating.auto_postures import Postures
@@ -20,9 +22,10 @@ from ikservo.arm.calibrating.by_hand import LooseArm
 from ikservo.calibration import Limit, Limits
 from ikservo.calibration.sweeping.feeler import Touch
 from ikservo.calibration.sweeping.homing import Travel
+from ikservo.calibration.sweeping.measured import measure
 from ikservo.calibration.sweeping.subject import Subject
 from ikservo.calibration.sweeping.sweep import Wizard
-from ikservo.errors import CalibrationError
+from ikservo.errors import CalibrationError, RefusedError
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
 
@@ -90,8 +93,10 @@ class SelfCalibration:
         for subject in reversed(self.wizard.subjects):
             if drivable(subject, self.wizard):
                 self._sweep_joint(subject)
-            elif subject.known is None and subject.name not in self.wizard.skipped:
-                self.wizard = self.wizard.turns_freely(subject.name)
+            elif subject.known is not None:
+                self._learn(subject)
+            elif subject.name not in self.wizard.free | self.wizard.skipped:
+                self.wizard = self.wizard.skip(subject.name, nearly_a_turn(subject))
 
     def finish(self) -> Wizard:
         """Lower the arm to its rest pose, let it go, and return the conversation at its review.
@@ -110,29 +115,38 @@ class SelfCalibration:
         return self.wizard.accept()
 
     def _sweep_joint(self, subject: Subject) -> None:
-        found = [self._look_for(end, subject) for end in ends_of(subject)]
-        lower, upper = found
-        if lower is not None and upper is not None:
+        lower, upper = (self._look_for(end, subject) for end in ends_of(subject))
+        if isinstance(lower, float) and isinstance(upper, float):
             track = self.wizard.tracks[subject.servo_id]
             self._keep(subject, Travel(track.low, track.high))
+            self._learn(subject)
             return
-        self._tell(
-            f"{subject.name}: collision on the path to "
-            f"{'its ends' if lower is upper else 'one end'}; using the limit of the arm file there."
-        )
-        self.wizard = self.wizard.skip(subject.name)
+        reason = unreached(subject, lower, upper)
+        self._tell(f"{subject.name}: {reason}")
+        self.wizard = self.wizard.skip(subject.name, reason)
         self._note_felt(subject, lower, upper)
 
-    def _note_felt(self, subject: Subject, lower: float | None, upper: float | None) -> None:
+    def _learn(self, subject: Subject) -> None:
+        """Let other joints be looked for with this one near the ends it is known to have."""
+        names = self.arm.model.chain.names
+        ends = measure(self.wizard, subject).ends(0.0)
+        if ends is not None and subject.name in names:
+            self._postures.learn(names.index(subject.name), *ends)
+
+    def _note_felt(self, subject: Subject, lower: float | str, upper: float | str) -> None:
         expected, margin = subject.expected, self.wizard.margin_rad * per_horn(subject)
-        low = expected.lower if lower is None else Limit(lower + margin, "felt")
-        high = expected.upper if upper is None else Limit(upper - margin, "felt")
+        low = expected.lower if isinstance(lower, str) else Limit(lower + margin, "felt")
+        high = expected.upper if isinstance(upper, str) else Limit(upper - margin, "felt")
         self.felt[subject.name] = Limits(subject.name, low, high, expected.unit)
 
-    def _look_for(self, end: End, subject: Subject) -> float | None:
-        """Return where a joint's stop is, rad or m; None where it cannot be looked for."""
-        if not self._make_room(end):
-            return None
+    def _look_for(self, end: End, subject: Subject) -> float | str:
+        """Return where a joint's stop is, rad or m, or why it cannot be looked for."""
+        try:
+            way = self._room(end)
+        except RefusedError as error:
+            return error.message
+        for posture in way:
+            self._go(posture)
         self._tell(
             f"{end.joint}: searching its end stop near {subject.joint_map.say(end.expected)}."
         )
@@ -156,16 +170,17 @@ class SelfCalibration:
             raise no_stop(felt, end, subject)
         return felt
 
-    def _make_room(self, end: End) -> bool:
-        """Bring the arm into a posture in which the joint can go to its end."""
+    def _room(self, end: End) -> list[Vector]:
+        """Return the way to a posture in which the joint can go to its end.
+
+        Raises:
+            RefusedError: There is none; nothing has moved.
+        """
         if end.joint not in self.arm.model.chain.names:
-            return True
+            return []
         column = self.arm.model.chain.names.index(end.joint)
         reach = end.expected + 0.25 * (end.past - end.expected)
-        way = self._postures.towards(column, end.start, reach, self._in_chain())
-        for posture in way or []:
-            self._go(posture)
-        return way is not None
+        return self._postures.towards(column, end.start, reach, self._in_chain())
 
     def _go(self, posture: Vector) -> None:
         positions = dict(zip(self.arm.model.chain.names, posture.tolist(), strict=True))

@@ -13,7 +13,7 @@ from ikservo.errors import CalibrationError, RefusedError
 from ikservo.model import ModelJoint
 from ikservo.model.directions import direction
 
-__all__ = ["Wiggle", "expected", "lift", "lifting", "wiggle"]
+__all__ = ["Wiggle", "expected", "lift", "lifting", "making_room", "room_m", "wiggle"]
 
 WAY_RAD = math.radians(5.0)
 """How far the horn turns."""
@@ -23,6 +23,8 @@ _STIRS = 0.3  # of the way: more is more than the arm's own give
 # An arm that lies on the table drags its tool along it: it is lifted first where less is free.
 _CLEAR_M = 0.005
 _LIFT_RAD = 2.0 * WAY_RAD
+# So much must stay free on a little motion: an arm does not stand where it is told to the tick.
+_ROOM_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +43,18 @@ class Wiggle:
 
 
 def expected(arm: Arm, name: str) -> Wiggle:
-    """Return how a joint would be moved: to where the body is free, and the joint has more room."""
+    """Return how a joint would be moved: inside its limits, to where the body is free.
+
+    Where both ways are, it goes the one that has more room.
+    """
     joint, here, free_m = arm.model.joint(name), _positions(arm), _clearance_m(arm)
-    state = next(state for state in arm.where().joints if state.name == name)
+    low, high = _range(arm, joint)
     way = WAY_RAD * joint.travel_per_turn / math.tau
 
-    def merit(way: float) -> tuple[float, float]:
-        there = state.position_rad + way
-        room = state.upper_rad - there if way > 0 else there - state.lower_rad
-        return min(free_m({**here, name: there}), 0.0), room
+    def merit(way: float) -> tuple[bool, float, float]:
+        there = here[name] + way
+        room = high - there if way > 0 else there - low
+        return room >= 0.0, min(free_m({**here, name: there}), 0.0), room
 
     best = max((way, -way), key=merit)
     return Wiggle(name, best, _words(arm, joint, here, 1 if best > 0 else -1))
@@ -73,6 +78,35 @@ def lifting(arm: Arm) -> Wiggle | None:
     if best_m <= at_m:
         return None
     return Wiggle(name, way, _words(arm, arm.model.joint(name), here, 1 if way > 0 else -1))
+
+
+def room_m(arm: Arm, name: str) -> float:
+    """Return how far the body stays from everything while one joint goes a little way and back.
+
+    That is where it stands now, and at the better of the two ends; negative where it would touch.
+    """
+    return _room(arm, name)(_positions(arm))
+
+
+def making_room(arm: Arm, name: str) -> Wiggle | None:
+    """Return the motion of another joint that gives one joint room to go there and back.
+
+    None where it has room, or where no motion of a single joint gives it more.
+    """
+    here, room = _positions(arm), _room(arm, name)
+    at_m = room(here)
+    if at_m >= _ROOM_M:
+        return None
+    lifts = [
+        (room({**here, other.name: here[other.name] + way}), other.name, way)
+        for other in arm.model.joints
+        if other.name != name
+        for way in _ways(arm, other)
+    ]
+    best_m, other, way = max(lifts, default=(at_m, "", 0.0))
+    if best_m <= at_m:
+        return None
+    return Wiggle(other, way, _words(arm, arm.model.joint(other), here, 1 if way > 0 else -1))
 
 
 def lift(arm: Arm, motion: Wiggle) -> None:
@@ -130,12 +164,29 @@ def _clearance_m(arm: Arm) -> Callable[[Mapping[str, float]], float]:
     return free_m
 
 
-def _ways(arm: Arm, joint: ModelJoint) -> list[float]:
-    """Return how far the joint may be lifted, each way in which its limits leave room."""
+def _room(arm: Arm, name: str) -> Callable[[Mapping[str, float]], float]:
+    """Return what tells how much room [m] a joint has in a posture for a motion there and back."""
+    free_m, ways = _clearance_m(arm), _ways(arm, arm.model.joint(name), WAY_RAD)
+
+    def room(joints: Mapping[str, float]) -> float:
+        ends = [free_m({**joints, name: joints[name] + way}) for way in ways]
+        return min(free_m(joints), max(ends, default=-math.inf))
+
+    return room
+
+
+def _ways(arm: Arm, joint: ModelJoint, way_rad: float = _LIFT_RAD) -> list[float]:
+    """Return how far the joint may be moved, each way in which its limits leave room."""
+    at, (low, high) = _positions(arm)[joint.name], _range(arm, joint)
+    way = way_rad * joint.travel_per_turn / math.tau
+    return [w for w in (way, -way) if low <= at + w <= high]
+
+
+def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
+    """Return the limits of a joint; past the arm file's, where a search may go, it has stops."""
     state = next(state for state in arm.where().joints if state.name == joint.name)
-    way = _LIFT_RAD * joint.travel_per_turn / math.tau
-    inside = (state.lower_rad, state.upper_rad)
-    return [w for w in (way, -way) if inside[0] <= state.position_rad + w <= inside[1]]
+    limits = joint.limits
+    return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
 
 
 def _judge(arm: Arm, motion: Wiggle, moved: Mapping[str, float]) -> None:

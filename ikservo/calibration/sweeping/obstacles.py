@@ -106,7 +106,9 @@ def _of_joint(wizard: Wizard, subject: Subject) -> Iterator[str]:
     name = subject.name
     if wizard.sign(subject) != subject.joint_map.sign:
         yield f"{name}: sign is opposite to the arm file, measured twice."
-    if name in wizard.skipped:
+    if name in wizard.skipped and name in wizard.reasons:
+        yield f"{name}: {wizard.reasons[name]}"
+    elif name in wizard.skipped:
         yield f"{name} was skipped: the arm file's range {_range(subject)} and sign are used."
     elif wizard.measured(subject) and (name in wizard.free or goes_round(wizard, subject)):
         yield f"{name} turns freely: the arm file's range {_range(subject)} is used."

@@ -49,6 +49,7 @@ class Wizard:
             is asked for again.
         returned: Whether the joint that is asked for again has come back to where it began.
         skipped: Joints that keep the arm file's range and sign.
+        reasons: Why a joint is left out that a program could not measure, by joint.
         free: Joints that the person says nothing stops.
         trusted: Joints whose sign is believed as the arm file has it.
         driven: Whether the servos move the joints, not a hand.
@@ -66,6 +67,7 @@ class Wizard:
     doubted: Mapping[str, int] = field(default_factory=dict[str, int])
     returned: bool = False
     skipped: frozenset[str] = frozenset()
+    reasons: Mapping[str, str] = field(default_factory=dict[str, str])
     free: frozenset[str] = frozenset()
     trusted: frozenset[str] = frozenset()
     driven: bool = False
@@ -164,10 +166,11 @@ class Wizard:
         earlier = replace(self.before, tracks=kept, stillness=Stillness())
         return replace(earlier, asked_from=None)._with_direction()
 
-    def skip(self, joint: str) -> Wizard:
+    def skip(self, joint: str, reason: str = "") -> Wizard:
         """Leave a joint out: it keeps the arm file's sign and range."""
         name = self.subject(joint).name
-        return self._answered(skipped=self.skipped | {name}, asked_from=None)
+        reasons = {**self.reasons, name: reason} if reason else self.reasons
+        return self._answered(skipped=self.skipped | {name}, reasons=reasons, asked_from=None)
 
     def turns_freely(self, joint: str) -> Wizard:
         """Say that nothing stops a joint: its range is the arm file's, however far it is turned."""

@@ -6,12 +6,13 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ikservo.arm import Arm
 from ikservo.arm.calibrating.auto import SelfCalibration, check_safe
 from ikservo.arm.calibrating.auto_kept import KeptTravels, with_known
 from ikservo.arm.calibrating.auto_setup import counts_set_back
 from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
 from ikservo.arm.calibrating.confirmation import confirm
-from ikservo.arm.calibrating.wiggling import expected, wiggle
+from ikservo.arm.calibrating.wiggling import Wiggle, expected, lift, making_room, room_m, wiggle
 from ikservo.calibration.sweeping.sweep import Stage, Wizard
 from ikservo.cli.calibrating.hands import Wishes, check_wishes, reviewed, show, with_wishes
 from ikservo.cli.calibrating.meeting import consent, greet, let_go
@@ -19,7 +20,7 @@ from ikservo.cli.calibrating.screen import screen
 from ikservo.cli.calibrating.talk import answers, converse
 from ikservo.cli.output import note
 from ikservo.cli.stopping import stoppable
-from ikservo.errors import CalibrationError, IkservoError, InputError
+from ikservo.errors import CalibrationError, IkservoError, InputError, RefusedError
 from ikservo.model import Model
 
 __all__ = ["by_itself"]
@@ -58,7 +59,7 @@ def by_itself(model: Model, port: str | None, wishes: Wishes, script: Path | Non
 
 
 def _tell(words: str) -> None:
-    note(f"2  {words}")
+    note(words)
 
 
 def _offered(loose: LooseArm, wishes: Wishes) -> KeptTravels:
@@ -121,12 +122,38 @@ def _driven(auto: SelfCalibration, wishes: Wishes) -> Wizard:
 def _show_directions(auto: SelfCalibration, wishes: Wishes) -> None:
     """Move each joint a little, so that a mirrored sign or exchanged ids show before anything."""
     for joint in auto.arm.model.joints:
+        _make_room(auto.arm, joint.name, wishes)
         motion = expected(auto.arm, joint.name)
-        note(f"1  {motion.joint} moves {motion.words}, then back.")
+        note(f"{motion.joint} moves {motion.words}, then back.")
         wiggle(auto.arm, motion)
-        question = f"Did {motion.joint} move {motion.words}?"
-        if not consent(question, default=True, asks=wishes.asks):
-            raise CalibrationError(
-                f"{motion.joint} does not move as in the arm file; torque stays on.",
-                f"Calibrate it by hand, which finds signs: ikservo calibrate {auto.arm.model.name}",
-            )
+        _check_seen(auto.arm, motion, wishes)
+
+
+def _make_room(arm: Arm, joint: str, wishes: Wishes) -> None:
+    """Move other joints of a folded arm until one joint can go a little way and back.
+
+    Raises:
+        RefusedError: No motion of a single joint makes more room.
+    """
+    for _ in arm.model.joints:
+        motion = making_room(arm, joint)
+        if motion is None:
+            break
+        note(f"{motion.joint} moves {motion.words}, and stays there: {joint} needs room.")
+        lift(arm, motion)
+        _check_seen(arm, motion, wishes)
+    if room_m(arm, joint) < 0.0:
+        raise RefusedError(
+            f"{joint} cannot move by 5° without a collision; torque stays on.",
+            "Nothing was saved. Begin in a pose with more room: "
+            f"ikservo calibrate {arm.model.name} --auto --pose home",
+        )
+
+
+def _check_seen(arm: Arm, motion: Wiggle, wishes: Wishes) -> None:
+    question = f"Did {motion.joint} move {motion.words}?"
+    if not consent(question, default=True, asks=wishes.asks):
+        raise CalibrationError(
+            f"{motion.joint} does not move as in the arm file; torque stays on.",
+            f"Calibrate it by hand, which finds signs: ikservo calibrate {arm.model.name}",
+        )
