@@ -240,6 +240,7 @@ def test_a_folded_arm_that_nobody_holds_first_makes_room_for_its_joints(say, nam
     done = limp(say, name, *(f"--skip {joint}" for joint in left_out))
     assert done.code == 0, done.err
     assert SHORT[name] in lifts(done)
+    assert not re.search(r"(?m)^\d  ", done.err), done.err
     swept = {joint["name"]: joint["swept"] for joint in done.json["joints"]}
     assert swept == {**dict.fromkeys(left_out, "not swept"), "gripper": "by itself"}
 
