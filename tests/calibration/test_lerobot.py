@@ -179,7 +179,7 @@ def test_as_many_ticks_as_fit_are_taken():
     assert parse_lerobot(Path("x.json"), text)[0].homing_offset == -(2**20)
 
 
-@pytest.mark.parametrize(("digits", "found"), [(100, "no whole number"), (101, "too long")])
+@pytest.mark.parametrize(("digits", "found"), [(100, "not a whole number"), (101, "too long")])
 def test_a_number_of_a_hundred_digits_is_still_read(digits, found):
     with pytest.raises(FileFormatError, match=found):
         parse_lerobot(Path("x.json"), TEXT.replace("-1043", "9" * digits))
