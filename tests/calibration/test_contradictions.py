@@ -30,8 +30,8 @@ def test_an_origin_that_a_touch_off_moved_twice_is_told():
 def test_a_name_and_an_id_given_twice_are_told_of_the_second_joint():
     said = said_of(joint(), joint("wrist", 2), joint("elbow", 1))
     assert said == {
-        ("joints", 2, "name"): ('is "elbow" a second time', "a name of its own"),
-        ("joints", 2, "servo", "id"): ("is 1 a second time", "an id of its own"),
+        ("joints", 2, "name"): ('is "elbow" a second time', "a unique name"),
+        ("joints", 2, "servo", "id"): ("is 1 a second time", "a unique id"),
     }
 
 
