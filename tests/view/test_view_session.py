@@ -2,14 +2,19 @@
 
 import math
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ikservo.arm import open_arm
+from ikservo.view.camera.views import View
+from ikservo.view.scene.posters import Posters
 from ikservo.view.server import messages as said
 from ikservo.view.server.messages import BadMessageError
+from ikservo.view.server.visitor import Visitor
 from ikservo.view.server.visitors import Right
+from ikservo.view.session.gestures import Gestures
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_tip_m
 from tests.view.rooms import Room
@@ -423,3 +428,24 @@ def test_the_goal_of_a_wheel_is_a_degree_a_notch(room):
     room.say(said.Wheel, x=hub["at"][0], y=hub["at"][1], notches=3)
     turned = room.desk._gestures.goal - room.pilot.readout.measured
     assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
+
+
+def test_commands_to_the_pilot_are_posted_whole(room):
+    command = replace(room.pilot.wish, speed="fast")
+    room.pilot.post(command)
+    assert room.pilot.wish is command
+    with pytest.raises(AttributeError):
+        room.pilot.wish = command
+
+
+def test_a_page_that_has_told_no_size_has_no_camera(room):
+    visitor = Visitor(9, Right.WATCH, View("side"))
+    with pytest.raises(BadMessageError, match="size of its drawing"):
+        Posters(room.pilot, Gestures(room.arm), room.clock).camera(visitor)
+
+
+def test_a_gesture_before_the_size_is_told_is_no_gesture(room):
+    visitor = room.desk.join(Right.CONTROL)
+    room.say(said.Take, visitor, on=True)
+    room.point("down", 400, 300, visitor)
+    assert room.pilot.wish.goal is None

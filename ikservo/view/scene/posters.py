@@ -16,6 +16,7 @@ from ikservo.view.scene.posing import link_poses
 from ikservo.view.scene.reach import Reach, ShownPlane, shown_plane
 from ikservo.view.scene.reaches import Reaches
 from ikservo.view.scene.scene import Moment, Theatre
+from ikservo.view.server.messages import BadMessageError
 from ikservo.view.server.server import Frame
 from ikservo.view.server.visitor import Visitor
 from ikservo.view.session.gestures import Gestures
@@ -61,9 +62,13 @@ class Posters:
         self._insights.close()
 
     def camera(self, visitor: Visitor) -> Camera:
-        """Return what a visitor looks through; it stays while something is held."""
+        """Return what a visitor looks through; it stays while something is held.
+
+        Raises:
+            BadMessageError: The page has not told the size of its drawing.
+        """
         if visitor.viewport is None:
-            raise ValueError("a visitor without a drawing has no camera")
+            raise BadMessageError("The page has not told the size of its drawing.", "Reload it.")
         held = self._gestures.camera
         if held is not None and held.viewport == visitor.viewport:
             return held

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import replace
-from functools import singledispatchmethod
 from typing import Any
 
 from ikservo.clock import Clock
@@ -26,6 +26,9 @@ __all__ = ["Desk"]
 
 _ORBIT_RAD_PX = 0.008
 
+Handler = Callable[[Any, Visitor], None]
+"""Acts on one type of message."""
+
 
 class Desk:
     """Hears all visitors and moves the arm for the one in control (``server.Audience``).
@@ -45,6 +48,23 @@ class Desk:
         self._lease = Lease()
         self._visitors: dict[int, Visitor] = {}
         self._numbers = itertools.count(1)
+        self._handlers: dict[type, Handler] = {
+            said.Beat: self._beat,
+            said.Look: self._look,
+            said.Orbit: self._orbit,
+            said.Stop: self._stop,
+            said.Acknowledge: self._acknowledge,
+            said.Take: self._take,
+        }
+        # Only the visitor in control may say these, and all that is in neither table.
+        self._control_handlers: dict[type, Handler] = {
+            said.Live: self._switch_live,
+            said.SpeedChoice: self._choose_speed,
+            said.SolverChoice: self._choose_solver,
+            said.Prefer: self._prefer,
+            said.Calibrate: self._calibrate,
+            said.Pose: self._pose,
+        }
 
     def close(self) -> None:
         """Leave what is being worked out in the background."""
@@ -84,39 +104,28 @@ class Desk:
         Raises:
             BadMessageError: It may not, or it makes no sense now; nothing has changed.
         """
-        self._hear(message, self._visitors[visitor])
+        sender, handle = self._visitors[visitor], self._handlers.get(type(message))
+        if handle is None:
+            self._receive_in_control(message, sender)
+        else:
+            handle(message, sender)
 
-    @singledispatchmethod
-    def _hear(self, message: Any, visitor: Visitor) -> None:  # noqa: ANN401
-        """Act on what only the one in control may say."""
-        self._in_control(visitor)
-        self._follow_pilot()
-        self._pilot.wish = replace(self._pilot.wish, fresh_s=self._clock.now_s())
-        try:
-            self._move(message, visitor)
-        except IkservoError as error:
-            raise BadMessageError(error.message, error.command_hint) from error
-        self._tell_pilot()
-
-    @_hear.register
-    def _(self, message: said.Beat, visitor: Visitor) -> None:
+    def _beat(self, message: said.Beat, visitor: Visitor) -> None:
         if visitor.number != self._lease.holder:
             return
         if message.visible:
-            self._pilot.wish = replace(self._pilot.wish, fresh_s=self._clock.now_s())
+            self._pilot.post(replace(self._pilot.wish, fresh_s=self._clock.now_s()))
         else:
             self._ground()
 
-    @_hear.register
-    def _(self, message: said.Look, visitor: Visitor) -> None:
+    def _look(self, message: said.Look, visitor: Visitor) -> None:
         if message.view not in views_of(self._posters.stage):
             raise BadMessageError(f"This arm is not seen from the {message.view}.")
         visitor.viewport = Viewport(message.w, message.h, message.dpr)
         if message.view != visitor.view.name:
             visitor.view = View(message.view)
 
-    @_hear.register
-    def _(self, message: said.Orbit, visitor: Visitor) -> None:
+    def _orbit(self, message: said.Orbit, visitor: Visitor) -> None:
         view = visitor.view.zoomed(message.zoom)
         if view.name == "orbit":
             view = view.turned(-message.dx * _ORBIT_RAD_PX, message.dy * _ORBIT_RAD_PX)
@@ -124,23 +133,18 @@ class Desk:
             view = view.panned((message.dx, message.dy), self._posters.camera(visitor), 0.0)
         visitor.view = view
 
-    @_hear.register
-    def _(self, message: said.Stop, visitor: Visitor) -> None:
-        del message
+    def _stop(self, _message: said.Stop, visitor: Visitor) -> None:
         _may_control(visitor)
         self._gestures.forget()
-        self._pilot.wish = replace(self._pilot.wish, live=False, goal=None)
+        self._pilot.post(replace(self._pilot.wish, live=False, goal=None))
         self._pilot.stop("Stopped from the page; torque stays on.")
 
-    @_hear.register
-    def _(self, message: said.Acknowledge, visitor: Visitor) -> None:
-        del message
+    def _acknowledge(self, _message: said.Acknowledge, visitor: Visitor) -> None:
         _may_control(visitor)
         self._gestures.forget()
         self._pilot.acknowledge()
 
-    @_hear.register
-    def _(self, message: said.Take, visitor: Visitor) -> None:
+    def _take(self, message: said.Take, visitor: Visitor) -> None:
         _may_control(visitor)
         if message.on and self._lease.holder != visitor.number:
             self._hand_over(visitor.number)
@@ -149,38 +153,50 @@ class Desk:
 
     # --- what the one in control wants ---
 
-    def _move(self, message: Message, visitor: Visitor) -> None:
-        """Turn a message of the visitor in control into the arm's goal or mode."""
-        pilot, gestures = self._pilot, self._gestures
-        if isinstance(message, said.Live):
-            self._switch(on=message.on)
-        elif isinstance(message, said.SpeedChoice):
-            pilot.wish = replace(pilot.wish, speed=message.name)
-        elif isinstance(message, said.SolverChoice):
-            gestures.choose_solver(message.name)
-        elif isinstance(message, said.Prefer):
-            wanted = Preference(message.pose, message.weights)
-            gestures.prefer(wanted, pilot.readout.measured)
-        elif isinstance(message, said.Calibrate):
-            self._calibrate(message)
-        elif isinstance(message, said.Pose):
-            gestures.pose(message.name)
-        elif visitor.viewport is not None and pilot.readout.trouble is None:
-            sight = gestures.sight(
-                self._posters.camera(visitor), pilot.readout, self._posters.plane_m(visitor)
-            )
-            gestures.hear(message, sight, pilot.readout, self._clock.now_s())
+    def _receive_in_control(self, message: Message, visitor: Visitor) -> None:
+        """Turn what only the visitor in control may say into the arm's goal or mode."""
+        self._in_control(visitor)
+        self._follow_pilot()
+        self._pilot.post(replace(self._pilot.wish, fresh_s=self._clock.now_s()))
+        handle = self._control_handlers.get(type(message), self._gesture)
+        try:
+            handle(message, visitor)
+        except IkservoError as error:
+            raise BadMessageError(error.message, error.command_hint) from error
+        self._tell_pilot()
 
-    def _switch(self, *, on: bool) -> None:
+    def _choose_speed(self, message: said.SpeedChoice, _visitor: Visitor) -> None:
+        self._pilot.post(replace(self._pilot.wish, speed=message.name))
+
+    def _choose_solver(self, message: said.SolverChoice, _visitor: Visitor) -> None:
+        self._gestures.choose_solver(message.name)
+
+    def _prefer(self, message: said.Prefer, _visitor: Visitor) -> None:
+        wanted = Preference(message.pose, message.weights)
+        self._gestures.prefer(wanted, self._pilot.readout.measured)
+
+    def _pose(self, message: said.Pose, _visitor: Visitor) -> None:
+        self._gestures.pose(message.name)
+
+    def _gesture(self, message: Any, visitor: Visitor) -> None:  # noqa: ANN401
+        """Hear every other message: what a pointer, a key or a stick does in the drawing."""
+        readout = self._pilot.readout
+        if visitor.viewport is None or readout.trouble is not None:
+            return
+        camera, plane_m = self._posters.camera(visitor), self._posters.plane_m(visitor)
+        sight = self._gestures.sight(camera, readout, plane_m)
+        self._gestures.hear(message, sight, readout, self._clock.now_s())
+
+    def _switch_live(self, message: said.Live, _visitor: Visitor) -> None:
         """Throw Live: the arm starts from where it stands, whatever the preview showed."""
-        pilot = self._pilot
+        pilot, on = self._pilot, message.on
         if on and (pilot.readout.trouble or pilot.readout.talk):
             raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
         self._gestures.forget()
         flight = pilot.wish.flight + 1 if on and not pilot.wish.live else pilot.wish.flight
-        pilot.wish = replace(pilot.wish, live=on, goal=None, flight=flight)
+        pilot.post(replace(pilot.wish, live=on, goal=None, flight=flight))
 
-    def _calibrate(self, message: said.Calibrate) -> None:
+    def _calibrate(self, message: said.Calibrate, _visitor: Visitor) -> None:
         ritual = self._pilot.ritual
         if ritual is None or (self._pilot.wish.live and message.word == "begin"):
             raise BadMessageError("The arm cannot be calibrated now.", "Switch Live off first.")
@@ -208,17 +224,17 @@ class Desk:
         """Give control to a visitor, who begins slowly and with a preview."""
         self._lease.take(visitor)
         self._ground()
-        self._pilot.wish = replace(self._pilot.wish, speed="slow")
+        self._pilot.post(replace(self._pilot.wish, speed="slow"))
 
     def _ground(self) -> None:
         self._gestures.forget()
-        self._pilot.wish = replace(self._pilot.wish, live=False, goal=None)
+        self._pilot.post(replace(self._pilot.wish, live=False, goal=None))
 
     def _tell_pilot(self) -> None:
         wish = self._pilot.wish
         goal = self._gestures.goal
         if wish.live and goal is not wish.goal:
-            self._pilot.wish = replace(wish, goal=goal)
+            self._pilot.post(replace(wish, goal=goal))
 
     def _in_control(self, visitor: Visitor) -> None:
         _may_control(visitor)

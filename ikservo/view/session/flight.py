@@ -16,7 +16,10 @@ __all__ = ["Flight", "Watcher"]
 class Watcher(Protocol):
     """Who is told what the arm does, and knows what the person wants now."""
 
-    wish: Wish
+    @property
+    def wish(self) -> Wish:
+        """Return what the arm was told last."""
+        ...
 
     def see(self, beat: Beat) -> None:
         """Hear of a beat."""

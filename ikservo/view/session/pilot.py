@@ -40,7 +40,6 @@ class Pilot:
     Attributes:
         arm: The arm; of use to others only for what does not change while it is open. It is
             another one after a calibration, and after its line was lost.
-        wish: Written by the desk alone.
         readout: Written by the pilot alone.
     """
 
@@ -54,7 +53,7 @@ class Pilot:
         self._open, self._clock, self._dead_man_s = open_arm, clock, dead_man_s
         self.ritual = ritual
         self.arm = open_arm()
-        self.wish = Wish()
+        self._command = Wish()
         self.readout = _seen(self.arm)
         self._states_s = clock.now_s()
         self._stop_reason = ""
@@ -72,6 +71,21 @@ class Pilot:
         self.stop("The view was closed; torque stays on.")
         self._thread.join()
         self.arm.close("hold")
+
+    @property
+    def wish(self) -> Wish:
+        """Return the command that was posted last."""
+        return self._command
+
+    def post(self, command: Wish) -> None:
+        """Replace the command that the arm follows; the newest counts.
+
+        This is the boundary between two threads: the server's posts, the pilot's reads ``wish``
+        at its own pace, once a control cycle. A command is never changed but replaced as a
+        whole, so neither thread waits, and neither sees half of one. Only one thread may post:
+        a command is made of the one before.
+        """
+        self._command = command
 
     def stop(self, reason: str) -> None:
         """Brake and hold; it stays until acknowledged. Safe from any thread."""
