@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,27 +16,49 @@ from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.cli.prompts import confirm
 from ikservo.cli.quantities import parse_time_s
+from ikservo.cli.restoring import restore_backup
 from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.finding.discovery import Found
 from ikservo.model import Model, load_model
 
 __all__ = ["command"]
 
-ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A name of `ikservo arms`, or a file.")]
+ArmName = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="ARM", envvar="IKSERVO_ARM", help="A name of `ikservo arms`, or a file."
+    ),
+]
 Start = Annotated[str | None, typer.Option("--start", help="Go on from this joint.")]
 Wait = Annotated[
     float,
     typer.Option("--wait", parser=parse_time_s, help="How long to wait for each servo: 5min."),
 ]
+Restore = Annotated[
+    Path | None,
+    typer.Option("--restore", metavar="FILE", help="Write this EEPROM backup to its servo."),
+]
+Servo = Annotated[
+    str | None,
+    typer.Option(
+        "--servo", metavar="JOINT", help="Restore to this servo (joint or id), whatever its id."
+    ),
+]
+OtherModel = Annotated[
+    bool, typer.Option("--other-model", help="Restore a backup of another servo model.")
+]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before a servo is written.")]
 
 
 def command(
-    arm: ArmName,
+    arm: ArmName = None,
     *,
     port: PortOption = None,
     start: Start = None,
     wait: Wait = 300.0,
+    restore: Restore = None,
+    servo: Servo = None,
+    other_model: OtherModel = False,
     yes: Yes = False,
     json: JsonOption = False,
 ) -> None:
@@ -46,10 +69,21 @@ def command(
     ikservo setup so101
 
     ikservo setup so101 --start elbow_flex        go on where you stopped
+
+    ikservo setup so101 --restore FILE            write an EEPROM backup to its servo
     """
+    if not arm:
+        raise InputError("Missing argument 'ARM'.", "Name it, as in: ikservo setup so101")
     model = load_model(arm)
     if not model.joints:
         raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
+    if restore:
+        restore_backup(
+            model, port, restore, target=servo, other_model=other_model, yes=yes, json=json
+        )
+        return
+    if servo or other_model:
+        raise InputError("--servo and --other-model belong to --restore.", "Add --restore FILE.")
     helper = _Voice(model, yes=yes, json=json)
     with _resumable(arm, helper):
         commission(model, port, helper, start=start, wait_s=wait)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.keeping.backup import back_up_once, backup_path, read_backup
+from ikservo.hardware.keeping.backup import Backup, back_up_once, backup_path, read_backup
 from ikservo.hardware.keeping.eeprom import Difference, differences, read_eeprom, update_eeprom
 from ikservo.hardware.line.port import Port, open_port
 from ikservo.hardware.line.replug import reopen, serial_number_of
@@ -12,6 +12,7 @@ from ikservo.hardware.servo import Identity, ServoSpec
 from ikservo.hardware.torque import check_supply, torque_off, torque_on
 
 __all__ = [
+    "Backup",
     "Difference",
     "Identity",
     "Port",

@@ -29,14 +29,14 @@ def test_every_servo_has_a_file_of_its_own(bus, home):
 
 def test_it_holds_the_whole_eeprom(bus):
     path, _ = back_up_once(bus, "so101")
-    assert read_backup(path) == read_eeprom(bus, 1)
+    assert read_backup(path).eeprom == read_eeprom(bus, 1)
 
 
 def test_the_first_copy_is_never_overwritten(bus):
     back_up_once(bus, "so101")
     update_eeprom(bus, 1, {STS3215.homing_offset: -100})
     assert back_up_once(bus, "so101") == []
-    assert read_backup(backup_path("so101", bus.servos[1]))["homing_offset"] == 0
+    assert read_backup(backup_path("so101", bus.servos[1])).eeprom["homing_offset"] == 0
 
 
 def test_another_model_at_the_same_id_is_another_servo(bus):
@@ -74,3 +74,31 @@ def test_a_file_that_is_no_copy_is_said_to_be_none(tmp_path, text):
     path.write_text(text)
     with pytest.raises(FileFormatError, match=r"copy\.toml"):
         read_backup(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ('"STS3215"', '"STS9999"', "model: is 'STS9999'"),
+        ("id = 1\n\n", "id = -1\n\n", "id: is -1"),
+        ("homing_offset = 0\n", "", "lacks homing_offset"),
+        ("homing_offset", "homing_ofset", "eeprom.homing_ofset: is no EEPROM register of STS3215"),
+        ("homing_offset = 0", "homing_offset = 0.5", "homing_offset: is 0.5"),
+        ("homing_offset = 0", "homing_offset = 5000", "homing_offset: is 5000"),
+        ("homing_offset = 0", "homing_offset = true", "homing_offset: is True"),
+    ],
+)
+def test_a_damaged_copy_is_said_to_be_damaged_and_where(bus, old, new, why):
+    path, _ = back_up_once(bus, "so101")
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(FileFormatError) as failed:
+        read_backup(path)
+    assert why in str(failed.value)
+
+
+def test_a_copy_says_whose_it_is(bus):
+    _, path = back_up_once(bus, "so101")
+    backup = read_backup(path)
+    assert (backup.table.model_name, backup.servo_id, backup.path) == ("XL430-W250", 2, path)

@@ -15,21 +15,42 @@ The first copy is never overwritten: it holds what the servo was before anybody 
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from ikservo.errors import FileFormatError
+from ikservo.files.reading import read_text
+from ikservo.files.toml import LARGEST_BYTES, parse_toml
 from ikservo.files.writing import write_whole
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.keeping.eeprom import read_eeprom
+from ikservo.hardware.keeping.eeprom import eeprom_registers, read_eeprom
 from ikservo.hardware.line.remembered import config_folder
 from ikservo.hardware.servo import ServoSpec
+from ikservo.registers import MODELS, Register, ServoTable
 
-__all__ = ["back_up_once", "backup_path", "read_backup"]
+__all__ = ["Backup", "back_up_once", "backup_path", "read_backup"]
 
 _FORMAT = 1
+_HIGHEST_ID = 253
+
+
+@dataclass(frozen=True, slots=True)
+class Backup:
+    """A copy of a servo's EEPROM.
+
+    Attributes:
+        path: The file.
+        table: The model that it was made of.
+        servo_id: The id that it had.
+        eeprom: The raw number of every EEPROM register by name.
+    """
+
+    path: Path
+    table: type[ServoTable]
+    servo_id: int
+    eeprom: Mapping[str, int]
 
 
 def backup_path(owner: str, servo: ServoSpec) -> Path:
@@ -64,24 +85,53 @@ def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = No
     return made
 
 
-def read_backup(path: Path) -> dict[str, int]:
-    """Return the raw numbers of a copy by register name.
+def read_backup(path: Path) -> Backup:
+    """Return what stands in a copy.
 
     Raises:
-        FileFormatError: It is no such file.
+        FileFormatError: It is no such file, or damaged.
     """
-    try:
-        tables: dict[str, Any] = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, ValueError) as error:
-        raise FileFormatError(path, "", f"cannot be read ({error})") from error
-    eeprom: object = tables.get("eeprom")
-    if tables.get("format") != _FORMAT or not isinstance(eeprom, dict):
+    tables = parse_toml(path, read_text(path, LARGEST_BYTES))
+    model, servo_id = tables.get("model"), tables.get("id")
+    rows: object = tables.get("eeprom")
+    if tables.get("format") != _FORMAT or not isinstance(rows, dict):
         raise FileFormatError(path, "", "is not an EEPROM backup of a servo", f"format = {_FORMAT}")
-    rows = cast("dict[str, object]", eeprom)
-    for name, number in rows.items():
-        if type(number) is not int:
-            raise FileFormatError(path, f"eeprom.{name}", f"is {number!r}", "an integer")
-    return cast("dict[str, int]", rows)
+    if not isinstance(model, str) or model not in MODELS:
+        raise FileFormatError(path, "model", f"is {model!r}", f"one of {', '.join(MODELS)}")
+    if type(servo_id) is not int or not 0 <= servo_id <= _HIGHEST_ID:
+        raise FileFormatError(path, "id", f"is {servo_id!r}", f"an integer from 0 to {_HIGHEST_ID}")
+    return Backup(
+        path,
+        MODELS[model],
+        servo_id,
+        _checked(path, MODELS[model], cast("dict[str, object]", rows)),
+    )
+
+
+def _checked(path: Path, table: type[ServoTable], rows: Mapping[str, object]) -> dict[str, int]:
+    """Return the numbers of a copy, which must be those of the model's whole EEPROM."""
+    registers = eeprom_registers(table)
+    names = {register.name for register in registers}
+    for name in rows.keys() - names:
+        found = f"is no EEPROM register of {table.model_name}"
+        raise FileFormatError(path, f"eeprom.{name}", found)
+    for register in registers:
+        if register.name not in rows:
+            raise FileFormatError(path, "eeprom", f"lacks {register}", "every EEPROM register")
+    eeprom: dict[str, int] = {}
+    for register in registers:
+        number = rows[register.name]
+        if type(number) is not int or not _fits(register, number):
+            where = f"eeprom.{register}"
+            raise FileFormatError(path, where, f"is {number!r}", "a number that the register holds")
+        eeprom[register.name] = number
+    return eeprom
+
+
+def _fits(register: Register, number: int) -> bool:
+    """Return whether a register can hold a number; servos may hold more than may be written."""
+    least, most = register.codec.span(register.size)
+    return least <= number <= most
 
 
 def _text(servo: ServoSpec, eeprom: Mapping[str, int]) -> str:

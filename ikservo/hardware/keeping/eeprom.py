@@ -10,9 +10,16 @@ from ikservo.errors import RegisterAccessError, ServoRefusedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.packets.notation import Wanted, own_register
 from ikservo.hardware.servo import ServoSpec
-from ikservo.registers import Area, Register, Role
+from ikservo.registers import Area, Register, Role, ServoTable
 
-__all__ = ["Difference", "differences", "read_eeprom", "update_eeprom"]
+__all__ = [
+    "Difference",
+    "differences",
+    "eeprom_registers",
+    "read_eeprom",
+    "refuse_under_torque",
+    "update_eeprom",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,14 +37,18 @@ class Difference:
     wanted: int
 
 
+def eeprom_registers(table: type[ServoTable]) -> list[Register]:
+    """Return the registers of a model that survive loss of power."""
+    return [r for r in table.registers.values() if r.area is Area.EEPROM]
+
+
 def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
     """Return every EEPROM register of a servo by name, raw: a backup.
 
     Raises:
         BusError: The servo does not answer.
     """
-    table = bus.servos[servo_id].table
-    rows = [r for r in table.registers.values() if r.area is Area.EEPROM]
+    rows = eeprom_registers(bus.servos[servo_id].table)
     readings = bus.sync_read_many([servo_id], rows, raw=True).complete()[servo_id]
     return {register.name: readings[register] for register in rows}
 
@@ -71,7 +82,7 @@ def update_eeprom(bus: ServoBus, servo_id: int, wanted: Mapping[Wanted, int]) ->
         _refuse_foreign(servo, own_register(servo, key))
     changes = differences(bus, servo_id, wanted)
     if changes:
-        _refuse_under_torque(bus, servo_id, changes[0].register)
+        refuse_under_torque(bus, servo_id, changes[0].register)
         with _unlocked(bus, servo_id):
             for change in changes:
                 bus.write(servo_id, change.register, change.wanted, raw=True)
@@ -89,7 +100,13 @@ def _refuse_foreign(servo: ServoSpec, register: Register) -> None:
         raise RegisterAccessError(str(servo), register.name, reason, "Use: ikservo setup")
 
 
-def _refuse_under_torque(bus: ServoBus, servo_id: int, register: Register) -> None:
+def refuse_under_torque(bus: ServoBus, servo_id: int, register: Register) -> None:
+    """Check that an EEPROM register can be written.
+
+    Raises:
+        RegisterAccessError: Torque is on.
+        BusError: The servo does not answer.
+    """
     if bus.read(servo_id, Role.TORQUE_ENABLE, raw=True):
         raise RegisterAccessError(
             str(bus.servos[servo_id]),
