@@ -1,6 +1,7 @@
 """Every command that a message names exists, with every option that it is named with."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import ikservo
@@ -14,11 +15,11 @@ SOURCES = Path(ikservo.__file__).parent
 def sentences():
     """Every string of the program that is no docstring; what is filled in stands as ``x``."""
     for path in sorted(SOURCES.rglob("*.py")):
-        tree = ast.parse(path.read_text("utf-8"))
-        inner = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)
+        nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+        inner = {id(part) for node in nodes if isinstance(node, ast.JoinedStr)
                  for part in node.values}  # fmt: skip
-        docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        for node in ast.walk(tree):
+        docs = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+        for node in nodes:
             if id(node) in inner | docs:
                 continue
             if isinstance(node, ast.JoinedStr):
@@ -28,14 +29,21 @@ def sentences():
                 yield path.name, node.value
 
 
-NAMED = sorted(
-    {
-        (file, found[1], found[2])
-        for file, text in sentences()
-        for found in COMMAND.finditer(text)
-        if found[1] not in PROSE and not text.startswith("ikservo ")  # a thread's name
-    }
-)
+@cache
+def mentions():
+    """Every command with its arguments that a message names, and in which file.
+
+    Found when it is asked for: to read all of the program takes seconds, which each process that
+    only gathers the tests would pay as well.
+    """
+    return sorted(
+        {
+            (file, found[1], found[2])
+            for file, text in sentences()
+            for found in COMMAND.finditer(text)
+            if found[1] not in PROSE and not text.startswith("ikservo ")  # a thread's name
+        }
+    )
 
 
 def command_of(name):
@@ -46,12 +54,12 @@ def command_of(name):
 
 
 def test_commands_in_messages_exist():
-    assert [(file, name) for file, name, _ in NAMED if name not in WORDS] == []
+    assert [(file, name) for file, name, _ in mentions() if name not in WORDS] == []
 
 
 def test_options_of_commands_in_messages_exist():
     wrong = []
-    for file, name, arguments in NAMED:
+    for file, name, arguments in mentions():
         options = {text for param in command_of(name).params for text in param.opts}
         named = {word.partition("=")[0] for word in arguments.split() if word.startswith("--")}
         wrong += [(file, name, option) for option in named - options - {"--help"}]
@@ -60,7 +68,7 @@ def test_options_of_commands_in_messages_exist():
 
 def test_no_sentence_goes_on_behind_a_command_without_punctuation():
     prose = {"tries", "is", "and", "then", "the", "to", "goes", "with", "for"}
-    assert [row for row in NAMED if prose & set(row[2].split())] == []
+    assert [row for row in mentions() if prose & set(row[2].split())] == []
 
 
 def test_the_arm_of_a_calibration_is_repeated_where_it_stands():

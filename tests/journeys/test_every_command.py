@@ -52,12 +52,11 @@ def name_of(value):
     return value.split(" --")[0] if isinstance(value, str) else value
 
 
-def parameters(of):
-    return pytest.mark.parametrize(
-        ("arm", "line", "posture", "kind"),
-        [(arm, *case) for arm in ARMS for case in of(arm)],
-        ids=name_of,
-    )
+NAMES = ("arm", "line", "posture", "kind")
+
+
+def on_every_arm(of):
+    return [(arm, *case) for arm in ARMS for case in of(arm)]
 
 
 def judge(monkeypatch, folder, arm, line, posture, kind):
@@ -84,12 +83,14 @@ def test_each_command_has_a_line_that_a_person_would_type():
     assert all(lines_of(command) for command in commands())
 
 
-@parameters(some)
+@pytest.mark.parametrize(NAMES, on_every_arm(some), ids=name_of)
 def test_a_command_ends_well(monkeypatch, tmp_path, arm, line, posture, kind):
     judge(monkeypatch, tmp_path, arm, line, posture, kind)
 
 
 @pytest.mark.campaign
-@parameters(cases)
 def test_every_command_ends_well(monkeypatch, tmp_path, arm, line, posture, kind):
     judge(monkeypatch, tmp_path, arm, line, posture, kind)
+
+
+test_every_command_ends_well.matrix = (NAMES, lambda: on_every_arm(cases), name_of)

@@ -31,10 +31,11 @@ def some(arm):
     return [chance.choice(by_method[m]) for m in chance.sample(sorted(by_method), 4)]
 
 
-def parameters(of):
-    return pytest.mark.parametrize(
-        ("arm", "method", "posture", "kind"), [(arm, *case) for arm in ARMS for case in of(arm)]
-    )
+NAMES = ("arm", "method", "posture", "kind")
+
+
+def on_every_arm(of):
+    return [(arm, *case) for arm in ARMS for case in of(arm)]
 
 
 def judge(monkeypatch, folder, arm, method, posture, kind):
@@ -78,12 +79,14 @@ def test_each_method_can_be_called(tmp_path):
             arguments(method, machine, tmp_path)
 
 
-@parameters(some)
+@pytest.mark.parametrize(NAMES, on_every_arm(some))
 def test_a_method_ends_well(monkeypatch, tmp_path, arm, method, posture, kind):
     judge(monkeypatch, tmp_path, arm, method, posture, kind)
 
 
 @pytest.mark.campaign
-@parameters(cases)
 def test_every_method_ends_well(monkeypatch, tmp_path, arm, method, posture, kind):
     judge(monkeypatch, tmp_path, arm, method, posture, kind)
+
+
+test_every_method_ends_well.matrix = (NAMES, lambda: on_every_arm(cases), None)
