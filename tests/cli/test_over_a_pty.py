@@ -46,8 +46,8 @@ def port_of():
 
 
 def said_as_a_person(say, words):
-    """Run a motion, again where a busy computer made the arm stop: silence (4), late beats (8)."""
-    for _ in range(4):
+    """Run a command, again where a busy computer made the arm stop: silence (4), late beats (8)."""
+    for _ in range(12):
         done = say(words)
         if done.code not in (4, 8):
             break
@@ -111,6 +111,7 @@ def test_when_the_server_ends_the_loss_is_named(say):
     assert "Traceback" not in done.err
 
 
+@pytest.mark.campaign  # tests/journeys/test_bad_day.py presses Ctrl-C in a terminal
 def test_ctrl_c_in_mid_motion_holds_and_exits_with_130(say, port_of):
     port = port_of("so101")
     before = pan_of(say, port)
@@ -131,7 +132,7 @@ def test_ctrl_c_in_mid_motion_holds_and_exits_with_130(say, port_of):
 
 
 def pan_of(say, port):
-    return say(f"where --arm so101 --port {port} --json").json["joints"][0]
+    return said_as_a_person(say, f"where --arm so101 --port {port} --json").json["joints"][0]
 
 
 def _wait_until_it_moves(port, process):

@@ -5,6 +5,7 @@ pseudo-terminal that a person's program would open as well. The suite has the fa
 meets by itself; the campaign has all, at both widths.
 """
 
+import contextlib
 import os
 import pty
 import signal
@@ -22,6 +23,7 @@ pytestmark = [
 ]
 
 FAR = ("joints", "shoulder_pan=70", "--speed", "slow", "--no-collision")
+TRIES = 8  # on a computer so busy that the simulator answers too late
 LOOK_DEG = 6.0  # no dead program's joint goes further than the bounded look-ahead
 
 
@@ -40,10 +42,22 @@ def words(desk, *command):
     return [*command, "--arm", "so101", "--port", desk.port]
 
 
-def under_way(desk, program):
-    """Wait until the pan joint has moved by 10 degrees."""
-    while desk.joints_deg()["shoulder_pan"] < 10.0:
-        assert program.pump(), program.text
+@contextlib.contextmanager
+def under_way(terminal, desk):
+    """Yield a program once it has moved the pan joint by 10 degrees.
+
+    It is begun anew where a busy computer made it stop before: silence (4), late beats (8).
+    """
+    for _ in range(TRIES):
+        with terminal.running(*words(desk, *FAR)) as program:
+            while (alive := program.pump(0.0)) and desk.joints_deg()["shoulder_pan"] < 10.0:
+                pass
+            if alive:
+                yield program
+                return
+            ended = program.ended()
+            assert ended.code in (4, 8), ended.text
+    raise AssertionError(ended.text)
 
 
 def assert_clear(ended, code):
@@ -53,15 +67,17 @@ def assert_clear(ended, code):
 
 
 def assert_moves_again(terminal, desk):
-    ended = terminal.run(*words(desk, "joints", "shoulder_pan=5", "--no-collision"))
+    for _ in range(TRIES):
+        ended = terminal.run(*words(desk, "joints", "shoulder_pan=5", "--no-collision"))
+        if ended.code not in (4, 8):
+            break
     assert ended.code == 0, ended.text
     assert desk.joints_deg()["shoulder_pan"] == pytest.approx(5.0, abs=1.0)
 
 
 @pytest.mark.campaign
 def test_unplugged_in_mid_motion(terminal, desk):
-    with terminal.running(*words(desk, *FAR)) as program:
-        under_way(desk, program)
+    with under_way(terminal, desk) as program:
         desk.do("unplug")
         ended = program.ended()
     assert_clear(ended, 3)
@@ -73,8 +89,7 @@ def test_unplugged_in_mid_motion(terminal, desk):
 
 @pytest.mark.campaign
 def test_a_servo_too_hot_in_mid_motion(terminal, desk):
-    with terminal.running(*words(desk, *FAR)) as program:
-        under_way(desk, program)
+    with under_way(terminal, desk) as program:
         desk.do("temperature", id=1, celsius=85)
         ended = program.ended()
     assert_clear(ended, 5)
@@ -83,8 +98,7 @@ def test_a_servo_too_hot_in_mid_motion(terminal, desk):
 
 @pytest.mark.campaign
 def test_blocked_by_a_hand_and_then_free(terminal, desk):
-    with terminal.running(*words(desk, *FAR)) as program:
-        under_way(desk, program)
+    with under_way(terminal, desk) as program:
         desk.do("hand", joint="shoulder_pan", deg=5, force=50)
         ended = program.ended()
     assert ended.code in (5, 8), ended.text
@@ -97,8 +111,7 @@ def test_blocked_by_a_hand_and_then_free(terminal, desk):
 
 @pytest.mark.campaign
 def test_the_program_killed_in_mid_motion(terminal, desk):
-    with terminal.running(*words(desk, *FAR)) as program:
-        under_way(desk, program)
+    with under_way(terminal, desk) as program:
         program.signal(signal.SIGKILL)
         at_deg = desk.joints_deg()["shoulder_pan"]
         assert program.ended().code == -signal.SIGKILL
@@ -108,8 +121,7 @@ def test_the_program_killed_in_mid_motion(terminal, desk):
 
 
 def test_ctrl_c_holds_and_says_how_to_go_on(terminal, desk):
-    with terminal.running(*words(desk, *FAR)) as program:
-        under_way(desk, program)
+    with under_way(terminal, desk) as program:
         program.type("\x03")
         ended = program.ended()
     assert_clear(ended, -signal.SIGINT)
@@ -119,8 +131,7 @@ def test_ctrl_c_holds_and_says_how_to_go_on(terminal, desk):
 
 @pytest.mark.campaign
 def test_the_power_cut_in_mid_motion(terminal, desk):
-    with terminal.running(*words(desk, *FAR)) as program:
-        under_way(desk, program)
+    with under_way(terminal, desk) as program:
         desk.do("brownout", for_s=1.0)
         ended = program.ended()
     assert ended.code in (4, 5), ended.text
