@@ -65,7 +65,8 @@ def calibrate(arm: Served, home: Path, interrupt_at: int | None = None) -> Run:
             if SEARCHING in line and sum(SEARCHING in each for each in lines) == interrupt_at:
                 time.sleep(1.0)  # it is on its way
                 process.send_signal(signal.SIGINT)
-    return Run(process.returncode, lines, time.monotonic() - begin_s)
+    code = 128 - process.returncode if process.returncode < 0 else process.returncode  # as shells
+    return Run(code, lines, time.monotonic() - begin_s)
 
 
 def hold_in_pose(arm: Served, pose: str = "rest") -> None:
