@@ -15,15 +15,11 @@ class Losses:
     Args:
         names: The joints.
         most: The series that stops the arm.
-
-    Attributes:
-        total: How many answers were lost in all.
     """
 
     def __init__(self, names: Sequence[str], most: int = 3) -> None:
         self._row = dict.fromkeys(names, 0)
         self._most = most
-        self.total = 0
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -38,7 +34,6 @@ class Losses:
         """
         for name in self._row:
             self._row[name] = 0 if name in answered else self._row[name] + 1
-        self.total += len(self.lost)
         silent = [name for name, row in self._row.items() if row >= self._most]
         if silent:
             raise ServoSilentError(

@@ -17,14 +17,11 @@ class Metronome:
 
     Attributes:
         beats: How many beats there were.
-        missed: How many were left out because the one before took too long.
-        worst_lateness_s: The longest time from a beat's instant to its coming.
     """
 
     def __init__(self, clock: Clock, period_s: float) -> None:
         self._clock, self._period_s = clock, period_s
-        self.beats = self.missed = 0
-        self.worst_lateness_s = 0.0
+        self.beats = 0
 
     def __iter__(self) -> Iterator[float]:
         """Yield the seconds since the first beat, at each beat, without end."""
@@ -35,12 +32,8 @@ class Metronome:
             self._clock.sleep_until(due_s)
             elapsed_s = self._clock.now_s() - start_s
             self.beats += 1
-            self.worst_lateness_s = max(self.worst_lateness_s, elapsed_s - index * self._period_s)
             yield elapsed_s
             index = self._next(index, self._clock.now_s() - start_s)
 
     def _next(self, index: int, elapsed_s: float) -> int:
-        following = index + 1
-        reachable = max(following, int(elapsed_s / self._period_s))
-        self.missed += reachable - following
-        return reachable
+        return max(index + 1, int(elapsed_s / self._period_s))

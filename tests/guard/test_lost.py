@@ -40,10 +40,3 @@ def test_nothing_is_lost_when_all_answer():
     losses.see(ONE)
     losses.see(BOTH)
     assert losses.lost == ()
-
-
-def test_all_lost_answers_are_counted():
-    losses = Losses(["elbow", "wrist"])
-    for answered in (BOTH, ONE, (), BOTH):
-        losses.see(answered)
-    assert losses.total == 3

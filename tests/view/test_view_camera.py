@@ -67,12 +67,6 @@ def test_many_points_project_as_each_alone(camera, point):
     assert depth_m[0] == pytest.approx(alone_depth)
 
 
-def test_device_pixels_are_css_pixels_times_the_ratio():
-    viewport = Viewport(412.0, 915.0, 2.625)
-    assert viewport.device_size == (1082, 2402)
-    np.testing.assert_allclose(viewport.from_device(viewport.to_device((3.0, 7.0))), (3.0, 7.0))
-
-
 @pytest.mark.parametrize("size", [(0.0, 100.0), (100.0, -1.0), (1e9, 100.0), (float("nan"), 1.0)])
 def test_a_viewport_of_no_size_is_refused(size):
     with pytest.raises(BadValueError):

@@ -294,8 +294,7 @@ def test_the_table_behind_the_eye_is_not_drawn():
 @pytest.mark.parametrize("name", ["so101", "vx300s"])
 def test_a_picture_is_ready_for_json(name, view):
     goal = stage(name).home + 0.2
-    items = painted(name, view, goal=goal, aim=Aim(TIP, TIP, reached=False),
-                    trace_m=np.array([TIP, TIP + 0.1]))  # fmt: skip
+    items = painted(name, view, goal=goal, aim=Aim(TIP, TIP, reached=False))
     assert json.loads(json.dumps(items, allow_nan=False)) == items
 
 

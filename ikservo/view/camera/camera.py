@@ -56,19 +56,6 @@ class Viewport:
         """Return the middle (2,) in CSS pixels."""
         return np.array([0.5 * self.width_px, 0.5 * self.height_px])
 
-    @property
-    def device_size(self) -> tuple[int, int]:
-        """Return width and height of the canvas in whole device pixels."""
-        return round(self.width_px * self.pixel_ratio), round(self.height_px * self.pixel_ratio)
-
-    def to_device(self, px: ArrayLike) -> Vector:
-        """Return CSS pixels (…, 2) as device pixels."""
-        return np.asarray(px, dtype=np.float64) * self.pixel_ratio
-
-    def from_device(self, device_px: ArrayLike) -> Vector:
-        """Return device pixels (…, 2) as CSS pixels."""
-        return np.asarray(device_px, dtype=np.float64) / self.pixel_ratio
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:

@@ -32,7 +32,7 @@ _FARTHEST_PAN_M = 10.0
 _STEEPEST_RAD = math.radians(88)
 _AWAY_M = 10.0
 _HALF_FIELD_RAD = math.radians(17)
-_X, _Y, _Z = np.eye(3)
+_, _Y, _Z = np.eye(3)
 
 
 @dataclass(frozen=True, slots=True)

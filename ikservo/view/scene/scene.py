@@ -28,7 +28,7 @@ from ikservo.view.pick.shapes import capsules_of
 from ikservo.view.scene.aim import Aim, draw_aim
 from ikservo.view.scene.arcs import Arcs
 from ikservo.view.scene.dials import Dial, dials_of, nearness
-from ikservo.view.scene.items import Item, circle, polygon, polyline
+from ikservo.view.scene.items import Item, circle, polygon
 from ikservo.view.scene.outlines import Outlines
 from ikservo.view.scene.posing import link_poses
 from ikservo.view.scene.reach import Reach, draw_reach
@@ -56,7 +56,6 @@ class Moment:
         behind: Whether the hovered link was chosen behind others: its outline is drawn over them.
         picked: The object of the scene under the pointer.
         beside: Positions of joints beside the way to the tip, as the gripper's.
-        trace_m: The way of the tip (n, 3), or of a solver's iterations.
     """
 
     camera: Camera
@@ -69,7 +68,6 @@ class Moment:
     behind: bool = False
     picked: str | None = None
     beside: Mapping[str, float] = field(default_factory=dict[str, float])
-    trace_m: Matrix | None = None
 
 
 class Theatre:
@@ -155,10 +153,7 @@ def _style_of(link: str, moment: Moment) -> str:
 
 
 def _marks(moment: Moment, tip_m: Vector) -> list[Item]:
-    """Return the way, the tip and the target."""
+    """Return the tip and the target."""
     camera = moment.camera
-    items: list[Item] = []
-    if moment.trace_m is not None and len(moment.trace_m):
-        items.append(polyline("trace", camera.project(moment.trace_m)[0]))
-    items.append(circle("tip", camera.project(tip_m)[0], _TIP_PX))
+    items = [circle("tip", camera.project(tip_m)[0], _TIP_PX)]
     return items if moment.aim is None else items + draw_aim(moment.aim, camera)
