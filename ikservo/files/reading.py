@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os.path
 import stat
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
+from typing import Any, NoReturn
 
 from ikservo.errors import FileFormatError
 
-__all__ = ["path_inside", "read_text"]
+__all__ = ["parse_json", "path_inside", "read_text"]
 
 _OUTWARD = ("\\", ":", "\0")  # other separators, drives and schemes such as package:// or http://
 _LONGEST_NAME = 1024
@@ -31,6 +34,33 @@ def read_text(path: Path, limit_bytes: int) -> str:
     if not data.strip():
         raise FileFormatError(path, "", "is empty")
     return _decode(path, data)
+
+
+def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None) -> Any:  # noqa: ANN401
+    """Return what a JSON text says; a key that appears twice, NaN and Infinity are refused.
+
+    Args:
+        text: The text.
+        parse_int: Reads whole numbers, where not all are wanted.
+
+    Raises:
+        ValueError: It is no such JSON, or not UTF-8.
+        RecursionError: It is nested too deeply.
+    """
+    return json.loads(
+        text, object_pairs_hook=_unique, parse_constant=_no_number, parse_int=parse_int
+    )
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) != len(pairs):
+        raise ValueError("a key appears twice")
+    return table
+
+
+def _no_number(name: str) -> NoReturn:
+    raise ValueError(f"it contains {name}")
 
 
 def path_inside(folder: Path, name: str) -> Path | None:

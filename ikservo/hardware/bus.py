@@ -36,6 +36,9 @@ class ServoBus(Conversation):
     is used, so that one call serves a line with several models. Values are in the register's
     unit; ``raw=True`` gives and takes its integer, for positions the tick.
 
+    Programs may use it without an arm; ``bulk_write``, ``roll_call``, ``reg_write`` and
+    ``action`` are there for them, nothing in ikservo calls these.
+
     Args:
         port: The line.
         servos: Who should be on it, in the order of the cable.

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
+from pydantic import BeforeValidator, Field, PrivateAttr
 
+from ikservo.files.strict import StrictModel
 from ikservo.model.health import HealthLimits
 
 __all__ = [
@@ -46,11 +47,7 @@ Positive = Annotated[float, Field(gt=0)]
 Play = Annotated[float, Field(ge=0, le=10)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class ArmBus(_Table):
+class ArmBus(StrictModel):
     """``[bus]``: how to talk to the servos."""
 
     family: Literal["feetech_sts", "feetech_scs", "dynamixel_2", "dynamixel_1"] = Field(
@@ -59,7 +56,7 @@ class ArmBus(_Table):
     baud: int = Field(ge=1_200, le=20_000_000, description="bits per second, such as 1_000_000")
 
 
-class ArmSpeed(_Table):
+class ArmSpeed(StrictModel):
     """``[speeds.slow]`` and so on: one value for every revolute joint."""
 
     deg_s: Positive = Field(description="a speed above 0 deg/s")
@@ -67,7 +64,7 @@ class ArmSpeed(_Table):
     deg_s3: Positive = Field(description="a jerk above 0 deg/s³")
 
 
-class ArmSpeeds(_Table):
+class ArmSpeeds(StrictModel):
     """The three speeds a person can ask for."""
 
     slow: ArmSpeed = Field(description="a table [speeds.slow]")
@@ -75,7 +72,7 @@ class ArmSpeeds(_Table):
     fast: ArmSpeed = Field(description="a table [speeds.fast]")
 
 
-class ArmShadow(_Table):
+class ArmShadow(StrictModel):
     """A servo that turns a joint: ``q = sign * (tick - zero_tick) * 2 pi / 4096`` in radians."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
@@ -85,7 +82,7 @@ class ArmShadow(_Table):
     eeprom: Mapping[Register, RegisterValue] = Field(default={}, description=_EEPROM)
 
 
-class ArmCrank(_Table):
+class ArmCrank(StrictModel):
     """A crank and a rod between the horn and a joint that slides; see ``calibration.crank``."""
 
     radius_m: Positive = Field(description="metres from the horn's axis to the pin")
@@ -101,7 +98,7 @@ class ArmServo(ArmShadow):
     gear: Positive = Field(default=1.0, description="turns of the horn for one of the joint")
 
 
-class ArmJoint(_Table):
+class ArmJoint(StrictModel):
     """``[[joints]]``: a joint of the URDF that moves, and what moves it."""
 
     name: Name = Field(description=_NAME)
@@ -119,14 +116,14 @@ class ArmJoint(_Table):
         return self.servo.m_per_turn is not None or self.servo.crank is not None
 
 
-class ArmPose(_Table):
+class ArmPose(StrictModel):
     """``[poses.NAME]``: every joint once, in degrees where it turns, in metres where it slides."""
 
     deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
     m: Mapping[Name, float] = Field(default={}, description="joint = metres")
 
 
-class ArmBox(_Table):
+class ArmBox(StrictModel):
     """``[[surroundings.keep_out]]``: an upright box that the arm keeps out of."""
 
     name: Text = Field(description=_TEXT)
@@ -134,7 +131,7 @@ class ArmBox(_Table):
     high_m: tuple[float, float, float] = Field(strict=False, description="[x, y, z] in metres")
 
 
-class ArmSurroundings(_Table):
+class ArmSurroundings(StrictModel):
     """``[surroundings]``: what stands around the arm, in its base frame."""
 
     floor_m: float = Field(default=0.0, description="the height of the table in metres")
@@ -143,7 +140,7 @@ class ArmSurroundings(_Table):
     )
 
 
-class ArmHealth(_Table):
+class ArmHealth(StrictModel):
     """``[health]``: what the servos may be asked to bear, where it is not as usual."""
 
     warn_c: Positive = Field(default=_USUAL.warn_c, description="degrees Celsius, such as 60.0")
@@ -162,7 +159,7 @@ class ArmHealth(_Table):
 Width = Annotated[tuple[float, Annotated[float, Field(ge=0)]], Field(strict=False)]
 
 
-class ArmGripper(_Table):
+class ArmGripper(StrictModel):
     """``[gripper]``: what cannot be told from the joint with that role."""
 
     closes_to: Literal["lower", "upper"] | None = Field(
@@ -176,14 +173,14 @@ class ArmGripper(_Table):
     )
 
 
-class ArmCalibration(_Table):
+class ArmCalibration(StrictModel):
     """``[calibration]``: whether the arm may look for its own stops."""
 
     auto: bool = Field(default=True, description="true or false")
     reason: Text | None = Field(default=None, description=_TEXT)
 
 
-class ArmFile(_Table):
+class ArmFile(StrictModel):
     """A whole ``arm.toml``, each value by itself as it should be."""
 
     format: Annotated[Literal[1], BeforeValidator(_whole)] = Field(description="1")

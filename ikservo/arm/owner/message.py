@@ -7,12 +7,13 @@ of a place that has no permissions of its own. Whatever is not exactly that is r
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NoReturn, cast
+from typing import Any, cast
 
 from ikservo.errors import InputError
+from ikservo.files.reading import parse_json
 
 __all__ = [
     "LONGEST_ANSWER",
@@ -98,23 +99,12 @@ def _read(line: bytes, longest: int) -> dict[str, Any]:
     if not line.endswith(b"\n"):
         raise _strange("the end of the line is missing")
     try:
-        row = json.loads(line, object_pairs_hook=_once, parse_constant=_no_constant)
+        row = parse_json(line)
     except (ValueError, RecursionError):  # not UTF-8, no JSON, a number too long, nested too deep
         raise _strange("expected one line of JSON") from None
     if not isinstance(row, dict):
         raise _strange("expected an object")
     return cast("dict[str, Any]", row)
-
-
-def _once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-    row = dict(pairs)
-    if len(row) < len(pairs):
-        raise ValueError("duplicate key")
-    return row
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a number")
 
 
 def _strange(why: str) -> InputError:

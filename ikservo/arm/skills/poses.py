@@ -19,11 +19,12 @@ from pathlib import Path
 from typing import Annotated, Literal, cast
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ikservo.calibration.filing.store import calibration_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.complaints import complaints_of, first_of
+from ikservo.files.strict import StrictModel
 from ikservo.files.toml import read_toml
 from ikservo.files.writing import write_whole
 from ikservo.hardware.line.remembered import config_folder
@@ -39,9 +40,7 @@ _PLACES = 4  # of a degree, and of a tenth of a micrometre
 Positions = Mapping[str, float]
 
 
-class _PoseFile(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
+class _PoseFile(StrictModel):
     format: Literal[1] = Field(description="1")
     arm: str = Field(description="the arm's name")
     poses: Mapping[Annotated[str, Field(pattern=rf"^{_NAME.pattern}$")], ArmPose] = Field(

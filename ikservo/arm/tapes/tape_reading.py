@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, cast
+from typing import Any, cast
 
 import numpy as np
 
 from ikservo.arm.given import file_path
 from ikservo.arm.tapes.tape import SCHEMA, Heading, Recording
 from ikservo.errors import FileFormatError
+from ikservo.files.reading import parse_json
 
 __all__ = ["read_recording"]
 
@@ -108,7 +108,7 @@ def _sample(path: Path, number: int, line: str, n: int) -> tuple[float, list[flo
 
 def _object(path: Path, number: int, line: str) -> dict[str, Any]:
     try:
-        row = json.loads(line, object_pairs_hook=_once, parse_constant=_no_constant)
+        row = parse_json(line)
     except (ValueError, RecursionError):
         raise _wrong(path, number, "is not JSON", "one object a line") from None
     if not isinstance(row, dict):
@@ -136,17 +136,6 @@ def _number(value: object) -> float | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
-
-
-def _once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-    row = dict(pairs)
-    if len(row) < len(pairs):
-        raise ValueError("duplicate key")
-    return row
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(name)
 
 
 def _wrong(path: Path, number: int, found: str, expected: str) -> FileFormatError:

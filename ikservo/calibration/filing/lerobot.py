@@ -11,11 +11,11 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from ikservo.calibration.filing.record import CalibratedJoint, Calibration
 from ikservo.errors import FileFormatError
-from ikservo.files.reading import read_text
+from ikservo.files.reading import parse_json, read_text
 
 __all__ = [
     "LerobotJoint",
@@ -113,9 +113,7 @@ def _exported(joint: CalibratedJoint) -> LerobotJoint:
 
 def _parsed(path: Path, text: str) -> object:
     try:
-        return json.loads(
-            text, object_pairs_hook=_unique, parse_constant=_no_number, parse_int=_integer
-        )
+        return parse_json(text, _integer)
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}"
         raise FileFormatError(path, where, f"is not JSON: {error.msg.lower()}") from error
@@ -123,17 +121,6 @@ def _parsed(path: Path, text: str) -> object:
         raise FileFormatError(path, "", "tables are nested too deeply") from error
     except ValueError as error:
         raise FileFormatError(path, "", f"is not a calibration: {error}") from error
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    table = dict(pairs)
-    if len(table) != len(pairs):
-        raise ValueError("a key appears twice")
-    return table
-
-
-def _no_number(name: str) -> float:
-    raise ValueError(f"it contains {name}")
 
 
 def _integer(digits: str) -> int:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ikservo.files.complaints import complaints_of, first_of
 from ikservo.files.guarded import guarded, with_checksum
 from ikservo.files.reading import read_text
+from ikservo.files.strict import StrictModel
 from ikservo.files.toml import LARGEST_BYTES, parse_toml
 
 __all__ = ["MeasuredJoint", "PartialCalibration", "partial_text", "read_partial"]
@@ -17,11 +18,7 @@ __all__ = ["MeasuredJoint", "PartialCalibration", "partial_text", "read_partial"
 _HEADER = "# What `ikservo calibrate --auto` has measured so far. The next run goes on from here.\n"
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class MeasuredJoint(_Table):
+class MeasuredJoint(StrictModel):
     """The travel of one joint between its stops, in ticks of the bare encoder."""
 
     name: str = Field(max_length=64, description="a joint")
@@ -31,7 +28,7 @@ class MeasuredJoint(_Table):
     high_tick: int = Field(description="a whole number")
 
 
-class PartialCalibration(_Table):
+class PartialCalibration(StrictModel):
     """The measured joints of one arm on one adapter."""
 
     format: Literal[1] = Field(description="1")

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
 from ikservo.calibration.ticks.joint_map import JointMap
 from ikservo.calibration.ticks.limits import Limit, Limits
+from ikservo.files.strict import StrictModel
 
 __all__ = [
     "CalibratedGeometry",
@@ -42,11 +43,7 @@ Turn = Annotated[float, Field(ge=-20.0, le=20.0)]
 _MOVE, _TURN = "[x, y, z] in mm, none beyond 50", "[x, y, z] in degrees, none beyond 20"
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class CalibratedServo(_Table):
+class CalibratedServo(StrictModel):
     """A servo and the raw numbers that its EEPROM held when it was calibrated."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
@@ -55,7 +52,7 @@ class CalibratedServo(_Table):
     holds: Mapping[Register, RegisterValue] = Field(description="register = raw number")
 
 
-class CalibratedJoint(_Table):
+class CalibratedJoint(StrictModel):
     """A joint of this very arm: where its zero is, how far it goes, what its servos hold."""
 
     name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
@@ -100,14 +97,14 @@ class CalibratedJoint(_Table):
         return nominal.placed(self.sign, self.zero_tick)
 
 
-class CalibratedOrigin(_Table):
+class CalibratedOrigin(StrictModel):
     """A joint that sits elsewhere than the arm file says: a link of another length."""
 
     joint: Name = Field(description="a joint of the way to the tip")
     moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
 
 
-class CalibratedGeometry(_Table):
+class CalibratedGeometry(StrictModel):
     """``[geometry]``: how this very arm's links and base differ from the arm file, by touch-off."""
 
     touched: datetime = Field(description="a date and time with its offset")
@@ -122,7 +119,7 @@ class CalibratedGeometry(_Table):
     )
 
 
-class Calibration(_Table):
+class Calibration(StrictModel):
     """A whole calibration file, each value by itself as it should be."""
 
     format: Annotated[Literal[1], BeforeValidator(_whole)] = Field(description="1")

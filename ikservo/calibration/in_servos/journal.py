@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ikservo.errors import FileFormatError
 from ikservo.files.complaints import complaints_of, first_of
 from ikservo.files.guarded import guarded, with_checksum
 from ikservo.files.reading import read_text
+from ikservo.files.strict import StrictModel
 from ikservo.files.toml import LARGEST_BYTES, parse_toml
 
 __all__ = ["Change", "Journal", "journal_text", "read_journal"]
@@ -20,11 +21,7 @@ _HEADER = "# What ikservo is writing into servos. It goes away when that is done
 _Memory = Mapping[Annotated[str, Field(max_length=64)], int]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class Change(_Table):
+class Change(StrictModel):
     """One servo: the raw numbers that it held, and those that it shall hold."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
@@ -32,7 +29,7 @@ class Change(_Table):
     new: _Memory = Field(description="register = raw number")
 
 
-class Journal(_Table):
+class Journal(StrictModel):
     """A transaction: servos first, then the file.
 
     Attributes:

@@ -41,7 +41,11 @@ _LINE_FAILS = _line_failures()
 
 
 class VendorPort:
-    """Shaped like the vendors' ``PortHandler``, on a transport that is already open."""
+    """Shaped like the vendors' ``PortHandler``, on a transport that is already open.
+
+    Their packet handlers need all methods of that class to exist: ``readPort`` and the packet
+    timeouts are there for them alone, since ``Listening`` receives.
+    """
 
     def __init__(self, transport: Transport, name: str, baud_rate: int) -> None:
         self.connect(transport, name, baud_rate)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from ikservo.errors import InputError
+from ikservo.files.strict import StrictModel
 
 __all__ = [
     "LONGEST_BYTES",
@@ -50,18 +51,14 @@ class BadMessageError(InputError):
     """A message that is none; nothing has changed."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class Hello(_Strict):
+class Hello(StrictModel):
     """The first message: the proof for the nonce of this connection."""
 
     kind: Literal["hello"]
     proof: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
-class _Message(_Strict):
+class _Message(StrictModel):
     """What all messages have.
 
     Attributes:
@@ -201,7 +198,7 @@ class Prefer(_Message):
 
     kind: Literal["prefer"]
     pose: Name
-    weights: Annotated[dict[Name, Weight], Field(max_length=32)] = {}
+    weights: dict[Name, Weight] = Field(default_factory=dict, max_length=32)
 
 
 class Pose(_Message):

@@ -1,0 +1,49 @@
+"""Tables and JSON: nothing unknown, no guessed types, no number that is none."""
+
+import pytest
+from pydantic import ValidationError
+
+from ikservo.files.reading import parse_json
+from ikservo.files.strict import StrictModel
+
+
+class Row(StrictModel):
+    name: str
+    size: float
+
+
+GOOD = {"name": "a", "size": 1.5}
+
+
+@pytest.mark.parametrize(
+    "change", [{"more": 1}, {"size": "1.5"}, {"size": float("nan")}, {"size": float("inf")}]
+)
+def test_a_strict_table_refuses_what_is_not_exactly_as_it_should_be(change):
+    assert Row.model_validate(GOOD).size == 1.5
+    with pytest.raises(ValidationError):
+        Row.model_validate(GOOD | change)
+
+
+def test_a_strict_table_is_never_changed():
+    with pytest.raises(ValidationError):
+        Row.model_validate(GOOD).size = 2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('{"a": 1, "a": 2}', "a key appears twice"),
+        ('{"a": {"b": 1, "b": 1}}', "a key appears twice"),
+        ("[NaN]", "it contains NaN"),
+        ("[-Infinity]", "it contains -Infinity"),
+        ("{", "Expecting"),
+        (b"\xff", "utf-8"),
+    ],
+)
+def test_json_with_two_meanings_is_refused(text, why):
+    with pytest.raises(ValueError, match=why):
+        parse_json(text)
+
+
+def test_json_is_read_as_usual():
+    assert parse_json(b'{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}
