@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from ikservo.kinematics.arrays import Matrix, Vector
 
 __all__ = [
     "Matrix",
@@ -23,9 +25,6 @@ __all__ = [
     "rotation_rpy",
     "skew",
 ]
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 # Below this angle the closed forms divide two vanishing numbers; their Taylor series to second
 # order are exact to 1e-16 there.
