@@ -5,6 +5,7 @@ from ikservo.arm.background import Motion, SetpointStream
 from ikservo.arm.opening import open_arm
 from ikservo.arm.planning import Plan, Stance
 from ikservo.arm.reports import JointReport, JointState, MoveReport, Progress, Whereabouts
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from ikservo.arm.tapes.tape import Recording
 from ikservo.arm.tapes.tape_reading import read_recording
 from ikservo.arm.trajectory import Trajectory
@@ -24,6 +25,8 @@ __all__ = [
     "Recording",
     "SetpointStream",
     "Stance",
+    "StopKind",
+    "StopReason",
     "Trajectory",
     "Whereabouts",
     "Zeros",

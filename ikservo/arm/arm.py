@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import TracebackType
@@ -99,12 +100,18 @@ class Arm(Foreseeing):
     ) -> None:
         self.close(self._on_exit if error is None else "hold")
 
-    def go(self, plan: Plan, on_progress: Callable[[Progress], None] | None = None) -> Arrival:
-        """Carry out a plan; return where that ended, measured, and how long it took.
+    def execute(
+        self, plan: Plan, on_progress: OnProgress | None = None
+    ) -> MoveReport | JointReport:
+        """Move as planned, block until the arm is at rest, and report how it ended, measured.
 
         Args:
-            plan: Of this arm, from where it stands now.
+            plan: Of this arm, from where it holds now.
             on_progress: Called in every control cycle.
+
+        Returns:
+            A ``MoveReport`` of a plan of ``plan_to``, ``plan_line`` or ``plan_through``; of a plan
+            of joints a ``JointReport`` of those that it moves.
 
         Raises:
             RefusedError: The arm has moved since it was planned, or the guard stopped it; the arm
@@ -112,14 +119,39 @@ class Arm(Foreseeing):
             StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
+        plan, arrival = self._run_plan(plan, on_progress)
+        if plan.target_m is not None:
+            return self._move_report(plan, arrival)
+        ends = zip(plan.names, plan.start.tolist(), plan.goal.tolist(), strict=True)
+        moved = {name: goal for name, start, goal in ends if goal != start}
+        return self._joint_report(moved, arrival)
+
+    def go(self, plan: Plan, on_progress: OnProgress | None = None) -> Arrival:
+        """Execute a plan. Deprecated: use ``execute``, whose report says more."""
+        warnings.warn("Arm.go is deprecated: use Arm.execute.", DeprecationWarning, stacklevel=2)
+        return self._run_plan(plan, on_progress)[1]
+
+    def carry_out(self, plan: Plan, on_progress: OnProgress | None = None) -> MoveReport:
+        """Execute a plan of the tip. Deprecated: use ``execute``."""
+        warnings.warn(
+            "Arm.carry_out is deprecated: use Arm.execute.", DeprecationWarning, stacklevel=2
+        )
+        return self._execute_move(plan, on_progress)
+
+    def _execute_move(self, plan: Plan, on_progress: OnProgress | None) -> MoveReport:
+        """Execute a plan of the tip.
+
+        Raises:
+            BadValueError: It is a plan of joints.
+        """
+        _check_plan(plan)
+        _target_of(plan)
+        return self._move_report(*self._run_plan(plan, on_progress))
+
+    def _run_plan(self, plan: Plan, on_progress: OnProgress | None) -> tuple[Plan, Arrival]:
+        """Execute a plan; return it as it was from where the arm held, and where it ended."""
         _check_plan(plan)
         check_callable("on_progress", on_progress)
-        return self._gone(plan, on_progress)[1]
-
-    def _gone(
-        self, plan: Plan, on_progress: Callable[[Progress], None] | None
-    ) -> tuple[Plan, Arrival]:
-        """Carry out a plan; return it as it was from where the arm held, and where it ended."""
         self._check_speed(plan)
         with self._moving():
             plan = self._from_here(plan)
@@ -173,27 +205,11 @@ class Arm(Foreseeing):
 
         def move() -> MoveReport:
             plan = self._held_to(lambda: self.plan_to(position_m, speed=speed, stance=asked))
-            return self.carry_out(plan, on_progress)
+            return self._execute_move(plan, on_progress)
 
         return self._background.do(move) if wait else self._background.start(move)
 
-    def carry_out(
-        self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
-    ) -> MoveReport:
-        """Carry out a plan of the tip and report how it ended, measured.
-
-        Args:
-            plan: Of ``plan_to``, ``plan_line`` or ``plan_through``, from where the arm stands now.
-            on_progress: Called in every control cycle.
-
-        Raises:
-            BadValueError: It is a plan of joints; see ``go``.
-            RefusedError, StoppedError, KeyboardInterrupt: See ``go``.
-        """
-        _check_plan(plan)
-        check_callable("on_progress", on_progress)
-        _target_of(plan)
-        plan, arrival = self._gone(plan, on_progress)
+    def _move_report(self, plan: Plan, arrival: Arrival) -> MoveReport:
         tip_m = self._planner.tip(arrival.measured)
         target_m, solution = _target_of(plan)
         error_m = float(np.linalg.norm(target_m - tip_m))
@@ -267,10 +283,13 @@ class Arm(Foreseeing):
         plan: Plan,
         on_progress: Callable[[Progress], None] | None,
     ) -> JointReport:
-        arrival = self.go(plan, on_progress)
+        return self._joint_report(positions, self._run_plan(plan, on_progress)[1])
+
+    def _joint_report(self, positions: Mapping[str, float], arrival: Arrival) -> JointReport:
         measured = arrival.measured
         there = {name: float(measured[self._planner.column(name)]) for name in positions}
-        error_rad = max(abs(there[name] - position) for name, position in positions.items())
+        errors = (abs(there[name] - position) for name, position in positions.items())
+        error_rad = max(errors, default=0.0)
         return JointReport(
             goal_rad=dict(positions),
             measured_rad=there,
@@ -296,9 +315,9 @@ class Arm(Foreseeing):
         """
         self.zeros.check(self.model.name)
         with self._turn:
-            self._check_idle()
+            self._servos.torque.check_idle()
             self._servos.check_stop()
-            self._enabled = False  # torque is looked at anew, by limits that let it come down
+            self._servos.torque.invalidated()  # enabled anew by limits that let it come down
             report = self._lowered(on_progress)
             self.release()
             return self._not_lowered(report) if isinstance(report, IkservoError) else report
@@ -312,7 +331,7 @@ class Arm(Foreseeing):
         except (StoppedError, PortError):
             raise
         except IkservoError as error:
-            if self._servos.halt:
+            if self._servos.stop_request:
                 raise
             return error
 
@@ -358,7 +377,7 @@ class Arm(Foreseeing):
         relaxed = (on_exit or self._on_exit) == "relax"
         if relaxed:
             with self._turn:
-                self._check_idle()
+                self._servos.torque.check_idle()
         try:
             if relaxed:
                 self.relax()

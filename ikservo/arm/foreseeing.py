@@ -182,14 +182,14 @@ class Foreseeing(Running):
     def _held_to(self, planning: Callable[[], Plan]) -> Plan:
         """Return a plan from where the arm holds: a limp one may sink before its torque is on."""
         plan = planning()
-        if self._enabled:
+        if self._servos.torque.is_on:
             return plan
         self.enable()
         return plan if np.array_equal(plan.start, self._servos.goals()) else planning()
 
     def _renewable(self, plan: Plan, again: Callable[[], Plan]) -> Plan:
         """Return a plan that can be made anew, if the arm may sink until its torque is on."""
-        if self._enabled:
+        if self._servos.torque.is_on:
             return plan
 
         def made_again(arm: object) -> Plan | None:

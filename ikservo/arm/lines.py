@@ -12,7 +12,7 @@ from ikservo.arm.background import Motion
 from ikservo.arm.given import check_callable, number, points
 from ikservo.arm.motion_options import OnProgress, PointOptions, ThroughOptions
 from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, stance_of
-from ikservo.arm.reports import MoveReport, Progress
+from ikservo.arm.reports import MoveReport
 from ikservo.arm.skills.skills import Skills
 from ikservo.kinematics.se3 import Vector
 
@@ -33,10 +33,8 @@ class Lines(Skills):
         """Make a plan from where the arm is, at the speed it may go, and look at its way."""
 
     @abstractmethod
-    def carry_out(
-        self, plan: Plan, on_progress: Callable[[Progress], None] | None = None
-    ) -> MoveReport:
-        """Carry out a plan; see ``Arm``."""
+    def _execute_move(self, plan: Plan, on_progress: OnProgress | None) -> MoveReport:
+        """Execute a plan of the tip; see ``Arm``."""
 
     @abstractmethod
     def _held_to(self, planning: Callable[[], Plan]) -> Plan:
@@ -99,7 +97,7 @@ class Lines(Skills):
 
         def move() -> MoveReport:
             plan = self._held_to(lambda: self.plan_line(position_m, speed=speed, stance=asked))
-            return self.carry_out(plan, on_progress)
+            return self._execute_move(plan, on_progress)
 
         return self._background.do(move) if wait else self._background.start(move)
 
@@ -176,6 +174,6 @@ class Lines(Skills):
             )
 
         def move() -> MoveReport:
-            return self.carry_out(self._held_to(planned), on_progress)
+            return self._execute_move(self._held_to(planned), on_progress)
 
         return self._background.do(move) if wait else self._background.start(move)

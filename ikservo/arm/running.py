@@ -21,10 +21,11 @@ from ikservo.arm.planning import Plan, Planner
 from ikservo.arm.reports import JointReport, JointState, Whereabouts
 from ikservo.arm.skills.poses import Poses
 from ikservo.arm.skills.workings import Begin, Workings
-from ikservo.arm.streaming.halt import STOPPED
+from ikservo.arm.streaming.halt import CTRL_C, STOPPED_BY_PROGRAM, StopKind, StopReason
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.signals import ending, interruptible
 from ikservo.arm.streaming.stream import OnBeat, Stream
+from ikservo.arm.streaming.torque_state import TorqueState
 from ikservo.arm.trust import Zeros
 from ikservo.errors import (
     BadValueError,
@@ -42,9 +43,12 @@ from ikservo.model import Model
 
 __all__ = ["CLOSED", "Running"]
 
-CLOSED = ("The program closed the arm during a motion.", "It holds. Open it again to move it.")
+CLOSED = (
+    StopReason(StopKind.CLOSED, "The program closed the arm during a motion."),
+    "It holds. Open it again to move it.",
+)
 _RELEASED = (
-    "The program switched torque off during a motion.",
+    StopReason(StopKind.RELEASED, "The program switched torque off during a motion."),
     "Torque is off. Acknowledge first.",
 )
 _ENDS_WITHIN_S = 1.0
@@ -71,10 +75,10 @@ class Running(Lines):
         self.model, self.chain, self.zeros = model, chain, zeros
         self._servos, self._port, self._space = servos, port, space
         self._planner = Planner(model, chain, servos.names)
-        self._enabled = self._fresh = self._lowering = self._closed = False
+        self._closed = False
         self._stream = Stream(servos)
         self._turn = RLock()
-        self._background = Background(self, servos.halt)
+        self._background = Background(self, servos.stop_request)
         self._states: tuple[JointState, ...] = ()
         self._listener: Listener | None = None
         self._serial_number = serial_number_of(port.name)
@@ -94,7 +98,8 @@ class Running(Lines):
         While another thread moves the arm, they are those of its last control cycle.
         """
         while not self._turn.acquire(timeout=_LOOK_S):
-            if self._servos.halt.heeded and self._states and self._stream.beat is not None:
+            moving = self._servos.torque.is_moving
+            if moving and self._states and self._stream.beat is not None:
                 return self.glimpse()
         try:
             return self._whereabouts(self._servos.states())
@@ -125,13 +130,11 @@ class Running(Lines):
             RefusedError: A motion is running; ``stop`` ends it.
         """
         with self._turn:
-            self._check_idle()
-            self._fresh = self._fresh or not self._servos.read_torque_on()
+            self._servos.torque.check_idle()
             self._servos.enable(self.model.speed("slow").rad_s)
-            self._enabled = True
 
     def hold(self) -> None:
-        """Let every servo hold where it is now."""
+        """Let every servo hold where it is now: another name of ``enable``."""
         self.enable()
 
     def stop(self, reason: str = "") -> None:
@@ -139,22 +142,32 @@ class Running(Lines):
 
         The motion ends with ``StoppedError``; nothing moves again before ``acknowledge``.
         """
-        self._stream.request_stop(str(reason))
+        text = str(reason) or STOPPED_BY_PROGRAM.text
+        self.request_stop(StopReason(StopKind.PROGRAM, text))
+
+    def request_stop(self, reason: StopReason) -> None:
+        """Stop as ``stop`` does, for a reason of any kind."""
+        self._stream.request_stop(reason)
 
     @property
     def stops_asked(self) -> int:
         """Return how often a stop was asked for since the last ``acknowledge``."""
-        return self._servos.halt.times
+        return self._servos.stop_request.times
+
+    @property
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped until somebody acknowledges it; None where it is not."""
+        return self._servos.stop_reason
 
     @property
     def stopped_for(self) -> str:
-        """Return why the arm was stopped until somebody acknowledges it; empty where it is not."""
-        return self._servos.stopped_for
+        """The text of ``stop_reason``; empty where the arm is not stopped."""
+        reason = self.stop_reason
+        return "" if reason is None else reason.text
 
     def acknowledge(self) -> None:
         """End a stop: a person has looked, and the arm may be moved again; nothing moves yet."""
         self._servos.acknowledge()
-        self._enabled = False  # where the joints are is looked at anew
 
     def reconnect(self, within_s: float = 10.0) -> None:
         """Go on after the cable was pulled, once the same adapter is plugged in; moves nothing.
@@ -176,8 +189,7 @@ class Running(Lines):
             raise BadValueError("The wait", within_s, "seconds")
         self._check_open()
         with self._turn:
-            self._check_idle()
-            self._enabled, self._fresh = False, True
+            self._servos.torque.check_idle()
             adapter = "" if simulated(self.port_name) else self._serial_number
             self._servos.reconnect(adapter, within_s)
 
@@ -190,23 +202,22 @@ class Running(Lines):
             BusError: A servo does not answer; the torque of all others is off.
         """
         with self._after_motion(*_RELEASED):
-            self._enabled = False  # also where one does not answer
             self._servos.release()
 
     @contextmanager
-    def _after_motion(self, reason: str, hint: str) -> Generator[None]:
+    def _after_motion(self, reason: StopReason, hint: str) -> Generator[None]:
         """Have the turn, a running motion having been ended without braking.
 
         Its own callback may want that, and so has the turn already; a motion that does not end is
         not waited for any longer than a second.
         """
-        halt = self._servos.halt
-        if halt.heeded:
-            halt.ask_at_once(reason, hint)
+        servos = self._servos
+        if servos.torque.is_moving:
+            servos.stop_request.set_without_braking(reason, hint)
         taken = self._turn.acquire(timeout=_ENDS_WITHIN_S)
         try:
-            if halt.heeded:
-                self._servos.stop(reason)
+            if servos.torque.is_moving:
+                servos.hold(reason)
             yield
         finally:
             if taken:
@@ -216,65 +227,63 @@ class Running(Lines):
     def _moving(self) -> Generator[None]:
         """Have the turn, torque on and signals heard; after a fault torque is looked at anew."""
         with self._turn:
-            self._check_idle()
-            if not self._enabled or self.stopped_for:  # which is refused
+            self._servos.torque.check_idle()
+            stopped = self.stop_reason is not None  # which `enable` refuses
+            if stopped or not self._servos.torque.is_on:
                 self.enable()
             if self._listener is not None or current_thread() is not main_thread():
                 self._states = self._servos.states()
             with self._stopping_well():
                 yield
-            self._fresh = False
+            self._servos.torque.motion_completed()
             self._servos.acknowledge_ended()
 
     @contextmanager
     def _stopping_well(self) -> Generator[None]:
+        request, torque = self._servos.stop_request, self._servos.torque
         try:
-            with self._servos.halt.motion(), interruptible(self._servos.halt):
+            with request.motion(), interruptible(request, lambda: torque.is_moving):
                 yield
         except (KeyboardInterrupt, StoppedError) as error:
-            self._enabled = False
-            halt = self._servos.halt
-            self._servos.stop(halt.reason or STOPPED[0])
-            if isinstance(error, StoppedError) and not halt.signal:
+            torque.faulted()
+            self._servos.hold(request.reason or _reason_of(error))
+            if isinstance(error, StoppedError) and not request.signal:
                 self._servos.acknowledge_ended()
                 raise
-            raise ending(halt.signal, self._servos.stopped_for) from None
+            raise ending(request.signal, self.stopped_for) from None
         except ServoAlarmError as error:
-            self._enabled = False
-            self._let_go_of_the_hot(error.message)
+            torque.faulted()
+            self._let_go_of_the_hot(StopReason(StopKind.FAULT, error.message))
             raise
         except BaseException:
-            self._enabled = False
+            torque.faulted()
             raise
 
     @abstractmethod
     def _lower(self) -> JointReport:
         """Lower the arm to its rest pose; see ``Arm``."""
 
-    def _let_go_of_the_hot(self, reason: str) -> None:
+    def _let_go_of_the_hot(self, reason: StopReason) -> None:
         """Lower the arm and let it go where a servo is too hot to hold it any longer."""
-        if not self._servos.too_hot or self._lowering:
+        servos = self._servos
+        if not servos.too_hot or servos.torque.state is TorqueState.LOWERING:
             return
-        self._lowering = True
         try:
-            self._servos.acknowledge()
+            servos.acknowledge()
+            with servos.bearing_heat():
+                self.enable()
+            servos.torque.lowering_started()
             self._lower()
             self.release()
         except IkservoError as error:
-            self._servos.warn(f"The arm could not be lowered: {error.message}")
+            servos.warn(f"The arm could not be lowered: {error.message}")
         finally:
-            self._lowering = False
-            self._servos.latch(reason)
+            servos.torque.lowering_ended()
+            servos.latch_stop(reason)
 
     def _check_open(self) -> None:
         if self._closed:
             raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
-
-    def _check_idle(self) -> None:
-        if self._servos.halt.heeded:
-            raise RefusedError(
-                "The arm is moving.", "Wait for the motion's end, or stop it: arm.stop()."
-            )
 
     def _drive(self, begin: Begin, on_beat: OnBeat | None, speed: str) -> Vector:
         """Carry out a course that begins where the servos' goals are; see ``Workings``."""
@@ -290,20 +299,31 @@ class Running(Lines):
 
     def _here(self) -> Vector:
         """Return where a motion starts: the goals of a holding arm, else the measured joints."""
-        return self._servos.goals() if self._enabled else self._servos.standing()
+        return self._servos.goals() if self._servos.torque.is_on else self._servos.standing()
 
     def _allowed(self, speed: str) -> str:
         """Return the speed of a motion that could start now: the first one is slow."""
         self.model.speed(speed)
-        return "slow" if self._is_first() else speed
+        return "slow" if self._read_first_motion() else speed
 
-    def _is_first(self) -> bool:
-        """Return whether no motion has ended well since torque came on, or it is off."""
-        return self._fresh or not (self._enabled or self._servos.read_torque_on())
+    def _read_first_motion(self) -> bool:
+        """Tell whether no motion has completed since torque came on, or it is off.
+
+        Where that is not known the servos are read.
+        """
+        torque = self._servos.torque
+        return torque.first_motion_due or not (torque.is_on or self._servos.read_torque_on())
 
     def _check_speed(self, plan: Plan) -> None:
-        if plan.speed != "slow" and self._is_first():
+        if plan.speed != "slow" and self._read_first_motion():
             raise RefusedError(
                 "Torque was switched off after this was planned.",
                 "Nothing was sent. Plan again: the first motion after torque-on is slow.",
             )
+
+
+def _reason_of(error: KeyboardInterrupt | StoppedError) -> StopReason:
+    """Tell for what reason a motion ended that no stop was requested for: a callback raised it."""
+    if isinstance(error, StoppedError):
+        return StopReason(StopKind.PROGRAM, error.message)
+    return CTRL_C

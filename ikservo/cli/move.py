@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 
@@ -98,7 +98,7 @@ def command(
         if not no_wiggle and check_once(machine, yes=yes):
             plan = _planned(machine, points, stance, speed, blend_m=blend, line=line)
         with watched() as draw:
-            report = machine.carry_out(plan, draw)
+            report = cast("MoveReport", machine.execute(plan, draw))  # of a plan of the tip
     _print(report, json=json)
     if not report.reached:
         raise typer.Exit(ExitCode.FAILED)

@@ -62,7 +62,7 @@ def announce_lowering(machine: Arm, *, yes: bool) -> None:
     try:
         plan = machine.plan_down()
     except IkservoError as error:
-        if machine.stopped_for:
+        if machine.stop_reason is not None:
             raise
         note(f"It cannot be lowered: {error.message}")
         note("Torque is switched off where it stands. Support the arm.")

@@ -8,8 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 from ikservo.arm import Arm
-from ikservo.arm.streaming.halt import STOPPED
-from ikservo.arm.streaming.signals import CTRL_C, TERMINATED
+from ikservo.arm.streaming.halt import RELAX_HINT, StopKind
 from ikservo.cli.output import note
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import StoppedError
@@ -18,6 +17,8 @@ __all__ = ["stoppable"]
 
 # How long to listen for a second Ctrl-C; a person needs a moment, a script knows what it wants.
 _PERSON_S, _SCRIPT_S = 2.0, 1.0
+
+_REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
 
 @contextmanager
@@ -35,14 +36,17 @@ def stoppable(machine: Arm, clock: Clock | None = None) -> Generator[None]:
     try:
         yield
     except (StoppedError, KeyboardInterrupt, SystemExit) as error:
-        if machine.stopped_for in (CTRL_C, TERMINATED) and _said_again(
-            machine, clock or RealClock()
+        reason = machine.stop_reason
+        if (
+            reason is not None
+            and reason.kind in _REPEATABLE
+            and _said_again(machine, clock or RealClock())
         ):
             _lower(machine)
             raise StoppedError("Stopped; the arm was lowered and torque is off.") from None
-        if isinstance(error, StoppedError) or not machine.stopped_for:
+        if isinstance(error, StoppedError) or reason is None:
             raise
-        raise StoppedError(machine.stopped_for, STOPPED[1]) from None
+        raise StoppedError(reason.text, RELAX_HINT) from None
 
 
 def _said_again(machine: Arm, clock: Clock) -> bool:

@@ -5,7 +5,7 @@ from ikservo.guard.fence import Fence
 from ikservo.guard.following import Following
 from ikservo.guard.gate import Gate
 from ikservo.guard.health import Health, HealthLimits, Vitals
-from ikservo.guard.latch import Latch
+from ikservo.guard.latch import Latch, StopKind, StopReason
 from ikservo.guard.look_ahead import LookAhead
 from ikservo.guard.lost import Losses
 from ikservo.guard.sagging import Weight, sag_of
@@ -32,6 +32,8 @@ __all__ = [
     "LookAhead",
     "Losses",
     "Space",
+    "StopKind",
+    "StopReason",
     "Vitals",
     "Weight",
     "sag_of",

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from ikservo.clock import Clock
 from ikservo.errors import RefusedError
 from ikservo.guard.fence import Fence
-from ikservo.guard.latch import Latch
+from ikservo.guard.latch import Latch, StopReason
 from ikservo.guard.look_ahead import LookAhead
 from ikservo.guard.stride import LONGEST_ELAPSED_S, Stride
 from ikservo.guard.whole import check_whole
@@ -22,7 +22,7 @@ class Gate:
     A command is a goal tick for each of some joints. It passes when every joint is known, every
     goal is inside the joint's limits, none moves faster than its fence allows, and none leads the
     measured joint by more than its look-ahead. Where a joint stands outside its limits it may be
-    walked back, never further out. Once `trip` was called only `hold` passes, until somebody
+    walked back, never further out. Once `latch_stop` was called only `hold` passes, until somebody
     calls `acknowledge` and `start_from`.
 
     Args:
@@ -153,9 +153,9 @@ class Gate:
             self._check_stays(joint, tick)
         self._commit(inside, self._clock.now_s())
 
-    def trip(self, reason: str) -> None:
+    def latch_stop(self, reason: StopReason) -> None:
         """Stop for a reason: from now on nothing but `hold` passes. Safe from any thread."""
-        self._latch.trip(reason)
+        self._latch.latch_stop(reason)
 
     def check_stop(self) -> None:
         """Raise while a stop was not acknowledged.
@@ -165,18 +165,18 @@ class Gate:
         """
         self._latch.check()
 
-    def acknowledge(self) -> str:
+    def acknowledge(self) -> StopReason | None:
         """End a stop and return its reason; goals start anew from where the joints are measured.
 
         What stood before is forgotten: `start_from` comes before the next goal.
         """
-        if self._latch.reason:
+        if self._latch.reason is not None:
             self._goals.clear()
         return self._latch.acknowledge()
 
     @property
-    def tripped(self) -> str:
-        """Return why the arm was stopped; empty where it is not."""
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped; None where it is not."""
         return self._latch.reason
 
     @property

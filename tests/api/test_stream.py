@@ -97,7 +97,7 @@ def test_it_holds_when_the_program_falls_silent_and_goes_on_with_the_next(arm):
     with arm.stream(rate_hz=20) as stream:
         stream.send({"shoulder_pan": 1.2})
         deadline = time.monotonic() + 20.0
-        while arm._servos.halt.heeded and time.monotonic() < deadline:
+        while arm._servos.torque.is_moving and time.monotonic() < deadline:
             time.sleep(0.01)  # the program is busy with something else
         held = true_joints(arm)["shoulder_pan"]
         assert 0.0 < held < 0.6

@@ -49,7 +49,7 @@ def left_by_rounding_m(name, count):
 def left_by_us_m(name, count):
     with ikservo.open_arm(name, port=PORT) as arm:
         for plan in plans(arm, count):
-            arm.carry_out(plan)
+            arm.execute(plan)
             yield np.linalg.norm(true_tip_m(arm) - plan.target_m)
 
 
@@ -73,7 +73,7 @@ def arm():
 
 def test_the_report_parts_motion_from_settling(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
-    report = arm.carry_out(plan)
+    report = arm.execute(plan)
     assert report.motion_s == pytest.approx(plan.duration_s, rel=0.05)
     assert report.duration_s == pytest.approx(report.motion_s + report.settling_s)
 

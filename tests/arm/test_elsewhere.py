@@ -9,11 +9,14 @@ import pytest
 import ikservo
 from ikservo.arm.owner import elsewhere, listen
 from ikservo.arm.owner.answering import Answers
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from ikservo.arm.tapes.tape_reading import read_recording
 from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
 from servosim.clock import VirtualClock
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_joints
+
+TESTED = StopReason(StopKind.CLIENT, "test")
 
 
 @pytest.fixture
@@ -161,7 +164,7 @@ def test_servos_that_a_dead_program_left_moving_are_stopped(arm):
     before = registers(arm, "present_position")[1]
     arm.hold()
     line_of(arm).servos[1].write("goal_position", 3000)
-    halted = arm.workings.servos.stand_still("test")
+    halted = arm.workings.servos.hold_measured(TESTED)
     assert halted.held == arm.workings.servos.names
     goal, present = (registers(arm, name)[1] for name in ("goal_position", "present_position"))
     assert abs(goal - present) < 40
@@ -171,14 +174,14 @@ def test_servos_that_a_dead_program_left_moving_are_stopped(arm):
 def test_a_resting_servo_keeps_its_goal_when_it_is_stopped(arm):
     arm.move_joints({"gripper": 0.6})
     before = registers(arm, "goal_position")
-    arm.workings.servos.stand_still("test")
+    arm.workings.servos.hold_measured(TESTED)
     assert registers(arm, "goal_position") == before
 
 
 def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
     arm.hold()
     line_of(arm).servos[3].power_down()
-    halted = arm.workings.servos.stand_still("test")
+    halted = arm.workings.servos.hold_measured(TESTED)
     assert halted.silent == ("elbow_flex",)
     assert len(halted.held) == 5
 

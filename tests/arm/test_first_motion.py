@@ -75,7 +75,7 @@ def test_a_plan_for_a_limp_arm_is_made_anew_where_it_has_sunk_since(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         plan = arm.plan_to(home_tip_m(arm.model) + np.array([0.0, 0.0, 0.02]))
         pass_time(arm, 0.3)  # nobody holds it, and a person reads what it would do
-        report = arm.carry_out(plan)
+        report = arm.execute(plan)
         assert report.reached
         np.testing.assert_allclose(true_tip_m(arm), plan.target_m, atol=2e-3)
 
@@ -84,7 +84,7 @@ def test_an_arm_that_somebody_has_carried_elsewhere_goes_from_there():
     with ikservo.open_arm("so101", port="sim") as arm:
         plan = arm.plan_to(home_tip_m(arm.model))
         line_of(arm).world.place("shoulder_pan", 1.0)
-        assert arm.carry_out(plan).reached
+        assert arm.execute(plan).reached
         np.testing.assert_allclose(true_tip_m(arm), plan.target_m, atol=2e-3)
 
 

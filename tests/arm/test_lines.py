@@ -27,7 +27,7 @@ def ready(arm):
 def tips_m(arm, plan):
     """Carry a plan out and return where the servos' registers said the tip was (n, 3)."""
     tips = []
-    arm.carry_out(plan, lambda _: tips.append(true_tip_m(arm)))
+    arm.execute(plan, lambda _: tips.append(true_tip_m(arm)))
     return np.array(tips)
 
 
@@ -102,7 +102,7 @@ def test_way_points_are_passed_without_a_stop(ready, line):
     tips = ready.chain.forward(np.array([s.position for s in states])[:, : ready.chain.dof])
     assert np.linalg.norm(tips[:, :3, 3] - via, axis=1).min() <= 0.02
     assert min(np.abs(s.velocity).max() for s in states[40:-40]) > 0.01
-    assert ready.carry_out(plan).reached
+    assert ready.execute(plan).reached
     np.testing.assert_allclose(true_tip_m(ready), goal, atol=2e-3)
 
 
@@ -124,13 +124,13 @@ def test_a_plan_is_not_carried_out_from_elsewhere(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     ready.move_to((0.2, 0.1, 0.2))
     with pytest.raises(RefusedError, match="not at the start of the plan"):
-        ready.carry_out(plan)
+        ready.execute(plan)
 
 
 def test_the_first_motion_after_torque_comes_on_is_slow(arm):
     first = arm.plan_to((0.25, 0.05, 0.15), speed="fast")
     assert (first.speed, first.slowed) == ("slow", True)
-    arm.carry_out(first)
+    arm.execute(first)
     second = arm.plan_to((0.22, -0.05, 0.15), speed="fast")
     assert (second.speed, second.slowed) == ("fast", False)
 
@@ -143,7 +143,7 @@ def test_the_first_motion_is_slow_also_where_torque_was_switched_on_before(arm):
 def test_an_arm_that_holds_already_need_not_begin_slowly(ready):
     servos = line_of(ready).servos
     assert all(servo.read("torque_enable") for servo in servos.values())
-    ready._enabled = False  # as for a program that opens an arm that holds
+    ready.acknowledge()  # as for a program that opens an arm that holds
     assert ready.plan_to((0.22, -0.05, 0.15)).speed == "normal"
 
 
@@ -152,4 +152,4 @@ def test_after_letting_go_the_next_motion_is_slow_again(ready):
     ready.release()
     assert ready.plan_to((0.22, -0.05, 0.15)).speed == "slow"
     with pytest.raises(RefusedError, match="Torque was switched off"):
-        ready.carry_out(plan)
+        ready.execute(plan)

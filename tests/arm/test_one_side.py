@@ -59,7 +59,7 @@ def test_the_report_counts_the_time_that_this_takes_as_settling(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")
         before_s = arm._port.clock.now_s()
-        arrival = arm.go(arm.plan_joints({PAN: 0.2}, speed="fast"))
+        arrival = arm.execute(arm.plan_joints({PAN: 0.2}, speed="fast"))
         took_s = arm._port.clock.now_s() - before_s
     assert arrival.duration_s == pytest.approx(took_s, rel=0.1)
 
@@ -72,7 +72,7 @@ def test_a_line_ends_on_its_line_whatever_play_is_known(arm_file):
         line_of(arm).servos[ID].asked = lambda *_: told.append(
             line_of(arm).servos[ID].memory.get("goal_position")
         )
-        arm.carry_out(plan)
+        arm.execute(plan)
     down = np.maximum.accumulate(told) - told
     assert plan.goal[0] > plan.start[0]
     assert down.max() <= 2

@@ -23,7 +23,7 @@ def folded():
 def test_it_goes_where_it_is_told_by_way_of_a_pose_where_it_is_free(folded):
     plan = folded.plan_to(TARGET_M)
     assert plan.by == "home"
-    assert folded.carry_out(plan).reached
+    assert folded.execute(plan).reached
     np.testing.assert_allclose(true_tip_m(folded), TARGET_M, atol=2e-3)
 
 

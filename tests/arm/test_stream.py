@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.stream import Stream
 from ikservo.arm.streaming.throttle import Throttle
@@ -15,6 +16,8 @@ from servosim.faults import Fault
 from tests.arm.auditing import Auditor
 from tests.arm.line_faults import Traced, loop_lines
 from tests.arm.simulated import line_of, registers
+
+ENOUGH = StopReason(StopKind.PROGRAM, "enough")
 
 
 @pytest.fixture
@@ -65,7 +68,7 @@ def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
     def ask(beat):
         if beat.time_s > 0.4 and not asked:
             asked.append(clock.now_s())
-            stream.request_stop("enough")
+            stream.request_stop(ENOUGH)
 
     with pytest.raises(StoppedError, match="enough"):
         stream.run(course_of(either._servos, 1.2), ask)
@@ -92,7 +95,7 @@ def test_a_stop_that_is_wanted_while_nothing_moves_keeps_the_next_motion_from_be
 def test_a_stop_stays_until_somebody_acknowledges_it(arm):
     stream = Stream(arm._servos)
     with pytest.raises(StoppedError):
-        stream.run(course_of(arm._servos), lambda _: stream.request_stop("enough"))
+        stream.run(course_of(arm._servos), lambda _: stream.request_stop(ENOUGH))
     with pytest.raises(RefusedError, match="enough"):
         arm.move_joints({arm.model.joints[0].name: 0.3})
     arm.acknowledge()
@@ -207,7 +210,7 @@ def test_a_stop_that_is_wanted_at_the_very_end_is_not_lost(arm):
 
     def ask(beat):
         if beat.time_s >= beat.duration_s - 1.5 * stream.cycle_time_s:
-            stream.request_stop("enough")
+            stream.request_stop(ENOUGH)
 
     with pytest.raises(StoppedError, match="enough"):
         stream.run(course_of(arm._servos), ask)

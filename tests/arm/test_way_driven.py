@@ -48,14 +48,14 @@ def test_a_plan_is_looked_at_again_from_where_the_arm_has_moved_to(at_home):
     turned(at_home)
     before = goals(at_home)
     with pytest.raises(RefusedError, match="-the post"):
-        at_home.go(plan)
+        at_home.execute(plan)
     np.testing.assert_array_equal(goals(at_home), before)
 
 
 def test_a_plan_whose_way_is_still_free_is_carried_out(at_home):
     plan = at_home.plan_joints({"shoulder_pan": 0.8}, speed="fast")
     at_home.move_joints({"shoulder_pan": 0.2}, speed="fast")
-    at_home.go(plan)
+    at_home.execute(plan)
     pan = line_of(at_home).world.joint("shoulder_pan").position
     assert pan == pytest.approx(0.8, abs=0.01)
 
@@ -64,21 +64,21 @@ def test_a_plan_of_an_arm_that_looks_at_nothing_is_looked_at_by_one_that_does():
     with so101(collisions=False) as arm:
         plan = arm.plan_joints({"shoulder_lift": 0.6}, speed="slow")
     with so101() as arm, pytest.raises(RefusedError, match="-the floor"):
-        arm.go(plan)
+        arm.execute(plan)
 
 
 def test_a_plan_made_in_other_surroundings_is_looked_at_in_these():
     with so101() as arm:
         plan = arm.plan_joints({"shoulder_pan": -0.8}, speed="slow")
     with so101(POST) as arm, pytest.raises(RefusedError, match="-the post"):
-        arm.go(plan)
+        arm.execute(plan)
 
 
 def test_a_plan_of_another_arm_is_refused():
     with ikservo.open_arm("px100", port="sim:?pose=home") as arm:
         plan = arm.plan_joints({"waist": 0.1})
     with so101() as arm, pytest.raises(RefusedError, match="The plan moves waist"):
-        arm.go(plan)
+        arm.execute(plan)
 
 
 def test_an_arm_is_what_its_file_said_when_it_was_opened(tmp_path, monkeypatch):

@@ -155,3 +155,23 @@ def test_a_script_has_a_second_by_the_given_clock_to_say_it_again(at_s, torque):
         with pytest.raises(StoppedError):
             interrupt_a_motion(arm, PressedAgain(at_s))
         assert torques(arm._port.transport.line.servos) == {torque}
+
+
+class Unheard(VirtualClock):
+    """A clock that nobody may wait by."""
+
+    def sleep_until(self, deadline_s):
+        raise AssertionError("a second signal was waited for")
+
+
+def stop_a_motion(arm, clock, reason):
+    with stoppable(arm, clock):
+        arm.move_joints({"shoulder_pan": 1.2}, on_progress=lambda _: arm.stop(reason))
+
+
+@pytest.mark.parametrize("reason", ["", "Stopped; torque stays on.", "enough"])
+def test_no_second_signal_is_waited_for_after_a_stop_that_was_none(reason):
+    with open_arm("so101", port="sim:?pose=home") as arm:
+        with pytest.raises(StoppedError):
+            stop_a_motion(arm, Unheard(), reason)
+        assert torques(arm._port.transport.line.servos) == {1}

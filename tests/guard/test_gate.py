@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.errors import ExitCode, RefusedError
-from ikservo.guard import Gate
+from ikservo.guard import Gate, StopKind, StopReason
 from tests.guard.gates import BEAT_S, HandClock, Recorder, fence, gate_at
 
 LEAD = 138  # ticks, of a joint at its top speed
@@ -238,19 +238,21 @@ def test_the_way_goes_on_by_no_more_than_the_longest_step_in_time():
 
 def test_after_a_stop_nothing_passes_but_a_hold():
     gate, bus, _ = gate_at(2048)
-    gate.trip("elbow is too hot")
+    hot = StopReason(StopKind.FAULT, "elbow is too hot")
+    gate.latch_stop(hot)
     for door in (gate.send, gate.start_from):
         with pytest.raises(RefusedError, match="arm was stopped: elbow is too hot"):
             door({"elbow": 2048})
     gate.hold({"elbow": 2048})
-    assert (bus.sent, gate.tripped) == ([{3: 2048}], "elbow is too hot")
+    assert (bus.sent, gate.stop_reason) == ([{3: 2048}], hot)
 
 
 def test_after_the_stop_was_acknowledged_goals_start_anew():
     gate, bus, _ = gate_at(2048)
-    gate.trip("the cable")
-    assert gate.acknowledge() == "the cable"
-    assert gate.tripped == ""
+    unplugged = StopReason(StopKind.UNPLUGGED, "the cable")
+    gate.latch_stop(unplugged)
+    assert gate.acknowledge() is unplugged
+    assert gate.stop_reason is None
     with pytest.raises(RefusedError, match="The position of elbow has not been measured"):
         gate.send({"elbow": 2048})
     gate.start_from({"elbow": 1500})
@@ -259,7 +261,7 @@ def test_after_the_stop_was_acknowledged_goals_start_anew():
 
 def test_to_acknowledge_no_stop_forgets_nothing():
     gate, bus, _ = gate_at(2048)
-    assert gate.acknowledge() == ""
+    assert gate.acknowledge() is None
     gate.send({"elbow": 2048})
     assert bus.sent == [{3: 2048}]
 

@@ -3,17 +3,20 @@
 import pytest
 
 from ikservo.errors import ExitCode, RefusedError
-from ikservo.guard import Latch
+from ikservo.guard import Latch, StopKind, StopReason
+
+HEAT = StopReason(StopKind.FAULT, "heat")
+SILENCE = StopReason(StopKind.FAULT, "silence")
 
 
-def test_a_latch_that_was_never_tripped_lets_everything_pass():
+def test_a_latch_that_was_never_latched_lets_everything_pass():
     Latch().check()
-    assert Latch().reason == ""
+    assert Latch().reason is None
 
 
-def test_a_tripped_latch_says_why_in_one_line():
+def test_a_latched_stop_says_why_in_one_line():
     latch = Latch()
-    latch.trip("The cable is gone.\nPlug it in.")
+    latch.latch_stop(StopReason(StopKind.UNPLUGGED, "The cable is gone.\nPlug it in."))
     with pytest.raises(RefusedError) as caught:
         latch.check()
     assert caught.value.message == "The arm was stopped: The cable is gone."
@@ -22,21 +25,21 @@ def test_a_tripped_latch_says_why_in_one_line():
 
 def test_the_first_reason_stays():
     latch = Latch()
-    latch.trip("heat")
-    latch.trip("silence")
-    assert latch.reason == "heat"
+    latch.latch_stop(HEAT)
+    latch.latch_stop(SILENCE)
+    assert latch.reason is HEAT
 
 
 def test_a_stop_without_a_reason_is_a_stop():
     latch = Latch()
-    latch.trip("")
+    latch.latch_stop(StopReason(StopKind.PROGRAM))
     with pytest.raises(RefusedError, match="stopped"):
         latch.check()
 
 
 def test_once_acknowledged_everything_passes_again():
     latch = Latch()
-    latch.trip("heat")
-    assert latch.acknowledge() == "heat"
+    latch.latch_stop(HEAT)
+    assert latch.acknowledge() is HEAT
     latch.check()
-    assert latch.reason == ""
+    assert latch.reason is None

@@ -10,11 +10,13 @@ import itertools
 import numpy as np
 
 from ikservo.arm import Arm
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from tests.journeys.recorded import record_a_wave
 from tests.journeys.typed import usual_target_m
 
 # Methods whose calls need another one first, or a program of their own.
 LISTENING = ("listen",)  # opens a socket; tests/arm/test_owner_socket.py
+DEPRECATED = ("go", "carry_out")  # warn; tests/api/test_deprecated.py
 PLUGGED = ("reconnect",)  # needs a cable that was pulled; tests/arm/test_faults_in_motion.py
 
 
@@ -88,7 +90,8 @@ _OWN = {
     ("record", "path"): lambda _, folder: folder / "new.jsonl",
     ("record", "duration_s"): lambda *_: 0.1,
     ("replay", "path"): _wave,
-    ("carry_out", "plan"): lambda arm, _: arm.plan_to(_target(arm)),
+    ("execute", "plan"): lambda arm, _: arm.plan_to(_target(arm)),
+    ("request_stop", "reason"): lambda *_: StopReason(StopKind.PROGRAM, "enough"),
     ("teach", "name"): lambda *_: "cup",
     ("follow_arm", "until"): lambda *_: _until_soon(),
     ("gripper", "to"): lambda *_: "open",

@@ -7,7 +7,7 @@ import pytest
 import ikservo
 from ikservo.errors import IkservoError
 from tests.cli.conftest import Said
-from tests.journeys.called import LISTENING, PLUGGED, arguments, methods
+from tests.journeys.called import DEPRECATED, LISTENING, PLUGGED, arguments, methods
 from tests.journeys.judging import deeds, words
 from tests.journeys.lines import LINES, put
 from tests.journeys.postures import OFTEN, postures_of
@@ -18,7 +18,7 @@ LIKE = {"move_to": "move", "relax": "relax", "pose": "pose"}  # judged as these 
 
 def cases(arm):
     """Return every case of an arm: method, posture, kind of line."""
-    called = [name for name in methods() if name not in LISTENING + PLUGGED]
+    called = [name for name in methods() if name not in DEPRECATED + LISTENING + PLUGGED]
     return [(m, posture, kind) for m in called for posture in postures_of(arm) for kind in LINES]
 
 

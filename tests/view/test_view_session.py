@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ikservo.arm import open_arm
+from ikservo.arm import StopKind, StopReason, open_arm
 from ikservo.view.camera.views import View
 from ikservo.view.scene.posters import Posters
 from ikservo.view.server import messages as said
@@ -222,6 +222,13 @@ def test_a_stop_latches(room):
     assert room.told()["status"]["mode"] == "stopped"
     with pytest.raises(BadMessageError, match="The arm was stopped"):
         room.throw_live()
+
+
+def test_a_stop_without_words_is_a_stop(room):
+    room.pilot.request_stop(StopReason(StopKind.CLIENT))
+    room.pilot.step()
+    assert room.told()["status"]["mode"] == "stopped"
+    assert room.arm.stop_reason.kind is StopKind.CLIENT
 
 
 def test_after_an_acknowledgement_the_arm_moves_again(room):

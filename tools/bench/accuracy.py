@@ -15,13 +15,13 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 import ikservo
-from ikservo.arm import Arm, Plan
+from ikservo.arm import Arm, MoveReport, Plan
 from ikservo.arm.planning import begun
 from ikservo.errors import IkservoError
 from ikservo.kinematics.se3 import log_so3
@@ -135,7 +135,7 @@ def _plans(arm: Arm, seed: int, speed: str) -> Iterator[Plan]:
 
 
 def _corrected(arm: Arm, judge: Judge, plan: Plan) -> Trial:
-    report = arm.carry_out(plan)
+    report = cast("MoveReport", arm.execute(plan))  # of a plan of the tip
     return judge.trial(plan, report.motion_s / plan.duration_s, report.settling_s)
 
 

@@ -9,11 +9,12 @@ from collections.abc import Callable, Generator
 from typing import Generic, Protocol, TypeVar, cast
 
 from ikservo.arm.given import number
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from ikservo.errors import IkservoError, NotSettledError, RefusedError, StoppedError
 
 __all__ = ["CANCELLED", "Motion", "Stoppable"]
 
-CANCELLED = "Cancelled by the program; torque stays on."
+CANCELLED = StopReason(StopKind.CANCELLED, "Cancelled by the program; torque stays on.")
 # Braking takes 0.3 s; a busy machine is given more.
 _BRAKED_WITHIN_S = 5.0
 
@@ -23,15 +24,15 @@ T = TypeVar("T")
 class Stoppable(Protocol):
     """What a motion needs of its arm."""
 
-    def stop(self, reason: str = "") -> None:
+    def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold."""
 
     def acknowledge(self) -> None:
         """End a stop."""
 
     @property
-    def stopped_for(self) -> str:
-        """Return why the arm was stopped; empty where it is not."""
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped; None where it is not."""
         ...
 
     @property
@@ -116,7 +117,7 @@ class Motion(Generic[T]):
                 return
             self._cancelled = True
             if self._moving:
-                self._arm.stop(CANCELLED)
+                self._arm.request_stop(CANCELLED)
 
     def join(self, timeout_s: float = _BRAKED_WITHIN_S) -> bool:
         """Wait for the end without raising the motion's error; return whether it is over."""
@@ -166,7 +167,7 @@ class Motion(Generic[T]):
     def _begin(self) -> None:
         with self._state:
             if self._cancelled:
-                raise StoppedError(CANCELLED)
+                raise StoppedError(CANCELLED.text)
             self._moving = True
 
     def _end(self) -> None:
@@ -177,10 +178,13 @@ class Motion(Generic[T]):
                 self._arm.acknowledge()
 
     def _is_only_stop(self) -> bool:
-        return self._arm.stopped_for in (CANCELLED, "") and self._arm.stops_asked <= 1
+        reason = self._arm.stop_reason
+        ours = reason is None or reason.kind is StopKind.CANCELLED
+        return ours and self._arm.stops_asked <= 1
 
     def _as_cancelled(self, error: BaseException) -> BaseException:
         """Return the error; a cancelled motion was stopped, however it noticed that."""
-        if not self._cancelled or self._arm.stopped_for or not isinstance(error, IkservoError):
+        stopped = self._arm.stop_reason is not None
+        if not self._cancelled or stopped or not isinstance(error, IkservoError):
             return error
-        return error if isinstance(error, StoppedError) else StoppedError(CANCELLED)
+        return error if isinstance(error, StoppedError) else StoppedError(CANCELLED.text)

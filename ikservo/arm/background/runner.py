@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from ikservo.arm.background.motion import Motion, Stoppable
-from ikservo.arm.streaming.halt import Halt
+from ikservo.arm.streaming.halt import StopRequest
 from ikservo.arm.streaming.signals import stop_on_signals
 from ikservo.errors import RefusedError
 
@@ -25,11 +25,11 @@ class Background:
 
     Args:
         arm: Whose motions they are.
-        halt: The wish that the running motion ends, for signals.
+        stop_request: Requests that the running motion ends, for signals.
     """
 
-    def __init__(self, arm: Stoppable, halt: Halt) -> None:
-        self._arm, self._halt = arm, halt
+    def __init__(self, arm: Stoppable, stop_request: StopRequest) -> None:
+        self._arm, self._stop_request = arm, stop_request
         self._queue = threading.RLock()
         self._motions: list[Motion[object]] = []
         self._stream: Motion[object] | None = None
@@ -76,7 +76,7 @@ class Background:
         self._motions = [each for each in self._motions if not each.done]
         self._motions.append(motion)  # pyright: ignore[reportArgumentType]  # of whatever result
         _running.add(motion)  # pyright: ignore[reportArgumentType]
-        stop_on_signals(self._halt, lambda: not motion.done)
+        stop_on_signals(self._stop_request, lambda: not motion.done)
         motion.start()
         return motion
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ikservo.arm.owner import Errand, Request
 from ikservo.arm.owner.halting import Halted
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from ikservo.errors import IkservoError
 
 if TYPE_CHECKING:
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BRAKE_WITHIN_S", "Answers"]
 
-_STOPPED = "Stopped from another terminal; torque stays on."
-_RELAXED = "Torque switched off from another terminal."
+_STOPPED = StopReason(StopKind.CLIENT, "Stopped from another terminal; torque stays on.")
+_RELAXED = StopReason(StopKind.RELEASED, "Torque switched off from another terminal.")
 BRAKE_WITHIN_S = 3.0
 
 
@@ -56,12 +57,12 @@ class Answers:
         arm, servos = self._arm, self._arm.workings.servos
         moving = not self._turn.acquire(blocking=False)
         if moving:
-            arm.stop(_STOPPED)
+            arm.request_stop(_STOPPED)
             with self._turn_within(BRAKE_WITHIN_S):
                 halted = Halted(servos.names, (), ())  # whatever ended the motion, it holds
         else:
             try:
-                halted = servos.stand_still(_STOPPED)
+                halted = servos.hold_measured(_STOPPED)
             finally:
                 self._turn.release()
         return {"arm": arm.model.name, "port": arm.port_name, "moving": moving, **asdict(halted)}
@@ -82,7 +83,7 @@ class Answers:
         with self._turn_within(BRAKE_WITHIN_S):
             self._arm.acknowledge()
             report = self._arm.relax()
-            self._arm.workings.servos.latch(_RELAXED)
+            self._arm.workings.servos.latch_stop(_RELAXED)
         return {**asdict(report), "measured_tip_m": report.measured_tip_m.tolist()}
 
     @contextmanager

@@ -12,7 +12,7 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.model import Model
 from ikservo.registers import Role
 
-__all__ = ["Halted", "halt_line", "stand_still"]
+__all__ = ["Halted", "halt_line", "hold_servos"]
 
 # A joint that moves by more in this time was on its way; one that rests keeps its goal, for its
 # load has pulled it below, and a goal where it is would let it sink further at every stop.
@@ -46,10 +46,10 @@ def halt_line(model: Model, port: str | None) -> Halted:
     """
     fences = [Fence(joint.joint_map, joint.limits, 1.0) for joint in model.joints]
     with open_line(model, port) as bus:
-        return stand_still(bus, fences, bus.port.clock)
+        return hold_servos(bus, fences, bus.port.clock)
 
 
-def stand_still(bus: ServoBus, fences: Sequence[Fence], clock: Clock) -> Halted:
+def hold_servos(bus: ServoBus, fences: Sequence[Fence], clock: Clock) -> Halted:
     """Let every joint that has torque stay where it is; switches no torque."""
     ids = {fence.servo_id: fence for fence in fences}
     torque = bus.sync_read(ids, Role.TORQUE_ENABLE, raw=True).values

@@ -1,4 +1,4 @@
-"""The wish that a motion ends: said by a signal, another thread or a callback."""
+"""The request that a motion ends: made by a signal, another thread or a callback."""
 
 from __future__ import annotations
 
@@ -6,82 +6,94 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 from ikservo.errors import StoppedError
+from ikservo.guard import StopKind, StopReason
 
-__all__ = ["CTRL_C", "STOPPED", "Halt"]
+__all__ = [
+    "CTRL_C",
+    "RELAX_HINT",
+    "STOPPED_BY_PROGRAM",
+    "StopKind",
+    "StopReason",
+    "StopRequest",
+]
 
-CTRL_C = "Stopped; torque stays on."
-STOPPED = (CTRL_C, "Switch torque off with: ikservo relax")
+CTRL_C = StopReason(StopKind.CTRL_C, "Stopped; torque stays on.")
+STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped; torque stays on.")
+RELAX_HINT = "Switch torque off with: ikservo relax"
 
 
-class Halt:
-    """Remembers that somebody wants the arm to stop, and how often that was said.
+class StopRequest:
+    """Remembers that the arm shall stop, why, and how often that was requested.
 
-    To ask is two assignments: a signal or another thread may do it at any time. Whoever streams
-    goals looks at every beat.
+    To set it is a few assignments: a signal or another thread may do it at any time. The control
+    loop looks at it in every cycle.
 
     Attributes:
-        times: How often a stop was asked for.
-        heeded: Whether somebody streams, and so will see it at the next beat.
-        running: Whether a motion runs, of one stream or several.
+        times: How often a stop was requested.
         acknowledged: Whether the stop was acknowledged before the motion that it ends has ended.
-        signal: The signal that asked first; 0 where none did.
+        signal: The signal that requested first; 0 where none did.
     """
 
     def __init__(self) -> None:
-        self._reason = ""
+        self._reason: StopReason | None = None
         self.times = self.signal = 0
-        self.heeded = self.running = self.acknowledged = False
-        self._at_once, self._hint = False, STOPPED[1]
+        self.acknowledged = self._motion_running = False
+        self._without_braking, self._hint = False, RELAX_HINT
 
     def __bool__(self) -> bool:
-        """Return whether somebody wants a stop."""
+        """Return whether a stop was requested."""
         return self.times > 0
 
     @property
-    def reason(self) -> str:
-        """Return why, as first said."""
+    def reason(self) -> StopReason | None:
+        """Why, as first requested; None where no stop was."""
         return self._reason
 
-    def ask(self, reason: str, signal: int = 0) -> None:
-        """Want the motion to end; says which signal asks, if one does."""
+    @property
+    def motion_running(self) -> bool:
+        """Whether a motion runs, of one control loop or several: see ``motion``."""
+        return self._motion_running
+
+    def set(self, reason: StopReason, signal: int = 0) -> None:
+        """Request that the motion ends; says which signal requests it, if one does."""
         self.signal = self.signal or signal
         self._reason = self._reason or reason
         self.acknowledged = False
         self.times += 1
 
-    def ask_at_once(self, reason: str, hint: str) -> None:
-        """Want the motion to end without braking: nothing more can or shall be sent."""
-        self._at_once, self._hint = True, hint
-        self.ask(reason)
+    def set_without_braking(self, reason: StopReason, hint: str) -> None:
+        """Request that the motion ends at once: nothing more can or shall be sent."""
+        self._without_braking, self._hint = True, hint
+        self.set(reason)
 
     @contextmanager
     def motion(self) -> Generator[None]:
         """Note that a motion runs while the block does: a stop of it cannot be taken back."""
-        before, self.running = self.running, True
+        before, self._motion_running = self._motion_running, True
         try:
             yield
         finally:
-            self.running = before
+            self._motion_running = before
 
-    def heed_at_once(self) -> None:
+    def raise_if_without_braking(self) -> None:
         """Raise where the motion must end without braking.
 
         Raises:
             StoppedError: It must; says why.
         """
-        if self._at_once:
-            self.heed()
+        if self._without_braking:
+            self.raise_if_set()
 
-    def heed(self) -> None:
-        """Raise where somebody wants a stop.
+    def raise_if_set(self) -> None:
+        """Raise where a stop was requested.
 
         Raises:
-            StoppedError: Somebody does; says why.
+            StoppedError: It was; says why.
         """
         if self:
-            raise StoppedError(self._reason or STOPPED[0], self._hint)
+            raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, self._hint)
 
     def clear(self) -> None:
-        """Forget it: the arm stands, or somebody wants it to move again."""
-        self._reason, self.times, self.signal = "", 0, 0
-        self._at_once, self._hint, self.acknowledged = False, STOPPED[1], False
+        """Forget it: the arm holds, or shall be moved again."""
+        self._reason, self.times, self.signal = None, 0, 0
+        self._without_braking, self._hint, self.acknowledged = False, RELAX_HINT, False

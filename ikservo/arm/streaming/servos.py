@@ -8,10 +8,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
-from ikservo.arm.owner.halting import Halted, stand_still
+from ikservo.arm.owner.halting import Halted, hold_servos
 from ikservo.arm.reports import JointState
 from ikservo.arm.skills.force import limit_force
 from ikservo.arm.streaming.asking import ask_all, patiently
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from ikservo.arm.streaming.health_round import HealthRound
 from ikservo.arm.streaming.starting import (
     await_rest,
@@ -80,6 +81,7 @@ class Servos(StreamedServos):
             ServoRefusedError: A servo keeps an old goal; likewise.
         """
         torque = ask_all(self._bus, self._ids, Role.TORQUE_ENABLE)
+        self.torque.enabling(was_on=all(torque.values()))
         if self._cycle_time_s is None:
             self.measure_cycle_time_s()
         for fence in self.fences:
@@ -98,6 +100,7 @@ class Servos(StreamedServos):
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
         health = Health(self._health, self._supply_v(names))
         self._round = HealthRound(self._bus, names, self._limits, health, self._warn)
+        self.torque.enabled()
 
     @contextmanager
     def bearing_heat(self) -> Generator[None]:
@@ -143,24 +146,26 @@ class Servos(StreamedServos):
             BusError: The first failure, after all were tried.
         """
         self._patience_s = _SINKS_S
+        self.torque.releasing()
         failures = torque_off(self._bus, (*self._ids, *self._shadows))
         for error in failures.values():
             raise error
+        self.torque.released()
 
     def reconnect(self, serial_number: str, within_s: float) -> None:
         """Open the line again once its adapter is back, and stay stopped; see ``Arm.reconnect``."""
+        self.torque.reconnected()
         self._bus.reopen(serial_number, within_s)
-        self._gate.trip("device unplugged")
+        self._gate.latch_stop(StopReason(StopKind.UNPLUGGED, "device unplugged"))
         self._feedback.ticks()
 
-    def latch(self, reason: str) -> None:
-        """Let nothing move until somebody acknowledges it; tells the servos nothing."""
-        self._gate.trip(reason)
+    def hold_measured(self, reason: StopReason) -> Halted:
+        """Latch a stop and hold where the joints are measured, while no control loop runs.
 
-    def stand_still(self, reason: str) -> Halted:
-        """Stop what is on its way although nobody streams, and stay so; switches no torque."""
-        self._gate.trip(reason)
-        return stand_still(self._bus, self.fences, self.clock)
+        Servos that another program has set in motion are stopped; torque is not switched.
+        """
+        self._gate.latch_stop(reason)
+        return hold_servos(self._bus, self.fences, self.clock)
 
     def limit_force(self, joint: str, share: float) -> None:
         """Limit how hard a joint's servo may press until its torque is switched on anew.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ikservo.arm.streaming.beat import Beat
-from ikservo.arm.streaming.halt import STOPPED
+from ikservo.arm.streaming.halt import StopReason
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.setpoints import Setpoints
 from ikservo.arm.streaming.throttle import Throttle
@@ -44,13 +44,13 @@ class Stream:
         """Return the last beat of the running motion, or of the last one."""
         return self._beat
 
-    def request_stop(self, reason: str) -> None:
+    def request_stop(self, reason: StopReason) -> None:
         """Let the running motion brake and end with ``StoppedError``; safe from anywhere.
 
-        A signal, another thread or a callback may say it. The stop stays until acknowledged; where
+        A signal, another thread or a callback may call it. The stop stays until acknowledged; where
         nothing moves, it keeps the next motion from beginning.
         """
-        self._servos.ask_to_stop(reason or STOPPED[0])
+        self._servos.request_stop(reason)
 
     def run(
         self, course: Course, on_beat: OnBeat | None = None, *, speed_rad_s: float | None = None
@@ -86,7 +86,7 @@ class Stream:
                 setpoints.lead_back(servos.goals())
             # One reading of the clock for the setpoint and for the guard that judges its step.
             now_s, before_s = servos.clock.now_s(), told_s
-            gap_s = throttle.step(now_s - before_s, braking=bool(servos.halt))
+            gap_s = throttle.step(now_s - before_s, braking=bool(servos.stop_request))
             told_s = now_s
             setpoint = setpoints.next(servos.advance_s(gap_s) if there else 0.0)
             there = servos.command(setpoint, now_s)
@@ -96,7 +96,7 @@ class Stream:
             throttle.check()
             ended = there and setpoints.ended
             if ended or throttle.stands:
-                servos.halt.heed()
+                servos.stop_request.raise_if_set()
             if ended:
                 return measured
         raise AssertionError("the metronome never ends")

@@ -10,13 +10,13 @@ import numpy as np
 
 from ikservo.arm.streaming.arming import arm_servos
 from ikservo.arm.streaming.feedback import Feedback
-from ikservo.arm.streaming.halt import Halt
+from ikservo.arm.streaming.halt import CTRL_C, StopKind, StopReason, StopRequest
 from ikservo.arm.streaming.health_round import HealthRound
 from ikservo.arm.streaming.limits_in_servos import LimitsInServos
 from ikservo.arm.streaming.rate import measure_cycle_time_s
-from ikservo.arm.streaming.signals import CTRL_C
+from ikservo.arm.streaming.torque_state import TorqueStateMachine
 from ikservo.clock import Clock
-from ikservo.errors import HeldUpError, IkservoError, RefusedError
+from ikservo.errors import HeldUpError, IkservoError, RefusedError, StoppedError
 from ikservo.guard import Fence, Following, Gate
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.se3 import Vector
@@ -44,7 +44,8 @@ class StreamedServos:
         clock: Likewise.
         fences: Likewise.
         names: The joints, in the order of the vectors.
-        halt: The wish that the running motion ends.
+        stop_request: Requests that the running motion ends.
+        torque: Whether the servos hold, and whether a control loop runs.
         restarts: How often in this motion the servos had stopped themselves, because the program
             was held up, and were started again from where they stood.
         warn: Called with what a person should know, in words; nobody listens at first.
@@ -62,7 +63,7 @@ class StreamedServos:
         self._cycle_time_s: float | None = None
         self._beat_at_s = self._horn_rad_s = 0.0
         self.restarts = 0
-        self.halt = Halt()
+        self.stop_request, self.torque = StopRequest(), TorqueStateMachine()
         self.warn: Callable[[str], None] = lambda _: None
 
     def measure(self) -> Vector:
@@ -102,9 +103,9 @@ class StreamedServos:
         return self._feedback.lost
 
     @property
-    def stopped_for(self) -> str:
-        """Return why the arm was stopped until somebody acknowledges it; empty where it is not."""
-        return self._gate.tripped
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped, until that is acknowledged; None where it is not."""
+        return self._gate.stop_reason
 
     def check_stop(self) -> None:
         """Raise while a stop was not acknowledged.
@@ -114,26 +115,31 @@ class StreamedServos:
         """
         self._gate.check_stop()
 
-    def ask_to_stop(self, reason: str) -> None:
-        """Want the running motion to end, or the next one not to begin; safe from anywhere."""
-        self.halt.ask(reason)
-        if not self.halt.heeded:
-            self._gate.trip(reason)
+    def request_stop(self, reason: StopReason) -> None:
+        """End the running motion, or let the next one not begin; safe from anywhere."""
+        self.stop_request.set(reason)
+        if not self.torque.is_moving:
+            self._gate.latch_stop(reason)
+
+    def latch_stop(self, reason: StopReason) -> None:
+        """Let nothing move until somebody acknowledges it; sends the servos nothing."""
+        self._gate.latch_stop(reason)
 
     def acknowledge(self) -> None:
         """Let the arm be moved again after a stop; torque is checked and set anew first.
 
         A motion that was stopped ends nevertheless: where one still runs, this counts once it has.
         """
-        if self.halt.running:
-            self.halt.acknowledged = bool(self.halt)
+        if self.stop_request.motion_running:
+            self.stop_request.acknowledged = bool(self.stop_request)
             return
         self._gate.acknowledge()
-        self.halt.clear()
+        self.stop_request.clear()
+        self.torque.acknowledged()
 
     def acknowledge_ended(self) -> None:
         """Acknowledge a stop that was acknowledged before the motion it stopped had ended."""
-        if self.halt.acknowledged:
+        if self.stop_request.acknowledged:
             self.acknowledge()
 
     @contextlib.contextmanager
@@ -146,22 +152,25 @@ class StreamedServos:
         Raises:
             BusError: A servo does not answer.
             ServoAlarmError: A servo is not well.
-            RefusedError: The arm was stopped, or its torque was never switched on.
-            StoppedError: Somebody asked for a stop while nobody looked.
+            RefusedError: The arm was stopped, its torque was never switched on, or it moves
+                already; that motion goes on.
+            StoppedError: A stop was requested while no control loop looked at requests.
         """
+        self.torque.check_idle()
         try:
-            self.halt.heed()  # asked for between two streams of one motion
+            self.stop_request.raise_if_set()  # requested between two loops of one motion
             self._ready(speed_rad_s)
-            self.halt.heeded = True
+            self.torque.loop_started()
             yield
             self._limits.disarm_watchdog()
-            self.halt.heeded = False
-            self.halt.heed()  # asked for after the last beat
+            self.torque.loop_ended()
+            self.stop_request.raise_if_set()  # requested after the last cycle
         except BaseException as error:
-            self.stop(_told(error))
+            self.hold(self._reason_of(error))
+            self.torque.faulted()
             raise
         finally:
-            self.halt.heeded = False
+            self.torque.loop_ended()
 
     def beat(self) -> Vector:
         """Hear where the joints are (n,), and one of them how it is; rad or m.
@@ -175,7 +184,7 @@ class StreamedServos:
             RefusedError: A joint does not follow its goal.
             HeldUpError: The program was held up too long, or too often.
         """
-        self.halt.heed_at_once()
+        self.stop_request.raise_if_without_braking()
         try:
             return self._heard()
         except HeldUpError:
@@ -237,7 +246,7 @@ class StreamedServos:
         Raises:
             RefusedError: The guard will not pass them; nothing was sent.
         """
-        self.halt.heed_at_once()
+        self.stop_request.raise_if_without_braking()
         if self._gate.unseen(now_s):
             return False
         wanted = self._ticks(positions)
@@ -245,15 +254,15 @@ class StreamedServos:
         self._gate.send(goals, now_s)
         return goals == wanted
 
-    def stop(self, reason: str) -> None:
-        """Hold, and stay so until somebody acknowledges it; never raises.
+    def hold(self, reason: StopReason) -> None:
+        """Latch a stop and hold, until somebody acknowledges it; never raises.
 
         Every joint keeps the goal that stands, a little ahead of it; one that complains or cannot
         follow is told to stay where it is, so that it does not press on.
         """
-        self._gate.trip(reason)
+        self._gate.latch_stop(reason)
         # Nobody answers to these packets: the first is sent twice, for one may be lost.
-        for step in (self._hold, self._hold, self._limits.drop_watchdog):
+        for step in (self._hold_goals, self._hold_goals, self._limits.drop_watchdog):
             with contextlib.suppress(Exception):  # each is tried, whatever became of the others
                 step()
 
@@ -269,7 +278,7 @@ class StreamedServos:
         self._horn_rad_s, self.restarts = max(speeds[name] / horns[name] for name in speeds), 0
         self._beat_at_s = arm_servos(self._limits, self._round, self.clock, self._horn_rad_s)
 
-    def _hold(self) -> None:
+    def _hold_goals(self) -> None:
         self._gate.hold({name: self._holding_tick(name) for name in self._gate.goals})
 
     def _holding_tick(self, joint: str) -> int:
@@ -277,6 +286,12 @@ class StreamedServos:
         seen = self._gate.seen.get(joint, goal)
         presses = abs(goal - seen) * fence.joint_map.horn_rad_per_tick > _PRESSING_RAD
         return seen if presses or self._bus.alarms.get(fence.servo_id) else goal
+
+    def _reason_of(self, error: BaseException) -> StopReason:
+        """Tell for what reason a motion has ended: the requested one, or the error."""
+        interrupted = isinstance(error, (StoppedError, KeyboardInterrupt))
+        requested = self.stop_request.reason
+        return requested if interrupted and requested is not None else _reason_of(error)
 
     def _write_goals(self, goals: Mapping[int, int]) -> None:
         self._bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
@@ -305,9 +320,13 @@ def _check_pause(elapsed_s: float) -> None:
         )
 
 
-def _told(error: BaseException) -> str:
+def _reason_of(error: BaseException) -> StopReason:
     if isinstance(error, KeyboardInterrupt):
         return CTRL_C
+    return StopReason(StopKind.FAULT, _text_of(error))
+
+
+def _text_of(error: BaseException) -> str:
     if isinstance(error, IkservoError):
         return error.message
     if isinstance(error, MemoryError):

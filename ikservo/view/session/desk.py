@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 from ikservo.view.camera.camera import Viewport
@@ -25,6 +26,7 @@ from ikservo.view.session.preference import Preference
 __all__ = ["Desk"]
 
 _ORBIT_RAD_PX = 0.008
+_STOPPED = StopReason(StopKind.CLIENT, "Stopped from the page; torque stays on.")
 
 Handler = Callable[[Any, Visitor], None]
 """Acts on one type of message."""
@@ -137,7 +139,7 @@ class Desk:
         _may_control(visitor)
         self._gestures.forget()
         self._pilot.post(replace(self._pilot.wish, live=False, goal=None))
-        self._pilot.stop("Stopped from the page; torque stays on.")
+        self._pilot.request_stop(_STOPPED)
 
     def _acknowledge(self, _message: said.Acknowledge, visitor: Visitor) -> None:
         _may_control(visitor)

@@ -12,6 +12,7 @@ import numpy as np
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.arm.skills.leading import lead
 from ikservo.arm.streaming.beat import Beat
+from ikservo.arm.streaming.halt import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import BusError, IkservoError, PortLostError
 from ikservo.view.session.flight import Flight
@@ -23,6 +24,7 @@ __all__ = ["Pilot"]
 _LOOK_S = 0.033  # between two looks at an arm that follows nobody
 _STATES_S = 1.0
 _MOST_NOTES = 40
+_CLOSED = StopReason(StopKind.CLOSED, "The view was closed; torque stays on.")
 _SILENCE = "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
 _LOOK_FIRST = "Check the arm, then continue."
 _START_AGAIN = "Torque stays on. End `ikservo view` with Ctrl-C and start it again."
@@ -56,7 +58,7 @@ class Pilot:
         self._command = Wish()
         self.readout = _seen(self.arm)
         self._states_s = clock.now_s()
-        self._stop_reason = ""
+        self._stop_reason: StopReason | None = None
         self._acknowledged = self._ending = self._lost = False
         self._thread = threading.Thread(target=self._run, name="ikservo pilot", daemon=True)
 
@@ -68,7 +70,7 @@ class Pilot:
     def __exit__(self, *_: object) -> None:
         """Let the arm hold, end the thread and give the port back."""
         self._ending = True
-        self.stop("The view was closed; torque stays on.")
+        self.request_stop(_CLOSED)
         self._thread.join()
         self.arm.close("hold")
 
@@ -87,10 +89,10 @@ class Pilot:
         """
         self._command = command
 
-    def stop(self, reason: str) -> None:
+    def request_stop(self, reason: StopReason) -> None:
         """Brake and hold; it stays until acknowledged. Safe from any thread."""
         self._stop_reason, self._acknowledged = reason, False
-        self.arm.stop(reason)
+        self.arm.request_stop(reason)
 
     def acknowledge(self) -> None:
         """A person has looked: the arm may be moved again, and nothing moves yet."""
@@ -128,8 +130,8 @@ class Pilot:
     def _step(self) -> None:
         if self._acknowledged:
             self._begin_anew()
-        elif self._stop_reason and not self.readout.trouble:
-            self._ground(Trouble(self._stop_reason, _LOOK_FIRST))
+        elif self._stop_reason is not None and not self.readout.trouble:
+            self._ground(Trouble(self._stop_reason.text, _LOOK_FIRST))
         if self.readout.trouble:
             self._look(quietly=True)
         elif self.ritual and self.ritual.wanted:
@@ -166,7 +168,7 @@ class Pilot:
         Raises:
             IkservoError: It is still lost.
         """
-        self._acknowledged, self._stop_reason = False, ""
+        self._acknowledged, self._stop_reason = False, None
         if self._lost:
             self.arm.close("hold")
             self._reopen()

@@ -1,0 +1,68 @@
+"""Old names of `Arm` still work for one version: they warn, and do what the new name does."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm import JointReport, MoveReport
+from tests.arm.simulated import registers, true_tip_m
+
+NEAR = (0.2, 0.03, 0.12)
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        machine.move_joints({"shoulder_pan": 0.0})
+        yield machine
+
+
+def test_a_plan_of_the_tip_is_executed_and_reported_as_one(arm):
+    report = arm.execute(arm.plan_to(NEAR))
+    assert isinstance(report, MoveReport)
+    assert report.reached
+    np.testing.assert_allclose(true_tip_m(arm), NEAR, atol=0.003)
+
+
+def test_a_plan_of_joints_is_executed_and_reported_for_the_joints_that_it_moves(arm):
+    report = arm.execute(arm.plan_joints({"shoulder_pan": 0.3, "wrist_roll": 0.2}))
+    assert isinstance(report, JointReport)
+    assert report.reached
+    assert set(report.goal_rad) == {"shoulder_pan", "wrist_roll"}
+    assert report.measured_rad["shoulder_pan"] == pytest.approx(0.3, abs=0.01)
+
+
+def test_a_plan_that_moves_no_joint_is_executed_at_once(arm):
+    report = arm.execute(arm.plan_joints(arm._servos.goals()))
+    assert (report.goal_rad, report.error_rad, report.reached) == ({}, 0.0, True)
+
+
+def test_go_warns_and_executes(arm):
+    with pytest.warns(DeprecationWarning, match="use Arm.execute") as warned:
+        arrival = arm.go(arm.plan_joints({"shoulder_pan": 0.3}))
+    assert warned[0].filename == __file__
+    assert arrival.measured[0] == pytest.approx(0.3, abs=0.01)
+
+
+def test_carry_out_warns_and_executes(arm):
+    with pytest.warns(DeprecationWarning, match="use Arm.execute") as warned:
+        report = arm.carry_out(arm.plan_to(NEAR))
+    assert warned[0].filename == __file__
+    assert isinstance(report, MoveReport)
+
+
+def test_carry_out_still_takes_no_plan_of_joints(arm):
+    plan = arm.plan_joints({"shoulder_pan": 0.3})
+    with (
+        pytest.warns(DeprecationWarning, match="execute"),
+        pytest.raises(ikservo.InputError, match="joints"),
+    ):
+        arm.carry_out(plan)
+
+
+def test_hold_is_enable():
+    with ikservo.open_arm("so101", port="sim") as limp:
+        limp.hold()
+        assert all(registers(limp, "torque_enable").values())
+        with pytest.raises(ikservo.RefusedError, match="is moving"):
+            limp.move_joints({"wrist_roll": 0.2}, on_progress=lambda _: limp.hold())

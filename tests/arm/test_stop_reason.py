@@ -1,0 +1,107 @@
+"""Why an arm was stopped, as a value: programs look at its kind, users read its text."""
+
+import signal
+
+import pytest
+
+import ikservo
+from ikservo.arm.background.motion import CANCELLED
+from ikservo.arm.streaming.halt import CTRL_C, StopKind, StopReason, StopRequest
+from ikservo.errors import BusError, StoppedError
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as opened:
+        yield opened
+
+
+def at(seconds, do):
+    """Return what does something once, when a motion has gone on for so long."""
+    left = [do]
+
+    def on_progress(progress):
+        if progress.elapsed_s > seconds and left:
+            left.pop()()
+
+    return on_progress
+
+
+def raises(error):
+    def raise_it():
+        raise error
+
+    return raise_it
+
+
+STOPS = {
+    "sigint": (lambda _: signal.raise_signal(signal.SIGINT), StopKind.CTRL_C),
+    "sigterm": (lambda _: signal.raise_signal(signal.SIGTERM), StopKind.TERMINATED),
+    "sighup": (lambda _: signal.raise_signal(signal.SIGHUP), StopKind.HANGUP),
+    "stop": (lambda arm: arm.stop(), StopKind.PROGRAM),
+    "stop with the words of Ctrl-C": (lambda arm: arm.stop(CTRL_C.text), StopKind.PROGRAM),
+    "release": (lambda arm: arm.release(), StopKind.RELEASED),
+    "interrupt": (lambda _: raises(KeyboardInterrupt)(), StopKind.CTRL_C),
+    "bus": (lambda _: raises(BusError("nothing was heard"))(), StopKind.FAULT),
+    "bug": (lambda _: raises(ZeroDivisionError("a bug"))(), StopKind.FAULT),
+}
+
+
+@pytest.mark.parametrize(("stop", "kind"), STOPS.values(), ids=STOPS)
+def test_each_way_to_stop_a_motion_has_its_kind(arm, stop, kind):
+    with pytest.raises(BaseException):  # noqa: B017, PT011  # which one is another test's
+        arm.move_joints({"shoulder_pan": 0.8}, on_progress=at(0.3, lambda: stop(arm)))
+    assert arm.stop_reason.kind is kind
+    assert arm.stopped_for == arm.stop_reason.text != ""
+    arm.acknowledge()
+    assert (arm.stop_reason, arm.stopped_for) == (None, "")
+
+
+def test_a_signal_before_the_first_goal_keeps_its_kind(arm, monkeypatch):
+    ready = arm._servos._ready
+
+    def interrupted(speed_rad_s):
+        signal.raise_signal(signal.SIGTERM)
+        ready(speed_rad_s)
+
+    monkeypatch.setattr(arm._servos, "_ready", interrupted)
+    with pytest.raises(SystemExit):
+        arm.move_joints({"shoulder_pan": 0.8})
+    assert arm.stop_reason.kind is StopKind.TERMINATED
+
+
+def test_a_stop_of_the_program_that_says_what_a_cancelled_motion_says_is_not_forgotten(arm):
+    arm.stop(CANCELLED.text)
+    motion = arm.move_joints({"shoulder_pan": 0.8}, wait=False)
+    motion.cancel()
+    motion.join()
+    assert arm.stop_reason.kind is StopKind.PROGRAM
+
+
+def test_the_first_reason_of_a_request_stays_and_every_request_counts():
+    request = StopRequest()
+    assert not request
+    request.set(CTRL_C, signal=2)
+    request.set(StopReason(StopKind.PROGRAM, "enough"))
+    assert (request.reason, request.signal, request.times) == (CTRL_C, 2, 2)
+    with pytest.raises(StoppedError, match="torque stays on"):
+        request.raise_if_set()
+    request.raise_if_without_braking()
+    request.clear()
+    request.raise_if_set()
+    assert (request.reason, request.signal, request.times) == (None, 0, 0)
+
+
+def test_a_request_without_braking_says_its_own_hint():
+    request = StopRequest()
+    request.set_without_braking(StopReason(StopKind.CLOSED, "closed"), "Open it again.")
+    with pytest.raises(StoppedError, match="closed") as caught:
+        request.raise_if_without_braking()
+    assert caught.value.hint == "Open it again."
+
+
+@pytest.mark.parametrize(
+    ("text", "headline"), [("", "no reason was given"), ("heat\nof the elbow", "heat")]
+)
+def test_the_headline_is_one_line(text, headline):
+    assert StopReason(StopKind.FAULT, text).headline == headline
