@@ -82,8 +82,6 @@ class Servos(StreamedServos):
         """
         torque = ask_all(self._bus, self._ids, Role.TORQUE_ENABLE)
         self.torque.enabling(was_on=all(torque.values()))
-        if self._cycle_time_s is None:
-            self.measure_cycle_time_s()
         for fence in self.fences:
             grips = fence.joint == self._gripper and torque[fence.servo_id] != 0
             patiently(self.clock, partial(self._prepare, fence, grips=grips))
@@ -97,6 +95,8 @@ class Servos(StreamedServos):
             patiently(self.clock, switch_on)
         if not all(torque.values()):
             self._catch(start)
+        if self._cycle_time_s is None:  # not before: a limp arm would sink meanwhile
+            self.measure_cycle_time_s()
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
         health = Health(self._health, self._supply_v(names))
         self._round = HealthRound(self._bus, names, self._limits, health, self._warn)
