@@ -1,0 +1,70 @@
+"""A calibration file and the servos on the line, held against each other."""
+
+import pytest
+
+from ikservo.calibration.in_servos.compare import contradictions_with, refuse
+from ikservo.calibration.in_servos.memory import ServoFacts
+from ikservo.errors import CalibrationError
+from ikservo.registers import MODELS
+from tests.calibration.written import STS, X, calibration_of, joint
+
+
+def facts(servo_id, model="STS3215", **held):
+    known = X if model == "XM430-W350" else STS
+    return ServoFacts(servo_id, MODELS[model], "3.10", known | held)
+
+
+def said_of(found, *joints):
+    calibration = calibration_of(*joints)
+    return [str(each) for each in contradictions_with(calibration, {f.id: f for f in found})]
+
+
+def test_nothing_is_said_of_servos_that_hold_what_the_file_says():
+    assert said_of([facts(1), facts(2)], joint(), joint("wrist", 2)) == []
+
+
+def test_a_register_that_was_changed_is_told_with_both_values():
+    assert said_of([facts(1, homing_offset=7)], joint()) == [
+        "homing_offset of elbow (id 1) is 7 in the servo and 0 in the calibration"
+    ]
+
+
+def test_a_servo_that_the_arm_does_not_have_is_told():
+    (said,) = contradictions_with(calibration_of(joint()), {})
+    assert (said.joint, said.register, said.filed, said.found) == (
+        "elbow", "id", "1", "not this arm's",
+    )  # fmt: skip
+
+
+def test_of_a_servo_of_another_model_the_model_alone_is_told():
+    assert said_of([facts(1, "STS3250", homing_offset=7)], joint()) == [
+        "model of elbow (id 1) is STS3250 in the servo and STS3215 in the calibration"
+    ]
+
+
+def test_a_register_that_was_not_read_is_unknown():
+    bare = ServoFacts(1, MODELS["STS3215"], "", {k: v for k, v in STS.items() if k != "phase"})
+    assert said_of([bare], joint()) == [
+        "phase of elbow (id 1) is unknown in the servo and 12 in the calibration"
+    ]
+
+
+@pytest.mark.parametrize(("drive_mode", "told"), [(4, False), (1, True), (5, True)])
+def test_bits_that_do_not_change_the_count_are_no_contradiction(drive_mode, told):
+    found = facts(1, "XM430-W350", drive_mode=drive_mode)
+    assert bool(said_of([found], joint(model="XM430-W350"))) is told
+
+
+def test_servos_that_agree_are_not_refused():
+    refuse([])
+
+
+@pytest.mark.parametrize(("count", "rest"), [(1, "."), (2, ", and 1 more."), (4, ", and 3 more.")])
+def test_the_first_contradiction_is_told_and_the_others_are_counted(count, rest):
+    joints = [joint(f"j{i}", i) for i in range(1, count + 1)]
+    found = {i: facts(i, homing_offset=9) for i in range(1, count + 1)}
+    with pytest.raises(CalibrationError) as caught:
+        refuse(contradictions_with(calibration_of(*joints), found))
+    first = "homing_offset of j1 (id 1) is 9 in the servo and 0 in the calibration"
+    assert caught.value.message == first + rest
+    assert "ikservo calibration push" in caught.value.hint

@@ -1,0 +1,72 @@
+"""What is being written into servos is on disk before, and believed whole or not at all."""
+
+import pytest
+from pydantic import ValidationError
+
+from ikservo.calibration.in_servos.journal import Change, Journal, journal_text, read_journal
+from ikservo.errors import FileFormatError
+from ikservo.files.guarded import with_checksum
+from ikservo.files.toml import LARGEST_BYTES
+
+LONGEST = "e" * 64
+
+
+def change(servo_id=1, register="homing_offset"):
+    return Change.model_validate({"id": servo_id, "old": {register: 0}, "new": {register: 7}})
+
+
+def journal(*changes, old_text="", new_text="[arm]"):
+    return Journal(
+        format=1, path="so101.toml", old_text=old_text, new_text=new_text, changes=changes
+    )
+
+
+def test_a_journal_is_read_as_it_was_written(tmp_path):
+    path, written = tmp_path / "journal.toml", journal(change(0), change(252, LONGEST))
+    path.write_text(journal_text(written))
+    assert read_journal(path) == written
+
+
+def test_where_nothing_is_being_written_there_is_no_journal(tmp_path):
+    assert read_journal(tmp_path / "journal.toml") is None
+
+
+def test_a_journal_holds_two_calibrations_of_the_largest_size(tmp_path):
+    path, whole = tmp_path / "journal.toml", "#" * LARGEST_BYTES
+    written = journal(change(), old_text=whole, new_text=whole)
+    path.write_text(journal_text(written))
+    assert read_journal(path) == written
+
+
+def test_a_journal_cannot_be_changed():
+    with pytest.raises(ValidationError):
+        journal(change()).changes[0].id = 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        ("id = 1", "id = 253", "changes[0].id"),
+        ("id = 1", "id = -1", "changes[0].id"),
+        ("homing_offset = 7", 'homing_offset = "7"', "changes[0].new"),
+        ("homing_offset = 7", f"{LONGEST}e = 7", "changes[0].new"),
+        ("format = 1", "format = 2", "format"),
+        ("new_text", "newest_text", "newest_text"),
+    ],
+)
+def test_a_spoiled_value_is_named(tmp_path, old, new, where):
+    path = tmp_path / "journal.toml"
+    body = journal_text(journal(change())).partition("\n")[2]
+    assert old in body
+    path.write_text(with_checksum(body.replace(old, new)))
+    with pytest.raises(FileFormatError) as caught:
+        read_journal(path)
+    assert where in caught.value.where
+
+
+def test_a_journal_that_was_cut_short_says_how_to_go_on(tmp_path):
+    path = tmp_path / "journal.toml"
+    path.write_text(journal_text(journal(change()))[:-5])
+    with pytest.raises(FileFormatError, match="cut short") as caught:
+        read_journal(path)
+    assert "ikservo calibration diff" in caught.value.expected
