@@ -87,6 +87,12 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ("kinematics.conditioning", "_LONGEST_STEP_RAD = 0.3", "number"): _TUNING,
     ("kinematics.conditioning", "_ASIDE_RAD = 0.7", "number"): _TUNING,
     ("kinematics.conditioning", "_TINY = 1e-300", "number"): _NO_ZERO,
+    (
+        "calibration.in_servos.journal",
+        "tables = parse_toml(path, guarded(path, read_text(path, 4 * LARGEST_BYTES)))",
+        "number",
+    ): "two calibrations and a header fit into any of them",
+    ("kinematics.packing", "WIDTH = 16", "16 -> 17"): _ROOM,
 }
 """(module, line as it stands in the file, what the mutant does, or ``number`` for every number of
 the line that is changed a little): why it is the same."""

@@ -1,0 +1,137 @@
+"""What a servo's memory should hold for a calibration, register by register."""
+
+import pytest
+
+from ikservo.calibration.in_servos.memory import (
+    ServoFacts,
+    counts_alike,
+    counts_on,
+    differs,
+    held_registers,
+    wanted_memory,
+)
+from ikservo.calibration.sweeping.homing import Homing
+from ikservo.registers import MODELS
+from tests.calibration.written import SCS, STS, X
+
+STAYS = Homing(0, False, 0)
+
+
+def facts(model="STS3215", **held):
+    known = {"STS3215": STS, "XM430-W350": X, "SCS15": SCS}[model]
+    return ServoFacts(1, MODELS[model], "", known | held)
+
+
+@pytest.mark.parametrize(
+    ("mode", "offset", "in_force"),
+    [(3, 1024, 1024), (3, 1025, 0), (3, -1024, -1024), (3, -1025, 0), (4, 5000, 5000)],
+)
+def test_a_dynamixel_in_position_mode_ignores_a_large_offset(mode, offset, in_force):
+    found = facts("XM430-W350", operating_mode=mode, homing_offset=offset)
+    assert found.offset == in_force
+
+
+def test_an_sts_obeys_any_offset_and_a_servo_without_one_has_none():
+    assert facts(operating_mode=3, homing_offset=2000).offset == 2000
+    assert facts("SCS15").offset == 0
+
+
+@pytest.mark.parametrize(
+    ("mode", "on"), [(3, False), (4, True), (5, True), (0, False), (16, False)]
+)
+def test_two_modes_of_a_dynamixel_count_on_over_a_turn(mode, on):
+    assert facts("XM430-W350", operating_mode=mode).counts_on is on
+    assert counts_on(X | {"operating_mode": mode}) is on
+
+
+def test_an_sts_never_counts_on():
+    assert not facts(operating_mode=4).counts_on
+    assert not counts_on(SCS)
+
+
+@pytest.mark.parametrize(
+    ("model", "held", "alike"),
+    [
+        ("STS3215", {}, True),
+        ("STS3215", {"operating_mode": 1}, False),
+        ("STS3215", {"phase": 12 | 0b1000_0000}, False),
+        ("STS3215", {"phase": 12 | 0b0001_0000}, False),
+        ("STS3215", {"phase": 12 | 0b0000_0001}, False),
+        ("STS3215", {"phase": 0}, True),
+        ("XM430-W350", {"operating_mode": 3}, True),
+        ("XM430-W350", {"operating_mode": 4}, True),
+        ("XM430-W350", {"operating_mode": 5}, True),
+        ("XM430-W350", {"operating_mode": 1}, False),
+        ("XM430-W350", {"drive_mode": 1}, False),
+        ("XM430-W350", {"drive_mode": 4}, True),
+        ("XM430-W350", {"homing_offset": 1025}, False),
+        ("SCS15", {"min_position_limit": 5}, True),
+    ],
+)
+def test_servos_count_alike_in_one_direction_with_offsets_in_force(model, held, alike):
+    filed = {"STS3215": STS, "XM430-W350": X, "SCS15": SCS}[model]
+    assert counts_alike(facts(model, **held), filed) is alike
+
+
+def test_a_direction_that_the_file_does_not_tell_is_not_compared():
+    filed = {name: number for name, number in STS.items() if name != "phase"}
+    assert counts_alike(facts(phase=255), filed)
+
+
+@pytest.mark.parametrize(
+    ("register", "one", "other", "told"),
+    [("phase", 0, 0b0110_1110, False), ("phase", 0, 0b1000_0000, True), ("phase", 1, 0, True),
+     ("drive_mode", 4, 8, False), ("drive_mode", 4, 5, True), ("homing_offset", 0, 1, True),
+     ("homing_offset", -3, -3, False)],
+)  # fmt: skip
+def test_only_bits_that_turn_the_count_make_a_difference(register, one, other, told):
+    assert differs(register, one, other) is told
+
+
+@pytest.mark.parametrize("model", ["STS3215", "XM430-W350", "SCS15"])
+def test_a_calibration_rests_on_the_registers_that_a_file_holds(model):
+    names = {register.name for register in held_registers(MODELS[model])}
+    assert names == facts(model).held.keys()
+
+
+def test_what_is_right_stays_as_it_is():
+    assert wanted_memory(facts(), STAYS, None) == STS
+    assert wanted_memory(facts("XM430-W350"), STAYS, None) == X
+    assert wanted_memory(facts("SCS15"), STAYS, None) == SCS
+
+
+def test_an_sts_is_put_into_position_mode_and_counts_one_turn():
+    wanted = wanted_memory(facts(operating_mode=3, phase=0b0001_1100), STAYS, None)
+    assert (wanted["operating_mode"], wanted["phase"]) == (0, 0b0000_1100)
+
+
+@pytest.mark.parametrize(
+    ("mode", "extended", "wanted"), [(3, False, 3), (3, True, 4), (4, False, 3), (1, True, 4),
+                                     (5, False, 5), (5, True, 5)]
+)  # fmt: skip
+def test_a_dynamixel_counts_on_where_it_must_and_a_gripper_stays_soft(mode, extended, wanted):
+    found = facts("XM430-W350", operating_mode=mode)
+    assert wanted_memory(found, Homing(0, extended, 0), None)["operating_mode"] == wanted
+
+
+@pytest.mark.parametrize("model", ["STS3215", "XM430-W350"])
+def test_limits_that_would_mean_other_places_are_opened(model):
+    found = facts(model, min_position_limit=500, max_position_limit=3000)
+    assert wanted_memory(found, STAYS, None)["min_position_limit"] == 500
+    moved = wanted_memory(found, Homing(9, False, -9), None)
+    assert moved["homing_offset"] == 9
+    assert (moved["min_position_limit"], moved["max_position_limit"]) == (0, 4095)
+
+
+def test_limits_of_zero_mean_none_and_are_opened():
+    unset = wanted_memory(facts(min_position_limit=0, max_position_limit=0), STAYS, None)
+    assert (unset["min_position_limit"], unset["max_position_limit"]) == (0, 4095)
+
+
+@pytest.mark.parametrize(
+    ("limits", "written"),
+    [((100, 3900), (100, 3900)), ((-5, 5000), (0, 4095)), ((4095, 4096), (4094, 4095))],
+)
+def test_limits_are_written_as_far_as_their_registers_go(limits, written):
+    wanted = wanted_memory(facts(), STAYS, limits)
+    assert (wanted["min_position_limit"], wanted["max_position_limit"]) == written
