@@ -1,0 +1,94 @@
+"""When an answer's moment has come, to the tick of the clock."""
+
+import pytest
+
+from ikservo.calibration.sweeping.answers import Script, read_script
+from ikservo.calibration.sweeping.sweep import Stage
+from ikservo.errors import CalibrationError, FileFormatError
+from tests.calibration.test_sweep import Hand, subject
+
+
+def swept(up=1000, down=2000):
+    """Return a hand that has swept one joint of 3 rad, 1956 ticks, over so many ticks."""
+    return Hand(subject()).rest().accept().move(up).move(-down)
+
+
+def answered_at(hand, script, until_s=70.0):
+    """Return the seconds until the script answers, and the answer."""
+    began_s = hand.at_s
+    while hand.at_s - began_s < until_s:
+        word = script.answer(hand.wizard, hand.at_s)
+        if word is not None:
+            return hand.at_s - began_s, word
+        hand.read()
+    return None
+
+
+def test_the_pose_is_taken_as_soon_as_the_arm_is_still():
+    hand = Hand(subject()).read()
+    assert answered_at(hand, Script()) == (pytest.approx(0.5, abs=0.05), "accept")
+
+
+def test_a_whole_sweep_is_accepted_after_a_second_without_news():
+    assert answered_at(swept(), Script()) == (pytest.approx(1.0, abs=0.03), "accept")
+
+
+def test_a_narrow_sweep_is_accepted_after_four_seconds_without_news():
+    assert answered_at(swept(500, 1000), Script()) == (pytest.approx(4.0, abs=0.03), "accept")
+
+
+def test_news_begin_the_wait_anew():
+    hand, script = swept(), Script()
+    assert answered_at(hand, script, until_s=0.8) is None
+    hand.move(-200)
+    assert answered_at(hand, script)[0] == pytest.approx(1.0, abs=0.03)
+
+
+def test_what_is_no_accept_waits_for_the_sweep_and_no_longer():
+    script = Script(["skip elbow", "accept"])
+    hand = Hand(subject()).rest()
+    assert script.answer(hand.wizard, hand.at_s) is None
+    hand.accept().read()
+    assert script.answer(hand.wizard, hand.at_s) == "skip elbow"
+
+
+def test_at_the_review_an_accept_need_not_wait():
+    hand = swept().accept()
+    assert hand.wizard.stage is Stage.REVIEW
+    assert answered_at(hand, Script())[0] == 0.0
+
+
+def test_each_answer_is_waited_for_on_its_own():
+    hand, script = Hand(subject("a", 1), subject("b", 2)).rest().accept(), Script(["skip a"])
+    assert answered_at(hand, script) == (0.0, "skip a")
+    hand.say("skip a")
+    began_s = hand.at_s
+    with pytest.raises(CalibrationError, match="script ended"):
+        answered_at(hand, script)
+    assert hand.at_s - began_s == pytest.approx(60.0, abs=0.05)
+
+
+def trembling(hand, script):
+    """Let a hand tremble by ten ticks while a script waits."""
+    for k in range(5000):
+        script.answer(hand.wizard, hand.at_s)
+        hand.ticks[1] = 100 + 10 * (k % 2)
+        hand.read()
+
+
+def test_an_arm_that_is_never_still_ends_in_a_clear_message():
+    hand = Hand(subject()).read()
+    with pytest.raises(CalibrationError, match="not held still"):
+        trembling(hand, Script())
+    assert hand.at_s == pytest.approx(60.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"), [("jump\n", 1), ("accept\n# a remark\n\nagian elbow\n", 4)]
+)
+def test_a_slip_in_a_script_is_named_with_its_line(tmp_path, text, line):
+    path = tmp_path / "script"
+    path.write_text(text)
+    with pytest.raises(FileFormatError) as caught:
+        read_script(path)
+    assert caught.value.where == f"line {line}"

@@ -1,0 +1,87 @@
+"""What a conversation found out of one joint, in ticks and in rad."""
+
+import math
+
+import pytest
+
+from ikservo.calibration import JointMap, Limits
+from ikservo.calibration.sweeping.homing import Travel
+from ikservo.calibration.sweeping.measured import Measured, measure
+from ikservo.errors import CalibrationError
+from tests.calibration.test_sweep import Hand, subject
+
+TURN = 4096
+EXPECTED = Limits.of("elbow", -1.0, 1.0, "arm file")
+
+
+def measured(sign=1, low=1024, high=3072, swept="by hand"):
+    return Measured(JointMap.revolute("elbow", 1, sign, 2048, TURN), Travel(low, high), swept)
+
+
+def test_counting_from_further_on_moves_zero_and_travel_alike():
+    moved = measured().shifted(100)
+    assert (moved.joint_map.zero_tick, moved.travel) == (1948, Travel(924, 2972))
+    assert moved.ends(0.0) == pytest.approx(measured().ends(0.0))
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_limits_lie_a_margin_inside_both_ends(sign):
+    quarter = math.pi / 2
+    assert measured(sign).ends(0.0) == pytest.approx((-quarter, quarter))
+    assert measured(sign).ends(0.1) == pytest.approx((-quarter + 0.1, quarter - 0.1))
+    lopsided = measured(sign, low=2048).ends(0.1)
+    assert lopsided == pytest.approx((0.1, quarter - 0.1) if sign > 0 else (0.1 - quarter, -0.1))
+
+
+def test_what_nobody_swept_has_no_ends_and_keeps_the_arm_files_limits():
+    unswept = measured(swept="not swept")
+    assert unswept.ends(0.1) is None
+    assert unswept.limits(EXPECTED, 0.1, None) == EXPECTED
+
+
+def test_the_narrowest_of_sweep_arm_file_and_person_binds():
+    found = measured(low=1536).limits(EXPECTED, 0.0, Limits.of("elbow", -2.0, 0.5, "user"))
+    assert (found.lower.value, found.lower.source) == (pytest.approx(-math.pi / 4), "hand sweep")
+    assert (found.upper.value, found.upper.source) == (0.5, "user")
+    found = measured().limits(EXPECTED, 0.0, None)
+    assert (found.lower.value, found.upper.value) == (-1.0, 1.0)
+
+
+def known(low, high, anchor):
+    """Measure a joint with a travel known before, held in its pose at a tick."""
+    hand = Hand(subject(known=Travel(low, high)), start=anchor).rest().accept()
+    return measure(hand.wizard, hand.wizard.subjects[0])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "anchor", "travel"),
+    [
+        (1000, 3000, 1500, (1000, 3000)),
+        (3500, 4500, 100, (-596, 404)),
+        (1000, 3000, 999, (1000, 3000)),
+        (1000, 3000, 3001, (1000, 3000)),
+    ],
+)
+def test_a_travel_known_before_is_counted_in_the_turn_of_the_pose(low, high, anchor, travel):
+    found = known(low, high, anchor)
+    assert (found.travel, found.swept) == (Travel(*travel), "by LeRobot")
+
+
+@pytest.mark.parametrize("anchor", [998, 3002])
+def test_a_pose_outside_of_the_travel_known_before_is_refused(anchor):
+    with pytest.raises(CalibrationError, match="elbow: the anchor pose is outside"):
+        known(1000, 3000, anchor)
+
+
+def test_a_joint_that_was_swept_has_gone_where_it_was_seen():
+    hand = Hand(subject()).rest().accept().move(900).move(-1900)
+    found = measure(hand.wizard, hand.wizard.subjects[0])
+    assert (found.travel, found.swept) == (Travel(-900, 1000), "by hand")
+
+
+@pytest.mark.parametrize("word", ["skip elbow", "free elbow"])
+def test_a_joint_that_is_skipped_or_free_keeps_the_arm_files_travel(word):
+    hand = Hand(subject()).rest().accept().move(900).say(word)
+    found = measure(hand.wizard, hand.wizard.subjects[0])
+    assert found.swept == "not swept"
+    assert found.travel.width == pytest.approx(3.0 / math.tau * TURN, abs=2)
