@@ -75,6 +75,15 @@ def test_what_follows_a_joint_narrows_its_limits():
     np.testing.assert_allclose([chain.lower_rad[0], chain.upper_rad[0]], [-0.4, 0.25])
 
 
+def test_a_follower_of_which_no_more_is_said_goes_along_one_to_one():
+    joints = [
+        joint("a", JointKind.REVOLUTE, "base", "l1"),
+        joint("b", JointKind.REVOLUTE, "l1", "tip", mimic=Mimic("a")),
+    ]
+    turned = Chain.from_joints(joints, "base", "tip").forward([0.3])
+    assert math.atan2(turned[1, 0], turned[0, 0]) == pytest.approx(0.6)
+
+
 def test_a_follower_that_leaves_its_leader_no_value_is_refused():
     with pytest.raises(InputError, match="a has no value"):
         follower(3.0, 4.0, 1.0)
