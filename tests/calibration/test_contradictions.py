@@ -6,9 +6,9 @@ from ikservo.calibration.filing.contradictions import contradictions
 from tests.calibration.written import FAMILIES, GEOMETRY, calibration_of, joint
 
 
-def said_of(*joints, geometry=None):
+def said_of(*joints, **more):
     """Return what is said of a file of such joints, by place."""
-    calibration = calibration_of(*joints, geometry=geometry)
+    calibration = calibration_of(*joints, **more)
     return {c.location: (c.found, c.expected) for c in contradictions(calibration)}
 
 
@@ -16,6 +16,28 @@ def said_of(*joints, geometry=None):
 def test_nothing_is_said_of_a_joint_in_order(model):
     travel = [100, 900] if model == "SCS15" else [1000, 3000]
     assert said_of(joint(model=model, travel_ticks=travel)) == {}
+
+
+def test_times_without_an_offset_are_told():
+    naive = "2026-11-02T14:03:22"
+    said = said_of(joint(), written=naive, geometry=GEOMETRY | {"touched": naive})
+    assert {place: found for place, (found, _) in said.items()} == {
+        ("written",): "has no offset", ("geometry", "touched"): "has no offset",
+    }  # fmt: skip
+
+
+def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_told():
+    held = joint(holds={"homing_ofset": 0})
+    del held["servo"]["holds"]["homing_offset"]
+    place = ("joints", 0, "servo", "holds")
+    assert said_of(held) == {
+        (*place, "homing_ofset"): ("is no register", "one of STS3215"),
+        (*place, "homing_offset"): ("is missing", "what the servo held"),
+    }
+
+
+def test_of_a_joint_with_an_unknown_model_only_that_is_told():
+    assert [*said_of(joint(model="STS9999"))] == [("joints", 0, "servo", "model")]
 
 
 def test_an_origin_that_a_touch_off_moved_twice_is_told():

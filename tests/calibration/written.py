@@ -25,12 +25,12 @@ def joint(name="elbow", servo_id=1, model="STS3215", holds=None, **changes):
             "lower_deg": -80.0, "upper_deg": 80.0, "servo": servo} | changes  # fmt: skip
 
 
-def calibration_of(*joints, geometry=None):
+def calibration_of(*joints, geometry=None, written=WHEN):
     """Return the calibration of an arm with such joints, of the first one's family."""
     family = FAMILIES.get(joints[0]["servo"]["model"], ("feetech_sts",))[0]
     return Calibration.model_validate_json(
         Calibration.model_construct(
-            format=1, arm="so101", written=WHEN, tool_version="1", usb_serial_number="",
+            format=1, arm="so101", written=written, tool_version="1", usb_serial_number="",
             family=family, anchor_pose="home", margin_deg=2.0, joints=joints, geometry=geometry,
         ).model_dump_json(warnings=False)
     )  # fmt: skip
