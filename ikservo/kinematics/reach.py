@@ -49,8 +49,7 @@ class Reach:
         reach_m, length_m = np.zeros(self._chain.dof), self._size_m.get(link, 0.0)
         for step in reversed(steps):
             slides = step.joint.kind is JointKind.PRISMATIC
-            if step.scale:
-                reach_m[step.column] += abs(step.scale) * (1.0 if slides else length_m)
+            reach_m[step.column] += abs(step.scale) * (1.0 if slides else length_m)
             length_m += float(np.linalg.norm(step.joint.origin[:3, 3]))
             length_m += self._travel_m(step) if slides else 0.0
         return reach_m

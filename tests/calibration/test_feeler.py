@@ -56,3 +56,53 @@ def test_how_loud_is_loud_depends_on_how_hard_it_may_press():
 def test_a_trembling_of_a_tick_is_standing():
     trembling = [(0.02 * k, math.tau / 4096 * (k % 2), AHEAD, LOUD) for k in range(20)]
     assert after(trembling) is Touch.STOP
+
+
+def looks(*rows, most_percent=64.0):
+    """Return a feeler after looks (s, rad) at a joint that presses with half of what it may."""
+    feeler = Feeler(most_percent)
+    for at_s, at_rad in rows:
+        feeler = feeler.felt(at_s, at_rad, at_rad + AHEAD, 32.0)
+    return feeler
+
+
+@pytest.mark.parametrize(("last_s", "touch"), [(5.25, Touch.STOP), (5.24, Touch.MOVING)])
+def test_the_quarter_of_a_second_begins_where_it_last_moved(last_s, touch):
+    assert looks((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).touch is touch
+
+
+def test_a_first_look_decides_nothing():
+    assert not Feeler(30.0).suspects(7.0, 0.0, 1.0)
+    assert looks((7.0, 0.0)).touch is Touch.MOVING
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("step_rad", "stands"), [(0.00401, False), (0.004, True), (0.0039, True)])
+def test_less_than_three_ticks_are_no_motion(way, step_rad, stands):
+    seen = looks((0.0, 0.0), (0.25, way * step_rad))
+    assert (seen.touch is Touch.STOP) is stands
+    assert looks((0.0, 1.0), (0.25, 1.0 + way * 0.01)).at_rad == 1.0 + way * 0.01
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("behind_rad", "stop"), [(0.045, True), (0.0449, False)])
+def test_it_must_be_so_far_behind_its_goal(way, behind_rad, stop):
+    feeler = Feeler(64.0).felt(0.0, 0.0, 0.0, 0.0).felt(0.25, 0.0, way * behind_rad, 32.0)
+    assert (feeler.touch is Touch.STOP) is stop
+
+
+def test_behind_is_counted_from_where_it_stands():
+    feeler = Feeler(64.0).felt(0.0, 1.0, 1.02, 32.0).felt(0.25, 1.0, 1.02, 32.0)
+    assert feeler.touch is Touch.MOVING
+
+
+@pytest.mark.parametrize(("load", "stop"), [(25.6, True), (25.5, False), (-25.6, True)])
+def test_two_fifths_of_what_it_may_press_are_loud(load, stop):
+    feeler = Feeler(64.0).felt(0.0, 0.0, 1.0, load).felt(0.25, 0.0, 1.0, load)
+    assert (feeler.touch is Touch.STOP) is stop
+
+
+@pytest.mark.parametrize(("stood_s", "touch"), [(1.5, Touch.SLACK), (1.49, Touch.MOVING)])
+def test_a_joint_that_stands_a_second_and_a_half_without_pressing_is_slack(stood_s, touch):
+    feeler = Feeler(64.0).felt(4.0, 0.0, 1.0, 0.0).felt(4.0 + stood_s, 0.0, 1.0, 0.0)
+    assert feeler.touch is touch

@@ -20,6 +20,10 @@ def test_the_offset_is_added_by_one_family_and_taken_off_by_the_other(family, ba
     assert bare_tick(family, 2050, 2146 if family is STS else -1950, MAGNET) == bare
 
 
+def test_a_potentiometer_beyond_its_end_is_not_wrapped():
+    assert bare_tick(Family.FEETECH_SCS, 1030, 0, POTENTIOMETER) == 1030
+
+
 @pytest.mark.parametrize(
     ("low", "high", "kept"),
     [
@@ -55,6 +59,7 @@ def test_an_sts_travel_across_the_seam_is_put_in_the_middle_of_the_count():
 
 def test_an_sts_offset_that_its_register_cannot_hold_is_not_kept():
     assert homing_of(STS, 500, 3000, offset=2048).offset != 2048
+    assert homing_of(STS, 3000, 5000, offset=-2048).offset != -2048
     assert homing_of(STS, 2600, 5600, offset=2047).offset == 2047
 
 
@@ -100,7 +105,7 @@ def test_a_servo_that_cannot_shift_its_count_uses_all_of_its_sensor(low, high):
     assert found == Homing(0, False, 0)
 
 
-@pytest.mark.parametrize(("low", "high"), [(-1, 500), (524, 1024)])
+@pytest.mark.parametrize(("low", "high"), [(-1, 500), (-500, -400), (524, 1024)])
 def test_a_servo_that_cannot_shift_its_count_refuses_what_its_sensor_does_not_see(low, high):
     with pytest.raises(CalibrationError, match="wrap-around"):
         homing_of(Family.DYNAMIXEL_1, low, high, encoder=POTENTIOMETER)

@@ -82,7 +82,7 @@ def test_a_direction_that_the_file_does_not_tell_is_not_compared():
     ("register", "one", "other", "told"),
     [("phase", 0, 0b0110_1110, False), ("phase", 0, 0b1000_0000, True), ("phase", 1, 0, True),
      ("drive_mode", 4, 8, False), ("drive_mode", 4, 5, True), ("homing_offset", 0, 1, True),
-     ("homing_offset", -3, -3, False)],
+     ("homing_offset", 0, 2, True), ("homing_offset", -3, -3, False)],
 )  # fmt: skip
 def test_only_bits_that_turn_the_count_make_a_difference(register, one, other, told):
     assert differs(register, one, other) is told
@@ -101,8 +101,8 @@ def test_what_is_right_stays_as_it_is():
 
 
 def test_an_sts_is_put_into_position_mode_and_counts_one_turn():
-    wanted = wanted_memory(facts(operating_mode=3, phase=0b0001_1100), STAYS, None)
-    assert (wanted["operating_mode"], wanted["phase"]) == (0, 0b0000_1100)
+    wanted = wanted_memory(facts(operating_mode=3, phase=0b0001_1101), STAYS, None)
+    assert (wanted["operating_mode"], wanted["phase"]) == (0, 0b0000_1101)
 
 
 @pytest.mark.parametrize(
@@ -121,6 +121,12 @@ def test_limits_that_would_mean_other_places_are_opened(model):
     moved = wanted_memory(found, Homing(9, False, -9), None)
     assert moved["homing_offset"] == 9
     assert (moved["min_position_limit"], moved["max_position_limit"]) == (0, 4095)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 3000), (500, 0)])
+def test_one_limit_of_zero_is_a_limit(low, high):
+    wanted = wanted_memory(facts(min_position_limit=low, max_position_limit=high), STAYS, None)
+    assert (wanted["min_position_limit"], wanted["max_position_limit"]) == (low, high)
 
 
 def test_limits_of_zero_mean_none_and_are_opened():

@@ -19,6 +19,11 @@ def test_it_takes_half_a_second_to_be_still(until_s, still):
     assert after([(at_s, 7, 9) for at_s in times]).still() is still
 
 
+@pytest.mark.parametrize(("step_s", "still"), [(0.164, False), (0.168, True)])
+def test_the_half_second_is_counted_from_whenever_it_began(step_s, still):
+    assert after([(9.0 + step_s * k, 7, 9) for k in range(4)]).still() is still
+
+
 def test_two_readings_are_too_few():
     assert not after([(0.0, 7, 9), (0.5, 7, 9)]).still()
     assert after([(0.0, 7, 9), (0.25, 7, 9), (0.5, 7, 9)]).still()

@@ -107,6 +107,7 @@ def test_a_stretched_arm_cannot_move_along_itself():
     stretched, bent = manipulability(rows)
     assert stretched == pytest.approx(0.0, abs=1e-12)
     assert bent > 0.01
+    assert manipulability(rows[1]) == pytest.approx(bent)
 
 
 def test_the_room_to_the_nearer_limit_is_negative_outside():

@@ -74,8 +74,14 @@ def test_the_header_counts_joint_rows_and_limits():
     assert pack(crane(), "base").shape == (2 + 0 + 2, WIDTH)
 
 
+def test_joints_that_are_fixed_or_held_have_no_rows():
+    assert pack(planar(0.3, 0.2)).shape == (2 + 2 + 2, WIDTH)
+    assert pack(crane(), "lever").shape == (2 + 1 + 2, WIDTH)
+
+
 @pytest.mark.parametrize(
-    "axis", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8), (-0.95, 0.3, 0.1)]
+    "axis",
+    [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8), (-0.95, 0.3, 0.1)],
 )
 def test_the_packed_tools_z_points_along_its_axis(axis):
     axis = np.array(axis) / np.linalg.norm(axis)
@@ -98,6 +104,7 @@ def one_joint(mimic=False, **more):
 
 def test_a_first_joint_that_q_alone_turns_swings():
     assert pack(one_joint())[0, SWINGS] == 1.0
+    assert pack(crane())[0, SWINGS] == 1.0
     assert pack(one_joint(mimic=True))[0, SWINGS] == 0.0
     assert pack(one_joint(kind=JointKind.PRISMATIC))[0, SWINGS] == 0.0
     assert pack(crane(), "base")[0, SWINGS] == 0.0
@@ -117,7 +124,8 @@ def test_a_first_joint_that_follows_another_does_not_swing(multiplier, offset):
     [
         (one_joint(), 1.0),
         (one_joint(lower=-3.14, upper=3.14), 1.0),
-        (one_joint(lower=-3.13, upper=3.13), 0.0),
+        (one_joint(lower=0.0, upper=math.tau - 0.0099), 1.0),
+        (one_joint(lower=0.0, upper=math.tau - 0.0101), 0.0),
         (one_joint(lower=-3.14, upper=3.14, kind=JointKind.PRISMATIC), 0.0),
         (one_joint(lower=-3.14, upper=3.14, mimic=True), 0.0),
     ],
