@@ -26,8 +26,8 @@ __all__ = [
     "skew",
 ]
 
-# Below this angle the closed forms divide two vanishing numbers; their Taylor series to second
-# order are exact to 1e-16 there.
+# Below this angle the closed forms divide two vanishing numbers; their Taylor series as far
+# as they are written out are exact to 1e-16 there.
 _SMALL_RAD = 1e-4
 # Within this distance of pi the antisymmetric part of R vanishes and the axis must come from
 # the symmetric part.
@@ -116,7 +116,7 @@ def _rodrigues(theta: float) -> tuple[float, float, float]:
     """Return sin(θ)/θ, (1 - cos θ)/θ² and (θ - sin θ)/θ³, also at zero."""
     if theta < _SMALL_RAD:
         t2 = theta * theta
-        return 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
+        return 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0
     half = math.sin(0.5 * theta) / (0.5 * theta)
     return (
         math.sin(theta) / theta,

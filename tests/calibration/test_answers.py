@@ -37,6 +37,20 @@ def test_a_narrow_sweep_is_accepted_after_four_seconds_without_news():
     assert answered_at(swept(500, 1000), Script()) == (pytest.approx(4.0, abs=0.03), "accept")
 
 
+@pytest.mark.parametrize(("up", "down", "wait_s"), [(1000, 2000, 1.0), (500, 1000, 4.0)])
+def test_the_wait_must_be_over(up, down, wait_s):
+    wizard, script = swept(up, down).wizard, Script()
+    said = [script.answer(wizard, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
+    assert said == [None, None, "accept"]
+
+
+def test_patience_ends_after_more_than_a_minute():
+    wizard, script = Hand(subject()).rest().accept().wizard, Script()
+    assert [script.answer(wizard, at_s) for at_s in (5.0, 65.0)] == [None, None]
+    with pytest.raises(CalibrationError, match="has not been moved yet"):
+        script.answer(wizard, 65.01)
+
+
 def test_news_begin_the_wait_anew():
     hand, script = swept(), Script()
     assert answered_at(hand, script, until_s=0.8) is None

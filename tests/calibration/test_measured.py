@@ -1,6 +1,7 @@
 """What a conversation found out of one joint, in ticks and in rad."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -58,6 +59,7 @@ def known(low, high, anchor):
     [
         (1000, 3000, 1500, (1000, 3000)),
         (3500, 4500, 100, (-596, 404)),
+        (6000, 9000, 708, (-2192, 808)),
         (1000, 3000, 999, (1000, 3000)),
         (1000, 3000, 3001, (1000, 3000)),
     ],
@@ -67,10 +69,19 @@ def test_a_travel_known_before_is_counted_in_the_turn_of_the_pose(low, high, anc
     assert (found.travel, found.swept) == (Travel(*travel), "by LeRobot")
 
 
-@pytest.mark.parametrize("anchor", [998, 3002])
-def test_a_pose_outside_of_the_travel_known_before_is_refused(anchor):
+@pytest.mark.parametrize(
+    ("low", "high", "anchor"),
+    [(1000, 3000, 998), (1000, 3000, 3002), (6000, 9000, 810), (6000, 9000, 1902)],
+)
+def test_a_pose_outside_of_the_travel_known_before_is_refused(low, high, anchor):
     with pytest.raises(CalibrationError, match="elbow: the anchor pose is outside"):
-        known(1000, 3000, anchor)
+        known(low, high, anchor)
+
+
+def test_a_sensor_without_a_seam_has_been_where_it_was_seen_before():
+    potentiometer = replace(subject(known=Travel(20, 900)), turn=0)
+    hand = Hand(potentiometer, start=100).rest().accept()
+    assert measure(hand.wizard, hand.wizard.subjects[0]).travel == Travel(20, 900)
 
 
 def test_a_joint_that_was_swept_has_gone_where_it_was_seen():

@@ -20,6 +20,11 @@ def test_a_gap_in_which_a_hand_could_have_gone_the_other_way_round_loses_it(way,
     assert Track.from_here(TURN, 2000, 5.0).seen(2000 + way * 256, 5.0 + gap_s).lost is lost
 
 
+def test_it_is_counted_on_over_the_seam():
+    track = Track.from_here(TURN, 4000, 0.0).seen(100, 0.02)
+    assert (track.tick, track.low, track.high, track.lost) == (4196, 4000, 4196, False)
+
+
 @pytest.mark.parametrize("gap_s", [0.02, 60.0])
 def test_a_sensor_without_a_seam_is_never_lost(gap_s):
     track = Track.from_here(0, 10, 0.0).seen(1020, gap_s)

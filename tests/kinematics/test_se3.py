@@ -90,3 +90,12 @@ def test_the_logarithm_of_half_a_turn_has_its_axis(short_of_half_a_turn_rad):
     found = se3.log_so3(se3.exp_so3(w))
     np.testing.assert_allclose(np.abs(found), np.abs(w), rtol=1e-7)
     np.testing.assert_allclose(se3.exp_so3(found), se3.exp_so3(w), atol=1e-9)
+
+
+@pytest.mark.parametrize("angle_rad", [1e-7, 9e-5, 1.1e-4, 1e-3, 0.5, 2.0, 3.1])
+def test_a_point_that_turns_while_it_goes_on_follows_an_arc(angle_rad):
+    T = se3.exp_se3([1.0, 0.0, 0.0, 0.0, 0.0, angle_rad])
+    along, aside = math.sin(angle_rad) / angle_rad, 2.0 * math.sin(angle_rad / 2) ** 2 / angle_rad
+    # next to zero (theta - sin theta) / theta³ loses digits, which theta² makes up for
+    np.testing.assert_allclose(T[:2, 3], [along, aside], rtol=1e-13)
+    np.testing.assert_allclose(se3.log_se3(T), [1.0, 0.0, 0.0, 0.0, 0.0, angle_rad], atol=1e-9)

@@ -25,6 +25,8 @@ _ROWS = "return [[ticks[i] for _, ticks in self.seen] for i in self.seen[-1][1]]
 _MEANS = "return dict(zip(self.seen[-1][1], means, strict=True))"
 _LEAST = "wide = (rows[0].range[0], rows[1].range[1])"
 _ZERO_TICK = "return anchor_tick - self.joint_map.placed(sign, 0.0).ticks_from_zero(self.pose)"
+_WHEREVER = "ticks are counted from zero, wherever that is"
+_AMBIGUOUS = "ambiguous = other_way <= _FASTEST_TURNS_PER_S * self.turn * (at_s - self.at_s)"
 _SERIES = "where the series begins both forms agree to the last digits"
 _ROOM = "memory may be wider than what is written to it"
 _BUFFERS = "places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))"
@@ -135,18 +137,34 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ): "is not looked at before the joint has been seen",
     ("calibration.in_servos.memory", _LEAST, "0 -> 1"): "both registers begin at the same number",
     ("calibration.in_servos.memory", _LEAST, "0 -> -1"): "both registers begin at the same number",
-    ("calibration.sweeping.subject", _ZERO_TICK, "0.0 -> 1.0"): "ticks from zero, wherever that is",
+    ("calibration.sweeping.subject", _ZERO_TICK, "0.0 -> 1.0"): _WHEREVER,
     (
         "calibration.sweeping.subject",
         _ZERO_TICK,
         "0.0 -> -1.0",
-    ): "ticks from zero, wherever that is",
+    ): _WHEREVER,
     ("calibration.sweeping.stillness", _ROWS, "without USub"): _ANY_READING,
     ("calibration.sweeping.stillness", _ROWS, "1 -> 2"): _ANY_READING,
     ("calibration.sweeping.stillness", _ROWS, "1 -> 0"): _ANY_READING,
     ("calibration.sweeping.stillness", _MEANS, "without USub"): _ANY_READING,
     ("calibration.sweeping.stillness", _MEANS, "1 -> 2"): _ANY_READING,
     ("calibration.sweeping.stillness", _MEANS, "1 -> 0"): _ANY_READING,
+    (
+        "kinematics.se3",
+        "return -axis if float(axis @ axis_sin) < 0.0 else axis",
+        "Lt -> LtE",
+    ): "at exactly pi both signs are the same rotation",
+    ("calibration.sweeping.track", _AMBIGUOUS, "LtE -> Lt"): "no hand is as fast to the last bit",
+    (
+        "calibration.sweeping.answers",
+        'self._next[0] = next(self._answers, "")',
+        "0 -> -1",
+    ): "there is one next answer",
+    (
+        "calibration.sweeping.answers",
+        "_LARGEST_BYTES = 64 * 1024",
+        "number",
+    ): "any size far above that of a script",
 }
 """(module, line as it stands in the file, what the mutant does, or ``number`` for every number of
 the line that is changed a little): why it is the same."""
