@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 
+from ikservo.arm.skills.force import torque_limit_registers
 from ikservo.arm.streaming.asking import patiently
 from ikservo.errors import BusError, HeldUpError
 from ikservo.hardware.bus import ServoBus
@@ -17,7 +18,6 @@ from ikservo.registers import Family, Register, Role
 __all__ = ["LimitsInServos"]
 
 _TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
-_CURRENT_POSITION = 5  # its operating mode
 _COARSE_SPEED = 50  # ticks a second in one count, where bit 2 of a Feetech's phase is clear
 _FINE_SPEED_BIT = 0b100
 
@@ -70,7 +70,7 @@ class LimitsInServos:
         if "bus_watchdog" in registers:
             self._bus.write(servo_id, registers["bus_watchdog"], 0, raw=True)
         self._time_based[servo_id] = self._read_time_based(servo_id)
-        limit = None if keep_torque else self._read_torque_limit(servo_id)
+        limit = None if keep_torque else torque_limit_registers(self._bus, servo_id)
         if limit is not None:
             own, most = limit
             self._bus.write(servo_id, own, self._bus.read(servo_id, most, raw=True), raw=True)
@@ -192,20 +192,6 @@ class LimitsInServos:
         if mode is None:
             return False
         return self._bus.read(servo_id, mode, raw=True) & _TIME_BASED_PROFILE != 0
-
-    def _read_torque_limit(self, servo_id: int) -> tuple[Register, Register] | None:
-        """Find the RAM register that limits the torque, and the one that holds its maximum.
-
-        A Dynamixel has one only in one operating mode, which is read.
-        """
-        registers = self._registers(servo_id)
-        if "torque_limit" in registers and "max_torque" in registers:
-            return registers["torque_limit"], registers["max_torque"]
-        if "goal_current" in registers and "current_limit" in registers:
-            mode = self._bus.read(servo_id, Role.OPERATING_MODE, raw=True)
-            if mode == _CURRENT_POSITION:
-                return registers["goal_current"], registers["current_limit"]
-        return None
 
     def _registers(self, servo_id: int) -> Mapping[str, Register]:
         return self._servo(servo_id).table.registers
