@@ -171,7 +171,9 @@ def test_a_way_of_two_may_not_end_in_something():
         space_of_balls().check_way([np.array([0.5, 1.0]), np.array([0.09, 1.0])])
 
 
-@pytest.mark.parametrize(("height_m", "refused"), [(0.05, False), (0.06, False), (0.049, True)])
+@pytest.mark.parametrize(
+    ("height_m", "refused"), [(0.05, False), (0.06, False), (0.0496, False), (0.0494, True)]
+)
 def test_who_lies_on_the_floor_may_stay_or_rise_but_not_sink(height_m, refused):
     way = [np.array([0.05, 1.0]), np.array([height_m, 1.0])]
     if refused:

@@ -56,6 +56,10 @@ def _target(arm, _=None):
     return np.array(usual_target_m(arm.model.name))
 
 
+def _to_the_target(arm):
+    return lambda here, speed: arm.workings.planner.to_point(here, _target(arm), speed)
+
+
 def _wave(arm, folder):
     record_a_wave(arm.model.name, folder / "wave.jsonl")
     return folder / "wave.jsonl"
@@ -77,7 +81,7 @@ _VALUES = {
     "points_m": _points,
     "positions": _some_joints,
     "plan": lambda arm, folder: arm.plan_joints(_some_joints(arm, folder)),
-    "planning": lambda arm, _: lambda here, pace: arm.plan_joints(_some_joints(arm, _)),
+    "planning": lambda arm, _: _to_the_target(arm),
     "speed": lambda *_: "slow",
     "name": lambda *_: "home",
     "pose": lambda *_: "rest",

@@ -1,9 +1,15 @@
 """The lines that an arm can be on: the simulator in this process, and ports that stand for more."""
 
 import math
+import os
 import random
+import shutil
+import tempfile
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
+
+import pytest
 
 from ikservo.calibration.sweeping.outcome import Outcome
 from ikservo.calibration.sweeping.sweep import Wizard
@@ -67,7 +73,7 @@ def put(monkeypatch, arm, posture, kind):
     monkeypatch.setattr("ikservo.arm.care.bench.open_transport", _reopened(hidden))
     hidden.port.name = bench.port
     if kind == "real, calibrated":
-        _calibrate(_built(arm, mounted=True, weightless=True))
+        shutil.copytree(_calibrated(arm), os.environ["IKSERVO_HOME"], dirs_exist_ok=True)
     _place(hidden.world, arm, posture)
     return bench
 
@@ -121,6 +127,16 @@ def _reopened(hidden):
         return hidden.port
 
     return opened
+
+
+@cache
+def _calibrated(arm):
+    """Return the folder of a person who has calibrated an arm; each journey begins with a copy."""
+    folder = tempfile.mkdtemp()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("IKSERVO_HOME", folder)
+        _calibrate(_built(arm, mounted=True, weightless=True))
+    return folder
 
 
 def _calibrate(hidden):

@@ -1,6 +1,6 @@
 """The postures that an arm can have when it is switched on, as names and as joint positions."""
 
-import contextlib
+import itertools
 import random
 from functools import cache
 
@@ -17,6 +17,7 @@ from tests.oracle import arm_file
 SINKING_S = 3.0  # a limp arm lies still after this
 HANDS = 3  # how many random postures a hand leaves the arm in
 OUTSIDE = 0.05  # rad, or a fraction of a slide's range, beyond a limit: still before the hard stop
+TRIES = 100  # of the other joints where one is at its limit
 OFTEN = ("rest, sunk", "pose home")  # what most arms are met in
 
 
@@ -54,19 +55,41 @@ def sunk(name, joints):
 
 def _anywhere(model, chance):
     """Return joints where a hand might bring them: inside the limits, nothing touches."""
-    space = Space(body_of(model), model.floor_m)
     while True:
-        joints = {j.name: _between(j, chance.uniform(0.05, 0.95)) for j in model.joints}
-        with contextlib.suppress(RefusedError):
-            space.check_pose(np.array([joints[name] for name in model.chain.names]))
+        joints = _picked(model, chance)
+        if _free(model, joints):
             return joints
 
 
 def _at_a_limit(model, beyond):
-    """Return the pose home with the second joint at its upper limit, or beyond it."""
-    joints, limited = dict(model.pose("home")), model.joints[1]
-    joints[limited.name] = limited.limits.upper.value + (OUTSIDE if beyond else 0.0)
-    return joints
+    """Return a posture with the second joint at its upper limit, or beyond it.
+
+    The other joints are in the pose home, or elsewhere where that would be inside the table or
+    the arm itself. Where none of these postures is free the joint is at its lower limit, and where
+    the body never lets it go that far, it is a joint after it.
+    """
+    chance, past = random.Random(model.name), OUTSIDE if beyond else 0.0
+    for limited in model.joints[1:]:
+        for end in (limited.limits.upper.value + past, limited.limits.lower.value - past):
+            fixed = {limited.name: end}
+            tried = (_picked(model, chance) | fixed for _ in range(TRIES))
+            for joints in itertools.chain([dict(model.pose("home")) | fixed], tried):
+                if _free(model, joints):
+                    return joints
+    raise LookupError(f"No posture of {model.name} with a joint at its limit is free.")
+
+
+def _picked(model, chance):
+    return {j.name: _between(j, chance.uniform(0.05, 0.95)) for j in model.joints}
+
+
+def _free(model, joints):
+    space = Space(body_of(model), model.floor_m)
+    try:
+        space.check_pose(np.array([joints[name] for name in model.chain.names]))
+    except RefusedError:
+        return False
+    return True
 
 
 def _between(joint, share):

@@ -4,16 +4,15 @@ The whole matrix is a campaign; the suite runs a share of it that chance, with a
 anew for each command and arm, and the commands that people type first in full.
 """
 
-import math
 import random
 
 import pytest
 
 from ikservo.model import load_model
 from tests.cli.desk import run_words
-from tests.journeys.judging import MOVING, faults
+from tests.journeys.judging import MOVING, at_home, codes_of_command, faults, names_of, on_every_arm
 from tests.journeys.lines import LINES, put
-from tests.journeys.postures import OFTEN, joints_in, postures_of
+from tests.journeys.postures import OFTEN, postures_of
 from tests.journeys.recorded import record_a_wave
 from tests.journeys.typed import SERVERS, commands, filled, lines_of
 from tests.oracle import ARMS
@@ -52,31 +51,19 @@ def name_of(value):
     return value.split(" --")[0] if isinstance(value, str) else value
 
 
-NAMES = ("arm", "line", "posture", "kind")
-
-
-def on_every_arm(of):
-    return [(arm, *case) for arm in ARMS for case in of(arm)]
+NAMES = names_of("line")
 
 
 def judge(monkeypatch, folder, arm, line, posture, kind):
-    monkeypatch.setenv("IKSERVO_HOME", str(folder / "home"))
-    monkeypatch.setenv("COLUMNS", "80")
-    command = line.split()[0]
+    at_home(monkeypatch, folder)
+    command, model = line.split()[0], load_model(arm)
     if "wave.jsonl" in line and command != "record":
         record_a_wave(arm, folder / "wave.jsonl")
     bench = put(monkeypatch, arm, posture, kind)
     said = run_words(filled(line, arm, bench.port, folder))
-    wrong = faults(command, bench, posture, said)
-    assert not wrong, (wrong, said.err[-600:])
-
-
-@pytest.mark.parametrize("arm", ARMS)
-def test_a_limp_arm_stays_in_its_rest_pose(arm):
-    rest, lies = load_model(arm).pose("rest"), joints_in(arm, "rest, sunk")
-    slides = [joint.name for joint in load_model(arm).joints if joint.joint_map.unit == "m"]
-    sunk_rad = max(abs(lies[name] - rest[name]) for name in rest if name not in slides)
-    assert math.degrees(sunk_rad) < 5.0
+    allowed = codes_of_command(command, kind, posture, model)
+    wrong = faults(command, bench, model, said, allowed)
+    assert not wrong, (wrong, (said.out + said.err)[-900:])
 
 
 def test_each_command_has_a_line_that_a_person_would_type():

@@ -8,10 +8,9 @@ import ikservo
 from ikservo.errors import IkservoError
 from tests.cli.conftest import Said
 from tests.journeys.called import DEPRECATED, LISTENING, PLUGGED, arguments, methods
-from tests.journeys.judging import deeds, words
+from tests.journeys.judging import at_home, codes_of_method, faults, names_of, on_every_arm
 from tests.journeys.lines import LINES, put
 from tests.journeys.postures import OFTEN, postures_of
-from tests.oracle import ARMS
 
 LIKE = {"move_to": "move", "relax": "relax", "pose": "pose"}  # judged as these commands are
 
@@ -31,24 +30,16 @@ def some(arm):
     return [chance.choice(by_method[m]) for m in chance.sample(sorted(by_method), 4)]
 
 
-NAMES = ("arm", "method", "posture", "kind")
-
-
-def on_every_arm(of):
-    return [(arm, *case) for arm in ARMS for case in of(arm)]
+NAMES = names_of("method")
 
 
 def judge(monkeypatch, folder, arm, method, posture, kind):
-    monkeypatch.setenv("IKSERVO_HOME", str(folder / "home"))
+    at_home(monkeypatch, folder)
     bench = put(monkeypatch, arm, posture, kind)
     with ikservo.open_arm(arm, port=bench.port) as machine:
         said = _called(machine, method, folder)
-        allowed = _allowed(machine, method, posture)
-        wrong = list(words(said))
-        if said.code not in allowed:
-            wrong.append(f"exit code {said.code}")
-        if said.code == 0:
-            wrong += deeds(LIKE.get(method, method), bench, machine.model)
+        allowed = codes_of_method(method, posture, machine)
+        wrong = faults(LIKE.get(method, method), bench, machine.model, said, allowed)
     assert not wrong, (wrong, said.err)
 
 
@@ -58,19 +49,6 @@ def _called(machine, method, folder):
     except IkservoError as error:
         return Said(error.exit_code, "", f"{error.message}\n{error.hint}")
     return Said(0, "", "")
-
-
-def _allowed(machine, method, posture):
-    allowed = {0}
-    if method == "glimpse":  # has nothing to tell before the first motion
-        return {1}
-    if method == "gripper" and machine.model.gripper is None:
-        return {1, 2}
-    if not machine.zeros.known:
-        allowed |= {6}
-    if posture not in OFTEN and method != "relax":
-        allowed |= {8}
-    return allowed
 
 
 def test_each_method_can_be_called(tmp_path):
