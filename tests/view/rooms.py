@@ -17,8 +17,8 @@ NUMBERS = itertools.count(1)
 class Room:
     """A desk, its pilot and the visitors of a test; nothing runs but what a test lets run."""
 
-    def __init__(self):
-        self.arm = open_arm("so101", "sim:?pose=home")
+    def __init__(self, arm=None):
+        self.arm = arm or open_arm("so101", "sim:?pose=home")
         self.arm.enable()
         self.clock = line_of(self.arm) and self.arm._port.clock
         self.pilot = Pilot(lambda: self.arm, self.clock)

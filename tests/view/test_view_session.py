@@ -17,6 +17,7 @@ from ikservo.view.server.visitors import Right
 from ikservo.view.session.gestures import Gestures
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_tip_m
+from tests.arm.test_first_motion import narrowed
 from tests.view.rooms import Room
 
 
@@ -422,6 +423,18 @@ def test_an_unknown_pose_is_refused_with_the_known_ones(room):
     for name in ("nowhere", "homes"):
         with pytest.raises(BadMessageError, match="no pose"):
             room.say(said.Pose, name=name)
+
+
+@pytest.mark.parametrize(
+    ("pose", "joint", "upper_deg"), [("rest", "elbow_flex", 80.0), ("home", "wrist_flex", 57.0)]
+)
+def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_told(pose, joint, upper_deg):
+    model = narrowed("so101", **{joint: (-90.0, upper_deg)})
+    with Room(open_arm(model, f"sim:{model.path}?pose=zero")) as room:
+        room.say(said.Pose, name=pose)
+        goal = dict(zip(room.arm.where().names, room.desk._gestures.goal, strict=True))
+        assert math.degrees(goal[joint]) == pytest.approx(upper_deg, abs=0.1)
+        assert any(words.startswith(joint) for words in room.desk._gestures.complaints)
 
 
 def test_what_stands_still_is_not_sent_sixty_times_a_second(room):

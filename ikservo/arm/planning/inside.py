@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ikservo.guard import Fence
 from ikservo.kinematics.se3 import Vector
 
-__all__ = ["Inside", "brought_inside"]
+__all__ = ["Inside", "brought_inside", "posed_inside"]
 
 # A joint that hung on its end stop when a pose was taught stood this far beyond its limit at most.
 _END_STOP_RAD = math.radians(6.0)
@@ -57,6 +57,18 @@ def brought_inside(
             if joint_map.say(inside) != joint_map.say(wanted):  # less is rounding, not news
                 changed.append(_said(fence, wanted, inside))
     return Inside(positions, tuple(changed))
+
+
+def posed_inside(
+    name: str, pose: Mapping[str, float], fences: Sequence[Fence], here: Vector
+) -> Inside:
+    """Return a named pose as an arm goes to it; see ``brought_inside``.
+
+    The rest pose is brought inside the limits whatever they are: an arm must always be able to
+    come down. Another pose is where its joints lie on their end stops, just beyond a limit.
+    """
+    most_rad = math.inf if name == "rest" else _END_STOP_RAD
+    return brought_inside(pose, fences, here, most_rad)
 
 
 def _said(fence: Fence, wanted: float, inside: float) -> str:

@@ -178,7 +178,7 @@ class Desk:
         self._gestures.prefer(wanted, self._pilot.readout.measured)
 
     def _pose(self, message: said.Pose, _visitor: Visitor) -> None:
-        self._gestures.pose(message.name)
+        self._gestures.pose(message.name, self._pilot.readout.measured)
 
     def _gesture(self, message: Any, visitor: Visitor) -> None:  # noqa: ANN401
         """Hear every other message: what a pointer, a key or a stick does in the drawing."""

@@ -8,6 +8,7 @@ from collections import deque
 import numpy as np
 
 from ikservo.arm import Arm
+from ikservo.arm.planning import posed_inside
 from ikservo.errors import UnknownNameError
 from ikservo.ik import Target
 from ikservo.kinematics.se3 import Vector
@@ -136,15 +137,18 @@ class Gestures:
         self.preference = preference
         self.stamp += 1
 
-    def pose(self, name: str) -> None:
-        """Go to a named pose.
+    def pose(self, name: str, measured: Vector) -> None:
+        """Go to a named pose, inside this arm's limits, from where its joints are (n,).
 
         Raises:
             UnknownNameError: The arm has none of that name.
         """
-        positions = self._arm.model.pose(name)
+        inside = posed_inside(
+            name, self._arm.model.pose(name), self._arm.workings.servos.fences, measured
+        )
         self.forget()
-        self.goal = np.array([positions[joint] for joint in self._names])
+        self.goal = np.array([inside.positions[joint] for joint in self._names])
+        self.complaints.extend(words for words in inside.changed if words not in self.complaints)
 
     def hear(self, message: Message, sight: Sight, readout: Readout, now_s: float) -> None:
         """Take what pointer, wheel, keys or sticks say of what the person sees."""
