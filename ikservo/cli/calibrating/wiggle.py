@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ikservo.arm import Arm, Zeros
 from ikservo.arm.calibrating.confirmation import confirm, confirmed
-from ikservo.arm.calibrating.wiggling import Wiggle, expected, lift, lifting, wiggle
+from ikservo.arm.calibrating.wiggling import Wiggle, expected, lift, lifting, making_room, wiggle
 from ikservo.cli.calibrating.meeting import consent
 from ikservo.cli.output import note, print_json, print_lines
 from ikservo.cli.prompts import confirm as confirm_by_key
@@ -84,6 +84,7 @@ def _each(machine: Arm, joints: Sequence[str], *, yes: bool) -> list[Wiggle]:
     motions: list[Wiggle] = []
     names = [machine.model.joint(name).name for name in joints]
     for name in names or [joint.name for joint in machine.model.joints]:
+        _make_room(machine, name, asks=asks)
         motions.append(expected(machine, name))
         _one(machine, motions[-1], asks=asks)
     if len(motions) == len(machine.model.joints):
@@ -96,6 +97,15 @@ def _lift_clear(machine: Arm, *, asks: bool) -> None:
     motion = lifting(machine)
     if motion is not None:
         note(f"The arm lies on something: {motion.joint} moves {motion.words}, and stays there.")
+        lift(machine, motion)
+        _check_seen(machine, motion, asks=asks)
+
+
+def _make_room(machine: Arm, name: str, *, asks: bool) -> None:
+    """Let another joint make room where one would touch something on each way it may go."""
+    motion = making_room(machine, name)
+    if motion is not None:
+        note(f"{motion.joint} moves {motion.words}, and stays there: {name} needs room.")
         lift(machine, motion)
         _check_seen(machine, motion, asks=asks)
 
