@@ -8,11 +8,11 @@ from tests.journeys.typed import BY_HAND, FILED, usual_target_m
 from tests.oracle import ARMS, tip_from_joints
 
 MOVING = ("move", "joints", "jog", "gripper", "pose", "replay", "follow", "relax")
-ONE_JOINT = ("joints", "jog", "gripper", "go", "move_joints", "plan_joints", "stream")
+ONE_JOINT = ("joints", "jog", "gripper", "move_joints", "plan_joints", "stream")
 LINES_OF_TIP = ("move_line", "plan_line")
 CALM = (  # methods that neither move the arm nor plan a motion, or let it go in any case
-    "acknowledge", "close", "enable", "hold", "inside", "record", "relax", "release", "stop",
-    "teach", "where",
+    "acknowledge", "close", "enable", "hold", "inside", "record", "relax", "release",
+    "request_stop", "stop", "teach", "where",
 )  # fmt: skip
 STILL = ("rest, sunk", "pose rest")  # a limp arm stays there; from others it falls
 NEAR_M, NEAR_DEG = 0.003, 1.5
