@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError, RefusedError
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.se3 import Vector
-from ikservo.motion.joint_move import JointMove, brake
+from ikservo.motion.joint_move import JointMove, RuckigMotion, brake
 from ikservo.motion.pace import Pace
 from ikservo.motion.state import State
 
@@ -20,7 +20,7 @@ __all__ = ["Pursuit"]
 # By how much rounding may put a position outside its limits, rad or m; a tick is 10⁻³.
 _ROUNDING = 1e-7
 
-_Pieces = tuple[tuple[float, JointMove], ...]
+_Pieces = tuple[tuple[float, RuckigMotion], ...]
 
 
 class Pursuit:
@@ -164,7 +164,7 @@ class Pursuit:
                 break
         return way
 
-    def _holds(self, move: JointMove) -> bool:
+    def _holds(self, move: RuckigMotion) -> bool:
         lowest, highest = move.extent
         return bool((lowest >= self._lower).all() and (highest <= self._upper).all())
 
@@ -175,7 +175,7 @@ class Pursuit:
             )
 
 
-def _running(pieces: _Pieces, time_s: float) -> tuple[float, JointMove]:
+def _running(pieces: _Pieces, time_s: float) -> tuple[float, RuckigMotion]:
     """Return the piece that a time lies in, and when it began."""
     return next((piece for piece in reversed(pieces) if piece[0] <= time_s), pieces[0])
 
