@@ -90,8 +90,7 @@ def driven(joint: Joint, columns: Mapping[str, int], by_name: Mapping[str, Joint
     leader, scale, shift = _leader(joint, by_name)
     if leader.name in columns:
         return Step(joint, columns[leader.name], scale, shift)
-    held = 0.0 if joint.kind is JointKind.FIXED else scale * _nearest_zero(leader) + shift
-    return Step(joint, 0, 0.0, held)
+    return Step(joint, 0, 0.0, scale * _nearest_zero(leader) + shift)
 
 
 def limits_of(moving: Joint, joints: Sequence[Joint]) -> tuple[float, float]:

@@ -268,6 +268,11 @@ def test_what_an_interrupted_calibration_measured_is_never_taken_for_a_calibrati
     assert calibrations_of("so101") == []
 
 
+def test_what_was_saved_is_loaded_for_its_adapter_only(calibration, path):
+    assert load(calibration.arm, calibration.usb_serial_number) == calibration
+    assert load(calibration.arm, "another") is None
+
+
 def test_an_arm_that_was_never_calibrated_has_none():
     assert load("so101", "58FA") is None
 

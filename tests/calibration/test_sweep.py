@@ -112,6 +112,14 @@ def test_going_on_the_wrong_way_is_no_second_measurement():
     assert hand.wizard.signs == {}
 
 
+@pytest.mark.parametrize(("back", "signs"), [(343, {}), (344, {"elbow": -1})])
+def test_a_joint_is_back_within_a_third_of_what_shows_its_direction(back, signs):
+    # 15 degrees are 170.7 ticks, a third of them 56.9
+    hand = Hand(subject()).rest().accept()
+    hand.move(-400, step=1).move(back, step=1).move(-400, step=1)
+    assert hand.wizard.signs == signs
+
+
 def test_measuring_again_forgets_a_doubt():
     hand = Hand(subject()).rest().accept().move(-400).say("again elbow")
     assert not hand.wizard.repeated
@@ -336,6 +344,12 @@ def test_a_script_with_a_slip_names_its_line(tmp_path):
     path.write_text("accept\nskpi wrist_roll\n")
     with pytest.raises(FileFormatError, match="line 2"):
         read_script(path)
+
+
+def test_what_was_reviewed_can_be_saved_and_is_then_settled():
+    hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().accept()
+    assert hand.wizard.stage is Stage.SAVED
+    assert hand.say("undo").wizard.stage is Stage.SAVED
 
 
 def test_a_wizard_is_a_value():

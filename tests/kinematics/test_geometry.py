@@ -5,6 +5,7 @@ import pytest
 
 from ikservo.kinematics.geometry import Geometry, corrected, movable_origins, slopes
 from tests.calibration.hidden import load_model
+from tests.kinematics.chains import crane, planar
 from tests.oracle import ARMS
 
 STEP = 1e-6
@@ -20,6 +21,12 @@ def test_nothing_moved_is_the_same_arm():
     chain = load_model("so101").chain
     q = 0.1 * np.arange(chain.dof)
     np.testing.assert_array_equal(corrected(chain, Geometry()).forward(q), chain.forward(q))
+
+
+def test_all_moving_joints_but_the_first_can_be_moved_and_a_tool_that_is_fixed():
+    assert movable_origins(planar(0.3, 0.2, 0.1)) == ("j2", "j3", "end")
+    assert movable_origins(planar(0.3)) == ("end",)
+    assert movable_origins(crane()) == ("slide", "hook")
 
 
 def test_a_turned_base_turns_every_link():

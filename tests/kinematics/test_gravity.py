@@ -6,11 +6,12 @@ import pytest
 
 import ikservo
 from ikservo.guard.sagging import Weight, sag_of
-from ikservo.kinematics.gravity import gravity_torques
+from ikservo.kinematics.gravity import LinkMass, gravity_torques
 from ikservo.model.sag import STIFFNESS_NM_RAD, masses_of, yields_of
 from servosim.parameters import PARAMETERS
 from tests.arm.simulated import line_of
 from tests.guard.arms import body
+from tests.kinematics.chains import crane
 from tests.oracle import ARMS, CONFIGS
 
 
@@ -42,6 +43,13 @@ def test_gravity_turns_joints_as_pinocchio_says(name):
         held = pinocchio.computeGeneralizedGravity(oracle, oracle.createData(), posture)
         found = gravity_torques(model.chain, masses_of(model, model.chain), [q])[0]
         np.testing.assert_allclose(found, -held[columns], atol=1e-9)
+
+
+def test_gravity_pulls_a_slide_down_and_what_follows_it_counts_its_share():
+    # the hook sinks by half a metre for each metre of the slide, the cart stays as high
+    masses = [LinkMass("hook", 2.0, np.array([0.1, 0.2, 0.3])), LinkMass("cart", 5.0, np.zeros(3))]
+    found = gravity_torques(crane(), masses, [[0.3, 0.1], [1.0, 0.3]])
+    np.testing.assert_allclose(found, [[0.0, 0.5 * 2.0 * 9.81]] * 2, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "px100", "vx300s"])

@@ -48,6 +48,29 @@ def test_many_jacobians_are_those_of_every_q_alone():
     np.testing.assert_allclose(ARM.jacobian(Q, "l2", offset_m), one_by_one, atol=1e-15)
 
 
+def test_many_jacobians_of_slides_are_those_of_every_q_alone():
+    q = [[0.3, 0.1], [-1.0, 0.4], [0.0, 0.0]]
+    np.testing.assert_allclose(crane().jacobian(q), [crane().jacobian(each) for each in q])
+
+
+def test_what_follows_a_joint_that_is_held_stands_where_that_puts_it():
+    joints = [
+        joint("arm", JointKind.REVOLUTE, "base", "hand"),
+        joint("jaw", JointKind.PRISMATIC, "hand", "left", (0, 0, 0), (0, 1, 0), lower=0.02,
+              upper=0.05),
+        joint("other", JointKind.PRISMATIC, "hand", "right", (0, 0, 0), (0, 1, 0),
+              mimic=Mimic("jaw", -1.5, 0.01)),
+    ]  # fmt: skip
+    chain = Chain.from_joints(joints, "base", "hand")
+    assert chain.forward([0.0], "left")[1, 3] == pytest.approx(0.02)
+    assert chain.forward([0.0], "right")[1, 3] == pytest.approx(-1.5 * 0.02 + 0.01)
+
+
+def test_a_follower_may_leave_its_leader_a_single_value():
+    chain = follower(1.1, 4.0, 1.0)
+    assert (chain.lower_rad[0], chain.upper_rad[0]) == (1.0, 1.0)
+
+
 def test_the_poses_of_all_links_are_those_of_every_link_alone():
     q = [[0.3, 0.1], [-1.0, 0.4]]
     for frame, poses in crane().link_poses(q).items():

@@ -27,6 +27,9 @@ _LEAST = "wide = (rows[0].range[0], rows[1].range[1])"
 _ZERO_TICK = "return anchor_tick - self.joint_map.placed(sign, 0.0).ticks_from_zero(self.pose)"
 _WHEREVER = "ticks are counted from zero, wherever that is"
 _AMBIGUOUS = "ambiguous = other_way <= _FASTEST_TURNS_PER_S * self.turn * (at_s - self.at_s)"
+_HELD = "return Step(self.joint, 0, 0.0, value).motion(_ORIGIN)"
+_FALSE = "None is as false"
+_TYPES = "is read by type checkers only"
 _SERIES = "where the series begins both forms agree to the last digits"
 _ROOM = "memory may be wider than what is written to it"
 _BUFFERS = "places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))"
@@ -165,6 +168,44 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "_LARGEST_BYTES = 64 * 1024",
         "number",
     ): "any size far above that of a script",
+    ("kinematics.steps", "_swing_twice: Matrix = field(init=False, repr=False)", "False -> True"): (
+        "how a step is shown"
+    ),
+    (
+        "kinematics.steps",
+        "elif self.joint.kind is JointKind.PRISMATIC:",
+        "always",
+    ): "the value of a fixed joint is zero",
+    ("kinematics.steps", _HELD, "0 -> -1"): "the first of one number is the last",
+    ("kinematics.steps", _HELD, "0.0 -> 1.0"): "what it scales is zero",
+    ("kinematics.steps", _HELD, "0.0 -> -1.0"): "what it scales is zero",
+    ("kinematics.steps", "_ORIGIN = frozen(np.zeros(1))", "1 -> 2"): _ROOM,
+    (
+        "kinematics.steps",
+        "return Step(joint, 0, 0.0, scale * _nearest_zero(leader) + shift)",
+        "0 -> -1",
+    ): "a column that is scaled by zero may be any",
+    (
+        "kinematics.gravity",
+        "if step.scale:",
+        "always",
+    ): "a joint that nothing moves adds zero; it is skipped to save time",
+    (
+        "calibration.sweeping.plausibility",
+        "if min(max(above, below), abs(shift)) > _largest(subject):",
+        "Gt -> GtE",
+    ): "no joint is off by as much to the last bit",
+    (
+        "calibration.sweeping.obstacles",
+        "if TYPE_CHECKING:",
+        "never",
+    ): "is read by type checkers only",
+    ("calibration.sweeping.obstacles", "return False", "return None"): _FALSE,
+    (
+        "calibration.sweeping.obstacles",
+        "return gaps[sign] > _MIRRORED_RAD and gaps[-sign] < gaps[sign] / 3",
+        "Lt -> LtE",
+    ): "no gap is a third of the other to the last bit",
 }
 """(module, line as it stands in the file, what the mutant does, or ``number`` for every number of
 the line that is changed a little): why it is the same."""

@@ -1,0 +1,82 @@
+"""What keeps a sweep from ending, and what is told of it, at the bounds."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from ikservo.calibration.sweeping.obstacles import complete, findings, goes_round, obstacles
+from tests.calibration.test_sweep import TURN, Hand, subject
+
+
+def swept(one, up, down=0, **more):
+    """Return a wizard whose one joint was moved by so many ticks, tick for tick."""
+    hand = Hand(one, **more).rest().accept().move(up, step=1)
+    return (hand.move(-down, step=1) if down else hand).wizard
+
+
+def said_of(wizard):
+    return [complaint.message for complaint in obstacles(wizard)]
+
+
+@pytest.mark.parametrize(("ticks", "round_"), [(4073, False), (4074, True)])
+def test_a_turn_less_two_degrees_goes_round(ticks, round_):
+    one = subject(lower=-3.1, upper=3.1)
+    assert goes_round(swept(one, ticks), one) is round_
+
+
+def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
+    one = replace(subject(), turn=360)
+    wizard = Hand(one, start=0).rest().accept().wizard
+    for width, round_ in ((357, False), (358, True)):
+        tracks = {1: replace(wizard.tracks[1], low=0, high=width)}
+        assert goes_round(replace(wizard, tracks=tracks), one) is round_
+
+
+def test_a_sensor_without_a_seam_never_goes_round():
+    one = replace(subject(), turn=0)
+    assert not goes_round(swept(one, 100), one)
+
+
+@pytest.mark.parametrize(("width_deg", "told"), [(299.0, True), (300.5, False)])
+def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width_deg, told):
+    half = math.radians(width_deg) / 2
+    said = said_of(swept(subject(lower=-half, upper=half), 4100))
+    assert any("was turned by a whole turn" in each for each in said) is told
+
+
+def test_a_joint_that_was_measured_before_or_is_free_is_complete():
+    hand = Hand(subject()).rest().accept()
+    assert complete(hand.wizard, hand.wizard.subjects[0]) is False
+    hand.say("free elbow")
+    assert complete(hand.wizard, hand.wizard.subjects[0]) is True
+
+
+@pytest.mark.parametrize(("ticks", "told"), [(249, True), (250, False)])
+def test_a_joint_must_move_by_fifty_ticks_and_both_margins(ticks, told):
+    margin_rad = 100 * math.tau / TURN
+    said = said_of(swept(subject(), ticks, margin_rad=margin_rad))
+    assert any(f"was moved by only {ticks} ticks" in each for each in said) is told
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("apart", "told"), [(40, False), (41, True)])
+def test_servos_of_one_joint_may_differ_by_forty_ticks(way, apart, told):
+    hand = Hand(subject(shadow_ids=(2,)), start=700).rest().accept()
+    hand.move(900, 1, 2).move(way * apart, 2, step=1)
+    said = said_of(hand.wizard)
+    assert any("report different motions" in each for each in said) is told
+
+
+def test_findings_tell_how_much_of_a_range_was_swept_and_nothing_of_a_whole_one():
+    half = swept(subject(), 489, 978)
+    assert [*findings(half)] == ["elbow was swept over 50% of the arm file's range."]
+    assert [*findings(swept(subject(), 900, 1900))] == []
+
+
+def test_a_range_that_lies_off_the_arm_files_is_told_with_both():
+    lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
+    hand = Hand(lopsided).rest().accept()
+    hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way
+    (said,) = [each for each in said_of(hand.wizard) if "the sign or the pose is wrong" in each]
+    assert said.startswith("elbow: swept -247.2° to -45.1°, arm file -85.9° to 85.9°;")

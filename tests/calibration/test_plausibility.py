@@ -1,0 +1,40 @@
+"""A zero that is shifted shows in ends beyond the arm file's, for turns and slides."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from ikservo.calibration import JointMap, Limits
+from ikservo.calibration.sweeping.plausibility import shifted_zeros
+from tests.calibration.test_sweep import TURN, Hand, subject
+
+TICKS_PER_M = TURN / 0.1
+SLIDE = replace(
+    subject(),
+    joint_map=JointMap.prismatic("elbow", 1, 1, 0, TURN, 0.1),
+    expected=Limits.of("elbow", -0.02, 0.02, "arm file", "m"),
+)
+
+
+def shifts_of(one, *ticks):
+    """Return the shifts [rad or m] that are told after a joint was swept to these ticks."""
+    hand = Hand(one, start=0).rest().accept()
+    tracks = {1: replace(hand.wizard.tracks[1], low=min(ticks), high=max(ticks))}
+    return [found.shift for found in shifted_zeros(replace(hand.wizard, tracks=tracks))]
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("shift_m", "told"), [(0.0039, False), (0.0041, True)])
+def test_a_slide_may_be_off_by_four_millimetres(way, shift_m, told):
+    ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.02, 0.02)]
+    found = shifts_of(SLIDE, *ends)
+    assert found == ([pytest.approx(-way * shift_m, abs=1e-4)] if told else [])
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("shift_deg", "told"), [(9.9, False), (10.1, True)])
+def test_a_turn_may_be_off_by_ten_degrees(way, shift_deg, told):
+    ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
+    found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
+    assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if told else [])
