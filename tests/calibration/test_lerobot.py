@@ -168,7 +168,12 @@ def test_mutated_files_are_read_or_refused_but_never_trip_the_reader(tmp_path, c
 
 
 def test_a_long_name_is_cut_and_a_harmful_one_is_written_out():
-    for name, shown in (("e" * 80, "e" * 64), ("\x07" + "e" * 80, ascii("\x07" + "e" * 63))):
+    for name, shown in (
+        ("e" * 80, "e" * 64),
+        ("\x07" + "e" * 80, ascii("\x07" + "e" * 63)),
+        ("e" * 63 + "\x07", ascii("e" * 63 + "\x07")),
+        ("e" * 64 + "\x07", "e" * 64),
+    ):
         with pytest.raises(FileFormatError) as caught:
             parse_lerobot(Path("x.json"), json.dumps({name: 3}))
         assert caught.value.where == shown

@@ -1,0 +1,28 @@
+"""Positions and sources of limits as a person reads them."""
+
+import math
+
+import pytest
+
+from ikservo.calibration.ticks.words import say, source_words
+
+
+@pytest.mark.parametrize(
+    ("position", "unit", "said"),
+    [
+        (math.pi, "rad", "180.0°"),
+        (0.5, "m", "500.0 mm"),
+        (-1e-9, "rad", "0.0°"),
+        (-1e-9, "m", "0.0 mm"),
+    ],
+)
+def test_positions_are_said_in_degrees_and_millimetres(position, unit, said):
+    assert say(position, unit) == said
+
+
+def test_more_digits_can_be_asked_for():
+    assert (say(0.012345, "m", 2), say(0.1, "rad", 3)) == ("12.35 mm", "5.730°")
+
+
+def test_a_limit_of_the_person_is_set_by_you():
+    assert source_words("arm file / user") == "arm file / set by you"
