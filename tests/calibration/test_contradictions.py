@@ -31,7 +31,7 @@ def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_tol
     del held["servo"]["holds"]["homing_offset"]
     place = ("joints", 0, "servo", "holds")
     assert said_of(held) == {
-        (*place, "homing_ofset"): ("is no register", "one of STS3215"),
+        (*place, "homing_ofset"): ("is not a register", "one of STS3215"),
         (*place, "homing_offset"): ("is missing", "what the servo held"),
     }
 
