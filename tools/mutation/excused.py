@@ -16,8 +16,6 @@ _AS_FINE = "one section more or less of sixty makes no difference"
 _VALLEY = "nearer = _box_at(a, b, s, low_m, high_m) <= _box_at(a, b, t, low_m, high_m)"
 _FINITE = "finite_vector(np.where(open_ended, 0.0, array), self.dof, what)"
 _NO_OFFSET = 'offset = joint.servo.holds.get("homing_offset", 0)'
-_TUNING = "another tuning of the search finds the same singular postures"
-_LOOKED = "any few postures of no particular kind tell what the arm can do at all"
 _HELPER = "any axis helps that is not parallel to the one that is asked for"
 _WIDE = "wide = chain.upper_rad[i] - chain.lower_rad[i] >= _FULL_TURN_RAD"
 _ANY_READING = "every reading has the same servos"
@@ -82,24 +80,6 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "return found[0]",
         "0 -> -1",
     ): "there is exactly one",
-    ("kinematics.conditioning", "_RANK = 1e-7", "number"): _TUNING,
-    ("kinematics.conditioning", "_LOOKS = 5", "number"): _LOOKED,
-    (
-        "kinematics.conditioning",
-        "_IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0]))",
-        "number",
-    ): _LOOKED,
-    (
-        "kinematics.conditioning",
-        "angles = 2.0 * math.pi * ((0.5 + np.outer(np.arange(1, _LOOKS + 1), _IRRATIONAL)) % 1.0)",
-        "number",
-    ): _LOOKED,
-    ("kinematics.conditioning", "_STEPS, _HALVINGS = 40, 6", "number"): _TUNING,
-    ("kinematics.conditioning", "_ZERO = 1e-6", "number"): _TUNING,
-    ("kinematics.conditioning", "_DIFFERENCE_RAD = 1e-6", "number"): _TUNING,
-    ("kinematics.conditioning", "_LONGEST_STEP_RAD = 0.3", "number"): _TUNING,
-    ("kinematics.conditioning", "_ASIDE_RAD = 0.7", "number"): _TUNING,
-    ("kinematics.conditioning", "_TINY = 1e-300", "number"): _NO_ZERO,
     (
         "calibration.in_servos.journal",
         "tables = parse_toml(path, guarded(path, read_text(path, 4 * LARGEST_BYTES)))",
