@@ -90,7 +90,7 @@ class Pursuit:
         return move.state(time_s - since_s)
 
     def aim(
-        self, goal: ArrayLike, time_s: float, look: Callable[[JointMove], None] | None = None
+        self, goal: ArrayLike, time_s: float, look: Callable[[RuckigMotion], None] | None = None
     ) -> Vector:
         """Go to another goal from a time on; return where it will come to rest (n,).
 

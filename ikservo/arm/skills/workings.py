@@ -22,7 +22,7 @@ from ikservo.ik import Solver
 from ikservo.kinematics import Chain
 from ikservo.kinematics.se3 import Matrix, Vector
 from ikservo.model import Model
-from ikservo.motion import Course, JointMove
+from ikservo.motion import Course, JointMove, RuckigMotion
 
 __all__ = ["Begin", "Workings"]
 
@@ -116,7 +116,7 @@ class Workings:
             way = self.in_body(self.planner.way_of(course, speed))
             self.space.check_way(list(way), self.planner.load(speed))
 
-    def check_move(self, move: JointMove) -> None:
+    def check_move(self, move: RuckigMotion) -> None:
         """Check the way of a motion as it will be gone, braking and turning round included.
 
         Raises:
