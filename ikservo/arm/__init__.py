@@ -4,8 +4,9 @@ from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.background import Motion, SetpointStream
 from ikservo.arm.opening import open_arm
 from ikservo.arm.planning import Plan, Stance
-from ikservo.arm.reports import JointReport, JointState, MoveReport, Progress, Whereabouts
+from ikservo.arm.reports import JointReport, MoveReport, Progress, Whereabouts
 from ikservo.arm.streaming.halt import StopKind, StopReason
+from ikservo.arm.streaming.states import JointState
 from ikservo.arm.tapes.tape import Recording
 from ikservo.arm.tapes.tape_reading import read_recording
 from ikservo.arm.trajectory import Trajectory

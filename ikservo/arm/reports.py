@@ -7,36 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ikservo.arm.streaming.states import JointState
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics.se3 import Matrix, Vector
 
-__all__ = ["JointReport", "JointState", "MoveReport", "Progress", "Whereabouts"]
-
-
-@dataclass(frozen=True, slots=True)
-class JointState:
-    """One joint as its servo reports it.
-
-    Attributes:
-        position_rad: Measured; metres for a prismatic joint.
-        lower_rad: Lower limit, same unit.
-        upper_rad: Upper limit.
-        limit_from: Where the limits come from.
-        load_percent: Share of the stall torque or, where the servo measures it, current.
-        torque: Whether the servo holds.
-        alarms: What the servo complains about, in words.
-    """
-
-    name: str
-    position_rad: float
-    lower_rad: float
-    upper_rad: float
-    limit_from: str
-    temperature_c: float
-    voltage_v: float
-    load_percent: float | None
-    torque: bool
-    alarms: tuple[str, ...] = ()
+__all__ = ["JointReport", "MoveReport", "Progress", "Whereabouts"]
 
 
 def _unknown() -> Matrix:

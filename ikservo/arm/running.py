@@ -18,12 +18,13 @@ from ikservo.arm.own import serial_number_of, simulated
 from ikservo.arm.owner import Listener, listen
 from ikservo.arm.owner.answering import Answers
 from ikservo.arm.planning import Plan, Planner
-from ikservo.arm.reports import JointReport, JointState, Whereabouts
+from ikservo.arm.reports import JointReport, Whereabouts
 from ikservo.arm.skills.poses import Poses
 from ikservo.arm.skills.workings import Begin, Workings
 from ikservo.arm.streaming.halt import CTRL_C, STOPPED_BY_PROGRAM, StopKind, StopReason
 from ikservo.arm.streaming.servos import Servos
 from ikservo.arm.streaming.signals import ending, interruptible
+from ikservo.arm.streaming.states import JointState
 from ikservo.arm.streaming.stream import OnBeat, Stream
 from ikservo.arm.streaming.torque_state import TorqueState
 from ikservo.arm.trust import Zeros

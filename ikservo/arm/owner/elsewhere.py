@@ -10,15 +10,17 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ikservo.arm.line import chosen_port
+from ikservo.arm.line import chosen_port, open_line
 from ikservo.arm.own import simulated
 from ikservo.arm.owner import Errand, ask, ask_all
 from ikservo.arm.owner.answering import BRAKE_WITHIN_S
-from ikservo.arm.owner.halting import halt_line
-from ikservo.arm.reports import JointReport, JointState, Whereabouts
+from ikservo.arm.owner.halting import Halted, hold_servos
+from ikservo.arm.reports import JointReport, Whereabouts
+from ikservo.arm.streaming.states import JointState
 from ikservo.arm.tapes.recording import RecordReport, heading_of, record
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, PortBusyError
+from ikservo.guard import Fence
 from ikservo.kinematics.numbers import numbers
 from ikservo.kinematics.se3 import Vector
 from ikservo.model import Model
@@ -184,3 +186,16 @@ def _other_version() -> IkservoError:
         "The program that has the port open sent an unexpected reply.",
         "It may be another version of ikservo. End it and try again.",
     )
+
+
+def halt_line(model: Model, port: str | None) -> Halted:
+    """Open the port of an arm that nobody owns, and let every joint with torque stay where it is.
+
+    Neither models nor calibration are looked at: what moves is stopped, whatever it is.
+
+    Raises:
+        PortError: The port cannot be opened.
+    """
+    fences = [Fence(joint.joint_map, joint.limits, 1.0) for joint in model.joints]
+    with open_line(model, port) as bus:
+        return hold_servos(bus, fences, bus.port.clock)

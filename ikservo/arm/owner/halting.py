@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ikservo.arm.line import open_line
 from ikservo.clock import Clock
 from ikservo.guard import Fence, Gate
 from ikservo.hardware.bus import ServoBus
-from ikservo.model import Model
 from ikservo.registers import Role
 
-__all__ = ["Halted", "halt_line", "hold_servos"]
+__all__ = ["Halted", "hold_servos"]
 
 # A joint that moves by more in this time was on its way; one that rests keeps its goal, for its
 # load has pulled it below, and a goal where it is would let it sink further at every stop.
@@ -34,19 +32,6 @@ class Halted:
     held: tuple[str, ...]
     limp: tuple[str, ...]
     silent: tuple[str, ...]
-
-
-def halt_line(model: Model, port: str | None) -> Halted:
-    """Open the port of an arm that nobody owns, and let every joint with torque stay where it is.
-
-    Neither models nor calibration are looked at: what moves is stopped, whatever it is.
-
-    Raises:
-        PortError: The port cannot be opened.
-    """
-    fences = [Fence(joint.joint_map, joint.limits, 1.0) for joint in model.joints]
-    with open_line(model, port) as bus:
-        return hold_servos(bus, fences, bus.port.clock)
 
 
 def hold_servos(bus: ServoBus, fences: Sequence[Fence], clock: Clock) -> Halted:

@@ -7,10 +7,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from ikservo.arm.reports import JointState
 from ikservo.arm.streaming.asking import ask_each
 from ikservo.arm.streaming.limits_in_servos import LimitsInServos
-from ikservo.arm.streaming.states import load_percent
+from ikservo.arm.streaming.states import JointState, load_percent
 from ikservo.errors import BusError
 from ikservo.guard import Health, Vitals
 from ikservo.hardware.bus import ServoBus

@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 
 from ikservo.arm.owner.halting import Halted, hold_servos
-from ikservo.arm.reports import JointState
 from ikservo.arm.skills.force import limit_force
 from ikservo.arm.streaming.asking import ask_all, patiently
 from ikservo.arm.streaming.halt import StopKind, StopReason
@@ -22,7 +21,7 @@ from ikservo.arm.streaming.starting import (
     holding_ticks,
     nearest_goal,
 )
-from ikservo.arm.streaming.states import read_states
+from ikservo.arm.streaming.states import JointState, read_states
 from ikservo.arm.streaming.stiffness import stiffen
 from ikservo.arm.streaming.streamed import StreamedServos
 from ikservo.clock import Clock

@@ -3,15 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from ikservo.arm.reports import JointState
 from ikservo.arm.streaming.asking import ask_each
 from ikservo.guard import Fence
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Role
 
-__all__ = ["load_percent", "read_states"]
+__all__ = ["JointState", "load_percent", "read_states"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """One joint as its servo reports it.
+
+    Attributes:
+        position_rad: Measured; metres for a prismatic joint.
+        lower_rad: Lower limit, same unit.
+        upper_rad: Upper limit.
+        limit_from: Where the limits come from.
+        load_percent: Share of the stall torque or, where the servo measures it, current.
+        torque: Whether the servo holds.
+        alarms: What the servo complains about, in words.
+    """
+
+    name: str
+    position_rad: float
+    lower_rad: float
+    upper_rad: float
+    limit_from: str
+    temperature_c: float
+    voltage_v: float
+    load_percent: float | None
+    torque: bool
+    alarms: tuple[str, ...] = ()
+
 
 _NUMBERS = (
     Role.TORQUE_ENABLE,
