@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __version__: str
-    from ikservo.arm import Arm, Plan, Stance, open_arm, read_recording
+    from ikservo.arm import Arm, MotionPlan, ToolOrientation, open_arm, read_recording
     from ikservo.errors import (
         BadReplyError,
         BadValueError,
         BusError,
         CalibrationError,
+        CartesianPathError,
         ExitCode,
         FileFormatError,
         HeldUpError,
         IkservoError,
         InputError,
-        LineError,
         NoPortError,
         NotSettledError,
         OrientationError,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
         RefusedError,
         RegisterAccessError,
         ServoAlarmError,
-        ServoRefusedError,
+        ServoRejectedError,
         ServoSilentError,
         StoppedError,
         UnknownNameError,
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from ikservo.ik import Posture, Result, Solver, Target, solve, solve_batch
     from ikservo.kinematics import Chain
     from ikservo.model import Model, arm_names, load_model
-    from ikservo.view.pick.visibility import visible_from
+    from ikservo.view.visibility import visible_from
 
 __all__ = [
     "Arm",
@@ -57,6 +57,7 @@ __all__ = [
     "BadValueError",
     "BusError",
     "CalibrationError",
+    "CartesianPathError",
     "Chain",
     "ExitCode",
     "FileFormatError",
@@ -64,12 +65,11 @@ __all__ = [
     "HeldUpError",
     "IkservoError",
     "InputError",
-    "LineError",
     "Model",
+    "MotionPlan",
     "NoPortError",
     "NotSettledError",
     "OrientationError",
-    "Plan",
     "PortBusyError",
     "PortError",
     "PortLostError",
@@ -78,12 +78,12 @@ __all__ = [
     "RegisterAccessError",
     "Result",
     "ServoAlarmError",
-    "ServoRefusedError",
+    "ServoRejectedError",
     "ServoSilentError",
     "Solver",
-    "Stance",
     "StoppedError",
     "Target",
+    "ToolOrientation",
     "UnknownNameError",
     "UnreachableError",
     "arm_names",
@@ -108,12 +108,12 @@ _HOMES = {
     "HeldUpError": "errors",
     "IkservoError": "errors",
     "InputError": "errors",
-    "LineError": "errors",
+    "CartesianPathError": "errors",
     "Model": "model",
     "NoPortError": "errors",
     "NotSettledError": "errors",
     "OrientationError": "errors",
-    "Plan": "arm",
+    "MotionPlan": "arm",
     "PortBusyError": "errors",
     "PortError": "errors",
     "PortLostError": "errors",
@@ -122,10 +122,10 @@ _HOMES = {
     "RegisterAccessError": "errors",
     "Result": "ik",
     "ServoAlarmError": "errors",
-    "ServoRefusedError": "errors",
+    "ServoRejectedError": "errors",
     "ServoSilentError": "errors",
     "Solver": "ik",
-    "Stance": "arm",
+    "ToolOrientation": "arm",
     "StoppedError": "errors",
     "Target": "ik",
     "UnknownNameError": "errors",
@@ -136,11 +136,32 @@ _HOMES = {
     "read_recording": "arm",
     "solve": "ik",
     "solve_batch": "ik",
-    "visible_from": "view.pick.visibility",
+    "visible_from": "view.visibility",
 }
 
 
+# Names of version 0.1, kept for one version more.
+_RENAMED = {
+    "LineError": "CartesianPathError",
+    "Plan": "MotionPlan",
+    "ServoRefusedError": "ServoRejectedError",
+    "Stance": "ToolOrientation",
+}
+
+
+def _renamed(name: str) -> str:
+    """Return today's name of a public name that has changed, with a warning."""
+    import warnings  # noqa: PLC0415  # only who uses an old name pays for it
+
+    new = _RENAMED[name]
+    words = f"ikservo.{name} is deprecated: use ikservo.{new}."
+    warnings.warn(words, DeprecationWarning, stacklevel=3)
+    return new
+
+
 def __getattr__(name: str) -> object:
+    if name in _RENAMED:
+        name = _renamed(name)
     if name == "__version__":
         from importlib.metadata import version  # noqa: PLC0415  # takes longer than --help may
 

@@ -42,12 +42,12 @@ __all__ = [
     "BadValueError",
     "BusError",
     "CalibrationError",
+    "CartesianPathError",
     "ExitCode",
     "FileFormatError",
     "HeldUpError",
     "IkservoError",
     "InputError",
-    "LineError",
     "NoPortError",
     "NotSettledError",
     "OrientationError",
@@ -57,7 +57,7 @@ __all__ = [
     "RefusedError",
     "RegisterAccessError",
     "ServoAlarmError",
-    "ServoRefusedError",
+    "ServoRejectedError",
     "ServoSilentError",
     "StoppedError",
     "UnknownNameError",
@@ -269,7 +269,7 @@ class BadReplyError(BusError):
         return "Check for loose plugs, two servos with one id, and another program on the port."
 
 
-class ServoRefusedError(BusError):
+class ServoRejectedError(BusError):
     """A servo answered that it will not do what was asked."""
 
 
@@ -326,13 +326,13 @@ class UnreachableError(IkservoError, ValueError):
         held = f" ({', '.join(self.binding)})" if self.binding else ""
         words = "" if instead_m is None else " ".join(f"{x:z.3f}" for x in instead_m)
         super().__init__(
-            f"({_metres(target_m)}) m cannot be reached{held}.",
-            f"Nearest reachable point: ({_metres(nearest_m)}) m, {gap_m * 1000:.1f} mm away."
+            f"({_format_metres(target_m)}) m cannot be reached{held}.",
+            f"Nearest reachable point: ({_format_metres(nearest_m)}) m, {gap_m * 1000:.1f} mm away."
             + (f" Try: ikservo move {words}" if words else ""),
         )
 
 
-class LineError(UnreachableError):
+class CartesianPathError(UnreachableError):
     """A path of the tool cannot be followed to its end without a jump of the joints.
 
     Attributes:
@@ -350,7 +350,7 @@ class LineError(UnreachableError):
         self.along_m = along_m
         self.command_message = (
             f"The line can be followed for {along_m:.3f} m only, to "
-            f"({_metres(target_m)}) m ({', '.join(binding)})."
+            f"({_format_metres(target_m)}) m ({', '.join(binding)})."
         )
         self.command_hint = "Nothing moved. Choose a nearer end, or move there without --line."
 
@@ -379,7 +379,7 @@ class OrientationError(UnreachableError):
         self.freedom = freedom
         held = f" ({', '.join(self.binding)})" if self.binding else ""
         self.command_message = (
-            f"{asked} is not possible at ({_metres(position_m)}) m; "
+            f"{asked} is not possible at ({_format_metres(position_m)}) m; "
             f"closest is {math.degrees(left_rad):.1f}° off{held}."
         )
         self.command_hint = (
@@ -407,5 +407,5 @@ class StoppedError(IkservoError):
     exit_code = ExitCode.STOPPED
 
 
-def _metres(point: Sequence[float]) -> str:
+def _format_metres(point: Sequence[float]) -> str:
     return ", ".join(f"{x:z.3f}" for x in point)

@@ -25,8 +25,7 @@ from load_campaign import busy
 from served_arm import SERVE, Served, served
 
 import ikservo
-from ikservo.calibration.filing.calibration_file import read_calibration
-from ikservo.calibration.filing.store import calibration_path
+from ikservo.calibration.calibration_file import calibration_path, read_calibration
 
 STRONG = 60.0  # N m: such hands hold any arm
 INTERRUPTED_AT, MOST_RUNS = 5, 5  # an end of the third joint; as often as a person would try

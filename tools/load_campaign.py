@@ -24,10 +24,10 @@ from served_arm import Served, forked, served
 
 import ikservo
 from ikservo.arm import Arm, open_arm
-from ikservo.arm.calibrating.auto_feeling import feel
-from ikservo.calibration.sweeping.feeler import Touch
+from ikservo.calibration.range_tracker import ContactState
 from ikservo.hardware.bus import ServoBus
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.arrays import Vector
+from ikservo.maintenance.auto_calibration import probe_end_stop
 
 WISHES_S, RATE_HZ = 4.0, 60.0
 AWAY_M = 0.04
@@ -60,9 +60,9 @@ def search(arm: Arm) -> bool:
     joint = SEARCHED[arm.model.name]
     workings, bus = arm.workings, _bus_of(arm)
     low, _ = workings.limits()
-    end = float(low[workings.planner.column(joint)])
-    felt = feel(workings, bus, joint, end, 0.3, lambda _: None)
-    return felt.touch in (Touch.STOP, Touch.MOVING)
+    end = float(low[workings.planner.joint_index(joint)])
+    felt = probe_end_stop(workings, bus, joint, end, 0.3, lambda _: None)
+    return felt.touch in (ContactState.STOP, ContactState.MOVING)
 
 
 TASKS: dict[str, Task] = {"move": move, "line": line, "follow": follow, "search": search}
@@ -93,7 +93,7 @@ def attempt(arm: Served, task: Task) -> int:
     try:
         with open_arm(arm.name, port=str(arm.port), collisions=False) as machine:
             machine.pose("home")
-            machine.workings.rehearse()
+            machine.workings.warm_up()
             return 0 if task(machine) else 1
     except ikservo.IkservoError as error:
         print(f"{arm.name}: {error}", file=sys.stderr, flush=True)

@@ -18,9 +18,11 @@ from typing import Any
 
 import ikservo
 from ikservo.arm import open_arm  # loaded here, not in each forked child
-from ikservo.cli.run import main
+from ikservo.cli.entry_point import main
 
-SERVE = "import sys; from ikservo.cli.run import console; sys.argv = sys.argv[1:]; console()"
+SERVE = (
+    "import sys; from ikservo.cli.entry_point import console; sys.argv = sys.argv[1:]; console()"
+)
 
 Ticks = Mapping[int, int]
 

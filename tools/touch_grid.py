@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ikservo.model.touch.grid import HIGH_M, WIDE_M, crosses
+from ikservo.model.touch_grid import HIGH_M, WIDE_M, grid_points
 
 WIDE, HIGH = round(1000 * WIDE_M), round(1000 * HIGH_M)
 ARM = 5  # from the middle of a cross to its ends
@@ -33,7 +33,7 @@ def drawing() -> str:
 
 
 def _crosses() -> Iterator[str]:
-    for name, out_m, left_m in crosses():
+    for name, out_m, left_m in grid_points():
         x, y = WIDE / 2 - 1000 * left_m, HIGH - 1000 * out_m
         yield f'<path d="M{x - ARM:g} {y:g}h{2 * ARM}M{x:g} {y - ARM:g}v{2 * ARM}" {LINE}/>'
         yield f'<circle cx="{x:g}" cy="{y:g}" r="1.5" fill="none" {LINE}/>'

@@ -1,36 +1,57 @@
-"""The machine a person owns: open it, move it, ask where it is, let it go."""
+"""An arm on its servos: open it, move it, read its state, switch its torque off."""
+
+import warnings
 
 from ikservo.arm.arm import Arm, OnExit
-from ikservo.arm.background import Motion, SetpointStream
+from ikservo.arm.background_motion import Motion
 from ikservo.arm.opening import open_arm
-from ikservo.arm.planning import Plan, Stance
-from ikservo.arm.reports import JointReport, MoveReport, Progress, Whereabouts
-from ikservo.arm.streaming.halt import StopKind, StopReason
-from ikservo.arm.streaming.states import JointState
-from ikservo.arm.tapes.tape import Recording
-from ikservo.arm.tapes.tape_reading import read_recording
-from ikservo.arm.trajectory import Trajectory
-from ikservo.arm.trust import Zeros
-from ikservo.guard import DEAD_MAN_TIMEOUT_S
+from ikservo.arm.plan import MotionPlan
+from ikservo.arm.recording import Recording, read_recording
+from ikservo.arm.reports import ArmState, JointMoveResult, MotionProgress, MoveResult
+from ikservo.arm.sampled_trajectory import SampledTrajectory
+from ikservo.arm.setpoint_stream import SetpointStream
+from ikservo.arm.tool_orientation import ToolOrientation
+from ikservo.arm.zeros import ZeroSource
+from ikservo.control.feedback import JointState
+from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason
 
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",
     "Arm",
-    "JointReport",
+    "ArmState",
+    "JointMoveResult",
     "JointState",
     "Motion",
-    "MoveReport",
+    "MotionPlan",
+    "MotionProgress",
+    "MoveResult",
     "OnExit",
-    "Plan",
-    "Progress",
     "Recording",
+    "SampledTrajectory",
     "SetpointStream",
-    "Stance",
     "StopKind",
     "StopReason",
-    "Trajectory",
-    "Whereabouts",
-    "Zeros",
+    "ToolOrientation",
+    "ZeroSource",
     "open_arm",
     "read_recording",
 ]
+
+# Names of version 0.1, kept for one version more.
+_RENAMED = {
+    "JointReport": "JointMoveResult",
+    "MoveReport": "MoveResult",
+    "Plan": "MotionPlan",
+    "Progress": "MotionProgress",
+    "Stance": "ToolOrientation",
+    "Whereabouts": "ArmState",
+    "Zeros": "ZeroSource",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _RENAMED:
+        raise AttributeError(f"module 'ikservo.arm' has no attribute {name!r}")
+    words = f"ikservo.arm.{name} is deprecated: use ikservo.arm.{_RENAMED[name]}."
+    warnings.warn(words, DeprecationWarning, stacklevel=2)
+    return globals()[_RENAMED[name]]

@@ -7,25 +7,24 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import TracebackType
-from typing import Literal, Unpack, overload
+from typing import TYPE_CHECKING, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arriving.aim import Aim
-from ikservo.arm.arriving.arrival import Arrival, arrive
-from ikservo.arm.arriving.one_side import drawn_back
-from ikservo.arm.background import Motion
-from ikservo.arm.foreseeing import Foreseeing
-from ikservo.arm.given import all_positions, check_callable
+from ikservo.arm.arguments import check_callable, parse_all_positions
+from ikservo.arm.background_motion import Motion
 from ikservo.arm.motion_options import JointOptions, OnProgress, PointOptions
-from ikservo.arm.planning import AS_IT_CAN, Plan, Stance, begun, stance_of
-from ikservo.arm.reports import JointReport, MoveReport, Progress
-from ikservo.arm.running import CLOSED
-from ikservo.arm.streaming.beat import Beat
-from ikservo.arm.streaming.servos import Servos
-from ikservo.arm.streaming.stream import OnBeat
-from ikservo.arm.trust import Zeros
+from ikservo.arm.motion_runner import CLOSED
+from ikservo.arm.plan import MotionPlan, rebase_trajectory
+from ikservo.arm.preflight import Foreseeing
+from ikservo.arm.reports import JointMoveResult, MotionProgress, MoveResult
+from ikservo.arm.settling import SettlingResult, settle
+from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
+from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
+from ikservo.arm.zeros import ZeroSource
+from ikservo.control.loop import ControlCycle, OnCycle
+from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import (
     BadValueError,
     IkservoError,
@@ -34,11 +33,11 @@ from ikservo.errors import (
     StoppedError,
     UnknownNameError,
 )
-from ikservo.guard import Space
-from ikservo.hardware.line.port import Port
+from ikservo.guard import CollisionChecker
+from ikservo.hardware.port import Port
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 
 __all__ = ["Arm", "OnExit"]
@@ -46,8 +45,17 @@ __all__ = ["Arm", "OnExit"]
 OnExit = Literal["hold", "relax"]
 
 # Servos of this class stand within one or two ticks of 0.09° of where they are told.
-ARRIVAL_M = 0.002
-ARRIVAL_RAD = math.radians(0.5)
+POSITION_TOLERANCE_M = 0.002
+JOINT_TOLERANCE_RAD = math.radians(0.5)
+
+
+_RENAMED = {
+    "glimpse": "last_state",
+    "plan_by": "plan_cartesian",
+    "plan_down": "plan_lowering",
+    "release": "disable_torque",
+    "stops_asked": "stop_requests",
+}
 
 
 class Arm(Foreseeing):
@@ -66,11 +74,11 @@ class Arm(Foreseeing):
         self,
         model: Model,
         chain: Chain,
-        servos: Servos,
+        servos: ServoGroup,
         port: Port,
         on_exit: OnExit = "hold",
-        space: Space | None = None,
-        zeros: Zeros = Zeros.SIMULATED,
+        space: CollisionChecker | None = None,
+        zeros: ZeroSource = ZeroSource.SIMULATED,
     ) -> None:
         if on_exit not in ("hold", "relax"):
             raise UnknownNameError("way to exit", on_exit, ("hold", "relax"))
@@ -101,8 +109,8 @@ class Arm(Foreseeing):
         self.close(self._on_exit if error is None else "hold")
 
     def execute(
-        self, plan: Plan, on_progress: OnProgress | None = None
-    ) -> MoveReport | JointReport:
+        self, plan: MotionPlan, on_progress: OnProgress | None = None
+    ) -> MoveResult | JointMoveResult:
         """Move as planned, block until the arm is at rest, and report how it ended, measured.
 
         Args:
@@ -110,8 +118,8 @@ class Arm(Foreseeing):
             on_progress: Called in every control cycle.
 
         Returns:
-            A ``MoveReport`` of a plan of ``plan_to``, ``plan_line`` or ``plan_through``; of a plan
-            of joints a ``JointReport`` of those that it moves.
+            A ``MoveResult`` of a plan of ``plan_to``, ``plan_line`` or ``plan_through``; of a plan
+            of joints a ``JointMoveResult`` of those that it moves.
 
         Raises:
             RefusedError: The arm has moved since it was planned, or the guard stopped it; the arm
@@ -126,36 +134,48 @@ class Arm(Foreseeing):
         moved = {name: goal for name, start, goal in ends if goal != start}
         return self._joint_report(moved, arrival)
 
-    def go(self, plan: Plan, on_progress: OnProgress | None = None) -> Arrival:
+    if not TYPE_CHECKING:  # a type checker knows today's names only
+
+        def __getattr__(self, name: str) -> object:
+            """Return what an old name stands for, for one version more; it warns."""
+            if name not in _RENAMED:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            words = f"Arm.{name} is deprecated: use Arm.{_RENAMED[name]}."
+            warnings.warn(words, DeprecationWarning, stacklevel=2)
+            return getattr(self, _RENAMED[name])
+
+    def go(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> SettlingResult:
         """Execute a plan. Deprecated: use ``execute``, whose report says more."""
         warnings.warn("Arm.go is deprecated: use Arm.execute.", DeprecationWarning, stacklevel=2)
         return self._run_plan(plan, on_progress)[1]
 
-    def carry_out(self, plan: Plan, on_progress: OnProgress | None = None) -> MoveReport:
+    def carry_out(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> MoveResult:
         """Execute a plan of the tip. Deprecated: use ``execute``."""
         warnings.warn(
             "Arm.carry_out is deprecated: use Arm.execute.", DeprecationWarning, stacklevel=2
         )
         return self._execute_move(plan, on_progress)
 
-    def _execute_move(self, plan: Plan, on_progress: OnProgress | None) -> MoveReport:
+    def _execute_move(self, plan: MotionPlan, on_progress: OnProgress | None) -> MoveResult:
         """Execute a plan of the tip.
 
         Raises:
             BadValueError: It is a plan of joints.
         """
         _check_plan(plan)
-        _target_of(plan)
+        _require_target(plan)
         return self._move_report(*self._run_plan(plan, on_progress))
 
-    def _run_plan(self, plan: Plan, on_progress: OnProgress | None) -> tuple[Plan, Arrival]:
+    def _run_plan(
+        self, plan: MotionPlan, on_progress: OnProgress | None
+    ) -> tuple[MotionPlan, SettlingResult]:
         """Execute a plan; return it as it was from where the arm held, and where it ended."""
         _check_plan(plan)
         check_callable("on_progress", on_progress)
         self._check_speed(plan)
-        with self._moving():
-            plan = self._from_here(plan)
-            return plan, self._follow(plan, on_progress)
+        with self._motion_turn():
+            plan = self._replan_if_moved(plan)
+            return plan, self._run_motion(plan, on_progress)
 
     @overload
     def move_to(
@@ -164,21 +184,21 @@ class Arm(Foreseeing):
         *,
         wait: Literal[True] = True,
         **options: Unpack[PointOptions],
-    ) -> MoveReport: ...
+    ) -> MoveResult: ...
     @overload
     def move_to(
         self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
-    ) -> Motion[MoveReport]: ...
+    ) -> Motion[MoveResult]: ...
     def move_to(
         self,
         position_m: ArrayLike,
         *,
         speed: str = "normal",
-        stance: Stance = AS_IT_CAN,
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
         orientation: ArrayLike | None = None,
         on_progress: OnProgress | None = None,
         wait: bool = True,
-    ) -> MoveReport | Motion[MoveReport]:
+    ) -> MoveResult | Motion[MoveResult]:
         """Move the tip to a point and block until the arm is at rest.
 
         Args:
@@ -201,32 +221,33 @@ class Arm(Foreseeing):
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
         check_callable("on_progress", on_progress)
-        asked = stance_of(stance, orientation)
+        asked = check_orientation(stance, orientation)
 
-        def move() -> MoveReport:
-            plan = self._held_to(lambda: self.plan_to(position_m, speed=speed, stance=asked))
+        def move() -> MoveResult:
+            plan = self._plan_from_held(lambda: self.plan_to(position_m, speed=speed, stance=asked))
             return self._execute_move(plan, on_progress)
 
-        return self._background.do(move) if wait else self._background.start(move)
+        return self._background.run_blocking(move) if wait else self._background.start(move)
 
-    def _move_report(self, plan: Plan, arrival: Arrival) -> MoveReport:
+    def _move_report(self, plan: MotionPlan, arrival: SettlingResult) -> MoveResult:
         tip_m = self._planner.tip(arrival.measured)
-        target_m, solution = _target_of(plan)
+        target_m, solution = _require_target(plan)
         error_m = float(np.linalg.norm(target_m - tip_m))
         limits = tuple(str(limit) for limit in solution.binding)
-        return MoveReport(
+        return MoveResult(
             target_m=target_m,
             commanded_tip_m=plan.tip_m,
             measured_tip_m=tip_m,
             error_m=error_m,
             duration_s=arrival.duration_s,
-            reached=error_m <= ARRIVAL_M,
-            binding=limits + arrival.short,
-            orientation_error_rad=plan.left_rad + self._planner.turned(plan.goal, arrival.measured),
+            reached=error_m <= POSITION_TOLERANCE_M,
+            binding=limits + arrival.residuals,
+            orientation_error_rad=plan.orientation_error_rad
+            + self._planner.rotation_between(plan.goal, arrival.measured),
             motion_s=arrival.motion_s,
             settling_s=arrival.settling_s,
             orientation_requested=plan.orientation_requested,
-            orientation_change_rad=self._planner.turned(plan.start, arrival.measured),
+            orientation_change_rad=self._planner.rotation_between(plan.start, arrival.measured),
         )
 
     @overload
@@ -236,7 +257,7 @@ class Arm(Foreseeing):
         *,
         wait: Literal[True] = True,
         **options: Unpack[JointOptions],
-    ) -> JointReport: ...
+    ) -> JointMoveResult: ...
     @overload
     def move_joints(
         self,
@@ -244,7 +265,7 @@ class Arm(Foreseeing):
         *,
         wait: Literal[False],
         **options: Unpack[JointOptions],
-    ) -> Motion[JointReport]: ...
+    ) -> Motion[JointMoveResult]: ...
     def move_joints(
         self,
         positions: Mapping[str, float] | ArrayLike,
@@ -252,7 +273,7 @@ class Arm(Foreseeing):
         speed: str = "normal",
         on_progress: OnProgress | None = None,
         wait: bool = True,
-    ) -> JointReport | Motion[JointReport]:
+    ) -> JointMoveResult | Motion[JointMoveResult]:
         """Move some joints and block until the arm is at rest.
 
         Args:
@@ -269,38 +290,40 @@ class Arm(Foreseeing):
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
         check_callable("on_progress", on_progress)
-        goal = all_positions(positions, self._servos.names)
+        goal = parse_all_positions(positions, self._servos.names)
 
-        def move() -> JointReport:
-            plan = self._held_to(lambda: self.plan_joints(goal, speed=speed))
-            return self._bring(goal, plan, on_progress)
+        def move() -> JointMoveResult:
+            plan = self._plan_from_held(lambda: self.plan_joints(goal, speed=speed))
+            return self._move_along_plan(goal, plan, on_progress)
 
-        return self._background.do(move) if wait else self._background.start(move)
+        return self._background.run_blocking(move) if wait else self._background.start(move)
 
-    def _bring(
+    def _move_along_plan(
         self,
         positions: Mapping[str, float],
-        plan: Plan,
-        on_progress: Callable[[Progress], None] | None,
-    ) -> JointReport:
+        plan: MotionPlan,
+        on_progress: Callable[[MotionProgress], None] | None,
+    ) -> JointMoveResult:
         return self._joint_report(positions, self._run_plan(plan, on_progress)[1])
 
-    def _joint_report(self, positions: Mapping[str, float], arrival: Arrival) -> JointReport:
+    def _joint_report(
+        self, positions: Mapping[str, float], arrival: SettlingResult
+    ) -> JointMoveResult:
         measured = arrival.measured
-        there = {name: float(measured[self._planner.column(name)]) for name in positions}
+        there = {name: float(measured[self._planner.joint_index(name)]) for name in positions}
         errors = (abs(there[name] - position) for name, position in positions.items())
         error_rad = max(errors, default=0.0)
-        return JointReport(
+        return JointMoveResult(
             goal_rad=dict(positions),
             measured_rad=there,
             measured_tip_m=self._planner.tip(measured),
             error_rad=error_rad,
             duration_s=arrival.duration_s,
-            reached=error_rad <= ARRIVAL_RAD,
-            binding=arrival.short,
+            reached=error_rad <= JOINT_TOLERANCE_RAD,
+            binding=arrival.residuals,
         )
 
-    def relax(self, on_progress: OnProgress | None = None) -> JointReport:
+    def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
         """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
 
         The rest pose is brought inside the arm's limits. Where the arm cannot be lowered, for
@@ -313,18 +336,22 @@ class Arm(Foreseeing):
             RefusedError: A motion is running, or a stop was not acknowledged; the arm holds.
             BusError: A servo does not answer; the torque of all others is off.
         """
-        self.zeros.check(self.model.name)
+        self.zeros.require_known(self.model.name)
         with self._turn:
             self._servos.torque.check_idle()
             self._servos.check_stop()
             self._servos.torque.invalidated()  # enabled anew by limits that let it come down
-            report = self._lowered(on_progress)
-            self.release()
-            return self._not_lowered(report) if isinstance(report, IkservoError) else report
+            report = self._try_lower(on_progress)
+            self.disable_torque()
+            return (
+                self._release_without_lowering(report)
+                if isinstance(report, IkservoError)
+                else report
+            )
 
-    def _lowered(
-        self, on_progress: Callable[[Progress], None] | None
-    ) -> JointReport | IkservoError:
+    def _try_lower(
+        self, on_progress: Callable[[MotionProgress], None] | None
+    ) -> JointMoveResult | IkservoError:
         """Lower the arm as far as its way is free; return why where it could not be lowered."""
         try:
             return self._lower(on_progress)
@@ -335,18 +362,20 @@ class Arm(Foreseeing):
                 raise
             return error
 
-    def _lower(self, on_progress: Callable[[Progress], None] | None = None) -> JointReport:
-        with self._servos.bearing_heat():
-            plan = self._held_to(self.plan_down)
-            inside = self._resting()
-            report = self._bring(inside.positions, plan, on_progress)
+    def _lower(
+        self, on_progress: Callable[[MotionProgress], None] | None = None
+    ) -> JointMoveResult:
+        with self._servos.tolerate_heat():
+            plan = self._plan_from_held(self.plan_lowering)
+            inside = self._rest_pose()
+            report = self._move_along_plan(inside.positions, plan, on_progress)
         return replace(report, binding=inside.changed + report.binding)
 
-    def _not_lowered(self, error: IkservoError) -> JointReport:
+    def _release_without_lowering(self, error: IkservoError) -> JointMoveResult:
         """Return where an arm was let go that could not be lowered."""
         rest, where = dict(self.model.pose("rest")), self.where()
         measured = {name: where.positions[name] for name in rest}
-        return JointReport(
+        return JointMoveResult(
             goal_rad=rest,
             measured_rad=measured,
             measured_tip_m=where.tip_m,
@@ -390,52 +419,56 @@ class Arm(Foreseeing):
             with self._turn:  # not while another terminal relaxes the arm
                 self._port.close()
 
-    def _follow(self, plan: Plan, on_progress: Callable[[Progress], None] | None) -> Arrival:
-        servos, paces = self._servos, self._planner.paces(plan.speed)
+    def _run_motion(
+        self, plan: MotionPlan, on_progress: Callable[[MotionProgress], None] | None
+    ) -> SettlingResult:
+        servos, paces = self._servos, self._planner.motion_limits(plan.speed)
         horn_rad_s = self.model.speed(plan.speed).rad_s
-        course = begun(plan, servos.goals(), paces, servos.names)
-        self.workings.check_course(course, plan.speed)
-        aim = Aim(self.chain, servos.fences, plan, servos.measure())
+        course = rebase_trajectory(plan, servos.goals(), paces, servos.names)
+        self.workings.check_streamed_path(course, plan.speed)
+        aim = SettlingTarget(self.chain, servos.fences, plan, servos.measure_positions())
         started_s = servos.clock.now_s()
-        self._stream.run(course, self._watcher(on_progress), speed_rad_s=horn_rad_s)
+        self._stream.run(course, self._progress_reporter(on_progress), speed_rad_s=horn_rad_s)
         motion_s = servos.clock.now_s() - started_s
-        below = self._drawn_back(plan)
-        return arrive(self._stream, servos, aim, paces, horn_rad_s, motion_s, below)
+        below = self._backlash_goals(plan)
+        return settle(self._stream, servos, aim, paces, horn_rad_s, motion_s, below)
 
-    def _drawn_back(self, plan: Plan) -> Vector | None:
+    def _backlash_goals(self, plan: MotionPlan) -> Vector | None:
         """Return the goals from which joints with known play come up to their places (n,).
 
         None on a line, on which the tool stays, and where something is in that way.
         """
         goals, fences = self._servos.goals(), self._servos.fences
         backlash = np.array([self.model.joint(name).backlash for name in self._servos.names])
-        below = drawn_back(goals, plan.goal != plan.start, backlash, fences)
-        if below is None or plan.straight:
+        below = backlash_approach(goals, plan.goal != plan.start, backlash, fences)
+        if below is None or plan.is_cartesian:
             return None
         try:
-            self.workings.check_way(goals, below)
+            self.workings.check_straight_path(goals, below)
         except RefusedError:
             return None
         return below
 
-    def _watcher(self, on_progress: Callable[[Progress], None] | None) -> OnBeat | None:
+    def _progress_reporter(
+        self, on_progress: Callable[[MotionProgress], None] | None
+    ) -> OnCycle | None:
         if on_progress is None:
             return None
 
-        def tell(beat: Beat) -> None:
+        def tell(beat: ControlCycle) -> None:
             on_progress(self.workings.progress(beat))
 
         return tell
 
 
 def _check_plan(plan: object) -> None:
-    if not isinstance(plan, Plan):
+    if not isinstance(plan, MotionPlan):
         raise BadValueError(
             "The plan", repr(plan), "a plan, such as arm.plan_to((0.25, 0.0, 0.15))"
         )
 
 
-def _target_of(plan: Plan) -> tuple[Vector, Result]:
+def _require_target(plan: MotionPlan) -> tuple[Vector, Result]:
     if plan.target_m is None or plan.solution is None:
         raise BadValueError("The plan", "a motion of joints", "a plan of plan_to")
     return plan.target_m, plan.solution

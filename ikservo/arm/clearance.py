@@ -7,15 +7,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.guard import Box, Space
-from ikservo.kinematics.se3 import Matrix
+from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model
-from ikservo.model.shell import body_of
+from ikservo.model.collision_model import collision_body
 
-__all__ = ["clearance_of"]
+__all__ = ["make_collision_filter"]
 
 
-def clearance_of(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:
+def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:
     """Return a function from postures (n, dof) to whether each is free of collisions (n,)."""
-    boxes = [Box(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out]
-    return Space(body_of(model), model.floor_m, boxes).clear
+    boxes = [
+        KeepOutBox(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out
+    ]
+    return CollisionChecker(collision_body(model), model.floor_m, boxes).collision_free

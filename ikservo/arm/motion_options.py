@@ -7,12 +7,12 @@ from typing import TypedDict
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.planning import Stance
-from ikservo.arm.reports import Progress
+from ikservo.arm.reports import MotionProgress
+from ikservo.arm.tool_orientation import ToolOrientation
 
 __all__ = ["JointOptions", "OnProgress", "PointOptions", "ThroughOptions"]
 
-OnProgress = Callable[[Progress], None]
+OnProgress = Callable[[MotionProgress], None]
 """Called in every control cycle, in the thread that moves the arm."""
 
 
@@ -26,7 +26,7 @@ class JointOptions(TypedDict, total=False):
 class PointOptions(JointOptions, total=False):
     """Of a motion of the tip to a point."""
 
-    stance: Stance
+    stance: ToolOrientation
     orientation: ArrayLike | None
 
 

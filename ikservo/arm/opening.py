@@ -1,4 +1,4 @@
-"""Opening an arm: the port, then who is on it, then the limits that hold for this very arm."""
+"""Open an arm: serial port, servo check, calibration and joint limits."""
 
 from __future__ import annotations
 
@@ -9,28 +9,84 @@ from pathlib import Path
 
 import numpy as np
 
+from ikservo.arm.arguments import parse_port
 from ikservo.arm.arm import Arm, OnExit
-from ikservo.arm.line import open_line
-from ikservo.arm.own import OwnArm, check_models, own_arm, serial_number_of
-from ikservo.arm.streaming.servos import Servos
-from ikservo.arm.trust import Zeros
+from ikservo.arm.calibrated_arm import (
+    CalibratedArm,
+    check_servo_models,
+    load_calibration_for,
+    serial_number_of,
+)
+from ikservo.arm.zeros import ZeroSource
+from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError
-from ikservo.guard import Box, Fence, Space, Weight, sag_of
+from ikservo.guard import CollisionChecker, CommandLimits, KeepOutBox, Weight, sag_of
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.finding.crowds import refusing_crowds
-from ikservo.hardware.finding.discovery import remember_port
-from ikservo.hardware.finding.strangers import naming_strangers
-from ikservo.hardware.keeping.backup import back_up_once
+from ikservo.hardware.diagnostics import detecting_duplicate_ids, explaining_silence
+from ikservo.hardware.discovery import choose_port, remember_port, simulated_port_url
+from ikservo.hardware.eeprom import back_up_once
+from ikservo.hardware.port import open_port
+from ikservo.hardware.servo import ServoSpec
 from ikservo.kinematics import Chain
-from ikservo.model import Model, ModelJoint, load_model
-from ikservo.model.sag import masses_of, yields_of
-from ikservo.model.shell import body_with_jaws
+from ikservo.model import Model, ModelJoint, ModelServo, load_model
+from ikservo.model.collision_model import collision_body_with_gripper
+from ikservo.model.sag import joint_compliances, link_masses
+from ikservo.registers import control_table
 
-__all__ = ["open_arm"]
+__all__ = ["open_arm", "open_bus", "resolve_port", "servo_specs"]
+
+
+def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
+    """Open the port of an arm's servos; none of them is asked anything yet.
+
+    Args:
+        model: The arm.
+        port: See ``choose_port``.
+        retries: How often a question is put again whose answer is lost.
+
+    Raises:
+        InputError: The model names no servos.
+        PortError: No such port, none to choose, or it cannot be opened.
+    """
+    specs = servo_specs(model)
+    return ServoBus(open_port(resolve_port(model, port), model.baud_rate), specs, retries=retries)
+
+
+def resolve_port(model: Model, port: str | None) -> str:
+    """Return the port's name as the transport wants it.
+
+    Raises:
+        NoPortError: There is none to choose.
+        BadValueError: What is given is no name.
+    """
+    return simulated_port_url(choose_port(parse_port(port), model.name), model.path)
+
+
+def servo_specs(model: Model) -> list[ServoSpec]:
+    """Return every servo of an arm, shadows behind the servo they follow.
+
+    Raises:
+        InputError: The model names no servos.
+    """
+    if not model.joints:
+        raise InputError(
+            f"{model.path} has no servos.",
+            "To move an arm, describe its servos in an arm.toml and give that to --arm.",
+        )
+    return [
+        _make_spec(servo, joint.name)
+        for joint in model.joints
+        for servo in (joint.servo, *joint.shadows)
+    ]
+
+
+def _make_spec(servo: ModelServo, joint: str) -> ServoSpec:
+    return ServoSpec(servo.id, control_table(servo.model), joint)
+
 
 # Goals may run ahead of the beat by what a busy machine delays it.
-_SPEED_SLACK = 1.2
+_SPEED_MARGIN = 1.2
 
 
 def open_arm(
@@ -64,22 +120,22 @@ def open_arm(
         FileFormatError: The arm's calibration is spoiled.
     """
     model = arm if isinstance(arm, Model) else load_model(arm)
-    bus = open_line(model, port)
+    bus = open_bus(model, port)
     line = bus.port
     try:
-        with refusing_crowds(bus):
-            with naming_strangers(bus):
-                check_models(bus)
+        with detecting_duplicate_ids(bus):
+            with explaining_silence(bus):
+                check_servo_models(bus)
             remember_port(model.name, line.name)
-            bus.learn_return_delays()
-            own = own_arm(bus, model, uncalibrated=uncalibrated)
-            _keep_copies(bus, model, own)
-        fences = [_fence(own, model, joint) for joint in model.joints]
+            bus.load_return_delays()
+            own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
+            _back_up_eeproms(bus, model, own)
+        fences = [_make_limits(own, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         jaws = model.gripper.joint if model.gripper else None
-        servos = Servos(bus, fences, shadows, line.clock, model.health, jaws)
-        space = _space(model) if collisions else None
-        chain = _narrowed(own.chain(), fences)
+        servos = ServoGroup(bus, fences, shadows, line.clock, model.health, jaws)
+        space = _make_collision_checker(model) if collisions else None
+        chain = _narrow_chain(own.chain(), fences)
         machine = Arm(model, chain, servos, line, on_exit, space, own.zeros)
         machine.listen()
         return machine
@@ -88,38 +144,40 @@ def open_arm(
         raise
 
 
-def _keep_copies(bus: ServoBus, model: Model, own: OwnArm) -> None:
+def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:
     """Copy every servo's EEPROM to a file at the first contact, where there is a file to write."""
-    if own.zeros is not Zeros.SIMULATED:
+    if own.zeros is not ZeroSource.SIMULATED:
         with contextlib.suppress(FileWriteError):
             back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
 
 
-def _fence(own: OwnArm, model: Model, joint: ModelJoint) -> Fence:
+def _make_limits(own: CalibratedArm, model: Model, joint: ModelJoint) -> CommandLimits:
     joint_map = own.joint_map(joint)
     horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
     speed = horn_rad_s * joint.travel_per_turn / math.tau
-    return Fence(joint_map, own.limits(joint, joint_map), speed * _SPEED_SLACK)
+    return CommandLimits(joint_map, own.limits(joint, joint_map), speed * _SPEED_MARGIN)
 
 
-def _space(model: Model) -> Space:
-    boxes = [Box(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out]
-    body = body_with_jaws(model)
+def _make_collision_checker(model: Model) -> CollisionChecker:
+    boxes = [
+        KeepOutBox(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out
+    ]
+    body = collision_body_with_gripper(model)
     chain = body.chain
     weight = Weight(
-        masses_of(model, chain), yields_of(model, chain), chain.lower_rad, chain.upper_rad
+        link_masses(model, chain), joint_compliances(model, chain), chain.lower_rad, chain.upper_rad
     )
-    return Space(body, model.floor_m, boxes, sag_of(body, weight))
+    return CollisionChecker(body, model.floor_m, boxes, sag_of(body, weight))
 
 
-def _narrowed(chain: Chain, fences: Sequence[Fence]) -> Chain:
+def _narrow_chain(chain: Chain, fences: Sequence[CommandLimits]) -> Chain:
     """Return the chain inside the fences, so that every solution is a goal that passes."""
-    by_joint: Mapping[str, Fence] = {fence.joint: fence for fence in fences}
+    by_joint: Mapping[str, CommandLimits] = {fence.joint: fence for fence in fences}
     missing = [name for name in chain.names if name not in by_joint]
     if missing:
         raise InputError(
             f"No servo is assigned to {', '.join(missing)}.",
             "Every joint up to the tip needs a [[joints]] table.",
         )
-    ranges = [by_joint[name].positions for name in chain.names]
+    ranges = [by_joint[name].position_range for name in chain.names]
     return chain.with_limits([low for low, _ in ranges], [high for _, high in ranges])

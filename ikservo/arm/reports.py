@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.arm.streaming.states import JointState
+from ikservo.control.feedback import JointState
 from ikservo.errors import UnknownNameError
-from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["JointReport", "MoveReport", "Progress", "Whereabouts"]
+__all__ = ["ArmState", "JointMoveResult", "MotionProgress", "MoveResult"]
 
 
-def _unknown() -> Matrix:
+def _unknown_pose() -> Matrix:
     return np.full((3, 3), np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Whereabouts:
+class ArmState:
     """Where the arm is, measured: as a tuple of joints, as arrays, and by joint name.
 
     Arrays have one element for each joint, (n,), in the order of ``names``; rad, or m for
@@ -33,7 +33,7 @@ class Whereabouts:
 
     tip_m: Vector
     joints: tuple[JointState, ...]
-    orientation: Matrix = field(default_factory=_unknown)
+    orientation: Matrix = field(default_factory=_unknown_pose)
 
     def __getitem__(self, joint: str) -> JointState:
         """Return the state of one joint.
@@ -101,11 +101,11 @@ class Whereabouts:
         """Return the tip and the positions; the rest is in ``joints``."""
         positions = ", ".join(f"{name}: {at:.4f}" for name, at in self.positions.items())
         tip = ", ".join(f"{x:z.4f}" for x in self.tip_m)
-        return f"Whereabouts(tip_m=({tip}), positions={{{positions}}})"
+        return f"ArmState(tip_m=({tip}), positions={{{positions}}})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Progress:
+class MotionProgress:
     """The state of a motion in one control cycle.
 
     Attributes:
@@ -131,7 +131,7 @@ class Progress:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MoveReport:
+class MoveResult:
     """How a motion to a point ended.
 
     Attributes:
@@ -164,7 +164,7 @@ class MoveReport:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointReport:
+class JointMoveResult:
     """How a motion of joints ended; rad, or m for prismatic joints.
 
     Attributes:

@@ -5,9 +5,7 @@ What a position of a servo means (`JointMap`, `Crank`, the seam of its count), w
 LeRobot's files, and kept in a file and in the servos as one transaction.
 """
 
-from ikservo.calibration.ticks.crank import Crank
-from ikservo.calibration.ticks.joint_map import JointMap
-from ikservo.calibration.ticks.limits import Limit, Limits
-from ikservo.calibration.ticks.words import JointUnit, say, source_words
+from ikservo.calibration.joint_map import Crank, JointMap, JointUnit, format_position, source_words
+from ikservo.calibration.limits import Limit, Limits
 
-__all__ = ["Crank", "JointMap", "JointUnit", "Limit", "Limits", "say", "source_words"]
+__all__ = ["Crank", "JointMap", "JointUnit", "Limit", "Limits", "format_position", "source_words"]

@@ -4,6 +4,6 @@ stdout carries data, stderr everything else. A command imports only what it uses
 ``ikservo --help`` answers at once.
 """
 
-from ikservo.cli.run import console, main
+from ikservo.cli.entry_point import console, main
 
 __all__ = ["console", "main"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ikservo.cli.options import JsonOption
-from ikservo.cli.output import print_json, print_lines, print_table
+from ikservo.cli.terminal import print_json, print_lines, print_table
 from ikservo.model import Model, ModelServo, arm_names, load_model
 
 __all__ = ["command"]
@@ -18,14 +18,14 @@ def command(*, json: JsonOption = False) -> None:
     """
     models = [load_model(name) for name in arm_names()]
     if json:
-        print_json("arms", arms=[_facts(model) for model in models])
+        print_json("arms", arms=[_arm_metadata(model) for model in models])
         return
     rows = [
         [
             model.name,
             model.title,
             str(model.chain.dof),
-            _servos(model),
+            _format_servos(model),
             ", ".join(model.poses),
         ]
         for model in models
@@ -37,7 +37,7 @@ def command(*, json: JsonOption = False) -> None:
     print_table(["name", "base frame"], frames)
 
 
-def _facts(model: Model) -> dict[str, object]:
+def _arm_metadata(model: Model) -> dict[str, object]:
     return {
         "name": model.name,
         "title": model.title,
@@ -51,7 +51,7 @@ def _facts(model: Model) -> dict[str, object]:
     }
 
 
-def _servos(model: Model) -> str:
+def _format_servos(model: Model) -> str:
     counts: dict[str, int] = {}
     for servo in _all_servos(model):
         counts[servo.model] = counts.get(servo.model, 0) + 1

@@ -7,23 +7,22 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.care.bench import CYCLES, BusSpeed, bench_bus
-from ikservo.cli.choosing import chosen_model
+from ikservo.cli.choosing import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
-from ikservo.cli.output import note, print_json, print_table
-from ikservo.cli.progress import bar
+from ikservo.cli.terminal import print_json, print_status, print_table, progress_bar
+from ikservo.maintenance.bus_benchmark import CYCLES, BusTiming, benchmark_bus
 from ikservo.model import Model
 
 __all__ = ["command"]
 
 
-class Subject(StrEnum):
+class BenchSubject(StrEnum):
     """What can be measured."""
 
     BUS = "bus"
 
 
-What = Annotated[Subject, typer.Argument(help="What to measure.")]
+What = Annotated[BenchSubject, typer.Argument(help="What to measure.")]
 Cycles = Annotated[int, typer.Option("--cycles", min=10, help="Cycles of each kind.")]
 
 
@@ -39,30 +38,32 @@ def command(
 
     ikservo bench bus --arm so101 --port /dev/ttyACM0
     """
-    model = chosen_model(arm)
-    with bar() as show:
-        speeds = bench_bus(model, port, cycles, show and (lambda w, n: show(w, n, cycles)))
+    model = model_from_option(arm)
+    with progress_bar() as show:
+        speeds = benchmark_bus(model, port, cycles, show and (lambda w, n: show(w, n, cycles)))
     if json:
         print_json(
             "bench",
             what=what,
             arm=model.name,
             baud_rate=model.baud_rate,
-            rows=list(map(_facts, speeds)),
+            rows=list(map(_speed_fields, speeds)),
         )
         return
-    _print(speeds, model)
+    _print_speeds(speeds, model)
 
 
-def _print(speeds: list[BusSpeed], model: Model) -> None:
+def _print_speeds(speeds: list[BusTiming], model: Model) -> None:
     servos = {joint.servo.model for joint in model.joints}
-    note(f"{len(model.joints)} servos ({', '.join(sorted(servos))}) at {model.baud_rate} baud")
+    print_status(
+        f"{len(model.joints)} servos ({', '.join(sorted(servos))}) at {model.baud_rate} baud"
+    )
     columns = ["each cycle", "cycles/s", "wire limit/s", "of limit", "p50 ms", "p99 ms",
                "p99.9 ms", "host ms", "bytes", "lost"]  # fmt: skip
-    print_table(columns, [_row(speed) for speed in speeds])
+    print_table(columns, [_format_speed_row(speed) for speed in speeds])
 
 
-def _row(speed: BusSpeed) -> list[str]:
+def _format_speed_row(speed: BusTiming) -> list[str]:
     return [
         speed.what,
         f"{speed.rate_hz:.0f}",
@@ -75,7 +76,7 @@ def _row(speed: BusSpeed) -> list[str]:
     ]
 
 
-def _facts(speed: BusSpeed) -> dict[str, object]:
+def _speed_fields(speed: BusTiming) -> dict[str, object]:
     return {
         "what": speed.what,
         "cycles_per_s": speed.rate_hz,

@@ -1,39 +1,120 @@
-"""``ikservo calibrate``: this arm's own zeros, signs and ranges, by hand or by itself."""
+"""``ikservo calibrate``: measure an arm's zeros, signs and ranges; options of all its variants."""
 
 from __future__ import annotations
 
 import math
 import sys
+from pathlib import Path
+from typing import Annotated
 
-from ikservo.cli.calibrating.by_itself import by_itself
-from ikservo.cli.calibrating.hands import Wishes, by_hand, own_limits
-from ikservo.cli.calibrating.options import (
-    ArmWord,
-    Auto,
-    Block,
-    Free,
-    FromScript,
-    Margin,
-    NoInput,
-    OnlyJoint,
-    OwnLimit,
-    Points,
-    Pose,
-    SamePoint,
-    SheetAt,
-    Skip,
-    TouchOff,
-    Wiggle,
-    WriteLimits,
+import typer
+
+from ikservo.cli.calibrate_auto import calibrate_auto
+from ikservo.cli.calibrate_by_hand import CalibrationOptions, calibrate_by_hand, parse_limits
+from ikservo.cli.calibrate_touch import TouchOffOptions, run_touch_off
+from ikservo.cli.choosing import model_from_option
+from ikservo.cli.direction_check import check_directions
+from ikservo.cli.options import (
+    JsonOption,
+    PortOption,
+    UncalibratedOption,
+    YesOption,
+    parse_length_m,
 )
-from ikservo.cli.calibrating.touch import TouchWishes, touch_off
-from ikservo.cli.calibrating.wiggle import wiggle_all
-from ikservo.cli.choosing import chosen_model
-from ikservo.cli.options import JsonOption, PortOption, UncalibratedOption, YesOption
-from ikservo.cli.session import opened
+from ikservo.cli.session import open_from_options
 from ikservo.errors import InputError
 
-__all__ = ["command"]
+__all__ = [
+    "ArmWord",
+    "Auto",
+    "Block",
+    "Free",
+    "FromScript",
+    "Margin",
+    "NoInput",
+    "OnlyJoint",
+    "OwnLimit",
+    "Points",
+    "Pose",
+    "SamePoint",
+    "SheetAt",
+    "Skip",
+    "TouchOff",
+    "Wiggle",
+    "WriteLimits",
+    "command",
+]
+
+
+ArmWord = Annotated[
+    str | None,
+    typer.Argument(metavar="[ARM]", envvar="IKSERVO_ARM", help="Arm: a name or an arm file."),
+]
+Pose = Annotated[
+    str, typer.Option("--pose", help="The named pose in which you hold the arm at first.")
+]
+Margin = Annotated[
+    float,
+    typer.Option(
+        "--margin", min=0.0, max=20.0, help="Degrees between each end stop and the limit."
+    ),
+]
+FromScript = Annotated[
+    Path | None, typer.Option("--from-script", metavar="FILE", help="Answers, one a line.")
+]
+NoInput = Annotated[bool, typer.Option("--no-input", help="Never ask; a question is an error.")]
+Free = Annotated[
+    list[str] | None, typer.Option("--free", metavar="JOINT", help="This joint has no end stops.")
+]
+Skip = Annotated[
+    list[str] | None,
+    typer.Option("--skip", metavar="JOINT", help="Use the arm file's range and sign."),
+]
+OnlyJoint = Annotated[
+    list[str] | None,
+    typer.Option("--joint", metavar="JOINT", help="Calibrate only this joint again."),
+]
+OwnLimit = Annotated[
+    list[str] | None,
+    typer.Option("--limit", metavar="JOINT=LOW:HIGH", help="A narrower range of your own."),
+]
+WriteLimits = Annotated[
+    bool | None,
+    typer.Option(
+        "--write-limits/--no-write-limits", help="Whether the servos hold the limits, too."
+    ),
+]
+
+TouchOff = Annotated[
+    bool,
+    typer.Option("--touch", help="Touch-off: measure zeros, links and base by touching points."),
+]
+Points = Annotated[
+    Path | None,
+    typer.Option("--points", metavar="FILE", help="Points to touch: NAME X Y Z, one a line."),
+]
+SamePoint = Annotated[
+    bool, typer.Option("--same-point", help="Touch one fixed point of unknown position repeatedly.")
+]
+SheetAt = Annotated[
+    float | None,
+    typer.Option(
+        "--sheet-at",
+        parser=parse_length_m,
+        help="Distance from the base to the near edge of the sheet.",
+    ),
+]
+Block = Annotated[
+    float | None,
+    typer.Option("--block", parser=parse_length_m, help="Height of a block for every other cross."),
+]
+Auto = Annotated[
+    bool, typer.Option("--auto", help="The arm drives gently to its end stops by itself.")
+]
+Wiggle = Annotated[
+    bool,
+    typer.Option("--wiggle", help="Test motion: each joint 5° and back, to check ids and signs."),
+]
 
 
 def command(
@@ -77,19 +158,19 @@ def command(
     if joint and (auto or touch):
         raise InputError("--joint goes with a calibration by hand or with --wiggle.")
     if wiggle:
-        with opened(arm, port, collisions=False, uncalibrated=uncalibrated) as machine:
-            wiggle_all(machine, joint or [], yes=yes, json=json)
+        with open_from_options(arm, port, collisions=False, uncalibrated=uncalibrated) as machine:
+            check_directions(machine, joint or [], yes=yes, json=json)
         return
-    model = chosen_model(arm)
+    model = model_from_option(arm)
     asks = not (yes or no_input or from_script) and sys.stdin.isatty()
     if touch:
-        wanted = TouchWishes(points, same_point, sheet_at, block)
-        touch_off(model, port, wanted, from_script, yes=yes, asks=asks, json=json)
+        wanted = TouchOffOptions(points, same_point, sheet_at, block)
+        run_touch_off(model, port, wanted, from_script, yes=yes, asks=asks, json=json)
         return
     if points or same_point or sheet_at is not None or block is not None:
         raise InputError("Points are touched in a touch-off only.", "Add: --touch")
-    user = own_limits(model, limit or [])
-    wishes = Wishes(
+    user = parse_limits(model, limit or [])
+    wishes = CalibrationOptions(
         pose=pose,
         margin_rad=math.radians(margin),
         free=free or [],
@@ -101,4 +182,4 @@ def command(
         asks=asks,
         json=json,
     )
-    (by_itself if auto else by_hand)(model, port, wishes, from_script)
+    (calibrate_auto if auto else calibrate_by_hand)(model, port, wishes, from_script)

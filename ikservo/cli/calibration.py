@@ -8,17 +8,22 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.calibrating.adopting import adopt, adoptable
-from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
-from ikservo.arm.calibrating.filing import differences, pull, push
-from ikservo.calibration.in_servos.transaction import resume, revert
-from ikservo.cli.calibrating.meeting import consent, let_go
-from ikservo.cli.calibrating.options import ArmWord
-from ikservo.cli.choosing import chosen_model
-from ikservo.cli.completing import actions
-from ikservo.cli.options import JsonOption, PortOption, YesOption
-from ikservo.cli.output import note, print_json, print_lines, print_table
+from ikservo.calibration.transaction import resume, roll_back
+from ikservo.cli.calibrate import ArmWord
+from ikservo.cli.calibration_prompts import confirm_start, disable_torque
+from ikservo.cli.choosing import model_from_option
+from ikservo.cli.options import JsonOption, PortOption, YesOption, complete_actions
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import ExitCode, IkservoError, InputError, UnknownNameError
+from ikservo.maintenance.calibration_session import (
+    TorqueOffArm,
+    adopt_calibration,
+    find_adoptable,
+    open_torque_off,
+    pull,
+    push,
+    register_differences,
+)
 
 __all__ = ["command"]
 
@@ -27,7 +32,7 @@ Action = Annotated[
     str,
     typer.Argument(
         metavar="diff|push|pull|adopt|resume|revert",
-        autocompletion=actions,
+        autocompletion=complete_actions,
         help="Compare; file into servos; servos into file; adopt the one of another adapter; "
         "complete or revert an interrupted write.",
     ),
@@ -61,19 +66,19 @@ def command(
     if source and action != "adopt":
         raise InputError(f"--from cannot be used with {action}.", "It belongs to: adopt")
     interrupted = action in ("resume", "revert")
-    with loose_arm(chosen_model(arm), port, settled=not interrupted) as loose:
+    with open_torque_off(model_from_option(arm), port, settled=not interrupted) as loose:
         if action == "diff":
-            _diff(loose, json=json)
+            _print_differences(loose, json=json)
         elif interrupted:
-            _interrupted(loose, action, yes=yes)
+            _resolve_interrupted(loose, action, yes=yes)
         elif action == "adopt":
-            _adopt(loose, source, yes=yes)
+            _adopt_calibration(loose, source, yes=yes)
         else:
-            _carry(loose, action, yes=yes)
+            _transfer_calibration(loose, action, yes=yes)
 
 
-def _diff(loose: LooseArm, *, json: bool) -> None:
-    found = differences(loose)
+def _print_differences(loose: TorqueOffArm, *, json: bool) -> None:
+    found = register_differences(loose)
     if json:
         print_json("calibration-diff", path=loose.path, differences=found)
     elif found:
@@ -85,38 +90,40 @@ def _diff(loose: LooseArm, *, json: bool) -> None:
         raise typer.Exit(ExitCode.CALIBRATION)
 
 
-def _carry(loose: LooseArm, action: str, *, yes: bool) -> None:
-    found = differences(loose)
+def _transfer_calibration(loose: TorqueOffArm, action: str, *, yes: bool) -> None:
+    found = register_differences(loose)
     if not found:
         print_lines(["Servos and calibration file agree; nothing to do."])
         return
     for difference in found:
-        note(str(difference))
+        print_status(str(difference))
     asks = not yes and sys.stdin.isatty()
     target = "the servos (torque goes off)" if action == "push" else str(loose.path)
-    if not consent(f"Write this into {target}?", default=yes or asks, asks=asks):
+    if not confirm_start(f"Write this into {target}?", default=yes or asks, asks=asks):
         raise IkservoError("Cancelled; nothing was written.", "Without asking: --yes")
     path = push(loose) if action == "push" else pull(loose)
     print_lines([f"Servos and {path} agree."])
 
 
-def _adopt(loose: LooseArm, source: Path | None, *, yes: bool) -> None:
-    path, calibration = adoptable(loose, source)
+def _adopt_calibration(loose: TorqueOffArm, source: Path | None, *, yes: bool) -> None:
+    path, calibration = find_adoptable(loose, source)
     made_on = calibration.usb_serial_number or "without a number"
-    note(f"{path}, made on adapter {made_on}: ids, models, offsets and limits match these servos.")
+    print_status(
+        f"{path}, made on adapter {made_on}: ids, models, offsets and limits match these servos."
+    )
     asks = not yes and sys.stdin.isatty()
-    if not consent("Is this the same arm?", default=yes, asks=asks):
+    if not confirm_start("Is this the same arm?", default=yes, asks=asks):
         raise IkservoError("Cancelled; nothing was saved.", "Without asking: --yes")
-    print_lines([f"Saved to {adopt(loose, calibration)}"])
-    note(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
+    print_lines([f"Saved to {adopt_calibration(loose, calibration)}"])
+    print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
 
 
-def _interrupted(loose: LooseArm, action: str, *, yes: bool) -> None:
+def _resolve_interrupted(loose: TorqueOffArm, action: str, *, yes: bool) -> None:
     if not loose.journal_path.exists():
         print_lines(["No interrupted write; nothing to do."])
         return
-    let_go(loose, asks=not yes and sys.stdin.isatty(), yes=yes)
-    step = resume if action == "resume" else revert
+    disable_torque(loose, asks=not yes and sys.stdin.isatty(), yes=yes)
+    step = resume if action == "resume" else roll_back
     step(loose.bus, loose.journal_path)
     done = "completed" if action == "resume" else "reverted"
     print_lines([f"The interrupted calibration was {done}."])

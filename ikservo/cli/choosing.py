@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from ikservo.calibration import say, source_words
-from ikservo.calibration.filing.store import calibrations_of
-from ikservo.cli.output import note
+from ikservo.calibration import format_position, source_words
+from ikservo.calibration.calibration_file import calibrations_of
+from ikservo.cli.terminal import print_status
 from ikservo.errors import InputError
-from ikservo.ik import Binding
-from ikservo.kinematics.se3 import Vector
+from ikservo.ik import ActiveLimit
+from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model, arm_names, load_model
 
-__all__ = ["chosen_model", "known_model", "limit_sources", "limit_words", "start_of"]
+__all__ = [
+    "calibrated_model_from_option",
+    "describe_limit",
+    "initial_joints",
+    "limit_sources",
+    "model_from_option",
+]
 
 _ARM_FILE = "arm file"
 
 
-def chosen_model(arm: str | None, tip: str | None = None) -> Model:
+def model_from_option(arm: str | None, tip: str | None = None) -> Model:
     """Return the model of ``--arm``, as its arm file has it.
 
     Raises:
@@ -27,7 +33,7 @@ def chosen_model(arm: str | None, tip: str | None = None) -> Model:
     return load_model(arm, tip)
 
 
-def known_model(arm: str | None, tip: str | None = None) -> Model:
+def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Model:
     """Return the model of ``--arm`` inside this arm's own calibration, where it has one; say so.
 
     Raises:
@@ -35,30 +41,31 @@ def known_model(arm: str | None, tip: str | None = None) -> Model:
         FileFormatError: Its calibration is spoiled.
         CalibrationError: Its calibration is of another arm.
     """
-    model = chosen_model(arm, tip)
+    model = model_from_option(arm, tip)
     if not (model.joints and calibrations_of(model.name)):
         return model
-    from ikservo.arm.known import known  # noqa: PLC0415  # brings the servos' rooms along
+    from ikservo.arm.calibrated_arm import calibrated_model  # noqa: PLC0415  # brings the servos' rooms along
 
-    own = known(model)
+    own = calibrated_model(model)
     more = f" (the newest; {len(own.others)} older beside it)" if own.others else ""
-    note(f"Limits from calibration: {own.file}{more}")
+    print_status(f"Limits from calibration: {own.file}{more}")
     return own.model
 
 
-def start_of(model: Model) -> Vector:
+def initial_joints(model: Model) -> Vector:
     """Return joints (dof,) inside the limits to start from: home, or the middle of the ranges."""
     chain = model.chain
-    return chain.clip(model.chain_pose("home")) if "home" in model.poses else chain.middle()
+    return chain.clip(model.chain_pose("home")) if "home" in model.poses else chain.mid_range()
 
 
-def limit_words(model: Model, binding: Binding) -> str:
+def describe_limit(model: Model, binding: ActiveLimit) -> str:
     """Return a limit that holds the arm back: ``j2 at its lower limit, 5.0° (arm file)``."""
     joint = next((joint for joint in model.joints if joint.name == binding.joint), None)
     if joint is None:
         return str(binding)
     limit = joint.limits.lower if binding.side == "lower" else joint.limits.upper
-    return f"{binding}, {say(limit.value, joint.limits.unit)} ({source_words(limit.source)})"
+    position = format_position(limit.value, joint.limits.unit)
+    return f"{binding}, {position} ({source_words(limit.source)})"
 
 
 def limit_sources(model: Model) -> list[str]:

@@ -8,15 +8,14 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.care.checkup import check_up, rules_text
-from ikservo.arm.care.eeprom_checks import write_eeprom
-from ikservo.arm.care.findings import Finding, Level
-from ikservo.arm.line import open_line
-from ikservo.cli.choosing import chosen_model
+from ikservo.arm.opening import open_bus
+from ikservo.cli.choosing import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
-from ikservo.cli.output import note, print_json, print_lines
-from ikservo.cli.progress import bar
+from ikservo.cli.terminal import print_json, print_lines, print_status, progress_bar
 from ikservo.errors import ExitCode
+from ikservo.maintenance.doctor import diagnose, udev_rules
+from ikservo.maintenance.findings import Finding, Severity
+from ikservo.maintenance.servo_checks import write_eeprom
 from ikservo.model import load_model
 
 __all__ = ["command"]
@@ -42,21 +41,21 @@ def command(
     ikservo doctor --arm so101 --port /dev/ttyACM0
     """
     if rules:
-        print_lines(rules_text().splitlines())
+        print_lines(udev_rules().splitlines())
         return
     if eeprom:
-        _write(arm, port)
-    with bar() as show:
-        found = check_up(port, load_model(arm) if arm else None, show)
-        findings = list(found if json else _shown(found))
-    healthy = all(finding.level is not Level.BAD for finding in findings)
+        _write_eeproms(arm, port)
+    with progress_bar() as show:
+        found = diagnose(port, load_model(arm) if arm else None, show)
+        findings = list(found if json else _print_findings(found))
+    healthy = all(finding.level is not Severity.BAD for finding in findings)
     if json:
         print_json("doctor", healthy=healthy, checks=[asdict(f) for f in findings])
     if not healthy:
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _shown(findings: Iterable[Finding]) -> Iterable[Finding]:
+def _print_findings(findings: Iterable[Finding]) -> Iterable[Finding]:
     """Print findings as they come."""
     for finding in findings:
         print_lines([f"{finding.level.mark} {finding.topic:9} {finding.text}"], indent=12)
@@ -64,9 +63,9 @@ def _shown(findings: Iterable[Finding]) -> Iterable[Finding]:
         yield finding
 
 
-def _write(arm: str | None, port: str | None) -> None:
-    model = chosen_model(arm)
-    with open_line(model, port) as bus:
+def _write_eeproms(arm: str | None, port: str | None) -> None:
+    model = model_from_option(arm)
+    with open_bus(model, port) as bus:
         for servo, changes in write_eeprom(bus, model).items():
             for change in changes:
-                note(f"{servo}: {change.register} {change.found} → {change.wanted}")
+                print_status(f"{servo}: {change.register} {change.found} → {change.wanted}")

@@ -8,15 +8,14 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import read_recording
-from ikservo.arm.own import serial_number_of
-from ikservo.calibration.filing.calibration_file import read_calibration
-from ikservo.calibration.filing.lerobot import dump_lerobot, lerobot_joints, unsaid
-from ikservo.calibration.filing.store import calibration_path, calibrations_of
-from ikservo.cli.choosing import chosen_model
+from ikservo.arm.calibrated_arm import serial_number_of
+from ikservo.calibration.calibration_file import calibration_path, calibrations_of, read_calibration
+from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
+from ikservo.cli.choosing import model_from_option
 from ikservo.cli.options import ArmOption, PortOption
-from ikservo.cli.output import note
+from ikservo.cli.terminal import print_status
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
-from ikservo.files.writing import write_whole
+from ikservo.files.writing import write_atomic
 from ikservo.model import Model
 
 __all__ = ["command"]
@@ -47,35 +46,35 @@ def command(
     ikservo export csv wave.jsonl > wave.csv
     """
     if kind == "csv":
-        _write(_csv(recording), to)
+        _write_output(_recording_csv(recording), to)
     elif kind == "lerobot":
-        _write(_lerobot(chosen_model(arm), port), to)
+        _write_output(_lerobot_text(model_from_option(arm), port), to)
     else:
         raise UnknownNameError("format", kind, ("lerobot", "csv"))
 
 
-def _csv(recording: Path | None) -> str:
+def _recording_csv(recording: Path | None) -> str:
     if recording is None:
         raise InputError("No recording given.", "Name it: ikservo export csv wave.jsonl")
     return read_recording(recording).to_csv()
 
 
-def _lerobot(model: Model, port: str | None) -> str:
-    calibration = read_calibration(_path(model, port))
+def _lerobot_text(model: Model, port: str | None) -> str:
+    calibration = read_calibration(_find_calibration_file(model, port))
     text = dump_lerobot(lerobot_joints(calibration))
-    for line in unsaid(calibration):
-        note(line)
+    for line in lost_in_lerobot(calibration):
+        print_status(line)
     return text
 
 
-def _write(text: str, to: Path | None) -> None:
+def _write_output(text: str, to: Path | None) -> None:
     if to:
-        write_whole(to, text, keep_old=True)
+        write_atomic(to, text, keep_old=True)
     else:
         typer.echo(text, nl=False)  # byte for byte as it would stand in a file
 
 
-def _path(model: Model, port: str | None) -> Path:
+def _find_calibration_file(model: Model, port: str | None) -> Path:
     """Return the calibration of the arm on a port, or the only one there is."""
     found = calibrations_of(model.name)
     if port:

@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm, open_arm
-from ikservo.arm.skills.following import FollowReport
-from ikservo.cli.calibrating.wiggle import check_once
-from ikservo.cli.completing import arms
+from ikservo.arm.following import FollowResult
+from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -20,10 +19,11 @@ from ikservo.cli.options import (
     SpeedOption,
     UncalibratedOption,
     YesOption,
+    complete_arms,
+    parse_time_s,
 )
-from ikservo.cli.output import note, point, port_words, print_json, print_lines
-from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import agree, opened
+from ikservo.cli.session import confirm_motion, open_from_options
+from ikservo.cli.terminal import format_point, format_port, print_json, print_lines, print_status
 from ikservo.model import load_model
 
 __all__ = ["command"]
@@ -31,7 +31,9 @@ __all__ = ["command"]
 Leader = Annotated[
     str,
     typer.Argument(
-        metavar="LEADER", help="The arm guided by hand: a name or a file.", autocompletion=arms
+        metavar="LEADER",
+        help="The arm guided by hand: a name or a file.",
+        autocompletion=complete_arms,
     ),
 ]
 LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="The leader's serial port.")]
@@ -64,39 +66,39 @@ def command(
     model = load_model(leader)
     with (
         open_arm(model, leader_port, uncalibrated=uncalibrated) as leading,
-        opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine,
+        open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine,
     ):
-        _say(leading, machine)
-        agree(machine, yes=yes)
+        _print_start(leading, machine)
+        confirm_motion(machine, yes=yes)
         if not no_wiggle:
-            check_once(machine, yes=yes)
-        report = machine.follow_arm(leading, speed=speed, until=_until(machine, time))
-    _print(report, json=json)
+            check_directions_once(machine, yes=yes)
+        report = machine.follow_arm(leading, speed=speed, until=_make_end_check(machine, time))
+    _print_follow_report(report, json=json)
 
 
-def _say(leading: Arm, machine: Arm) -> None:
-    note(f"{machine.model.title} on {port_words(machine.port_name)} follows "
-         f"{leading.model.title} on {port_words(leading.port_name)}; Ctrl-C stops.")  # fmt: skip
+def _print_start(leading: Arm, machine: Arm) -> None:
+    print_status(f"{machine.model.title} on {format_port(machine.port_name)} follows "
+         f"{leading.model.title} on {format_port(leading.port_name)}; Ctrl-C stops.")  # fmt: skip
     if any(state.torque for state in leading.where().joints):
-        note("The leader's torque is on. Switch it off with: "
+        print_status("The leader's torque is on. Switch it off with: "
              f"ikservo relax --arm {leading.model.name} --port {leading.port_name}")  # fmt: skip
 
 
-def _until(machine: Arm, time_s: float | None) -> Callable[[], bool]:
+def _make_end_check(machine: Arm, time_s: float | None) -> Callable[[], bool]:
     end_s = None if time_s is None else machine.workings.now_s() + time_s
     return lambda: end_s is not None and machine.workings.now_s() >= end_s
 
 
-def _brief(reason: str) -> str:
+def _rejection_text(reason: str) -> str:
     """Return the message of a refusal as a part of a sentence."""
     return f"{reason[:1].lower()}{reason[1:]}".rstrip(".")
 
 
-def _print(report: FollowReport, *, json: bool) -> None:
+def _print_follow_report(report: FollowResult, *, json: bool) -> None:
     if json:
         print_json(
             "follow",
-            wishes=report.wishes,
+            wishes=report.setpoints,
             unreached=report.unreached,
             refused=report.refused,
             reason=report.reason,
@@ -106,13 +108,13 @@ def _print(report: FollowReport, *, json: bool) -> None:
             duration_s=report.duration_s,
         )
         return
-    reason = f" ({_brief(report.reason)})" if report.reason else ""
+    reason = f" ({_rejection_text(report.reason)})" if report.reason else ""
     rejected = f", rejected {report.refused}{reason}" if report.refused else ""
     print_lines(
         [
             f"ended     {report.ended}",
-            f"targets   {report.wishes}{rejected}",
-            f"tip       {point(report.measured_tip_m.tolist())}",
+            f"targets   {report.setpoints}{rejected}",
+            f"tip       {format_point(report.measured_tip_m.tolist())}",
             f"duration  {report.duration_s:.2f} s",
         ]
     )

@@ -7,12 +7,18 @@ from typing import Annotated, cast
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.skills.gripping import GripReport, Opening
-from ikservo.cli.completing import openings
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
-from ikservo.cli.output import note, port_words, print_json, print_lines
-from ikservo.cli.quantities import parse_length_m
-from ikservo.cli.session import agree, opened, watched
+from ikservo.arm.gripper import GraspResult, GripperCommand
+from ikservo.cli.options import (
+    ArmOption,
+    JsonOption,
+    PortOption,
+    UncalibratedOption,
+    YesOption,
+    complete_openings,
+    parse_length_m,
+)
+from ikservo.cli.session import confirm_motion, open_from_options, progress_bar
+from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import ExitCode
 
 __all__ = ["command"]
@@ -20,7 +26,9 @@ __all__ = ["command"]
 To = Annotated[
     str,
     typer.Argument(
-        metavar="open|close|WIDTH", help="open, close, or like 30mm.", autocompletion=openings
+        metavar="open|close|WIDTH",
+        help="open, close, or like 30mm.",
+        autocompletion=complete_openings,
     ),
 ]
 Force = Annotated[
@@ -45,18 +53,18 @@ def command(
 
     ikservo gripper 30mm --arm px100 --port sim
     """
-    goal = cast("Opening", to) if to.isalpha() else parse_length_m(to)
-    with opened(arm, port, uncalibrated=uncalibrated) as machine:
-        note(f"{machine.model.title} on {port_words(machine.port_name)}: gripper {to}.")
-        agree(machine, yes=yes)
-        with watched() as draw:
+    goal = cast("GripperCommand", to) if to.isalpha() else parse_length_m(to)
+    with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
+        print_status(f"{machine.model.title} on {format_port(machine.port_name)}: gripper {to}.")
+        confirm_motion(machine, yes=yes)
+        with progress_bar() as draw:
             report = machine.gripper(goal, force=force, on_progress=draw)
-    _print(report, machine, json=json)
+    _print_grip_report(report, machine, json=json)
     if not (report.reached or report.grasped):
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _print(report: GripReport, machine: Arm, *, json: bool) -> None:
+def _print_grip_report(report: GraspResult, machine: Arm, *, json: bool) -> None:
     if json:
         print_json(
             "gripper",
@@ -70,7 +78,7 @@ def _print(report: GripReport, machine: Arm, *, json: bool) -> None:
         )
         return
     jaws = machine.model.gripper
-    at = machine.model.joint(jaws.joint).joint_map.say(report.position_rad) if jaws else ""
+    at = machine.model.joint(jaws.joint).joint_map.format(report.position_rad) if jaws else ""
     width = "" if report.width_m is None else f", jaws {report.width_m * 1000:z.1f} mm apart"
     load = "" if report.load_percent is None else f", load {report.load_percent:z.0f} %"
     print_lines(

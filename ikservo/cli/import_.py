@@ -11,28 +11,40 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.calibrating.by_hand import LooseArm, loose_arm
-from ikservo.arm.calibrating.filing import lost_by_saving
-from ikservo.arm.calibrating.importing import (
-    as_recorded,
-    check_recorded,
-    known_travels,
-    unlike_servos,
+from ikservo.calibration.lerobot import LerobotJoint, find_lerobot, read_lerobot
+from ikservo.calibration.procedure import CalibrationState
+from ikservo.calibration.result import CalibrationResult
+from ikservo.calibration.script import read_script
+from ikservo.cli.calibrate import FromScript, Margin, NoInput, Pose
+from ikservo.cli.calibrate_by_hand import (
+    AnswerSource,
+    answer_source,
+    check_zeros,
+    print_result,
+    run_calibration,
 )
-from ikservo.calibration.filing.lerobot import LerobotJoint, read_lerobot
-from ikservo.calibration.filing.lerobot_places import find_lerobot
-from ikservo.calibration.sweeping.answers import read_script
-from ikservo.calibration.sweeping.outcome import Outcome
-from ikservo.calibration.sweeping.sweep import Wizard
-from ikservo.cli.calibrating.hands import check_zeros, show
-from ikservo.cli.calibrating.meeting import consent, greet, let_go, telling_what_is_left
-from ikservo.cli.calibrating.options import FromScript, Margin, NoInput, Pose
-from ikservo.cli.calibrating.screen import screen
-from ikservo.cli.calibrating.talk import Answers, answers, converse
-from ikservo.cli.choosing import chosen_model
+from ikservo.cli.calibrate_screen import calibration_display
+from ikservo.cli.calibration_prompts import (
+    confirm_start,
+    disable_torque,
+    print_servos,
+    reporting_unchanged_state,
+)
+from ikservo.cli.choosing import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, YesOption
-from ikservo.cli.output import note
+from ikservo.cli.terminal import print_status
 from ikservo.errors import IkservoError, UnknownNameError
+from ikservo.maintenance.calibration_session import (
+    TorqueOffArm,
+    lost_geometry_warning,
+    open_torque_off,
+)
+from ikservo.maintenance.lerobot_import import (
+    check_lerobot_joints,
+    lerobot_mismatches,
+    lerobot_travels,
+    with_lerobot_homing,
+)
 
 __all__ = ["Kind", "check_kind", "command"]
 
@@ -62,27 +74,27 @@ def command(
     ikservo import lerobot my_arm --arm so101
     """
     check_kind(kind)
-    model, path = chosen_model(arm), find_lerobot(source)
+    model, path = model_from_option(arm), find_lerobot(source)
     joints = read_lerobot(path)
     model.pose(pose)
     if from_script:
         read_script(from_script)  # before an arm goes limp for it
     asks = not (yes or no_input or from_script) and sys.stdin.isatty()
-    with loose_arm(model, port) as loose:
-        check_recorded(joints, model, loose)
-        let_go(loose, asks=asks, yes=yes or from_script is not None)
-        with telling_what_is_left():
-            greet(loose, pose)
-            with answers(from_script, yes=yes, ask=asks) as who:
-                wizard = _converse(loose, joints, pose, margin, who)
+    with open_torque_off(model, port) as loose:
+        check_lerobot_joints(joints, model, loose)
+        disable_torque(loose, asks=asks, yes=yes or from_script is not None)
+        with reporting_unchanged_state():
+            print_servos(loose, pose)
+            with answer_source(from_script, yes=yes, ask=asks) as who:
+                wizard = _run_import_dialogue(loose, joints, pose, margin, who)
             check_zeros(wizard, pose, model.name, asks=asks)
-            outcome = _concluded(loose, joints, wizard, pose)
-            for line in lost_by_saving(loose):
-                note(f"  {line}")
-            if not consent(f"Save to {loose.path}?", default=True, asks=asks):
+            outcome = _build_outcome(loose, joints, wizard, pose)
+            for line in lost_geometry_warning(loose):
+                print_status(f"  {line}")
+            if not confirm_start(f"Save to {loose.path}?", default=True, asks=asks):
                 raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
             saved = loose.save(outcome)
-    show(outcome, wizard, saved, json=json)
+    print_result(outcome, wizard, saved, json=json)
 
 
 def check_kind(kind: str) -> None:
@@ -95,23 +107,25 @@ def check_kind(kind: str) -> None:
         raise UnknownNameError("format", kind, ("lerobot",))
 
 
-def _converse(
-    loose: LooseArm, joints: Sequence[LerobotJoint], pose: str, margin: float, who: Answers
-) -> Wizard:
-    wizard = Wizard.begin(loose.subjects(pose, known_travels(joints, loose)), math.radians(margin))
-    free = frozenset(joint.name for joint in joints if joint.turns_freely)
-    with screen(loose.model, pose) as shown:
-        return converse(loose, replace(wizard, free=free), who, shown)
+def _run_import_dialogue(
+    loose: TorqueOffArm, joints: Sequence[LerobotJoint], pose: str, margin: float, who: AnswerSource
+) -> CalibrationState:
+    wizard = CalibrationState.begin(
+        loose.make_subjects(pose, lerobot_travels(joints, loose)), math.radians(margin)
+    )
+    free = frozenset(joint.name for joint in joints if joint.is_continuous)
+    with calibration_display(loose.model, pose) as shown:
+        return run_calibration(loose, replace(wizard, free=free), who, shown)
 
 
-def _concluded(
-    loose: LooseArm, joints: Sequence[LerobotJoint], wizard: Wizard, pose: str
-) -> Outcome:
+def _build_outcome(
+    loose: TorqueOffArm, joints: Sequence[LerobotJoint], wizard: CalibrationState, pose: str
+) -> CalibrationResult:
     """Work the calibration out, its joints in LeRobot's order so that it can be handed back."""
-    for line in unlike_servos(joints, loose.facts):
-        note(line)
-    facts = as_recorded(joints, loose.facts)
-    outcome = loose.conclude(wizard, pose, datetime.now(UTC), facts=facts)
+    for line in lerobot_mismatches(joints, loose.facts):
+        print_status(line)
+    facts = with_lerobot_homing(joints, loose.facts)
+    outcome = loose.build_calibration(wizard, pose, datetime.now(UTC), facts=facts)
     found = {joint.name: joint for joint in outcome.calibration.joints}
     ordered = tuple(found[joint.name] for joint in joints)
     return replace(outcome, calibration=outcome.calibration.model_copy(update={"joints": ordered}))

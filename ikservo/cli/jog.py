@@ -11,10 +11,8 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.skills.jogging import DIRECTIONS, NO_LONGER_REQUESTED, JogReport, Wanted
-from ikservo.cli.calibrating.wiggle import check_once
-from ikservo.cli.completing import jogs
-from ikservo.cli.keyboard import Keys, keys
+from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, JogResult, KeepGoing
+from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -23,10 +21,21 @@ from ikservo.cli.options import (
     PortOption,
     UncalibratedOption,
     YesOption,
+    complete_jogs,
+    parse_angle_rad,
+    parse_length_m,
+    parse_time_s,
 )
-from ikservo.cli.output import note, point, port_words, print_json, print_lines
-from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_time_s
-from ikservo.cli.session import agree, opened
+from ikservo.cli.session import confirm_motion, open_from_options
+from ikservo.cli.terminal import (
+    Keys,
+    format_point,
+    format_port,
+    print_json,
+    print_lines,
+    print_status,
+    read_keys,
+)
 from ikservo.errors import InputError
 
 __all__ = ["command"]
@@ -38,7 +47,7 @@ What = Annotated[
     typer.Argument(
         metavar="JOINT|DIRECTION",
         help="A joint, or x y z -x -y -z up down.",
-        autocompletion=jogs,
+        autocompletion=complete_jogs,
     ),
 ]
 Speed = Annotated[
@@ -76,45 +85,45 @@ def command(
         raise InputError(
             "Cannot read keys: input is not a terminal.", "Add --time, as in --time 1."
         )
-    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        wished = _speed(machine, what, speed)
+    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+        wished = _parse_speed(machine, what, speed)
         if time is not None:  # else the key that is held agrees
-            note(f"{machine.model.title} on {port_words(machine.port_name)}: "
+            print_status(f"{machine.model.title} on {format_port(machine.port_name)}: "
                  f"{what} for {time:g} s.")  # fmt: skip
-            agree(machine, yes=yes)
+            confirm_motion(machine, yes=yes)
         if not no_wiggle:
-            check_once(machine, yes=yes)
-        with _wanted(machine, time) as wanted:
+            check_directions_once(machine, yes=yes)
+        with _keep_going_check(machine, time) as wanted:
             report = machine.jog(what, wished, wanted=wanted)
     if report.ended == NO_LONGER_REQUESTED:
         report = replace(report, ended="key released" if time is None else "time is up")
-    _print(report, json=json)
+    _print_jog_report(report, json=json)
 
 
-def _speed(machine: Arm, what: str, speed: str | None) -> float | None:
+def _parse_speed(machine: Arm, what: str, speed: str | None) -> float | None:
     if speed is None:
         return None
-    slides = what in DIRECTIONS and what not in machine.workings.servos.names
+    slides = what in JOG_DIRECTIONS and what not in machine.workings.servos.names
     if not slides and what in machine.workings.servos.names:
         slides = machine.model.joint(what).joint_map.unit == "m"
     return parse_length_m(speed) if slides else parse_angle_rad(speed)
 
 
 @contextmanager
-def _wanted(machine: Arm, time_s: float | None) -> Generator[Wanted]:
+def _keep_going_check(machine: Arm, time_s: float | None) -> Generator[KeepGoing]:
     """Yield what says whether to go on: a clock, or a key that is held."""
     if time_s is not None:
         end_s = machine.workings.now_s() + time_s
         yield lambda: machine.workings.now_s() < end_s
         return
-    note("Hold the space bar to move; release it to stop.")
-    with keys() as key:
+    print_status("Hold the space bar to move; release it to stop.")
+    with read_keys() as key:
         while " " not in key():
             pass
-        yield _held(machine, key)
+        yield _key_held_check(machine, key)
 
 
-def _held(machine: Arm, key: Keys) -> Wanted:
+def _key_held_check(machine: Arm, key: Keys) -> KeepGoing:
     pressed_s = machine.workings.now_s()
 
     def wanted() -> bool:
@@ -126,7 +135,7 @@ def _held(machine: Arm, key: Keys) -> Wanted:
     return wanted
 
 
-def _print(report: JogReport, *, json: bool) -> None:
+def _print_jog_report(report: JogResult, *, json: bool) -> None:
     if json:
         print_json(
             "jog",
@@ -139,7 +148,7 @@ def _print(report: JogReport, *, json: bool) -> None:
     print_lines(
         [
             f"ended     {report.ended}",
-            f"tip       {point(report.measured_tip_m.tolist())}",
+            f"tip       {format_point(report.measured_tip_m.tolist())}",
             f"duration  {report.duration_s:.2f} s",
         ]
     )

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm, JointReport
-from ikservo.cli.calibrating.wiggle import check_once
-from ikservo.cli.completing import joints
+from ikservo.arm import Arm, JointMoveResult
+from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -20,11 +19,13 @@ from ikservo.cli.options import (
     SpeedOption,
     UncalibratedOption,
     YesOption,
+    complete_joints,
+    parse_angle_rad,
+    parse_length_m,
 )
-from ikservo.cli.output import point, print_json, print_lines
-from ikservo.cli.quantities import parse_angle_rad, parse_length_m
-from ikservo.cli.reports.plan import print_plan
-from ikservo.cli.session import announce, opened, watched
+from ikservo.cli.plan_report import print_plan
+from ikservo.cli.session import announce, open_from_options, progress_bar
+from ikservo.cli.terminal import format_point, print_json, print_lines
 from ikservo.errors import BadValueError, ExitCode, InputError
 from ikservo.model import Model
 
@@ -35,7 +36,7 @@ Goals = Annotated[
     typer.Argument(
         metavar="JOINT=POSITION…",
         help="Degrees or 0.2rad; 12mm on slides.",
-        autocompletion=joints,
+        autocompletion=complete_joints,
     ),
 ]
 
@@ -57,8 +58,8 @@ def command(
 
     ikservo joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim
     """
-    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        positions = _positions(goals, machine.model)
+    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+        positions = _parse_positions(goals, machine.model)
         if dry_run:
             preview(machine, positions, speed, json=json)
             return
@@ -68,12 +69,12 @@ def command(
 
 def move_joints(
     machine: Arm, positions: Mapping[str, float], speed: str, *, yes: bool, wiggle: bool
-) -> JointReport:
+) -> JointMoveResult:
     """Announce a motion of joints, carry it out and return how it ended."""
     announce(machine.plan_joints(positions, speed=speed), machine, yes=yes)
     if wiggle:
-        check_once(machine, yes=yes)
-    with watched() as draw:
+        check_directions_once(machine, yes=yes)
+    with progress_bar() as draw:
         return machine.move_joints(positions, speed=speed, on_progress=draw)
 
 
@@ -84,17 +85,17 @@ def preview(machine: Arm, positions: Mapping[str, float], speed: str, *, json: b
     print_plan(plan, machine.model, positions, json=json)
 
 
-def print_report(report: JointReport, model: Model, *, json: bool) -> None:
+def print_report(report: JointMoveResult, model: Model, *, json: bool) -> None:
     """Print how a motion of joints ended; exit 1 where a joint did not arrive."""
     if json:
-        print_json("joints", **_fields(report))
+        print_json("joints", **_report_fields(report))
     else:
-        print_lines(_lines(report, model))
+        print_lines(_report_lines(report, model))
     if not report.reached:
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _positions(goals: list[str], model: Model) -> dict[str, float]:
+def _parse_positions(goals: list[str], model: Model) -> dict[str, float]:
     positions: dict[str, float] = {}
     for goal in goals:
         name, equals, text = goal.partition("=")
@@ -107,7 +108,7 @@ def _positions(goals: list[str], model: Model) -> dict[str, float]:
     return positions
 
 
-def _fields(report: JointReport) -> dict[str, object]:
+def _report_fields(report: JointMoveResult) -> dict[str, object]:
     return {
         "goal_rad": report.goal_rad,
         "measured_rad": report.measured_rad,
@@ -119,8 +120,8 @@ def _fields(report: JointReport) -> dict[str, object]:
     }
 
 
-def _lines(report: JointReport, model: Model) -> list[str]:
-    say = {name: model.joint(name).joint_map.say for name in report.goal_rad}
+def _report_lines(report: JointMoveResult, model: Model) -> list[str]:
+    say = {name: model.joint(name).joint_map.format for name in report.goal_rad}
     width = max(8, *map(len, say))
     names = [
         f"{name:{width}}  {say[name](report.measured_rad[name])} (target {say[name](goal)})"
@@ -128,7 +129,7 @@ def _lines(report: JointReport, model: Model) -> list[str]:
     ]
     return [
         *names,
-        f"{'tip':{width}}  {point(report.measured_tip_m.tolist())}",
+        f"{'tip':{width}}  {format_point(report.measured_tip_m.tolist())}",
         f"{'duration':{width}}  {report.duration_s:.2f} s",
         f"{'reached':{width}}  {'yes' if report.reached else 'no'}",
         *(f"{'binds':{width}}  {words}" for words in report.binding),

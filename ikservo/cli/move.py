@@ -7,28 +7,38 @@ from typing import Annotated, cast
 
 import typer
 
-from ikservo.arm import Arm, MoveReport, Plan
-from ikservo.arm.planning import Stance
-from ikservo.cli.calibrating.wiggle import check_once
+from ikservo.arm import Arm, MotionPlan, MoveResult
+from ikservo.arm.tool_orientation import ToolOrientation
+from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
+    DirectionOption,
     DryRunOption,
     JsonOption,
+    KeepOption,
     Length,
     NoWiggleOption,
+    PitchOption,
     PortOption,
+    RollOption,
     SpeedOption,
     TipOption,
     UncalibratedOption,
     YesOption,
+    orientation_from_options,
+    parse_length_m,
+    parse_point_m,
 )
-from ikservo.cli.output import point, print_json, print_lines
-from ikservo.cli.posture import PreferOption, WeightOption, note_freedom, posture_of
-from ikservo.cli.quantities import parse_length_m, parse_point_m
-from ikservo.cli.reports.plan import orientation_words, print_plan
-from ikservo.cli.session import announce, opened, watched
-from ikservo.cli.stance import DirectionOption, KeepOption, PitchOption, RollOption, stance_of
+from ikservo.cli.plan_report import describe_orientation_error, print_plan
+from ikservo.cli.posture_options import (
+    PreferOption,
+    WeightOption,
+    posture_from_options,
+    report_missing_freedom,
+)
+from ikservo.cli.session import announce, open_from_options, progress_bar
+from ikservo.cli.terminal import format_point, print_json, print_lines
 from ikservo.errors import ExitCode
 
 __all__ = ["command"]
@@ -83,50 +93,52 @@ def command(
 
     ikservo move 0.2 0.1 0.1 --via 0.2,0,0.2 --via 0.25,0.05,0.2 --blend 30mm
     """
-    stance = stance_of(pitch, roll, direction, keep=keep)
+    stance = orientation_from_options(pitch, roll, direction, keep=keep)
     points = [*(parse_point_m(text) for text in via or ()), (x, y, z)]
-    with opened(arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated) as machine:
-        posture = posture_of(machine.model, machine.chain, prefer, weight)
+    with open_from_options(
+        arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
+    ) as machine:
+        posture = posture_from_options(machine.model, machine.chain, prefer, weight)
         stance = stance if posture is None else replace(stance, posture=posture)
-        plan = _planned(machine, points, stance, speed, blend_m=blend, line=line)
+        plan = _plan_motion(machine, points, stance, speed, blend_m=blend, line=line)
         if posture is not None and plan.solution is not None:
-            note_freedom(machine.chain, plan.solution.q, directed=False)
+            report_missing_freedom(machine.chain, plan.solution.q, directed=False)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:
-            _preview(plan, machine, json=json)
+            _print_preview(plan, machine, json=json)
             return
-        if not no_wiggle and check_once(machine, yes=yes):
-            plan = _planned(machine, points, stance, speed, blend_m=blend, line=line)
-        with watched() as draw:
-            report = cast("MoveReport", machine.execute(plan, draw))  # of a plan of the tip
-    _print(report, json=json)
+        if not no_wiggle and check_directions_once(machine, yes=yes):
+            plan = _plan_motion(machine, points, stance, speed, blend_m=blend, line=line)
+        with progress_bar() as draw:
+            report = cast("MoveResult", machine.execute(plan, draw))  # of a plan of the tip
+    _print_move_report(report, json=json)
     if not report.reached:
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _planned(
+def _plan_motion(
     machine: Arm,
     points: list[tuple[float, float, float]],
-    stance: Stance,
+    stance: ToolOrientation,
     speed: str,
     *,
     blend_m: float,
     line: bool,
-) -> Plan:
+) -> MotionPlan:
     if len(points) == 1 and not line:
         return machine.plan_to(points[0], speed=speed, stance=stance)
     return machine.plan_through(points, blend_m=blend_m, line=line, speed=speed, stance=stance)
 
 
-def _preview(plan: Plan, machine: Arm, *, json: bool) -> None:
+def _print_preview(plan: MotionPlan, machine: Arm, *, json: bool) -> None:
     workings = machine.workings
     goals = dict(zip(workings.servos.names, plan.goal.tolist(), strict=True))
     joints = {name: goals[name] for name in machine.chain.names}
-    change_rad = workings.planner.turned(plan.start, plan.goal)
+    change_rad = workings.planner.rotation_between(plan.start, plan.goal)
     print_plan(plan, machine.model, joints, change_rad, json=json)
 
 
-def _print(report: MoveReport, *, json: bool) -> None:
+def _print_move_report(report: MoveResult, *, json: bool) -> None:
     if json:
         print_json(
             "move",
@@ -144,11 +156,11 @@ def _print(report: MoveReport, *, json: bool) -> None:
         return
     print_lines(
         [
-            f"target     {point(report.target_m.tolist())}",
-            f"commanded  {point(report.commanded_tip_m.tolist())}",
-            f"measured   {point(report.measured_tip_m.tolist())}",
+            f"target     {format_point(report.target_m.tolist())}",
+            f"commanded  {format_point(report.commanded_tip_m.tolist())}",
+            f"measured   {format_point(report.measured_tip_m.tolist())}",
             f"error      {report.error_m * 1000:.2f} mm",
-            f"tool       {_orientation(report)}",
+            f"tool       {_format_orientation(report)}",
             f"duration   {report.duration_s:.2f} s",
             f"reached    {'yes' if report.reached else 'no'}",
             *(f"binds      {words}" for words in report.binding),
@@ -156,7 +168,7 @@ def _print(report: MoveReport, *, json: bool) -> None:
     )
 
 
-def _orientation(report: MoveReport) -> str:
+def _format_orientation(report: MoveResult) -> str:
     requested = report.orientation_requested
     rad = report.orientation_error_rad if requested else report.orientation_change_rad
-    return orientation_words(rad, requested=requested)
+    return describe_orientation_error(rad, requested=requested)

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.options import JsonOption
-from ikservo.cli.output import note, print_json, print_lines, print_table
-from ikservo.hardware.finding.discovery import Adapter, Change, adapters, changes
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.hardware.serial_ports import AdapterEvent, SerialAdapter, list_adapters, watch_adapters
 
 __all__ = ["command"]
 
@@ -26,52 +26,52 @@ def command(*, watch: Watch = False, events: Events = None, json: JsonOption = F
 
     ikservo ports --watch        unplug one and see its name
     """
-    found = adapters()
+    found = list_adapters()
     if not watch:
-        _list(found, json=json)
+        _print_adapters(found, json=json)
         return
-    note(f"Here now: {', '.join(adapter.device for adapter in found) or 'none'}.")
-    note("Plug in or unplug an adapter; Ctrl-C ends.")
-    for change in islice(changes(), events):
-        _tell(change, json=json)
+    print_status(f"Here now: {', '.join(adapter.device for adapter in found) or 'none'}.")
+    print_status("Plug in or unplug an adapter; Ctrl-C ends.")
+    for change in islice(watch_adapters(), events):
+        _print_event(change, json=json)
 
 
-def _list(found: list[Adapter], *, json: bool) -> None:
+def _print_adapters(found: list[SerialAdapter], *, json: bool) -> None:
     if json:
-        print_json("ports", ports=[_facts(adapter) for adapter in found])
+        print_json("ports", ports=[_adapter_fields(adapter) for adapter in found])
     elif found:
         columns = ["port", "chip", "usb", "serial number", "used by", "by id"]
-        print_table(columns, [_row(adapter) for adapter in found])
+        print_table(columns, [_format_adapter_row(adapter) for adapter in found])
     else:
-        note("No USB serial adapter found. Without an arm: --port sim")
+        print_status("No USB serial adapter found. Without an arm: --port sim")
 
 
-def _tell(change: Change, *, json: bool) -> None:
+def _print_event(change: AdapterEvent, *, json: bool) -> None:
     adapter = change.adapter
     if json:
-        print_json("ports-event", event=change.event, port=_facts(adapter))
+        print_json("ports-event", event=change.event, port=_adapter_fields(adapter))
     else:
         named = f"  {adapter.by_id}" if adapter.by_id else ""
         print_lines([f"{change.event:9}  {adapter.device}  {adapter.chip}{named}"])
 
 
-def _row(adapter: Adapter) -> list[str]:
+def _format_adapter_row(adapter: SerialAdapter) -> list[str]:
     return [
         adapter.device,
         adapter.chip,
         adapter.usb,
         adapter.serial_number or "-",
-        adapter.holder or "-",
+        adapter.used_by or "-",
         adapter.by_id,
     ]
 
 
-def _facts(adapter: Adapter) -> dict[str, object]:
+def _adapter_fields(adapter: SerialAdapter) -> dict[str, object]:
     return {
         "device": adapter.device,
         "by_id": adapter.by_id,
         "chip": adapter.chip,
         "usb": adapter.usb,
         "serial_number": adapter.serial_number,
-        "holder": adapter.holder,
+        "holder": adapter.used_by,
     }

@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm
-from ikservo.cli.completing import poses
 from ikservo.cli.joints import move_joints, preview, print_report
 from ikservo.cli.options import (
     ArmOption,
@@ -19,16 +18,17 @@ from ikservo.cli.options import (
     SpeedOption,
     UncalibratedOption,
     YesOption,
+    complete_poses,
 )
-from ikservo.cli.output import note, print_json, print_lines
-from ikservo.cli.session import opened
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_status
 
 __all__ = ["command"]
 
 Name = Annotated[
     str | None,
     typer.Argument(
-        metavar="NAME", help="rest, home, zero, or one you taught.", autocompletion=poses
+        metavar="NAME", help="rest, home, zero, or one you taught.", autocompletion=complete_poses
     ),
 ]
 
@@ -50,14 +50,14 @@ def command(
 
     ikservo pose home --arm so101 --port sim
     """
-    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         if name is None:
-            _list(machine, json=json)
+            _print_poses(machine, json=json)
             return
-        inside = machine.inside(name)
+        inside = machine.pose_within_limits(name)
         positions = inside.positions
         for words in inside.changed:
-            note(f"{words}.")
+            print_status(f"{words}.")
         if dry_run:
             preview(machine, positions, speed, json=json)
             return
@@ -65,8 +65,10 @@ def command(
     print_report(report, machine.model, json=json)
 
 
-def _list(machine: Arm, *, json: bool) -> None:
+def _print_poses(machine: Arm, *, json: bool) -> None:
     if json:
-        print_json("poses", poses=machine.poses.all(), taught=sorted(machine.poses.taught()))
+        print_json(
+            "poses", poses=machine.poses.all_poses(), taught=sorted(machine.poses.user_poses())
+        )
     else:
-        print_lines(machine.poses.all())
+        print_lines(machine.poses.all_poses())

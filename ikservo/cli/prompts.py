@@ -12,13 +12,13 @@ import sys
 
 import typer
 
-from ikservo.cli.folding import folded
-from ikservo.cli.output import note
+from ikservo.cli.terminal import print_status
+from ikservo.cli.text_wrapping import fold_for_stream
 
 __all__ = ["confirm", "read_answer", "wait_for_enter"]
 
 _ANSWERS = {"y": True, "yes": True, "n": False, "no": False}
-_MOST_BYTES = 4096
+_MAX_ANSWER_BYTES = 4096
 
 
 def confirm(question: str) -> bool:
@@ -31,7 +31,7 @@ def confirm(question: str) -> bool:
         answer = read_answer(f"{question} [y/n]: ").strip().lower()
         if answer in _ANSWERS:
             return _ANSWERS[answer]
-        note("Type y or n, then Enter.")
+        print_status("Type y or n, then Enter.")
 
 
 def wait_for_enter(request: str) -> None:
@@ -50,16 +50,16 @@ def read_answer(prompt: str) -> str:
         typer.Abort: The input ended.
     """
     _discard_input()
-    print(folded(prompt.rstrip(), sys.stderr), end=" ", file=sys.stderr, flush=True)  # noqa: T201
+    print(fold_for_stream(prompt.rstrip(), sys.stderr), end=" ", file=sys.stderr, flush=True)  # noqa: T201
     try:
         line = _read_line()
     except OSError:  # the terminal was closed
         line = ""
     except KeyboardInterrupt:
-        note("")
+        print_status("")
         raise
     if not line:
-        note("")
+        print_status("")
         raise typer.Abort
     return line.rstrip("\r\n")
 
@@ -84,7 +84,7 @@ def _read_line() -> str:
     # Read from the descriptor itself: `sys.stdin` would keep a second typed line for later.
     typed = b""
     while not typed.endswith(b"\n"):
-        more = os.read(sys.stdin.fileno(), _MOST_BYTES)
+        more = os.read(sys.stdin.fileno(), _MAX_ANSWER_BYTES)
         if not more:
             break
         typed += more

@@ -10,14 +10,13 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.owner.elsewhere import record_from_here
-from ikservo.arm.tapes.recording import RecordReport
-from ikservo.cli.choosing import chosen_model
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
-from ikservo.cli.output import note, print_json, print_lines
+from ikservo.arm.recording import RecordResult
+from ikservo.arm.remote import record_remote
+from ikservo.cli.choosing import model_from_option
+from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, parse_time_s
 from ikservo.cli.prompts import confirm
-from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import opened
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import InputError
 
 __all__ = ["command"]
@@ -53,44 +52,44 @@ def command(
         raise InputError(
             "Cannot wait for Ctrl-C: input is not a terminal.", "Add --time, as in --time 10."
         )
-    model = chosen_model(arm)
-    until = _announced() if time is None else None
-    report = record_from_here(model, port, file, time, until, period, overwrite=overwrite)
+    model = model_from_option(arm)
+    until = _first_sample_announcer() if time is None else None
+    report = record_remote(model, port, file, time, until, period, overwrite=overwrite)
     if report is None:
-        with opened(arm, port, uncalibrated=uncalibrated) as machine:
+        with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
             _offer_release(machine)
             report = machine.record(file, duration_s=time, until=until,
                                     period_s=period, overwrite=overwrite)  # fmt: skip
-    _print(report, json=json)
+    _print_record_report(report, json=json)
 
 
 def _offer_release(machine: Arm) -> None:
     """Say that an arm with torque cannot be guided by hand, and offer to switch it off."""
     if not any(state.torque for state in machine.where().joints):
         return
-    note("Torque is on: the arm cannot be guided by hand.")
-    if sys.stdin.isatty() and machine.zeros.known:
+    print_status("Torque is on: the arm cannot be guided by hand.")
+    if sys.stdin.isatty() and machine.zeros.are_known:
         if confirm("Lower the arm to its rest pose and switch torque off first?"):
             machine.relax()
     else:
-        note("To switch torque off: ikservo relax")
+        print_status("To switch torque off: ikservo relax")
 
 
-def _announced() -> Callable[[], bool]:
+def _first_sample_announcer() -> Callable[[], bool]:
     """Return what says at the first sample, and not before, that the arm is being recorded."""
     said = False
 
     def never_ends() -> bool:
         nonlocal said
         if not said:
-            note("Recording; Ctrl-C ends it.")
+            print_status("Recording; Ctrl-C ends it.")
         said = True
         return False
 
     return never_ends
 
 
-def _print(report: RecordReport, *, json: bool) -> None:
+def _print_record_report(report: RecordResult, *, json: bool) -> None:
     if json:
         print_json("record", path=str(report.path), samples=report.samples,
                    duration_s=report.duration_s)  # fmt: skip

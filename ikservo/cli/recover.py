@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.care.recovery import Recovery, recover
-from ikservo.arm.line import open_line
-from ikservo.cli.choosing import chosen_model
+from ikservo.arm.opening import open_bus
+from ikservo.cli.choosing import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
-from ikservo.cli.output import note, print_json, print_table
 from ikservo.cli.prompts import confirm
+from ikservo.cli.terminal import print_json, print_status, print_table
 from ikservo.errors import ExitCode, IkservoError, InputError
+from ikservo.maintenance.recovery import RecoveryResult, recover
 
 __all__ = ["command"]
 
@@ -37,19 +37,19 @@ def command(
 
     ikservo recover --arm koch --reboot        torque is off while Dynamixels restart
     """
-    model = chosen_model(arm)
-    with open_line(model, port) as bus:
+    model = model_from_option(arm)
+    with open_bus(model, port) as bus:
         if reboot and not yes:
-            _ask(bus.port.name)
+            _confirm_recovery(bus.port.name)
         done = recover(bus, reboot=reboot)
-    _print(done, json=json)
+    _print_recoveries(done, json=json)
     if any(one.torque is None for one in done):
         raise typer.Exit(ExitCode.SILENT)
-    if not all(one.well for one in done):
+    if not all(one.healthy for one in done):
         raise typer.Exit(ExitCode.ALARM)
 
 
-def _ask(port: str) -> None:
+def _confirm_recovery(port: str) -> None:
     if port.startswith("sim:"):
         return
     if not sys.stdin.isatty():
@@ -61,36 +61,36 @@ def _ask(port: str) -> None:
         raise IkservoError("Cancelled; nothing was restarted.", "Without asking: --yes")
 
 
-def _print(done: list[Recovery], *, json: bool) -> None:
+def _print_recoveries(done: list[RecoveryResult], *, json: bool) -> None:
     if json:
-        print_json("recover", servos=[_facts(one) for one in done])
+        print_json("recover", servos=[_recovery_fields(one) for one in done])
         return
     columns = ["joint", "id", "alarms before", "done", "alarms now", "torque"]
-    print_table(columns, [_row(one) for one in done])
-    left = [str(one.servo) for one in done if not one.well]
-    note(
+    print_table(columns, [_format_recovery_row(one) for one in done])
+    left = [str(one.servo) for one in done if not one.healthy]
+    print_status(
         f"Still faulty: {', '.join(left)}."
         if left
         else "All servos are fine; each goal is its position."
     )
 
 
-def _row(one: Recovery) -> list[str]:
+def _format_recovery_row(one: RecoveryResult) -> list[str]:
     return [
         one.servo.name,
         str(one.servo.id),
         ", ".join(one.before) or "none",
         one.action,
         ", ".join(one.after) or "none",
-        _torque(one),
+        _format_torque(one),
     ]
 
 
-def _torque(one: Recovery) -> str:
+def _format_torque(one: RecoveryResult) -> str:
     return "unknown" if one.torque is None else "on" if one.torque else "off"
 
 
-def _facts(one: Recovery) -> dict[str, object]:
+def _recovery_fields(one: RecoveryResult) -> dict[str, object]:
     return {
         "joint": one.servo.name,
         "id": one.servo.id,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 
 from ikservo.arm import Arm
-from ikservo.arm.owner.elsewhere import ask_to_relax
-from ikservo.cli.choosing import chosen_model
+from ikservo.arm.remote import request_relax
+from ikservo.cli.choosing import model_from_option
 from ikservo.cli.joints import print_report
 from ikservo.cli.options import (
     ArmOption,
@@ -16,9 +16,9 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.output import note
 from ikservo.cli.prompts import confirm
-from ikservo.cli.session import announce_lowering, opened, watched
+from ikservo.cli.session import announce_lowering, open_from_options, progress_bar
+from ikservo.cli.terminal import print_status
 from ikservo.errors import IkservoError
 
 __all__ = ["command"]
@@ -37,26 +37,26 @@ def command(
 
     Where another program of yours has the port, that one stops what it does and relaxes the arm.
     """
-    model = chosen_model(arm)
-    elsewhere = ask_to_relax(model, port)
+    model = model_from_option(arm)
+    elsewhere = request_relax(model, port)
     if elsewhere is not None:
         print_report(elsewhere, model, json=json)
         return
-    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        if not machine.zeros.known:
-            _drop(machine, yes=yes)
+    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+        if not machine.zeros.are_known:
+            _release_torque(machine, yes=yes)
             return
         announce_lowering(machine, yes=yes)
-        with watched() as draw:
+        with progress_bar() as draw:
             report = machine.relax(draw)
     print_report(report, machine.model, json=json)
 
 
-def _drop(machine: Arm, *, yes: bool) -> None:
+def _release_torque(machine: Arm, *, yes: bool) -> None:
     """Switch off the torque of an arm that cannot be lowered, its zeros being unknown."""
-    note("Not calibrated, so the arm cannot be lowered.")
-    note("Torque will be switched off; support the arm.")
+    print_status("Not calibrated, so the arm cannot be lowered.")
+    print_status("Torque will be switched off; support the arm.")
     if not yes and not (sys.stdin.isatty() and confirm("Switch torque off?")):
         raise IkservoError("Cancelled; torque stays on.", "Without asking: --yes")
-    machine.release()
-    note("Torque is off.")
+    machine.disable_torque()
+    print_status("Torque is off.")

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.tapes.replaying import ReplayReport, playback_of
-from ikservo.cli.calibrating.wiggle import check_once
+from ikservo.arm.replay import ReplayResult, load_replay
+from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -20,8 +20,8 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.output import note, point, print_json, print_lines
-from ikservo.cli.session import agree, opened, watched
+from ikservo.cli.session import confirm_motion, open_from_options, progress_bar
+from ikservo.cli.terminal import format_point, print_json, print_lines, print_status
 
 __all__ = ["command"]
 
@@ -46,29 +46,31 @@ def command(
 
     ikservo replay wave.jsonl --arm so101 --port sim
     """
-    with opened(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        machine.zeros.check(machine.model.name)
+    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+        machine.zeros.require_known(machine.model.name)
         machine.model.speed(speed)
-        recording, playback = playback_of(machine.workings, file, speed)
+        recording, playback = load_replay(machine.workings, file, speed)
         slower = (
-            f", {playback.slower:.1f} times slower than recorded" if playback.slower > 1 else ""
+            f", {playback.slowdown:.1f} times slower than recorded" if playback.slowdown > 1 else ""
         )
-        note(f"{machine.model.title} on {machine.port_name}: {len(recording.times_s)} samples, "
-             f"{playback.duration_s:.1f} s{slower}.")  # fmt: skip
+        print_status(
+            f"{machine.model.title} on {machine.port_name}: {len(recording.times_s)} samples, "
+            f"{playback.duration_s:.1f} s{slower}."
+        )
         if dry_run:
             if json:
                 print_json("replay_plan", samples=len(recording.times_s),
-                           duration_s=playback.duration_s, slower=playback.slower)  # fmt: skip
+                           duration_s=playback.duration_s, slower=playback.slowdown)  # fmt: skip
             return
-        agree(machine, yes=yes)
+        confirm_motion(machine, yes=yes)
         if not no_wiggle:
-            check_once(machine, yes=yes)
-        with watched() as draw:
+            check_directions_once(machine, yes=yes)
+        with progress_bar() as draw:
             report = machine.replay(file, speed=speed, on_progress=draw)
-    _print(report, json=json)
+    _print_replay_report(report, json=json)
 
 
-def _print(report: ReplayReport, *, json: bool) -> None:
+def _print_replay_report(report: ReplayResult, *, json: bool) -> None:
     if json:
         print_json(
             "replay",
@@ -85,6 +87,6 @@ def _print(report: ReplayReport, *, json: bool) -> None:
             f"samples   {report.samples}",
             f"duration  {report.duration_s:.2f} s",
             f"error     {math.degrees(report.error_rad):.2f}° of the last sample at most",
-            f"tip       {point(report.measured_tip_m.tolist())}",
+            f"tip       {format_point(report.measured_tip_m.tolist())}",
         ]
     )

@@ -10,18 +10,10 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
-from ikservo.cli.output import note, port_words, print_json, print_table
-from ikservo.cli.progress import bar
+from ikservo.cli.terminal import format_port, print_json, print_status, print_table, progress_bar
 from ikservo.errors import ExitCode, ServoSilentError
-from ikservo.hardware.finding.discovery import (
-    Found,
-    Listener,
-    ScanStep,
-    baud_rates,
-    choose_port,
-    scan_port,
-    with_arm,
-)
+from ikservo.hardware.discovery import choose_port, scan_port, simulated_port_url
+from ikservo.hardware.scan import FoundServo, OnScanStep, ScanProgress, candidate_baud_rates
 
 __all__ = ["command"]
 
@@ -48,29 +40,31 @@ def command(
 
     ikservo scan --port sim --arm so101
     """
-    where = with_arm(choose_port(name or port, arm or ""), _arm_file(arm))
-    wanted = list(dict.fromkeys(rates or baud_rates()))
-    with _watched() as draw:
+    where = simulated_port_url(choose_port(name or port, arm or ""), _find_arm_file(arm))
+    wanted = list(dict.fromkeys(rates or candidate_baud_rates()))
+    with _scan_progress() as draw:
         found = scan_port(where, wanted, every=every or bool(rates), on_step=draw)
     if not found:
-        raise ServoSilentError(f"No servo found on {port_words(where)} {_silence(wanted)}", _HINT)
-    _print(where, found, json=json)
-    crowds = sorted({servo.id for servo in found if servo.crowded})
+        raise ServoSilentError(
+            f"No servo found on {format_port(where)} {_silence_message(wanted)}", _HINT
+        )
+    _print_servos(where, found, json=json)
+    crowds = sorted({servo.id for servo in found if servo.shares_id})
     if crowds:
-        note(f"Several servos answer at id {', '.join(map(str, crowds))}.")
-        note("Connect one servo at a time and give each its own id: ikservo setup ARM")
+        print_status(f"Several servos answer at id {', '.join(map(str, crowds))}.")
+        print_status("Connect one servo at a time and give each its own id: ikservo setup ARM")
         raise typer.Exit(ExitCode.FAILED)
 
 
 _HINT = "Check the servos' power supply and the cable, then: ikservo doctor"
 
 
-def _silence(rates: Sequence[int]) -> str:
+def _silence_message(rates: Sequence[int]) -> str:
     at = f"{rates[0]} baud" if len(rates) == 1 else f"{len(rates)} baud rates"
     return f"(all ids, {at})"
 
 
-def _arm_file(arm: str | None) -> Path | None:
+def _find_arm_file(arm: str | None) -> Path | None:
     if not arm:
         return None
     from ikservo.model import find_arm  # noqa: PLC0415  # only the simulator needs to know
@@ -78,18 +72,18 @@ def _arm_file(arm: str | None) -> Path | None:
     return find_arm(arm)
 
 
-def _print(port: str, found: Sequence[Found], *, json: bool) -> None:
+def _print_servos(port: str, found: Sequence[FoundServo], *, json: bool) -> None:
     if json:
-        print_json("scan", port=port, servos=[_facts(servo) for servo in found])
+        print_json("scan", port=port, servos=[_servo_fields(servo) for servo in found])
         return
     columns = ["id", "model", "baud", "firmware", "V", "°C", "protocol", "alarms"]
-    print_table(columns, [_row(servo) for servo in found])
+    print_table(columns, [_format_servo_row(servo) for servo in found])
 
 
-def _row(servo: Found) -> list[str]:
+def _format_servo_row(servo: FoundServo) -> list[str]:
     return [
         str(servo.id),
-        "SEVERAL SERVOS" if servo.crowded else servo.model or "unknown",
+        "SEVERAL SERVOS" if servo.shares_id else servo.model or "unknown",
         str(servo.baud_rate),
         servo.firmware,
         "" if servo.voltage_v is None else f"{servo.voltage_v:.1f}",
@@ -99,7 +93,7 @@ def _row(servo: Found) -> list[str]:
     ]
 
 
-def _facts(servo: Found) -> dict[str, object]:
+def _servo_fields(servo: FoundServo) -> dict[str, object]:
     return {
         "id": servo.id,
         "model": servo.table.model_name if servo.table else None,
@@ -110,15 +104,15 @@ def _facts(servo: Found) -> dict[str, object]:
         "voltage_v": servo.voltage_v,
         "temperature_c": servo.temperature_c,
         "alarms": servo.alarms,
-        "several": servo.crowded,
+        "several": servo.shares_id,
     }
 
 
 @contextmanager
-def _watched() -> Generator[Listener | None]:
-    with bar() as show:
-        yield show and (lambda step: show(_said(step), step.asked, step.ids))
+def _scan_progress() -> Generator[OnScanStep | None]:
+    with progress_bar() as show:
+        yield show and (lambda step: show(_format_step(step), step.asked, step.ids))
 
 
-def _said(step: ScanStep) -> str:
+def _format_step(step: ScanProgress) -> str:
     return f"{step.baud_rate} baud, {step.protocol}"

@@ -1,24 +1,89 @@
-"""What commands that open an arm have in common: which arm, may it move, how far is it."""
+"""A command's session with an arm: open it, confirm motions, handle Ctrl-C and SIGTERM."""
 
 from __future__ import annotations
 
 import math
+import signal
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
-from ikservo.arm import Arm, Plan, Progress, Zeros, open_arm
-from ikservo.cli.choosing import chosen_model
-from ikservo.cli.output import note, point, port_words
+from ikservo.arm import Arm, MotionPlan, MotionProgress, StopKind, ZeroSource, open_arm
+from ikservo.cli.choosing import model_from_option
 from ikservo.cli.prompts import confirm
-from ikservo.cli.stopping import stoppable
-from ikservo.errors import IkservoError, InputError
+from ikservo.cli.terminal import format_point, format_port, print_status
+from ikservo.clock import Clock, RealClock
+from ikservo.control.stopping import RELAX_HINT
+from ikservo.errors import IkservoError, InputError, StoppedError
 
-__all__ = ["agree", "announce", "announce_lowering", "opened", "watched"]
+__all__ = [
+    "announce",
+    "announce_lowering",
+    "confirm_motion",
+    "open_from_options",
+    "progress_bar",
+    "second_interrupt_lowers",
+]
+
+
+# How long to listen for a second Ctrl-C; a person needs a moment, a script knows what it wants.
+_KEY_TIMEOUT_S, _SIGNAL_TIMEOUT_S = 2.0, 1.0
+
+_REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
 
 @contextmanager
-def opened(
+def second_interrupt_lowers(machine: Arm, clock: Clock | None = None) -> Generator[None]:
+    """Let a second Ctrl-C or SIGTERM, soon after one that stopped the arm, lower it and let go.
+
+    A stop for another reason ends the command at once; the arm holds.
+
+    Args:
+        machine: The arm that the command moves.
+        clock: Measures the wait for the second signal. The computer's if None, on simulated arms
+            too: it is a user who is waited for.
+    """
+    clock = clock or RealClock()
+    try:
+        yield
+    except (StoppedError, KeyboardInterrupt, SystemExit) as error:
+        reason = machine.stop_reason
+        if (
+            reason is not None
+            and reason.kind in _REPEATABLE
+            and _is_interrupted_again(machine, clock or RealClock())
+        ):
+            _lower_arm(machine)
+            raise StoppedError("Stopped; the arm was lowered and torque is off.") from None
+        if isinstance(error, StoppedError) or reason is None:
+            raise
+        raise StoppedError(reason.text, RELAX_HINT) from None
+
+
+def _is_interrupted_again(machine: Arm, clock: Clock) -> bool:
+    if machine.stop_requests > 1:
+        return True
+    person = sys.stdin.isatty()
+    if person:
+        print_status("Torque stays on. Ctrl-C again lowers the arm and switches torque off.")
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        clock.sleep_until(clock.now_s() + (_KEY_TIMEOUT_S if person else _SIGNAL_TIMEOUT_S))
+    except KeyboardInterrupt:
+        return True
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    return False
+
+
+def _lower_arm(machine: Arm) -> None:
+    print_status("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
+    machine.acknowledge()
+    machine.relax()
+
+
+@contextmanager
+def open_from_options(
     arm: str | None,
     port: str | None,
     *,
@@ -27,28 +92,28 @@ def opened(
     uncalibrated: bool = False,
 ) -> Generator[Arm]:
     """Open the arm of ``--arm`` on ``--port``, and leave it holding."""
-    model = chosen_model(arm, tip)
+    model = model_from_option(arm, tip)
     with open_arm(model, port, collisions=collisions, uncalibrated=uncalibrated) as machine:
         _warn_uncalibrated(machine)
-        with stoppable(machine):
+        with second_interrupt_lowers(machine):
             yield machine
 
 
-def announce(plan: Plan, machine: Arm, *, yes: bool) -> None:
+def announce(plan: MotionPlan, machine: Arm, *, yes: bool) -> None:
     """Say what is about to move, and ask once where a person can answer.
 
     Raises:
         IkservoError: The person said no.
         InputError: A real arm would move, without --yes and without a terminal to ask on.
     """
-    where_to = "" if plan.target_m is None else f" to {point(plan.target_m.tolist())}"
-    note(f"{machine.model.title} on {port_words(machine.port_name)}{where_to}: "
+    where_to = "" if plan.target_m is None else f" to {format_point(plan.target_m.tolist())}"
+    print_status(f"{machine.model.title} on {format_port(machine.port_name)}{where_to}: "
          f"{plan.duration_s:.1f} s, {plan.speed}.")  # fmt: skip
-    if plan.by:
-        note(f'Direct path would collide; moving via pose "{plan.by}".')
-    if plan.slowed:
-        note("First motion after torque-on: slow speed.")
-    agree(machine, yes=yes)
+    if plan.via_pose:
+        print_status(f'Direct path would collide; moving via pose "{plan.via_pose}".')
+    if plan.speed_reduced:
+        print_status("First motion after torque-on: slow speed.")
+    confirm_motion(machine, yes=yes)
 
 
 def announce_lowering(machine: Arm, *, yes: bool) -> None:
@@ -57,28 +122,28 @@ def announce_lowering(machine: Arm, *, yes: bool) -> None:
     Raises:
         IkservoError: The person said no.
     """
-    for words in machine.inside("rest").changed:
-        note(f"{words}.")
+    for words in machine.pose_within_limits("rest").changed:
+        print_status(f"{words}.")
     try:
-        plan = machine.plan_down()
+        plan = machine.plan_lowering()
     except IkservoError as error:
         if machine.stop_reason is not None:
             raise
-        note(f"It cannot be lowered: {error.message}")
-        note("Torque is switched off where it stands. Support the arm.")
-        agree(machine, yes=yes)
+        print_status(f"It cannot be lowered: {error.message}")
+        print_status("Torque is switched off where it stands. Support the arm.")
+        confirm_motion(machine, yes=yes)
         return
     announce(plan, machine, yes=yes)
 
 
-def agree(machine: Arm, *, yes: bool) -> None:
+def confirm_motion(machine: Arm, *, yes: bool) -> None:
     """Ask once whether to make the motion that was announced; a simulated arm needs no answer.
 
     Raises:
         IkservoError: The person said no.
         InputError: A real arm would move, without --yes and without a terminal to ask on.
     """
-    if yes or machine.zeros is Zeros.SIMULATED:
+    if yes or machine.zeros is ZeroSource.SIMULATED:
         return
     if not sys.stdin.isatty():
         raise InputError(
@@ -89,7 +154,7 @@ def agree(machine: Arm, *, yes: bool) -> None:
 
 
 @contextmanager
-def watched() -> Generator[Callable[[Progress], None] | None]:
+def progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
     """Yield what draws a progress bar on a terminal's stderr, or None elsewhere."""
     if not sys.stderr.isatty():
         yield None
@@ -102,19 +167,21 @@ def watched() -> Generator[Callable[[Progress], None] | None]:
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
 
-        def draw(progress: Progress) -> None:
+        def draw(progress: MotionProgress) -> None:
             bar.update(
                 task,
                 completed=progress.elapsed_s,
                 total=progress.duration_s if math.isfinite(progress.duration_s) else None,
-                description=point(progress.tip_m.tolist()),
+                description=format_point(progress.tip_m.tolist()),
             )
 
         yield draw
 
 
 def _warn_uncalibrated(machine: Arm) -> None:
-    if machine.zeros is Zeros.SIMULATED and not machine.port_name.startswith("sim:"):
-        note(f"{machine.port_name} is a pseudo-terminal: treated as a simulated arm.")
-    if machine.zeros in (Zeros.ACCEPTED, Zeros.UNKNOWN):
-        note("Not calibrated: using nominal zeros; the position may be wrong by several cm.")
+    if machine.zeros is ZeroSource.SIMULATED and not machine.port_name.startswith("sim:"):
+        print_status(f"{machine.port_name} is a pseudo-terminal: treated as a simulated arm.")
+    if machine.zeros in (ZeroSource.ACCEPTED, ZeroSource.UNKNOWN):
+        print_status(
+            "Not calibrated: using nominal zeros; the position may be wrong by several cm."
+        )

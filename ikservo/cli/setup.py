@@ -10,15 +10,15 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.calibrating.sketch import sketch
-from ikservo.arm.care.commissioning import Settled, Wish, commission, wishes
-from ikservo.cli.options import JsonOption, PortOption
-from ikservo.cli.output import note, print_json, print_lines
+from ikservo.cli.eeprom_restore import restore_backup
+from ikservo.cli.options import JsonOption, PortOption, parse_time_s
 from ikservo.cli.prompts import confirm
-from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.restoring import restore_backup
+from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import IkservoError, InputError
-from ikservo.hardware.finding.discovery import Found
+from ikservo.hardware.provisioning import ServoSettings
+from ikservo.hardware.scan import FoundServo
+from ikservo.maintenance.arm_sketch import ascii_sketch
+from ikservo.maintenance.commissioning import ConfiguredServo, commission, planned_settings
 from ikservo.model import Model, load_model
 
 __all__ = ["command"]
@@ -84,48 +84,50 @@ def command(
         return
     if servo or other_model:
         raise InputError("--servo and --other-model belong to --restore.", "Add --restore FILE.")
-    helper = _Voice(model, yes=yes, json=json)
-    with _resumable(arm, helper):
+    helper = _ConsolePrompt(model, yes=yes, json=json)
+    with _print_resume_hint(arm, helper):
         commission(model, port, helper, start=start, wait_s=wait)
-    note(f"All servos are set up. Plug them together, then: ikservo doctor --arm {arm}")
+    print_status(f"All servos are set up. Plug them together, then: ikservo doctor --arm {arm}")
 
 
-class _Voice:
+class _ConsolePrompt:
     """Talks to the person on stderr, and puts what was done on stdout."""
 
     def __init__(self, model: Model, *, yes: bool, json: bool) -> None:
         self._model, self._yes, self._json = model, yes, json
         self.joint: str | None = None
-        self._status = _Status()
+        self._status = _StatusLine()
 
-    def ask_for(self, wish: Wish) -> None:
+    def request_servo(self, wish: ServoSettings) -> None:
         self.joint = wish.servo.name
-        numbers = [w.servo.id for w in wishes(self._model)]
+        numbers = [w.servo.id for w in planned_settings(self._model)]
         count = numbers.index(wish.servo.id) + 1
-        note("")
-        for line in sketch(self._model, wish.servo.name):
-            note(f"    {line}")
-        note(
+        print_status("")
+        for line in ascii_sketch(self._model, wish.servo.name):
+            print_status(f"    {line}")
+        print_status(
             f"{count} of {len(numbers)}: plug in only the {wish.servo.table.model_name} "
             f"of {wish.servo} …"
         )
-        note("Searching for it at every baud rate; Ctrl-C stops, servos already set up stay so.")
+        print_status(
+            "Searching for it at every baud rate; Ctrl-C stops, servos already set up stay so."
+        )
 
-    def search(self, baud_rate: int) -> None:
+    def show_search(self, baud_rate: int) -> None:
         self._status.show(f"searching at {baud_rate} baud")
 
     def stop_searching(self) -> None:
         self._status.clear()
 
-    def see(self, found: Sequence[Found]) -> None:
+    def show_found(self, found: Sequence[FoundServo]) -> None:
         self._status.clear()
-        if len(found) > 1 or any(servo.crowded for servo in found):
+        if len(found) > 1 or any(servo.shares_id for servo in found):
             listed = "; ".join(map(str, found))
-            note(f"More than one servo answers: {listed}. Leave only that of {self.joint}.")
+            print_status(f"More than one servo answers: {listed}. Leave only that of {self.joint}.")
 
-    def may_write(self, wish: Wish, found: Found) -> bool:
+    def confirm_write(self, wish: ServoSettings, found: FoundServo) -> bool:
         self._status.clear()
-        note(f"Found {found}, firmware {found.firmware}.")
+        print_status(f"Found {found}, firmware {found.firmware}.")
         if self._yes or (found.id, found.baud_rate) == (wish.servo.id, wish.baud_rate):
             return True
         asked = f"Make it id {wish.servo.id} at {wish.baud_rate} baud, {wish.servo.name}?"
@@ -133,22 +135,22 @@ class _Voice:
             raise InputError(f"{asked} Cannot ask: input is not a terminal.", "Give --yes.")
         return confirm(asked)
 
-    def settle(self, settled: Settled, *, last: bool) -> None:
+    def report(self, settled: ConfiguredServo, *, last: bool) -> None:
         changes = ", ".join(settled.written) or "nothing to change"
         if self._json:
-            _print_json(settled)
+            _print_settled_json(settled)
         else:
             print_lines([f"✓ {settled.servo}: {changes}"])
         if not last:
-            self.joint = self._after(settled)
-            note("Unplug it.")
+            self.joint = self._next_instruction(settled)
+            print_status("Unplug it.")
 
-    def _after(self, settled: Settled) -> str:
-        todo = [wish.servo for wish in wishes(self._model)]
+    def _next_instruction(self, settled: ConfiguredServo) -> str:
+        todo = [wish.servo for wish in planned_settings(self._model)]
         return todo[todo.index(settled.servo) + 1].name
 
 
-class _Status:
+class _StatusLine:
     """One line on a terminal that is written over; nothing elsewhere."""
 
     def __init__(self) -> None:
@@ -165,7 +167,7 @@ class _Status:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
 
 
-def _print_json(settled: Settled) -> None:
+def _print_settled_json(settled: ConfiguredServo) -> None:
     print_json(
         "setup",
         joint=settled.servo.name,
@@ -178,12 +180,12 @@ def _print_json(settled: Settled) -> None:
 
 
 @contextmanager
-def _resumable(arm: str, helper: _Voice) -> Generator[None]:
+def _print_resume_hint(arm: str, helper: _ConsolePrompt) -> Generator[None]:
     """Say how to go on, whatever stops it."""
     try:
         yield
     except (IkservoError, KeyboardInterrupt, typer.Abort):
         helper.stop_searching()
         if helper.joint:
-            note(f"Go on with: ikservo setup {arm} --start {helper.joint}")
+            print_status(f"Go on with: ikservo setup {arm} --start {helper.joint}")
         raise

@@ -18,10 +18,10 @@ _GROUP = "ikservo.servers"
 # Everything but the arm's name belongs to the simulator, which explains its own options.
 CONTEXT_SETTINGS: dict[str, Any] = {"ignore_unknown_options": True, "help_option_names": []}
 
-Words = Annotated[list[str] | None, typer.Argument(metavar="[ARM] [OPTIONS]…")]
+LazyCommandGroup = Annotated[list[str] | None, typer.Argument(metavar="[ARM] [OPTIONS]…")]
 
 
-def command(words: Words = None) -> None:
+def command(words: LazyCommandGroup = None) -> None:
     """Serve a simulated arm on a pseudo-terminal; prints the port and runs until stopped.
 
     ikservo sim so101
@@ -29,10 +29,10 @@ def command(words: Words = None) -> None:
     words = [word.replace("\N{MINUS SIGN}", "-") for word in words or ["--help"]]
     if not words[0].startswith("-"):
         words = [str(find_arm(words[0]).resolve()), *words[1:]]
-    raise typer.Exit(_server()(words))
+    raise typer.Exit(_load_server()(words))
 
 
-def _server() -> Callable[[list[str]], int]:
+def _load_server() -> Callable[[list[str]], int]:
     for entry_point in entry_points(group=_GROUP, name="sim"):
         return cast("Callable[[list[str]], int]", entry_point.load())
     raise IkservoError("The simulator is not installed.", "Install it: pip install ikservo")

@@ -9,24 +9,39 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from ikservo.cli.choosing import known_model, start_of
-from ikservo.cli.completing import methods
-from ikservo.cli.options import ArmOption, JsonOption, Length, TipOption
-from ikservo.cli.output import note
-from ikservo.cli.posture import LEANING, PreferOption, WeightOption, note_freedom, posture_of
-from ikservo.cli.quantities import parse_axis, parse_force_n
-from ikservo.cli.reports.reach import ask_about_millimetres
-from ikservo.cli.reports.solutions import all_solutions, print_solutions
-from ikservo.cli.reports.solve import print_result
-from ikservo.cli.stance import DirectionOption, KeepOption, PitchOption, RollOption, stance_of
+from ikservo.cli.choosing import calibrated_model_from_option, initial_joints
+from ikservo.cli.options import (
+    ArmOption,
+    DirectionOption,
+    JsonOption,
+    KeepOption,
+    Length,
+    PitchOption,
+    RollOption,
+    TipOption,
+    complete_methods,
+    orientation_from_options,
+    parse_axis,
+    parse_force_n,
+)
+from ikservo.cli.posture_options import (
+    LEANING,
+    PreferOption,
+    WeightOption,
+    posture_from_options,
+    report_missing_freedom,
+)
+from ikservo.cli.reach_report import ask_about_millimetres
+from ikservo.cli.solve_reports import all_solutions, print_result, print_solutions
+from ikservo.cli.terminal import print_status
 from ikservo.errors import ExitCode, InputError
 from ikservo.ik import Result, Target, solve
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.tool import tool_of
+from ikservo.model.tool import tool_frame
 
 if TYPE_CHECKING:
-    from ikservo.arm.planning import Stance
+    from ikservo.arm.tool_orientation import ToolOrientation
 
 __all__ = ["command"]
 
@@ -39,7 +54,7 @@ ToolAxis = Annotated[
         help="What --direction points, in the tip's frame: x, y, z or X,Y,Z; else the tool.",
     ),
 ]
-Method = Annotated[str, typer.Option("--method", help=_METHODS, autocompletion=methods)]
+Method = Annotated[str, typer.Option("--method", help=_METHODS, autocompletion=complete_methods)]
 Nearest = Annotated[
     bool,
     typer.Option(
@@ -99,7 +114,7 @@ def command(
 
     ikservo solve 0.25 0.05 0.15 --arm so101 --compare --plot methods.svg
     """
-    _check(method, plot, everything=everything, comparison=comparison, trace=trace)
+    _check_options(method, plot, everything=everything, comparison=comparison, trace=trace)
     force_n = _force_n(force, alone=not (everything or comparison or trace))
     posed = pitch is not None or roll is not None or keep
     if posed and (everything or comparison or trace or tool_axis or method != "auto"):
@@ -113,10 +128,10 @@ def command(
             "Give them with --method auto or pseudo_inverse, and without --all, --compare, "
             "--pitch, --roll and --keep.",
         )
-    stance = stance_of(pitch, roll, direction, keep=keep) if posed else None
-    model = known_model(arm, tip)
-    posture = posture_of(model, model.chain, prefer, weight)
-    target, start = _target((x, y, z), model, direction, tool_axis), start_of(model)
+    stance = orientation_from_options(pitch, roll, direction, keep=keep) if posed else None
+    model = calibrated_model_from_option(arm, tip)
+    posture = posture_from_options(model, model.chain, prefer, weight)
+    target, start = _make_target((x, y, z), model, direction, tool_axis), initial_joints(model)
     if everything:
         answers = _print_all(model, target, start, json=json)
     elif comparison:
@@ -124,7 +139,7 @@ def command(
     else:
         keep_trace = trace or plot is not None
         result = (
-            _stood(model, target, stance, start)
+            _solve_with_orientation(model, target, stance, start)
             if stance
             else solve(
                 model.chain,
@@ -138,16 +153,16 @@ def command(
         )
         answers = [(result.method, result)]
         if posture is not None:
-            note_freedom(model.chain, result.q, directed=direction is not None)
+            report_missing_freedom(model.chain, result.q, directed=direction is not None)
         _print_one(model, target, result, force_n, trace=trace, json=json)
     if plot is not None:
-        _draw(plot, model, target, start, answers)
+        _plot_answers(plot, model, target, start, answers)
     if not any(result.reached for _, result in answers):
         ask_about_millimetres(model.chain, (x, y, z), "solve {}")
         raise typer.Exit(ExitCode.UNREACHABLE)
 
 
-def _check(
+def _check_options(
     method: str, plot: Path | None, *, everything: bool, comparison: bool, trace: bool
 ) -> None:
     """Refuse what contradicts itself or could not be drawn, before any work is done."""
@@ -157,9 +172,9 @@ def _check(
         other = "--all" if everything else "--compare"
         raise InputError(f"{other} chooses the method itself.", "Omit --method.")
     if plot is not None:
-        from ikservo.cli.plotting.sheet import check_picture  # noqa: PLC0415  # few draw
+        from ikservo.cli.plot_solve import check_plot_file  # noqa: PLC0415  # few draw
 
-        check_picture(plot)
+        check_plot_file(plot)
 
 
 def _force_n(force: tuple[str, str, str] | None, *, alone: bool) -> Vector | None:
@@ -174,20 +189,24 @@ def _force_n(force: tuple[str, str, str] | None, *, alone: bool) -> Vector | Non
     return np.array([parse_force_n(part) for part in force])
 
 
-def _target(
+def _make_target(
     position_m: tuple[float, float, float], model: Model, direction: str | None, axis: str | None
 ) -> Target:
     """Return the target; what points in its direction is the tool, unless another axis is told."""
-    tool_axis = tool_of(model).ahead if axis is None else parse_axis(axis)
+    tool_axis = tool_frame(model).approach_axis if axis is None else parse_axis(axis)
     wanted = None if direction is None else parse_axis(direction)
     return Target(position_m, direction=wanted, tool_axis=tool_axis)
 
 
-def _stood(model: Model, target: Target, stance: Stance, start: Vector) -> Result:
+def _solve_with_orientation(
+    model: Model, target: Target, stance: ToolOrientation, start: Vector
+) -> Result:
     """Return joints at which the tool stands as ``move`` would bring it there."""
-    from ikservo.arm.planning.standing import stand  # noqa: PLC0415  # few ask
+    from ikservo.arm.orientation_solver import solve_with_orientation  # noqa: PLC0415  # few ask
 
-    standing = stand(model.chain, tool_of(model), Target(target.position), stance, start)
+    standing = solve_with_orientation(
+        model.chain, tool_frame(model), Target(target.position), stance, start
+    )
     return replace(standing.solution, orientation_error_rad=standing.left_rad)
 
 
@@ -206,9 +225,9 @@ def _print_all(
 def _print_comparison(
     model: Model, target: Target, start: Vector, *, trace: bool, json: bool
 ) -> list[tuple[str, Result]]:
-    from ikservo.cli.reports.comparison import compare, print_comparison, print_traces  # noqa: PLC0415
+    from ikservo.cli.solve_reports import compare_methods, print_comparison, print_traces  # noqa: PLC0415
 
-    entries = compare(model.chain, target, start)
+    entries = compare_methods(model.chain, target, start)
     answers = [(e.method, e.result) for e in entries if e.method == e.result.method]
     if trace:
         print_traces(model.chain, target, answers)
@@ -227,17 +246,17 @@ def _print_one(
     json: bool,
 ) -> None:
     if trace:
-        from ikservo.cli.reports.comparison import print_traces  # noqa: PLC0415
+        from ikservo.cli.solve_reports import print_traces  # noqa: PLC0415
 
         print_traces(model.chain, target, [(result.method, result)])
     else:
         print_result(model, target, result, force_n=force_n, json=json)
 
 
-def _draw(
+def _plot_answers(
     file: Path, model: Model, target: Target, start: Vector, answers: list[tuple[str, Result]]
 ) -> None:
-    from ikservo.cli.plotting.solution import draw  # noqa: PLC0415  # matplotlib takes a second
+    from ikservo.cli.plot_solve import plot_solution  # noqa: PLC0415  # matplotlib takes a second
 
-    draw(file, model, target, start, answers)
-    note(f"Picture: {file}")
+    plot_solution(file, model, target, start, answers)
+    print_status(f"Picture: {file}")

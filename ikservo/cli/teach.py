@@ -10,10 +10,10 @@ import typer
 from ikservo.arm import Arm
 from ikservo.calibration import JointUnit
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
-from ikservo.cli.output import note, print_json, print_lines
+from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.prompts import wait_for_enter
-from ikservo.cli.reports.joints import joint_lines
-from ikservo.cli.session import announce_lowering, opened
+from ikservo.cli.session import announce_lowering, open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import InputError
 
 __all__ = ["command"]
@@ -47,11 +47,11 @@ def command(
         raise InputError(
             "Cannot ask: input is not a terminal.", "To save the present pose, add --now."
         )
-    with opened(arm, port, uncalibrated=uncalibrated) as machine:
+    with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
         machine.poses.check_name(name)
         if not now:
-            _announce_relaxing(machine, yes=yes)
-        positions = machine.teach(name, None if now else _until_enter, hold=hold)
+            _confirm_relaxing(machine, yes=yes)
+        positions = machine.teach(name, None if now else _wait_until_enter, hold=hold)
         path = machine.poses.path
     if json:
         print_json("teach", name=name, joints_rad=positions, path=str(path))
@@ -60,13 +60,13 @@ def command(
         joint: (at, machine.model.joint(joint).joint_map.unit) for joint, at in positions.items()
     }
     print_lines(joint_lines(joints))
-    note(f'Saved pose "{name}" in {path}.')
+    print_status(f'Saved pose "{name}" in {path}.')
 
 
-def _announce_relaxing(machine: Arm, *, yes: bool) -> None:
+def _confirm_relaxing(machine: Arm, *, yes: bool) -> None:
     if any(state.torque for state in machine.where().joints):
         announce_lowering(machine, yes=yes)
 
 
-def _until_enter() -> None:
+def _wait_until_enter() -> None:
     wait_for_enter("Bring the arm into the pose, then press Enter.")

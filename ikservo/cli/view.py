@@ -14,9 +14,9 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.choosing import chosen_model
+from ikservo.cli.choosing import model_from_option
 from ikservo.cli.options import ArmOption, CollisionOption, PortOption, UncalibratedOption
-from ikservo.cli.output import note, print_lines
+from ikservo.cli.terminal import print_lines, print_status
 from ikservo.errors import InputError
 
 __all__ = ["command"]
@@ -48,21 +48,21 @@ def command(
     ikservo view --arm so101 --port /dev/ttyACM0
     """
     _check_installed()
-    from ikservo.view.session.house import House  # noqa: PLC0415  # what --help does not need
+    from ikservo.view.app import ViewApp  # noqa: PLC0415  # what --help does not need
 
     simulated = (port or "").partition(":")[0] == "sim"
-    model = chosen_model(arm or ("so101" if simulated else None))
-    house = House(model, port, listen, http, collisions=collision, uncalibrated=uncalibrated)
+    model = model_from_option(arm or ("so101" if simulated else None))
+    house = ViewApp(model, port, listen, http, collisions=collision, uncalibrated=uncalibrated)
     with house as urls:
         print_lines([urls.control])
-        note(f"To watch only: {urls.watch}")
+        print_status(f"To watch only: {urls.watch}")
         for warning in urls.warnings:
-            note(warning)
-        note("Ctrl-C ends; torque then stays on.")
+            print_status(warning)
+        print_status("Ctrl-C ends; torque then stays on.")
         sys.stdout.flush()
-        with _shown(urls.control, wanted=not no_open and _has_display()):
+        with _browser_opened(urls.control, wanted=not no_open and _has_display()):
             house.serve()
-    note("Torque stays as it was. Switch it off with: ikservo relax")
+    print_status("Torque stays as it was. Switch it off with: ikservo relax")
 
 
 def _check_installed() -> None:
@@ -75,7 +75,7 @@ def _check_installed() -> None:
 
 
 @contextmanager
-def _shown(url: str, *, wanted: bool) -> Generator[None]:
+def _browser_opened(url: str, *, wanted: bool) -> Generator[None]:
     """Open a browser by way of a file that only its owner reads: a command line is read by all."""
     if not wanted:
         yield

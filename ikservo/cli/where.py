@@ -1,29 +1,49 @@
-"""``ikservo where``: the measured tip, joints, limits and health."""
+"""``ikservo where``: measured tip, joints, limits and health, once or continuously."""
 
 from __future__ import annotations
 
+import contextlib
+import itertools
+import math
+import sys
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 
-from ikservo.arm import JointState, Whereabouts
-from ikservo.arm.owner.elsewhere import ask_where
+from ikservo.arm import ArmState, JointState
+from ikservo.arm.remote import query_state
 from ikservo.calibration import source_words
-from ikservo.cli.choosing import chosen_model
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption
-from ikservo.cli.output import point, print_json, print_lines, print_table
-from ikservo.cli.quantities import parse_point_m, parse_time_s
-from ikservo.cli.reports.conditioning import posture_fields, posture_lines
-from ikservo.cli.session import opened
-from ikservo.errors import InputError
-from ikservo.kinematics.se3 import Vector
+from ikservo.cli.choosing import model_from_option
+from ikservo.cli.options import (
+    ArmOption,
+    JsonOption,
+    PortOption,
+    UncalibratedOption,
+    parse_point_m,
+    parse_time_s,
+)
+from ikservo.cli.posture_reports import posture_fields, posture_lines
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import format_point, print_json, print_lines, print_table
+from ikservo.clock import Clock, RealClock
+from ikservo.errors import IkservoError, InputError
+from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
+from ikservo.model.joint_limits import limit_distance, near_limit
+from ikservo.model.model import HealthLimits
 
 if TYPE_CHECKING:
-    from ikservo.cli.reports.visibility import Sights
+    from ikservo.cli.where_report import VisibilityReport
 
-__all__ = ["command"]
+__all__ = ["command", "heat_colour", "limit_colour", "position_bar", "watch_arm"]
+
 
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, joints as bars.")]
 Interval = Annotated[
@@ -57,45 +77,47 @@ def command(
 
     ikservo where --arm so101 --port sim --visible-from 0.6,0.3,0.4
     """
-    model = chosen_model(arm)
+    model = model_from_option(arm)
     eye_m = None if visible_from is None else parse_point_m(visible_from)
     if watch and eye_m is not None:
         raise InputError("--visible-from cannot be combined with --watch.", "Omit --watch.")
     if watch:
-        from ikservo.cli.watching import watch_arm  # noqa: PLC0415  # draws with rich
+        pass  # import dropped
 
         watch_arm(model, port, interval, times, uncalibrated=uncalibrated, json=json)
         return
-    here = ask_where(model, port)
+    here = query_state(model, port)
     if here is None:
-        with opened(arm, port, uncalibrated=uncalibrated) as machine:
+        with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
             here = machine.where()
-    sights = None if eye_m is None else _sights(model, here, eye_m)
+    sights = None if eye_m is None else _visibility_report(model, here, eye_m)
     if json:
-        more = posture_fields(model.chain, _q(here, model))
+        more = posture_fields(model.chain, _chain_joints(here, model))
         more |= {} if sights is None else {"visible_from": sights.fields()}
         print_json("where", tip_m=here.tip_m, joints=here.joints, **more)
         return
-    _print(here, model)
+    _print_arm_state(here, model)
     if sights is not None:
-        sights.print()
+        sights.print_table()
 
 
-def _sights(model: Model, here: Whereabouts, eye_m: tuple[float, float, float]) -> Sights:
-    from ikservo.cli.reports.visibility import Sights  # noqa: PLC0415  # few ask, numba loads
+def _visibility_report(
+    model: Model, here: ArmState, eye_m: tuple[float, float, float]
+) -> VisibilityReport:
+    from ikservo.cli.where_report import VisibilityReport  # noqa: PLC0415  # few ask, numba loads
 
-    return Sights.of(model, here.positions, eye_m)
+    return VisibilityReport.from_point(model, here.positions, eye_m)
 
 
-def _print(here: Whereabouts, model: Model) -> None:
-    posture = posture_lines(model.chain, _q(here, model))
-    print_lines([f"tip {point(here.tip_m.tolist())}", *posture, ""])
+def _print_arm_state(here: ArmState, model: Model) -> None:
+    posture = posture_lines(model.chain, _chain_joints(here, model))
+    print_lines([f"tip {format_point(here.tip_m.tolist())}", *posture, ""])
     columns = ["joint", "position", "lower", "upper", "°C", "V", "load", "torque"]
-    print_table(columns, [_row(state, model) for state in here.joints])
+    print_table(columns, [_format_joint_row(state, model) for state in here.joints])
     print_lines(["", *_limit_lines(here), *_alarm_lines(here)], indent=4)
 
 
-def _limit_lines(here: Whereabouts) -> list[str]:
+def _limit_lines(here: ArmState) -> list[str]:
     """Return where the limits come from: each source with its joints, or one for all."""
     sources: dict[str, list[str]] = {}
     for state in here.joints:
@@ -105,17 +127,17 @@ def _limit_lines(here: Whereabouts) -> list[str]:
     return [f"limits: {source} ({', '.join(joints)})" for source, joints in sources.items()]
 
 
-def _alarm_lines(here: Whereabouts) -> list[str]:
+def _alarm_lines(here: ArmState) -> list[str]:
     return [f"alarm: {s.name}: {', '.join(s.alarms)}" for s in here.joints if s.alarms]
 
 
-def _q(here: Whereabouts, model: Model) -> Vector:
+def _chain_joints(here: ArmState, model: Model) -> Vector:
     """Return the measured joints (dof,) of the chain, without the gripper's."""
     return np.array([here[name].position_rad for name in model.chain.names])
 
 
-def _row(state: JointState, model: Model) -> list[str]:
-    say = model.joint(state.name).joint_map.say
+def _format_joint_row(state: JointState, model: Model) -> list[str]:
+    say = model.joint(state.name).joint_map.format
     return [
         state.name,
         *(say(value) for value in (state.position_rad, state.lower_rad, state.upper_rad)),
@@ -124,3 +146,135 @@ def _row(state: JointState, model: Model) -> list[str]:
         "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
         "on" if state.torque else "off",
     ]
+
+
+# Characters between the limits, and what the other columns take.
+_MIN_BAR_CHARS, _MAX_BAR_CHARS, _OTHER_COLUMNS_CHARS = 9, 31, 68
+
+ReadState = Callable[[], ArmState]
+
+
+def watch_arm(
+    model: Model,
+    port: str | None,
+    interval_s: float,
+    times: int | None,
+    *,
+    uncalibrated: bool,
+    json: bool,
+    clock: Clock | None = None,
+) -> None:
+    """Look until Ctrl-C, or so many times; a line of JSON each, or a table that stays in place.
+
+    Args:
+        model: The arm.
+        port: Its port; chosen as for every command if None.
+        interval_s: Between two looks.
+        times: How many looks; until Ctrl-C if None.
+        uncalibrated: Whether an arm without calibration may be opened.
+        json: Whether to print lines of JSON.
+        clock: Measures the interval; the computer's if None, on simulated arms too.
+    """
+    with _state_reader(model, port, uncalibrated=uncalibrated) as look, _suppressed_output():
+        looks = _poll_states(look, interval_s, times, clock or RealClock())
+        if json:
+            for here in looks:
+                print_json("where", tip_m=here.tip_m, joints=here.joints)
+                sys.stdout.flush()
+            return
+        console = Console(highlight=False)
+        with (
+            Live(console=console, auto_refresh=False)
+            if console.is_terminal
+            else _no_context() as live
+        ):
+            for here in looks:
+                screen = _render_screen(here, model, console.width)
+                live.update(screen, refresh=True) if live else console.print(screen)
+
+
+@contextmanager
+def _state_reader(model: Model, port: str | None, *, uncalibrated: bool) -> Generator[ReadState]:
+    """Yield what looks: through the program that owns the port, or on the port itself."""
+    if query_state(model, port) is not None:
+        yield lambda: _read_from_owner(model, port)
+        return
+    with open_from_options(str(model.path), port, uncalibrated=uncalibrated) as machine:
+        yield machine.where
+
+
+def _read_from_owner(model: Model, port: str | None) -> ArmState:
+    here = query_state(model, port)
+    if here is None:
+        raise IkservoError("The program that used the port has ended.", "Run the command again.")
+    return here
+
+
+def _no_context() -> contextlib.nullcontext[None]:
+    return contextlib.nullcontext()
+
+
+@contextmanager
+def _suppressed_output() -> Generator[None]:
+    with contextlib.suppress(KeyboardInterrupt):  # how a person ends it
+        yield
+
+
+def _poll_states(
+    look: ReadState, interval_s: float, times: int | None, clock: Clock
+) -> Iterator[ArmState]:
+    for number in itertools.count(1):
+        yield look()
+        if number == times:
+            return
+        clock.sleep_until(clock.now_s() + interval_s)
+
+
+def _render_screen(here: ArmState, model: Model, width: int) -> Group:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    alarms = ["alarms"] if any(state.alarms for state in here.joints) else []
+    for column in ("joint", "position", "lower", "", "upper", "°C", "V", "load", "torque", *alarms):
+        numeric = column in ("position", "lower", "upper", "°C", "V", "load")
+        table.add_column(column, justify="right" if numeric else "left", no_wrap=True)
+    length = min(max(width - _OTHER_COLUMNS_CHARS, _MIN_BAR_CHARS), _MAX_BAR_CHARS)
+    for state in here.joints:
+        row = _watch_row(state, model, length)
+        table.add_row(*row, *([Text(", ".join(state.alarms), "red")] if alarms else []))
+    return Group(f"tip {format_point(here.tip_m.tolist())}", "", table)
+
+
+def _watch_row(state: JointState, model: Model, length: int) -> list[Text | str]:
+    joint_map = model.joint(state.name).joint_map
+    say, colour = joint_map.format, limit_colour(state, joint_map.unit)
+    return [
+        state.name,
+        Text(say(state.position_rad), colour),
+        say(state.lower_rad),
+        Text(position_bar(state.position_rad, state.lower_rad, state.upper_rad, length), colour),
+        say(state.upper_rad),
+        Text(f"{state.temperature_c:.0f}", heat_colour(state.temperature_c, model.health)),
+        f"{state.voltage_v:.1f}",
+        "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+        "on" if state.torque else "off",
+    ]
+
+
+def heat_colour(temperature_c: float, limits: HealthLimits) -> str:
+    """Return red from the temperature on at which the arm holds, yellow where it warns."""
+    hot, warm = (temperature_c >= c for c in (limits.hold_c, limits.warn_c))
+    return "red" if hot else "yellow" if warm else ""
+
+
+def limit_colour(state: JointState, unit: str) -> str:
+    """Return red outside the limits, yellow near one."""
+    joint = (state.position_rad, state.lower_rad, state.upper_rad)
+    if limit_distance(*joint) < 0.0:
+        return "red"
+    return "yellow" if near_limit(*joint, unit) else ""
+
+
+def position_bar(position: float, lower: float, upper: float, length: int) -> str:
+    """Return ``├────●────┤``: where a position lies between two limits."""
+    share = (position - lower) / (upper - lower) if math.isfinite(upper - lower) else 0.5
+    at = min(max(round(share * (length - 1)), 0), length - 1)
+    return f"├{'─' * at}●{'─' * (length - 1 - at)}┤"

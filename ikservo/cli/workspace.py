@@ -2,36 +2,142 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ikservo.cli.choosing import known_model, start_of
-from ikservo.cli.options import ArmOption, CollisionOption, JsonOption, TipOption
-from ikservo.cli.output import print_json, print_lines
-from ikservo.cli.plotting.sheet import check_picture
-from ikservo.cli.plotting.workspace import draw
-from ikservo.cli.quantities import parse_angle_rad, parse_length_m
-from ikservo.cli.reports.reach import ask_about_millimetres
-from ikservo.cli.reports.workspace import (
-    COLLIDES,
-    Slice,
-    point_fields,
-    point_lines,
-    region_fields,
-    region_lines,
-    title,
+from ikservo.cli.choosing import calibrated_model_from_option, describe_limit, initial_joints
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    JsonOption,
+    TipOption,
+    parse_angle_rad,
+    parse_length_m,
 )
+from ikservo.cli.plot_solve import check_plot_file
+from ikservo.cli.plot_workspace import axis_names, draw
+from ikservo.cli.reach_report import ask_about_millimetres, explain_unreachable
+from ikservo.cli.terminal import format_point as say_point
+from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import ExitCode, InputError
 from ikservo.ik import Result, Target, solve
-from ikservo.ik.workspace import Clear, front_plane, joint_samples, side_plane, top_plane, workspace
-from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.ik.workspace import Clear, Workspace, quasi_random_joints, workspace
+from ikservo.ik.workspace_grid import front_plane, side_plane, top_plane
+from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 
-__all__ = ["command"]
+__all__ = [
+    "COLLIDES",
+    "Slice",
+    "command",
+    "point_fields",
+    "point_lines",
+    "region_fields",
+    "region_lines",
+    "workspace_title",
+]
+
+
+COLLIDES = "every posture found collides with the arm itself, the table or a box"
+"""Why a point is left out that is in reach."""
+
+
+class Slice(Enum):
+    """How to cut the workspace; its whole volume where no cut is asked for."""
+
+    SIDE = "side"
+    TOP = "top"
+    FRONT = "front"
+
+
+def point_fields(
+    model: Model, asked: Sequence[float] | None, found: Result | None
+) -> dict[str, object]:
+    """Return what JSON says of a point that was asked for; nothing if none was."""
+    if found is None:
+        return {}
+    return {
+        "point_m": asked,
+        "inside": found.reached,
+        "distance_m": 0.0 if found.reached else found.position_error_m,
+        "nearest_m": found.nearest_m,
+        "collides": found.method == COLLIDES,
+        "binding": [describe_limit(model, limit) for limit in found.binding],
+    }
+
+
+def point_lines(model: Model, asked: Sequence[float] | None, found: Result | None) -> list[str]:
+    """Return what a person reads of a point that was asked for."""
+    if asked is None or found is None:
+        return []
+    if found.reached:
+        return [f"{say_point(asked)}  inside"]
+    if found.method == COLLIDES:
+        return [f"{say_point(asked)}  outside: {COLLIDES}"]
+    held = ", ".join(describe_limit(model, limit) for limit in found.binding)
+    held = held or explain_unreachable(model.chain, Target(asked))
+    nearest = say_point(found.nearest_m.tolist())
+    return [
+        f"{say_point(asked)}  outside: {held}",
+        f"nearest  {nearest}, {found.position_error_m * 1000:.1f} mm away",
+    ]
+
+
+def region_fields(cut: Slice | None, region: Workspace | None) -> dict[str, object]:
+    """Return what JSON says of a slice or a volume; nothing if none was made."""
+    if region is None:
+        return {}
+    lower, upper = region.extent_m or (None, None)
+    fields: dict[str, object] = {
+        "slice": cut and cut.value,
+        "cell_m": region.grid.cell_m,
+        "cells": region.reachable.size,
+        "reachable_cells": region.count,
+        "area_m2" if region.is_slice else "volume_m3": region.size,
+        "T_world_grid": region.grid.T_world_grid,
+        "lower_m": lower,
+        "upper_m": upper,
+    }
+    if region.is_slice:
+        fields["outline_m"] = [loop.tolist() for loop in region.outline()]
+    return fields
+
+
+def region_lines(model: Model, cut: Slice | None, region: Workspace | None) -> list[str]:
+    """Return what a person reads of a slice or a volume."""
+    if region is None:
+        return []
+    size = f"{region.size:.4f} {'m²' if region.is_slice else 'm³'}"
+    lines = [
+        workspace_title(model, cut, region),
+        f"reachable  {region.count} cells of {region.grid.cell_m * 1000:g} mm, {size}",
+    ]
+    if region.extent_m is not None:
+        shown = 2 if region.is_slice else 3  # nobody asks how thick a slice is
+        ends = list(zip(axis_names(region), *region.extent_m, strict=True))[:shown]
+        lines += [f"{name}  {low:z.3f} m to {high:z.3f} m" for name, low, high in ends]
+    return lines
+
+
+def workspace_title(model: Model, cut: Slice | None, region: Workspace) -> str:
+    """Return the arm's name and how its workspace was cut."""
+    T = region.grid.T_world_grid
+    if cut is None:
+        return f"{model.title}, whole workspace"
+    if cut is Slice.TOP:
+        return f"{model.title}, top: the plane at a height of {T[2, 3]:z.3f} m"
+    return f"{model.title}, {cut.value}: the upright plane along {_yaw_deg(T):z.0f}°"
+
+
+def _yaw_deg(T: Matrix) -> float:
+    return math.degrees(math.atan2(float(T[1, 0]), float(T[0, 0])))
+
 
 _STARTS = 64  # postures from which a point is tried whose first answer collides
 
@@ -78,17 +184,19 @@ def command(
     ikservo workspace --arm so101 --slice side --plot reach.svg
     ikservo workspace --arm so101 --point 0.25 0.05 0.15
     """
-    _check(cut, height, yaw, plot)
-    model = known_model(arm, tip)
-    home = start_of(model)
+    _check_slice_options(cut, height, yaw, plot)
+    model = calibrated_model_from_option(arm, tip)
+    home = initial_joints(model)
     asked = None if point is None else [parse_length_m(text) for text in point]
-    clear = _clearance(model) if collision else None
-    found = None if asked is None else _answered(model, asked, home, clear)
+    clear = _make_clearance(model) if collision else None
+    found = None if asked is None else _solve_point(model, asked, home, clear)
     region = None
     if found is None or cut or plot or cell is not None:
-        region = workspace(model.chain, _plane(model, home, cut, height, yaw), cell, clear=clear)
+        region = workspace(
+            model.chain, _slice_plane(model, home, cut, height, yaw), cell, clear=clear
+        )
     if region is not None and plot is not None:
-        draw(region, model, home, title(model, cut, region), plot, asked)
+        draw(region, model, home, workspace_title(model, cut, region), plot, asked)
     if json:
         print_json("workspace", **point_fields(model, asked, found), **region_fields(cut, region))
     else:
@@ -98,34 +206,36 @@ def command(
         raise typer.Exit(ExitCode.UNREACHABLE)
 
 
-def _clearance(model: Model) -> Clear:
-    from ikservo.arm.clearance import clearance_of  # noqa: PLC0415  # brings the servos along
+def _make_clearance(model: Model) -> Clear:
+    from ikservo.arm.clearance import make_collision_filter  # noqa: PLC0415  # brings the servos along
 
-    return clearance_of(model)
+    return make_collision_filter(model)
 
 
-def _answered(model: Model, asked: Sequence[float], home: Vector, clear: Clear | None) -> Result:
+def _solve_point(model: Model, asked: Sequence[float], home: Vector, clear: Clear | None) -> Result:
     """Return joints for a point, free of collisions if any found are; else the best found."""
     best = solve(model.chain, Target(asked), home)
     if clear is None or not best.reached:
         return best
-    starts = [best.q, *joint_samples(model.chain, _STARTS)]
+    starts = [best.q, *quasi_random_joints(model.chain, _STARTS)]
     results = (solve(model.chain, Target(asked), start) for start in starts)
     free = (result for result in results if result.reached and clear(result.q[None])[0])
     return next(free, replace(best, reached=False, method=COLLIDES))
 
 
-def _check(cut: Slice | None, height: float | None, yaw: float | None, plot: Path | None) -> None:
+def _check_slice_options(
+    cut: Slice | None, height: float | None, yaw: float | None, plot: Path | None
+) -> None:
     """Refuse what would be ignored, before any work is done."""
     if height is not None and cut is not Slice.TOP:
         raise InputError("--height needs --slice top.", "For side and front: --yaw.")
     if yaw is not None and cut not in (Slice.SIDE, Slice.FRONT):
         raise InputError("--yaw needs --slice side or front.", "For top: --height.")
     if plot is not None:
-        check_picture(plot)
+        check_plot_file(plot)
 
 
-def _plane(
+def _slice_plane(
     model: Model, home: Vector, cut: Slice | None, height: float | None, yaw: float | None
 ) -> Matrix | None:
     match cut:

@@ -1,20 +1,23 @@
-"""Reading one small text file whole, and judging the file names that stand inside it."""
+"""Read text, TOML and strict JSON files; errors name path and line."""
 
 from __future__ import annotations
 
 import json
 import os.path
+import re
 import stat
+import tomllib
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from typing import Any, NoReturn
 
 from ikservo.errors import FileFormatError
 
-__all__ = ["parse_json", "path_inside", "read_text"]
+__all__ = ["parse_json", "parse_toml", "path_inside", "quote", "read_text", "read_toml"]
+
 
 _OUTWARD = ("\\", ":", "\0")  # other separators, drives and schemes such as package:// or http://
-_LONGEST_NAME = 1024
+_MAX_NAME_CHARS = 1024
 
 
 def read_text(path: Path, limit_bytes: int) -> str:
@@ -23,7 +26,7 @@ def read_text(path: Path, limit_bytes: int) -> str:
     Raises:
         FileFormatError: It is missing, not a file, unreadable, too large, empty or not UTF-8.
     """
-    mode = _mode(path)
+    mode = _file_mode(path)
     if stat.S_ISDIR(mode):
         raise FileFormatError(path, "", "is a folder", "a file")
     if not stat.S_ISREG(mode):  # reading a pipe or a terminal would wait forever
@@ -33,7 +36,7 @@ def read_text(path: Path, limit_bytes: int) -> str:
         raise FileFormatError(path, "", "is too large", f"at most {limit_bytes // 1024} KiB")
     if not data.strip():
         raise FileFormatError(path, "", "is empty")
-    return _decode(path, data)
+    return _decode_utf8(path, data)
 
 
 def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None) -> Any:  # noqa: ANN401
@@ -69,7 +72,7 @@ def path_inside(folder: Path, name: str) -> Path | None:
     The spelling is judged first, so nothing outside is so much as looked at; then symbolic
     links are followed, so that none leads out. The file itself is not opened and may be missing.
     """
-    if not name or len(name) > _LONGEST_NAME or any(sign in name for sign in _OUTWARD):
+    if not name or len(name) > _MAX_NAME_CHARS or any(sign in name for sign in _OUTWARD):
         return None
     relative = PurePosixPath(name)
     if relative.is_absolute() or ".." in relative.parts:
@@ -79,7 +82,7 @@ def path_inside(folder: Path, name: str) -> Path | None:
     return path if path != home and path.is_relative_to(home) else None
 
 
-def _mode(path: Path) -> int:
+def _file_mode(path: Path) -> int:
     try:
         return path.stat().st_mode
     except FileNotFoundError as error:
@@ -98,10 +101,65 @@ def _read_at_most(path: Path, limit_bytes: int) -> bytes:
         raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
 
 
-def _decode(path: Path, data: bytes) -> str:
+def _decode_utf8(path: Path, data: bytes) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         found = f"holds the byte 0x{error.object[error.start]:02X}, which is not UTF-8"
         raise FileFormatError(path, f"line {line}", found, "text in UTF-8") from error
+
+
+MAX_BYTES = 256 * 1024
+MAX_DOTS = 64
+
+_PLACE = re.compile(r"(.*) \(at (line \d+, column \d+|end of document)\)", re.DOTALL)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises:
+        FileFormatError: The file cannot be read or is not TOML.
+    """
+    return parse_toml(path, read_text(path, MAX_BYTES))
+
+
+def parse_toml(path: Path, text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; ``path`` is where it came from, for messages.
+
+    Raises:
+        FileFormatError: The text is not TOML, or built to cost more than it is worth.
+    """
+    _check_dot_count(path, text)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _located_error(path, str(error)) from error
+    except RecursionError as error:
+        raise FileFormatError(path, "", "tables are nested too deeply") from error
+    except ValueError as error:  # a whole number of thousands of digits
+        raise FileFormatError(path, "", "holds a number that is too long") from error
+
+
+def _check_dot_count(path: Path, text: str) -> None:
+    # tomllib needs time and memory in the square of the dots in a key: 128 KiB take gigabytes.
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") > MAX_DOTS and not line.lstrip().startswith("#"):
+            found = f"holds {line.count('.')} dots"
+            raise FileFormatError(path, f"line {number}", found, f"at most {MAX_DOTS} in a line")
+
+
+def _located_error(path: Path, message: str) -> FileFormatError:
+    match = _PLACE.fullmatch(message)
+    reason, where = match.groups() if match else (message, "")
+    return FileFormatError(path, where, f"is not TOML: {reason.rstrip('.')}", "TOML 1.0")
+
+
+_MAX_QUOTED_CHARS = 60
+
+
+def quote(text: str) -> str:
+    """Return the text in quotes, cut short, with control characters spelled out."""
+    short = text if len(text) <= _MAX_QUOTED_CHARS else f"{text[: _MAX_QUOTED_CHARS - 1]}…"
+    return f'"{short}"' if short.isprintable() else ascii(short)

@@ -1,17 +1,30 @@
-"""Writing a text file so that at any moment, power or not, it is the old one or the new one."""
+"""Write files atomically and durably, with a checksum line where one is needed.
+
+The first line is ``checksum = "sha256:…"`` over everything after it: a file that was cut short,
+mixed with another or changed by hand is refused before any of its values is looked at.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import sys
 import tempfile
 from collections.abc import Generator
 from pathlib import Path
 
-from ikservo.errors import IkservoError
+from ikservo.errors import FileFormatError, IkservoError
 
-__all__ = ["FileWriteError", "check_writable", "remove", "write_whole"]
+__all__ = [
+    "FileWriteError",
+    "check_writable",
+    "remove_durably",
+    "strip_checksum",
+    "with_checksum",
+    "write_atomic",
+]
+
 
 BACKUP_SUFFIX = ".bak"
 _PROBE_BYTES = 64 * 1024  # more than a calibration and its journal
@@ -37,7 +50,7 @@ class FileWriteError(IkservoError, OSError):
         )
 
 
-def write_whole(path: Path, text: str, *, keep_old: bool = False) -> None:
+def write_atomic(path: Path, text: str, *, keep_old: bool = False) -> None:
     """Replace a file by a whole new one, or leave it as it was.
 
     The text goes to a temporary file in the same folder, then to the disk, then takes the name;
@@ -51,13 +64,13 @@ def write_whole(path: Path, text: str, *, keep_old: bool = False) -> None:
     Raises:
         FileWriteError: The disk is full, read-only or broken; says whether the file is changed.
     """
-    with _refusing(path):
+    with _translating_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         if keep_old and path.exists():
-            _replace(path.with_name(path.name + BACKUP_SUFFIX), path.read_bytes())
+            _replace_file(path.with_name(path.name + BACKUP_SUFFIX), path.read_bytes())
             _sync_folder(path.parent)
-        _replace(path, text.encode("utf-8"))
-    with _refusing(path, changed=True):
+        _replace_file(path, text.encode("utf-8"))
+    with _translating_os_errors(path, changed=True):
         _sync_folder(path.parent)
 
 
@@ -68,32 +81,32 @@ def check_writable(folder: Path) -> None:
         FileWriteError: The disk is full, read-only or broken.
     """
     probe = folder / ".probe"
-    write_whole(probe, " " * _PROBE_BYTES)
-    remove(probe)
+    write_atomic(probe, " " * _PROBE_BYTES)
+    remove_durably(probe)
 
 
-def remove(path: Path) -> None:
+def remove_durably(path: Path) -> None:
     """Remove a file for good; one that is not there is no trouble.
 
     Raises:
         FileWriteError: It stays, or may come back after a power cut; says which.
     """
-    with _refusing(path):
+    with _translating_os_errors(path):
         path.unlink(missing_ok=True)
-    with _refusing(path, changed=True):
+    with _translating_os_errors(path, changed=True):
         if path.parent.is_dir():
             _sync_folder(path.parent)
 
 
 @contextlib.contextmanager
-def _refusing(path: Path, *, changed: bool = False) -> Generator[None]:
+def _translating_os_errors(path: Path, *, changed: bool = False) -> Generator[None]:
     try:
         yield
     except OSError as error:
         raise FileWriteError(path, error.strerror or str(error), changed=changed) from error
 
 
-def _replace(path: Path, data: bytes) -> None:
+def _replace_file(path: Path, data: bytes) -> None:
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         _write_out(handle, data)
@@ -122,3 +135,31 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+_CHECKSUM = 'checksum = "sha256:'
+
+
+def with_checksum(body: str) -> str:
+    """Return a body with the line before it that guards it."""
+    return f"{_first_line(body)}\n{body}"
+
+
+def strip_checksum(path: Path, text: str) -> str:
+    """Return what stands below the checksum, if it is what the checksum was made of.
+
+    Raises:
+        FileFormatError: There is not a checksum, or it is not this text's.
+    """
+    first, _, body = text.replace("\r\n", "\n").partition("\n")
+    if not first.startswith(_CHECKSUM):
+        expected = "a file that ikservo has written"
+        raise FileFormatError(path, "line 1", "is not a checksum", expected)
+    if first != _first_line(body):
+        expected = "the file as ikservo wrote it; the previous one may be beside it as .bak"
+        raise FileFormatError(path, "", "was cut short or changed after it was written", expected)
+    return body
+
+
+def _first_line(body: str) -> str:
+    return f'{_CHECKSUM}{hashlib.sha256(body.encode("utf-8", "surrogatepass")).hexdigest()}"'

@@ -1,40 +1,43 @@
 """The gate before the bytes: what it lets pass is inside the limits, free of contact, no jump."""
 
-from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S, DeadMan
-from ikservo.guard.fence import Fence
-from ikservo.guard.following import Following
-from ikservo.guard.gate import Gate
-from ikservo.guard.health import Health, HealthLimits, Vitals
-from ikservo.guard.latch import Latch, StopKind, StopReason
-from ikservo.guard.look_ahead import LookAhead
-from ikservo.guard.lost import Losses
-from ikservo.guard.sagging import Weight, sag_of
-from ikservo.guard.space import (
+from ikservo.guard.collision import (
     MAX_SAMPLE_STEP_RAD,
-    Box,
-    Space,
+    CollisionChecker,
+    KeepOutBox,
     sample_line,
     sample_path,
     thin_path,
 )
+from ikservo.guard.gate import Gate, StopKind, StopLatch, StopReason
+from ikservo.guard.limits import CommandLimits, LeadLimiter
+from ikservo.guard.monitors import (
+    DEAD_MAN_TIMEOUT_S,
+    CommunicationMonitor,
+    DeadManSwitch,
+    HealthMonitor,
+    ServoTelemetry,
+    TrackingMonitor,
+)
+from ikservo.guard.sag import Weight, sag_of
+from ikservo.model.model import HealthLimits
 
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",
     "MAX_SAMPLE_STEP_RAD",
-    "Box",
-    "DeadMan",
-    "Fence",
-    "Following",
+    "CollisionChecker",
+    "CommandLimits",
+    "CommunicationMonitor",
+    "DeadManSwitch",
     "Gate",
-    "Health",
     "HealthLimits",
-    "Latch",
-    "LookAhead",
-    "Losses",
-    "Space",
+    "HealthMonitor",
+    "KeepOutBox",
+    "LeadLimiter",
+    "ServoTelemetry",
     "StopKind",
+    "StopLatch",
     "StopReason",
-    "Vitals",
+    "TrackingMonitor",
     "Weight",
     "sag_of",
     "sample_line",

@@ -1,4 +1,4 @@
-"""The servos on one line, spoken to in registers and joints instead of addresses and bytes."""
+"""``ServoBus``: ping, read, write, sync and bulk access, reboot, for servos of all families."""
 
 from __future__ import annotations
 
@@ -7,32 +7,204 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar, overload
 
-from ikservo.errors import BusError
-from ikservo.hardware.conversation import Conversation
-from ikservo.hardware.finding.chain_order import silence_hint
-from ikservo.hardware.finding.roll_call import RollCall
-from ikservo.hardware.gathering import scatter
-from ikservo.hardware.line.port import Port
-from ikservo.hardware.line.replug import reopen
-from ikservo.hardware.packets.block import rounds, written
-from ikservo.hardware.packets.layout import Layout
-from ikservo.hardware.packets.notation import Wanted, own_register
-from ikservo.hardware.plan import Cell, Plan, plan_reading, plan_writing
-from ikservo.hardware.readings import Readings
-from ikservo.hardware.servo import ServoSpec
-from ikservo.registers import Family, Register, Role
+from ikservo.clock import Clock
+from ikservo.errors import BadValueError, BusError, RegisterAccessError
+from ikservo.hardware.driver import BroadcastPingResult
+from ikservo.hardware.packets import Reply, Status
+from ikservo.hardware.port import Port
+from ikservo.hardware.read_plan import (
+    ReadPlan,
+    RegisterRef,
+    ReplyLayout,
+    WriteTarget,
+    batch_write,
+    batches,
+    encode_value,
+    join_bytes,
+    plan_reads,
+    plan_writes,
+    resolve_register,
+)
+from ikservo.hardware.remembered_port import reconnect
+from ikservo.hardware.requester import Requester, silence_hint
+from ikservo.hardware.servo import PingResult, Readings, ServoSpec, ServoStatistics
+from ikservo.registers import Alarm, Area, Family, Register, RegisterName
 
-__all__ = ["ServoBus"]
+__all__ = ["Conversation", "ServoBus"]
 
-_MOST_PLANS = 64  # more than a program repeats; a program that never repeats must not fill memory
 
-_Key = TypeVar("_Key", bound=Wanted)
+class Conversation:
+    """Reads and writes registers of single servos; ``ServoBus`` adds what concerns many."""
+
+    def __init__(
+        self, port: Port, servos: Sequence[ServoSpec], *, retries: int = 2, fast: bool = True
+    ) -> None:
+        self.port = port
+        self.servos: Mapping[int, ServoSpec] = {servo.id: servo for servo in servos}
+        self._questions = Requester(port, servos, retries, fast=fast)
+        self._torque_on: set[int] = set()
+
+    @property
+    def clock(self) -> Clock:
+        """Return the clock of the line; virtual where the servos are simulated."""
+        return self.port.clock
+
+    @property
+    def statistics(self) -> Mapping[int, ServoStatistics]:
+        """Return how well each servo answers."""
+        return self._questions.statistics
+
+    @property
+    def alarms(self) -> Mapping[int, frozenset[Alarm]]:
+        """Return what each servo complained about in its latest answer, if it ever spoke."""
+        return self._questions.alarms
+
+    def ping(self, servo_id: int) -> PingResult:
+        """Return what the servo says it is.
+
+        Raises:
+            BusError: It is silent or unintelligible.
+        """
+        servo = self._require_servo(servo_id)
+        driver = self._questions.driver_of(servo)
+        data = self._questions.request(servo, "identify itself", lambda: driver.ping(servo_id))
+        if data:
+            return PingResult(servo_id, int.from_bytes(data[:2], "little"), data[2])
+        return PingResult(servo_id, self.read(servo_id, RegisterName.MODEL_NUMBER, raw=True))
+
+    @overload
+    def read(self, servo_id: int, wanted: RegisterRef, *, raw: Literal[True]) -> int: ...
+    @overload
+    def read(self, servo_id: int, wanted: RegisterRef, *, raw: bool = False) -> float: ...
+    def read(self, servo_id: int, wanted: RegisterRef, *, raw: bool = False) -> float:
+        """Return a register of one servo.
+
+        Raises:
+            BusError: No usable answer, after repeats.
+        """
+        servo = self._require_servo(servo_id)
+        register, driver = resolve_register(servo, wanted), self._questions.driver_of(servo)
+
+        def question() -> Reply:
+            return driver.read(servo_id, register.address, register.size)
+
+        def holds(answer: Status) -> bool:
+            again = question()
+            return isinstance(again, Status) and again.data == answer.data
+
+        confirm = holds if register.steady else None
+        data = self._questions.request(servo, f"read {register}", question, confirm=confirm)
+        number = register.decode(data)
+        self._track_state(servo, register, number)
+        return number if raw else register.to_value(number)
+
+    def write(self, servo_id: int, wanted: RegisterRef, value: float, *, raw: bool = False) -> None:
+        """Write a register of one servo and hear that it was taken.
+
+        Raises:
+            RegisterAccessError: The register forbids it; nothing was sent.
+            BusError: The servo refused, or gave no usable answer after repeats.
+        """
+        servo = self._require_servo(servo_id)
+        register, driver = resolve_register(servo, wanted), self._questions.driver_of(servo)
+        data = self._check_write(servo, register, value, raw=raw)
+        number = register.decode(data)
+
+        def took(_: Status) -> bool:
+            now = driver.read(servo_id, register.address, register.size)
+            return isinstance(now, Status) and now.data == data
+
+        elsewhere = register in (servo.table.id, servo.table.baud_rate)
+        self._questions.request(
+            servo,
+            f"write {register} = {number}",
+            lambda: driver.write(servo_id, register.address, data),
+            repeat=not elsewhere and (register.name, number) not in servo.table.non_idempotent,
+            confirm=None if elsewhere else took,
+        )
+        self._track_state(servo, register, number)
+
+    def reg_write(
+        self, servo_id: int, wanted: RegisterRef, value: float, *, raw: bool = False
+    ) -> None:
+        """Lay a write ready that ``action`` sets off; never repeated after a lost answer.
+
+        Raises:
+            RegisterAccessError: The register forbids it; nothing was sent.
+            BusError: The servo refused, or gave no usable answer.
+        """
+        servo = self._require_servo(servo_id)
+        register, driver = resolve_register(servo, wanted), self._questions.driver_of(servo)
+        data = self._check_write(servo, register, value, raw=raw)
+        self._questions.request(
+            servo,
+            f"register a write of {register}",
+            lambda: driver.reg_write(servo_id, register.address, data),
+            repeat=False,
+        )
+
+    def action(self) -> None:
+        """Set off what was laid ready, on all servos at the same moment."""
+        for driver in self._questions.drivers.values():
+            driver.action()
+
+    def reboot(self, servo_id: int) -> None:
+        """Restart a servo; its torque is lost.
+
+        Raises:
+            BusError: It refused or its family knows no reboot.
+        """
+        servo = self._require_servo(servo_id)
+        driver = self._questions.driver_of(servo)
+        self._questions.request(servo, "reboot", lambda: driver.reboot(servo_id), repeat=False)
+        self._torque_on.discard(servo_id)
+
+    def read_alarms(self, servo_id: int) -> frozenset[Alarm]:
+        """Return what the servo complains about: its own register, or beside its answers.
+
+        Raises:
+            BusError: No usable answer, after repeats.
+        """
+        if RegisterName.ALARMS in self._require_servo(servo_id).table.missing:
+            self.ping(servo_id)
+        else:
+            self.read(servo_id, RegisterName.ALARMS)
+        return self.alarms[servo_id]
+
+    def _require_servo(self, servo_id: int) -> ServoSpec:
+        if servo_id not in self.servos:
+            known = ", ".join(str(servo) for servo in self.servos.values())
+            raise BadValueError("The servo id", servo_id, f"one of {known}")
+        return self.servos[servo_id]
+
+    def _check_write(
+        self, servo: ServoSpec, register: Register, value: float, *, raw: bool
+    ) -> bytes:
+        if register.area is Area.EEPROM and servo.id in self._torque_on:
+            raise RegisterAccessError(
+                str(servo), register.name, "it is in EEPROM and torque is on", "Switch torque off."
+            )
+        return encode_value(servo, register, value, raw=raw)
+
+    def _track_state(self, servo: ServoSpec, register: Register, number: int) -> None:
+        """Remember what a register tells about torque and alarms."""
+        if register is servo.table.torque_enable:
+            (self._torque_on.add if number == 1 else self._torque_on.discard)(servo.id)
+        elif RegisterName.ALARMS not in servo.table.missing and register is servo.table.alarms:
+            self._questions.alarms[servo.id] = servo.table.decode_alarms(number)
+
+
+_MAX_CACHED_PLANS = (
+    64  # more than a program repeats; a program that never repeats must not fill memory
+)
+
+_Key = TypeVar("_Key", bound=RegisterRef)
 
 
 class ServoBus(Conversation):
     """Reads and writes registers of the servos on one port.
 
-    Registers may come from any table, or be a ``Role``: each servo's own register of that name
+    Registers may come from any table, or be a ``RegisterName``: each servo's own register so named
     is used, so that one call serves a line with several models. Values are in the register's
     unit; ``raw=True`` gives and takes its integer, for positions the tick.
 
@@ -54,19 +226,19 @@ class ServoBus(Conversation):
         self, port: Port, servos: Sequence[ServoSpec], *, retries: int = 2, fast: bool = True
     ) -> None:
         super().__init__(port, servos, retries=retries, fast=fast)
-        self._plans: dict[Hashable, Plan] = {}
-        self._writings: dict[Hashable, Sequence[Cell]] = {}
+        self._plans: dict[Hashable, ReadPlan] = {}
+        self._writings: dict[Hashable, Sequence[WriteTarget]] = {}
 
     @overload
     def sync_read(
-        self, servo_ids: Iterable[int], wanted: Wanted, *, raw: Literal[True]
+        self, servo_ids: Iterable[int], wanted: RegisterRef, *, raw: Literal[True]
     ) -> Readings[int]: ...
     @overload
     def sync_read(
-        self, servo_ids: Iterable[int], wanted: Wanted, *, raw: bool = False
+        self, servo_ids: Iterable[int], wanted: RegisterRef, *, raw: bool = False
     ) -> Readings[float]: ...
     def sync_read(
-        self, servo_ids: Iterable[int], wanted: Wanted, *, raw: bool = False
+        self, servo_ids: Iterable[int], wanted: RegisterRef, *, raw: bool = False
     ) -> Readings[int] | Readings[float]:
         """Return a register of many servos; see ``bulk_read``."""
         readings = self.sync_read_many(servo_ids, (wanted,), raw=raw)
@@ -88,8 +260,8 @@ class ServoBus(Conversation):
         ids, keys = tuple(servo_ids), tuple(wanted)
         plan = self._plans.get((ids, keys))
         if plan is None:
-            plan = self._planned((ids, keys), dict.fromkeys(ids, keys))
-        return self._carried_out(plan, raw=raw)
+            plan = self._read_plan((ids, keys), dict.fromkeys(ids, keys))
+        return self._execute_plan(plan, raw=raw)
 
     @overload
     def bulk_read(
@@ -109,49 +281,53 @@ class ServoBus(Conversation):
         that has been deaf for long is asked only every so often.
         """
         key = tuple((servo_id, tuple(keys)) for servo_id, keys in wanted.items())
-        return self._carried_out(self._plans.get(key) or self._planned(key, wanted), raw=raw)
+        return self._execute_plan(self._plans.get(key) or self._read_plan(key, wanted), raw=raw)
 
-    def _planned(self, key: Hashable, wanted: Mapping[int, Sequence[Wanted]]) -> Plan:
-        plan = plan_reading({self._servo(i): keys for i, keys in wanted.items()})
-        if len(self._plans) >= _MOST_PLANS:
+    def _read_plan(self, key: Hashable, wanted: Mapping[int, Sequence[RegisterRef]]) -> ReadPlan:
+        plan = plan_reads({self._require_servo(i): keys for i, keys in wanted.items()})
+        if len(self._plans) >= _MAX_CACHED_PLANS:
             self._plans.clear()
         self._plans[key] = plan
         return plan
 
-    def _carried_out(self, plan: Plan, *, raw: bool) -> Readings[Mapping[Any, Any]]:
-        values: dict[int, dict[Wanted, float]] = {servo_id: {} for servo_id in plan.servo_ids}
+    def _execute_plan(self, plan: ReadPlan, *, raw: bool) -> Readings[Mapping[Any, Any]]:
+        values: dict[int, dict[RegisterRef, float]] = {servo_id: {} for servo_id in plan.servo_ids}
         errors: dict[int, BusError] = {}
         for step in plan.rounds:
-            data, missing = self._questions.many(step)
+            data, missing = self._questions.request_many(step)
             errors |= missing
             for servo_id, block in data.items():
-                values[servo_id] |= self._told(servo_id, block, step.layouts[servo_id], raw=raw)
+                values[servo_id] |= self._decode_reply(
+                    servo_id, block, step.layouts[servo_id], raw=raw
+                )
         for servo_id in errors:
             del values[servo_id]
         hint = silence_hint(self.servos.values(), values, errors) if errors else ""
         alarms = {i: found for i in values if (found := self.alarms.get(i))}
         return Readings(values, errors, alarms, hint)
 
-    def _told(
-        self, servo_id: int, block: bytes, layout: Layout, *, raw: bool
-    ) -> Mapping[Wanted, float]:
+    def _decode_reply(
+        self, servo_id: int, block: bytes, layout: ReplyLayout, *, raw: bool
+    ) -> Mapping[RegisterRef, float]:
         """Return what an answer says, and remember what of it is about torque or alarms."""
-        numbers = layout.numbers(block)
+        numbers = layout.decode_raw(block)
         for key, register in layout.telling.items():
-            self._note(self.servos[servo_id], register, numbers[key])
+            self._track_state(self.servos[servo_id], register, numbers[key])
         if raw:
             return numbers
         return {key: r.to_value(numbers[key]) for key, r in layout.registers.items()}
 
-    def sync_write(self, wanted: Wanted, values: Mapping[int, float], *, raw: bool = False) -> None:
+    def sync_write(
+        self, wanted: RegisterRef, values: Mapping[int, float], *, raw: bool = False
+    ) -> None:
         """Write a register of many servos at once; the protocols give no answer to this.
 
         Raises:
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
         """
-        cells = self._cells(tuple(values), wanted)
+        cells = self._write_targets(tuple(values), wanted)
         rows = {
-            cell.servo.id: self._written(cell, value, raw=raw)
+            cell.servo.id: self._encode_cell(cell, value, raw=raw)
             for cell, value in zip(cells, values.values(), strict=True)
         }
         packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
@@ -159,26 +335,28 @@ class ServoBus(Conversation):
             own = packets[cell.servo.table.family]
             own[cell.servo.id] = (cell.register.address, rows[cell.servo.id])
         for family, packet in packets.items():
-            scatter(self._questions.drivers[family], packet)
+            batch_write(self._questions.drivers[family], packet)
         for cell in cells:
-            if cell.telling:
-                self._note(cell.servo, cell.register, cell.register.decode(rows[cell.servo.id]))
+            if cell.tracks_state:
+                self._track_state(
+                    cell.servo, cell.register, cell.register.decode(rows[cell.servo.id])
+                )
 
-    def _written(self, cell: Cell, value: float, *, raw: bool) -> bytes:
+    def _encode_cell(self, cell: WriteTarget, value: float, *, raw: bool) -> bytes:
         """Return the bytes of a value; the quick way is that of goals, cycle after cycle."""
         register = cell.register
         if raw and cell.plain and type(value) is int:
             lower, upper = register.range
             if lower <= value <= upper:
                 return register.encode(value)
-        return self._permitted(cell.servo, register, value, raw=raw)
+        return self._check_write(cell.servo, register, value, raw=raw)
 
-    def _cells(self, ids: tuple[int, ...], wanted: Wanted) -> Sequence[Cell]:
+    def _write_targets(self, ids: tuple[int, ...], wanted: RegisterRef) -> Sequence[WriteTarget]:
         key = (ids, wanted)
         if key not in self._writings:
-            if len(self._writings) >= _MOST_PLANS:
+            if len(self._writings) >= _MAX_CACHED_PLANS:
                 self._writings.clear()
-            self._writings[key] = plan_writing(map(self._servo, ids), wanted)
+            self._writings[key] = plan_writes(map(self._require_servo, ids), wanted)
         return self._writings[key]
 
     def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:
@@ -191,21 +369,21 @@ class ServoBus(Conversation):
         """
         own: dict[int, dict[Register, bytes]] = {}
         for servo_id, row in values.items():
-            servo = self._servo(servo_id)
-            pairs = [(own_register(servo, key), value) for key, value in row.items()]
-            own[servo_id] = {r: self._permitted(servo, r, value, raw=raw) for r, value in pairs}
-        for runs in rounds(own):
+            servo = self._require_servo(servo_id)
+            pairs = [(resolve_register(servo, key), value) for key, value in row.items()]
+            own[servo_id] = {r: self._check_write(servo, r, value, raw=raw) for r, value in pairs}
+        for runs in batches(own):
             packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
             for servo_id, run in runs.items():
                 family = self.servos[servo_id].table.family
-                packets[family][servo_id] = (run[0].address, written(own[servo_id], run))
+                packets[family][servo_id] = (run[0].address, join_bytes(own[servo_id], run))
             for family, rows in packets.items():
-                scatter(self._questions.drivers[family], rows)
+                batch_write(self._questions.drivers[family], rows)
         for servo_id, row in own.items():
             for register, data in row.items():
-                self._note(self.servos[servo_id], register, register.decode(data))
+                self._track_state(self.servos[servo_id], register, register.decode(data))
 
-    def roll_call(self, family: Family, highest_id: int | None = None) -> RollCall:
+    def broadcast_ping(self, family: Family, highest_id: int | None = None) -> BroadcastPingResult:
         """Ask everybody of a family on the line, known or not, whether they are there.
 
         Args:
@@ -216,21 +394,21 @@ class ServoBus(Conversation):
             PortLostError: The line is gone.
         """
         last = max(self.servos) if highest_id is None else highest_id
-        return self._questions.drivers[family].roll_call(last)
+        return self._questions.drivers[family].broadcast_ping(last)
 
-    def learn_return_delays(self) -> None:
+    def load_return_delays(self) -> None:
         """Wait no longer for answers than these servos' own return delay registers demand.
 
         Until then the longest delay that the registers can hold is assumed of each servo. Where
         one does not tell, that stays so.
         """
-        readings = self.sync_read(self.servos, Role.RETURN_DELAY)
+        readings = self.sync_read(self.servos, RegisterName.RETURN_DELAY)
         for family, driver in self._questions.drivers.items():
             ids = [i for i, servo in self.servos.items() if servo.table.family is family]
             if readings.errors.keys().isdisjoint(ids):
                 driver.set_return_delay(max(readings.values[i] for i in ids))
 
-    def reopen(self, serial_number: str, within_s: float) -> None:
+    def reconnect(self, serial_number: str, within_s: float) -> None:
         """Go on after the adapter was pulled and plugged in again; nothing moves.
 
         Args:
@@ -240,9 +418,11 @@ class ServoBus(Conversation):
         Raises:
             PortLostError: It did not come back in time.
         """
-        reopen(self.port, serial_number, within_s)
+        reconnect(self.port, serial_number, within_s)
         self._torque_on.clear()
-        self.sync_read(self.servos, Role.TORQUE_ENABLE)  # the servos may have been without power
+        self.sync_read(
+            self.servos, RegisterName.TORQUE_ENABLE
+        )  # the servos may have been without power
 
     def close(self) -> None:
         """Give the port back."""

@@ -1,14 +1,14 @@
-"""Torque on without a jump, torque off whatever happens."""
+"""Torque on and off, with a check of the supply voltage."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ikservo.errors import BusError, ServoAlarmError, ServoRefusedError
+from ikservo.errors import BusError, ServoAlarmError, ServoRejectedError
 from ikservo.hardware.bus import ServoBus
-from ikservo.registers import Role
+from ikservo.registers import RegisterName
 
-__all__ = ["check_supply", "torque_off", "torque_on"]
+__all__ = ["check_supply_voltage", "torque_off", "torque_on"]
 
 
 def torque_on(bus: ServoBus, servo_id: int) -> int:
@@ -21,19 +21,19 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
         ServoAlarmError: Its supply voltage is outside its own limits.
         BusError: It does not answer, or does not take the goal.
     """
-    check_supply(bus, servo_id)
-    present_tick = bus.read(servo_id, Role.PRESENT_POSITION, raw=True)
-    bus.write(servo_id, Role.GOAL_POSITION, present_tick, raw=True)
-    goal_tick = bus.read(servo_id, Role.GOAL_POSITION, raw=True)
+    check_supply_voltage(bus, servo_id)
+    present_tick = bus.read(servo_id, RegisterName.PRESENT_POSITION, raw=True)
+    bus.write(servo_id, RegisterName.GOAL_POSITION, present_tick, raw=True)
+    goal_tick = bus.read(servo_id, RegisterName.GOAL_POSITION, raw=True)
     if goal_tick != present_tick:
-        raise ServoRefusedError(
+        raise ServoRejectedError(
             f"keeps goal {goal_tick} instead of {present_tick}, its position",
             "Move the joint by hand into its limits; torque stays off.",
             servo=str(bus.servos[servo_id]),
             servo_id=servo_id,
             port=bus.port.name,
         )
-    bus.write(servo_id, Role.TORQUE_ENABLE, 1, raw=True)
+    bus.write(servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True)
     return present_tick
 
 
@@ -46,22 +46,22 @@ def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:
     errors: dict[int, BusError] = {}
     for servo_id in servo_ids:
         try:
-            bus.write(servo_id, Role.TORQUE_ENABLE, 0, raw=True)
+            bus.write(servo_id, RegisterName.TORQUE_ENABLE, 0, raw=True)
         except BusError as error:
             errors[servo_id] = error
     return errors
 
 
-def check_supply(bus: ServoBus, servo_id: int) -> float:
+def check_supply_voltage(bus: ServoBus, servo_id: int) -> float:
     """Return the servo's supply voltage, if it lies within the servo's own limits.
 
     Raises:
         ServoAlarmError: It does not.
         BusError: The servo does not answer.
     """
-    voltage_v = bus.read(servo_id, Role.PRESENT_VOLTAGE)
-    lower_v = bus.read(servo_id, Role.MIN_VOLTAGE_LIMIT)
-    upper_v = bus.read(servo_id, Role.MAX_VOLTAGE_LIMIT)
+    voltage_v = bus.read(servo_id, RegisterName.PRESENT_VOLTAGE)
+    lower_v = bus.read(servo_id, RegisterName.MIN_VOLTAGE_LIMIT)
+    upper_v = bus.read(servo_id, RegisterName.MAX_VOLTAGE_LIMIT)
     if lower_v <= voltage_v <= upper_v:
         return voltage_v
     raise ServoAlarmError(

@@ -1,20 +1,17 @@
 """From a point in the world to joints inside the limits: pure functions on arrays."""
 
 from ikservo.ik.batch import BatchResult, solve_batch
-from ikservo.ik.methods import METHODS
-from ikservo.ik.millimetres import in_millimetres
-from ikservo.ik.options import Options, Posture, Tolerance
-from ikservo.ik.result import BUILD, Binding, Result
+from ikservo.ik.problem import Options, Posture, Target, Tolerance
+from ikservo.ik.result import NOT_LIMITED, ActiveLimit, Result
 from ikservo.ik.solution_set import SolutionSet, solution_set
-from ikservo.ik.solver import solve
-from ikservo.ik.streaming import Solver
-from ikservo.ik.target import Target
+from ikservo.ik.solve import METHODS, in_millimetres, solve
+from ikservo.ik.solver import Solver
 
 __all__ = [
-    "BUILD",
     "METHODS",
+    "NOT_LIMITED",
+    "ActiveLimit",
     "BatchResult",
-    "Binding",
     "Options",
     "Posture",
     "Result",

@@ -1,4 +1,4 @@
-"""Many questions at once, on all cores: arrays in, arrays out."""
+"""Solve many targets at once, on several threads."""
 
 from __future__ import annotations
 
@@ -10,24 +10,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ikservo.errors import BadValueError
-from ikservo.ik.kernel.layout import FURTHEST_M, FURTHEST_RAD, GAP, ITERATIONS, REACHED, TURN
-from ikservo.ik.options import Options
-from ikservo.ik.preparing import (
-    Kind,
-    KindName,
-    Worker,
-    check_bottom,
-    check_chain,
-    check_options,
-    kernel,
-    kind_named,
-    prepared,
-    settings_of,
+from ikservo.ik.kernel.layout import (
+    ITERATIONS,
+    MAX_ANGLE_RAD,
+    MAX_POSITION_M,
+    POSITION_ERROR,
+    REACHED,
+    ROTATION_ERROR,
 )
-from ikservo.ik.target import near, unit
+from ikservo.ik.prepare import (
+    SolverBuffers,
+    TargetKind,
+    TargetKindName,
+    check_chain,
+    check_homogeneous_row,
+    check_options,
+    load_kernel,
+    pack_problem,
+    pack_settings,
+    target_kind,
+)
+from ikservo.ik.problem import Options, check_position, normalise
 from ikservo.kinematics import Chain, finite_array
-from ikservo.kinematics.numbers import numbers
-from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, as_floats
 
 __all__ = ["BatchResult", "solve_batch"]
 
@@ -60,7 +65,7 @@ def solve_batch(
     q0s: ArrayLike | None = None,
     workers: int | None = None,
     *,
-    kind: KindName | None = None,
+    kind: TargetKindName | None = None,
     tool_axis: ArrayLike = (0.0, 0.0, 1.0),
     frame: str | None = None,
     offset_m: ArrayLike | None = None,
@@ -87,18 +92,18 @@ def solve_batch(
     _check_workers(workers)
     options = options or Options()
     check_options(options)
-    questions, asked = _questions(targets, kind, unit(tool_axis, "tool_axis"))
-    starts = _starts(chain, q0s, len(questions))
-    offset = None if offset_m is None else near(offset_m, "offset_m")
-    axis = unit(tool_axis, "tool_axis") if asked is Kind.DIRECTION else None
-    ready = prepared(chain, frame, offset, axis, options.restarts)
-    settings = settings_of(asked, chain.dof, options)
-    answers = Worker(chain.dof, options.restarts, len(questions)).answer
-    search = kernel()
+    questions, asked = _problem_rows(targets, kind, normalise(tool_axis, "tool_axis"))
+    starts = _start_rows(chain, q0s, len(questions))
+    offset = None if offset_m is None else check_position(offset_m, "offset_m")
+    axis = normalise(tool_axis, "tool_axis") if asked is TargetKind.DIRECTION else None
+    ready = pack_problem(chain, frame, offset, axis, options.restarts)
+    settings = pack_settings(asked, chain.dof, options)
+    answers = SolverBuffers(chain.dof, options.restarts, len(questions)).answer
+    search = load_kernel()
 
     def work(first: int) -> int:
         rows = slice(first, first + _CHUNK)
-        own = Worker(chain.dof, options.restarts, 0)
+        own = SolverBuffers(chain.dof, options.restarts, 0)
         bad = search(
             ready.arm,
             questions[rows],
@@ -116,33 +121,35 @@ def solve_batch(
     if wrong:
         raise BadValueError(f"The rotation of target {wrong[0]}", "none", "R Rᵀ = 1, det R = 1")
     for joint in ready.idle[asked]:
-        stay = [joint.stays_at(start) for start in starts[:, joint.column].tolist()]
+        stay = [joint.resting_position(start) for start in starts[:, joint.column].tolist()]
         answers[:, joint.column] = stay
-    return _read(chain.dof, answers)
+    return _make_batch_result(chain.dof, answers)
 
 
-def _questions(targets: ArrayLike, kind: KindName | None, axis: Vector) -> tuple[Matrix, Kind]:
+def _problem_rows(
+    targets: ArrayLike, kind: TargetKindName | None, axis: Vector
+) -> tuple[Matrix, TargetKind]:
     """Return the rows that the kernels read (m, 12), and what they ask for."""
-    array = numbers(targets, "targets", "numbers of shape (m, 3) or (m, 4, 4)")
+    array = as_floats(targets, "targets", "numbers of shape (m, 3) or (m, 4, 4)")
     count = len(array) if array.ndim else 0
     questions = np.zeros((count, 12))
     if array.ndim == 2 and kind in (None, "position"):
-        questions[:, :3] = _near(finite_array(array, (count, 3), "targets"))
-        return questions, Kind.POSITION
+        questions[:, :3] = _check_positions(finite_array(array, (count, 3), "targets"))
+        return questions, TargetKind.POSITION
     poses = finite_array(array, (count, 4, 4), "targets")
-    check_bottom(poses, "a target")
-    _near(poses[:, :3, 3])
-    asked = Kind.POSE if kind is None else kind_named(kind)
+    check_homogeneous_row(poses, "a target")
+    _check_positions(poses[:, :3, 3])
+    asked = TargetKind.POSE if kind is None else target_kind(kind)
     questions[:, :3] = poses[:, :3, 3]
-    if asked is Kind.POSE:
+    if asked is TargetKind.POSE:
         questions[:, 3:] = poses[:, :3, :3].reshape(-1, 9)
-    elif asked is Kind.DIRECTION:
+    elif asked is TargetKind.DIRECTION:
         questions[:, 5::3] = poses[:, :3, :3] @ axis
     return questions, asked
 
 
-def _near(points_m: Matrix) -> Matrix:
-    if points_m.size and float(np.abs(points_m).max()) > FURTHEST_M:
+def _check_positions(points_m: Matrix) -> Matrix:
+    if points_m.size and float(np.abs(points_m).max()) > MAX_POSITION_M:
         raise BadValueError("A target", f"{np.abs(points_m).max():g} m away", "within 1 km")
     return points_m
 
@@ -152,24 +159,24 @@ def _check_workers(workers: int | None) -> None:
         raise BadValueError("workers", repr(workers), "a whole number, at least 1, or None")
 
 
-def _starts(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
+def _start_rows(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
     if q0s is None:
-        starts = np.tile(chain.middle(), (count, 1))
+        starts = np.tile(chain.mid_range(), (count, 1))
     else:
-        given = numbers(q0s, "q0s", "numbers of shape (m, dof) or (dof,)")
+        given = as_floats(q0s, "q0s", "numbers of shape (m, dof) or (dof,)")
         shape = (chain.dof,) if given.ndim == 1 else (count, chain.dof)
         starts = np.broadcast_to(finite_array(given, shape, "q0s"), (count, chain.dof))
-    if starts.size and float(np.abs(starts).max()) > FURTHEST_RAD:
+    if starts.size and float(np.abs(starts).max()) > MAX_ANGLE_RAD:
         raise BadValueError("A start", f"{np.abs(starts).max():g}", "radians and metres, to 1e6")
     return np.array(starts, order="C")
 
 
-def _read(dof: int, answers: Matrix) -> BatchResult:
+def _make_batch_result(dof: int, answers: Matrix) -> BatchResult:
     tail = answers[:, 2 * dof :]
     return BatchResult(
         q=answers[:, :dof].copy(),
         reached=tail[:, REACHED] == 1.0,
-        position_error_m=tail[:, GAP].copy(),
-        orientation_error_rad=tail[:, TURN].copy(),
+        position_error_m=tail[:, POSITION_ERROR].copy(),
+        orientation_error_rad=tail[:, ROTATION_ERROR].copy(),
         iterations=tail[:, ITERATIONS].astype(np.int64),
     )

@@ -1,4 +1,4 @@
-"""The production solver: damped least squares inside the joint limits (lecture L9, L13).
+"""The production solver's Python side: prepare, run the kernel, read its result.
 
 Minimises ``|E(q)|²`` by Gauss-Newton and Newton steps with an active set, from the start and,
 where that fails, from a fixed table of further starting points. The arithmetic is in ``kernel``.
@@ -12,16 +12,56 @@ from dataclasses import replace
 import numpy as np
 
 from ikservo.errors import BadValueError
-from ikservo.ik.kernel.layout import QUESTION_SIZE, TRACED
-from ikservo.ik.options import Options
-from ikservo.ik.preparing import Kind, Prepared, Worker, kernel, prepared, settings_of
-from ikservo.ik.reading import result_of
-from ikservo.ik.result import Result
-from ikservo.ik.target import Target, near
+from ikservo.ik.kernel.layout import (
+    ITERATIONS,
+    POSITION_ERROR,
+    PROBLEM_SIZE,
+    REACHED,
+    REACHED_POINT,
+    ROTATION_ERROR,
+    TRACE_LENGTH_OUT,
+)
+from ikservo.ik.prepare import (
+    PackedProblem,
+    SolverBuffers,
+    TargetKind,
+    load_kernel,
+    pack_problem,
+    pack_settings,
+)
+from ikservo.ik.problem import Options, Target, check_position
+from ikservo.ik.result import ActiveLimit, Result
 from ikservo.kinematics import Chain
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.arrays import Vector
 
-__all__ = ["bounded", "kind_of", "question_of", "ready_for"]
+__all__ = ["bounded", "pack_target", "problem_for_target", "target_kind_of", "unpack_result"]
+
+
+def unpack_result(chain: Chain, answer: Vector, method: str) -> Result:
+    """Return the result that one row of answers (2 dof + ANSWER_TAIL,) means."""
+    n = chain.dof
+    tail: list[float] = answer[2 * n :].tolist()
+    reached = tail[REACHED] == 1.0
+    return Result(
+        q=answer[:n].copy(),
+        reached=reached,
+        position_error_m=tail[POSITION_ERROR],
+        orientation_error_rad=tail[ROTATION_ERROR],
+        binding=() if reached else _active_limits(chain, answer[n : 2 * n].tolist()),
+        iterations=int(tail[ITERATIONS]),
+        nearest_m=answer[2 * n + REACHED_POINT : 2 * n + REACHED_POINT + 3].copy(),
+        method=method,
+    )
+
+
+def _active_limits(chain: Chain, held: list[float]) -> tuple[ActiveLimit, ...]:
+    """Name the limits that the search pressed against to the end."""
+    return tuple(
+        ActiveLimit(name, "lower" if side < 0.0 else "upper")
+        for name, side in zip(chain.names, held, strict=True)
+        if side
+    )
+
 
 _TRACED = 2000
 
@@ -35,18 +75,18 @@ def bounded(
     few. Without a solution the answer is the closest that any starting point led to.
     """
     restarts = 1 if options.track else options.restarts
-    kind, ready = kind_of(target), ready_for(chain, target, restarts)
+    kind, ready = target_kind_of(target), problem_for_target(chain, target, restarts)
     seeds = ready.seeds
     if first and restarts > 1:
-        given = ready.marked(chain, np.array(first), swinging=False)
+        given = ready.make_seeds(chain, np.array(first), swinging=False)
         seeds = np.hstack([given, seeds])
-    worker = Worker(chain.dof, restarts, traced=_TRACED if options.trace else 0)
-    worker.question[0] = question_of(target)
+    worker = SolverBuffers(chain.dof, restarts, traced=_TRACED if options.trace else 0)
+    worker.question[0] = pack_target(target)
     worker.start[0] = q0
-    wrong = kernel()(
+    wrong = load_kernel()(
         ready.arm,
         worker.question,
-        settings_of(kind, chain.dof, options),
+        pack_settings(kind, chain.dof, options),
         worker.start,
         seeds,
         worker.desk,
@@ -56,15 +96,15 @@ def bounded(
     if wrong >= 0:
         raise BadValueError("The question", "none", "finite numbers and a rotation")
     for joint in ready.idle[kind]:
-        stays = joint.stays_at(float(q0[joint.column]))
+        stays = joint.resting_position(float(q0[joint.column]))
         worker.answer[0, joint.column] = worker.trace[:, joint.column] = stays
-    result = result_of(chain, worker.answer[0], "bounded")
-    return replace(result, trace=_trace(chain, q0, worker)) if options.trace else result
+    result = unpack_result(chain, worker.answer[0], "bounded")
+    return replace(result, trace=_read_trace(chain, q0, worker)) if options.trace else result
 
 
-def _trace(chain: Chain, q0: Vector, worker: Worker) -> tuple[Vector, ...]:
+def _read_trace(chain: Chain, q0: Vector, worker: SolverBuffers) -> tuple[Vector, ...]:
     """Return the start, then the iterates of the attempt that led to the answer."""
-    kept = worker.trace[_TRACED // 2 :][: int(worker.answer[0, 2 * chain.dof + TRACED])]
+    kept = worker.trace[_TRACED // 2 :][: int(worker.answer[0, 2 * chain.dof + TRACE_LENGTH_OUT])]
     steps = [chain.clip(row) for row in kept]
     start = chain.clip(q0)
     if steps and np.array_equal(steps[0], start):
@@ -72,26 +112,26 @@ def _trace(chain: Chain, q0: Vector, worker: Worker) -> tuple[Vector, ...]:
     return (start, *steps)
 
 
-def kind_of(target: Target) -> Kind:
+def target_kind_of(target: Target) -> TargetKind:
     """Return what of a pose a target asks for."""
     if target.direction is not None:
-        return Kind.DIRECTION
-    return Kind.POSITION if target.orientation is None else Kind.POSE
+        return TargetKind.DIRECTION
+    return TargetKind.POSITION if target.orientation is None else TargetKind.POSE
 
 
-def ready_for(chain: Chain, target: Target, restarts: int = 1) -> Prepared:
+def problem_for_target(chain: Chain, target: Target, restarts: int = 1) -> PackedProblem:
     """Return the arm made ready for a target and so many starting points; it is kept."""
-    axis = target.axis if kind_of(target) is Kind.DIRECTION else None
-    return prepared(chain, target.frame, _offset(target), axis, restarts)
+    axis = target.axis if target_kind_of(target) is TargetKind.DIRECTION else None
+    return pack_problem(chain, target.frame, _offset_array(target), axis, restarts)
 
 
-def _offset(target: Target) -> Vector | None:
-    return None if target.offset_m is None else near(target.offset_m, "offset_m")
+def _offset_array(target: Target) -> Vector | None:
+    return None if target.offset_m is None else check_position(target.offset_m, "offset_m")
 
 
-def question_of(target: Target) -> Vector:
+def pack_target(target: Target) -> Vector:
     """Return a target as the kernels read it (QUESTION_SIZE,); of a direction only z counts."""
-    question = np.zeros(QUESTION_SIZE)
+    question = np.zeros(PROBLEM_SIZE)
     question[:3] = target.position
     if target.rotation is not None:
         question[3:] = target.rotation.ravel()

@@ -11,38 +11,36 @@ import math
 
 import numpy as np
 
-from ikservo.ik.options import Options
+from ikservo.ik.jacobian_methods import Linearisation, ResidualFunction, backtrack, iterate
+from ikservo.ik.problem import Options, Target
 from ikservo.ik.result import Result
-from ikservo.ik.small_steps import downhill, iterate
-from ikservo.ik.target import Target
-from ikservo.ik.task import Local, Task
 from ikservo.kinematics import Chain
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.arrays import Vector
 
-__all__ = ["CAP", "best_slide", "best_turn", "ccd", "nearest_on_arc"]
+__all__ = ["MAX_STEP", "best_rotation", "best_translation", "ccd", "clamp_angle_to_range"]
 
-CAP = math.radians(5.0)
+MAX_STEP = math.radians(5.0)
 """The furthest a joint goes in one sweep, else the last joints curl up before the first have
 moved; for a slide as many metres (87 mm)."""
 
 _MAX_ITERATIONS = 1000
 # A joint whose lever times distance [m²] is this small does nothing, and shall not spin for it.
-_NO_LEVER = 1e-15
+_MIN_LEVER = 1e-15
 
 
 def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Sweep over the joints from the last to the first, again and again, from ``q0`` (L12)."""
-    task = Task(chain, target)
+    task = ResidualFunction(chain, target)
 
-    def sweep(here: Local) -> Local:
+    def sweep(here: Linearisation) -> Linearisation:
         for joint in reversed(range(chain.dof)):
-            here = _move_one(task, here, joint)
+            here = _move_joint(task, here, joint)
         return here
 
     return iterate("ccd", sweep, task, q0, options, _MAX_ITERATIONS)
 
 
-def best_turn(E: Vector, v: Vector, axis: Vector) -> float:
+def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
     """Return the angle [rad] about a joint's axis that brings the tip nearest to the target.
 
     Turning by t moves a point of velocity v by ``v sin t + n (1 - cos t)`` with ``n = axis × v``,
@@ -57,35 +55,38 @@ def best_turn(E: Vector, v: Vector, axis: Vector) -> float:
     n = np.cross(axis, v.reshape(-1, 3)).ravel()
     F = E - n
     sin, cos = float(F @ v), -float(F @ n)
-    return math.atan2(sin, cos) if math.hypot(sin, cos) > _NO_LEVER else 0.0
+    return math.atan2(sin, cos) if math.hypot(sin, cos) > _MIN_LEVER else 0.0
 
 
-def best_slide(E: Vector, v: Vector) -> float:
+def best_translation(E: Vector, v: Vector) -> float:
     """Return how far along v (m,) the tip is nearest to the target: ``(E·v) / (v·v)``."""
     size = float(v @ v)
-    return float(E @ v) / size if size > _NO_LEVER else 0.0
+    return float(E @ v) / size if size > _MIN_LEVER else 0.0
 
 
-def nearest_on_arc(wish_rad: float, low_rad: float, high_rad: float) -> float:
+def clamp_angle_to_range(wish_rad: float, low_rad: float, high_rad: float) -> float:
     """Return the angle of an arc, no longer than a turn, that is nearest on the circle."""
     if low_rad <= wish_rad <= high_rad:
         return wish_rad
     return max(low_rad, high_rad, key=lambda end: math.cos(end - wish_rad))
 
 
-def _move_one(task: Task, here: Local, joint: int) -> Local:
+def _move_joint(task: ResidualFunction, here: Linearisation, joint: int) -> Linearisation:
     """Move one joint to its best, inside its limits and the cap."""
     step = np.zeros(task.chain.dof)
-    step[joint] = _best_step(task.chain, here, joint)
+    step[joint] = _best_joint_step(task.chain, here, joint)
     # On a circle or a line this is downhill; not always where other joints follow this one.
-    return downhill(task, here, step) if step[joint] else here
+    return backtrack(task, here, step) if step[joint] else here
 
 
-def _best_step(chain: Chain, here: Local, joint: int) -> float:
+def _best_joint_step(chain: Chain, here: Linearisation, joint: int) -> float:
     q, v, axis = float(here.q[joint]), here.J[:, joint], here.axes[:, joint]
-    low = max(float(chain.lower_rad[joint]) - q, -CAP)
-    high = min(float(chain.upper_rad[joint]) - q, CAP)
+    low = max(float(chain.lower_rad[joint]) - q, -MAX_STEP)
+    high = min(float(chain.upper_rad[joint]) - q, MAX_STEP)
     rate = math.sqrt(float(axis @ axis))  # 1, unless the tip is carried by a joint that follows
     if rate == 0.0:
-        return min(max(best_slide(here.E, v), low), high)
-    return nearest_on_arc(best_turn(here.E, v / rate, axis / rate), low * rate, high * rate) / rate
+        return min(max(best_translation(here.E, v), low), high)
+    return (
+        clamp_angle_to_range(best_rotation(here.E, v / rate, axis / rate), low * rate, high * rate)
+        / rate
+    )

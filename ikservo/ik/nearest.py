@@ -1,4 +1,4 @@
-"""Among several solutions the one nearest to the start.
+"""Among several solutions, find the one nearest to the start.
 
 A search goes to the solution that its steps lead to, which on six joints is the nearest in about
 two cases of three. The closed form knows every solution; without one, walks from around the start
@@ -11,28 +11,30 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ikservo.ik.answer import answer
-from ikservo.ik.bounded import kind_of, question_of, ready_for
-from ikservo.ik.closed_form import solutions, structure
+from ikservo.ik.bounded import pack_target, problem_for_target, target_kind_of
+from ikservo.ik.closed_form import solutions
+from ikservo.ik.closed_form_structure import recognise_structure
+from ikservo.ik.evaluation import evaluate
 from ikservo.ik.kernel.layout import REACHED
-from ikservo.ik.options import Options
-from ikservo.ik.preparing import Worker, kernel, settings_of
+from ikservo.ik.prepare import SolverBuffers, load_kernel, pack_settings
+from ikservo.ik.problem import Options, Target
 from ikservo.ik.result import Result
-from ikservo.ik.target import Target
 from ikservo.kinematics import Chain
-from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["nearest"]
+__all__ = ["nearest_solution"]
 
 # Ways from the start that differ by less [rad] are equally long.
 _SAME_RAD = 1e-6
 # How far single joints are turned aside for another walk, and how many steps it has: a walk that
 # has not come to a solution by then seldom does.
-_ASIDE_RAD = 1.0
+_START_OFFSET_RAD = 1.0
 _STEPS = 20
 
 
-def nearest(chain: Chain, target: Target, q0: Vector, options: Options, found: Result) -> Result:
+def nearest_solution(
+    chain: Chain, target: Target, q0: Vector, options: Options, found: Result
+) -> Result:
     """Return a solution that is nearer to the start than the one found, or that one.
 
     Args:
@@ -42,33 +44,35 @@ def nearest(chain: Chain, target: Target, q0: Vector, options: Options, found: R
         options: What counts as reached.
         found: A solution.
     """
-    idle = ready_for(chain, target).idle[kind_of(target)]
-    best, way_rad = found, _way_rad(found.q, q0)
-    for q in _others(chain, target, q0, options):
+    idle = problem_for_target(chain, target).idle[target_kind_of(target)]
+    best, way_rad = found, _joint_distance_rad(found.q, q0)
+    for q in _other_solutions(chain, target, q0, options):
         for joint in idle:
-            q[joint.column] = joint.stays_at(float(q0[joint.column]))
-        if _way_rad(q, q0) < way_rad - _SAME_RAD:
-            other = _judged(chain, target, q0, q, options, found)
+            q[joint.column] = joint.resting_position(float(q0[joint.column]))
+        if _joint_distance_rad(q, q0) < way_rad - _SAME_RAD:
+            other = _make_result(chain, target, q0, q, options, found)
             if other.reached:
-                best, way_rad = other, _way_rad(q, q0)
+                best, way_rad = other, _joint_distance_rad(q, q0)
     return best
 
 
-def _others(chain: Chain, target: Target, q0: Vector, options: Options) -> Iterable[Vector]:
-    if structure(chain, target.frame) is not None:
+def _other_solutions(
+    chain: Chain, target: Target, q0: Vector, options: Options
+) -> Iterable[Vector]:
+    if recognise_structure(chain, target.frame) is not None:
         return solutions(chain, target, q0)[:1]
-    return _around(chain, target, q0, options)
+    return _solutions_around(chain, target, q0, options)
 
 
-def _around(chain: Chain, target: Target, q0: Vector, options: Options) -> Matrix:
+def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options) -> Matrix:
     """Return the solutions (m, dof) that walks from around the start lead to."""
-    aside = _ASIDE_RAD * np.eye(chain.dof)
+    aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts = np.ascontiguousarray(chain.clip(np.vstack([q0 + aside, q0 - aside])))
-    kind, ready = kind_of(target), ready_for(chain, target)
-    settings = settings_of(kind, chain.dof, _one_walk(options))
-    worker = Worker(chain.dof, 1, questions=len(starts))
-    worker.question[:] = question_of(target)
-    search = kernel()
+    kind, ready = target_kind_of(target), problem_for_target(chain, target)
+    settings = pack_settings(kind, chain.dof, _single_start_options(options))
+    worker = SolverBuffers(chain.dof, 1, questions=len(starts))
+    worker.question[:] = pack_target(target)
+    search = load_kernel()
     search(
         ready.arm,
         worker.question,
@@ -83,7 +87,7 @@ def _around(chain: Chain, target: Target, q0: Vector, options: Options) -> Matri
     return worker.answer[reached, : chain.dof]
 
 
-def _one_walk(options: Options) -> Options:
+def _single_start_options(options: Options) -> Options:
     return Options(
         options.tolerance,
         restarts=1,
@@ -93,12 +97,12 @@ def _one_walk(options: Options) -> Options:
     )
 
 
-def _judged(
+def _make_result(
     chain: Chain, target: Target, q0: Vector, q: Vector, options: Options, found: Result
 ) -> Result:
     """Return the result of joints (dof,) that the search itself did not find."""
-    exact = structure(chain, target.frame) is not None
-    return answer(
+    exact = recognise_structure(chain, target.frame) is not None
+    return evaluate(
         chain,
         target,
         q,
@@ -109,5 +113,5 @@ def _judged(
     )
 
 
-def _way_rad(q: Vector, q0: Vector) -> float:
+def _joint_distance_rad(q: Vector, q0: Vector) -> float:
     return float(np.linalg.norm(q - q0))

@@ -1,11 +1,11 @@
-"""What a solver answers: the joints, and honestly how far they are from what was asked."""
+"""The result of a solve."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from ikservo.ik.target import Target
+from ikservo.ik.problem import Target
 from ikservo.kinematics import (
     Chain,
     Conditioning,
@@ -13,19 +13,19 @@ from ikservo.kinematics import (
     conditioning,
     nearest_singularity,
 )
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.arrays import Vector
 
 if TYPE_CHECKING:
     from ikservo.ik.solution_set import SolutionSet
 
-__all__ = ["BUILD", "Binding", "Question", "Result"]
+__all__ = ["NOT_LIMITED", "ActiveLimit", "Result", "SolvedProblem"]
 
-BUILD = "link lengths or number of joints"
+NOT_LIMITED = "link lengths or number of joints"
 """What limits the reach of an arm where no joint limit does."""
 
 
 @dataclass(frozen=True, slots=True)
-class Binding:
+class ActiveLimit:
     """A joint limit that keeps the tool from coming closer."""
 
     joint: str
@@ -36,7 +36,7 @@ class Binding:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Question:
+class SolvedProblem:
     """What a result answers: the arm and the target."""
 
     chain: Chain
@@ -64,12 +64,12 @@ class Result:
     reached: bool
     position_error_m: float
     orientation_error_rad: float
-    binding: tuple[Binding, ...]
+    binding: tuple[ActiveLimit, ...]
     iterations: int
     nearest_m: Vector
     method: str
     trace: tuple[Vector, ...] = ()
-    question: Question | None = field(default=None, repr=False)
+    question: SolvedProblem | None = field(default=None, repr=False)
 
     @property
     def solutions(self) -> SolutionSet:

@@ -1,4 +1,4 @@
-"""What a solution is one of: the only one, one of several, or one of a family (lecture L5)."""
+"""Whether a solution is unique, one of several, or one of a continuous family."""
 
 from __future__ import annotations
 
@@ -7,24 +7,23 @@ from typing import Literal
 
 import numpy as np
 
-from ikservo.ik.bounded import kind_of, ready_for
-from ikservo.ik.closed_form import Directions, intervals, solutions, structure
-from ikservo.ik.options import Tolerance
-from ikservo.ik.pseudo_inverse import pinv
-from ikservo.ik.target import Target
-from ikservo.ik.task import Task
+from ikservo.ik.bounded import problem_for_target, target_kind_of
+from ikservo.ik.closed_form import DirectionInterval, direction_intervals, solutions
+from ikservo.ik.closed_form_structure import recognise_structure
+from ikservo.ik.jacobian_methods import ResidualFunction, pinv
+from ikservo.ik.problem import Target, Tolerance
 from ikservo.kinematics import Chain
-from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 
 __all__ = ["SolutionSet", "solution_set"]
 
 # Singular values below this part of the largest are none, in an ordinary posture and at a solution.
 _RANK, _SINGULAR = 1e-7, 1e-6
-_LOOKS = 5
+_SAMPLES = 5
 _IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0]))
 # To see whether a solution has neighbours it is left by so much [rad] and met again nearby: one
 # that stands alone draws the arm back.
-_ASIDE_RAD, _STEPS, _STILL_ASIDE = 0.02, 10, 0.5
+_OFFSET_RAD, _STEPS, _MIN_OFFSET_FRACTION = 0.02, 10, 0.5
 _TURN_RAD = 2.0 * np.pi
 _SAME_RAD = 1e-4
 
@@ -46,7 +45,7 @@ class SolutionSet:
     kind: Literal["none", "one", "several", "family", "unknown"]
     count: int | None = None
     freedom: int = 0
-    directions: tuple[Directions, ...] = ()
+    directions: tuple[DirectionInterval, ...] = ()
 
     def __str__(self) -> str:
         """Return it in words."""
@@ -77,45 +76,53 @@ def solution_set(
         q: Joints (dof,) inside the limits.
         tolerance: How close counts as met.
     """
-    task, tolerance = Task(chain, target), tolerance or Tolerance()
-    here = task.at(q)
-    if not task.met(here, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):
+    task, tolerance = ResidualFunction(chain, target), tolerance or Tolerance()
+    here = task.linearise(q)
+    if not task.is_met(here, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):
         return SolutionSet("none", 0)
-    moving = _moving(chain, target)
+    moving = _moving_joints(chain, target)
     freedom = len(moving) - _usual_rank(task, moving)
     J = here.J[:, moving]
     ways = _null_space(J)
-    if len(ways) and any(_goes_on(task, tolerance, q, moving, way) for way in (*ways, *-ways)):
+    if len(ways) and any(
+        _continues_along(task, tolerance, q, moving, way) for way in (*ways, *-ways)
+    ):
         free = max(freedom, 1)
-        directions = intervals(chain, target, q) if _three_links(chain, target, free) else ()
+        directions = (
+            direction_intervals(chain, target, q) if _is_planar_3r(chain, target, free) else ()
+        )
         return SolutionSet("family", len(directions) or None, free, directions)
-    return _separate(chain, target, q)
+    return _count_isolated(chain, target, q)
 
 
-def _separate(chain: Chain, target: Target, q: Vector) -> SolutionSet:
+def _count_isolated(chain: Chain, target: Target, q: Vector) -> SolutionSet:
     """Count the solutions of a target that has no family of them."""
-    if structure(chain, target.frame) is None:
+    if recognise_structure(chain, target.frame) is None:
         return SolutionSet("unknown")
     known = solutions(chain, target, q)
-    if not any(_same(other, q) for other in known):  # the closed form does not know them all
+    if not any(
+        _is_same_solution(other, q) for other in known
+    ):  # the closed form does not know them all
         return SolutionSet("several" if known else "unknown")
     return SolutionSet("one" if len(known) == 1 else "several", len(known))
 
 
-def _moving(chain: Chain, target: Target) -> list[int]:
-    idle = {joint.column for joint in ready_for(chain, target).idle[kind_of(target)]}
+def _moving_joints(chain: Chain, target: Target) -> list[int]:
+    idle = {
+        joint.column for joint in problem_for_target(chain, target).idle[target_kind_of(target)]
+    }
     return [column for column in range(chain.dof) if column not in idle]
 
 
-def _usual_rank(task: Task, moving: list[int]) -> int:
+def _usual_rank(task: ResidualFunction, moving: list[int]) -> int:
     """Return how many directions of the task the joints have in an ordinary posture."""
-    angles = _TURN_RAD * ((0.5 + np.outer(np.arange(1, _LOOKS + 1), _IRRATIONAL)) % 1.0)
-    looks: Matrix = np.resize(angles, (_LOOKS, task.chain.dof)).astype(np.float64)
-    ranks = [_rank(task.at(q).J[:, moving], _RANK) for q in looks]
+    angles = _TURN_RAD * ((0.5 + np.outer(np.arange(1, _SAMPLES + 1), _IRRATIONAL)) % 1.0)
+    looks: Matrix = np.resize(angles, (_SAMPLES, task.chain.dof)).astype(np.float64)
+    ranks = [_numerical_rank(task.linearise(q).J[:, moving], _RANK) for q in looks]
     return max(ranks)
 
 
-def _rank(J: Matrix, share: float) -> int:
+def _numerical_rank(J: Matrix, share: float) -> int:
     values = np.linalg.svd(J, compute_uv=False)
     return int((values > share * values.max(initial=0.0)).sum())
 
@@ -123,20 +130,26 @@ def _rank(J: Matrix, share: float) -> int:
 def _null_space(J: Matrix) -> Matrix:
     """Return the ways (k, n) in which joints move without moving what is wanted."""
     _, _, Vt = np.linalg.svd(J)
-    return Vt[_rank(J, _SINGULAR) :]
+    return Vt[_numerical_rank(J, _SINGULAR) :]
 
 
-def _three_links(chain: Chain, target: Target, freedom: int) -> bool:
-    return target.only_position and freedom == 1 and structure(chain, target.frame) is not None
+def _is_planar_3r(chain: Chain, target: Target, freedom: int) -> bool:
+    return (
+        target.only_position
+        and freedom == 1
+        and recognise_structure(chain, target.frame) is not None
+    )
 
 
-def _goes_on(task: Task, tolerance: Tolerance, q: Vector, moving: list[int], way: Vector) -> bool:
+def _continues_along(
+    task: ResidualFunction, tolerance: Tolerance, q: Vector, moving: list[int], way: Vector
+) -> bool:
     """Return whether there are solutions beside q along a way (n,) of the moving joints."""
     chain, there = task.chain, q.copy()
-    there[moving] += _ASIDE_RAD * way
+    there[moving] += _OFFSET_RAD * way
     there = chain.clip(there)
     for _ in range(_STEPS):
-        local = task.at(there)
+        local = task.linearise(there)
         free = np.zeros(chain.dof, dtype=np.bool_)
         free[moving] = True
         free &= (there > chain.lower_rad) & (there < chain.upper_rad)
@@ -144,10 +157,12 @@ def _goes_on(task: Task, tolerance: Tolerance, q: Vector, moving: list[int], way
         step[free] = pinv(local.J[:, free], _SINGULAR) @ local.E
         there = chain.clip(there + step)
     aside = float((there[moving] - q[moving]) @ way)
-    return task.met(task.at(there), tolerance) and aside > _STILL_ASIDE * _ASIDE_RAD
+    return (
+        task.is_met(task.linearise(there), tolerance) and aside > _MIN_OFFSET_FRACTION * _OFFSET_RAD
+    )
 
 
-def _same(a: Vector, b: Vector) -> bool:
+def _is_same_solution(a: Vector, b: Vector) -> bool:
     apart = a - b
     apart -= _TURN_RAD * np.round(apart / _TURN_RAD)
     return float(np.abs(apart).max()) < _SAME_RAD

@@ -1,92 +1,227 @@
-"""The public question: joints for a target."""
+"""``Solver``: warm-started tracking of moving targets, with memory of the branch."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
-from ikservo.ik.kernel.layout import FURTHEST_RAD
-from ikservo.ik.methods import method_named
-from ikservo.ik.options import RESTARTS, Options, Posture, Tolerance
-from ikservo.ik.preparing import check_chain
-from ikservo.ik.result import Question, Result
-from ikservo.ik.target import Target
-from ikservo.kinematics import Chain, finite_vector
+from ikservo.ik.bounded import unpack_result
+from ikservo.ik.kernel.layout import MAX_ANGLE_RAD, REACHED
+from ikservo.ik.prepare import (
+    HOMOGENEOUS_ROW,
+    SolverBuffers,
+    TargetKind,
+    TargetKindName,
+    check_chain,
+    check_homogeneous_row,
+    check_options,
+    load_kernel,
+    pack_problem,
+    pack_settings,
+    target_kind,
+)
+from ikservo.ik.problem import Options, Tolerance, check_position, normalise
+from ikservo.ik.result import Result
+from ikservo.kinematics import Chain, finite_array, finite_vector
+from ikservo.kinematics.arrays import Vector
 
-__all__ = ["solve"]
+__all__ = ["BranchMemory", "Solver"]
 
 
-def solve(
-    chain: Chain,
-    target: Target,
-    q0: ArrayLike | None = None,
-    method: str = "auto",
-    *,
-    tolerance: Tolerance | None = None,
-    restarts: int = RESTARTS,
-    max_iterations: int | None = None,
-    posture: Posture | None = None,
-    trace: bool = False,
-    position_first: bool | None = None,
-    turn_weight_m_rad: float = 0.2,
-    track: bool = False,
-    nearest: bool = True,
-) -> Result:
-    """Find joints inside the limits that bring the point to the target (lecture L5, L13).
+# A start this near to the last answer goes on from there.
+_SAME_RAD = 0.01
+# So far from a straight pose it is clear to which side it bends, and joints that are free besides
+# are led back, too: at their limits they would be in the way later.
+_MIN_BEND_RAD = 0.3
 
-    With fewer than six joints the position comes first: it is met exactly where the limits
-    allow, and the orientation as well as what remains allows.
+
+class BranchMemory:
+    """What one path was like before its target went out of reach.
+
+    Out of reach an arm stretches until it is straight, and straight it bends to either side as
+    well. The walk to the first target within reach again therefore begins a little towards the
+    last joints that reached theirs.
 
     Args:
-        chain: The arm; its limits are never left, not even by one ulp.
-        target: What is wanted.
-        q0: Where to start (dof,), rad or m; may lie outside the limits. The middle if None.
-        method: ``auto`` or one of ``METHODS``.
-        tolerance: How close counts as reached.
-        restarts: How many starting points to try at most, the given one first.
-        max_iterations: How many steps from one start; the method's own number if None.
-        posture: A configuration to lean towards where the target leaves freedom (``auto`` and
-            ``pseudo_inverse``; the other methods have no null space and ignore it).
-        trace: Whether the result shall carry every iterate.
-        position_first: Whether the position is met exactly, and the orientation as well as what
-            remains allows; if None for arms with fewer than six joints. Else both are weighed.
-        turn_weight_m_rad: How many metres of position error a radian is worth (``bounded``).
-        track: Follow a path: one walk from ``q0``, never to another branch (``bounded``).
-        nearest: Look for the solution nearest to ``q0`` where there are several (``auto``): among
-            those of the closed form where the arm has one, else from some starts around ``q0``.
-            ``False`` takes the first that is found, in a twentieth of the time.
+        dof: How many joints there are.
+    """
 
-    Returns:
-        The solution, or the nearest point that was found and the limits that bind there.
+    def __init__(self, dof: int) -> None:
+        self._last, self._bent = np.full(dof, np.nan), np.full(dof, np.nan)
+        self._out = False
+
+    def is_beyond_reach(self, q0: ArrayLike) -> bool:
+        """Return whether a path that stands at ``q0`` (dof,) is out of reach by now."""
+        return self._out and self._is_same_path(q0)
+
+    def start_joints(self) -> Vector:
+        """Return where to walk from (dof,) to a target that is within reach again."""
+        back: Vector = np.clip(self._bent - self._last, -_MIN_BEND_RAD, _MIN_BEND_RAD)
+        return self._last + back
+
+    def update(self, q0: ArrayLike, q: Vector, *, reached: bool) -> None:
+        """Take the answer ``q`` (dof,) to a question of a path that stood at ``q0`` (dof,)."""
+        if reached:
+            self._bent[:] = q
+        elif not self._is_same_path(q0):
+            self._bent[:] = q0
+        self._last[:], self._out = q, not reached
+
+    def _is_same_path(self, q0: ArrayLike) -> bool:
+        return bool(np.abs(np.asarray(q0) - self._last).max() <= _SAME_RAD)
+
+
+class Solver:
+    """A question prepared once and asked in a loop; one object for each thread.
+
+    Calling it is ``solve(…, nearest=False)``: it begins at ``q0`` and starts again elsewhere where
+    that leads nowhere. Joints that do not move the point stay at ``q0``. ``track`` follows a path:
+    it walks from ``q0`` only, never jumps to another branch, and where a limit blocks it goes as
+    near as it can. A path that goes on from the last answer and stretched the arm straight comes
+    back on the side that it went out by.
+
+    Args:
+        chain: The arm.
+        kind: What of the wanted pose counts: its position, also the direction of the tool axis,
+            or all of it.
+        tool_axis: The axis (3,) in the frame's coordinates that "direction" speaks of.
+        frame: The link that shall go there; the tip if None.
+        offset_m: The point (3,) of that link, metres; its origin if None.
+        tolerance: How close counts as reached.
+        options: How hard to try and what comes first; has a tolerance of its own.
 
     Raises:
-        BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or there is
-            no chain or no target.
-        UnknownNameError: No such method, or the target's frame is no link of the arm.
+        BadValueError: An axis or offset makes no sense.
+        UnknownNameError: No such kind or frame.
     """
-    options = Options(
-        tolerance or Tolerance(),
-        restarts,
-        max_iterations,
-        posture,
-        trace,
-        position_first,
-        turn_weight_m_rad,
-        track,
-        nearest,
-    )
-    check_chain(chain)
-    _check_target(target)
-    start = chain.middle() if q0 is None else finite_vector(q0, chain.dof, "q0")
-    if float(np.abs(start).max()) > FURTHEST_RAD:
-        raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
-    result = method_named(method)(chain, target, start, options)
-    return replace(result, question=Question(chain, target))
 
+    def __init__(
+        self,
+        chain: Chain,
+        kind: TargetKindName = "position",
+        *,
+        tool_axis: ArrayLike = (0.0, 0.0, 1.0),
+        tolerance: Tolerance | None = None,
+        frame: str | None = None,
+        offset_m: ArrayLike | None = None,
+        options: Options | None = None,
+    ) -> None:
+        check_chain(chain)
+        options = options or Options(tolerance or Tolerance())
+        check_options(options)
+        self.chain, self.kind = chain, kind
+        self._kind = target_kind(kind)
+        self._axis = normalise(tool_axis, "tool_axis")
+        offset = None if offset_m is None else check_position(offset_m, "offset_m")
+        axis = self._axis if self._kind is TargetKind.DIRECTION else None
+        ready = pack_problem(chain, frame, offset, axis, options.restarts)
+        self._arm, self._seeds = ready.arm, ready.seeds
+        idle = ready.idle[self._kind]
+        self._idle = tuple((each.column, each.lower, each.upper, each) for each in idle)
+        self._settings = pack_settings(self._kind, chain.dof, options)
+        self._track = pack_settings(self._kind, chain.dof, replace(options, track=True))
+        self._search = load_kernel()
+        self._worker = worker = SolverBuffers(chain.dof, options.restarts)
+        self._rotation = worker.question[0, 3:].reshape(3, 3)
+        self._shape = (chain.dof,)
+        self._reached = 2 * chain.dof + REACHED
+        self._side, self._asked = BranchMemory(chain.dof), False
 
-def _check_target(target: object) -> None:
-    if not isinstance(target, Target):
-        raise BadValueError("The target", repr(target), "a Target, as in Target((0.25, 0, 0.15))")
+    def __repr__(self) -> str:
+        """Return what is asked of which chain."""
+        return f"Solver(kind={self.kind!r}, {self.chain.dof} joints to {self.chain.tip!r})"
+
+    def __call__(
+        self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
+    ) -> tuple[Vector, bool]:
+        """Return joints (dof,) for the pose (4, 4), near ``q0`` (dof,), and whether they reach.
+
+        ``out`` (dof,) takes the joints, where given; without it an array is made.
+
+        Raises:
+            BadValueError: A shape is wrong, or a number that counts is not finite, too large or
+                no part of a rotation.
+        """
+        return self._run_kernel(self._settings, T_world_tool, q0, out)
+
+    def track(
+        self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
+    ) -> tuple[Vector, bool]:
+        """Return the joints that ``q0`` leads to on its own branch, and whether they reach.
+
+        Args and errors are those of a call; where a limit blocks, ``result`` names it.
+        """
+        q, reached = self._run_kernel(self._track, T_world_tool, q0, out)
+        if reached and self._side.is_beyond_reach(q0):
+            q, reached = self._run_kernel(self._track, T_world_tool, self._side.start_joints(), out)
+            if not reached:
+                q, reached = self._run_kernel(self._track, T_world_tool, q0, out)
+        self._side.update(q0, q, reached=reached)
+        return q, reached
+
+    @property
+    def result(self) -> Result:
+        """Return the whole answer to the last question: what is left, which limits bind.
+
+        Raises:
+            BadValueError: Nothing was asked yet.
+        """
+        if not self._asked:
+            raise BadValueError("The last question", "none", "a call before its result")
+        return unpack_result(self.chain, self._worker.answer[0], "bounded")
+
+    def _run_kernel(
+        self, settings: Vector, T: ArrayLike, q0: ArrayLike, out: Vector | None
+    ) -> tuple[Vector, bool]:
+        worker = self._worker
+        if out is not None:
+            self._check_out(out)
+        self._write_problem(T, q0)
+        if self._search(
+            self._arm, worker.question, settings, worker.start, self._seeds, worker.desk,
+            worker.trace, worker.answer,
+        ) >= 0:  # fmt: skip
+            self._raise_invalid(T, q0)
+        self._asked, answer = True, worker.answer[0]
+        for column, lower, upper, joint in self._idle:
+            start = worker.start.item(column)
+            answer[column] = start if lower <= start <= upper else joint.resting_position(start)
+        if out is None:
+            return answer[: self.chain.dof].copy(), bool(answer[self._reached])
+        out[:] = answer[: self.chain.dof]
+        return out, bool(answer[self._reached])
+
+    def _write_problem(self, T: ArrayLike, q0: ArrayLike) -> None:
+        try:
+            pose, start = np.asarray(T, dtype=np.float64), np.asarray(q0, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            self._raise_invalid(T, q0)
+        if pose.shape != (4, 4) or start.shape != self._shape:
+            self._raise_invalid(T, q0)
+        if pose[3].tolist() != HOMOGENEOUS_ROW:
+            check_homogeneous_row(pose, "T_world_tool")
+        question = self._worker.question[0]
+        question[:3] = pose[:3, 3]
+        if self._kind is TargetKind.POSE:
+            self._rotation[:] = pose[:3, :3]
+        elif self._kind is TargetKind.DIRECTION:
+            self._rotation[:, 2] = pose[:3, :3] @ self._axis
+        self._worker.start[0] = start
+
+    def _raise_invalid(self, T: ArrayLike, q0: ArrayLike) -> NoReturn:
+        """Say what is wrong with a question that the kernel did not accept."""
+        start = finite_vector(q0, self.chain.dof, "q0")
+        if float(np.abs(start).max()) > MAX_ANGLE_RAD:
+            raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
+        check_position(finite_array(T, (4, 4), "T_world_tool")[:3, 3], "The target position")
+        raise BadValueError("The rotation of T_world_tool", "none", "R Rᵀ = 1 and det R = 1")
+
+    def _check_out(self, out: Vector) -> None:
+        """Raise BadValueError where the joints cannot be written as they are."""
+        array = np.asarray(out)
+        if array is not out or array.shape != self._shape or array.dtype != np.float64:
+            raise BadValueError("out", f"{out!r}", f"an array of floats of shape {self._shape}")

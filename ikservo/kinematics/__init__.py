@@ -1,34 +1,34 @@
 """Where the links are for given joints, and how they move: pure functions on arrays."""
 
+from ikservo.kinematics.arrays import finite_array, finite_vector, finite_vectors
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.conditioning import (
     Conditioning,
     Singularity,
     conditioning,
+    distance_to_limits,
+    manipulability,
     nearest_singularity,
 )
-from ikservo.kinematics.joints import Joint, JointKind, Mimic
-from ikservo.kinematics.numbers import finite_array, finite_vector, finite_vectors
-from ikservo.kinematics.packing import pack
-from ikservo.kinematics.quality import manipulability, room_to_limits
-from ikservo.kinematics.steps import Step
-from ikservo.kinematics.virtual_work import joint_torques
+from ikservo.kinematics.dynamics import joint_torques
+from ikservo.kinematics.joints import ChainJoint, Joint, JointType, Mimic
+from ikservo.kinematics.packed import pack_chain
 
 __all__ = [
     "Chain",
+    "ChainJoint",
     "Conditioning",
     "Joint",
-    "JointKind",
+    "JointType",
     "Mimic",
     "Singularity",
-    "Step",
     "conditioning",
+    "distance_to_limits",
     "finite_array",
     "finite_vector",
     "finite_vectors",
     "joint_torques",
     "manipulability",
     "nearest_singularity",
-    "pack",
-    "room_to_limits",
+    "pack_chain",
 ]

@@ -1,11 +1,74 @@
-"""Types of the arrays that everything computes with."""
+"""Array types and checks: vectors, matrices, finite numbers."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Matrix", "Vector"]
+from ikservo.errors import BadValueError
+
+__all__ = [
+    "Matrix",
+    "Vector",
+    "as_floats",
+    "finite_array",
+    "finite_vector",
+    "finite_vectors",
+    "read_only",
+]
+
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+
+
+def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
+    """Return ``values`` as (size,) floats; see ``finite_array``."""
+    return finite_array(values, (size,), what)
+
+
+def finite_vectors(values: ArrayLike, size: int, what: str) -> Vector:
+    """Return one vector (size,) or many (n, size) as floats; see ``finite_array``."""
+    array = as_floats(values, what, f"numbers of shape ({size},) or (n, {size})")
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        raise BadValueError(what, f"of shape {array.shape}", f"shape ({size},) or (n, {size})")
+    return _require_finite(array, what)
+
+
+def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector:
+    """Return ``values`` as an array of floats of that shape.
+
+    Raises:
+        BadValueError: They are no numbers, not finite, or of another shape.
+    """
+    array = as_floats(values, what, f"numbers of shape {shape}")
+    if array.shape != shape:
+        raise BadValueError(what, f"of shape {array.shape}", f"shape {shape}")
+    return _require_finite(array, what)
+
+
+def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
+    """Return ``values`` as an array of floats of any shape, or say what was expected.
+
+    Text that reads like a number is none; neither is a truth, nor what has an imaginary part.
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind in "bcSU":
+            raise TypeError
+        return np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise BadValueError(what, repr(values), expected) from None
+
+
+def read_only(values: ArrayLike) -> Vector:
+    """Return a copy (any shape) that cannot be written to."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+def _require_finite(array: Vector, what: str) -> Vector:
+    if not np.isfinite(array).all():
+        raise BadValueError(what, str(array.tolist()), "finite numbers")
+    return array

@@ -1,4 +1,4 @@
-"""Capsules, and how far two of them are apart: the simplest body with a length (lecture L18)."""
+"""Capsules and the distances between segments (numpy reference)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.kinematics.se3 import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 
 __all__ = ["Capsule", "segment_box_distance", "segment_distance"]
 
@@ -43,15 +43,15 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
     vanishes, or on an end; after Ericson, Real-Time Collision Detection, 5.1.9.
     """
     d1, d2, r = q1 - p1, q2 - p2, p1 - p2
-    a, e, b = _dot(d1, d1), _dot(d2, d2), _dot(d1, d2)
-    c, f = _dot(d1, r), _dot(d2, r)
+    a, e, b = _row_dot(d1, d1), _row_dot(d2, d2), _row_dot(d1, d2)
+    c, f = _row_dot(d1, r), _row_dot(d2, r)
     # Parallel segments and points have no single closest pair: any s begins with one as good.
     crossing = np.maximum(a * e - b * b, _NOTHING)
-    s = _unit((b * f - c * e) / crossing)
-    t = _unit((b * s + f) / np.maximum(e, _NOTHING))
-    s = _unit((b * t - c) / np.maximum(a, _NOTHING))
+    s = _clamp_unit_interval((b * f - c * e) / crossing)
+    t = _clamp_unit_interval((b * s + f) / np.maximum(e, _NOTHING))
+    s = _clamp_unit_interval((b * t - c) / np.maximum(a, _NOTHING))
     gap = r + s[..., None] * d1 - t[..., None] * d2
-    return np.sqrt(_dot(gap, gap))
+    return np.sqrt(_row_dot(gap, gap))
 
 
 def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) -> Vector:
@@ -63,21 +63,23 @@ def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) ->
     low, high = np.zeros(()), np.ones(())
     for _ in range(60):
         s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        nearer = _box_at(a, b, s, low_m, high_m) <= _box_at(a, b, t, low_m, high_m)
+        nearer = _box_distance_at(a, b, s, low_m, high_m) <= _box_distance_at(
+            a, b, t, low_m, high_m
+        )
         low, high = np.where(nearer, low, s), np.where(nearer, t, high)
-    return _box_at(a, b, 0.5 * (low + high), low_m, high_m)
+    return _box_distance_at(a, b, 0.5 * (low + high), low_m, high_m)
 
 
-def _box_at(a: Vector, b: Vector, share: Vector, low_m: Vector, high_m: Vector) -> Vector:
+def _box_distance_at(a: Vector, b: Vector, share: Vector, low_m: Vector, high_m: Vector) -> Vector:
     point = a + share[..., None] * (b - a)
     outside = np.maximum(np.maximum(low_m - point, point - high_m), 0.0)
-    return np.sqrt(_dot(outside, outside))
+    return np.sqrt(_row_dot(outside, outside))
 
 
-def _dot(a: Vector, b: Vector) -> Vector:
+def _row_dot(a: Vector, b: Vector) -> Vector:
     return np.einsum("...i,...i->...", a, b)
 
 
-def _unit(x: Vector) -> Vector:
+def _clamp_unit_interval(x: Vector) -> Vector:
     clipped: Vector = np.clip(x, 0.0, 1.0)
     return clipped

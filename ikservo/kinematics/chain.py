@@ -1,4 +1,4 @@
-"""The kinematic chain: links and joints from the base to the tool (lecture L1, L2, L6)."""
+"""A kinematic chain: forward kinematics, Jacobians, joint limits."""
 
 from __future__ import annotations
 
@@ -10,10 +10,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError, InputError, UnknownNameError
-from ikservo.kinematics.joints import Joint, JointKind
-from ikservo.kinematics.numbers import finite_array, finite_vector, finite_vectors, frozen, numbers
-from ikservo.kinematics.se3 import Matrix, Vector, pose
-from ikservo.kinematics.steps import Step, driven, joints_to_each_link, limits_of
+from ikservo.kinematics.arrays import (
+    Matrix,
+    Vector,
+    as_floats,
+    finite_array,
+    finite_vector,
+    finite_vectors,
+    read_only,
+)
+from ikservo.kinematics.joints import (
+    ChainJoint,
+    Joint,
+    JointType,
+    effective_limits,
+    joints_to_each_link,
+    make_chain_joint,
+)
+from ikservo.kinematics.se3 import make_pose
 
 __all__ = ["Chain"]
 
@@ -41,8 +55,8 @@ class Chain:
     names: tuple[str, ...]
     lower_rad: Vector
     upper_rad: Vector
-    kinds: tuple[JointKind, ...]
-    _ways: Mapping[str, tuple[Step, ...]] = field(repr=False)
+    kinds: tuple[JointType, ...]
+    _ways: Mapping[str, tuple[ChainJoint, ...]] = field(repr=False)
 
     @classmethod
     def from_joints(cls, joints: Sequence[Joint], base: str, tip: str) -> Chain:
@@ -55,19 +69,19 @@ class Chain:
         ways = joints_to_each_link(joints, base)
         if tip not in ways:
             raise UnknownNameError("link", tip, ways)
-        moving = [j for j in ways[tip] if j.kind is not JointKind.FIXED and j.mimic is None]
+        moving = [j for j in ways[tip] if j.kind is not JointType.FIXED and j.mimic is None]
         if not moving:
             raise InputError(f"No joint moves {tip!r} against {base!r}.", "Choose another tip.")
         columns = {joint.name: i for i, joint in enumerate(moving)}
         by_name = {joint.name: joint for joint in joints}
-        steps = {joint.name: driven(joint, columns, by_name) for joint in joints}
-        limits = np.array([limits_of(joint, joints) for joint in moving])
+        steps = {joint.name: make_chain_joint(joint, columns, by_name) for joint in joints}
+        limits = np.array([effective_limits(joint, joints) for joint in moving])
         return cls(
             base=base,
             tip=tip,
             names=tuple(columns),
-            lower_rad=frozen(limits[:, 0]),
-            upper_rad=frozen(limits[:, 1]),
+            lower_rad=read_only(limits[:, 0]),
+            upper_rad=read_only(limits[:, 1]),
             kinds=tuple(j.kind for j in moving),
             _ways={link: tuple(steps[joint.name] for joint in way) for link, way in ways.items()},
         )
@@ -82,7 +96,7 @@ class Chain:
         """Return the names of all links; each can be the ``frame`` of a question."""
         return tuple(self._ways)
 
-    def way(self, frame: str | None = None) -> tuple[Step, ...]:
+    def joints_to(self, frame: str | None = None) -> tuple[ChainJoint, ...]:
         """Return the joints from the base to a link (the tip if None), fixed ones included.
 
         Raises:
@@ -100,12 +114,12 @@ class Chain:
             BadValueError: Not a number, wrong shape, a lower limit above its upper one, or
                 infinite for a joint that was limited.
         """
-        low = self._limits(lower, self.lower_rad, "lower limits")
-        high = self._limits(upper, self.upper_rad, "upper limits")
+        low = self._check_limits(lower, self.lower_rad, "lower limits")
+        high = self._check_limits(upper, self.upper_rad, "upper limits")
         for name, a, b in zip(self.names, low, high, strict=True):
             if a > b:
                 raise BadValueError(f"The range of {name}", f"[{a:g}, {b:g}]", "lower <= upper")
-        return replace(self, lower_rad=frozen(low), upper_rad=frozen(high))
+        return replace(self, lower_rad=read_only(low), upper_rad=read_only(high))
 
     def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
         """Return the same chain with some joints elsewhere: ``T_parent_joint`` (4, 4) by joint.
@@ -122,7 +136,8 @@ class Chain:
                 raise UnknownNameError("joint", name, known)
             finite_array(T, (4, 4), f"The origin of {name}")
         ways = {
-            link: tuple(_placed(step, origins) for step in way) for link, way in self._ways.items()
+            link: tuple(_with_origin(step, origins) for step in way)
+            for link, way in self._ways.items()
         }
         return replace(self, _ways=ways)
 
@@ -135,7 +150,7 @@ class Chain:
         clipped: Vector = np.clip(finite_vectors(q, self.dof, "q"), self.lower_rad, self.upper_rad)
         return clipped
 
-    def middle(self) -> Vector:
+    def mid_range(self) -> Vector:
         """Return (dof,) the middle of every range; zero for joints that turn freely."""
         bounded = np.isfinite(self.lower_rad) & np.isfinite(self.upper_rad)
         middle = np.zeros(self.dof)
@@ -162,10 +177,10 @@ class Chain:
             UnknownNameError: No link is named ``frame``.
         """
         q = finite_vectors(q, self.dof, "q")
-        T = _at_the_base(q)
-        for step in self.way(frame):
+        T = _identity_poses(q)
+        for step in self.joints_to(frame):
             T = T @ step.joint.origin @ step.motion(q)
-        return _moved(T, offset_m)
+        return _offset_pose(T, offset_m)
 
     def jacobian(
         self, q: ArrayLike, frame: str | None = None, offset_m: ArrayLike | None = None
@@ -188,20 +203,20 @@ class Chain:
             BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
             UnknownNameError: No link is named ``frame``.
         """
-        return self.linearise(q, frame, offset_m)[1]
+        return self.forward_and_jacobian(q, frame, offset_m)[1]
 
-    def linearise(
+    def forward_and_jacobian(
         self, q: ArrayLike, frame: str | None = None, offset_m: ArrayLike | None = None
     ) -> tuple[Matrix, Matrix]:
         """Return ``forward`` and ``jacobian`` of one point in one pass."""
         q = finite_vectors(q, self.dof, "q")
-        T = _at_the_base(q)
-        passed: list[tuple[Step, Matrix]] = []
-        for step in self.way(frame):
+        T = _identity_poses(q)
+        passed: list[tuple[ChainJoint, Matrix]] = []
+        for step in self.joints_to(frame):
             T_world_joint = T @ step.joint.origin
             passed.append((step, T_world_joint))
             T = T_world_joint @ step.motion(q)
-        T = _moved(T, offset_m)
+        T = _offset_pose(T, offset_m)
         J = np.zeros((*q.shape[:-1], 6, self.dof))
         for step, T_world_joint in passed:
             if step.scale:
@@ -212,16 +227,16 @@ class Chain:
     def link_poses(self, q: ArrayLike) -> dict[str, Matrix]:
         """Return T_world_link (4, 4) or (n, 4, 4) of every link at ``q`` (dof,) or (n, dof)."""
         q = finite_vectors(q, self.dof, "q")
-        poses = {self.base: _at_the_base(q)}
+        poses = {self.base: _identity_poses(q)}
         for link, way in self._ways.items():
             if way:  # the parents come first, the base itself has no way
                 step = way[-1]
                 poses[link] = poses[step.joint.parent] @ step.joint.origin @ step.motion(q)
         return poses
 
-    def _limits(self, limits: ArrayLike, present: Vector, what: str) -> Vector:
+    def _check_limits(self, limits: ArrayLike, present: Vector, what: str) -> Vector:
         """Return limits (dof,); those of a continuous joint may stay infinite."""
-        array = numbers(limits, what, f"numbers of shape ({self.dof},)")
+        array = as_floats(limits, what, f"numbers of shape ({self.dof},)")
         if array.shape == present.shape:
             open_ended = np.isinf(present) & (array == present)
             finite_vector(np.where(open_ended, 0.0, array), self.dof, what)
@@ -229,17 +244,17 @@ class Chain:
         return finite_vector(array, self.dof, what)
 
 
-def _placed(step: Step, origins: Mapping[str, Matrix]) -> Step:
+def _with_origin(step: ChainJoint, origins: Mapping[str, Matrix]) -> ChainJoint:
     """Return the step with its joint's origin (4, 4) exchanged, where there is another."""
     if step.joint.name not in origins:
         return step
-    joint = replace(step.joint, origin=frozen(origins[step.joint.name]))
-    return Step(joint, step.column, step.scale, step.shift)
+    joint = replace(step.joint, origin=read_only(origins[step.joint.name]))
+    return ChainJoint(joint, step.column, step.scale, step.shift)
 
 
-def _at_the_base(q: Vector) -> Matrix:
+def _identity_poses(q: Vector) -> Matrix:
     return np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))
 
 
-def _moved(T: Matrix, offset_m: ArrayLike | None) -> Matrix:
-    return T if offset_m is None else T @ pose(finite_vector(offset_m, 3, "offset_m"))
+def _offset_pose(T: Matrix, offset_m: ArrayLike | None) -> Matrix:
+    return T if offset_m is None else T @ make_pose(finite_vector(offset_m, 3, "offset_m"))

@@ -1,4 +1,4 @@
-"""How far a posture is from a singular one, lengths and angles kept apart (lecture L5, L6).
+"""Manipulability and the distance to the nearest singularity, lengths and angles kept apart.
 
 Singular values of a Jacobian whose rows are metres and radians mean nothing together. Here the
 linear rows are looked at first, and of the angular rows what remains to joints that leave the
@@ -14,24 +14,52 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.kinematics.arrays import Matrix, Vector, finite_vector
 from ikservo.kinematics.chain import Chain
-from ikservo.kinematics.numbers import finite_vector
-from ikservo.kinematics.se3 import Matrix, Vector
 
-__all__ = ["Conditioning", "Singularity", "conditioning", "nearest_singularity"]
+__all__ = [
+    "Conditioning",
+    "Singularity",
+    "conditioning",
+    "distance_to_limits",
+    "manipulability",
+    "nearest_singularity",
+]
+
+
+def manipulability(J: Matrix) -> Vector:
+    """Return Yoshikawa's measure ``sqrt(det(J Jᵀ))`` (), or (n,) for many Jacobians.
+
+    Zero where the tool cannot move in some direction of the rows given. Take the three linear
+    rows for positions ``J[..., :3, :]`` [m³], all six for poses.
+
+    Source: T. Yoshikawa, Manipulability of Robotic Mechanisms, IJRR 4(2), 1985. With fewer
+    joints than rows the product of the singular values that there are.
+    """
+    return np.prod(np.linalg.svd(J, compute_uv=False), axis=-1)
+
+
+def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
+    """Return (dof,) or (n, dof): how far each joint is inside its nearer limit, rad or m.
+
+    Negative outside, infinite for a continuous joint.
+    """
+    joints = np.asarray(q, dtype=np.float64)
+    return np.minimum(joints - chain.lower_rad, chain.upper_rad - joints)
+
 
 # Singular values below this part of the largest are zero in every posture that was looked at.
 _RANK = 1e-7
-_LOOKS = 5
+_SAMPLES = 5
 _IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0]))
 _STEPS, _HALVINGS = 40, 6
 # A singular value is zero where it is this part of what it was, or of one metre or radian.
 _ZERO = 1e-6
 _DIFFERENCE_RAD = 1e-6
-_LONGEST_STEP_RAD = 0.3
+_MAX_STEP_RAD = 0.3
 # How far to either side of a posture each joint is turned to begin another walk.
-_ASIDE_RAD = 0.7
-_TINY = 1e-300
+_START_OFFSET_RAD = 0.7
+_MIN_DERIVATIVE = 1e-300
 
 Measure = Callable[[Vector], Vector]
 """From joints (n, dof) to a singular value of each (n,)."""
@@ -98,10 +126,12 @@ def conditioning(
         UnknownNameError: No link is named ``frame``.
     """
     q = finite_vector(q, chain.dof, "q")
-    moves, turns = _counts(chain, frame, offset_m)
+    moves, turns = _count_freedoms(chain, frame, offset_m)
     J = chain.jacobian(q, frame, offset_m)
-    moves_m_rad = _moves(J, moves)
-    return Conditioning(float(np.prod(moves_m_rad)), moves_m_rad, _turns(J, moves, turns))
+    moves_m_rad = _linear_singular_values(J, moves)
+    return Conditioning(
+        float(np.prod(moves_m_rad)), moves_m_rad, _angular_singular_values(J, moves, turns)
+    )
 
 
 def nearest_singularity(
@@ -131,9 +161,9 @@ def nearest_singularity(
         UnknownNameError: No link is named ``frame``.
     """
     start = chain.clip(finite_vector(q, chain.dof, "q"))
-    starts = _starts(chain, start)
-    measures = _measures(chain, frame, offset_m, turning)
-    ends = np.vstack([np.zeros((0, chain.dof)), *(_walk(chain, starts, m) for m in measures)])
+    starts = _start_postures(chain, start)
+    measures = _singularity_measures(chain, frame, offset_m, turning)
+    ends = np.vstack([np.zeros((0, chain.dof)), *(_find_zeros(chain, starts, m) for m in measures)])
     if not len(ends):
         return None
     apart = np.linalg.norm(ends - start, axis=1)
@@ -142,26 +172,32 @@ def nearest_singularity(
     return Singularity(end, float(apart.min()), joint)
 
 
-def _measures(
+def _singularity_measures(
     chain: Chain, frame: str | None, offset_m: ArrayLike | None, turning: bool
 ) -> list[Measure]:
-    moves, turns = _counts(chain, frame, offset_m)
+    moves, turns = _count_freedoms(chain, frame, offset_m)
     measures: list[Measure] = []
     if moves:
-        measures.append(lambda q: _moves(chain.jacobian(q, frame, offset_m), moves)[..., -1])
+        measures.append(
+            lambda q: _linear_singular_values(chain.jacobian(q, frame, offset_m), moves)[..., -1]
+        )
     if turning and turns:
-        measures.append(lambda q: _turns(chain.jacobian(q, frame, offset_m), moves, turns)[..., -1])
+        measures.append(
+            lambda q: _angular_singular_values(chain.jacobian(q, frame, offset_m), moves, turns)[
+                ..., -1
+            ]
+        )
     return measures
 
 
-def _starts(chain: Chain, q: Vector) -> Matrix:
+def _start_postures(chain: Chain, q: Vector) -> Matrix:
     """Return where walks begin (2 dof + 1, dof): at q, and with one joint turned either way."""
-    aside = _ASIDE_RAD * np.eye(chain.dof)
+    aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts: Matrix = chain.clip(np.vstack([q[None], q + aside, q - aside]))
     return starts
 
 
-def _walk(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
+def _find_zeros(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
     """Return the joints (n, dof) that walks from joints (m, dof) end at with a measure of zero."""
     values = measure(q)
     zero, ends = _ZERO * np.minimum(values, 1.0), [q[:0]]
@@ -171,20 +207,22 @@ def _walk(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
         q, values, zero = q[~done], values[~done], zero[~done]
         if not len(q):
             break
-        there, lower = _step(chain, q, values, measure)
+        there, lower = _newton_step(chain, q, values, measure)
         falls = lower < values
         q, values, zero = there[falls], lower[falls], zero[falls]
     return np.vstack(ends)
 
 
-def _step(chain: Chain, q: Matrix, values: Vector, measure: Measure) -> tuple[Matrix, Vector]:
+def _newton_step(
+    chain: Chain, q: Matrix, values: Vector, measure: Measure
+) -> tuple[Matrix, Vector]:
     """Take Newton's step, or its half, quarter, … that lowers the measure most."""
-    slope = _slope(chain, q, measure)
-    size2 = np.maximum(np.sum(slope * slope, axis=1), _TINY)
+    slope = _measure_gradient(chain, q, measure)
+    size2 = np.maximum(np.sum(slope * slope, axis=1), _MIN_DERIVATIVE)
     step = -(values / size2)[:, None] * slope
-    longest = np.maximum(np.abs(step).max(axis=1), _LONGEST_STEP_RAD)
+    longest = np.maximum(np.abs(step).max(axis=1), _MAX_STEP_RAD)
     shares = 0.5 ** np.arange(_HALVINGS)
-    tried = q[:, None] + shares[None, :, None] * (_LONGEST_STEP_RAD / longest * step.T).T[:, None]
+    tried = q[:, None] + shares[None, :, None] * (_MAX_STEP_RAD / longest * step.T).T[:, None]
     inside = chain.clip(tried.reshape(-1, chain.dof))
     left = measure(inside).reshape(len(q), _HALVINGS)
     tried = inside.reshape(tried.shape)
@@ -193,7 +231,7 @@ def _step(chain: Chain, q: Matrix, values: Vector, measure: Measure) -> tuple[Ma
     return tried[rows, best], left[rows, best]
 
 
-def _slope(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
+def _measure_gradient(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
     """Return the derivative (n, dof); 0 for joints at a limit that it would carry further."""
     aside = _DIFFERENCE_RAD * np.eye(chain.dof)
     beside = np.concatenate([q[:, None] + aside, q[:, None] - aside], axis=1)
@@ -203,12 +241,12 @@ def _slope(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
     return np.where(held, 0.0, slope)
 
 
-def _moves(J: Matrix, count: int) -> Vector:
+def _linear_singular_values(J: Matrix, count: int) -> Vector:
     """Return the largest singular values (count,) or (n, count) of the linear rows."""
     return _singular_values(J[..., :3, :])[..., :count]
 
 
-def _turns(J: Matrix, moves: int, count: int) -> Vector:
+def _angular_singular_values(J: Matrix, moves: int, count: int) -> Vector:
     """Return those of the angular rows for joints that leave the point where it is."""
     _, _, Vt = np.linalg.svd(J[..., :3, :], full_matrices=True)
     still = np.swapaxes(Vt[..., moves:, :], -1, -2)
@@ -217,18 +255,18 @@ def _turns(J: Matrix, moves: int, count: int) -> Vector:
     return _singular_values(J[..., 3:, :] @ still)[..., :count]
 
 
-def _counts(chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> tuple[int, int]:
+def _count_freedoms(chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> tuple[int, int]:
     """Return in how many directions the arm moves the point, and then still turns its link."""
-    angles = 2.0 * math.pi * ((0.5 + np.outer(np.arange(1, _LOOKS + 1), _IRRATIONAL)) % 1.0)
-    q = np.resize(angles, (_LOOKS, chain.dof))
+    angles = 2.0 * math.pi * ((0.5 + np.outer(np.arange(1, _SAMPLES + 1), _IRRATIONAL)) % 1.0)
+    q = np.resize(angles, (_SAMPLES, chain.dof))
     J = chain.jacobian(q, frame, offset_m)
-    moves = _rank(_singular_values(J[:, :3]))
+    moves = _numerical_rank(_singular_values(J[:, :3]))
     _, _, Vt = np.linalg.svd(J[:, :3], full_matrices=True)
     turned = J[:, 3:] @ np.swapaxes(Vt[:, moves:, :], 1, 2)
-    return moves, _rank(_singular_values(turned)) if moves < chain.dof else 0
+    return moves, _numerical_rank(_singular_values(turned)) if moves < chain.dof else 0
 
 
-def _rank(values: Matrix) -> int:
+def _numerical_rank(values: Matrix) -> int:
     """Return how many singular values (looks, k) are not zero in every look."""
     return int((values > _RANK * max(values.max(initial=0.0), 1e-300)).sum(axis=1).max(initial=0))
 

@@ -1,17 +1,30 @@
-"""What an arm is made of: joints that turn, slide, follow another or do not move (lecture L1)."""
+"""Joints of a chain: type, axis, mimic relation."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 
-from ikservo.kinematics.se3 import Matrix, Vector
+import numpy as np
 
-__all__ = ["Joint", "JointKind", "Mimic"]
+from ikservo.errors import InputError, UnknownNameError
+from ikservo.kinematics.arrays import Matrix, Vector, read_only
+from ikservo.kinematics.se3 import make_pose, skew
+
+__all__ = [
+    "ChainJoint",
+    "Joint",
+    "JointType",
+    "Mimic",
+    "effective_limits",
+    "joints_to_each_link",
+    "make_chain_joint",
+]
 
 
-class JointKind(Enum):
+class JointType(Enum):
     """How a joint moves its child link; URDF's continuous joint is REVOLUTE without limits."""
 
     FIXED = "fixed"
@@ -41,7 +54,7 @@ class Joint:
     """
 
     name: str
-    kind: JointKind
+    kind: JointType
     parent: str
     child: str
     origin: Matrix
@@ -49,3 +62,139 @@ class Joint:
     lower: float = -math.inf
     upper: float = math.inf
     mimic: Mimic | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChainJoint:
+    """One joint on the way to a frame: its value is ``scale * q[column] + shift``.
+
+    Attributes:
+        joint: The joint.
+        column: The entry of q that moves it; meaningless where ``scale`` is 0.
+        scale: 1, or the multiplier of a mimic; 0 for a joint that is held or fixed.
+        shift: What is added, rad or m.
+        swing: How the joint begins to move (4, 4): the skew matrix of its axis, or for a
+            prismatic joint the axis as a translation.
+    """
+
+    joint: Joint
+    column: int
+    scale: float
+    shift: float
+    twist_matrix: Matrix = field(init=False)
+    _swing_twice: Matrix = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        swing = np.zeros((4, 4))
+        if self.joint.kind is JointType.REVOLUTE:
+            swing[:3, :3] = skew(self.joint.axis)
+        elif self.joint.kind is JointType.PRISMATIC:
+            swing[:3, 3] = self.joint.axis
+        object.__setattr__(self, "twist_matrix", read_only(swing))
+        object.__setattr__(self, "_swing_twice", read_only(swing @ swing))
+
+    def value(self, q: Vector) -> Vector:
+        """Return the joint's value () or (n,) for q (dof,) or (n, dof)."""
+        return self.scale * q[..., self.column] + self.shift
+
+    def motion(self, q: Vector) -> Matrix:
+        """Return the joint's own motion (4, 4) or (n, 4, 4): ``exp(value * swing)``.
+
+        For a turn this is Rodrigues' formula I + sin W + (1 - cos) W².
+        """
+        value = np.asarray(self.value(q))[..., None, None]
+        if self.joint.kind is not JointType.REVOLUTE:
+            return _IDENTITY + value * self.twist_matrix
+        return (
+            _IDENTITY
+            + np.sin(value) * self.twist_matrix
+            - (np.cos(value) - 1.0) * self._swing_twice
+        )
+
+    def motion_at(self, value: float) -> Matrix:
+        """Return the joint's own motion (4, 4) at one value."""
+        return ChainJoint(self.joint, 0, 0.0, value).motion(_ORIGIN)
+
+    def jacobian_column(self, T_world_joint: Matrix, point_m: Vector) -> Vector:
+        """Return (6,) or (n, 6): how a point moves with the joint's value (lecture L6)."""
+        axis = T_world_joint[..., :3, :3] @ self.joint.axis
+        if self.joint.kind is JointType.PRISMATIC:
+            return np.concatenate([axis, np.zeros_like(axis)], axis=-1)
+        return np.concatenate(
+            [_cross_product(axis, point_m - T_world_joint[..., :3, 3]), axis], axis=-1
+        )
+
+
+def joints_to_each_link(joints: Sequence[Joint], base: str) -> dict[str, tuple[Joint, ...]]:
+    """Return the joints from the base to every link that hangs on it, parents first."""
+    below: dict[str, list[Joint]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint)
+    ways: dict[str, tuple[Joint, ...]] = {base: ()}
+    waiting = [base]
+    while waiting:
+        link = waiting.pop()
+        for joint in below.get(link, []):
+            ways[joint.child] = (*ways[link], joint)
+            waiting.append(joint.child)
+    return ways
+
+
+def make_chain_joint(
+    joint: Joint, columns: Mapping[str, int], by_name: Mapping[str, Joint]
+) -> ChainJoint:
+    """Say which entry of q moves the joint, following mimics; none where it is held."""
+    leader, scale, shift = _resolve_mimic(joint, by_name)
+    if leader.name in columns:
+        return ChainJoint(joint, columns[leader.name], scale, shift)
+    return ChainJoint(joint, 0, 0.0, scale * _clamp_zero(leader) + shift)
+
+
+def effective_limits(moving: Joint, joints: Sequence[Joint]) -> tuple[float, float]:
+    """Return the range of a joint that keeps it and all that follow it inside their limits.
+
+    Raises:
+        InputError: A follower's limits leave it no value at all.
+    """
+    by_name = {joint.name: joint for joint in joints}
+    low, high = moving.lower, moving.upper
+    for joint in joints:
+        leader, scale, shift = _resolve_mimic(joint, by_name)
+        if leader is moving and joint is not moving and scale:
+            ends = sorted([(joint.lower - shift) / scale, (joint.upper - shift) / scale])
+            low, high = max(low, ends[0]), min(high, ends[1])
+    if low > high:
+        raise InputError(
+            f"{moving.name} has no value that keeps the joints that follow it in their limits.",
+            "Check the limits, multipliers and offsets of its mimic joints.",
+        )
+    return low, high
+
+
+def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, float, float]:
+    """Return the joint that is moved in the end, and ``value = scale * its value + shift``."""
+    scale, shift, leader = 1.0, 0.0, joint
+    for _ in by_name:
+        if leader.mimic is None:
+            break
+        if leader.mimic.joint not in by_name:
+            raise UnknownNameError("joint", leader.mimic.joint, by_name)
+        shift += scale * leader.mimic.offset
+        scale *= leader.mimic.multiplier
+        leader = by_name[leader.mimic.joint]
+    return leader, scale, shift
+
+
+def _clamp_zero(joint: Joint) -> float:
+    return min(max(0.0, joint.lower), joint.upper)
+
+
+def _cross_product(a: Vector, b: Vector) -> Vector:
+    """Return a x b over the last axis; numpy's own is slow for single vectors."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+_IDENTITY = read_only(make_pose(np.zeros(3)))
+_ORIGIN = read_only(np.zeros(1))

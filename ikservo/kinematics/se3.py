@@ -21,7 +21,7 @@ __all__ = [
     "inverse",
     "log_se3",
     "log_so3",
-    "pose",
+    "make_pose",
     "rotation_rpy",
     "skew",
 ]
@@ -68,7 +68,7 @@ def exp_se3(twist: ArrayLike) -> Matrix:
     v, w = xi[:3], xi[3:]
     _, b, c = _rodrigues(math.sqrt(float(w @ w)))
     W = skew(w)
-    return pose((np.eye(3) + b * W + c * (W @ W)) @ v, exp_so3(w))
+    return make_pose((np.eye(3) + b * W + c * (W @ W)) @ v, exp_so3(w))
 
 
 def log_se3(T: ArrayLike) -> Vector:
@@ -83,7 +83,7 @@ def log_se3(T: ArrayLike) -> Vector:
     return np.concatenate([v, w]).astype(np.float64)
 
 
-def pose(position_m: ArrayLike, rotation: ArrayLike | None = None) -> Matrix:
+def make_pose(position_m: ArrayLike, rotation: ArrayLike | None = None) -> Matrix:
     """Return the pose (4, 4) from a position (3,) [m] and a rotation (3, 3), default identity."""
     T = np.eye(4)
     T[:3, 3] = position_m
@@ -95,7 +95,7 @@ def pose(position_m: ArrayLike, rotation: ArrayLike | None = None) -> Matrix:
 def inverse(T: Matrix) -> Matrix:
     """Return the inverse of a pose (4, 4): ``T_world_tool`` becomes ``T_tool_world``."""
     Rt = T[:3, :3].T
-    return pose(-Rt @ T[:3, 3], Rt)
+    return make_pose(-Rt @ T[:3, 3], Rt)
 
 
 def rotation_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Matrix:

@@ -2,6 +2,6 @@
 
 from ikservo.model.catalogue import arm_names, find_arm
 from ikservo.model.loading import load_model
-from ikservo.model.model import Model, ModelJoint, ModelServo, Speed
+from ikservo.model.model import Model, ModelJoint, ModelServo, SpeedClass
 
-__all__ = ["Model", "ModelJoint", "ModelServo", "Speed", "arm_names", "find_arm", "load_model"]
+__all__ = ["Model", "ModelJoint", "ModelServo", "SpeedClass", "arm_names", "find_arm", "load_model"]

@@ -1,18 +1,23 @@
-"""An ``arm.toml`` becomes an `ArmFile`, or one error that names the line or the key."""
+"""Read ``arm.toml`` and check it against the URDF and the servo tables."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import difflib
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from ikservo.files.complaints import Complaint, complaints_of, first_of
-from ikservo.files.quoting import quoted
-from ikservo.files.reading import path_inside
-from ikservo.files.toml import read_toml
-from ikservo.model.arm_checks import contradictions
-from ikservo.model.arm_tables import (
+from ikservo.files.reading import path_inside, quote, read_toml
+from ikservo.files.validation import (
+    Location,
+    ValidationIssue,
+    first_issue,
+    format_key_path,
+    validation_issues,
+)
+from ikservo.model.arm_schema import (
     ArmBus,
     ArmFile,
     ArmGripper,
@@ -27,6 +32,7 @@ from ikservo.model.arm_tables import (
 from ikservo.model.catalogue import catalogue_name
 
 __all__ = [
+    "REQUIRED_POSES",
     "ArmBus",
     "ArmFile",
     "ArmGripper",
@@ -37,8 +43,156 @@ __all__ = [
     "ArmShadow",
     "ArmSpeed",
     "ArmSpeeds",
+    "arm_file_issues",
     "read_arm_file",
 ]
+
+
+REQUIRED_POSES = ("rest", "home", "zero")
+
+
+def arm_file_issues(arm: ArmFile) -> Iterator[ValidationIssue]:
+    """Yield each contradiction between values of an arm file, in the order of the file."""
+    if not any(joint.role == "arm" for joint in arm.joints):
+        yield ValidationIssue(("joints",), 'has no joint with role = "arm"', "at least one")
+    yield from _find_repeated(_joint_names(arm), "a unique name")
+    yield from _check_joint_order(arm)
+    yield from _find_repeated(_servo_ids(arm), "an id that is unique on the bus")
+    yield from _check_transmissions(arm)
+    yield from _check_pose_joints(arm)
+    yield from _check_health(arm.health)
+    if not arm.calibration.auto and arm.calibration.reason is None:
+        yield ValidationIssue(("calibration", "reason"), "is missing", "why auto = false")
+    yield from _check_gripper(
+        arm.gripper, [joint for joint in arm.joints if joint.role == "gripper"]
+    )
+
+
+def _joint_names(arm: ArmFile) -> Iterator[tuple[Location, str | int]]:
+    for i, joint in enumerate(arm.joints):
+        yield ("joints", i, "name"), joint.name
+
+
+def _servo_ids(arm: ArmFile) -> Iterator[tuple[Location, str | int]]:
+    for i, joint in enumerate(arm.joints):
+        yield ("joints", i, "servo", "id"), joint.servo.id
+        for k, shadow in enumerate(joint.shadows):
+            yield ("joints", i, "shadows", k, "id"), shadow.id
+
+
+def _find_repeated(
+    values: Iterator[tuple[Location, str | int]], expected: str
+) -> Iterator[ValidationIssue]:
+    first: dict[str | int, Location] = {}
+    for location, value in values:
+        if value in first:
+            shown = quote(value) if isinstance(value, str) else value
+            yield ValidationIssue(
+                location, f"is {shown}, the same as {format_key_path(first[value])}", expected
+            )
+        first.setdefault(value, location)
+
+
+def _check_joint_order(arm: ArmFile) -> Iterator[ValidationIssue]:
+    roles = [joint.role for joint in arm.joints]
+    for i, role in enumerate(roles):
+        if role == "arm" and "gripper" in roles[:i]:
+            yield ValidationIssue(
+                ("joints", i, "role"), 'is "arm" after a gripper', "the gripper last"
+            )
+
+
+def _check_transmissions(arm: ArmFile) -> Iterator[ValidationIssue]:
+    for i, joint in enumerate(arm.joints):
+        servo, where = joint.servo, ("joints", i, "servo")
+        ways = (servo.m_per_turn is not None) + (servo.crank is not None) + (servo.gear != 1.0)
+        if ways > 1:
+            expected = "one of m_per_turn, crank and gear"
+            yield ValidationIssue(where, "has several transmissions", expected)
+        if servo.crank and servo.crank.radius_m >= servo.crank.rod_m:
+            found = f"is {servo.crank.radius_m}, not shorter than the rod"
+            yield ValidationIssue((*where, "crank", "radius_m"), found, "radius_m < rod_m")
+
+
+def _check_pose_joints(arm: ArmFile) -> Iterator[ValidationIssue]:
+    for name in REQUIRED_POSES:
+        if name not in arm.poses:
+            needed = ", ".join(REQUIRED_POSES)
+            yield ValidationIssue(("poses", name), "is missing", f"the poses {needed}")
+    joints = {joint.name: joint for joint in arm.joints}
+    for name, pose in arm.poses.items():
+        yield from _find_unknown_joints(("poses", name), pose, joints)
+        yield from _find_missing_joints(("poses", name), pose, joints)
+
+
+def _check_health(health: ArmHealth) -> Iterator[ValidationIssue]:
+    stages = (("warn_c", health.warn_c), ("hold_c", health.hold_c), ("release_c", health.release_c))
+    for (first, low), (then, high) in itertools.pairwise(stages):
+        if not low <= high:
+            yield ValidationIssue(("health", then), f"is {high}, below {first}", f"{low} or more")
+    if health.low_v and health.high_v and health.low_v >= health.high_v:
+        found = f"is {health.low_v}, not below high_v"
+        yield ValidationIssue(("health", "low_v"), found, f"less than {health.high_v}")
+
+
+def _check_gripper(gripper: ArmGripper, joints: Sequence[ArmJoint]) -> Iterator[ValidationIssue]:
+    if not joints:
+        if gripper != ArmGripper():
+            yield ValidationIssue(
+                ("gripper",), "is present", 'a joint with role = "gripper", or no [gripper]'
+            )
+        return
+    slides = joints[0].is_prismatic
+    motion, fitting = ("slides", "width_m_by_m") if slides else ("turns", "width_m_by_deg")
+    for key, pairs in (
+        ("width_m_by_deg", gripper.width_m_by_deg),
+        ("width_m_by_m", gripper.width_m_by_m),
+    ):
+        if pairs and key != fitting:
+            yield ValidationIssue(
+                ("gripper", key), f"is set, but {joints[0].name} {motion}", fitting
+            )
+        elif pairs and not _is_monotonic(pairs):
+            expected = "two or more pairs, both numbers growing or one growing and one falling"
+            yield ValidationIssue(("gripper", key), "is not monotonic", expected)
+
+
+def _is_monotonic(pairs: Sequence[tuple[float, float]]) -> bool:
+    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(pairs)]
+    growing = all(first > 0 and second > 0 for first, second in steps)
+    return bool(steps) and (growing or all(first > 0 > second for first, second in steps))
+
+
+def _find_unknown_joints(
+    where: Location, pose: ArmPose, joints: Mapping[str, ArmJoint]
+) -> Iterator[ValidationIssue]:
+    for unit, values in (("deg", pose.deg), ("m", pose.m)):
+        for name in values:
+            if name not in joints:
+                yield ValidationIssue(
+                    (*where, unit, name), "is not a joint", _closest_joint_name(name, joints)
+                )
+            elif joints[name].is_prismatic != (unit == "m"):
+                yield ValidationIssue((*where, unit, name), *_alternative_unit(joints[name]))
+
+
+def _alternative_unit(joint: ArmJoint) -> tuple[str, str]:
+    if joint.is_prismatic:
+        return "is a joint that slides (its servo has m_per_turn)", "metres, under m"
+    return "is a joint that turns (its servo has no m_per_turn)", "degrees, under deg"
+
+
+def _find_missing_joints(
+    where: Location, pose: ArmPose, joints: Mapping[str, ArmJoint]
+) -> Iterator[ValidationIssue]:
+    missing = [name for name in joints if name not in pose.deg and name not in pose.m]
+    if missing:
+        yield ValidationIssue(where, f"leaves out {', '.join(missing)}", "every joint once")
+
+
+def _closest_joint_name(name: str, joints: Mapping[str, ArmJoint]) -> str:
+    close = difflib.get_close_matches(name, joints, n=1)
+    return f"{close[0]} (joints: {', '.join(joints)})" if close else f"one of {', '.join(joints)}"
 
 
 def read_arm_file(path: Path | str) -> ArmFile:
@@ -48,23 +202,25 @@ def read_arm_file(path: Path | str) -> ArmFile:
         FileFormatError: ``where`` is the place in broken TOML, or the path of the key.
     """
     path = Path(path)
-    arm = _validated(path, read_toml(path))
-    complaints = [*_misplacements(path, arm), *contradictions(arm)]
+    arm = _validate_arm_file(path, read_toml(path))
+    complaints = [*_check_paths(path, arm), *arm_file_issues(arm)]
     if complaints:
-        raise first_of(complaints, path)
+        raise first_issue(complaints, path)
     return arm
 
 
-def _validated(path: Path, tables: Mapping[str, object]) -> ArmFile:
+def _validate_arm_file(path: Path, tables: Mapping[str, object]) -> ArmFile:
     try:
         return ArmFile.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
-        raise first_of(complaints_of(error, ArmFile), path) from error
+        raise first_issue(validation_issues(error, ArmFile), path) from error
 
 
-def _misplacements(path: Path, arm: ArmFile) -> Iterator[Complaint]:
+def _check_paths(path: Path, arm: ArmFile) -> Iterator[ValidationIssue]:
     folder = catalogue_name(path)
     if folder is not None and folder != arm.name:
-        yield Complaint(("name",), f"is {quoted(arm.name)}", f"{quoted(folder)}, like its folder")
+        yield ValidationIssue(
+            ("name",), f"is {quote(arm.name)}", f"{quote(folder)}, like its folder"
+        )
     if path_inside(path.parent, arm.urdf) is None:
-        yield Complaint(("urdf",), f"is {quoted(arm.urdf)}", "a file in the arm's own folder")
+        yield ValidationIssue(("urdf",), f"is {quote(arm.urdf)}", "a file in the arm's own folder")

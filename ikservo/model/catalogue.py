@@ -1,4 +1,4 @@
-"""Where arm descriptions are found: by name on the shelves, or by a path to any other."""
+"""The arms that ship with ikservo."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ ARM_FILE = "arm.toml"
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _SUFFIXES = (".toml", ".urdf", ".xacro", ".xml")
-_LONGEST_SHOWN = 80
+_MAX_SHOWN_CHARS = 80
 
 
 def arm_names() -> list[str]:
     """Return the names of all arms that need no path, sorted."""
-    return sorted({name for shelf in _shelves() for name in _names_on(shelf)})
+    return sorted({name for shelf in _arm_folders() for name in _arm_names_in(shelf)})
 
 
 def find_arm(name_or_path: str | Path) -> Path:
@@ -33,27 +33,27 @@ def find_arm(name_or_path: str | Path) -> Path:
     """
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or _looks_like_path(text):
-        return _at_path(text)
-    for shelf in _shelves():
-        if _NAME.fullmatch(text) and text in _names_on(shelf):
+        return _find_at_path(text)
+    for shelf in _arm_folders():
+        if _NAME.fullmatch(text) and text in _arm_names_in(shelf):
             return shelf / text / ARM_FILE
-    raise UnknownNameError("arm", _cut(text), arm_names())
+    raise UnknownNameError("arm", _shorten_text(text), arm_names())
 
 
 def catalogue_name(path: Path) -> str | None:
     """Return the name under which an arm file stands on a shelf, or None if it stands elsewhere."""
     folder = path.absolute().parent
-    return folder.name if folder.parent in _shelves() else None
+    return folder.name if folder.parent in _arm_folders() else None
 
 
-def _shelves() -> tuple[Path, ...]:
+def _arm_folders() -> tuple[Path, ...]:
     """Return the folders that hold one folder an arm; a person's own would come first here."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_configs"
     return (shipped if shipped.is_dir() else package.parent / "configs",)
 
 
-def _names_on(shelf: Path) -> list[str]:
+def _arm_names_in(shelf: Path) -> list[str]:
     if not shelf.is_dir():
         return []
     names = [folder.name for folder in shelf.iterdir() if _NAME.fullmatch(folder.name)]
@@ -64,7 +64,7 @@ def _looks_like_path(text: str) -> bool:
     return "/" in text or "\\" in text or text.endswith(_SUFFIXES)
 
 
-def _at_path(text: str) -> Path:
+def _find_at_path(text: str) -> Path:
     path = Path(text)
     try:
         if path.suffix in _SUFFIXES and path.is_file():
@@ -73,8 +73,8 @@ def _at_path(text: str) -> Path:
             return path / ARM_FILE
     except (OSError, ValueError):  # too long, a null byte, a folder that may not be entered
         pass
-    raise UnknownNameError("arm or arm file", _cut(text), arm_names())
+    raise UnknownNameError("arm or arm file", _shorten_text(text), arm_names())
 
 
-def _cut(text: str) -> str:
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
+def _shorten_text(text: str) -> str:
+    return text if len(text) <= _MAX_SHOWN_CHARS else f"{text[: _MAX_SHOWN_CHARS - 1]}…"

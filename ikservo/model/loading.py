@@ -1,4 +1,4 @@
-"""Loading an arm: its file, its URDF, and the model made of both."""
+"""``load_model``: arm file and geometry description become a model and its chain."""
 
 from __future__ import annotations
 
@@ -6,27 +6,92 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from ikservo.calibration import Crank, JointMap, Limits, say
-from ikservo.errors import FileFormatError, InputError
-from ikservo.model.arm_file import (
-    ArmFile,
-    ArmGripper,
-    ArmHealth,
-    ArmJoint,
-    ArmPose,
-    ArmSpeed,
-    read_arm_file,
-)
-from ikservo.model.catalogue import find_arm
-from ikservo.model.description import read_description
-from ikservo.model.gripper import Gripper
-from ikservo.model.health import HealthLimits
-from ikservo.model.model import KeepOut, Model, ModelJoint, ModelServo, Speed
-from ikservo.model.skeleton import chain_of
-from ikservo.model.urdf import Urdf, UrdfJoint
-from ikservo.registers import MODELS, Family, ServoTable
+import numpy as np
 
-__all__ = ["load_model"]
+from ikservo.calibration import Crank, JointMap, Limits, format_position
+from ikservo.errors import FileFormatError, InputError
+from ikservo.kinematics import Chain, Joint, JointType, Mimic
+from ikservo.kinematics.se3 import make_pose, rotation_rpy
+from ikservo.model.arm_file import read_arm_file
+from ikservo.model.arm_schema import ArmFile, ArmGripper, ArmHealth, ArmJoint, ArmPose, ArmSpeed
+from ikservo.model.catalogue import find_arm
+from ikservo.model.mjcf import read_mjcf
+from ikservo.model.model import (
+    Gripper,
+    HealthLimits,
+    KeepOutBox,
+    Model,
+    ModelJoint,
+    ModelServo,
+    SpeedClass,
+)
+from ikservo.model.urdf import read_urdf
+from ikservo.model.urdf_types import JointType as UrdfJointKind
+from ikservo.model.urdf_types import Urdf, UrdfJoint
+from ikservo.registers import MODELS, ControlTable, Family
+
+__all__ = ["build_chain", "load_model", "read_description"]
+
+
+_KINDS = {
+    UrdfJointKind.FIXED: JointType.FIXED,
+    UrdfJointKind.REVOLUTE: JointType.REVOLUTE,
+    UrdfJointKind.CONTINUOUS: JointType.REVOLUTE,
+    UrdfJointKind.PRISMATIC: JointType.PRISMATIC,
+}
+
+
+def build_chain(urdf: Urdf, tip: str) -> Chain:
+    """Return the chain from the URDF's root to a link.
+
+    Raises:
+        UnknownNameError: The URDF has no such link.
+        InputError: No joint moves it.
+    """
+    return Chain.from_joints([_chain_joint(joint) for joint in urdf.joints], urdf.root, tip)
+
+
+def _chain_joint(joint: UrdfJoint) -> Joint:
+    follows = joint.mimic
+    return Joint(
+        name=joint.name,
+        kind=_KINDS[joint.kind],
+        parent=joint.parent,
+        child=joint.child,
+        origin=make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad)),
+        axis=np.array(joint.axis),
+        lower=joint.lower,
+        upper=joint.upper,
+        mimic=follows and Mimic(follows.joint, follows.multiplier, follows.offset),
+    )
+
+
+_HEAD_BYTES = 64 * 1024
+
+
+def read_description(path: Path, folder: Path | None = None) -> Urdf:
+    """Read a description; an ``.xml`` whose outermost element is <mujoco> is an MJCF.
+
+    Args:
+        path: The file.
+        folder: Under which its meshes may lie; its own if None.
+
+    Raises:
+        FileFormatError: It cannot be used; says where and why.
+        InputError: What reads its format is not installed.
+    """
+    return read_mjcf(path, folder) if _is_mjcf(path) else read_urdf(path, folder)
+
+
+def _is_mjcf(path: Path) -> bool:
+    if path.suffix != ".xml":
+        return False
+    try:
+        with path.open("rb") as file:
+            return b"<mujoco" in file.read(_HEAD_BYTES)
+    except OSError:
+        return False  # the reader of URDFs says why
+
 
 _ARM_FILE = "arm file"
 
@@ -45,10 +110,10 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
         FileFormatError: A file cannot be used; says where and what was expected.
     """
     path = find_arm(arm)
-    return _from_arm_file(path, tip) if path.suffix == ".toml" else _from_urdf(path, tip)
+    return _load_arm_model(path, tip) if path.suffix == ".toml" else _load_urdf_model(path, tip)
 
 
-def _from_urdf(path: Path, tip: str | None) -> Model:
+def _load_urdf_model(path: Path, tip: str | None) -> Model:
     urdf = read_description(path)
     if tip is None:
         links = ", ".join(link.name for link in urdf.links)
@@ -56,33 +121,36 @@ def _from_urdf(path: Path, tip: str | None) -> Model:
             f"{path} does not say which link is the tool.", f"Give tip (--tip), of: {links}."
         )
     name = urdf.name or path.stem
-    return Model.bare(name, name, chain_of(urdf, tip), urdf, path)
+    return Model.from_geometry(name, name, build_chain(urdf, tip), urdf, path)
 
 
-def _from_arm_file(path: Path, tip: str | None) -> Model:
+def _load_arm_model(path: Path, tip: str | None) -> Model:
     arm = read_arm_file(path)
     urdf = read_description(arm.urdf_path, path.parent)
     _check_tip(path, arm, urdf)
-    joints = tuple(_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
+    joints = tuple(_make_model_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
     _check_poses(path, joints, arm)
     return Model(
         name=arm.name,
         title=arm.title,
-        chain=chain_of(urdf, tip or arm.tip),
+        chain=build_chain(urdf, tip or arm.tip),
         urdf=urdf,
         joints=joints,
-        poses={name: _positions(pose) for name, pose in arm.poses.items()},
-        speeds={name: _speed(getattr(arm.speeds, name)) for name in ("slow", "normal", "fast")},
+        poses={name: _pose_positions(pose) for name, pose in arm.poses.items()},
+        speeds={
+            name: _make_speed_class(getattr(arm.speeds, name))
+            for name in ("slow", "normal", "fast")
+        },
         family=Family(arm.bus.family),
         baud_rate=arm.bus.baud,
         path=path,
         floor_m=arm.surroundings.floor_m,
         keep_out=tuple(
-            KeepOut(box.name, box.low_m, box.high_m) for box in arm.surroundings.keep_out
+            KeepOutBox(box.name, box.low_m, box.high_m) for box in arm.surroundings.keep_out
         ),
-        health=_health(arm.health),
+        health=_make_health_limits(arm.health),
         auto_unsafe="" if arm.calibration.auto else arm.calibration.reason or "no reason given",
-        gripper=_gripper(arm.gripper, joints),
+        gripper=_make_gripper(arm.gripper, joints),
         base_frame=arm.base_frame or "",
     )
 
@@ -93,17 +161,17 @@ def _check_tip(path: Path, arm: ArmFile, urdf: Urdf) -> None:
         raise FileFormatError(path, "tip", f'is "{arm.tip}"', f"a link: {', '.join(links)}")
 
 
-def _joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> ModelJoint:
+def _make_model_joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> ModelJoint:
     entry = arm.joints[index]
     where = f"joints[{index}]"
-    body = _moving_joint(path, where, entry, urdf)
-    table = _table(path, f"{where}.servo.model", entry.servo.model)
+    body = _find_moving_joint(path, where, entry, urdf)
+    table = _find_control_table(path, f"{where}.servo.model", entry.servo.model)
     for i, shadow in enumerate(entry.shadows):
-        _table(path, f"{where}.shadows[{i}].model", shadow.model)
+        _find_control_table(path, f"{where}.shadows[{i}].model", shadow.model)
     if table.family != arm.bus.family:
         found = f'is "{entry.servo.model}", a {table.family} servo'
         raise FileFormatError(path, f"{where}.servo.model", found, f"a {arm.bus.family} servo")
-    joint_map = _joint_map(entry, table.ticks_per_turn)
+    joint_map = _make_joint_map(entry, table.ticks_per_turn)
     per_horn = joint_map.unit_per_tick / joint_map.horn_rad_per_tick
     return ModelJoint(
         name=entry.name,
@@ -118,7 +186,7 @@ def _joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> ModelJoint:
     )
 
 
-def _table(path: Path, where: str, model: str) -> type[ServoTable]:
+def _find_control_table(path: Path, where: str, model: str) -> type[ControlTable]:
     if model not in MODELS:
         raise FileFormatError(path, where, f'is "{model}"', f"one of: {', '.join(MODELS)}")
     return MODELS[model]
@@ -128,29 +196,36 @@ def _check_poses(path: Path, joints: Sequence[ModelJoint], arm: ArmFile) -> None
     """Check that every pose lies inside the limits of the URDF."""
     limits = {joint.name: joint.limits for joint in joints}
     for pose, table in arm.poses.items():
-        for name, position in _positions(table).items():
-            if not limits[name].holds(position):
+        for name, position in _pose_positions(table).items():
+            if not limits[name].contains(position):
                 where = f"poses.{pose}.{'m' if limits[name].unit == 'm' else 'deg'}.{name}"
-                found = f"is {say(position, limits[name].unit)}, outside the URDF's limits"
+                found = (
+                    f"is {format_position(position, limits[name].unit)}, outside the URDF's limits"
+                )
                 low, high = limits[name].lower.value, limits[name].upper.value
                 unit = limits[name].unit
-                raise FileFormatError(path, where, found, f"{say(low, unit)} to {say(high, unit)}")
+                raise FileFormatError(
+                    path,
+                    where,
+                    found,
+                    f"{format_position(low, unit)} to {format_position(high, unit)}",
+                )
 
 
-def _moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> UrdfJoint:
-    moving = {joint.name: joint for joint in urdf.joints if joint.kind.moves}
+def _find_moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> UrdfJoint:
+    moving = {joint.name: joint for joint in urdf.joints if joint.kind.is_movable}
     if entry.name not in moving:
         known = ", ".join(moving)
         raise FileFormatError(path, f"{where}.name", f'is "{entry.name}"', f"a joint of: {known}")
     joint = moving[entry.name]
-    if (joint.kind.value == "prismatic") != entry.slides:
+    if (joint.kind.value == "prismatic") != entry.is_prismatic:
         expected = "m_per_turn" if joint.kind.value == "prismatic" else "no m_per_turn"
         found = f'"{entry.name}" is {joint.kind.value} in the URDF'
         raise FileFormatError(path, f"{where}.servo", found, expected)
     return joint
 
 
-def _joint_map(entry: ArmJoint, ticks_per_turn: float) -> JointMap:
+def _make_joint_map(entry: ArmJoint, ticks_per_turn: float) -> JointMap:
     servo = entry.servo
     place = (entry.name, servo.id, servo.sign, servo.zero_tick, ticks_per_turn)
     if servo.crank:
@@ -161,20 +236,22 @@ def _joint_map(entry: ArmJoint, ticks_per_turn: float) -> JointMap:
     return JointMap.prismatic(*place, servo.m_per_turn)
 
 
-def _positions(pose: ArmPose) -> dict[str, float]:
+def _pose_positions(pose: ArmPose) -> dict[str, float]:
     return {name: math.radians(value) for name, value in pose.deg.items()} | dict(pose.m)
 
 
-def _speed(speed: ArmSpeed) -> Speed:
-    return Speed(math.radians(speed.deg_s), math.radians(speed.deg_s2), math.radians(speed.deg_s3))
+def _make_speed_class(speed: ArmSpeed) -> SpeedClass:
+    return SpeedClass(
+        math.radians(speed.deg_s), math.radians(speed.deg_s2), math.radians(speed.deg_s3)
+    )
 
 
-def _health(health: ArmHealth) -> HealthLimits:
+def _make_health_limits(health: ArmHealth) -> HealthLimits:
     given = {name: value for name, value in health if value is not None}
     return HealthLimits(**given)
 
 
-def _gripper(gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
+def _make_gripper(gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
     """Return the jaws; they close towards the end of the range that is nearer to zero."""
     jaws = next((joint for joint in joints if joint.role == "gripper"), None)
     if jaws is None:

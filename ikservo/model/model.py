@@ -1,8 +1,9 @@
-"""What an arm is: its chain, the servos that turn it, its limits, poses and speeds."""
+"""The model of an arm: joints, servos, gripper, health limits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -13,12 +14,80 @@ from numpy.typing import NDArray
 from ikservo.calibration import JointMap, Limits
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics import Chain
-from ikservo.model.gripper import Gripper
-from ikservo.model.health import HealthLimits
-from ikservo.model.urdf import Urdf
+from ikservo.model.urdf_types import Urdf
 from ikservo.registers import Family
 
-__all__ = ["KeepOut", "Model", "ModelJoint", "ModelServo", "Speed"]
+__all__ = [
+    "Gripper",
+    "HealthLimits",
+    "KeepOutBox",
+    "Model",
+    "ModelJoint",
+    "ModelServo",
+    "SpeedClass",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Gripper:
+    """The joint that moves the jaws.
+
+    Attributes:
+        joint: Its name.
+        closed: Where the jaws meet, rad or m; the end of its range on that side.
+        open: Where they are furthest apart.
+        widths: Pairs of a position [rad or m] and the distance of the jaws there [m], by position;
+            straight lines between. Empty where nobody has measured it.
+    """
+
+    joint: str
+    closed: float
+    open: float
+    widths: tuple[tuple[float, float], ...] = ()
+
+    def width_m(self, position: float) -> float | None:
+        """Return how far the jaws are apart at a position, metres; None where nobody knows."""
+        if not self.widths:
+            return None
+        positions, widths_m = zip(*self.widths, strict=True)
+        return float(np.interp(position, positions, widths_m))
+
+    def range_m(self) -> tuple[float, float] | None:
+        """Return the smallest and the greatest distance of the jaws, where it is known."""
+        closed_m, open_m = self.width_m(self.closed), self.width_m(self.open)
+        if closed_m is None or open_m is None:
+            return None
+        return min(closed_m, open_m), max(closed_m, open_m)
+
+    def position(self, width_m: float) -> float:
+        """Return where the jaws are that far apart; the widths must be known."""
+        rows: Sequence[tuple[float, float]] = sorted(self.widths, key=lambda row: row[1])
+        positions, widths_m = zip(*rows, strict=True)
+        return float(np.interp(width_m, widths_m, positions))
+
+
+@dataclass(frozen=True, slots=True)
+class HealthLimits:
+    """When to warn, to hold and to let go; ``[health]`` of the arm file.
+
+    Attributes:
+        warn_c: From this temperature on a person is told.
+        hold_c: From this one on the arm holds and takes no more goals.
+        release_c: From this one on it goes to rest, where it can, and lets go.
+        load_percent: A load above this share of the most there is ...
+        load_s: ... for this long is an overload.
+        low_v: The least supply, besides the servo's own limit.
+        high_v: The highest, likewise.
+    """
+
+    warn_c: float = 60.0
+    hold_c: float = 65.0
+    release_c: float = 70.0
+    load_percent: float = 90.0
+    load_s: float = 3.0
+    low_v: float = 0.0
+    high_v: float = math.inf
+
 
 _T = TypeVar("_T")
 _USUAL_HEALTH = HealthLimits()
@@ -65,7 +134,7 @@ class ModelJoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Speed:
+class SpeedClass:
     """How fast revolute joints go in one speed class."""
 
     rad_s: float
@@ -74,7 +143,7 @@ class Speed:
 
 
 @dataclass(frozen=True, slots=True)
-class KeepOut:
+class KeepOutBox:
     """An upright box that the arm keeps out of: its corners, metres, base frame."""
 
     name: str
@@ -110,19 +179,19 @@ class Model:
     urdf: Urdf
     joints: tuple[ModelJoint, ...]
     poses: Mapping[str, Mapping[str, float]]
-    speeds: Mapping[str, Speed]
+    speeds: Mapping[str, SpeedClass]
     family: Family | None
     baud_rate: int
     path: Path
     floor_m: float | None = None
-    keep_out: tuple[KeepOut, ...] = ()
+    keep_out: tuple[KeepOutBox, ...] = ()
     health: HealthLimits = _USUAL_HEALTH
     auto_unsafe: str = ""
     gripper: Gripper | None = None
     base_frame: str = ""
 
     @classmethod
-    def bare(cls, name: str, title: str, chain: Chain, urdf: Urdf, path: Path) -> Model:
+    def from_geometry(cls, name: str, title: str, chain: Chain, urdf: Urdf, path: Path) -> Model:
         """Return an arm of which only the geometry is known: no servos, poses or speeds."""
         return cls(name, title, chain, urdf, (), {}, {}, None, 0, path)
 
@@ -138,7 +207,7 @@ class Model:
         Raises:
             UnknownNameError: No servo turns such a joint.
         """
-        return _found("joint", name, {joint.name: joint for joint in self.joints})
+        return _find_named("joint", name, {joint.name: joint for joint in self.joints})
 
     def pose(self, name: str) -> Mapping[str, float]:
         """Return the joint positions of a named pose, rad or m by joint.
@@ -146,15 +215,15 @@ class Model:
         Raises:
             UnknownNameError: The arm has no such pose.
         """
-        return _found("pose", name, self.poses)
+        return _find_named("pose", name, self.poses)
 
-    def speed(self, name: str) -> Speed:
+    def speed(self, name: str) -> SpeedClass:
         """Return a speed class.
 
         Raises:
             UnknownNameError: Not slow, normal or fast.
         """
-        return _found("speed", name, self.speeds)
+        return _find_named("speed", name, self.speeds)
 
     def chain_pose(self, name: str) -> NDArray[np.float64]:
         """Return the joint vector (dof,) of the chain at a named pose."""
@@ -162,7 +231,7 @@ class Model:
         return np.array([pose[joint] for joint in self.chain.names])
 
 
-def _found(kind: str, name: object, known: Mapping[str, _T]) -> _T:
+def _find_named(kind: str, name: object, known: Mapping[str, _T]) -> _T:
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(kind, name, known)
     return known[name]

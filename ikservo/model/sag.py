@@ -1,4 +1,4 @@
-"""What an arm weighs, and how far its joints yield under load while servos hold them."""
+"""Masses of an arm's links, and how far its joints yield under load."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from types import MappingProxyType
 import numpy as np
 
 from ikservo.kinematics import Chain
-from ikservo.kinematics.gravity import LinkMass
-from ikservo.kinematics.se3 import Vector
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.dynamics import LinkMass
 from ikservo.model.model import Model, ModelJoint
 
-__all__ = ["STIFFNESS_NM_RAD", "masses_of", "yields_of"]
+__all__ = ["STIFFNESS_NM_RAD", "joint_compliances", "link_masses"]
 
 # Torque of each rad between goal and horn, at the gains that the servo has while an arm moves: as
 # delivered, XL330 as `arm.streaming.stiffness` raises them. STS3215: identified by Rhoban's BAM,
@@ -37,7 +37,7 @@ STIFFNESS_NM_RAD: Mapping[str, float] = MappingProxyType(
 _FEETECH_GAIN = 32  # the P gain as delivered
 
 
-def masses_of(model: Model, chain: Chain) -> list[LinkMass]:
+def link_masses(model: Model, chain: Chain) -> list[LinkMass]:
     """Return the masses of a chain's links; links without a mass weigh nothing."""
     return [
         LinkMass(link.name, link.mass_kg, np.array(link.com_m))
@@ -46,7 +46,7 @@ def masses_of(model: Model, chain: Chain) -> list[LinkMass]:
     ]
 
 
-def yields_of(model: Model, chain: Chain) -> Vector:
+def joint_compliances(model: Model, chain: Chain) -> Vector:
     """Return how far each joint (dof,) of a chain yields, rad for each N m (m for each N).
 
     A joint whose servo's stiffness is unknown does not yield.
@@ -56,10 +56,12 @@ def yields_of(model: Model, chain: Chain) -> Vector:
         chain: The joints, base to tip; may end with the gripper's.
     """
     joints = {joint.name: joint for joint in model.joints}
-    return np.array([_yield(joints[name]) if name in joints else 0.0 for name in chain.names])
+    return np.array(
+        [_joint_compliance(joints[name]) if name in joints else 0.0 for name in chain.names]
+    )
 
 
-def _yield(joint: ModelJoint) -> float:
+def _joint_compliance(joint: ModelJoint) -> float:
     stiffness_nm_rad = sum(
         STIFFNESS_NM_RAD.get(servo.model, 0.0) * servo.eeprom.get("p_gain", _FEETECH_GAIN)
         for servo in (joint.servo, *joint.shadows)

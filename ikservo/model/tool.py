@@ -1,4 +1,4 @@
-"""Which way an arm's tool points, and how steep, how rolled it stands."""
+"""The tool frame and the names of directions."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.kinematics import Chain
-from ikservo.kinematics.se3 import Matrix, Vector
-from ikservo.model.model import Model
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model.model import Model, ModelJoint
 
-__all__ = ["Tool", "tool_of"]
+__all__ = ["ToolFrame", "describe_direction", "tool_frame", "view_axes"]
+
 
 _SWINGS_M_PER_RAD = 0.03
 # Nearer to upright than this a tool points nowhere, as solved to a tenth of a milliradian.
@@ -19,7 +20,7 @@ _VERTICAL = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tool:
+class ToolFrame:
     """The axes of a tool, in the coordinates of its tip.
 
     Attributes:
@@ -27,17 +28,17 @@ class Tool:
         left: The axis (3,) that lies level, to the left, where the tool is not rolled.
     """
 
-    ahead: Vector
+    approach_axis: Vector
     left: Vector
 
     def pitch_rad(self, R_world_tool: Matrix) -> float:
         """Return the angle of the tool axis above the horizontal: -π/2 is straight down."""
-        up = float((R_world_tool @ self.ahead)[2])
+        up = float((R_world_tool @ self.approach_axis)[2])
         return math.asin(min(max(up, -1.0), 1.0))
 
     def heading_rad(self, R_world_tool: Matrix) -> float | None:
         """Return where the tool axis points, seen from above, from x towards y; None if upright."""
-        x, y, _ = R_world_tool @ self.ahead
+        x, y, _ = R_world_tool @ self.approach_axis
         return None if math.hypot(x, y) < _VERTICAL else math.atan2(y, x)
 
     def roll_rad(self, R_world_tool: Matrix, heading_rad: float) -> float:
@@ -48,20 +49,22 @@ class Tool:
             heading_rad: Where it points, for a tool that is upright.
         """
         own = self.heading_rad(R_world_tool)
-        level = _level(heading_rad if own is None else own)
-        ahead, left = R_world_tool @ self.ahead, R_world_tool @ self.left
+        level = _level_left(heading_rad if own is None else own)
+        ahead, left = R_world_tool @ self.approach_axis, R_world_tool @ self.left
         return math.atan2(float(left @ np.cross(ahead, level)), float(left @ level))
 
     def rotation(self, heading_rad: float, pitch_rad: float, roll_rad: float) -> Matrix:
         """Return the orientation R_world_tool (3, 3) of a tool that stands so."""
-        ahead = pointing(heading_rad, pitch_rad)
-        level = _level(heading_rad)
+        ahead = direction_from_angles(heading_rad, pitch_rad)
+        level = _level_left(heading_rad)
         left = math.cos(roll_rad) * level + math.sin(roll_rad) * np.cross(ahead, level)
-        axes = np.column_stack([self.ahead, self.left, np.cross(self.ahead, self.left)])
+        axes = np.column_stack(
+            [self.approach_axis, self.left, np.cross(self.approach_axis, self.left)]
+        )
         return np.column_stack([ahead, left, np.cross(ahead, left)]) @ axes.T
 
 
-def pointing(heading_rad: float, pitch_rad: float) -> Vector:
+def direction_from_angles(heading_rad: float, pitch_rad: float) -> Vector:
     """Return the direction (3,) of a tool axis with a heading and a pitch."""
     level = math.cos(pitch_rad)
     return np.array(
@@ -69,29 +72,29 @@ def pointing(heading_rad: float, pitch_rad: float) -> Vector:
     )
 
 
-def tool_of(model: Model) -> Tool:
+def tool_frame(model: Model) -> ToolFrame:
     """Return the axes of an arm's tool, out of its geometry.
 
     The tool axis is the axis of the tip's frame nearest to the way from the last joint that swings
     the tip to the tip; left is the one of the others that lies level in the pose home.
     """
     chain = model.chain
-    q = model.chain_pose("home") if "home" in model.poses else chain.middle()
+    q = model.chain_pose("home") if "home" in model.poses else chain.mid_range()
     R = chain.forward(q)[:3, :3]
-    outward = R.T @ _reach(chain, q)
+    outward = R.T @ _lever_to_tip(chain, q)
     ahead = _nearest_axis(outward)
     others = [axis for axis in np.eye(3) if abs(float(axis @ ahead)) < 0.5]
     left = min(others, key=lambda axis: abs(float((R @ axis)[2])))
     upside_down = float((R @ np.cross(ahead, left))[2]) < 0.0
-    return Tool(ahead, -left if upside_down else left)
+    return ToolFrame(ahead, -left if upside_down else left)
 
 
-def _level(heading_rad: float) -> Vector:
+def _level_left(heading_rad: float) -> Vector:
     """Return the level direction (3,) to the left of a heading."""
     return np.array([-math.sin(heading_rad), math.cos(heading_rad), 0.0])
 
 
-def _reach(chain: Chain, q: Vector) -> Vector:
+def _lever_to_tip(chain: Chain, q: Vector) -> Vector:
     """Return the way (3,) from the last joint that swings the tip to the tip, world axes."""
     J = chain.jacobian(q)
     swinging = np.flatnonzero(np.linalg.norm(J[:3], axis=0) > _SWINGS_M_PER_RAD)
@@ -107,3 +110,65 @@ def _nearest_axis(v: Vector) -> Vector:
     strongest = int(np.argmax(np.abs(v)))
     axis[strongest] = math.copysign(1.0, float(v[strongest]))
     return axis
+
+
+# A joint that moves the tip by less than this for a radian rolls the tool.
+_ROLLS_M_PER_RAD = 0.03
+_AHEAD_M = 0.01
+_WORDS = (
+    ("forwards", "back"),
+    ("to the left (seen from behind the base)", "to the right (seen from behind the base)"),
+    ("up", "down"),
+)
+
+
+def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int) -> str:
+    """Return how to move a joint from a pose so that its position grows, or falls.
+
+    Forwards is where the tool is in the pose ``home``, seen from the base; left is the left of
+    somebody who looks that way.
+
+    Args:
+        model: The arm.
+        joint: Which of its joints.
+        pose: Where the arm is; a named pose.
+        towards: +1 for growing positions, -1 for falling ones.
+    """
+    if joint.name not in model.chain.names:
+        return _describe_gripper_motion(model, joint, towards)
+    column = model.chain.names.index(joint.name)
+    T, J = model.chain.forward_and_jacobian(model.chain_pose(pose))
+    speed: Vector = towards * (view_axes(model) @ J[:3, column])
+    if float(np.linalg.norm(speed)) < _ROLLS_M_PER_RAD:
+        axis: Vector = towards * J[3:, column]
+        return _describe_roll(axis, T[:3, 3] - _joint_origin(model, joint, pose))
+    along = int(np.argmax(np.abs(speed)))
+    return f"so that the tool goes {_WORDS[along][0 if speed[along] > 0 else 1]}"
+
+
+def view_axes(model: Model) -> Vector:
+    """Return forwards, left and up as the rows (3, 3) of a matrix, in the base frame."""
+    tip: Vector = model.chain.forward(model.chain_pose("home"))[:3, 3]
+    ahead = np.array([tip[0], tip[1], 0.0])
+    length = float(np.linalg.norm(ahead))
+    ahead = np.array([1.0, 0.0, 0.0]) if length < _AHEAD_M else ahead / length
+    up = np.array([0.0, 0.0, 1.0])
+    return np.array([ahead, np.cross(up, ahead), up])
+
+
+def _describe_roll(axis: Vector, ahead: Vector) -> str:
+    """Name a roll as seen from behind the tool: about an axis that points ahead it is clockwise."""
+    turn = "clockwise" if float(axis @ ahead) > 0.0 else "counter-clockwise"
+    return f"{turn}, seen along the tool"
+
+
+def _describe_gripper_motion(model: Model, joint: ModelJoint, towards: int) -> str:
+    """Open is the way from the pose rest to the pose home."""
+    opening = model.pose("home")[joint.name] - model.pose("rest")[joint.name]
+    return "so that it opens" if opening * towards >= 0.0 else "so that it closes"
+
+
+def _joint_origin(model: Model, joint: ModelJoint, pose: str) -> Vector:
+    child = next(j.child for j in model.urdf.joints if j.name == joint.name)
+    origin: Vector = model.chain.forward(model.chain_pose(pose), frame=child)[:3, 3]
+    return origin

@@ -1,28 +1,30 @@
 """How joints get from here to there in time: pure functions, and the beat of the stream."""
 
-from ikservo.motion.course import Course
-from ikservo.motion.embedded import Embedded
-from ikservo.motion.joint_move import JointMove, RuckigMotion, brake
-from ikservo.motion.joint_route import JointRoute
-from ikservo.motion.metronome import Metronome
-from ikservo.motion.pace import Pace
-from ikservo.motion.pursuit import Pursuit
-from ikservo.motion.sequel import Sequel
-from ikservo.motion.state import State
-from ikservo.motion.tool_line import ToolLine, ToolRoute
+from ikservo.motion.cartesian import CartesianTrajectory, LinearTrajectory
+from ikservo.motion.online import OnlineTrajectory
+from ikservo.motion.point_to_point import JointMove, RuckigMotion, stop_trajectory
+from ikservo.motion.rate import Rate
+from ikservo.motion.time_scaling import JointWaypointTrajectory
+from ikservo.motion.trajectory import (
+    ConcatenatedTrajectory,
+    KinematicLimits,
+    SubsetTrajectory,
+    Trajectory,
+    TrajectoryPoint,
+)
 
 __all__ = [
-    "Course",
-    "Embedded",
+    "CartesianTrajectory",
+    "ConcatenatedTrajectory",
     "JointMove",
-    "JointRoute",
-    "Metronome",
-    "Pace",
-    "Pursuit",
+    "JointWaypointTrajectory",
+    "KinematicLimits",
+    "LinearTrajectory",
+    "OnlineTrajectory",
+    "Rate",
     "RuckigMotion",
-    "Sequel",
-    "State",
-    "ToolLine",
-    "ToolRoute",
-    "brake",
+    "SubsetTrajectory",
+    "Trajectory",
+    "TrajectoryPoint",
+    "stop_trajectory",
 ]

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from ikservo.registers.alarms import Alarm
-from ikservo.registers.codec import SignMagnitude, TwosComplement, Unsigned
+from ikservo.registers.control_table import (
+    Alarm,
+    ControlTable,
+    Family,
+    FeetechMode,
+    OperatingMode,
+    RegisterName,
+)
 from ikservo.registers.dynamixel_1 import AX12A, MX28
 from ikservo.registers.dynamixel_x import XL330M077, XL330M288, XL430W250, XM430W350, XM540W270
 from ikservo.registers.feetech_scs import SCS0009, SCS15
 from ikservo.registers.feetech_sts import STS3215, STS3250
-from ikservo.registers.models import MODELS, table_for, table_with_number
-from ikservo.registers.register import Access, Area, Register
-from ikservo.registers.table import Family, FeetechMode, OperatingMode, Role, ServoTable
+from ikservo.registers.models import MODELS, control_table, control_table_for_number
+from ikservo.registers.register import (
+    Access,
+    Area,
+    Register,
+    SignMagnitude,
+    TwosComplement,
+    Unsigned,
+)
 from ikservo.registers.units import Unit
 
 __all__ = [
@@ -29,16 +41,16 @@ __all__ = [
     "Access",
     "Alarm",
     "Area",
+    "ControlTable",
     "Family",
     "FeetechMode",
     "OperatingMode",
     "Register",
-    "Role",
-    "ServoTable",
+    "RegisterName",
     "SignMagnitude",
     "TwosComplement",
     "Unit",
     "Unsigned",
-    "table_for",
-    "table_with_number",
+    "control_table",
+    "control_table_for_number",
 ]

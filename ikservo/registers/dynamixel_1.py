@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from ikservo.registers.alarms import Alarm
-from ikservo.registers.codec import SignMagnitude, TwosComplement, Unsigned
-from ikservo.registers.register import Access, Area, Register
-from ikservo.registers.table import Family, Role, ServoTable
+from ikservo.registers.control_table import Alarm, ControlTable, Family, RegisterName
+from ikservo.registers.register import (
+    Access,
+    Area,
+    Register,
+    SignMagnitude,
+    TwosComplement,
+    Unsigned,
+)
 from ikservo.registers.units import (
     CELSIUS,
     DECI_VOLT,
@@ -36,7 +41,7 @@ MX_BAUD_RATES = AX_BAUD_RATES | {0: 2_000_000, 250: 2_250_000, 251: 2_500_000, 2
 ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 5: Alarm.OVERLOAD}
 
 
-class AX12A(ServoTable):
+class AX12A(ControlTable):
     """The old small one: 10-bit potentiometer over 300 degrees, alarms only in its answers."""
 
     model_name = "AX-12A"
@@ -45,8 +50,8 @@ class AX12A(ServoTable):
     ticks_per_turn = 1024 * 360 / 300
     baud_rates = AX_BAUD_RATES
     alarm_bits = ALARM_BITS
-    lacks = frozenset({Role.OPERATING_MODE, Role.HOMING_OFFSET, Role.PROFILE_ACCELERATION,
-                       Role.ALARMS})
+    missing = frozenset({RegisterName.OPERATING_MODE, RegisterName.HOMING_OFFSET,
+                         RegisterName.PROFILE_ACCELERATION, RegisterName.ALARMS})
 
     #                                 addr size codec   unit          access area    raw range
     model_number           = Register(   0, 2,  UINT,   NUMBER,       RO,    EEP)
@@ -91,7 +96,7 @@ class AX12A(ServoTable):
     present_velocity       = present_speed
 
 
-class MX28(ServoTable):
+class MX28(ControlTable):
     """The old middle one: 12-bit magnetic encoder, PID gains, bulk read."""
 
     model_name = "MX-28"
@@ -101,7 +106,7 @@ class MX28(ServoTable):
     baud_rates = MX_BAUD_RATES
     alarm_bits = ALARM_BITS
     bulk_read = True
-    lacks = frozenset({Role.OPERATING_MODE, Role.ALARMS})
+    missing = frozenset({RegisterName.OPERATING_MODE, RegisterName.ALARMS})
 
     #                                 addr size codec   unit          access area    raw range
     model_number           = Register(   0, 2,  UINT,   NUMBER,       RO,    EEP)

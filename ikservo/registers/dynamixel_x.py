@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from ikservo.registers.alarms import Alarm
-from ikservo.registers.codec import TwosComplement, Unsigned
-from ikservo.registers.register import Access, Area, Register
-from ikservo.registers.table import Family, ServoTable
+from ikservo.registers.control_table import Alarm, ControlTable, Family
+from ikservo.registers.register import Access, Area, Register, TwosComplement, Unsigned
 from ikservo.registers.units import (
     CELSIUS,
     DECI_VOLT,
@@ -37,7 +35,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 3: Alarm.ENCODER, 4: Alarm.SHOCK,
               5: Alarm.OVERLOAD}
 
 
-class DynamixelX(ServoTable):
+class DynamixelX(ControlTable):
     """What all X servos share: 12-bit encoder, little-endian words, two's complement."""
 
     family = Family.DYNAMIXEL_2

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from ikservo.registers.alarms import Alarm
-from ikservo.registers.codec import SignMagnitude, Unsigned
-from ikservo.registers.register import Access, Area, Register
-from ikservo.registers.table import Family, Role, ServoTable
+from ikservo.registers.control_table import Alarm, ControlTable, Family, RegisterName
+from ikservo.registers.register import Access, Area, Register, SignMagnitude, Unsigned
 from ikservo.registers.units import (
     CELSIUS,
     DECI_VOLT,
@@ -34,7 +32,7 @@ BAUD_RATES = {0: 1_000_000, 1: 500_000, 2: 250_000, 3: 128_000,
 ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 5: Alarm.OVERLOAD}
 
 
-class FeetechSCS(ServoTable):
+class FeetechSCS(ControlTable):
     """What all SCS servos share: 10-bit potentiometer, big-endian words, no sync read."""
 
     family = Family.FEETECH_SCS
@@ -42,7 +40,8 @@ class FeetechSCS(ServoTable):
     ticks_per_turn = 1024 * 360 / 300
     baud_rates = BAUD_RATES
     alarm_bits = ALARM_BITS
-    lacks = frozenset({Role.OPERATING_MODE, Role.HOMING_OFFSET, Role.PROFILE_ACCELERATION})
+    missing = frozenset({RegisterName.OPERATING_MODE, RegisterName.HOMING_OFFSET,
+                         RegisterName.PROFILE_ACCELERATION})
 
     #                                addr size codec   unit           access area    raw range
     firmware_major        = Register(   0, 1,  UINT,   NUMBER,        RO,    EEP)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from ikservo.registers.alarms import Alarm
-from ikservo.registers.codec import SignMagnitude, Unsigned
-from ikservo.registers.register import Access, Area, Register
-from ikservo.registers.table import Family, ServoTable
+from ikservo.registers.control_table import Alarm, ControlTable, Family
+from ikservo.registers.register import Access, Area, Register, SignMagnitude, Unsigned
 from ikservo.registers.units import (
     CELSIUS,
     DECI_VOLT,
@@ -36,7 +34,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 1: Alarm.ENCODER, 2: Alarm.HEAT, 3: Alarm.CURREN
               5: Alarm.OVERLOAD}
 
 
-class FeetechSTS(ServoTable):
+class FeetechSTS(ControlTable):
     """What all STS servos share: 12-bit magnetic encoder, little-endian words."""
 
     family = Family.FEETECH_STS
@@ -44,7 +42,7 @@ class FeetechSTS(ServoTable):
     baud_rates = BAUD_RATES
     alarm_bits = ALARM_BITS
     # 128 makes the present position tick 2048; repeated after a move it would mean another place.
-    once = frozenset({("torque_enable", 128)})
+    non_idempotent = frozenset({("torque_enable", 128)})
 
     #                                addr size codec   unit        access area    raw range
     firmware_major        = Register(   0, 1,  UINT,   NUMBER,     RO,    EEP)

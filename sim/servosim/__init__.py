@@ -15,7 +15,7 @@ __all__ = ["SimulatedPort", "open_port", "read_arm_file", "serve"]
 
 
 def serve(argv: list[str]) -> int:
-    """Serve a simulated bus behind a pseudo-terminal; see ``servosim.serving.command``."""
-    from servosim.serving.command import serve as run  # noqa: PLC0415 - a library user needs no terminal
+    """Serve a simulated bus behind a pseudo-terminal; see ``servosim.server``."""
+    from servosim.server import serve as run  # noqa: PLC0415 - a library user needs no terminal
 
     return run(argv)

@@ -1,4 +1,4 @@
-"""The USB adapter between a host and the line: frames, latency timer, echo."""
+"""The USB adapter between host and line: frames, latency timer, echo, receive buffer."""
 
 from __future__ import annotations
 
@@ -6,13 +6,98 @@ import math
 from dataclasses import dataclass
 
 from servosim.errors import SimulatorError
-from servosim.inbox import Inbox
 
-__all__ = ["Adapter", "AdapterOptions"]
+__all__ = ["AdapterOptions", "ReceiveBuffer", "UsbAdapter"]
+
+
+GRACE = 1e-6  # of a byte: sums of byte times are not exact
+
+
+@dataclass(slots=True)
+class _ByteBurst:
+    start_s: float
+    byte_s: float
+    data: bytes
+
+    def arrived_count(self, now_s: float) -> int:
+        """How many of the bytes have arrived by now."""
+        if self.byte_s <= 0.0:
+            return len(self.data) if now_s >= self.start_s else 0
+        whole = int((now_s - self.start_s) / self.byte_s + GRACE)
+        return max(0, min(len(self.data), whole))
+
+    def arrival_time_s(self, count: int) -> float:
+        """When the first ``count`` bytes have arrived."""
+        return self.start_s + count * self.byte_s
+
+
+class ReceiveBuffer:
+    """A receive buffer that fills by itself as time passes."""
+
+    def __init__(self) -> None:
+        self._bursts: list[_ByteBurst] = []
+
+    def add(self, start_s: float, byte_s: float, data: bytes) -> None:
+        """Let ``data`` arrive from ``start_s`` on, one byte each ``byte_s``."""
+        if data:
+            place = len(self._bursts)
+            while place and self._bursts[place - 1].start_s > start_s:
+                place -= 1
+            self._bursts.insert(place, _ByteBurst(start_s, byte_s, data))
+
+    def count_arrived(self, now_s: float) -> int:
+        """Return how many bytes have arrived and are not taken."""
+        count = 0
+        for burst in self._bursts:
+            if burst.start_s > now_s:
+                break
+            count += burst.arrived_count(now_s)
+        return count
+
+    def take(self, limit: int, now_s: float) -> bytes:
+        """Take at most ``limit`` of the bytes that have arrived."""
+        taken = bytearray()
+        done = 0
+        for burst in self._bursts:
+            count = min(limit - len(taken), burst.arrived_count(now_s))
+            taken += burst.data[:count]
+            if count < len(burst.data):
+                burst.start_s, burst.data = burst.arrival_time_s(count), burst.data[count:]
+                break
+            done += 1
+        del self._bursts[:done]
+        return bytes(taken)
+
+    def arrival_time_s(self, count: int) -> float | None:
+        """Return when ``count`` bytes will be there, or None if so many are not on their way."""
+        for burst in self._bursts:
+            if count <= len(burst.data):
+                return burst.arrival_time_s(count)
+            count -= len(burst.data)
+        return None
+
+    def next_end_s(self) -> float | None:
+        """Return when the first burst will have arrived, or None when nothing is on its way."""
+        if not self._bursts:
+            return None
+        first = self._bursts[0]
+        return first.arrival_time_s(len(first.data))
+
+    def last_s(self) -> float | None:
+        """Return when everything on its way will have arrived, or None when nothing is."""
+        if not self._bursts:
+            return None
+        last = self._bursts[-1]
+        return last.arrival_time_s(len(last.data))
+
+    def clear(self, now_s: float) -> None:
+        """Throw away what has arrived; what is still on the wire comes."""
+        self.take(self.count_arrived(now_s), now_s)
+
 
 PACKET_BYTES = 62  # an FTDI chip sends a packet when it is full, or when its timer runs out
 
-LONGEST_DELAY_S = 1.0
+MAX_DELAY_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +116,7 @@ class AdapterOptions:
 
     def __post_init__(self) -> None:
         for delay_s in (self.usb_frame_s, self.latency_s):
-            if not 0.0 <= delay_s <= LONGEST_DELAY_S:
+            if not 0.0 <= delay_s <= MAX_DELAY_S:
                 raise SimulatorError(f"an adapter delays by 0 to 1000 ms, not {delay_s * 1000} ms")
 
 
@@ -43,10 +128,10 @@ class _Packet:
     data: bytearray
 
 
-class Adapter:
+class UsbAdapter:
     """Puts bytes from the line into the host's inbox, and the host's on the line."""
 
-    def __init__(self, inbox: Inbox, options: AdapterOptions | None = None) -> None:
+    def __init__(self, inbox: ReceiveBuffer, options: AdapterOptions | None = None) -> None:
         self.inbox = inbox
         self.options = options or AdapterOptions()
         self._packet: _Packet | None = None
@@ -55,32 +140,32 @@ class Adapter:
         """Return when bytes written now leave for the line."""
         return self._next_frame_s(now_s)
 
-    def sent(self, start_s: float, byte_s: float, data: bytes) -> None:
+    def send_to_line(self, start_s: float, byte_s: float, data: bytes) -> None:
         """The host's bytes pass over the line."""
         if self.options.echo:
-            self.received(start_s, byte_s, data)
+            self.receive_from_line(start_s, byte_s, data)
 
-    def received(self, start_s: float, byte_s: float, data: bytes) -> None:
+    def receive_from_line(self, start_s: float, byte_s: float, data: bytes) -> None:
         """Bytes come from the line, the first of them complete a byte time after ``start_s``."""
         options = self.options
         if not options.usb_frame_s and not options.latency_s:
             self.inbox.add(start_s, byte_s, data)
             return
         for position in range(len(data)):
-            self._collect(start_s + (position + 1) * byte_s, data[position : position + 1])
-        self._ship_all()
+            self._collect_byte(start_s + (position + 1) * byte_s, data[position : position + 1])
+        self._flush_packets()
 
-    def _collect(self, at_s: float, byte: bytes) -> None:
+    def _collect_byte(self, at_s: float, byte: bytes) -> None:
         packet = self._packet
         if packet is None or at_s > packet.due_s:
-            self._ship_all()
+            self._flush_packets()
             packet = self._packet = _Packet(at_s + self.options.latency_s, bytearray())
         packet.data += byte
         if len(packet.data) == PACKET_BYTES:
             packet.due_s = at_s
-            self._ship_all()
+            self._flush_packets()
 
-    def _ship_all(self) -> None:
+    def _flush_packets(self) -> None:
         if self._packet is not None:
             self.inbox.add(self._next_frame_s(self._packet.due_s), 0.0, bytes(self._packet.data))
             self._packet = None

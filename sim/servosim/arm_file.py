@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from servosim.errors import ArmFileError
-from servosim.transmission import DIRECT, CrankAndRod, Ratio, Transmission
+from servosim.joint import DIRECT, CrankAndRod, Ratio, Transmission
 
-__all__ = ["ArmFile", "JointEntry", "ServoEntry", "read_arm_file"]
+__all__ = ["JointEntry", "ServoEntry", "SimulatedArmFile", "read_arm_file"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class JointEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class ArmFile:
+class SimulatedArmFile:
     """What the simulator needs of an arm file.
 
     Attributes:
@@ -71,7 +71,7 @@ class ArmFile:
     tip: str = ""
 
 
-def read_arm_file(path: Path) -> ArmFile:
+def read_arm_file(path: Path) -> SimulatedArmFile:
     """Return what an ``arm.toml`` says.
 
     Raises:
@@ -82,54 +82,54 @@ def read_arm_file(path: Path) -> ArmFile:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ArmFileError(path, "", str(error)) from error
     try:
-        return _arm(path, document)
+        return _parse_arm(path, document)
     except KeyError as error:
         raise ArmFileError(path, "", f"key {error} is missing") from error
     except (TypeError, ValueError, AttributeError) as error:
         raise ArmFileError(path, "", f"a value has the wrong kind: {error}") from error
 
 
-def _arm(path: Path, document: dict[str, Any]) -> ArmFile:
-    return ArmFile(
+def _parse_arm(path: Path, document: dict[str, Any]) -> SimulatedArmFile:
+    return SimulatedArmFile(
         path=path,
         name=str(document["name"]),
         urdf=path.parent / str(document["urdf"]),
         family=str(document["bus"]["family"]),
         baud=int(document["bus"]["baud"]),
-        joints=tuple(_joint(entry) for entry in document["joints"]),
-        poses={name: _pose(table) for name, table in document["poses"].items()},
+        joints=tuple(_parse_joint(entry) for entry in document["joints"]),
+        poses={name: _parse_pose(table) for name, table in document["poses"].items()},
         floor_m=float(document.get("surroundings", {}).get("floor_m", 0.0)),
         tip=str(document.get("tip", "")),
     )
 
 
-def _joint(entry: dict[str, Any]) -> JointEntry:
+def _parse_joint(entry: dict[str, Any]) -> JointEntry:
     servos = [entry["servo"], *entry.get("shadows", []), *entry["servo"].get("shadows", [])]
-    return JointEntry(str(entry["name"]), tuple(_servo(servo) for servo in servos))
+    return JointEntry(str(entry["name"]), tuple(_parse_servo(servo) for servo in servos))
 
 
-def _servo(entry: dict[str, Any]) -> ServoEntry:
+def _parse_servo(entry: dict[str, Any]) -> ServoEntry:
     return ServoEntry(
         id=int(entry["id"]),
         model=str(entry["model"]),
         sign=int(entry["sign"]),
         zero_tick=float(entry["zero_tick"]),
-        transmission=_transmission(entry),
+        transmission=_parse_transmission(entry),
         eeprom={str(name): int(value) for name, value in entry.get("eeprom", {}).items()},
     )
 
 
-def _transmission(entry: dict[str, Any]) -> Transmission:
+def _parse_transmission(entry: dict[str, Any]) -> Transmission:
     """Return a rack (`m_per_turn`), a `crank`, a `gear`, or the horn itself."""
     if "crank" in entry:
         crank = entry["crank"]
         zero_rad = math.radians(float(crank["zero_deg"]))
         return CrankAndRod(float(crank["radius_m"]), float(crank["rod_m"]), zero_rad)
     if "m_per_turn" in entry:
-        return Ratio(float(entry["m_per_turn"]) / (2.0 * math.pi), slides=True)
+        return Ratio(float(entry["m_per_turn"]) / (2.0 * math.pi), is_prismatic=True)
     return Ratio(1.0 / float(entry.get("gear", 1.0)))
 
 
-def _pose(table: dict[str, Any]) -> dict[str, float]:
+def _parse_pose(table: dict[str, Any]) -> dict[str, float]:
     turned = {name: math.radians(value) for name, value in table.get("deg", {}).items()}
     return turned | {name: float(value) for name, value in table.get("m", {}).items()}

@@ -6,26 +6,27 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from servosim.arm_file import ArmFile, JointEntry, ServoEntry
-from servosim.body import FreeBody, GravityBody
+from servosim.arm_file import JointEntry, ServoEntry, SimulatedArmFile
+from servosim.dynamics import FreeBody, GravityBody
 from servosim.errors import ArmFileError, SimulatorError
-from servosim.joint import Joint
-from servosim.motor import PARAMETERS, Motor, MotorParameters
-from servosim.servo import Servo
-from servosim.servos import baud_code, make_servo
-from servosim.shaft import Shaft
-from servosim.tables import Family, ServoTable, table_for
-from servosim.world import Mover, World
+from servosim.joint import SimulatedJoint
+from servosim.motor import Motor
+from servosim.parameters import PARAMETERS, MotorParameters
+from servosim.register import ServoTable, SimulatedFamily
+from servosim.servo import HornMounting, Servo
+from servosim.servo_models import baud_code, make_servo
+from servosim.tables import table_for
+from servosim.world import ExternalDynamics, World
 
-__all__ = ["LooseServo", "loose_world", "world_of_arm"]
+__all__ = ["BenchServo", "make_arm_world", "make_bench_world"]
 
 STOP_MARGIN_RAD = math.radians(2.0)  # hard stops lie this far beyond the URDF's limits
 STOP_MARGIN_M = 0.0005
-MOST_PLAY_DEG = 10.0
+MAX_PLAY_DEG = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class LooseServo:
+class BenchServo:
     """A servo without an arm.
 
     Attributes:
@@ -39,8 +40,8 @@ class LooseServo:
     baud: int | None = None
 
 
-def world_of_arm(
-    arm: ArmFile,
+def make_arm_world(
+    arm: SimulatedArmFile,
     pose: str = "rest",
     seed: int = 0,
     *,
@@ -63,30 +64,30 @@ def world_of_arm(
     """
     if pose not in arm.poses:
         raise ArmFileError(arm.path, f"poses.{pose}", f"no such pose; has: {', '.join(arm.poses)}")
-    if backlash_deg is not None and not 0.0 <= backlash_deg <= MOST_PLAY_DEG:
-        raise SimulatorError(f"gears have a play of 0 to {MOST_PLAY_DEG:g}°, not {backlash_deg}°")
+    if backlash_deg is not None and not 0.0 <= backlash_deg <= MAX_PLAY_DEG:
+        raise SimulatorError(f"gears have a play of 0 to {MAX_PLAY_DEG:g}°, not {backlash_deg}°")
     names = [joint.name for joint in arm.joints]
     body = GravityBody(arm.urdf, names)
     joints = [
-        _joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed, backlash_deg)
+        _make_joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed, backlash_deg)
         for entry, limits in zip(arm.joints, body.limits, strict=True)
     ]
     tip = body.tip(arm.tip) if arm.tip else None
     if physics:
-        return World(joints, _mujoco(arm, joints), tip=tip)
+        return World(joints, _make_mujoco_body(arm, joints), tip=tip)
     others = [positions for name, positions in arm.poses.items() if name != "rest"]
     postures = [[positions.get(name, 0.0) for name in names] for positions in others]
     return World(joints, body, contacts=body.contacts(arm.floor_m, postures), tip=tip)
 
 
-def _mujoco(arm: ArmFile, joints: list[Joint]) -> Mover:
+def _make_mujoco_body(arm: SimulatedArmFile, joints: list[SimulatedJoint]) -> ExternalDynamics:
     try:
-        from servosim.physics import MujocoBody  # noqa: PLC0415 - an extra, and slow to import
+        from servosim.mujoco_body import MujocoBody  # noqa: PLC0415 - an extra, and slow to import
     except ImportError as error:
         hint = "MuJoCo is not installed; try: pip install 'ikservo[physics]'"
         raise SimulatorError(hint) from error
     motors = [[servo.motor.parameters for servo in joint.servos] for joint in joints]
-    margins = [_stop_margin(joint.slides) for joint in joints]
+    margins = [_stop_margin(joint.is_prismatic) for joint in joints]
     return MujocoBody(arm.urdf, [joint.name for joint in joints], motors, arm.floor_m, margins)
 
 
@@ -94,8 +95,8 @@ def _stop_margin(slides: bool) -> float:
     return STOP_MARGIN_M if slides else STOP_MARGIN_RAD
 
 
-def loose_world(
-    servos: Iterable[LooseServo],
+def make_bench_world(
+    servos: Iterable[BenchServo],
     baud: int | None = None,
     seed: int = 0,
     protocol: int | None = None,
@@ -112,41 +113,41 @@ def loose_world(
         SimulatorError: A rate or protocol that a servo does not have.
         UnknownModelError: A servo model without a table.
     """
-    joints: list[Joint] = []
+    joints: list[SimulatedJoint] = []
     for place, loose in enumerate(servos, start=1):
         table = table_for(loose.model)
         rate = loose.baud or baud
-        delivered = {"id": loose.id} | ({} if rate is None else _baud(table, rate))
-        delivered |= _protocol(table, protocol)
-        shaft = Shaft(1, table.middle_tick, table.ticks_per_turn)
+        delivered = {"id": loose.id} | ({} if rate is None else _baud_registers(table, rate))
+        delivered |= _protocol_registers(table, protocol)
+        shaft = HornMounting(1, table.middle_tick, table.ticks_per_turn)
         half_rad = table.travel_rad / 2.0
         motor = Motor(PARAMETERS[table.model], 0.0, -half_rad, half_rad)
         servo = make_servo(table.model, motor, shaft, delivered, seed + place)
-        joints.append(Joint(f"servo_{place}", (servo,)))
+        joints.append(SimulatedJoint(f"servo_{place}", (servo,)))
     return World(joints, FreeBody([joint.name for joint in joints]))
 
 
-def _joint(
-    arm: ArmFile,
+def _make_joint(
+    arm: SimulatedArmFile,
     entry: JointEntry,
     position: float,
     limits: tuple[float, float],
     seed: int,
     backlash_deg: float | None,
-) -> Joint:
+) -> SimulatedJoint:
     transmission = entry.servos[0].transmission
-    margin = _stop_margin(transmission.slides)
+    margin = _stop_margin(transmission.is_prismatic)
     turned_rad = transmission.turned_rad(position)
     stops = sorted(transmission.turned_rad(end) for end in (limits[0] - margin, limits[1] + margin))
     servos = tuple(
-        _servo(arm, servo, turned_rad, stops, seed + servo.id, backlash_deg)
+        _make_servo(arm, servo, turned_rad, stops, seed + servo.id, backlash_deg)
         for servo in entry.servos
     )
-    return Joint(entry.name, servos, transmission)
+    return SimulatedJoint(entry.name, servos, transmission)
 
 
-def _servo(
-    arm: ArmFile,
+def _make_servo(
+    arm: SimulatedArmFile,
     entry: ServoEntry,
     angle_rad: float,
     stops: list[float],
@@ -157,20 +158,20 @@ def _servo(
     unknown = [name for name in entry.eeprom if name not in table.by_name]
     if unknown:
         raise ArmFileError(arm.path, f"servo {entry.id}", f"no register named {unknown[0]!r}")
-    delivered = {**entry.eeprom, **_baud(table, arm.baud), "id": entry.id}
-    motor = Motor(_motor(table.model, backlash_deg), angle_rad, *stops)
-    shaft = Shaft(entry.sign, entry.zero_tick, table.ticks_per_turn)
+    delivered = {**entry.eeprom, **_baud_registers(table, arm.baud), "id": entry.id}
+    motor = Motor(_motor_parameters(table.model, backlash_deg), angle_rad, *stops)
+    shaft = HornMounting(entry.sign, entry.zero_tick, table.ticks_per_turn)
     return make_servo(table.model, motor, shaft, delivered, seed)
 
 
-def _motor(model: str, backlash_deg: float | None) -> MotorParameters:
+def _motor_parameters(model: str, backlash_deg: float | None) -> MotorParameters:
     if backlash_deg is None:
         return PARAMETERS[model]
     return replace(PARAMETERS[model], backlash_rad=math.radians(backlash_deg))
 
 
-def _protocol(table: ServoTable, protocol: int | None) -> dict[str, int]:
-    spoken = {Family.DYNAMIXEL_X: 2, Family.DYNAMIXEL_1: 1}.get(table.family)
+def _protocol_registers(table: ServoTable, protocol: int | None) -> dict[str, int]:
+    spoken = {SimulatedFamily.DYNAMIXEL_X: 2, SimulatedFamily.DYNAMIXEL_1: 1}.get(table.family)
     if protocol is None or protocol == spoken:
         return {}
     row = table.by_name.get("protocol_type")
@@ -179,5 +180,5 @@ def _protocol(table: ServoTable, protocol: int | None) -> dict[str, int]:
     return {"protocol_type": protocol}
 
 
-def _baud(table: ServoTable, baud: int) -> dict[str, int]:
+def _baud_registers(table: ServoTable, baud: int) -> dict[str, int]:
     return {"baud_rate": baud_code(table.family, baud)}

@@ -8,7 +8,7 @@ from typing import Protocol
 
 __all__ = ["Clock", "PacedClock", "RealClock", "VirtualClock"]
 
-LEAST_SLEEP_S = 0.001
+MIN_SLEEP_S = 0.001
 
 
 class Clock(Protocol):
@@ -66,7 +66,7 @@ class PacedClock(VirtualClock):
         """Wait as long as a person would have to."""
         machine_s = self._machine.now_s() - self._start_s
         super().sleep_until(max(deadline_s, machine_s))
-        if self.now_s() - machine_s >= LEAST_SLEEP_S:
+        if self.now_s() - machine_s >= MIN_SLEEP_S:
             self._machine.sleep_until(self._start_s + self.now_s())
 
 

@@ -7,22 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servosim.gravity import Driven, MassTree
-from servosim.shapes import Shape
-from servosim.urdf import MovingJoint
-from servosim.urdf_numbers import Matrix
+from servosim.gravity import MassTree, MimicDrive
+from servosim.urdf import BoxShape, Matrix, MovingJoint
 
 __all__ = ["Contacts"]
 
 # Of the impulse that would end an overlap, or its growth, within one interval; a soft contact.
 _STIFFNESS, _DAMPING = 0.05, 0.5
 # Deeper than this nothing pushes harder: somebody has put the arm there.
-_DEEPEST_M = 0.006
+_MAX_DEPTH_M = 0.006
 _TABLE = -1
 
 
 @dataclass(frozen=True, slots=True)
-class _Touch:
+class _ContactPatch:
     """Where two bodies touch.
 
     Attributes:
@@ -36,7 +34,9 @@ class _Touch:
     depth_m: float
 
     @classmethod
-    def of(cls, points_m: Matrix, depths_m: Matrix, normal: Matrix) -> _Touch | None:
+    def from_points(
+        cls, points_m: Matrix, depths_m: Matrix, normal: Matrix
+    ) -> _ContactPatch | None:
         """Return the touch of points (k, 3) at depths (k,) [m]; None where there are none."""
         if not len(points_m):
             return None
@@ -63,8 +63,8 @@ class Contacts:
     def __init__(
         self,
         joints: Sequence[MovingJoint],
-        driven: Sequence[Driven],
-        shapes: Sequence[Shape],
+        driven: Sequence[MimicDrive],
+        shapes: Sequence[BoxShape],
         tree: MassTree,
         floor_m: float | None,
         postures: Sequence[Sequence[float]],
@@ -79,10 +79,10 @@ class Contacts:
         self._shapes_of = {b: np.flatnonzero(self._bodies == b).tolist() for b in every}
         moving = [body for body in every if body >= 0 and self._shapes_of[body]]
         self._on_table = moving if floor_m is not None else []
-        self._watch([(a, b) for a in every for b in every if self._apart(a, b)])
+        self._set_pairs([(a, b) for a in every for b in every if self._are_separable(a, b)])
         for posture in postures:
-            touching = self._touching(posture)
-            self._watch([pair for pair in self._pairs if pair not in touching])
+            touching = self._overlapping_pairs(posture)
+            self._set_pairs([pair for pair in self._pairs if pair not in touching])
 
     def torques(
         self,
@@ -99,33 +99,41 @@ class Contacts:
             inertias: What a force on each has to move; infinite where a servo holds it.
             interval_s: Until the next look.
         """
-        places, frames = self._places(positions)
+        places, frames = self._world_frames(positions)
         loads = np.zeros(len(positions))
         light = 1.0 / np.asarray(inertias)
-        for slope, depth_m in self._found(places, frames, len(positions)):
+        for slope, depth_m in self._find_contacts(places, frames, len(positions)):
             mobility = float(slope @ (slope * light))
             if mobility <= 0.0:
                 continue
             leaving_m_s = float(slope @ np.asarray(velocities))
-            pushed_m_s = _STIFFNESS * min(depth_m, _DEEPEST_M) / interval_s - _DAMPING * leaving_m_s
+            pushed_m_s = (
+                _STIFFNESS * min(depth_m, _MAX_DEPTH_M) / interval_s - _DAMPING * leaving_m_s
+            )
             loads += max(0.0, pushed_m_s) / (mobility * interval_s) * slope
         return loads.tolist()
 
-    def _found(self, places: Matrix, frames: Matrix, count: int) -> list[tuple[Matrix, float]]:
+    def _find_contacts(
+        self, places: Matrix, frames: Matrix, count: int
+    ) -> list[tuple[Matrix, float]]:
         """Return for each contact how it opens with each driven joint, and its depth [m]."""
-        touches = [(body, _TABLE, self._lowest(places, body)) for body in self._on_table]
-        touches += [(a, b, self._overlap(places, rows)) for (a, b), rows in self._near(places)]
+        touches = [(body, _TABLE, self._table_contact(places, body)) for body in self._on_table]
+        touches += [
+            (a, b, self._body_contact(places, rows)) for (a, b), rows in self._nearby_pairs(places)
+        ]
         return [
-            (self._slope(frames, touch, a, b, count), touch.depth_m)
+            (self._contact_jacobian(frames, touch, a, b, count), touch.depth_m)
             for a, b, touch in touches
             if touch is not None
         ]
 
-    def _slope(self, frames: Matrix, touch: _Touch, a: int, b: int, count: int) -> Matrix:
+    def _contact_jacobian(
+        self, frames: Matrix, touch: _ContactPatch, a: int, b: int, count: int
+    ) -> Matrix:
         """Return how fast body a leaves body b where they touch, for each driven joint."""
         slope = np.zeros(count)
         for sign, end in ((1.0, a), (-1.0, b)):
-            for body in self._up_from(end):
+            for body in self._ancestors(end):
                 driver, multiplier, _ = self._driven[body]
                 if driver >= 0:
                     axis, arm_m = frames[body, :3, 2], touch.point_m - frames[body, :3, 3]
@@ -133,13 +141,13 @@ class Contacts:
                     slope[driver] += sign * multiplier * float(way @ touch.normal)
         return slope
 
-    def _up_from(self, body: int) -> Iterator[int]:
+    def _ancestors(self, body: int) -> Iterator[int]:
         """Yield a body and those it hangs on, the base left out."""
         while body >= 0:
             yield body
             body = self._joints[body].parent
 
-    def _lowest(self, places: Matrix, body: int) -> _Touch | None:
+    def _table_contact(self, places: Matrix, body: int) -> _ContactPatch | None:
         """Return where a body is below the table."""
         floor_m = 0.0 if self._floor_m is None else self._floor_m
         below: list[Matrix] = []
@@ -148,9 +156,9 @@ class Contacts:
                 points = self._shapes[i].points_m @ places[i, :3, :3].T + places[i, :3, 3]
                 below.append(points[points[:, 2] < floor_m])
         points = np.concatenate([np.empty((0, 3)), *below])
-        return _Touch.of(points, floor_m - points[:, 2], np.array([0.0, 0.0, 1.0]))
+        return _ContactPatch.from_points(points, floor_m - points[:, 2], np.array([0.0, 0.0, 1.0]))
 
-    def _overlap(self, places: Matrix, rows: Matrix) -> _Touch | None:
+    def _body_contact(self, places: Matrix, rows: Matrix) -> _ContactPatch | None:
         """Return where one body is inside another: of these pairs of shapes, those that overlap."""
         found: list[tuple[float, Matrix, Matrix, Matrix]] = []
         pairs: list[tuple[int, int]] = rows.tolist()
@@ -170,9 +178,9 @@ class Contacts:
             return None
         normal = max(found, key=lambda row: row[0])[3]
         points, depths = (np.concatenate(column) for column in list(zip(*found, strict=True))[1:3])
-        return _Touch.of(points, depths, normal)
+        return _ContactPatch.from_points(points, depths, normal)
 
-    def _near(self, places: Matrix) -> list[tuple[tuple[int, int], Matrix]]:
+    def _nearby_pairs(self, places: Matrix) -> list[tuple[tuple[int, int], Matrix]]:
         """Return the pairs of bodies that may overlap, and which of their shapes."""
         i, j = self._rows[:, 0], self._rows[:, 1]
         apart = places[i, :3, 3] - places[j, :3, 3]
@@ -181,7 +189,7 @@ class Contacts:
         rows, pairs = self._rows[near], self._pair_of[near]
         return [(self._pairs[k], rows[pairs == k]) for k in np.unique(pairs).tolist()]
 
-    def _watch(self, pairs: Sequence[tuple[int, int]]) -> None:
+    def _set_pairs(self, pairs: Sequence[tuple[int, int]]) -> None:
         """Look at these pairs of bodies from now on, the points of the first in the second."""
         self._pairs = list(pairs)
         rows = [
@@ -193,20 +201,20 @@ class Contacts:
         table = np.array(rows, dtype=int).reshape(-1, 3)
         self._rows, self._pair_of = table[:, :2], table[:, 2]
 
-    def _touching(self, posture: Sequence[float]) -> set[tuple[int, int]]:
+    def _overlapping_pairs(self, posture: Sequence[float]) -> set[tuple[int, int]]:
         """Return the pairs of bodies that overlap in a posture."""
-        places, _ = self._places(posture)
-        near = self._near(places)
-        found = {pair for pair, rows in near if self._overlap(places, rows) is not None}
+        places, _ = self._world_frames(posture)
+        near = self._nearby_pairs(places)
+        found = {pair for pair, rows in near if self._body_contact(places, rows) is not None}
         return found | {(b, a) for a, b in found}
 
-    def _places(self, positions: Sequence[float]) -> tuple[Matrix, Matrix]:
+    def _world_frames(self, positions: Sequence[float]) -> tuple[Matrix, Matrix]:
         """Return the frames of shapes (k, 4, 4) and joints (n, 4, 4) in the base."""
         frames = self._tree.frames(positions)
         above = np.where((self._bodies >= 0)[:, None, None], frames[self._bodies], np.eye(4))
         return above @ self._mounts, frames
 
-    def _apart(self, a: int, b: int) -> bool:
+    def _are_separable(self, a: int, b: int) -> bool:
         """Return whether neither of two bodies hangs directly on the other."""
         parents = [self._joints[body].parent if body >= 0 else None for body in (a, b)]
         return a != b and parents[0] != b and parents[1] != a

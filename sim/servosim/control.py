@@ -1,15 +1,235 @@
-"""A servo's firmware: from the drive's orders to the duty of the bridge."""
+"""Servo control: profile generator, drive commands in SI units, position controller."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
 
-from servosim.drive import Drive, Mode
 from servosim.parameters import MotorParameters
-from servosim.profile import Piece, Reference, ramp, timed, trapezoid
+
+
+class ProfileSegment(NamedTuple):
+    """A stretch of time with constant acceleration."""
+
+    duration_s: float
+    velocity_rad_s: float  # at its start
+    acceleration_rad_s2: float
+
+
+def trapezoid(
+    distance_rad: float, velocity_rad_s: float, limit_rad_s: float, acceleration_rad_s2: float
+) -> list[ProfileSegment]:
+    """From the present velocity to rest at a distance, as fast as the limits allow.
+
+    The velocity is continuous whatever it was when the goal changed: a goal too near to stop at
+    is overrun and come back to. Both sides of the trapezoid have the same slope (Dynamixel
+    e-manual, "Profile Velocity", Feetech "acceleration" and "goal speed").
+
+    Args:
+        distance_rad: Signed way to the goal.
+        velocity_rad_s: Present velocity.
+        limit_rad_s: Cruising speed; 0 = none.
+        acceleration_rad_s2: Slope of both ramps; 0 = none: the velocity jumps.
+
+    Returns:
+        The pieces; none when the goal is to be jumped to.
+    """
+    if acceleration_rad_s2 <= 0.0:
+        return _rectangle_profile(distance_rad, limit_rad_s)
+    stop_rad = velocity_rad_s * abs(velocity_rad_s) / (2.0 * acceleration_rad_s2)
+    sign = math.copysign(1.0, distance_rad - stop_rad)
+    forward_rad, speed_rad_s = sign * distance_rad, sign * velocity_rad_s
+    peak_rad_s = math.sqrt(max(0.0, acceleration_rad_s2 * forward_rad + speed_rad_s**2 / 2.0))
+    top_rad_s = min(peak_rad_s, limit_rad_s) if limit_rad_s > 0.0 else peak_rad_s
+    ramp_s = abs(top_rad_s - speed_rad_s) / acceleration_rad_s2
+    brake_s = top_rad_s / acceleration_rad_s2
+    ramps_rad = (speed_rad_s + top_rad_s) / 2.0 * ramp_s + top_rad_s / 2.0 * brake_s
+    cruise_s = max(0.0, forward_rad - ramps_rad) / top_rad_s if top_rad_s > 0.0 else 0.0
+    slope = math.copysign(acceleration_rad_s2, top_rad_s - speed_rad_s)
+    return [
+        ProfileSegment(ramp_s, velocity_rad_s, sign * slope),
+        ProfileSegment(cruise_s, sign * top_rad_s, 0.0),
+        ProfileSegment(brake_s, sign * top_rad_s, -sign * acceleration_rad_s2),
+    ]
+
+
+def timed(
+    distance_rad: float, velocity_rad_s: float, total_s: float, ramp_s: float
+) -> list[ProfileSegment]:
+    """From the present velocity to rest at a distance, in a given time.
+
+    Dynamixel's time-based profile (drive mode bit 2): Profile Velocity is the whole time,
+    Profile Acceleration each ramp, cut to half of the whole. Feetech's goal time has no ramps.
+    """
+    ramp_s = min(ramp_s, total_s / 2.0)
+    if ramp_s <= 0.0:
+        return [ProfileSegment(total_s, distance_rad / total_s, 0.0)]
+    cruise_rad_s = (distance_rad - velocity_rad_s * ramp_s / 2.0) / (total_s - ramp_s)
+    return [
+        ProfileSegment(ramp_s, velocity_rad_s, (cruise_rad_s - velocity_rad_s) / ramp_s),
+        ProfileSegment(total_s - 2.0 * ramp_s, cruise_rad_s, 0.0),
+        ProfileSegment(ramp_s, cruise_rad_s, -cruise_rad_s / ramp_s),
+    ]
+
+
+def ramp(
+    velocity_rad_s: float, goal_rad_s: float, acceleration_rad_s2: float
+) -> list[ProfileSegment]:
+    """From one velocity to another; none when it is to be jumped to."""
+    if acceleration_rad_s2 <= 0.0 or goal_rad_s == velocity_rad_s:
+        return []
+    slope = math.copysign(acceleration_rad_s2, goal_rad_s - velocity_rad_s)
+    return [ProfileSegment((goal_rad_s - velocity_rad_s) / slope, velocity_rad_s, slope)]
+
+
+def _rectangle_profile(distance_rad: float, limit_rad_s: float) -> list[ProfileSegment]:
+    if limit_rad_s <= 0.0 or distance_rad == 0.0:
+        return []
+    return [
+        ProfileSegment(
+            abs(distance_rad) / limit_rad_s, math.copysign(limit_rad_s, distance_rad), 0.0
+        )
+    ]
+
+
+class ProfileGenerator:
+    """A point that travels along a profile; exact at any step length."""
+
+    __slots__ = (
+        "_elapsed_s", "_end_rad", "_end_rad_s", "_pieces", "_start_rad",
+        "acceleration_rad_s2", "position_rad", "running", "velocity_rad_s",
+    )  # fmt: skip
+
+    def __init__(self, position_rad: float) -> None:
+        self._pieces: list[ProfileSegment] = []
+        self._elapsed_s = 0.0
+        self._start_rad = self._end_rad = self.position_rad = position_rad
+        self._end_rad_s = self.velocity_rad_s = self.acceleration_rad_s2 = 0.0
+        self.running = False
+
+    def reset_to(self, position_rad: float, velocity_rad_s: float = 0.0) -> None:
+        """Forget the profile and stand at a place."""
+        self.position_rad = position_rad
+        self.follow((), position_rad, velocity_rad_s)
+
+    def follow(
+        self, pieces: Sequence[ProfileSegment], end_rad: float, end_rad_s: float = 0.0
+    ) -> None:
+        """Travel along `pieces` from here, and end exactly at a place with a velocity."""
+        self._pieces = [piece for piece in reversed(pieces) if piece.duration_s > 0.0]
+        self._end_rad, self._end_rad_s = end_rad, end_rad_s
+        self._start_segment()
+
+    def advance(self, dt_s: float) -> None:
+        """Travel for `dt_s` seconds."""
+        elapsed_s = self._elapsed_s + dt_s
+        while self.running and elapsed_s >= self._pieces[-1].duration_s:
+            elapsed_s -= self._finish_segment()
+        if not self.running:
+            return
+        _, velocity_rad_s, acceleration_rad_s2 = self._pieces[-1]
+        gained_rad_s = acceleration_rad_s2 * elapsed_s
+        self._elapsed_s = elapsed_s
+        self.velocity_rad_s = velocity_rad_s + gained_rad_s
+        self.position_rad = self._start_rad + (velocity_rad_s + gained_rad_s / 2.0) * elapsed_s
+
+    def _finish_segment(self) -> float:
+        duration_s, velocity_rad_s, acceleration_rad_s2 = self._pieces.pop()
+        mean_rad_s = velocity_rad_s + acceleration_rad_s2 * duration_s / 2.0
+        self.position_rad = self._start_rad + mean_rad_s * duration_s
+        self._start_segment()
+        return duration_s
+
+    def _start_segment(self) -> None:
+        self._elapsed_s = 0.0
+        self.running = bool(self._pieces)
+        if self.running:
+            self._start_rad = self.position_rad
+            _, self.velocity_rad_s, self.acceleration_rad_s2 = self._pieces[-1]
+        else:
+            self.position_rad, self.velocity_rad_s = self._end_rad, self._end_rad_s
+            self.acceleration_rad_s2 = 0.0
+
+
+class ControlMode(Enum):
+    """The quantity that the firmware's control loop holds."""
+
+    POSITION = "position"
+    VELOCITY = "velocity"
+    PWM = "pwm"
+    CURRENT = "current"
+    CURRENT_POSITION = "current-based position"
+
+
+@dataclass(slots=True)
+class DriveCommand:
+    """The orders of a servo's memory in SI units; the servo sets the fields, the motor reads them.
+
+    The position loop works as the datasheets draw it, on the bridge's duty (PWM, -1..1):
+    `duty = kp e + ki ∫e dt + kd de/dt + feedforward`, with `e = reference - encoder` in radians.
+    The stiffness at the output is therefore `kp` times the stall torque at the supply's voltage.
+
+    The motor plans a new profile from the reference's present position and velocity whenever one
+    of goal_rad, velocity_limit_rad_s, acceleration_rad_s2, profile_time_s, acceleration_time_s
+    changes; a servo that takes new limits only with the next goal writes them together with it.
+
+    Attributes:
+        torque_on: False opens the bridge: the shaft can be turned by hand.
+        mode: What is controlled.
+        goal_rad: Goal of POSITION and CURRENT_POSITION.
+        goal_velocity_rad_s: Goal of VELOCITY.
+        goal_pwm: Goal of PWM, -1..1.
+        goal_current_a: Goal of CURRENT; its size is the limit of CURRENT_POSITION.
+        velocity_limit_rad_s: The profile's cruising speed; 0 = none.
+        acceleration_rad_s2: The profile's acceleration, also of VELOCITY; 0 = at once.
+        profile_time_s: Time-based profile: from start to rest; 0 = use the two limits above.
+        acceleration_time_s: Time-based profile: each ramp, at most half of profile_time_s.
+        kp: Position gain [1/rad].
+        ki: Position gain [1/(rad s)].
+        kd: Position gain [s/rad].
+        integral_limit: Largest size of the integral's share of the duty, 0..1.
+        velocity_kp: Velocity gain [s/rad].
+        velocity_ki: Velocity gain [1/rad].
+        feed_forward: Share of the duty that the profile needs by itself (the back-EMF of its
+            velocity, the torque of its acceleration, friction) which the firmware adds, 0..1.
+        dead_zone_rad: Errors up to this size count as none.
+        minimum_pwm: Smallest duty for an error outside the dead zone ("punch", "startup force").
+        torque_limit: Limit of the duty, 0..1 (Feetech's torque limit).
+        pwm_limit: Limit of the duty, 0..1 (Dynamixel's PWM limit); the smaller of both binds.
+        current_limit_a: Limit of the winding's current.
+        moving_threshold_rad_s: Speed above which `Motor.moving` is true.
+    """
+
+    torque_on: bool = False
+    mode: ControlMode = ControlMode.POSITION
+    goal_rad: float = 0.0
+    goal_velocity_rad_s: float = 0.0
+    goal_pwm: float = 0.0
+    goal_current_a: float = 0.0
+    velocity_limit_rad_s: float = 0.0
+    acceleration_rad_s2: float = 0.0
+    profile_time_s: float = 0.0
+    acceleration_time_s: float = 0.0
+    kp: float = 5.3
+    ki: float = 0.0
+    kd: float = 0.0
+    integral_limit: float = 1.0
+    velocity_kp: float = 0.5
+    velocity_ki: float = 5.0
+    feed_forward: float = 1.0
+    dead_zone_rad: float = 0.0
+    minimum_pwm: float = 0.0
+    torque_limit: float = 1.0
+    pwm_limit: float = 1.0
+    current_limit_a: float = math.inf
+    moving_threshold_rad_s: float = 0.24
+
 
 RELEASED: tuple[object, ...] = (None,)
-PROFILED = (Mode.POSITION, Mode.CURRENT_POSITION)
+PROFILED = (ControlMode.POSITION, ControlMode.CURRENT_POSITION)
 
 
 class Controller:
@@ -25,7 +245,7 @@ class Controller:
 
     def __init__(self, parameters: MotorParameters, position_rad: float) -> None:
         self._parameters = parameters
-        self.reference = Reference(position_rad)
+        self.reference = ProfileGenerator(position_rad)
         self._order = RELEASED
         self._integral = self.derivative = 0.0
         self.saturated = False
@@ -35,13 +255,18 @@ class Controller:
         if self._order is RELEASED:
             self.reference.position_rad = position_rad
             return
-        self.reference.put(position_rad)
+        self.reference.reset_to(position_rad)
         self._order = RELEASED
         self._integral = self.derivative = 0.0
         self.saturated = False
 
     def duty(
-        self, dt_s: float, drive: Drive, position_rad: float, velocity_rad_s: float, full_nm: float
+        self,
+        dt_s: float,
+        drive: DriveCommand,
+        position_rad: float,
+        velocity_rad_s: float,
+        full_nm: float,
     ) -> float:
         """The duty that the gains ask for, not yet limited; the profile then moves on.
 
@@ -58,22 +283,26 @@ class Controller:
             drive.acceleration_rad_s2, drive.profile_time_s, drive.acceleration_time_s,
         )  # fmt: skip
         if order != self._order:
-            self._take(order, drive, position_rad, velocity_rad_s)
-        if mode is Mode.POSITION or mode is Mode.CURRENT_POSITION:
+            self._accept_command(order, drive, position_rad, velocity_rad_s)
+        if mode is ControlMode.POSITION or mode is ControlMode.CURRENT_POSITION:
             duty = self._position_duty(dt_s, drive, position_rad, velocity_rad_s)
-        elif mode is Mode.VELOCITY:
+        elif mode is ControlMode.VELOCITY:
             duty = self._velocity_duty(dt_s, drive, velocity_rad_s)
         else:
-            return drive.goal_pwm if mode is Mode.PWM else math.copysign(1.0, drive.goal_current_a)
+            return (
+                drive.goal_pwm
+                if mode is ControlMode.PWM
+                else math.copysign(1.0, drive.goal_current_a)
+            )
         reference = self.reference
         if reference.velocity_rad_s or reference.acceleration_rad_s2:
-            duty += drive.feed_forward * self._needed_nm() / full_nm
+            duty += drive.feed_forward * self._feedforward_nm() / full_nm
         if reference.running:
             reference.advance(dt_s)
         return duty
 
     def _position_duty(
-        self, dt_s: float, drive: Drive, position_rad: float, velocity_rad_s: float
+        self, dt_s: float, drive: DriveCommand, position_rad: float, velocity_rad_s: float
     ) -> float:
         reference = self.reference
         error_rad = reference.position_rad - position_rad
@@ -81,24 +310,24 @@ class Controller:
             error_rad = 0.0
         duty = drive.kp * error_rad
         if drive.ki:
-            duty += self._integrate(drive.ki * error_rad * dt_s, drive.integral_limit)
+            duty += self._integrate_error(drive.ki * error_rad * dt_s, drive.integral_limit)
         if drive.minimum_pwm and error_rad and abs(duty) < drive.minimum_pwm:
             duty = math.copysign(drive.minimum_pwm, error_rad)
         self.derivative = drive.kd
         return duty + drive.kd * (reference.velocity_rad_s - velocity_rad_s)
 
-    def _velocity_duty(self, dt_s: float, drive: Drive, velocity_rad_s: float) -> float:
+    def _velocity_duty(self, dt_s: float, drive: DriveCommand, velocity_rad_s: float) -> float:
         error_rad_s = self.reference.velocity_rad_s - velocity_rad_s
         self.derivative = drive.velocity_kp
-        gained = self._integrate(drive.velocity_ki * error_rad_s * dt_s, drive.integral_limit)
+        gained = self._integrate_error(drive.velocity_ki * error_rad_s * dt_s, drive.integral_limit)
         return drive.velocity_kp * error_rad_s + gained
 
-    def _integrate(self, gain: float, limit: float) -> float:
+    def _integrate_error(self, gain: float, limit: float) -> float:
         if not self.saturated or gain * self._integral < 0.0:
             self._integral = min(limit, max(-limit, self._integral + gain))
         return self._integral
 
-    def _needed_nm(self) -> float:
+    def _feedforward_nm(self) -> float:
         """Torque that the profile's motion takes when nothing hangs on the shaft."""
         motor, reference = self._parameters, self.reference
         velocity_rad_s = reference.velocity_rad_s
@@ -108,26 +337,30 @@ class Controller:
             needed_nm += math.copysign(motor.coulomb_friction_nm, velocity_rad_s)
         return needed_nm
 
-    def _take(
-        self, order: tuple[object, ...], drive: Drive, position_rad: float, velocity_rad_s: float
+    def _accept_command(
+        self,
+        order: tuple[object, ...],
+        drive: DriveCommand,
+        position_rad: float,
+        velocity_rad_s: float,
     ) -> None:
         """Plan anew; a fresh torque or a fresh mode starts from the shaft itself."""
         if order[0] is not self._order[0]:
-            self.reference.put(position_rad, velocity_rad_s)
+            self.reference.reset_to(position_rad, velocity_rad_s)
             self._integral = self.derivative = 0.0
         self._order = order
-        if drive.mode is Mode.VELOCITY:
+        if drive.mode is ControlMode.VELOCITY:
             self._plan_velocity(drive)
         elif drive.mode in PROFILED:
             self.reference.follow(self._position_profile(drive), drive.goal_rad)
 
-    def _plan_velocity(self, drive: Drive) -> None:
+    def _plan_velocity(self, drive: DriveCommand) -> None:
         goal_rad_s = drive.goal_velocity_rad_s
         now_rad_s = self.reference.velocity_rad_s
         pieces = ramp(now_rad_s, goal_rad_s, drive.acceleration_rad_s2)
         self.reference.follow(pieces, self.reference.position_rad, goal_rad_s)
 
-    def _position_profile(self, drive: Drive) -> list[Piece]:
+    def _position_profile(self, drive: DriveCommand) -> list[ProfileSegment]:
         distance_rad = drive.goal_rad - self.reference.position_rad
         now_rad_s = self.reference.velocity_rad_s
         if distance_rad == now_rad_s == 0.0:

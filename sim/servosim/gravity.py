@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from servosim.urdf import MovingJoint
-from servosim.urdf_numbers import Matrix
+from servosim.urdf import Matrix, MovingJoint
 
 GRAVITY_M_S2 = 9.81
 
 
-class Driven(NamedTuple):
+class MimicDrive(NamedTuple):
     """Who moves a joint: `q = multiplier * positions[driver] + offset`; driver -1: nobody."""
 
     driver: int
@@ -22,7 +21,7 @@ class Driven(NamedTuple):
     offset: float
 
 
-class _Row(NamedTuple):
+class _JointRow(NamedTuple):
     """A joint as plain numbers: its frame in its parent's (rotation by rows), mass, centre."""
 
     parent: int
@@ -56,14 +55,16 @@ BASE: _Frame = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 class MassTree:
     """Gravity along -z of the base on a tree of joints."""
 
-    def __init__(self, joints: Sequence[MovingJoint], driven: Sequence[Driven], count: int) -> None:
+    def __init__(
+        self, joints: Sequence[MovingJoint], driven: Sequence[MimicDrive], count: int
+    ) -> None:
         self._joints = joints
         self._driven = driven
         self._count = count
-        self._rows = [_row(joint, by) for joint, by in zip(joints, driven, strict=True)]
+        self._rows = [_make_joint_row(joint, by) for joint, by in zip(joints, driven, strict=True)]
         self._below = np.zeros((len(joints), len(joints)))  # 1 where a body hangs on a joint
         for index in range(len(joints)):
-            self._below[index, self._subtree(index)] = 1.0
+            self._below[index, self._subtree_joints(index)] = 1.0
         self._masses_kg = np.array([joint.body.mass_kg for joint in joints])
         self._below_kg = [float(mass_kg) for mass_kg in self._below @ self._masses_kg]
         self._mounts = np.array([joint.T_parent_joint for joint in joints])
@@ -80,12 +81,14 @@ class MassTree:
         frames: list[_Frame] = []
         moments: list[tuple[float, float]] = []
         for row in self._rows:
-            frame = _advance(row, frames[row[0]] if row[0] >= 0 else BASE, positions)
+            frame = _advance_frame(row, frames[row[0]] if row[0] >= 0 else BASE, positions)
             frames.append(frame)
             moments.append(_first_moment(row, frame))
-        return self._collect(frames, moments)
+        return self._collect_torques(frames, moments)
 
-    def _collect(self, frames: list[_Frame], moments: list[tuple[float, float]]) -> list[float]:
+    def _collect_torques(
+        self, frames: list[_Frame], moments: list[tuple[float, float]]
+    ) -> list[float]:
         loads = [0.0] * self._count
         for index in range(len(frames) - 1, -1, -1):
             parent, driver, multiplier, _, sliding = self._rows[index][:5]
@@ -128,7 +131,7 @@ class MassTree:
         turning = (self._below * self._masses_kg * arms_m2).sum(axis=1) + spins
         return np.where(self._sliding, self._below_kg, turning)
 
-    def _subtree(self, index: int) -> list[int]:
+    def _subtree_joints(self, index: int) -> list[int]:
         found = [index]
         for k in range(index + 1, len(self._joints)):
             if self._joints[k].parent in found:
@@ -137,14 +140,14 @@ class MassTree:
 
     def frames(self, positions: Sequence[float]) -> Matrix:
         """The frame of each joint in the base (n, 4, 4)."""
-        steps = self._mounts @ self._motions(positions)
+        steps = self._mounts @ self._joint_motions(positions)
         frames = np.empty_like(steps)
         for index, joint in enumerate(self._joints):
             above = joint.parent
             frames[index] = steps[index] if above < 0 else frames[above] @ steps[index]
         return frames
 
-    def _motions(self, positions: Sequence[float]) -> Matrix:
+    def _joint_motions(self, positions: Sequence[float]) -> Matrix:
         """What each joint's own coordinate does: a turn about z, or a slide along it."""
         T = np.zeros((len(self._joints), 4, 4)) + np.eye(4)
         for index, (driver, multiplier, offset) in enumerate(self._driven):
@@ -156,7 +159,7 @@ class MassTree:
         return T
 
 
-def _advance(row: _Row, above: _Frame, positions: Sequence[float]) -> _Frame:
+def _advance_frame(row: _JointRow, above: _Frame, positions: Sequence[float]) -> _Frame:
     """A joint's frame from its parent's."""
     _, driver, multiplier, offset, sliding, xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = row[
         :17
@@ -173,13 +176,13 @@ def _advance(row: _Row, above: _Frame, positions: Sequence[float]) -> _Frame:
     return i * cq + j * sq, j * cq - i * sq, k, m * cq + n * sq, n * cq - m * sq, o, x, y
 
 
-def _first_moment(row: _Row, frame: _Frame) -> tuple[float, float]:
+def _first_moment(row: _JointRow, frame: _Frame) -> tuple[float, float]:
     mass_kg, cx, cy, cz = row[17:]
     a, b, c, d, e, f, x, y = frame
     return mass_kg * (x + a * cx + b * cy + c * cz), mass_kg * (y + d * cx + e * cy + f * cz)
 
 
-def _row(joint: MovingJoint, driven: Driven) -> _Row:
+def _make_joint_row(joint: MovingJoint, driven: MimicDrive) -> _JointRow:
     T, body = joint.T_parent_joint, joint.body
     numbers = [*T[:3, :3].ravel(), *T[:3, 3], body.mass_kg, *body.com_m]
-    return _Row(joint.parent, *driven, joint.sliding, *(float(number) for number in numbers))
+    return _JointRow(joint.parent, *driven, joint.sliding, *(float(number) for number in numbers))

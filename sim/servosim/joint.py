@@ -1,21 +1,193 @@
-"""A joint of the body and the servos that turn it."""
+"""A joint, its transmission, and external forces on it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
 
-from servosim.hand import Hand
 from servosim.servo import Servo
-from servosim.transmission import DIRECT, Transmission
 
-__all__ = ["STEP_S", "Joint"]
+__all__ = ["DIRECT", "STEP_S", "CrankAndRod", "Ratio", "SimulatedJoint", "Transmission"]
+
+
+class Transmission(Protocol):
+    """Between the angle of a horn [rad] and the coordinate of its joint [rad or m]."""
+
+    @property
+    def is_prismatic(self) -> bool:
+        """Whether the joint is prismatic."""
+        ...
+
+    def position(self, turned_rad: float) -> float:
+        """Return where the joint is when the horn has turned so far from joint zero."""
+        ...
+
+    def turned_rad(self, position: float) -> float:
+        """Return how far the horn has turned when the joint is there."""
+        ...
+
+    def slope(self, turned_rad: float) -> float:
+        """Return by how much the joint moves for a small turn of the horn, rad or m a rad."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """A horn on the joint itself, a gear, or a rack: the same everywhere.
+
+    Attributes:
+        per_rad: How far the joint goes for one radian of the horn, rad or m.
+        slides: Whether the joint is prismatic.
+    """
+
+    per_rad: float = 1.0
+    is_prismatic: bool = False
+
+    def position(self, turned_rad: float) -> float:
+        """Return where the joint is."""
+        return turned_rad * self.per_rad
+
+    def turned_rad(self, position: float) -> float:
+        """Return how far the horn has turned."""
+        return position / self.per_rad
+
+    def slope(self, turned_rad: float) -> float:
+        """Return the ratio."""
+        return self.per_rad
+
+
+@dataclass(frozen=True, slots=True)
+class CrankAndRod:
+    """A crank that pushes a slide by a rod: `x = r cos φ + sqrt(l² - r² sin² φ)`.
+
+    The horn turns φ back from its angle at joint zero, so that a growing angle pushes outwards;
+    near its dead centres the slide hardly moves.
+
+    Attributes:
+        radius_m: From the horn's axis to the pin.
+        rod_m: From the pin to the slide; longer than the radius.
+        zero_rad: φ at joint zero.
+    """
+
+    radius_m: float
+    rod_m: float
+    zero_rad: float
+
+    @property
+    def is_prismatic(self) -> bool:
+        """Whether the joint is prismatic: always."""
+        return True
+
+    def position(self, turned_rad: float) -> float:
+        """Return where the slide is."""
+        return self._slide_position(self.zero_rad - turned_rad) - self._slide_position(
+            self.zero_rad
+        )
+
+    def turned_rad(self, position: float) -> float:
+        """Return how far the horn has turned; out of reach, where the slide comes nearest."""
+        x, r, rod = position + self._slide_position(self.zero_rad), self.radius_m, self.rod_m
+        x = min(rod + r, max(rod - r, x))
+        cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
+        return self.zero_rad - math.acos(min(1.0, max(-1.0, cosine)))
+
+    def slope(self, turned_rad: float) -> float:
+        """Return metres a radian, never less than a hundredth of the radius."""
+        phi = self.zero_rad - turned_rad
+        across, along = self.radius_m * math.sin(phi), self.radius_m * math.cos(phi)
+        steep = across + across * along / math.sqrt(self.rod_m**2 - across**2)
+        least = 0.01 * self.radius_m
+        return math.copysign(max(abs(steep), least), steep)
+
+    def _slide_position(self, phi: float) -> float:
+        across = self.radius_m * math.sin(phi)
+        return self.radius_m * math.cos(phi) + math.sqrt(self.rod_m**2 - across**2)
+
+
+DIRECT = Ratio()
+"""The horn is the joint."""
+
+
+Path = Callable[[float], tuple[float, float]]  # seconds since the grasp -> position, velocity
+
+HAND_SPEED = 1.0  # rad/s, or m/s / 10 on a sliding joint: how fast a hand leads a joint
+STIFFNESS_RAD_S = 150.0  # natural frequency of the grip; stable at steps of 2 ms
+
+
+def hold(position: float) -> Path:
+    """Stay at a position (rad, or m for a sliding joint)."""
+    return lambda _: (position, 0.0)
+
+
+def push(direction: float) -> Path:
+    """Push with the hand's whole force towards the sign of `direction`, wherever the joint is."""
+    return hold(math.copysign(math.inf, direction))
+
+
+def glide(start: float, end: float, speed: float) -> Path:
+    """Move from `start` to `end` at a constant speed and stay there."""
+    duration_s = abs(end - start) / speed
+    velocity = math.copysign(speed, end - start)
+
+    def path(time_s: float) -> tuple[float, float]:
+        if time_s >= duration_s:
+            return end, 0.0
+        return start + velocity * time_s, velocity
+
+    return path
+
+
+def sweep(start: float, lower: float, upper: float, speed: float) -> Path:
+    """Move back and forth between two positions for ever, upwards first."""
+    span = upper - lower
+
+    def path(time_s: float) -> tuple[float, float]:
+        phase = (start - lower + speed * time_s) % (2.0 * span)
+        if phase < span:
+            return lower + phase, speed
+        return upper - (phase - span), -speed
+
+    return path
+
+
+@dataclass(slots=True)
+class Hand:
+    """A grip on one joint: a critically damped spring that follows a path.
+
+    Attributes:
+        path: Where the hand wants to be.
+        limit: Its greatest force: N m, or N on a sliding joint.
+        only: +1 or -1 for one that lies there and pushes only that way: an obstacle. 0 for a grip.
+        force: What it pressed with in the last step; positive forward.
+        time_s: Since the grasp.
+    """
+
+    path: Path
+    limit: float = 2.0
+    only: int = 0
+    force: float = field(default=0.0, init=False)
+    time_s: float = field(default=0.0, init=False)
+
+    def hand_force(self, dt_s: float, position: float, velocity: float, inertia: float) -> float:
+        """The force on the joint for the next `dt_s` seconds."""
+        self.time_s += dt_s
+        goal, goal_velocity = self.path(self.time_s)
+        wanted = STIFFNESS_RAD_S * (goal - position) + 2.0 * (goal_velocity - velocity)
+        wanted *= STIFFNESS_RAD_S * inertia
+        if self.only and (goal - position) * self.only <= 0.0:
+            wanted = 0.0  # the joint has not come to it
+        self.force = min(self.limit, max(-self.limit, wanted))
+        return self.force
+
 
 STEP_S = 0.001
 COUPLING = 0.05  # share of the stiffest spring that a step of STEP_S can carry
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class SimulatedJoint:
     """A joint and its servos, the leading one first.
 
     Positions are joint coordinates (rad or m), loads torques or forces (N m or N).
@@ -31,9 +203,9 @@ class Joint:
     transmission: Transmission = DIRECT
 
     @property
-    def slides(self) -> bool:
+    def is_prismatic(self) -> bool:
         """Whether it is prismatic."""
-        return self.transmission.slides
+        return self.transmission.is_prismatic
 
     @property
     def m_per_rad(self) -> float:
@@ -58,7 +230,7 @@ class Joint:
         return total / self.m_per_rad**2
 
     @property
-    def free(self) -> bool:
+    def is_free(self) -> bool:
         """Whether no servo holds it."""
         return not any(servo.drive.torque_on for servo in self.servos)
 
@@ -67,16 +239,16 @@ class Joint:
         for servo in self.servos:
             servo.motor.place(self.transmission.turned_rad(position))
 
-    def hang(self, inertia: float) -> None:
+    def set_inertia(self, inertia: float) -> None:
         """Hang a body of this inertia on the joint."""
         for servo in self.servos:
             servo.motor.load_inertia_kg_m2 = inertia * self.m_per_rad**2 / len(self.servos)
 
-    def press(self, hand: Hand) -> float:
+    def hand_force(self, hand: Hand) -> float:
         """Return a hand's force on the joint."""
-        return hand.press(STEP_S, self.position, self.velocity, self.inertia)
+        return hand.hand_force(STEP_S, self.position, self.velocity, self.inertia)
 
-    def turn(self, load: float) -> None:
+    def step_servos(self, load: float) -> None:
         """Let the servos turn for one step under an outer load, which they share."""
         lead = self.servos[0]
         if len(self.servos) == 1:
@@ -89,7 +261,7 @@ class Joint:
             share_nm -= pull_nm
         lead.step(STEP_S, share_nm)
 
-    def drive(self) -> float:
+    def drive_force(self) -> float:
         """Let carried servos work for one step; return their force on the joint."""
         for servo in self.servos:
             servo.motor.carried = True
@@ -97,11 +269,11 @@ class Joint:
         pressed_nm = sum(servo.motor.torque_nm * servo.motor.grip for servo in self.servos)
         return pressed_nm / self.m_per_rad
 
-    def carry(self, position: float, velocity: float) -> None:
+    def set_state(self, position: float, velocity: float) -> None:
         """Take the servos to where the joint turned out to be."""
         turned_rad = self.transmission.turned_rad(position)
         for servo in self.servos:
-            servo.motor.carry(turned_rad, velocity / self.transmission.slope(turned_rad))
+            servo.motor.set_state(turned_rad, velocity / self.transmission.slope(turned_rad))
 
 
 def _coupling_nm(lead: Servo, follower: Servo) -> float:

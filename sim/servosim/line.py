@@ -1,4 +1,4 @@
-"""The half-duplex line: bytes take their time, servos hear, wait, answer and collide."""
+"""The half-duplex line: transmission times, replies, collisions."""
 
 from __future__ import annotations
 
@@ -8,24 +8,83 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from servosim.adapter import Adapter, AdapterOptions
-from servosim.collision import collide
+from servosim.adapter import AdapterOptions, ReceiveBuffer, UsbAdapter
 from servosim.errors import SimulatorError
 from servosim.faults import FaultScript
 from servosim.frames import Frame, FrameReader
-from servosim.inbox import Inbox
-from servosim.protocol import Protocol
-from servosim.servo import Servo
-from servosim.talk import ANSWERS, Reply, Turn
-from servosim.traffic import Witness
+from servosim.instructions import ANSWERS
+from servosim.instructions_1 import Reply, ReplySlot
+from servosim.servo import BusProtocol, Servo
+from servosim.traffic import FrameListener
 from servosim.world import World
 
-__all__ = ["Line", "LineOptions"]
+__all__ = ["Line", "LineOptions", "resolve_collision"]
+
+
+SAMPLES = 8  # of one bit
+FRAME_BITS = 10  # start, eight data, stop
+
+
+def resolve_collision(
+    speeches: Sequence[tuple[float, bytes]], byte_s: float
+) -> tuple[float, bytes]:
+    """Return what a receiver makes of bytes that overlap on a line where low wins.
+
+    Args:
+        speeches: Start [s] and bytes of everybody who speaks.
+        byte_s: Time of one byte [s]; zero when the wire takes none.
+
+    Returns:
+        The start of the first speech and the bytes that a UART reads.
+    """
+    start_s = min(at_s for at_s, _ in speeches)
+    if byte_s <= 0.0:
+        return start_s, _overlay_signals([data for _, data in speeches])
+    sample_s = byte_s / (FRAME_BITS * SAMPLES)
+    shifted = [(round((at_s - start_s) / sample_s), data) for at_s, data in speeches]
+    return start_s, _decode_levels(_line_levels(shifted))
+
+
+def _overlay_signals(speeches: Sequence[bytes]) -> bytes:
+    length = max(map(len, speeches))
+    padded = [data.ljust(length, b"\xff") for data in speeches]
+    mixed = bytearray(padded[0])
+    for data in padded[1:]:
+        mixed = bytearray(a & b for a, b in zip(mixed, data, strict=True))
+    return bytes(mixed)
+
+
+def _line_levels(shifted: Sequence[tuple[int, bytes]]) -> list[bool]:
+    end = max(at + len(data) * FRAME_BITS * SAMPLES for at, data in shifted)
+    levels = [True] * (end + FRAME_BITS * SAMPLES)
+    for start, data in shifted:
+        for position, byte in enumerate(data):
+            bits = byte << 1 | 1 << 9  # start bit low, least significant first, stop bit high
+            for k in range(FRAME_BITS):
+                if not bits >> k & 1:
+                    at = start + (position * FRAME_BITS + k) * SAMPLES
+                    levels[at : at + SAMPLES] = [False] * SAMPLES
+    return levels
+
+
+def _decode_levels(levels: Sequence[bool]) -> bytes:
+    received = bytearray()
+    at, middle = 0, SAMPLES // 2
+    last = len(levels) - FRAME_BITS * SAMPLES
+    while at < last:
+        if levels[at]:
+            at += 1
+            continue
+        bits = [levels[at + middle + k * SAMPLES] for k in range(FRAME_BITS)]
+        received.append(sum(bit << k for k, bit in enumerate(bits[1:9])))
+        at += (FRAME_BITS - 1) * SAMPLES + middle
+    return bytes(received)
+
 
 BITS_PER_BYTE = 10
 PING_PACKET = 14  # bytes of the longest ping status: a slot of the broadcast ping
 PING_PAUSE_S = 0.0005  # assumed: between two slots
-PATIENCE_S = 0.0005  # assumed: how much longer than a reply the next in a sync read waits
+FRAME_TIMEOUT_S = 0.0005  # assumed: how much longer than a reply the next in a sync read waits
 ROUNDING_S = 1e-9
 CRYSTAL_S = 4e-6  # assumed: spread of a servo's reaction time
 
@@ -54,7 +113,7 @@ class LineOptions:
 
 
 @dataclass(slots=True)
-class _Speech:
+class _BusTransmission:
     """Bytes somebody puts on the line."""
 
     start_s: float
@@ -69,14 +128,14 @@ class _Speech:
 
 
 @dataclass(slots=True)
-class _Heard:
+class _Delivery:
     """A frame that servos will have heard completely at ``at_s``."""
 
     at_s: float
     framing: type[FrameReader]
     baud: int
     frame: Frame
-    speech: _Speech
+    speech: _BusTransmission
 
 
 class Line:
@@ -98,18 +157,18 @@ class Line:
     def __init__(self, world: World, baud: int, options: LineOptions | None = None) -> None:
         self.world, self.baud = world, baud
         self.options = options or LineOptions()
-        self.inbox = Inbox()
-        self.adapter = Adapter(self.inbox, self.options.adapter)
+        self.inbox = ReceiveBuffer()
+        self.adapter = UsbAdapter(self.inbox, self.options.adapter)
         self.random = random.Random(self.options.seed)  # noqa: S311 - chance on a wire
         self.faults = FaultScript(self, self.options.seed)
-        self.witnesses: list[Witness] = []
+        self.witnesses: list[FrameListener] = []
         self.plugged = True
         self.readers: dict[type[FrameReader], FrameReader] = {}
         self.host_end_s = 0.0
-        self._due: list[tuple[float, int, _Heard]] = []
+        self._due: list[tuple[float, int, _Delivery]] = []
         self._order = itertools.count()
-        self._hosts: list[_Speech] = []
-        self._replies: list[_Speech] = []
+        self._hosts: list[_BusTransmission] = []
+        self._replies: list[_BusTransmission] = []
 
     @property
     def servos(self) -> dict[int, Servo]:
@@ -125,12 +184,12 @@ class Line:
         return BITS_PER_BYTE / self.baud if self.options.wire_time else 0.0
 
     @property
-    def heard_all_s(self) -> float:
+    def all_received_s(self) -> float:
         """When everything the host has written will have been heard."""
         return max((at_s for at_s, _, _ in self._due), default=self.host_end_s)
 
     @property
-    def next_s(self) -> float | None:
+    def next_event_s(self) -> float | None:
         """When the next frame will have been heard, or None when the line is idle."""
         return self._due[0][0] if self._due else None
 
@@ -138,22 +197,22 @@ class Line:
         """Set the host's rate; servos at another rate see noise and forget half a frame."""
         if baud != self.baud:
             self.baud = baud
-            self._forget_half_frames()
+            self._reset_partial_frames()
 
     def host_write(self, data: bytes, now_s: float) -> float:
         """Put bytes on the line behind those already there; return when the last has left."""
         self.run_until(now_s)
         start_s = max(self.adapter.departure_s(now_s), self.host_end_s)
         if start_s - self.host_end_s > self.options.gap_s:
-            self._forget_half_frames()
-        speech = _Speech(start_s, self.byte_s, self._noisy(data))
+            self._reset_partial_frames()
+        speech = _BusTransmission(start_s, self.byte_s, self._add_noise(data))
         self.host_end_s = speech.end_s
         self._garble_overlapped(speech)
         self._hosts = [s for s in self._hosts if s.end_s > now_s]
         self._hosts.append(speech)
-        self.adapter.sent(start_s, speech.byte_s, speech.data)
+        self.adapter.send_to_line(start_s, speech.byte_s, speech.data)
         for framing in {servo.framing for servo in self.world.servos}:
-            self._listen(framing, speech)
+            self._deliver_to_servos(framing, speech)
         return speech.end_s
 
     def run_until(self, now_s: float) -> None:
@@ -161,72 +220,76 @@ class Line:
         while self._due and self._due[0][0] <= now_s:
             heard = heapq.heappop(self._due)[2]
             self.world.advance_to(heard.at_s)
-            if not heard.speech.garbled and not self.faults.instruction_lost(heard.at_s):
-                self._hear(heard)
+            if not heard.speech.garbled and not self.faults.loses_instruction(heard.at_s):
+                self._process_delivery(heard)
         self.world.advance_to(now_s)
 
-    def _listen(self, framing: type[FrameReader], speech: _Speech) -> None:
+    def _deliver_to_servos(self, framing: type[FrameReader], speech: _BusTransmission) -> None:
         reader = self.readers.get(framing)
         if reader is None:
             reader = self.readers[framing] = framing()
         for frame in reader.feed(speech.data):
             at_s = speech.start_s + frame.end * speech.byte_s
-            heard = _Heard(at_s, framing, self.baud, frame, speech)
+            heard = _Delivery(at_s, framing, self.baud, frame, speech)
             heapq.heappush(self._due, (at_s, next(self._order), heard))
 
-    def _hear(self, heard: _Heard) -> None:
-        groups: dict[Protocol, list[Servo]] = {}
+    def _process_delivery(self, heard: _Delivery) -> None:
+        groups: dict[BusProtocol, list[Servo]] = {}
         for servo in self.world.servos:
-            if servo.framing is heard.framing and servo.hears(heard.baud, heard.at_s):
+            if servo.framing is heard.framing and servo.is_listening(heard.baud, heard.at_s):
                 groups.setdefault(servo.protocol, []).append(servo)
         for witness in self.witnesses:
-            witness.heard(heard.at_s, heard.frame, heard.framing)
+            witness.on_frame(heard.at_s, heard.frame, heard.framing)
         for protocol, servos in groups.items():
-            self._schedule(ANSWERS[protocol](heard.frame, servos), heard)
+            self._schedule_replies(ANSWERS[protocol](heard.frame, servos), heard)
 
-    def _schedule(self, turns: Sequence[Turn], heard: _Heard) -> None:
+    def _schedule_replies(self, turns: Sequence[ReplySlot], heard: _Delivery) -> None:
         """Give every turn its time; the speeches that overlap collide."""
         byte_s = heard.speech.byte_s
         at_s = heard.at_s
-        speeches: list[_Speech] = []
+        speeches: list[_BusTransmission] = []
         for turn in turns:
             slot_s = 0.0 if turn.slot is None else turn.slot * (PING_PACKET * byte_s + PING_PAUSE_S)
             base_s = at_s if turn.slot is None else heard.at_s + slot_s
             if not turn.replies:
-                at_s += turn.size * byte_s + PATIENCE_S
+                at_s += turn.size * byte_s + FRAME_TIMEOUT_S
             for reply in turn.replies:
-                speech = self._speech(reply, base_s, byte_s, prompt=turn.prompt)
+                speech = self._make_transmission(reply, base_s, byte_s, prompt=turn.prompt)
                 speeches.append(speech)
                 at_s = max(at_s, speech.end_s)
         self._replies = [s for s in self._replies if s.end_s > heard.at_s]
-        for speech in _merge(speeches):
-            self._deliver(speech)
+        for speech in _merge_overlapping(speeches):
+            self._deliver_reply(speech)
 
-    def _speech(self, reply: Reply, base_s: float, byte_s: float, *, prompt: bool) -> _Speech:
+    def _make_transmission(
+        self, reply: Reply, base_s: float, byte_s: float, *, prompt: bool
+    ) -> _BusTransmission:
         servo = reply.servo
         delay_s = 0.0 if prompt else servo.return_delay_s + servo.random.random() * CRYSTAL_S
-        return _Speech(base_s + delay_s, byte_s, reply.data, servo)
+        return _BusTransmission(base_s + delay_s, byte_s, reply.data, servo)
 
-    def _deliver(self, speech: _Speech) -> None:
+    def _deliver_reply(self, speech: _BusTransmission) -> None:
         """Send a reply to the host, unless the host itself is speaking over it."""
         for host in self._hosts:
-            if _overlap(host, speech):
+            if _is_overlapping(host, speech):
                 host.garbled = speech.garbled = True
         if speech.garbled:
             speech.data = self.random.randbytes(len(speech.data))
         self._replies.append(speech)
         for witness in self.witnesses:
-            witness.said(speech.start_s, speech.servo, speech.data)
-        for delay_s, data in self.faults.replies(speech.servo, speech.start_s, speech.data):
-            self.adapter.received(speech.start_s + delay_s, speech.byte_s, self._noisy(data))
+            witness.on_reply(speech.start_s, speech.servo, speech.data)
+        for delay_s, data in self.faults.faulty_arrivals(speech.servo, speech.start_s, speech.data):
+            self.adapter.receive_from_line(
+                speech.start_s + delay_s, speech.byte_s, self._add_noise(data)
+            )
 
-    def _garble_overlapped(self, speech: _Speech) -> None:
+    def _garble_overlapped(self, speech: _BusTransmission) -> None:
         """Garble what the host says into a reply that is still on the line."""
         for reply in self._replies:
-            if _overlap(reply, speech):
+            if _is_overlapping(reply, speech):
                 speech.garbled = True
 
-    def _noisy(self, data: bytes) -> bytes:
+    def _add_noise(self, data: bytes) -> bytes:
         chance = self.options.noise
         if not chance:
             return data
@@ -235,27 +298,27 @@ class Line:
         )
         return bytes(byte ^ flip for byte, flip in zip(data, flips, strict=True))
 
-    def _forget_half_frames(self) -> None:
+    def _reset_partial_frames(self) -> None:
         for reader in self.readers.values():
             reader.reset()
 
 
-def _overlap(one: _Speech, other: _Speech) -> bool:
+def _is_overlapping(one: _BusTransmission, other: _BusTransmission) -> bool:
     """Return whether two speak at once, by more than sums of byte times are wrong."""
     return one.start_s < other.end_s - ROUNDING_S and other.start_s < one.end_s - ROUNDING_S
 
 
-def _merge(speeches: list[_Speech]) -> list[_Speech]:
+def _merge_overlapping(speeches: list[_BusTransmission]) -> list[_BusTransmission]:
     """Turn speeches that overlap into the one that a receiver makes of them."""
     if len(speeches) < 2:
         return speeches
-    merged: list[_Speech] = []
+    merged: list[_BusTransmission] = []
     for speech in sorted(speeches, key=lambda speech: speech.start_s):
         before = merged[-1] if merged else None
         if before is None or speech.start_s >= before.end_s - ROUNDING_S:
             merged.append(speech)
             continue
         both = [(before.start_s, before.data), (speech.start_s, speech.data)]
-        start_s, data = collide(both, speech.byte_s)
-        merged[-1] = _Speech(start_s, speech.byte_s, data)
+        start_s, data = resolve_collision(both, speech.byte_s)
+        merged[-1] = _BusTransmission(start_s, speech.byte_s, data)
     return merged

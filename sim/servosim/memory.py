@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from struct import Struct
 
-from servosim.tables import Area, Register, ServoTable
+from servosim.register import ServoTable, SimulatedArea, SimulatedRegister
 
 __all__ = ["Memory"]
 
@@ -20,11 +20,13 @@ class Memory:
 
     def __init__(self, table: ServoTable, delivered: Mapping[str, int] | None = None) -> None:
         self.table = table
-        self._eeprom_end = max(row.end for row in table.registers if row.area is Area.EEPROM)
+        self._eeprom_end = max(
+            row.end for row in table.registers if row.area is SimulatedArea.EEPROM
+        )
         self.image = bytearray(table.size)  # one object for ever: the line below holds on to it
         self._rows = {
             row.name: (
-                partial(Struct(_format(row)).unpack_from, self.image, row.address),
+                partial(Struct(_struct_format(row)).unpack_from, self.image, row.address),
                 row.sign_bit,
             )
             for row in table.registers
@@ -34,7 +36,7 @@ class Memory:
         self.restore_factory()
         for name, value in (delivered or {}).items():
             self.put(name, value)
-            self._persist(table.by_name[name])
+            self._persist_register(table.by_name[name])
 
     def read(self, address: int, length: int) -> bytes:
         """Return bytes; gaps between registers and addresses behind the table read as zero."""
@@ -55,21 +57,21 @@ class Memory:
         row = self.table.by_name[name]
         self.image[row.address : row.end] = row.encode(value)
 
-    def keep(self, name: str) -> None:
+    def persist_value(self, name: str) -> None:
         """Make a register's present number survive the power, lock or not."""
-        self._persist(self.table.by_name[name])
+        self._persist_register(self.table.by_name[name])
 
     def write(self, address: int, data: bytes, *, persist: bool = True) -> None:
         """Store bytes in the image, and those of EEPROM registers for good if ``persist``."""
         self.image[address : address + len(data)] = data
         if persist and address < self._eeprom_end:
-            for row in self.table.covered(address, len(data)):
-                self._persist(row)
+            for row in self.table.registers_in(address, len(data)):
+                self._persist_register(row)
 
     def power_cycle(self) -> None:
         """Forget the RAM: defaults for it, the kept bytes for the EEPROM."""
         for row in self.table.registers:
-            if row.area is Area.EEPROM:
+            if row.area is SimulatedArea.EEPROM:
                 self.image[row.address : row.end] = self.eeprom[row.address : row.end]
             else:
                 self.image[row.address : row.end] = row.encode(row.default)
@@ -79,15 +81,15 @@ class Memory:
         for row in self.table.registers:
             if row.name not in keep:
                 self.image[row.address : row.end] = row.encode(row.default)
-                if row.area is Area.EEPROM:
+                if row.area is SimulatedArea.EEPROM:
                     self.eeprom[row.address : row.end] = row.encode(row.default)
 
-    def _persist(self, row: Register) -> None:
-        if row.area is Area.EEPROM:
+    def _persist_register(self, row: SimulatedRegister) -> None:
+        if row.area is SimulatedArea.EEPROM:
             self.eeprom[row.address : row.end] = self.image[row.address : row.end]
             self.eeprom_writes += 1
 
 
-def _format(row: Register) -> str:
+def _struct_format(row: SimulatedRegister) -> str:
     letter = {1: "b", 2: "h", 4: "i"}[row.size]
     return ("<" if row.order == "little" else ">") + (letter if row.twos else letter.upper())

@@ -1,19 +1,39 @@
-"""One servo's motor and gears behind its control loop, stepped through time."""
+"""A servo's motor and gear train with its thermal model."""
 
 from __future__ import annotations
 
 import math
 
-from servosim.control import Controller
-from servosim.drive import Drive, Mode
-from servosim.heat import Heat
+from servosim.control import Controller, ControlMode, DriveCommand
 from servosim.parameters import PARAMETERS, MotorParameters
 
-__all__ = ["PARAMETERS", "Drive", "Mode", "Motor", "MotorParameters"]
+__all__ = ["PARAMETERS", "ControlMode", "DriveCommand", "Motor", "MotorParameters"]
+
+
+class ThermalModel:
+    """The temperature that a servo's own sensor sees.
+
+    `C dT/dt = P - (T - room) / R`, with the winding's loss P. One body for winding and case: the
+    sensors of these servos sit on the circuit board between the two.
+    """
+
+    __slots__ = ("_capacity_j_k", "_resistance_k_w", "room_c", "temperature_c")
+
+    def __init__(self, capacity_j_k: float, resistance_k_w: float, room_c: float) -> None:
+        self._capacity_j_k = capacity_j_k
+        self._resistance_k_w = resistance_k_w
+        self.room_c = room_c
+        self.temperature_c = room_c
+
+    def step(self, dt_s: float, power_w: float) -> None:
+        """Let `dt_s` seconds pass under a loss of `power_w` watts."""
+        flow_w = power_w - (self.temperature_c - self.room_c) / self._resistance_k_w
+        self.temperature_c += flow_w * dt_s / self._capacity_j_k
+
 
 PLAY_HZ = 45.0  # a load sinks through the play as through grease: inertia times this damping
-STILL_RAD_S = 1e-6  # a motion slower than this sticks
-SLACK_SHARE = 1e-3  # loads below this share of the stall torque do not take up the play
+AT_REST_RAD_S = 1e-6  # a motion slower than this sticks
+FREE_PLAY_FRACTION = 1e-3  # loads below this share of the stall torque do not take up the play
 
 
 class Motor:
@@ -62,7 +82,9 @@ class Motor:
     ) -> None:
         self.parameters = parameters
         self.lower_stop_rad, self.upper_stop_rad = lower_stop_rad, upper_stop_rad
-        self.heat = Heat(parameters.heat_capacity_j_k, parameters.thermal_resistance_k_w, room_c)
+        self.heat = ThermalModel(
+            parameters.heat_capacity_j_k, parameters.thermal_resistance_k_w, room_c
+        )
         self.load_inertia_kg_m2 = 0.0
         self.carried = self.stuck = False
         self.grip = 1.0
@@ -73,7 +95,7 @@ class Motor:
         self._nm_per_v = parameters.stall_torque_nm / parameters.nominal_v
         self._resistance_ohm = parameters.resistance_ohm
         self._half_play_rad = parameters.backlash_rad / 2.0
-        self._slack_nm = SLACK_SHARE * parameters.stall_torque_nm
+        self._slack_nm = FREE_PLAY_FRACTION * parameters.stall_torque_nm
         self._controller = Controller(parameters, position_rad)
         self.place(position_rad)
 
@@ -116,7 +138,7 @@ class Motor:
         """Whether the profile has not yet reached its end."""
         return self._controller.reference.running
 
-    def step(self, dt_s: float, load_nm: float, drive: Drive, supply_v: float) -> None:
+    def step(self, dt_s: float, load_nm: float, drive: DriveCommand, supply_v: float) -> None:
         """Let `dt_s` seconds pass (at most 2 ms) under an outer torque and a supply voltage.
 
         Args:
@@ -125,21 +147,23 @@ class Motor:
             drive: The firmware's orders.
             supply_v: Voltage at the servo's plug [V].
         """
-        pressed_nm = self._press(dt_s, drive, supply_v)
+        pressed_nm = self._motor_torque(dt_s, drive, supply_v)
         if self.carried:
-            self._account(dt_s, pressed_nm, drive)
+            self._update_sensors(dt_s, pressed_nm, drive)
             return
         before_rad_s = self.velocity_rad_s
-        self._turn(dt_s, pressed_nm * self.grip, load_nm)
-        self._account(dt_s, pressed_nm - self._slope * (self.velocity_rad_s - before_rad_s), drive)
+        self._integrate_motion(dt_s, pressed_nm * self.grip, load_nm)
+        self._update_sensors(
+            dt_s, pressed_nm - self._slope * (self.velocity_rad_s - before_rad_s), drive
+        )
 
-    def carry(self, position_rad: float, velocity_rad_s: float) -> None:
+    def set_state(self, position_rad: float, velocity_rad_s: float) -> None:
         """Be moved to where the joint turned out to be."""
         self.position_rad = position_rad
         self._gear_rad = position_rad - self._lash_rad
         self.velocity_rad_s = velocity_rad_s
 
-    def _press(self, dt_s: float, drive: Drive, supply_v: float) -> float:
+    def _motor_torque(self, dt_s: float, drive: DriveCommand, supply_v: float) -> float:
         """The torque that bridge and winding press with at the present velocity [N m]."""
         full_nm = self._nm_per_v * supply_v
         if not drive.torque_on or full_nm <= 0.0:
@@ -155,11 +179,11 @@ class Motor:
         if controller.saturated:
             duty = math.copysign(limit, duty)
             self._slope = self._back_emf
-        return self._limited(full_nm * duty - self._back_emf * velocity_rad_s, drive)
+        return self._limit_torque(full_nm * duty - self._back_emf * velocity_rad_s, drive)
 
-    def _limited(self, torque_nm: float, drive: Drive) -> float:
+    def _limit_torque(self, torque_nm: float, drive: DriveCommand) -> float:
         limit_a = drive.current_limit_a
-        if drive.mode is Mode.CURRENT or drive.mode is Mode.CURRENT_POSITION:
+        if drive.mode is ControlMode.CURRENT or drive.mode is ControlMode.CURRENT_POSITION:
             limit_a = min(limit_a, abs(drive.goal_current_a))
         limit_nm = limit_a * self._nm_per_a
         if -limit_nm <= torque_nm <= limit_nm:
@@ -168,14 +192,14 @@ class Motor:
         self._controller.saturated = True
         return math.copysign(limit_nm, torque_nm)
 
-    def _turn(self, dt_s: float, pressed_nm: float, load_nm: float) -> None:
+    def _integrate_motion(self, dt_s: float, pressed_nm: float, load_nm: float) -> None:
         """Newton's law with dry friction, then the play of the gears and the end stops."""
         if self.stuck:
             self.velocity_rad_s = 0.0
             return
-        falling = self._take_up_play(dt_s, load_nm)
+        falling = self._take_up_backlash(dt_s, load_nm)
         torque_nm = pressed_nm if falling else pressed_nm + load_nm
-        speed_rad_s = self.velocity_rad_s = self._slide(dt_s, torque_nm)
+        speed_rad_s = self.velocity_rad_s = self._step_velocity(dt_s, torque_nm)
         if speed_rad_s:
             travel_rad = speed_rad_s * dt_s
             self._gear_rad += travel_rad
@@ -188,7 +212,7 @@ class Motor:
         if not self.lower_stop_rad <= self.position_rad <= self.upper_stop_rad:
             self._hit_stop()
 
-    def _slide(self, dt_s: float, torque_nm: float) -> float:
+    def _step_velocity(self, dt_s: float, torque_nm: float) -> float:
         """The velocity after the step; dry friction stops a motion but never turns it round."""
         before_rad_s, motor = self.velocity_rad_s, self.parameters
         if before_rad_s:
@@ -201,10 +225,10 @@ class Motor:
         inertia = motor.armature_kg_m2 + self.load_inertia_kg_m2
         damping = self._slope * self.grip + self._viscous
         after_rad_s = before_rad_s + torque_nm * dt_s / (inertia + damping * dt_s)
-        stops = after_rad_s * before_rad_s < 0.0 or -STILL_RAD_S < after_rad_s < STILL_RAD_S
+        stops = after_rad_s * before_rad_s < 0.0 or -AT_REST_RAD_S < after_rad_s < AT_REST_RAD_S
         return 0.0 if stops else after_rad_s
 
-    def _take_up_play(self, dt_s: float, load_nm: float) -> bool:
+    def _take_up_backlash(self, dt_s: float, load_nm: float) -> bool:
         """Let the load sink through the play; true while it has not reached the next tooth."""
         if -self._slack_nm <= load_nm <= self._slack_nm:
             return False
@@ -222,7 +246,7 @@ class Motor:
         self._gear_rad -= self.position_rad - stop_rad
         self.position_rad = stop_rad
 
-    def _account(self, dt_s: float, torque_nm: float, drive: Drive) -> None:
+    def _update_sensors(self, dt_s: float, torque_nm: float, drive: DriveCommand) -> None:
         """What the servo's other sensors see of the step."""
         self.torque_nm = torque_nm
         current_a = self.current_a = torque_nm / self._nm_per_a

@@ -7,12 +7,12 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 from servosim.adapter import AdapterOptions
 from servosim.arm_file import read_arm_file
-from servosim.assembly import world_of_arm
+from servosim.assembly import make_arm_world
 from servosim.clock import PacedClock, VirtualClock
 from servosim.errors import PortClosedError, SimulatorError
 from servosim.faults import read_faults
 from servosim.line import Line, LineOptions
-from servosim.sweep import SweepingHands
+from servosim.world import RangeSweep
 
 __all__ = ["SimulatedPort", "open_port"]
 
@@ -37,7 +37,7 @@ def open_port(url: str) -> SimulatedPort:
     query = _Query(parts.query)
     seed = int(query.number("seed", 0))
     arm = read_arm_file(Path(unquote(parts.path)))
-    world = world_of_arm(
+    world = make_arm_world(
         arm,
         query.text("pose", "rest"),
         seed,
@@ -49,7 +49,7 @@ def open_port(url: str) -> SimulatedPort:
         for fault in read_faults(Path(query.text("faults", ""))):
             line.faults.add(fault)
     if query.text("hand", "") == "sweep":
-        line.witnesses.append(SweepingHands(world))
+        line.witnesses.append(RangeSweep(world))
     paced = bool(query.number("paced", 0))
     query.check()
     return SimulatedPort(line, url, paced=paced)
@@ -135,8 +135,8 @@ class SimulatedPort:
     def in_waiting(self) -> int:
         """Bytes that have arrived."""
         self._check_open()
-        waiting = self.line.inbox.waiting(self.clock.now_s())
-        self._poll()
+        waiting = self.line.inbox.count_arrived(self.clock.now_s())
+        self._poll_adapter()
         return waiting
 
     def read(self, size: int = 1) -> bytes:
@@ -144,11 +144,11 @@ class SimulatedPort:
         self._check_open()
         start_s = self.clock.now_s()
         deadline_s = None if self.timeout is None else start_s + self.timeout
-        while not self._ready(size, deadline_s):
+        while not self._is_read_complete(size, deadline_s):
             pass
         data = self.line.inbox.take(size, self.clock.now_s())
         if len(data) < size and self.timeout == 0:
-            self._poll()
+            self._poll_adapter()
         return data
 
     def write(self, data: bytes) -> int:
@@ -181,15 +181,15 @@ class SimulatedPort:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _ready(self, size: int, deadline_s: float | None) -> bool:
+    def _is_read_complete(self, size: int, deadline_s: float | None) -> bool:
         """Say whether a read may return; if not, let time pass up to the next event."""
         now_s = self.clock.now_s()
         self.line.run_until(now_s)
-        if self.line.inbox.waiting(now_s) >= size:
+        if self.line.inbox.count_arrived(now_s) >= size:
             return True
         if deadline_s is not None and now_s >= deadline_s:
             return True
-        events = [self.line.inbox.time_of(size), self.line.next_s, deadline_s]
+        events = [self.line.inbox.arrival_time_s(size), self.line.next_event_s, deadline_s]
         if events[0] is None and events[1] is None:
             events.append(self.line.inbox.last_s())
         coming = [at_s for at_s in events if at_s is not None and at_s > now_s]
@@ -198,7 +198,7 @@ class SimulatedPort:
         self.clock.sleep_until(min(coming))
         return False
 
-    def _poll(self) -> None:
+    def _poll_adapter(self) -> None:
         self.clock.sleep_until(self.clock.now_s() + POLL_S)
 
     def _check_open(self) -> None:

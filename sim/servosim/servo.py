@@ -1,22 +1,78 @@
-"""A servo: memory, firmware and motor; what all families have in common."""
+"""A servo: memory, firmware, motor, horn mounting; what all families share."""
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
 
-from servosim.drive import Drive
-from servosim.frames import Dynamixel2Reader, FrameReader
+from servosim.control import DriveCommand
+from servosim.frames import Dynamixel1Reader, Dynamixel2Reader, FrameReader
 from servosim.memory import Memory
 from servosim.motor import Motor
-from servosim.protocol import Protocol, Refusal
-from servosim.shaft import Shaft
-from servosim.tables import Register, ServoTable
+from servosim.register import ServoTable, SimulatedRegister
 
-__all__ = ["Servo"]
+__all__ = ["BusProtocol", "HornMounting", "InstructionError", "Servo"]
 
 
-_Live = tuple[int, int, Register, Callable[[], int]]
+class BusProtocol(Enum):
+    """What a servo speaks; two of them share a framing."""
+
+    DYNAMIXEL_1 = "dynamixel 1.0"
+    DYNAMIXEL_2 = "dynamixel 2.0"
+    FEETECH = "feetech"
+
+    __hash__ = object.__hash__  # every frame asks for it, and an Enum's own is slow
+
+    @property
+    def framing(self) -> type[FrameReader]:
+        """The reader of its frames."""
+        return Dynamixel2Reader if self is BusProtocol.DYNAMIXEL_2 else Dynamixel1Reader
+
+
+class InstructionError(Enum):
+    """Why a servo will not do what an instruction asks."""
+
+    RESULT_FAIL = "result fail"
+    INSTRUCTION = "instruction"
+    RANGE = "range"
+    LENGTH = "length"
+    LIMIT = "limit"
+    ACCESS = "access"
+
+
+@dataclass(slots=True)
+class HornMounting:
+    """How a servo is mounted: hidden truth that no register tells.
+
+    Attributes:
+        sign: +1 or -1, direction of growing ticks in the joint's coordinate.
+        zero_tick: Tick of the sensor at joint zero; may be fractional.
+        ticks: Ticks of one turn of the servo's shaft.
+        rad_per_tick: Radians of one tick.
+    """
+
+    sign: int = 1
+    zero_tick: float = 2048.0
+    ticks: float = 4096
+    rad_per_tick: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.rad_per_tick = 2.0 * math.pi / self.ticks
+
+    def tick_at(self, angle_rad: float) -> int:
+        """Return the nearest tick, counted on over whole turns."""
+        turns = angle_rad / (2.0 * math.pi)
+        return round(self.zero_tick + self.sign * turns * self.ticks)
+
+    def angle_at(self, tick: float) -> float:
+        """Return the joint angle [rad] at a tick counted over whole turns."""
+        return self.sign * (tick - self.zero_tick) * self.rad_per_tick
+
+
+_Live = tuple[int, int, SimulatedRegister, Callable[[], int]]
 
 
 class Servo:
@@ -40,7 +96,7 @@ class Servo:
     """
 
     reboot_s = 0.3  # assumed; the sheets give none
-    protocol = Protocol.DYNAMIXEL_2
+    protocol = BusProtocol.DYNAMIXEL_2
     framing: type[FrameReader] = Dynamixel2Reader
     bauds: Mapping[int, float] = {}  # rate by number of the baud register
     registered_flag = "registered_instruction"
@@ -52,12 +108,12 @@ class Servo:
         self,
         table: ServoTable,
         motor: Motor,
-        shaft: Shaft,
+        shaft: HornMounting,
         delivered: Mapping[str, int] | None = None,
         seed: int = 0,
     ) -> None:
         self.table, self.motor, self.shaft = table, motor, shaft
-        self.drive = Drive()
+        self.drive = DriveCommand()
         self.memory = Memory(table, delivered)
         self._id_at = table.by_name["id"].address
         self._baud_at = table.by_name["baud_rate"].address
@@ -69,7 +125,7 @@ class Servo:
         self.random = random.Random(seed)  # noqa: S311 - a crystal's tolerance, not a secret
         self.live: dict[str, Callable[[], int]] = {}
         self.effects: dict[str, Callable[[], None]] = {}
-        self.changed: Callable[[], None] = _nothing
+        self.changed: Callable[[], None] = _no_effect
         self.asked: Callable[[int, bytes], None] | None = None
         self._plans: dict[tuple[int, int], tuple[_Live, ...]] = {}
         self._effects: dict[tuple[int, int], tuple[Callable[[], None], ...]] = {}
@@ -112,53 +168,53 @@ class Servo:
         """Return bytes of the memory, measured registers fresh."""
         plan = self._plans.get((address, length))
         if plan is None:
-            plan = self._plans[address, length] = self._plan(address, length)
+            plan = self._plans[address, length] = self._live_registers_in(address, length)
         image = self.memory.image
         for start, end, row, measure in plan:
             image[start:end] = row.encode(measure())
         return self.memory.read(address, length)
 
-    def write_bytes(self, address: int, data: bytes) -> Refusal | None:
+    def write_bytes(self, address: int, data: bytes) -> InstructionError | None:
         """Do what a write instruction asks, or say why not; a refused write changes nothing."""
         if self.asked is not None:
             self.asked(address, data)
-        refusal = self.refusal(address, data)
+        refusal = self.check_write(address, data)
         if refusal is None:
             self.store(address, data)
         return refusal
 
-    def refusal(self, address: int, data: bytes) -> Refusal | None:
+    def check_write(self, address: int, data: bytes) -> InstructionError | None:
         """Say why a write is not allowed, or None."""
         raise NotImplementedError
 
     def store(self, address: int, data: bytes) -> None:
         """Write without asking and set off what the registers set off."""
-        self.memory.write(address, data, persist=self.eeprom_open)
-        self.set_off(address, len(data))
+        self.memory.write(address, data, persist=self.is_eeprom_unlocked)
+        self.apply_write_effects(address, len(data))
 
-    def set_off(self, address: int, length: int) -> None:
+    def apply_write_effects(self, address: int, length: int) -> None:
         """Run what a write to these addresses sets off, each effect once."""
         effects = self._effects.get((address, length))
         if effects is None:
-            rows = [row for row in self.table.covered(address, length) if row.writable]
+            rows = [row for row in self.table.registers_in(address, length) if row.writable]
             found = [self.effects[row.name] for row in rows if row.name in self.effects]
             effects = self._effects[address, length] = tuple(dict.fromkeys(found))
         for effect in effects:
             effect()
         self.changed()
 
-    def register(self, address: int, data: bytes) -> Refusal | None:
+    def register_write(self, address: int, data: bytes) -> InstructionError | None:
         """Keep a write until its action comes."""
-        refusal = self.refusal(address, data)
+        refusal = self.check_write(address, data)
         if refusal is None:
             self.pending = (address, data)
             self.memory.put(self.registered_flag, 1)
         return refusal
 
-    def act(self) -> Refusal | None:
+    def execute_registered(self) -> InstructionError | None:
         """Do the registered write."""
         if self.pending is None:
-            return Refusal.INSTRUCTION
+            return InstructionError.INSTRUCTION
         (address, data), self.pending = self.pending, None
         self.memory.put(self.registered_flag, 0)
         return self.write_bytes(address, data)
@@ -171,11 +227,11 @@ class Servo:
     def calibrate(self) -> None:
         """Make the present position the middle of the range; most families cannot."""
 
-    def forget_turns(self) -> None:
+    def reset_turns(self) -> None:
         """Count turns from the present one again."""
 
     @property
-    def eeprom_open(self) -> bool:
+    def is_eeprom_unlocked(self) -> bool:
         """Whether writes to EEPROM registers survive the power."""
         return True
 
@@ -186,7 +242,7 @@ class Servo:
         row = self.table.by_name[name]
         return row.decode(self.read_bytes(row.address, row.size))
 
-    def write(self, name: str, value: int) -> Refusal | None:
+    def write(self, name: str, value: int) -> InstructionError | None:
         """Write a register as a write instruction would."""
         row = self.table.by_name[name]
         return self.write_bytes(row.address, row.encode(value))
@@ -199,17 +255,17 @@ class Servo:
         self.motor.step(dt_s, load_nm, self.drive, self.supply_v)
 
     @property
-    def restless(self) -> bool:
+    def is_active(self) -> bool:
         """Whether a resting shaft may start by itself: profile running or integral growing."""
         return self.drive.torque_on and (self.motor.profile_running or self.drive.ki > 0.0)
 
-    def warm(self, dt_s: float) -> None:
+    def advance_heating(self, dt_s: float) -> None:
         """Let the winding heat the servo while nothing turns."""
         motor = self.motor
         watts = motor.current_a**2 * motor.parameters.resistance_ohm
         motor.heat.step(dt_s, watts)
 
-    def supervise(self, dt_s: float) -> None:
+    def run_protections(self, dt_s: float) -> None:
         """What the firmware watches every few milliseconds: heat, load, voltage, watchdog."""
         raise NotImplementedError
 
@@ -230,9 +286,9 @@ class Servo:
     def power_down(self) -> None:
         """The supply is gone: deaf and limp."""
         self.powered = False
-        self.lose_torque()
+        self.cut_torque()
 
-    def lose_torque(self) -> None:
+    def cut_torque(self) -> None:
         """The bridge goes off, whatever the memory says."""
         self.drive.torque_on = False
         self.changed()
@@ -241,7 +297,7 @@ class Servo:
         """Raise alarm bits without a cause; 0 takes them back where the family allows it."""
         raise NotImplementedError
 
-    def allows(self, goal: int) -> bool:
+    def is_goal_allowed(self, goal: int) -> bool:
         """Say whether a goal position lies inside the limits of the memory."""
         raise NotImplementedError
 
@@ -249,15 +305,15 @@ class Servo:
         """Set the drive from the memory; the families add their own."""
         raise NotImplementedError
 
-    def hears(self, baud: int, now_s: float) -> bool:
+    def is_listening(self, baud: int, now_s: float) -> bool:
         """Say whether bytes at ``baud`` reach the firmware: within 3 % of its own rate, awake."""
         if not self.powered or now_s < self.deaf_until_s:
             return False
         own = self.bauds.get(self.memory.image[self._baud_at], 0.0)
         return abs(own - baud) <= 0.03 * baud
 
-    def _plan(self, address: int, length: int) -> tuple[_Live, ...]:
-        rows = self.table.covered(address, length)
+    def _live_registers_in(self, address: int, length: int) -> tuple[_Live, ...]:
+        rows = self.table.registers_in(address, length)
         return tuple(
             (row.address, row.end, row, self.live[row.name])
             for row in rows
@@ -265,5 +321,5 @@ class Servo:
         )
 
 
-def _nothing() -> None:
+def _no_effect() -> None:
     """Nobody wants to know."""

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from servosim.errors import SimulatorError
-from servosim.gravity import Driven, MassTree
-from servosim.urdf import MovingJoint
-from servosim.urdf_numbers import Matrix
+from servosim.gravity import MassTree, MimicDrive
+from servosim.urdf import Matrix, MovingJoint
 
 __all__ = ["Tip"]
 
@@ -35,7 +34,7 @@ class Tip:
     def __init__(
         self,
         joints: Sequence[MovingJoint],
-        driven: Sequence[Driven],
+        driven: Sequence[MimicDrive],
         tree: MassTree,
         parent: int,
         offset_m: Matrix,

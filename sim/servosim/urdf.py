@@ -1,20 +1,114 @@
-"""A small reader of URDF: the joints that move and the masses that hang on them."""
+"""A small URDF reader: joints, masses, collision shapes."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import copysign, inf
+from math import copysign, cos, inf, sin
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
+from numpy.typing import NDArray
 
 from servosim.errors import ArmFileError
-from servosim.shapes import Shape, shapes_of
-from servosim.urdf_numbers import Matrix, numbers, origin
+
+__all__ = ["BoxShape", "Matrix", "link_shapes", "read_numbers", "read_origin"]
+
+
+Matrix = NDArray[np.float64]
+
+
+def read_origin(element: Element) -> Matrix:
+    """The homogeneous transform of an `<origin>`: fixed-axis roll, pitch, yaw."""
+    origin = element.find("origin")
+    roll, pitch, yaw = read_numbers(origin, "rpy", (0.0, 0.0, 0.0))
+    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
+    T = np.eye(4)
+    T[:3, :3] = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    T[:3, 3] = read_numbers(origin, "xyz", (0.0, 0.0, 0.0))
+    return T
+
+
+def read_numbers(
+    element: Element | None, key: str, default: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Return the numbers of an attribute."""
+    text = None if element is None else element.get(key)
+    return default if text is None else tuple(float(word) for word in text.split())
+
+
+SPACING_M = 0.02  # of the points on a surface
+# A cylinder counts as the box whose square section has the same area; a sphere as the inner cube.
+SQUARE, CUBE = math.sqrt(math.pi) / 2.0, 1.0 / math.sqrt(3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class BoxShape:
+    """A box.
+
+    Attributes:
+        body: Index of the moving joint it is fixed behind, -1 at the base.
+        T: Its frame in that joint's, its centre the origin.
+        half_m: Half its edges (3,).
+        points_m: Points on its surface (k, 3), in its own frame.
+    """
+
+    body: int
+    T: Matrix
+    half_m: Matrix
+    points_m: Matrix
+
+
+def link_shapes(link: Element, body: int, T: Matrix) -> list[BoxShape]:
+    """Return the boxes, cylinders and spheres of a link; meshes are left out.
+
+    Args:
+        link: The element.
+        body: Index of the moving joint it is fixed behind.
+        T: The link's frame in that joint's.
+    """
+    found: list[BoxShape] = []
+    for collision in link.findall("collision"):
+        half_m = _half_extents_m(collision)
+        if half_m is not None:
+            found.append(
+                BoxShape(body, T @ read_origin(collision), half_m, _surface_points(half_m))
+            )
+    return found
+
+
+def _half_extents_m(collision: Element) -> Matrix | None:
+    box, cylinder, sphere = (
+        collision.find(f"geometry/{kind}") for kind in ("box", "cylinder", "sphere")
+    )
+    if box is not None:
+        return np.array(read_numbers(box, "size", (0.0, 0.0, 0.0))) / 2.0
+    if cylinder is not None:
+        radius_m = SQUARE * float(cylinder.attrib["radius"])
+        return np.array([radius_m, radius_m, float(cylinder.attrib["length"]) / 2.0])
+    if sphere is not None:
+        return np.full(3, CUBE * float(sphere.attrib["radius"]))
+    return None
+
+
+def _surface_points(half_m: Matrix) -> Matrix:
+    """Return points of a grid on the surface (k, 3), corners included."""
+    halves: list[float] = half_m.tolist()
+    edges: list[list[float]] = [
+        np.linspace(-h, h, 2 + int(2.0 * h / SPACING_M)).tolist() for h in halves
+    ]
+    grid = np.array(list(itertools.product(*edges)))
+    return grid[(np.abs(np.abs(grid) - half_m) < 1e-9).any(axis=1)]
+
 
 MOVING = frozenset({"revolute", "continuous", "prismatic"})
 
@@ -27,7 +121,7 @@ class Mass:
     com_m: Matrix = field(default_factory=lambda: np.zeros(3))
     inertia_kg_m2: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
 
-    def absorb(self, other: Mass, T: Matrix) -> None:
+    def add_body(self, other: Mass, T: Matrix) -> None:
         """Add another body, whose frame is `T` in this one's (parallel axes)."""
         mass_kg = self.mass_kg + other.mass_kg
         if mass_kg <= 0.0:
@@ -37,8 +131,8 @@ class Mass:
         self.inertia_kg_m2 = (
             self.inertia_kg_m2
             + R @ other.inertia_kg_m2 @ R.T
-            + _steiner(self.mass_kg, self.com_m - com_m)
-            + _steiner(other.mass_kg, other_com_m - com_m)
+            + _parallel_axis_term(self.mass_kg, self.com_m - com_m)
+            + _parallel_axis_term(other.mass_kg, other_com_m - com_m)
         )
         self.mass_kg, self.com_m = mass_kg, com_m
 
@@ -78,16 +172,16 @@ def read_joints(path: Path) -> list[MovingJoint]:
     Raises:
         ArmFileError: The file is no URDF that can be used.
     """
-    return _walk(path).joints
+    return _walk_tree(path).joints
 
 
-def read_shapes(path: Path) -> list[Shape]:
+def read_shapes(path: Path) -> list[BoxShape]:
     """Read the collision shapes and behind which moving joint each is, as `read_joints` counts.
 
     Raises:
         ArmFileError: The file is no URDF that can be used.
     """
-    return _walk(path).shapes
+    return _walk_tree(path).shapes
 
 
 def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
@@ -96,56 +190,56 @@ def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
     Raises:
         ArmFileError: The file is no URDF that can be used, or has no such link.
     """
-    frames = _walk(path).link_frames
+    frames = _walk_tree(path).link_frames
     if link not in frames:
         raise ArmFileError(path, "", f"no link {link!r}; has: {', '.join(frames)}")
     return frames[link]
 
 
-def _walk(path: Path) -> _Walk:
+def _walk_tree(path: Path) -> _TreeWalk:
     try:
-        return _Walk(ElementTree.fromstring(path.read_bytes()))
+        return _TreeWalk(ElementTree.fromstring(path.read_bytes()))
     except (OSError, ParseError, DefusedXmlException, KeyError, ValueError) as error:
         raise ArmFileError(path, "", f"not a usable URDF ({error})") from error
 
 
-class _Walk:
+class _TreeWalk:
     """One pass from the root link to the tips."""
 
     def __init__(self, robot: Element) -> None:
         self.joints: list[MovingJoint] = []
-        self.shapes: list[Shape] = []
+        self.shapes: list[BoxShape] = []
         self.link_frames: dict[str, tuple[int, Matrix]] = {}
         self._links = {link.attrib["name"]: link for link in robot.iter("link")}
         self._children: dict[str, list[Element]] = {name: [] for name in self._links}
         for joint in robot.findall("joint"):
-            self._children[_child(joint, "parent").attrib["link"]].append(joint)
-        for name in self._roots(robot):
-            self._visit(name, -1, np.eye(4))
+            self._children[_require_child(joint, "parent").attrib["link"]].append(joint)
+        for name in self._root_links(robot):
+            self._visit_link(name, -1, np.eye(4))
 
-    def _roots(self, robot: Element) -> Iterator[str]:
-        hung = {_child(joint, "child").attrib["link"] for joint in robot.findall("joint")}
+    def _root_links(self, robot: Element) -> Iterator[str]:
+        hung = {_require_child(joint, "child").attrib["link"] for joint in robot.findall("joint")}
         return (name for name in self._links if name not in hung)
 
-    def _visit(self, link: str, parent: int, T: Matrix) -> None:
+    def _visit_link(self, link: str, parent: int, T: Matrix) -> None:
         """`T` is the link's frame in the frame of the moving joint `parent`."""
-        self.shapes += shapes_of(self._links[link], parent, T)
+        self.shapes += link_shapes(self._links[link], parent, T)
         self.link_frames[link] = (parent, T)
         if parent >= 0:
-            body, T_link_body = _mass(self._links[link])
-            self.joints[parent].body.absorb(body, T @ T_link_body)
+            body, T_link_body = _read_mass(self._links[link])
+            self.joints[parent].body.add_body(body, T @ T_link_body)
         for joint in self._children[link]:
-            T_joint = T @ origin(joint)
-            below = _child(joint, "child").attrib["link"]
+            T_joint = T @ read_origin(joint)
+            below = _require_child(joint, "child").attrib["link"]
             if joint.attrib["type"] in MOVING:
-                A = _z_to(numbers(joint.find("axis"), "xyz", (1.0, 0.0, 0.0)))
-                self.joints.append(_moving(joint, parent, T_joint @ A))
-                self._visit(below, len(self.joints) - 1, A.T)
+                A = _rotation_z_to(read_numbers(joint.find("axis"), "xyz", (1.0, 0.0, 0.0)))
+                self.joints.append(_make_moving_joint(joint, parent, T_joint @ A))
+                self._visit_link(below, len(self.joints) - 1, A.T)
             else:
-                self._visit(below, parent, T_joint)
+                self._visit_link(below, parent, T_joint)
 
 
-def _moving(joint: Element, parent: int, T: Matrix) -> MovingJoint:
+def _make_moving_joint(joint: Element, parent: int, T: Matrix) -> MovingJoint:
     name, kind = joint.attrib["name"], joint.attrib["type"]
     limit, mimic = joint.find("limit"), joint.find("mimic")
     bounded = limit is not None and kind != "continuous"
@@ -154,29 +248,29 @@ def _moving(joint: Element, parent: int, T: Matrix) -> MovingJoint:
         parent=parent,
         sliding=kind == "prismatic",
         T_parent_joint=T,
-        lower=_number(limit, "lower", 0.0) if bounded else -inf,
-        upper=_number(limit, "upper", 0.0) if bounded else inf,
+        lower=_read_number(limit, "lower", 0.0) if bounded else -inf,
+        upper=_read_number(limit, "upper", 0.0) if bounded else inf,
         mimic=name if mimic is None else mimic.attrib["joint"],
-        multiplier=_number(mimic, "multiplier", 1.0),
-        offset=_number(mimic, "offset", 0.0),
+        multiplier=_read_number(mimic, "multiplier", 1.0),
+        offset=_read_number(mimic, "offset", 0.0),
     )
 
 
-def _mass(link: Element) -> tuple[Mass, Matrix]:
+def _read_mass(link: Element) -> tuple[Mass, Matrix]:
     """A link's body in the frame of its own inertial, and that frame in the link's."""
     inertial = link.find("inertial")
     if inertial is None:
         return Mass(), np.eye(4)
     tensor = inertial.find("inertia")
     xx, yy, zz, xy, xz, yz = (
-        _number(tensor, key, 0.0) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        _read_number(tensor, key, 0.0) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     )
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    mass_kg = _number(inertial.find("mass"), "value", 0.0)
-    return Mass(mass_kg, np.zeros(3), matrix), origin(inertial)
+    mass_kg = _read_number(inertial.find("mass"), "value", 0.0)
+    return Mass(mass_kg, np.zeros(3), matrix), read_origin(inertial)
 
 
-def _z_to(axis: tuple[float, ...]) -> Matrix:
+def _rotation_z_to(axis: tuple[float, ...]) -> Matrix:
     """A rotation that takes z to the axis (Duff et al. 2017, without a branch at the pole)."""
     x, y, z = np.asarray(axis) / np.linalg.norm(axis)
     sign = copysign(1.0, z)
@@ -189,16 +283,16 @@ def _z_to(axis: tuple[float, ...]) -> Matrix:
     return T
 
 
-def _steiner(mass_kg: float, r: Matrix) -> Matrix:
+def _parallel_axis_term(mass_kg: float, r: Matrix) -> Matrix:
     return mass_kg * (float(r @ r) * np.eye(3) - np.outer(r, r))
 
 
-def _child(element: Element, tag: str) -> Element:
+def _require_child(element: Element, tag: str) -> Element:
     found = element.find(tag)
     if found is None:
         raise KeyError(f"<{element.tag} name={element.get('name')!r}> without <{tag}>")
     return found
 
 
-def _number(element: Element | None, key: str, default: float) -> float:
+def _read_number(element: Element | None, key: str, default: float) -> float:
     return default if element is None else float(element.get(key, default))

@@ -1,33 +1,65 @@
-"""All servos and the body they move, stepped together through time."""
+"""The simulated world: servos, power supply, body and the scripted hand, stepped together.
+
+The hands bring the limp arm into the pose in which it started and hold it there, move each joint
+in turn a little towards where it has more room, twice, and then sweep all joints.
+They start over when a joint becomes limp, and when a host speaks after a silence: a program that
+calibrates finds the arm held still in its pose.
+"""
 
 from __future__ import annotations
 
 import heapq
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from servosim.body import Body, FreeBody
 from servosim.contact import Contacts
+from servosim.dynamics import Dynamics, FreeBody
 from servosim.errors import SimulatorError
-from servosim.hand import HAND_SPEED, Hand, glide, hold
-from servosim.joint import STEP_S, Joint
+from servosim.frames import Frame, FrameReader
+from servosim.joint import HAND_SPEED, STEP_S, Hand, Path, SimulatedJoint, glide, hold, sweep
+from servosim.motor import Motor
 from servosim.servo import Servo
-from servosim.supply import Supply
 from servosim.tip import Tip
 
-__all__ = ["Mover", "World"]
+__all__ = ["ExternalDynamics", "RangeSweep", "World"]
 
-GRAVITY_EVERY = 4  # steps between two looks at the arm's posture
-SUPERVISE_EVERY = 10  # steps between two looks of the firmware at heat, load and watchdog
-DOZE_EVERY = 20  # likewise while nothing moves
-STILL_STEPS = 20  # steps without any motion after which the world may doze
-CREEP_RAD, CREEP_STEPS = 1e-4, 100  # likewise for a body with soft friction (MuJoCo)
+
+@dataclass(slots=True)
+class PowerSupply:
+    """A supply behind a resistance (its own, the cable's and the connectors').
+
+    Attributes:
+        open_v: Voltage without load.
+        resistance_ohm: From the source to the servos.
+        standby_a: Electronics of all servos together.
+    """
+
+    open_v: float
+    resistance_ohm: float = 0.1
+    standby_a: float = 0.0
+
+    def voltage_v(self, motors: Iterable[Motor]) -> float:
+        """Voltage at the servos' plugs.
+
+        A bridge draws the winding's current for the share of time that its duty says; a motor
+        that brakes feeds none back (the servos have no such path).
+        """
+        drawn_a = self.standby_a + sum(max(0.0, m.current_a * m.pwm) for m in motors)
+        return max(0.0, self.open_v - self.resistance_ohm * drawn_a)
+
+
+GRAVITY_STEPS = 4  # steps between two looks at the arm's posture
+PROTECTION_STEPS = 10  # steps between two looks of the firmware at heat, load and watchdog
+IDLE_CHECK_STEPS = 20  # likewise while nothing moves
+AT_REST_STEPS = 20  # steps without any motion after which the world may doze
+MAX_REST_DRIFT_RAD, DRIFT_CHECK_STEPS = 1e-4, 100  # likewise for a body with soft friction (MuJoCo)
 
 
 @runtime_checkable
-class Mover(Protocol):
+class ExternalDynamics(Protocol):
     """A body that moves its joints itself, in one step for all of them (MuJoCo)."""
 
     names: tuple[str, ...]
@@ -37,7 +69,7 @@ class Mover(Protocol):
         """Put the body somewhere, at rest."""
         ...
 
-    def reflect(self, slopes: Sequence[float]) -> None:
+    def set_transmission_slopes(self, slopes: Sequence[float]) -> None:
         """Take over where the transmissions stand: joint motion for one radian of each horn."""
         ...
 
@@ -62,21 +94,21 @@ class World:
 
     def __init__(
         self,
-        joints: Sequence[Joint],
-        body: Body | Mover | None = None,
-        rails: Mapping[float, Supply] | None = None,
+        joints: Sequence[SimulatedJoint],
+        body: Dynamics | ExternalDynamics | None = None,
+        rails: Mapping[float, PowerSupply] | None = None,
         contacts: Contacts | None = None,
         tip: Tip | None = None,
     ) -> None:
         self.joints = tuple(joints)
         self.servos = tuple(servo for joint in joints for servo in joint.servos)
-        self._mover = body if isinstance(body, Mover) else None
+        self._mover = body if isinstance(body, ExternalDynamics) else None
         free = FreeBody([joint.name for joint in joints])
-        self.body: Body = free if body is None or isinstance(body, Mover) else body
+        self.body: Dynamics = free if body is None or isinstance(body, ExternalDynamics) else body
         limits = (self._mover or self.body).limits
         self.limits = dict(zip((joint.name for joint in joints), limits, strict=True))
         volts = {servo.motor.parameters.nominal_v for servo in self.servos}
-        self.rails = dict(rails or {volt: Supply(volt) for volt in volts})
+        self.rails = dict(rails or {volt: PowerSupply(volt) for volt in volts})
         self._fed = {
             volts: [s for s in self.servos if s.motor.parameters.nominal_v == volts]
             for volts in self.rails
@@ -91,7 +123,7 @@ class World:
         self._positions: list[float] = []
         self._loads = [0.0] * len(self.joints)
         for servo in self.servos:
-            servo.changed = self.wake
+            servo.changed = self.leave_idle
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
 
@@ -101,9 +133,9 @@ class World:
         return self.steps * STEP_S
 
     @property
-    def dozing(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether nothing moves and nothing is about to."""
-        return self._still >= (STILL_STEPS if self._mover is None else CREEP_STEPS)
+        return self._still >= (AT_REST_STEPS if self._mover is None else DRIFT_CHECK_STEPS)
 
     def advance_to(self, time_s: float) -> None:
         """Let time pass up to the last whole step before ``time_s``."""
@@ -111,17 +143,19 @@ class World:
         while self.steps < target:
             while self._events and self._events[0][0] <= self.time_s:
                 heapq.heappop(self._events)[2]()
-            if self.dozing:
-                self._doze(min(target - self.steps, DOZE_EVERY, self._steps_to_event()))
+            if self.is_idle:
+                self._advance_idle(
+                    min(target - self.steps, IDLE_CHECK_STEPS, self._steps_to_event())
+                )
             else:
-                self._step()
+                self._run_step()
 
-    def at(self, time_s: float, do: Callable[[], None]) -> None:
+    def schedule(self, time_s: float, do: Callable[[], None]) -> None:
         """Let something happen at a time, or with the next step when that has passed."""
         if time_s < math.inf:
             heapq.heappush(self._events, (time_s, next(self._order), do))
 
-    def rails_of(self, servos: Sequence[Servo]) -> list[Supply]:
+    def supplies_of(self, servos: Sequence[Servo]) -> list[PowerSupply]:
         """Return the supplies that feed these servos."""
         return [
             supply
@@ -129,7 +163,7 @@ class World:
             if any(servo in self._fed[volts] for servo in servos)
         ]
 
-    def wake(self) -> None:
+    def leave_idle(self) -> None:
         """Something has changed: look again."""
         self._still = 0
 
@@ -138,9 +172,9 @@ class World:
         self.joint(name).place(position)
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
-        self.wake()
+        self.leave_idle()
 
-    def joint(self, name: str) -> Joint:
+    def joint(self, name: str) -> SimulatedJoint:
         """Return a joint by its name.
 
         Raises:
@@ -155,7 +189,7 @@ class World:
     def grasp(self, name: str, hand: Hand) -> None:
         """Let a hand take a joint."""
         self.hands[self.joint(name).name] = hand
-        self.wake()
+        self.leave_idle()
 
     def lead_tip(
         self, point_m: Sequence[float], speed: float = HAND_SPEED, limit: float = 10.0
@@ -174,7 +208,7 @@ class World:
             raise SimulatorError("these servos have no arm with a tip")
         goals = self.tip.posture_at(point_m, [joint.position for joint in self.joints])
         led = [(self.joints[i], goals[i]) for i in self.tip.moved_by]
-        ways = [abs(goal - j.position) * (10.0 if j.slides else 1.0) for j, goal in led]
+        ways = [abs(goal - j.position) * (10.0 if j.is_prismatic else 1.0) for j, goal in led]
         duration_s = max(ways) / speed
         for joint, goal in led:
             way = abs(goal - joint.position)
@@ -184,92 +218,219 @@ class World:
     def release(self, name: str) -> None:
         """Let go of a joint."""
         self.hands.pop(name, None)
-        self.wake()
+        self.leave_idle()
 
-    def _step(self) -> None:
+    def _run_step(self) -> None:
         if self._mover is None:
-            self._turn_each()
+            self._step_joints()
         else:
-            self._move_all(self._mover)
+            self._step_body(self._mover)
         self.steps += 1
-        if self.steps % SUPERVISE_EVERY == 0:
-            self._supervise(STEP_S * SUPERVISE_EVERY)
-        self._watch_for_rest()
+        if self.steps % PROTECTION_STEPS == 0:
+            self._run_protections(STEP_S * PROTECTION_STEPS)
+        self._update_rest()
 
-    def _watch_for_rest(self) -> None:
+    def _update_rest(self) -> None:
         positions = [servo.motor.position_rad for servo in self.servos]
-        moving = self._apart(positions)
+        moving = self._has_moved(positions)
         if moving:
             self._positions = positions
-        busy = moving or self.hands or any(servo.restless for servo in self.servos)
+        busy = moving or self.hands or any(servo.is_active for servo in self.servos)
         self._still = 0 if busy else self._still + 1
 
-    def _apart(self, positions: list[float]) -> bool:
+    def _has_moved(self, positions: list[float]) -> bool:
         """Say whether the servos are elsewhere than when last seen to move."""
         if self._mover is None or not self._positions:
             return positions != self._positions
         ways = zip(positions, self._positions, strict=True)
-        return any(abs(now - before) > CREEP_RAD for now, before in ways)
+        return any(abs(now - before) > MAX_REST_DRIFT_RAD for now, before in ways)
 
-    def _turn_each(self) -> None:
+    def _step_joints(self) -> None:
         """Turn each joint for itself under gravity and the hands."""
-        if self.steps % GRAVITY_EVERY == 0:
-            self._feel_gravity()
+        if self.steps % GRAVITY_STEPS == 0:
+            self._update_gravity()
         for joint, load in zip(self.joints, self._loads, strict=True):
             hand = self.hands.get(joint.name)
-            joint.turn(load if hand is None else load + joint.press(hand))
+            joint.step_servos(load if hand is None else load + joint.hand_force(hand))
 
-    def _move_all(self, mover: Mover) -> None:
+    def _step_body(self, mover: ExternalDynamics) -> None:
         """Let the body turn all joints at once under the motors and the hands."""
-        forces = [joint.drive() for joint in self.joints]
+        forces = [joint.drive_force() for joint in self.joints]
         for k, joint in enumerate(self.joints):
             if joint.name in self.hands:
-                forces[k] += joint.press(self.hands[joint.name])
-        mover.reflect([joint.m_per_rad for joint in self.joints])
+                forces[k] += joint.hand_force(self.hands[joint.name])
+        mover.set_transmission_slopes([joint.m_per_rad for joint in self.joints])
         positions, velocities = mover.step(STEP_S, forces)
         for joint, position, velocity in zip(self.joints, positions, velocities, strict=True):
-            joint.carry(position, velocity)
+            joint.set_state(position, velocity)
 
     def _steps_to_event(self) -> int:
         rest_s = self._events[0][0] - self.time_s if self._events else math.inf
-        return max(1, math.ceil(rest_s / STEP_S)) if rest_s < 1.0 else DOZE_EVERY
+        return max(1, math.ceil(rest_s / STEP_S)) if rest_s < 1.0 else IDLE_CHECK_STEPS
 
-    def _feel_gravity(self) -> None:
+    def _update_gravity(self) -> None:
         positions = [joint.position for joint in self.joints]
         velocities = [joint.velocity for joint in self.joints]
         self._loads = self.body.load_nm(positions, velocities)
-        if self._contacts is not None and not self.hands and any(j.free for j in self.joints):
-            self._feel_contacts(self._contacts, positions, velocities)
-        if self.steps % (GRAVITY_EVERY * 10) == 0:
+        if self._contacts is not None and not self.hands and any(j.is_free for j in self.joints):
+            self._update_contacts(self._contacts, positions, velocities)
+        if self.steps % (GRAVITY_STEPS * 10) == 0:
             for joint, inertia in zip(self.joints, self.body.inertia(positions), strict=True):
-                joint.hang(inertia)
+                joint.set_inertia(inertia)
 
-    def _feel_contacts(
+    def _update_contacts(
         self, contacts: Contacts, positions: list[float], velocities: list[float]
     ) -> None:
         """Let limp joints lie on the table and on the arm's own links."""
-        inertias = [joint.inertia if joint.free else math.inf for joint in self.joints]
-        pushed = contacts.torques(positions, velocities, inertias, STEP_S * GRAVITY_EVERY)
+        inertias = [joint.inertia if joint.is_free else math.inf for joint in self.joints]
+        pushed = contacts.torques(positions, velocities, inertias, STEP_S * GRAVITY_STEPS)
         self._loads = [
-            load + push if joint.free else load
+            load + push if joint.is_free else load
             for joint, load, push in zip(self.joints, self._loads, pushed, strict=True)
         ]
 
-    def _supervise(self, dt_s: float) -> None:
+    def _run_protections(self, dt_s: float) -> None:
         for volts, supply in self.rails.items():
             voltage_v = supply.voltage_v(servo.motor for servo in self._fed[volts])
             for servo in self._fed[volts]:
                 servo.supply_v = voltage_v
-                servo.supervise(dt_s)
+                servo.run_protections(dt_s)
 
-    def _doze(self, steps: int) -> None:
+    def _advance_idle(self, steps: int) -> None:
         """Pass time in which nothing turns; heat and supervision take it in larger portions."""
         self.steps += steps
         for servo in self.servos:
             servo.time_s += steps * STEP_S
         self._unheated += steps
-        if self._unheated >= DOZE_EVERY:
+        if self._unheated >= IDLE_CHECK_STEPS:
             for servo in self.servos:
-                servo.warm(self._unheated * STEP_S)
-            self._supervise(self._unheated * STEP_S)
+                servo.advance_heating(self._unheated * STEP_S)
+            self._run_protections(self._unheated * STEP_S)
             self._unheated = 0
+
+
+POLL_PERIOD_S = 0.05  # between two looks at which joints are limp
+SILENCE_S = 2.0  # of the host, after which the script starts over with its next packet
+RETURN_S = 2.0  # into the pose
+HOLD_S = 6.0  # in the pose
+SHOW_S = 0.5  # of a joint's motion in its shown direction, and of the one back
+SHOWN_S = 4 * SHOW_S  # twice, as a sign that differs from the arm file is asked for again
+SWEEP_S = 24.0
+ONE_WAY_S = 4.0  # from one end of the travel to the other
+SHOWN_RAD = math.radians(25.0)
+SHOWN_FRACTION = 0.45  # of the travel, at most
+OPEN_TRAVEL_RAD = math.radians(300.0)  # of a joint without limits
+MAX_OVERSHOOT = 0.02  # share of the travel by which the hand presses on into the stops
+
+
+class RangeSweep:
+    """Grasps joints whose torque goes off and lets go of those whose torque comes on.
+
+    It may be a witness of the line, to hear when a host starts to speak.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._pose = {joint.name: joint.position for joint in world.joints}
+        self._limp = {joint.name for joint in world.joints if joint.is_free}
+        self._run = 0
+        self._heard_s = 0.0
+        self._schedule_run()
+        self._poll_host()
+
+    def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
+        """Start over if the host has been silent for a while."""
+        silence_s, self._heard_s = at_s - self._heard_s, at_s
+        if silence_s > SILENCE_S:
+            self._schedule_run()
+
+    def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
+        """Pay no attention to what the servos answer."""
+
+    def _poll_host(self) -> None:
+        world = self._world
+        limp = {joint.name for joint in world.joints if joint.is_free}
+        for name in world.hands.keys() - limp:
+            world.release(name)
+        if limp - self._limp:
+            self._schedule_run()
+        self._limp = limp
+        world.schedule(world.time_s + POLL_PERIOD_S, self._poll_host)
+
+    def _schedule_run(self) -> None:
+        """Schedule one run of the script and, behind it, the next; a run under way ends."""
+        self._run += 1
+        names = list(self._pose)
+        shown_s = RETURN_S + HOLD_S
+        swept_s = shown_s + SHOWN_S * len(names)
+        for name in names:
+            self._grasp_joint(name, self._path_to_pose(name))
+        for place, name in enumerate(names):
+            self._schedule_grasp(shown_s + SHOWN_S * place, name, self._direction_path(name))
+        for name in names:
+            self._schedule_grasp(swept_s, name, self._sweep_path(name))
+        run = self._run
+        self._world.schedule(self._world.time_s + swept_s + SWEEP_S, lambda: self._restart_run(run))
+
+    def _restart_run(self, run: int) -> None:
+        if run == self._run:
+            self._schedule_run()
+
+    def _schedule_grasp(self, delay_s: float, name: str, path: Path) -> None:
+        run = self._run
+
+        def act() -> None:
+            if run == self._run:
+                self._grasp_joint(name, path)
+
+        self._world.schedule(self._world.time_s + delay_s, act)
+
+    def _grasp_joint(self, name: str, path: Path) -> None:
+        if self._world.joint(name).is_free:
+            self._world.grasp(name, Hand(path, limit=10.0))
+
+    def _path_to_pose(self, name: str) -> Path:
+        here, pose = self._world.joint(name).position, self._pose[name]
+        way = abs(pose - here)
+        return glide(here, pose, way / RETURN_S) if way else hold(pose)
+
+    def _direction_path(self, name: str) -> Path:
+        """Move towards where there is more room from the pose and back, twice."""
+        pose, (lower, upper) = self._pose[name], self._joint_travel(name)
+        way = SHOWN_FRACTION * (upper - lower)
+        if not self._world.joint(name).is_prismatic:
+            way = min(way, SHOWN_RAD)
+        shown = pose + way if upper - pose >= pose - lower else pose - way
+        out, back = glide(pose, shown, way / SHOW_S), glide(shown, pose, way / SHOW_S)
+
+        def path(time_s: float) -> tuple[float, float]:
+            part_s = time_s % (2 * SHOW_S) if time_s < SHOWN_S else 2 * SHOW_S
+            return out(part_s) if part_s < SHOW_S else back(part_s - SHOW_S)
+
+        return path
+
+    def _sweep_path(self, name: str) -> Path:
+        """Press on the nearer end first: both are reached after one and a half ways."""
+        lower, upper = self._joint_travel(name)
+        more, ends = MAX_OVERSHOOT * (upper - lower), lower + upper
+        start = max(lower, min(upper, self._pose[name]))
+        speed = (upper - lower) / ONE_WAY_S
+        if start - lower >= upper - start:
+            return sweep(start, lower - more, upper + more, speed)
+        return _reflect_path(sweep(ends - start, lower - more, upper + more, speed), ends)
+
+    def _joint_travel(self, name: str) -> tuple[float, float]:
+        lower, upper = self._world.limits[name]
+        if math.isfinite(upper - lower):
+            return lower, upper
+        return -OPEN_TRAVEL_RAD / 2, OPEN_TRAVEL_RAD / 2
+
+
+def _reflect_path(path: Path, ends: float) -> Path:
+    """Return a path with its two ends, whose sum is given, exchanged."""
+
+    def reflected(time_s: float) -> tuple[float, float]:
+        position, velocity = path(time_s)
+        return ends - position, -velocity
+
+    return reflected

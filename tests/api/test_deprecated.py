@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import JointReport, MoveReport
+from ikservo.arm import JointMoveResult, MoveResult
 from tests.arm.simulated import registers, true_tip_m
 
 NEAR = (0.2, 0.03, 0.12)
@@ -19,14 +19,14 @@ def arm():
 
 def test_a_plan_of_the_tip_is_executed_and_reported_as_one(arm):
     report = arm.execute(arm.plan_to(NEAR))
-    assert isinstance(report, MoveReport)
+    assert isinstance(report, MoveResult)
     assert report.reached
     np.testing.assert_allclose(true_tip_m(arm), NEAR, atol=0.003)
 
 
 def test_a_plan_of_joints_is_executed_and_reported_for_the_joints_that_it_moves(arm):
     report = arm.execute(arm.plan_joints({"shoulder_pan": 0.3, "wrist_roll": 0.2}))
-    assert isinstance(report, JointReport)
+    assert isinstance(report, JointMoveResult)
     assert report.reached
     assert set(report.goal_rad) == {"shoulder_pan", "wrist_roll"}
     assert report.measured_rad["shoulder_pan"] == pytest.approx(0.3, abs=0.01)
@@ -48,7 +48,7 @@ def test_carry_out_warns_and_executes(arm):
     with pytest.warns(DeprecationWarning, match="use Arm.execute") as warned:
         report = arm.carry_out(arm.plan_to(NEAR))
     assert warned[0].filename == __file__
-    assert isinstance(report, MoveReport)
+    assert isinstance(report, MoveResult)
 
 
 def test_carry_out_still_takes_no_plan_of_joints(arm):
@@ -66,3 +66,29 @@ def test_hold_is_enable():
         assert all(registers(limp, "torque_enable").values())
         with pytest.raises(ikservo.RefusedError, match="is moving"):
             limp.move_joints({"wrist_roll": 0.2}, on_progress=lambda _: limp.hold())
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new"),
+    [
+        (ikservo, "LineError", "CartesianPathError"),
+        (ikservo, "Plan", "MotionPlan"),
+        (ikservo, "ServoRefusedError", "ServoRejectedError"),
+        (ikservo, "Stance", "ToolOrientation"),
+        (ikservo.arm, "Whereabouts", "ArmState"),
+        (ikservo.arm, "MoveReport", "MoveResult"),
+        (ikservo.arm, "Zeros", "ZeroSource"),
+    ],
+)
+def test_an_old_public_name_warns_and_is_the_new_one(module, old, new):
+    with pytest.warns(DeprecationWarning, match=f"use {module.__name__}.{new}") as warned:
+        found = getattr(module, old)
+    assert found is getattr(module, new)
+    assert warned[0].filename == __file__
+
+
+@pytest.mark.parametrize(("old", "new"), [("release", "disable_torque"), ("glimpse", "last_state")])
+def test_an_old_method_of_an_arm_warns_and_is_the_new_one(arm, old, new):
+    with pytest.warns(DeprecationWarning, match=f"use Arm.{new}") as warned:
+        assert getattr(arm, old) == getattr(arm, new)
+    assert warned[0].filename == __file__

@@ -62,7 +62,7 @@ def test_an_arm_with_five_joints_says_that_it_lacks_one(five):
 
 def test_a_missing_freedom_is_no_matter_where_only_a_pitch_is_asked_for(five):
     with pytest.raises(ikservo.OrientationError) as caught:
-        five.plan_to((0.40, 0.0, 0.20), stance=ikservo.Stance(pitch_rad=-1.5))
+        five.plan_to((0.40, 0.0, 0.20), stance=ikservo.ToolOrientation(pitch_rad=-1.5))
     assert caught.value.freedom == ""
 
 
@@ -76,4 +76,6 @@ def test_what_is_no_rotation_is_refused_before_anything_moves(five, orientation)
 
 def test_an_orientation_and_a_stance_are_one_question_too_many(five):
     with pytest.raises(ikservo.BadValueError, match="given twice"):
-        five.plan_to((0.23, 0, 0.1), orientation=np.eye(3), stance=ikservo.Stance(keep=True))
+        five.plan_to(
+            (0.23, 0, 0.1), orientation=np.eye(3), stance=ikservo.ToolOrientation(keep=True)
+        )

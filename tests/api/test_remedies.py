@@ -12,7 +12,7 @@ from ikservo.remedies import in_python
 
 SOURCES = Path(ikservo.__file__).parent
 # What only commands do, and what is said on a terminal or a page only.
-COMMANDS_ONLY = ("cli", "view", "calibration", "arm/calibrating", "arm/care")
+COMMANDS_ONLY = ("cli", "view", "calibration", "maintenance", "arm/calibrated_arm")
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 REPLACED = re.compile(r"ikservo (relax|where|stop|joints|pose|move)\b")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.background.mailbox import Mailbox
+from ikservo.arm.setpoint_stream import SetpointMailbox
 from tests.arm.auditing import Auditor
 from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
 
@@ -163,7 +163,7 @@ def send_for_ever(stream):
 
 
 def test_a_stop_is_raised_by_the_next_send(arm):
-    arm._port.transport.line.world.at(
+    arm._port.transport.line.world.schedule(
         line_of(arm).world.time_s + 0.5, lambda: arm.stop("the door was opened")
     )
     with pytest.raises(ikservo.StoppedError, match="door"), arm.stream(rate_hz=50) as stream:
@@ -177,7 +177,7 @@ def test_a_fault_of_a_servo_is_raised_by_the_next_send(arm):
     def jam():
         servo.motor.stuck = True
 
-    line_of(arm).world.at(line_of(arm).world.time_s + 0.5, jam)
+    line_of(arm).world.schedule(line_of(arm).world.time_s + 0.5, jam)
     with (
         pytest.raises(ikservo.RefusedError, match="shoulder_pan does not follow"),
         arm.stream(rate_hz=50) as stream,
@@ -248,7 +248,7 @@ def test_a_rate_that_makes_no_sense_is_refused(arm, rate):
 
 def test_an_arm_that_is_not_calibrated_streams_nothing(arm, monkeypatch):
     monkeypatch.setattr(arm, "workings", arm.workings)
-    object.__setattr__(arm.workings, "zeros", ikservo.arm.Zeros.UNKNOWN)
+    object.__setattr__(arm.workings, "zeros", ikservo.arm.ZeroSource.UNKNOWN)
     with pytest.raises(ikservo.CalibrationError):
         arm.stream()
 
@@ -267,7 +267,7 @@ class StandingClock:
 
 
 def test_the_newest_setpoint_counts():
-    mailbox = Mailbox(StandingClock(), None, lambda: False)
+    mailbox = SetpointMailbox(StandingClock(), None, lambda: False)
     mailbox.put({"a": 1.0})
     mailbox.put({"a": 2.0})
     setpoints = mailbox.setpoints()

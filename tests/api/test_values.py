@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import Whereabouts
+from ikservo.arm import ArmState
 from tests.arm.simulated import true_joints, true_tip_m
 from tests.oracle import arm_file
 
@@ -69,7 +69,7 @@ def test_where_tells_how_the_tool_is_turned(still):
 
 def test_load_that_a_servo_does_not_tell_is_nan():
     state = ikservo.arm.JointState("a", 0.0, -1.0, 1.0, "arm file", 25.0, 7.4, None, torque=True)
-    assert math.isnan(Whereabouts(np.zeros(3), (state,)).loads_percent[0])
+    assert math.isnan(ArmState(np.zeros(3), (state,)).loads_percent[0])
 
 
 def test_progress_tells_measured_joints_and_setpoints(arm):

@@ -18,15 +18,15 @@ def brief_move(arm, dice, speed, most_rad=0.1):
     start = servos.goals()
     goal = start.copy()
     for i, fence in enumerate(servos.fences):
-        low, high = fence.positions
+        low, high = fence.position_range
         way = dice.uniform(-most_rad, most_rad) * fence.joint_map.unit_per_tick * 4096 / 6.2832
         goal[i] = min(max(start[i] + way, min(low, start[i])), max(high, start[i]))
-    return JointMove(start, goal, arm._planner.paces(speed))
+    return JointMove(start, goal, arm._planner.motion_limits(speed))
 
 
-def streamed(arm, dice, on_beat=None):
+def streamed(arm, dice, on_cycle=None):
     """Carry out a brief motion; return its course."""
     speed = dice.choice(("normal", "fast"))
     move = brief_move(arm, dice, speed)
-    arm._stream.run(move, on_beat, speed_rad_s=arm.model.speed(speed).rad_s)
+    arm._stream.run(move, on_cycle, speed_rad_s=arm.model.speed(speed).rad_s)
     return move

@@ -4,35 +4,42 @@ import dis
 import sys
 from collections import Counter
 
-from ikservo.arm.streaming import feedback, health_round, servos, setpoints, stream, throttle
-from ikservo.guard import following, gate, look_ahead
+from ikservo.control import feedback
+from ikservo.control import health_polling as health_round
+from ikservo.control import loop as setpoints
+from ikservo.control import loop as stream
+from ikservo.control import loop as throttle
+from ikservo.control import servo_group as servos
+from ikservo.guard import gate
+from ikservo.guard import limits as look_ahead
+from ikservo.guard import monitors as following
 
 _LOOP = [
-    stream.Stream._stream,
-    stream.Stream._told,
-    throttle.Throttle.step,
-    setpoints.Setpoints.next,
-    throttle.Throttle._count,
-    servos.Servos.beat,
-    servos.Servos._heard,
-    servos.Servos.advance_s,
-    servos.Servos.command,
-    servos.Servos.goals,
-    servos.Servos._ticks,
-    servos.Servos._positions,
-    feedback.Feedback.beat,
-    feedback.Feedback._note,
-    feedback.Feedback._positions,
-    health_round.HealthRound.beat,
-    health_round.HealthRound._ask,
-    following.Following.see,
-    gate.Gate.see,
-    gate.Gate.cut,
-    gate.Gate._share,
+    stream.ControlLoop._run_loop,
+    stream.ControlLoop._make_cycle,
+    throttle.TimeScaler.step,
+    setpoints.SetpointSampler.next_setpoint,
+    throttle.TimeScaler._count_late_cycles,
+    servos.ServoGroup.update,
+    servos.ServoGroup._update_measured,
+    servos.ServoGroup.allowed_advance_s,
+    servos.ServoGroup.send_goals,
+    servos.ServoGroup.goals,
+    servos.ServoGroup._to_ticks,
+    servos.ServoGroup._to_positions,
+    feedback.Feedback.read,
+    feedback.Feedback._store_ticks,
+    feedback.Feedback._latest_positions,
+    health_round.HealthPoller.poll,
+    health_round.HealthPoller._read_registers,
+    following.TrackingMonitor.update,
+    gate.Gate.update_measured,
+    gate.Gate.shorten_goals,
+    gate.Gate._step_fraction,
     gate.Gate.send,
-    gate.Gate.advance_s,
-    look_ahead.LookAhead.see,
-    look_ahead.LookAhead.check,
+    gate.Gate.allowed_advance_s,
+    look_ahead.LeadLimiter.update_measured,
+    look_ahead.LeadLimiter.check_lead,
 ]
 
 

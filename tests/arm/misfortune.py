@@ -46,7 +46,7 @@ def swing(arm, dice, speed=None):
     """Return where every joint shall go: somewhere in the middle half of its range."""
     goals = {}
     for fence in arm._servos.fences:
-        low, high = fence.positions
+        low, high = fence.position_range
         goals[fence.joint] = low + (high - low) * dice.uniform(0.25, 0.75)
     return goals, speed or dice.choice(SPEEDS)
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from ikservo.arm.calibrating.auto_ends import nearly_a_turn, unreached
-from ikservo.calibration.sweeping.subject import Subject
+from ikservo.calibration.range_tracker import JointUnderCalibration
+from ikservo.maintenance.auto_calibration import nearly_a_turn, unreached
 from tests.calibration.hidden import load_model
 
 FLOOR = "gripper would touch the floor by 9 mm in the best posture found"
@@ -14,7 +14,7 @@ FLOOR = "gripper would touch the floor by 9 mm in the best posture found"
 @pytest.fixture
 def shoulder():
     joint = load_model("px100").joint("shoulder")
-    return Subject(joint.joint_map, 4096, joint.limits, 0.0)
+    return JointUnderCalibration(joint.joint_map, 4096, joint.limits, 0.0)
 
 
 def test_one_end_is_named_with_its_reason_and_the_other_with_where_it_is(shoulder):

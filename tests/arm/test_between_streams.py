@@ -61,7 +61,7 @@ def test_after_a_release_that_failed_half_way_torque_is_looked_at_anew(arm):
     world = line_of(arm).world
     line_of(arm).faults.add(Fault(kind="silent", id=6, at_s=world.time_s, for_s=0.6))
     with pytest.raises(BusError):
-        arm.release()
+        arm.disable_torque()
     arm._servos.clock.sleep_until(arm._servos.clock.now_s() + 1.5)
     assert arm.move_joints({"wrist_roll": 0.1}).reached
 
@@ -71,11 +71,11 @@ def test_a_watchdog_that_does_not_say_whether_it_has_tripped_counts_as_tripped(m
         arm.move_joints({"shoulder_pan": 0.0})
         limits = arm._servos._limits
         limits.arm_watchdog()
-        limits.check_gap(0.2)
+        limits.check_watchdog_gap(0.2)
 
         def silent(*_, **__):
             raise BusError("nothing was heard")
 
         monkeypatch.setattr(arm._servos._bus, "read", silent)
         with pytest.raises(RefusedError, match="watchdog stopped them"):
-            limits.check_gap(0.2)
+            limits.check_watchdog_gap(0.2)

@@ -41,7 +41,7 @@ def test_on_a_busy_machine_it_ends_well(name, task):
 
     with ikservo.open_arm(name, port="sim:?pose=home", collisions=False) as arm:
         arm.move_joints({"shoulder_pan": 0.05})
-        arm.workings.rehearse()
+        arm.workings.warm_up()
         auditor = Auditor(arm, punctual=False)
         with HeldUp(arm._servos.clock, busy) as held_up:
             held_up.begun = True

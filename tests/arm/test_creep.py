@@ -2,24 +2,24 @@
 
 import pytest
 
-from ikservo.arm.arriving.creep import Creep, Saturation, SaturationReason
+from ikservo.arm.settling import GoalIntegrator, Saturation, SaturationReason
 from ikservo.calibration import JointMap, Limits
-from ikservo.guard import Fence
+from ikservo.guard import CommandLimits
 
 BEAT_S = 0.01
 
 
 def creep(goal=2000, wanted=2000, lower=-1.0, upper=1.0):
     limits = Limits.of("elbow", lower, upper, "hand sweep of 2026-11-02")
-    fence = Fence(JointMap.revolute("elbow", 3, 1, 2048, 4096), limits, speed=2.0)
-    return Creep(fence, goal, wanted, acceleration=2000.0)
+    fence = CommandLimits(JointMap.revolute("elbow", 3, 1, 2048, 4096), limits, speed=2.0)
+    return GoalIntegrator(fence, goal, wanted, acceleration=2000.0)
 
 
 def feed(joint, ticks, start_s=0.0):
     """Let the joint be seen at these ticks, a beat apart; return its goals."""
     goals = []
     for beat, tick in enumerate(ticks):
-        joint.see(tick, start_s + beat * BEAT_S, BEAT_S)
+        joint.update(tick, start_s + beat * BEAT_S, BEAT_S)
         goals.append(joint.goal)
     return goals
 
@@ -43,7 +43,7 @@ def test_a_joint_that_only_has_to_stand_keeps_its_goal():
 def test_a_goal_never_leads_a_held_joint_further_than_the_guard_allows_at_rest():
     joint = creep()
     goals = feed(joint, [1990] * 2000)
-    assert max(goals) <= 1990 + joint.fence.lead_ticks(0.0) + 1
+    assert max(goals) <= 1990 + joint.fence.max_lead_ticks(0.0) + 1
     assert joint.saturation_reason == SaturationReason(
         Saturation.LOAD, "load too high (correction limit reached)"
     )
@@ -57,7 +57,7 @@ def test_a_lead_that_is_already_too_long_is_not_taken_back():
 def test_a_goal_stays_inside_the_limits_and_says_which_one_binds():
     joint = creep(goal=2690, wanted=2699, upper=1.0)
     goals = feed(joint, [2680] * 500)
-    assert max(goals) <= joint.fence.ticks[1]
+    assert max(goals) <= joint.fence.tick_range[1]
     assert joint.saturation_reason == SaturationReason(
         Saturation.LIMIT, "at its limit 57.3° (hand sweep of 2026-11-02)"
     )
@@ -73,15 +73,15 @@ def test_a_goal_that_can_go_on_or_need_not_is_saturated_by_nothing(ticks):
 def test_a_joint_that_has_gone_across_is_not_turned_round_for_a_tick():
     joint = creep()
     feed(joint, [1998] * 5 + [2001] * 30)
-    assert joint.there
-    assert joint.short == -1
+    assert joint.arrived
+    assert joint.error_ticks == -1
 
 
 def test_a_joint_that_has_gone_far_across_is_brought_back():
     joint = creep()
     feed(joint, [1998] * 5 + [2005] * 5)
     goals = feed(joint, [2005] * 30, start_s=0.2)
-    assert not joint.there
+    assert not joint.arrived
     assert goals[-1] < goals[0]
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.owner import elsewhere, listen
-from ikservo.arm.owner.answering import Answers
-from ikservo.arm.streaming.halt import StopKind, StopReason
-from ikservo.arm.tapes.tape_reading import read_recording
+from ikservo.arm import remote as elsewhere
+from ikservo.arm.control_server import CommandHandler, serve
+from ikservo.arm.recording import read_recording
 from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
+from ikservo.guard import StopKind, StopReason
 from servosim.clock import VirtualClock
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_joints
@@ -24,7 +24,7 @@ def device(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     device = tmp_path / "ttyACM0"
     device.touch()
-    monkeypatch.setattr(elsewhere, "chosen_port", lambda model, port: str(device))
+    monkeypatch.setattr(elsewhere, "resolve_port", lambda model, port: str(device))
     return str(device)
 
 
@@ -32,7 +32,7 @@ def device(tmp_path, monkeypatch):
 def arm(device):
     """An arm whose own program listens; the simulated bus itself could be asked by nobody."""
     with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
-        machine._listener = listen(device, Answers(machine, machine._turn))
+        machine._listener = serve(device, CommandHandler(machine, machine._turn))
         yield machine
 
 
@@ -54,7 +54,7 @@ def at(seconds, do):
 
 
 def test_an_arm_at_rest_is_measured_for_whoever_asks(arm):
-    here, asked = arm.where(), elsewhere.ask_where(arm.model, None)
+    here, asked = arm.where(), elsewhere.query_state(arm.model, None)
     np.testing.assert_allclose(asked.tip_m, here.tip_m, atol=1e-3)
     assert [joint.name for joint in asked.joints] == [joint.name for joint in here.joints]
     assert asked.joints[0].limit_from == here.joints[0].limit_from
@@ -64,7 +64,7 @@ def test_a_moving_arm_says_where_it_was_at_the_last_beat(arm, elsewhere_thread):
     seen = []
 
     def ask():
-        seen.append(elsewhere_thread.submit(elsewhere.ask_where, arm.model, None).result(20))
+        seen.append(elsewhere_thread.submit(elsewhere.query_state, arm.model, None).result(20))
 
     arm.move_joints({"gripper": 0.9}, on_progress=at(0.3, ask))
     assert 0.53 < seen[0].joints[-1].position_rad < 0.9
@@ -77,7 +77,7 @@ def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, elsew
     arm.enable()
 
     def look():
-        where = elsewhere_thread.submit(elsewhere.ask_where, arm.model, None).result()
+        where = elsewhere_thread.submit(elsewhere.query_state, arm.model, None).result()
         seen.append(where.joints[2].temperature_c)
 
     line.faults.add(Fault("hot", id=3, celsius=50.0, at_s=line.world.time_s + 0.1))
@@ -90,8 +90,8 @@ def test_a_moving_arm_is_stopped_and_stays_so(arm, elsewhere_thread):
     answers = []
 
     def stop():
-        answers.append(elsewhere_thread.submit(elsewhere.stop_from_here, arm.model, None))
-        while not arm.stops_asked:
+        answers.append(elsewhere_thread.submit(elsewhere.stop_arm, arm.model, None))
+        while not arm.stop_requests:
             threading.Event().wait(0.001)
 
     with pytest.raises(StoppedError, match="from another terminal"):
@@ -106,13 +106,13 @@ def test_a_moving_arm_is_stopped_and_stays_so(arm, elsewhere_thread):
 
 
 def test_after_it_was_acknowledged_the_arm_moves_again(arm):
-    elsewhere.stop_from_here(arm.model, None)
+    elsewhere.stop_arm(arm.model, None)
     arm.acknowledge()
     assert arm.move_joints({"gripper": 0.6}).reached
 
 
 def test_stopping_a_limp_arm_switches_no_torque(arm):
-    stopped = elsewhere.stop_from_here(arm.model, None)
+    stopped = elsewhere.stop_arm(arm.model, None)
     assert (stopped.moving, stopped.held) == (False, ())
     assert stopped.limp == arm.workings.servos.names
     assert not any(registers(arm, "torque_enable").values())
@@ -120,7 +120,7 @@ def test_stopping_a_limp_arm_switches_no_torque(arm):
 
 def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
     arm.hold()
-    report = elsewhere.ask_to_relax(arm.model, None)
+    report = elsewhere.request_relax(arm.model, None)
     assert report.reached
     assert not any(registers(arm, "torque_enable").values())
     with pytest.raises(RefusedError, match="Torque switched off from another terminal"):
@@ -128,33 +128,33 @@ def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
 
 
 def test_every_arm_is_stopped_where_none_is_named(arm):
-    (stopped,) = elsewhere.stop_all()
+    (stopped,) = elsewhere.stop_all_arms()
     assert stopped.arm == "so101"
 
 
 def test_where_nobody_owns_the_port_nobody_is_asked(device):
     model = ikservo.load_model("so101")
-    assert elsewhere.ask_where(model, None) is None
-    assert elsewhere.ask_to_relax(model, None) is None
-    assert elsewhere.stop_all() == []
+    assert elsewhere.query_state(model, None) is None
+    assert elsewhere.request_relax(model, None) is None
+    assert elsewhere.stop_all_arms() == []
 
 
 @pytest.mark.parametrize("answer", [{}, {"tip_m": [0, 0, 0], "joints": [{"name": "a"}]},
                                     {"tip_m": "here", "joints": []}, {"held": 3}])  # fmt: skip
 def test_an_answer_of_another_version_is_named(device, answer):
-    listener = listen(device, lambda _: answer)
+    listener = serve(device, lambda _: answer)
     model = ikservo.load_model("so101")
-    for ask in (elsewhere.ask_to_relax, elsewhere.stop_from_here):
+    for ask in (elsewhere.request_relax, elsewhere.stop_arm):
         with pytest.raises(IkservoError, match="unexpected reply"):
             ask(model, None)
     with pytest.raises(IkservoError):
-        elsewhere.ask_where(model, None)
+        elsewhere.query_state(model, None)
     listener.close()
 
 
 def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
     path = tmp_path / "wave.jsonl"
-    report = elsewhere.record_from_here(arm.model, None, path, 0.1, None, 0.02, overwrite=False)
+    report = elsewhere.record_remote(arm.model, None, path, 0.1, None, 0.02, overwrite=False)
     recording = read_recording(path)
     assert report.samples == len(recording.times_s) > 2
     assert recording.joints[0][-1] == pytest.approx(0.52, abs=0.02)
@@ -189,17 +189,17 @@ def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
 def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monkeypatch):
     answers = iter([None, None, {"arm": "so101", "port": device, "moving": True,
                                  "held": ["gripper"], "limp": [], "silent": []}])  # fmt: skip
-    monkeypatch.setattr(elsewhere, "ask", lambda *_: next(answers))
+    monkeypatch.setattr(elsewhere, "send_command", lambda *_: next(answers))
 
     def busy(*_):
         raise PortBusyError(device)
 
     monkeypatch.setattr(elsewhere, "halt_line", busy)
-    assert elsewhere.stop_from_here(arm.model, None).moving
+    assert elsewhere.stop_arm(arm.model, None).moving
 
 
 def test_a_program_that_never_listens_is_waited_for_three_seconds(arm, device, monkeypatch):
-    monkeypatch.setattr(elsewhere, "ask", lambda *_: None)
+    monkeypatch.setattr(elsewhere, "send_command", lambda *_: None)
 
     def busy(*_):
         raise PortBusyError(device)
@@ -207,5 +207,5 @@ def test_a_program_that_never_listens_is_waited_for_three_seconds(arm, device, m
     monkeypatch.setattr(elsewhere, "halt_line", busy)
     clock = VirtualClock()
     with pytest.raises(PortBusyError):
-        elsewhere.stop_from_here(arm.model, None, clock)
+        elsewhere.stop_arm(arm.model, None, clock)
     assert clock.now_s() == pytest.approx(3.0, abs=0.05)

@@ -116,7 +116,7 @@ def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
         with ikservo.open_arm(name, port="sim", collisions=False) as arm:
             auditor, world = Auditor(arm), line_of(arm).world
             for fence in arm._servos.fences:
-                low, high = fence.positions
+                low, high = fence.position_range
                 world.place(fence.joint, dice.uniform(low, high))
             before = registers(arm, "present_position")
             world_s = world.time_s

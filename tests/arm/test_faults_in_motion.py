@@ -41,8 +41,10 @@ def inject(arm, kind, after_s=0.4, **details):
 
 def swing(arm, way_rad=0.4):
     """Move every joint of the arm a good way."""
-    here = zip(arm._servos.fences, arm._servos.standing(), strict=True)
-    goals = {f.joint: at + (way_rad if at < sum(f.positions) / 2 else -way_rad) for f, at in here}
+    here = zip(arm._servos.fences, arm._servos.measured_hold_positions(), strict=True)
+    goals = {
+        f.joint: at + (way_rad if at < sum(f.position_range) / 2 else -way_rad) for f, at in here
+    }
     return arm.move_joints(goals)
 
 
@@ -114,7 +116,7 @@ def test_a_pulled_cable_is_said_at_once(arm):
 
 def test_after_the_cable_is_back_the_arm_goes_on_once_a_person_has_looked(either, monkeypatch):
     transport = either._port.transport
-    again = "ikservo.hardware.line.replug.open_transport"
+    again = "ikservo.hardware.remembered_port.open_transport"
     monkeypatch.setattr(again, lambda *_: setattr(transport, "is_open", True) or transport)
     inject(either, "unplug", for_s=0.5)
     with pytest.raises(PortLostError):
@@ -210,7 +212,7 @@ def test_what_was_stopped_moves_again_once_acknowledged(arm):
 def test_no_normal_session_writes_eeprom(arm):
     auditor = Auditor(arm)
     swing(arm, 0.1)
-    arm.release()
+    arm.disable_torque()
     assert auditor.faults() == []
 
 
@@ -224,7 +226,7 @@ def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
     with ikservo.open_arm("so101", port="sim") as arm:
         world = line_of(arm).world
         arm.enable()
-        arm.release()
+        arm.disable_torque()
         world.place("shoulder_pan", 0.7)
         world.place("wrist_roll", -0.9)
         before = registers(arm, "present_position")
@@ -238,6 +240,6 @@ def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
 
 def test_a_servo_that_tells_where_but_no_longer_how_it_is_stops_the_arm(arm, monkeypatch):
     arm.enable()
-    monkeypatch.setattr(arm._servos._round, "_ask", lambda *_: None)
+    monkeypatch.setattr(arm._servos._round, "_read_registers", lambda *_: None)
     with pytest.raises(RefusedError, match=r"No status \(temperature, voltage, load\) from"):
         arm.move_joints({"shoulder_pan": 0.8})

@@ -9,7 +9,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import BadValueError, InputError, RefusedError, UnknownNameError
-from servosim.hand import Hand, glide
+from servosim.joint import Hand, glide
 from tests.arm.auditing import Auditor
 from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
 from tests.oracle import tip_from_joints
@@ -55,9 +55,9 @@ def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
 )
 def test_every_kind_of_wish_is_understood(arm, wish):
     joints = np.array([state.position_rad for state in arm.where().joints])
-    T = arm.chain.forward(arm.workings.in_chain(joints))
+    T = arm.chain.forward(arm.workings.chain_joints(joints))
     report = arm.follow([wish(T)] * 5)
-    assert (report.wishes, report.refused) == (5, 0)
+    assert (report.setpoints, report.refused) == (5, 0)
 
 
 LOADED = """
@@ -175,7 +175,7 @@ def test_a_stream_without_a_wish_moves_nothing(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     before = registers(arm, "goal_position")
     report = arm.follow([None] * 5)
-    assert (report.wishes, report.ended) == (0, "end of the targets")
+    assert (report.setpoints, report.ended) == (0, "end of the targets")
     assert registers(arm, "goal_position") == before
 
 

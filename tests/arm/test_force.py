@@ -2,8 +2,7 @@
 
 import pytest
 
-from ikservo.arm.skills.force import limit_force, torque_limit_registers
-from ikservo.arm.streaming.limits_in_servos import LimitsInServos
+from ikservo.control.servo_limits import ServoRamLimits, limit_torque, torque_limit_registers
 from ikservo.errors import RegisterAccessError
 from ikservo.registers import MODELS, Access, Area, OperatingMode
 from tests.hardware.desk import bus_with
@@ -49,7 +48,7 @@ def test_the_limit_is_written_to_ram_as_a_share_of_what_eeprom_allows(model):
     bus = bus_with({1: model})
     limit, most = torque_limit_registers(bus, 1)
     assert (limit.area, limit.access, most.area) == (Area.RAM, Access.RW, Area.EEPROM)
-    limit_force(bus, 1, 0.25)
+    limit_torque(bus, 1, 0.25)
     top = bus.read(1, most, raw=True)
     assert bus.read(1, limit, raw=True) == round(0.25 * top) > 0
 
@@ -57,7 +56,7 @@ def test_the_limit_is_written_to_ram_as_a_share_of_what_eeprom_allows(model):
 @pytest.mark.parametrize("model", sorted(MODELS.keys() - LIMITED.keys()))
 def test_a_model_without_a_limit_is_refused(model):
     with pytest.raises(RegisterAccessError, match="there is none in RAM"):
-        limit_force(bus_with({1: model}), 1, 0.5)
+        limit_torque(bus_with({1: model}), 1, 0.5)
 
 
 @pytest.mark.parametrize("model", LIMITED)
@@ -68,6 +67,6 @@ def test_whatever_limits_the_force_is_lifted_before_torque_comes_on(model, yield
         memory = bus.port.transport.line.servos[1].memory
         memory.put("operating_mode", OperatingMode.CURRENT_BASED_POSITION)
     limit, most = torque_limit_registers(bus, 1)
-    limit_force(bus, 1, 0.25)
-    LimitsInServos(bus, [1]).prepare(1)
+    limit_torque(bus, 1, 0.25)
+    ServoRamLimits(bus, [1]).prepare(1)
     assert bus.read(1, limit, raw=True) == bus.read(1, most, raw=True)

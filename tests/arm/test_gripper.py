@@ -7,7 +7,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import BadValueError, IkservoError, UnknownNameError
-from servosim.hand import Hand, hold
+from servosim.joint import Hand, hold
 from tests.arm.simulated import line_of, registers, servo_id
 from tests.oracle import arm_file
 

@@ -9,10 +9,10 @@ import pytest
 
 import ikservo
 from ikservo.errors import RefusedError
-from ikservo.guard import Space
+from ikservo.guard import CollisionChecker
 from ikservo.model import load_model
-from ikservo.model.model import KeepOut
-from ikservo.model.shell import body_with_jaws
+from ikservo.model.collision_model import collision_body_with_gripper
+from ikservo.model.model import KeepOutBox
 from tests.arm.simulated import true_joints
 from tests.oracle import CONFIGS
 
@@ -60,7 +60,10 @@ def _height_m(shape, place):
 @pytest.mark.parametrize("name", GRIPPERS)
 def test_the_capsules_of_all_jaws_cover_them_wherever_they_are(name):
     model, exact = load_model(name), Exact(name)
-    space, random = Space(body_with_jaws(model), DEEP_M), np.random.default_rng(17)
+    space, random = (
+        CollisionChecker(collision_body_with_gripper(model), DEEP_M),
+        np.random.default_rng(17),
+    )
     lower, upper = (
         side.clip(-np.pi, np.pi) for side in (model.chain.lower_rad, model.chain.upper_rad)
     )
@@ -72,7 +75,7 @@ def test_the_capsules_of_all_jaws_cover_them_wherever_they_are(name):
         at = between(model.gripper, share)
         truth = exact.above_floor_m(dict(zip(model.chain.names, q, strict=True))
                                     | {model.gripper.joint: at})  # fmt: skip
-        gap_m = space.gaps([np.append(q, at)])[0]
+        gap_m = space.distances([np.append(q, at)])[0]
         for jaw in jaws:
             assert -0.015 < gap_m[columns[jaw]] - truth[jaw] <= 1e-6
 
@@ -80,16 +83,16 @@ def test_the_capsules_of_all_jaws_cover_them_wherever_they_are(name):
 @pytest.mark.parametrize("name", GRIPPERS)
 def test_in_every_named_pose_the_jaws_may_close_and_open(name):
     model = load_model(name)
-    space = Space(body_with_jaws(model), model.floor_m)
+    space = CollisionChecker(collision_body_with_gripper(model), model.floor_m)
     for pose in model.poses:
         q = model.chain_pose(pose)
         ways = [np.append(q, between(model.gripper, share)) for share in np.linspace(0, 1, 30)]
-        space.check_way(ways)
-        space.check_way(ways[::-1])
+        space.check_path(ways)
+        space.check_path(ways[::-1])
 
 
 # In the pose home an open jaw of an SO-101 would be in it; a closed one is 6 cm away.
-LAMP = KeepOut("the lamp", (0.26, -0.02, 0.185), (0.29, 0.01, 0.215))
+LAMP = KeepOutBox("the lamp", (0.26, -0.02, 0.185), (0.29, 0.01, 0.215))
 
 
 @pytest.fixture

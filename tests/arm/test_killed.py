@@ -34,7 +34,7 @@ def travel(name, dice):
         servos, speed = arm._servos, dice.choice(SPEEDS)
         goals, _ = swing(arm, dice)
         start, goal = servos.goals(), np.array([goals[joint] for joint in servos.names])
-        move = JointMove(start, goal, arm._planner.paces(speed))
+        move = JointMove(start, goal, arm._planner.motion_limits(speed))
         at_s, found = dice.uniform(0.0, move.duration_s), []
 
         def die(beat):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.known import known
-from ikservo.calibration.filing.record import CalibratedGeometry, CalibratedOrigin
-from ikservo.calibration.filing.store import save
-from ikservo.calibration.sweeping.outcome import Outcome
+from ikservo.arm.calibrated_arm import calibrated_model
+from ikservo.calibration.calibration_file import save_calibration
+from ikservo.calibration.records import CalibratedGeometry, CalibratedOrigin
+from ikservo.calibration.result import CalibrationResult
 from ikservo.errors import CalibrationError, FileFormatError
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.plain import plain_calibration
@@ -32,7 +32,7 @@ def calibration_of(name, **changes):
 
 def test_without_a_calibration_the_arm_file_is_all_there_is():
     model = load_model("so101")
-    own = known(model)
+    own = calibrated_model(model)
     assert own.model is model
     assert own.file is None
 
@@ -40,12 +40,12 @@ def test_without_a_calibration_the_arm_file_is_all_there_is():
 @pytest.mark.parametrize("name", ["so101", "koch", "planar3"])
 def test_the_ranges_are_those_of_the_opened_arm(name, monkeypatch):
     arm = hidden_arm(name, 4, spoiled=False)
-    monkeypatch.setattr("ikservo.hardware.line.port.open_transport", lambda *_: reopened(arm))
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_: reopened(arm))
     with arm.loose() as loose:
         calibration = plain_calibration(arm, loose, WHEN)
         memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
-        loose.save(Outcome(calibration, memory))
-    own = known(load_model(name)).model
+        loose.save(CalibrationResult(calibration, memory))
+    own = calibrated_model(load_model(name)).model
     with ikservo.open_arm(load_model(name), f"desk:{name}", collisions=False) as machine:
         tick = 2 * math.pi / 4096
         np.testing.assert_allclose(own.chain.lower_rad, machine.chain.lower_rad, atol=tick)
@@ -65,8 +65,8 @@ def test_a_limit_that_the_person_set_binds_with_its_source():
         joint.model_copy(update={"user_upper_deg": 10.0}) if joint.name == "elbow_flex" else joint
         for joint in calibration.joints
     ]
-    save(calibration.model_copy(update={"joints": tuple(joints)}))
-    limit = known(load_model("so101")).model.joint("elbow_flex").limits.upper
+    save_calibration(calibration.model_copy(update={"joints": tuple(joints)}))
+    limit = calibrated_model(load_model("so101")).model.joint("elbow_flex").limits.upper
     assert limit.value == pytest.approx(math.radians(10.0))
     assert limit.source == "user"
 
@@ -77,10 +77,12 @@ def test_the_links_are_those_that_a_touch_off_found():
         base_moved_mm=(0.0, 0.0, 7.0), base_turned_deg=(0.0, 0.0, 0.0),
         origins=(CalibratedOrigin(joint="elbow_flex", moved_mm=(0.0, 0.0, 3.0)),),
     )  # fmt: skip
-    save(calibration_of("so101", geometry=moved))
+    save_calibration(calibration_of("so101", geometry=moved))
     model = load_model("so101")
     q = model.chain_pose("home")
-    here, described = (each.chain.forward(q)[:3, 3] for each in (known(model).model, model))
+    here, described = (
+        each.chain.forward(q)[:3, 3] for each in (calibrated_model(model).model, model)
+    )
     assert 0.003 < float(np.linalg.norm(here - described)) < 0.011
 
 
@@ -90,19 +92,21 @@ def test_a_touch_off_holds_whatever_link_is_asked_about():
         base_moved_mm=(0.0, 0.0, 7.0), base_turned_deg=(0.0, 0.0, 0.0),
         origins=(CalibratedOrigin(joint="wrist_flex", moved_mm=(0.0, 0.0, 3.0)),),
     )  # fmt: skip
-    save(calibration_of("so101", geometry=moved))
+    save_calibration(calibration_of("so101", geometry=moved))
     path = CONFIGS / "so101" / "arm.toml"
-    forearm = known(ikservo.load_model(path, "forearm")).model.chain
+    forearm = calibrated_model(ikservo.load_model(path, "forearm")).model.chain
     described = ikservo.load_model(path, "forearm").chain
-    lift = forearm.forward(forearm.middle()) - described.forward(forearm.middle())
+    lift = forearm.forward(forearm.mid_range()) - described.forward(forearm.mid_range())
     assert lift[2, 3] == pytest.approx(0.007)
 
 
 def test_of_several_calibrations_the_newest_holds():
-    save(calibration_of("so101", usb_serial_number="OLD1"))
-    newest = save(calibration_of("so101", usb_serial_number="A2", written=WHEN + timedelta(days=1)))
-    save(calibration_of("so101", usb_serial_number="OLD3"))
-    own = known(load_model("so101"))
+    save_calibration(calibration_of("so101", usb_serial_number="OLD1"))
+    newest = save_calibration(
+        calibration_of("so101", usb_serial_number="A2", written=WHEN + timedelta(days=1))
+    )
+    save_calibration(calibration_of("so101", usb_serial_number="OLD3"))
+    own = calibrated_model(load_model("so101"))
     assert own.file == newest
     assert len(own.others) == 2
     assert "2026-11-03" in own.model.joint("elbow_flex").limits.source
@@ -112,19 +116,19 @@ def test_a_calibration_of_other_servos_is_refused():
     calibration = calibration_of("so101")
     first = calibration.joints[0]
     other = first.model_copy(update={"servo": first.servo.model_copy(update={"id": 9})})
-    save(calibration.model_copy(update={"joints": (other, *calibration.joints[1:])}))
+    save_calibration(calibration.model_copy(update={"joints": (other, *calibration.joints[1:])}))
     with pytest.raises(CalibrationError, match="id 9"):
-        known(load_model("so101"))
+        calibrated_model(load_model("so101"))
 
 
 def test_a_spoiled_calibration_is_refused():
-    path = save(calibration_of("so101"))
+    path = save_calibration(calibration_of("so101"))
     path.write_text(path.read_text().replace("2026", "2025"))
     with pytest.raises(FileFormatError):
-        known(load_model("so101"))
+        calibrated_model(load_model("so101"))
 
 
 def test_a_bare_urdf_has_no_calibration():
-    save(calibration_of("so101"))
+    save_calibration(calibration_of("so101"))
     bare = ikservo.load_model(CONFIGS / "so101" / "arm.urdf", "gripper_frame")
-    assert known(bare).model is bare
+    assert calibrated_model(bare).model is bare

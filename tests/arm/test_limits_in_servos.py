@@ -89,7 +89,7 @@ def test_a_profile_that_was_made_time_based_while_torque_was_off_is_noticed(x_se
     x_series.enable()
     servo = line_of(x_series).servos[4]
     assert servo.read("profile_velocity") > 0
-    x_series.release()
+    x_series.disable_torque()
     servo.memory.put("drive_mode", servo.read("drive_mode") | 0b100)
     x_series.enable()
     assert servo.read("profile_velocity") == 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.errors import BadValueError, LineError, RefusedError, UnreachableError
+from ikservo.errors import BadValueError, CartesianPathError, RefusedError, UnreachableError
 from tests.arm.simulated import line_of, registers, true_tip_m
 from tests.oracle import tip_from_ticks
 
@@ -69,8 +69,8 @@ def test_what_was_checked_is_what_a_plan_carries(ready):
 
 def test_a_line_names_what_sets_its_time_and_what_comes_close_to_a_limit(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
-    assert {words.split()[0] for words in plan.setters} <= set(ready.chain.names)
-    assert all(near.room < 0.2 for near in plan.near)
+    assert {words.split()[0] for words in plan.time_limiting_joints} <= set(ready.chain.names)
+    assert all(near.room < 0.2 for near in plan.near_limits)
 
 
 def test_a_line_that_leaves_what_is_reachable_moves_nothing_and_says_where(ready):
@@ -83,7 +83,7 @@ def test_a_line_that_leaves_what_is_reachable_moves_nothing_and_says_where(ready
 def test_a_line_through_what_is_not_reachable_is_refused_before_it_begins(ready):
     ready.move_to((0.0, 0.22, 0.15))
     before = registers(ready, "goal_position")
-    with pytest.raises(LineError) as caught:
+    with pytest.raises(CartesianPathError) as caught:
         ready.move_line((0.0, -0.22, 0.15))
     assert 0.0 < caught.value.along_m < 0.44
     assert registers(ready, "goal_position") == before
@@ -129,10 +129,10 @@ def test_a_plan_is_not_carried_out_from_elsewhere(ready):
 
 def test_the_first_motion_after_torque_comes_on_is_slow(arm):
     first = arm.plan_to((0.25, 0.05, 0.15), speed="fast")
-    assert (first.speed, first.slowed) == ("slow", True)
+    assert (first.speed, first.speed_reduced) == ("slow", True)
     arm.execute(first)
     second = arm.plan_to((0.22, -0.05, 0.15), speed="fast")
-    assert (second.speed, second.slowed) == ("fast", False)
+    assert (second.speed, second.speed_reduced) == ("fast", False)
 
 
 def test_the_first_motion_is_slow_also_where_torque_was_switched_on_before(arm):
@@ -149,7 +149,7 @@ def test_an_arm_that_holds_already_need_not_begin_slowly(ready):
 
 def test_after_letting_go_the_next_motion_is_slow_again(ready):
     plan = ready.plan_to((0.22, -0.05, 0.15))
-    ready.release()
+    ready.disable_torque()
     assert ready.plan_to((0.22, -0.05, 0.15)).speed == "slow"
     with pytest.raises(RefusedError, match="Torque was switched off"):
         ready.execute(plan)

@@ -3,7 +3,7 @@
 import numpy as np
 
 import ikservo
-from ikservo.arm.arriving.making_up import made_up
+from ikservo.arm.tick_rounding import compensate
 
 CHAIN = ikservo.load_model("so101").chain
 HOME = ikservo.load_model("so101").chain_pose("home")
@@ -18,24 +18,24 @@ def short_of_home(by_rad):
 
 def test_the_tip_comes_back_to_its_target_while_the_held_joint_stays():
     q, target_m = short_of_home(0.015), CHAIN.forward(HOME)[:3, 3]
-    found = made_up(CHAIN, target_m, q, {"elbow_flex"})
+    found = compensate(CHAIN, target_m, q, {"elbow_flex"})
     assert found[ELBOW] == q[ELBOW]
     assert np.linalg.norm(CHAIN.forward(found)[:3, 3] - target_m) < 5e-5
 
 
 def test_no_joint_goes_far_for_another():
     q, target_m = short_of_home(0.2), CHAIN.forward(HOME)[:3, 3]
-    found = made_up(CHAIN, target_m, q, {"elbow_flex"})
+    found = compensate(CHAIN, target_m, q, {"elbow_flex"})
     assert found is None or np.abs(found - q).max() <= 0.05 + 1e-9
 
 
 def test_no_joint_leaves_its_limits():
     q, target_m = short_of_home(0.015), CHAIN.forward(HOME)[:3, 3]
     tight = CHAIN.with_limits(q - 0.003, q + 0.003)
-    found = made_up(tight, target_m, q, {"elbow_flex"})
+    found = compensate(tight, target_m, q, {"elbow_flex"})
     assert found is None or ((tight.lower_rad <= found) & (found <= tight.upper_rad)).all()
 
 
 def test_joints_that_are_no_help_are_left_alone():
     target_m = CHAIN.forward(short_of_home(0.3))[:3, 3]
-    assert made_up(CHAIN, target_m, HOME, set(CHAIN.names)) is None
+    assert compensate(CHAIN, target_m, HOME, set(CHAIN.names)) is None

@@ -200,7 +200,7 @@ def test_relaxing_goes_round_what_is_in_the_way():
             line_of(arm).world.place(joint, position)
         with pytest.raises(RefusedError, match="Collision"):
             arm.plan_joints(arm.model.pose("rest"))
-        assert arm.plan_rest().by == "home"
+        assert arm.plan_rest().via_pose == "home"
 
 
 @pytest.mark.parametrize("name", ["koch", "px100"])
@@ -208,7 +208,7 @@ def test_an_arm_that_falls_when_its_torque_comes_on_is_caught_and_goes_on_from_t
     dice = chance(1)
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         for fence in arm._servos.fences:
-            line_of(arm).world.place(fence.joint, dice.uniform(*fence.positions))
+            line_of(arm).world.place(fence.joint, dice.uniform(*fence.position_range))
         arm.plan_joints({arm.chain.names[0]: 0.0})
         assert arm.move_joints({arm.chain.names[0]: 0.0}).reached
 

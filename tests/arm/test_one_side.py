@@ -49,10 +49,12 @@ def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(a
 
 def test_it_does_not_go_below_its_limit_for_that(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
-        lowest = arm._servos.fences[0].positions[0]
+        lowest = arm._servos.fences[0].position_range[0]
         report = arm.move_joints({PAN: lowest}, speed="fast")
         assert report.reached
-        assert registers(arm, "goal_position")[ID] in range(*sorted(arm._servos.fences[0].ticks))
+        assert registers(arm, "goal_position")[ID] in range(
+            *sorted(arm._servos.fences[0].tick_range)
+        )
 
 
 def test_the_report_counts_the_time_that_this_takes_as_settling(arm_file):

@@ -7,13 +7,13 @@ from itertools import combinations
 import pytest
 
 import ikservo
-from ikservo.arm import Zeros
-from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.arm.own import own_arm, within_a_turn
+from ikservo.arm import ZeroSource
+from ikservo.arm.calibrated_arm import limit_to_one_turn, load_calibration_for
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.sweeping.outcome import Outcome
-from ikservo.calibration.ticks.encoder import Encoder
+from ikservo.calibration.joint_map import Encoder
+from ikservo.calibration.result import CalibrationResult
 from ikservo.errors import CalibrationError, RefusedError
+from ikservo.maintenance.calibration_session import TorqueOffArm
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.plain import plain_calibration
 
@@ -36,11 +36,11 @@ def desk(monkeypatch):
             arm.port.is_open = True
             return arm.port
 
-        monkeypatch.setattr("ikservo.hardware.line.port.open_transport", open_transport)
+        monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
         with arm.loose() as loose:
             calibration = plain_calibration(arm, loose, WHEN)
             memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
-            loose.save(Outcome(calibration, memory))
+            loose.save(CalibrationResult(calibration, memory))
         return arm
 
     return put
@@ -53,7 +53,7 @@ def opened(arm, **how):
 def test_joints_are_where_they_truly_are(desk):
     arm = desk("so101")
     with opened(arm) as machine:
-        assert machine.zeros is Zeros.CALIBRATED
+        assert machine.zeros is ZeroSource.CALIBRATED
         for state in machine.where().joints:
             truth = arm.true_position(state.name)
             assert state.position_rad == pytest.approx(truth, abs=math.radians(0.2)), state.name
@@ -76,7 +76,7 @@ def test_a_servo_that_counts_on_is_found_on_its_turn_wherever_it_boots(desk, boo
     arm.power_cycle()
     with arm.open_bus() as bus:
         bus.clock.sleep_until(bus.clock.now_s() + 0.5)
-        own = own_arm(bus, load_model("planar3"))
+        own = load_calibration_for(bus, load_model("planar3"))
         for joint in load_model("planar3").joints:
             tick = arm.register(joint.servo.id, "present_position")
             found = own.joint_map(joint).position(tick)
@@ -95,7 +95,7 @@ def swap(arm, one, other):
     memories = [arm.line.servos[i].memory for i in (one, other)]
     for memory, new in zip(memories, (other, one), strict=True):
         memory.put("id", new)
-        memory.keep("id")
+        memory.persist_value("id")
 
 
 @pytest.mark.parametrize("pair", [*combinations(range(1, 7), 2)], ids=str)
@@ -126,7 +126,7 @@ def test_tuning_that_a_calibration_does_not_rest_on_is_left_alone(desk):
     servo.write("p_gain", 17)
     servo.write("phase", 12 ^ 0b100)  # the unit of speeds
     with opened(arm) as machine:
-        assert machine.zeros is Zeros.CALIBRATED
+        assert machine.zeros is ZeroSource.CALIBRATED
 
 
 def test_opening_and_moving_a_calibrated_arm_writes_no_eeprom(desk):
@@ -140,16 +140,16 @@ def test_opening_and_moving_a_calibrated_arm_writes_no_eeprom(desk):
 def test_an_arm_whose_maker_fixes_the_zeros_needs_no_calibration():
     arm = hidden_arm("px100", 4, zero=2048, sign=1)
     with arm.open_bus() as bus:
-        assert own_arm(bus, load_model("px100")).zeros is Zeros.VENDOR
+        assert load_calibration_for(bus, load_model("px100")).zeros is ZeroSource.VENDOR
 
 
 def test_an_uncalibrated_arm_is_bound_by_its_servos_alone():
     arm = hidden_arm("so101", 4, zero=500, spoiled=False)
     with arm.open_bus() as bus:
-        own = own_arm(bus, load_model("so101"))
+        own = load_calibration_for(bus, load_model("so101"))
         joint = load_model("so101").joints[2]
         limits = own.limits(joint, own.joint_map(joint))
-    assert own.zeros is Zeros.UNKNOWN
+    assert own.zeros is ZeroSource.UNKNOWN
     assert limits.source == "servo register"
 
 
@@ -177,8 +177,8 @@ def test_a_joint_a_little_outside_is_walked_back_not_refused(desk):
 def test_a_loose_arm_reads_the_sensors_themselves():
     arm = hidden_arm("so101", 9)
     with arm.loose() as loose:
-        _, ticks = loose.read()
-        assert isinstance(loose, LooseArm)
+        _, ticks = loose.read_ticks()
+        assert isinstance(loose, TorqueOffArm)
     for servo_id, tick in ticks.items():
         shaft = arm.line.servos[servo_id].shaft
         motor = arm.line.servos[servo_id].motor
@@ -188,7 +188,7 @@ def test_a_loose_arm_reads_the_sensors_themselves():
 def test_a_joint_that_the_arm_file_leaves_endless_gets_one_turn_of_its_servo():
     joint_map = JointMap.revolute("waist", 1, 1, 2048, 4096)
     endless = Limits.of("waist", -math.inf, math.inf, "arm file")
-    limits = within_a_turn(endless, joint_map, Encoder(4096, 4096.0))
+    limits = limit_to_one_turn(endless, joint_map, Encoder(4096, 4096.0))
     assert limits.source == "one turn of its servo"
     assert limits.upper.value == pytest.approx(math.pi, abs=0.01)
 

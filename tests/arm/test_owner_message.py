@@ -5,14 +5,14 @@ import random
 
 import pytest
 
-from ikservo.arm.owner.message import (
-    LONGEST_REQUEST,
-    Errand,
+from ikservo.arm.control_server import (
+    MAX_REQUEST_BYTES,
+    Command,
     Request,
-    answer_line,
-    read_answer,
-    read_request,
-    request_line,
+    decode_reply,
+    decode_request,
+    encode_reply,
+    encode_request,
 )
 from ikservo.errors import InputError
 
@@ -23,14 +23,14 @@ def line(**changes):
     return json.dumps({**GOOD, **changes}).encode() + b"\n"
 
 
-@pytest.mark.parametrize("errand", Errand)
+@pytest.mark.parametrize("errand", Command)
 def test_a_request_comes_out_as_it_went_in(errand):
-    assert read_request(request_line(Request(errand, "abc"))) == Request(errand, "abc")
+    assert decode_request(encode_request(Request(errand, "abc"))) == Request(errand, "abc")
 
 
 def test_a_request_reads_as_this_line():
     line = b'{"schema":"ikservo/owner/1","do":"stop","secret":""}\n'
-    assert request_line(Request(Errand.STOP)) == line
+    assert encode_request(Request(Command.STOP)) == line
 
 
 @pytest.mark.parametrize(
@@ -54,28 +54,30 @@ def test_a_request_reads_as_this_line():
         line(goal=5000),
         b'{"schema":"ikservo/owner/1","do":"stop"}\n',
         b'{"schema":"ikservo/owner/1","do":"where","do":"stop","secret":""}\n',
-        line(secret="x" * LONGEST_REQUEST),
+        line(secret="x" * MAX_REQUEST_BYTES),
         line(secret=float("nan")),
         b"\x80\x04\x95\x0c\x00\x00\x00\x00\x00\x00\x00\x8c\x08builtins.\n",
     ],
 )
 def test_anything_else_is_refused(wrong):
     with pytest.raises(InputError, match="Nothing was done"):
-        read_request(wrong)
+        decode_request(wrong)
 
 
 def test_an_answer_comes_out_as_it_went_in():
-    assert read_answer(answer_line({"tip_m": [0.1, 0.0, 0.2]})) == {"tip_m": [0.1, 0.0, 0.2]}
+    assert decode_reply(encode_reply({"tip_m": [0.1, 0.0, 0.2]})) == {"tip_m": [0.1, 0.0, 0.2]}
 
 
 def test_an_answer_without_schema_is_none():
     with pytest.raises(InputError):
-        read_answer(b'{"error": "x"}\n')
+        decode_reply(b'{"error": "x"}\n')
 
 
 def fuzzed(chance):
     """Return a request with some bytes changed, cut, doubled or thrown in."""
-    data = bytearray(request_line(Request(chance.choice(list(Errand)), chance.randbytes(4).hex())))
+    data = bytearray(
+        encode_request(Request(chance.choice(list(Command)), chance.randbytes(4).hex()))
+    )
     for _ in range(chance.randrange(1, 6)):
         at = chance.randrange(len(data) + 1)
         match chance.randrange(4):
@@ -100,7 +102,7 @@ def test_of_fuzzed_requests_each_is_one_of_the_words_or_refused(frames):
     for _ in range(frames):
         frame = fuzzed(chance)
         try:
-            request = read_request(frame)
+            request = decode_request(frame)
         except InputError:
             continue
-        assert json.loads(frame) == json.loads(request_line(request)), frame
+        assert json.loads(frame) == json.loads(encode_request(request)), frame

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.arm.owner import Errand, ask, door, listen
-from ikservo.arm.owner.place import place_of
+from ikservo.arm import control_socket as door
+from ikservo.arm.control_server import Command, send_command, serve
+from ikservo.arm.control_socket import socket_path
 from ikservo.errors import ExitCode, IkservoError, RefusedError
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix sockets")
@@ -20,7 +21,7 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix 
 
 @pytest.fixture(params=[pytest.param("unix", marks=posix), "loopback"])
 def kind(request, monkeypatch):
-    monkeypatch.setattr(door, "HAS_UNIX", request.param == "unix")
+    monkeypatch.setattr(door, "HAS_UNIX_SOCKETS", request.param == "unix")
     return request.param
 
 
@@ -38,7 +39,7 @@ class Owner:
 
     def __init__(self, device):
         self.asked = []
-        self.listener = listen(device, self.answer)
+        self.listener = serve(device, self.answer)
 
     def answer(self, request):
         self.asked.append(request.do)
@@ -54,7 +55,7 @@ def owner(device, kind):
 
 def say(device, data):
     """Say something of our own making to the owner; return what it says."""
-    connection, _ = door.knock(place_of(device), 5.0)
+    connection, _ = door.connect(socket_path(device), 5.0)
     with connection:
         connection.sendall(data)
         connection.shutdown(socket.SHUT_WR)
@@ -62,32 +63,32 @@ def say(device, data):
 
 
 def test_an_errand_is_done_and_answered(device, owner):
-    assert ask(device, Errand.STOP) == {"done": "stop"}
+    assert send_command(device, Command.STOP) == {"done": "stop"}
     assert owner.asked == ["stop"]
 
 
 def test_where_nobody_listens_there_is_no_answer(device, kind):
-    assert ask(device, Errand.STOP) is None
+    assert send_command(device, Command.STOP) is None
 
 
 def test_after_closing_nobody_listens_and_nothing_is_left(device, owner):
     owner.listener.close()
-    assert ask(device, Errand.STOP) is None
-    assert not place_of(device).exists()
+    assert send_command(device, Command.STOP) is None
+    assert not socket_path(device).exists()
 
 
 def test_every_name_of_a_device_leads_to_its_owner(device, owner, tmp_path):
     link = tmp_path / "by-id-arm"
     link.symlink_to(device)
-    assert ask(str(link), Errand.WHERE) == {"done": "where"}
+    assert send_command(str(link), Command.WHERE) == {"done": "where"}
 
 
 def test_another_device_has_another_owner(device, owner, tmp_path):
-    assert ask(str(tmp_path / "ttyACM1"), Errand.WHERE) is None
+    assert send_command(str(tmp_path / "ttyACM1"), Command.WHERE) is None
 
 
 def test_only_its_user_can_enter(device, owner):
-    place = place_of(device)
+    place = socket_path(device)
     assert stat.S_IMODE(place.parent.stat().st_mode) == 0o700
     assert stat.S_IMODE(place.stat().st_mode) == 0o600
 
@@ -95,49 +96,49 @@ def test_only_its_user_can_enter(device, owner):
 def test_a_session_without_a_folder_of_its_own_is_no_reason_for_a_warning(device, monkeypatch):
     for name in ("IKSERVO_HOME", "XDG_RUNTIME_DIR"):
         monkeypatch.delenv(name, raising=False)
-    assert place_of(device).parent.parent == Path(tempfile.gettempdir())  # and no warning
+    assert socket_path(device).parent.parent == Path(tempfile.gettempdir())  # and no warning
 
 
 def test_a_session_names_its_folder(device, monkeypatch):
     monkeypatch.delenv("IKSERVO_HOME", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/7")
-    assert place_of(device).parent == Path("/run/user/7/ikservo")
+    assert socket_path(device).parent == Path("/run/user/7/ikservo")
 
 
 def test_a_folder_that_was_open_to_others_is_closed_to_them(device, kind):
-    place_of(device).parent.mkdir(parents=True)
-    place_of(device).parent.chmod(0o777)
+    socket_path(device).parent.mkdir(parents=True)
+    socket_path(device).parent.chmod(0o777)
     Owner(device).listener.close()
-    assert stat.S_IMODE(place_of(device).parent.stat().st_mode) == 0o700
+    assert stat.S_IMODE(socket_path(device).parent.stat().st_mode) == 0o700
 
 
 def test_a_folder_that_is_a_link_is_not_used(device, kind, tmp_path):
-    place_of(device).parent.parent.mkdir()
-    place_of(device).parent.symlink_to(tmp_path, target_is_directory=True)
-    assert listen(device, dict) is None
+    socket_path(device).parent.parent.mkdir()
+    socket_path(device).parent.symlink_to(tmp_path, target_is_directory=True)
+    assert serve(device, dict) is None
 
 
 def test_an_owner_that_was_killed_leaves_nothing_in_the_way(device, kind):
-    left = door.open_door(place_of(device))
+    left = door.open_socket(socket_path(device))
     left.socket.close()  # as the kernel does for a killed process; its file stays
-    assert place_of(device).exists()
-    assert ask(device, Errand.STOP) is None
+    assert socket_path(device).exists()
+    assert send_command(device, Command.STOP) is None
     owner = Owner(device)
-    assert ask(device, Errand.STOP) == {"done": "stop"}
+    assert send_command(device, Command.STOP) == {"done": "stop"}
     owner.listener.close()
 
 
 def test_a_living_owner_is_not_pushed_aside(device, owner):
-    assert listen(device, dict) is None
-    assert ask(device, Errand.STOP) == {"done": "stop"}
+    assert serve(device, dict) is None
+    assert send_command(device, Command.STOP) == {"done": "stop"}
 
 
 def test_a_newer_owners_socket_is_left_alone(device, kind):
-    old = door.open_door(place_of(device))
+    old = door.open_socket(socket_path(device))
     old.socket.close()
     owner = Owner(device)
     old.close()
-    assert ask(device, Errand.STOP) == {"done": "stop"}
+    assert send_command(device, Command.STOP) == {"done": "stop"}
     owner.listener.close()
 
 
@@ -145,11 +146,11 @@ def test_a_newer_owners_socket_is_left_alone(device, kind):
 def test_a_malformed_request_is_refused_and_changes_nothing(device, owner, data):
     assert b'"exit_code":2' in say(device, data)
     assert owner.asked == []
-    assert ask(device, Errand.WHERE) == {"done": "where"}
+    assert send_command(device, Command.WHERE) == {"done": "where"}
 
 
 def test_a_request_without_end_is_cut_off(device, owner):
-    connection, _ = door.knock(place_of(device), 5.0)
+    connection, _ = door.connect(socket_path(device), 5.0)
     with connection, pytest.raises((ConnectionError, TimeoutError)):  # noqa: PT012  # whichever byte
         while True:
             connection.sendall(b" " * 65_536)
@@ -157,7 +158,7 @@ def test_a_request_without_end_is_cut_off(device, owner):
 
 
 def test_without_the_secret_nothing_is_done_on_the_loopback(device, monkeypatch):
-    monkeypatch.setattr(door, "HAS_UNIX", False)
+    monkeypatch.setattr(door, "HAS_UNIX_SOCKETS", False)
     owner = Owner(device)
     said = say(device, b'{"schema":"ikservo/owner/1","do":"stop","secret":"guessed"}\n')
     owner.listener.close()
@@ -168,9 +169,9 @@ def test_without_the_secret_nothing_is_done_on_the_loopback(device, monkeypatch)
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says who is on a socket")
 def test_another_user_is_refused(device, monkeypatch):
     owner = Owner(device)
-    monkeypatch.setattr(door, "_user_behind", lambda connection: os.getuid() + 1)
+    monkeypatch.setattr(door, "_peer_user", lambda connection: os.getuid() + 1)
     with pytest.raises(IkservoError, match="belongs to another user") as caught:
-        ask(device, Errand.STOP)
+        send_command(device, Command.STOP)
     owner.listener.close()
     assert caught.value.exit_code is ExitCode.REFUSED
     assert owner.asked == []
@@ -180,9 +181,9 @@ def test_the_owners_error_reaches_the_one_who_asked(device, kind):
     def refuse(request):
         raise RefusedError("It is locked.", "Unlock it.")
 
-    listener = listen(device, refuse)
+    listener = serve(device, refuse)
     with pytest.raises(IkservoError, match="It is locked") as caught:
-        ask(device, Errand.RELAX)
+        send_command(device, Command.RELAX)
     listener.close()
     assert (caught.value.hint, caught.value.exit_code) == ("Unlock it.", ExitCode.REFUSED)
 
@@ -196,16 +197,16 @@ def test_an_errand_that_stumbles_does_not_end_the_owner(device, kind):
             raise problem
         return {"done": "at last"}
 
-    listener = listen(device, stumble)
+    listener = serve(device, stumble)
     with pytest.raises(IkservoError, match="ZeroDivisionError: oops"):
-        ask(device, Errand.WHERE)
-    assert ask(device, Errand.WHERE) == {"done": "at last"}
+        send_command(device, Command.WHERE)
+    assert send_command(device, Command.WHERE) == {"done": "at last"}
     listener.close()
 
 
 def test_callers_who_say_nothing_do_not_keep_others_waiting(device, owner):
-    idle = [door.knock(place_of(device), 5.0)[0] for _ in range(10)]
-    assert ask(device, Errand.STOP) == {"done": "stop"}
+    idle = [door.connect(socket_path(device), 5.0)[0] for _ in range(10)]
+    assert send_command(device, Command.STOP) == {"done": "stop"}
     for connection in idle:
         connection.close()
 
@@ -218,13 +219,13 @@ def test_too_many_callers_are_sent_away_and_told(device, kind):
         leave.wait(20)
         return {}
 
-    listener = listen(device, wait)
+    listener = serve(device, wait)
     with ThreadPoolExecutor(16) as pool:
-        calls = [pool.submit(ask, device, Errand.WHERE, 20.0) for _ in range(16)]
+        calls = [pool.submit(send_command, device, Command.WHERE, 20.0) for _ in range(16)]
         for _ in calls:
             assert entered.acquire(timeout=20)
         with pytest.raises(IkservoError, match="does not answer"):
-            ask(device, Errand.WHERE)
+            send_command(device, Command.WHERE)
         leave.set()
         assert [call.result() for call in calls] == [{}] * 16
     listener.close()
@@ -235,5 +236,5 @@ def test_a_home_with_a_long_path_is_no_trouble(device, monkeypatch, tmp_path):
     monkeypatch.setenv("TMPDIR", "/tmp")
     monkeypatch.setattr("tempfile.tempdir", None)
     owner = Owner(device)
-    assert ask(device, Errand.STOP) == {"done": "stop"}
+    assert send_command(device, Command.STOP) == {"done": "stop"}
     owner.listener.close()

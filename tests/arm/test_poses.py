@@ -5,7 +5,7 @@ import math
 import pytest
 
 import ikservo
-from ikservo.arm.skills.poses import Poses, pose_path, poses_of_any
+from ikservo.arm.poses import PoseLibrary, known_pose_names, pose_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.writing import FileWriteError
 
@@ -23,7 +23,7 @@ def model():
 
 @pytest.fixture
 def poses(model):
-    return Poses(model, "58FA083")
+    return PoseLibrary(model, "58FA083")
 
 
 CUP = {"joint1": 0.1, "joint2": -0.2, "joint3": 0.3, "joint4": 0.0, "gripper": 0.012}
@@ -31,7 +31,7 @@ CUP = {"joint1": 0.1, "joint2": -0.2, "joint3": 0.3, "joint4": 0.0, "gripper": 0
 
 def test_a_pose_comes_back_as_it_was_kept(poses):
     poses.save("cup", CUP)
-    assert poses.named("cup") == pytest.approx(CUP, abs=1e-5)
+    assert poses.get_pose("cup") == pytest.approx(CUP, abs=1e-5)
 
 
 def test_the_file_has_degrees_for_turns_and_metres_for_slides(poses):
@@ -41,31 +41,31 @@ def test_the_file_has_degrees_for_turns_and_metres_for_slides(poses):
 
 
 def test_poses_of_the_arm_file_are_found_as_well(poses, model):
-    assert poses.named("home") == model.poses["home"]
-    assert set(poses.all()) == {"rest", "home", "zero"}
+    assert poses.get_pose("home") == model.poses["home"]
+    assert set(poses.all_poses()) == {"rest", "home", "zero"}
 
 
 def test_a_second_pose_leaves_the_first(poses):
     poses.save("cup", CUP)
     poses.save("plate", {**CUP, "joint1": 0.5})
-    assert set(poses.taught()) == {"cup", "plate"}
+    assert set(poses.user_poses()) == {"cup", "plate"}
 
 
 def test_a_pose_taught_anew_takes_the_place_of_the_old(poses):
     poses.save("cup", CUP)
     poses.save("cup", {**CUP, "joint1": 0.5})
-    assert poses.named("cup")["joint1"] == pytest.approx(0.5, abs=1e-5)
+    assert poses.get_pose("cup")["joint1"] == pytest.approx(0.5, abs=1e-5)
 
 
 def test_each_adapter_has_poses_of_its_own(poses, model):
     poses.save("cup", CUP)
-    assert Poses(model, "OTHER").taught() == {}
+    assert PoseLibrary(model, "OTHER").user_poses() == {}
 
 
 def test_an_unknown_pose_is_answered_with_the_closest(poses):
     poses.save("cup", CUP)
     with pytest.raises(UnknownNameError, match="Did you mean cup"):
-        poses.named("cpu")
+        poses.get_pose("cpu")
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_a_spoiled_file_is_named_and_left_alone(poses, text, found):
     poses.path.parent.mkdir(parents=True)
     poses.path.write_text(text)
     with pytest.raises(FileFormatError, match=found):
-        poses.named("cup")
+        poses.get_pose("cup")
     with pytest.raises(FileFormatError):
         poses.save("cup", CUP)
     assert poses.path.read_text() == text
@@ -110,7 +110,7 @@ def test_a_spoiled_file_is_named_and_left_alone(poses, text, found):
 def test_a_spoiled_file_does_not_keep_the_arm_from_its_own_poses(poses, model):
     poses.path.parent.mkdir(parents=True)
     poses.path.write_text("spoiled")
-    assert poses.named("rest") == model.poses["rest"]
+    assert poses.get_pose("rest") == model.poses["rest"]
 
 
 def test_a_disk_that_takes_no_file_leaves_the_old_one(poses, monkeypatch):
@@ -127,8 +127,8 @@ def test_a_disk_that_takes_no_file_leaves_the_old_one(poses, monkeypatch):
 
 def test_completion_offers_the_poses_of_every_adapter(poses, model):
     poses.save("cup", CUP)
-    Poses(model, "").save("plate", CUP)
-    assert poses_of_any(model) == ["cup", "home", "plate", "rest", "zero"]
+    PoseLibrary(model, "").save("plate", CUP)
+    assert known_pose_names(model) == ["cup", "home", "plate", "rest", "zero"]
 
 
 def test_the_file_lies_beside_the_calibrations(home):
@@ -138,7 +138,7 @@ def test_the_file_lies_beside_the_calibrations(home):
 def test_teaching_keeps_where_the_joints_are():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         positions = arm.teach("here")
-        assert arm.poses.named("here") == pytest.approx(positions, abs=1e-5)
+        assert arm.poses.get_pose("here") == pytest.approx(positions, abs=1e-5)
         assert positions["elbow_flex"] == pytest.approx(math.radians(45), abs=0.02)
         assert not any(state.torque for state in arm.where().joints)
 
@@ -154,7 +154,7 @@ def test_teaching_relaxes_a_holding_arm_first_and_waits_for_the_person():
 
         arm.teach("carried", carry, hold=True)
         assert seen == [False]
-        assert arm.poses.named("carried")["shoulder_pan"] == pytest.approx(0.7, abs=0.02)
+        assert arm.poses.get_pose("carried")["shoulder_pan"] == pytest.approx(0.7, abs=0.02)
         assert all(state.torque for state in arm.where().joints)
 
 

@@ -56,7 +56,7 @@ def loop_of(name):
 
 
 def move(arm, watched):
-    arm._drive(lambda _: brief_move(arm, chance(1), "normal"), watched.begin, "normal")
+    arm._run_trajectory(lambda _: brief_move(arm, chance(1), "normal"), watched.begin, "normal")
 
 
 def check_held(name, place, hits):

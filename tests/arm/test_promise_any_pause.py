@@ -69,7 +69,7 @@ def move(arm, held_up):
         courses.append(brief_move(arm, chance(1), "fast", most_rad=0.2))
         return courses[0]
 
-    arm._drive(begin, held_up.begin, "fast")
+    arm._run_trajectory(begin, held_up.begin, "fast")
     return courses[0]
 
 

@@ -48,10 +48,10 @@ class Packets:
         self.count = 0
         line.witnesses.append(self)
 
-    def heard(self, _at_s, _frame, _framing):
+    def on_frame(self, _at_s, _frame, _framing):
         self.count += 1
 
-    def said(self, _at_s, _servo, _data):
+    def on_reply(self, _at_s, _servo, _data):
         pass
 
 
@@ -78,7 +78,7 @@ def beyond(arm, dice):
     """Ask for the first tick beyond a limit."""
     fence = dice.choice(arm._servos.fences)
     end, outwards = dice.choice((0, 1)), dice.choice((1, 2, 50, 4096))
-    tick = fence.positions[end] + (2 * end - 1) * outwards * fence.joint_map.unit_per_tick
+    tick = fence.position_range[end] + (2 * end - 1) * outwards * fence.joint_map.unit_per_tick
     return arm.move_joints({fence.joint: tick})
 
 

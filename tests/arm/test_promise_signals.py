@@ -36,7 +36,7 @@ def struck_s(name, number, seed):
     move = brief_move(arm, dice, speed, most_rad=0.8)
     strike.at_s = move.duration_s * share(seed)
     with pytest.raises((KeyboardInterrupt, SystemExit)), arm:
-        arm._drive(lambda _: move, strike, speed)
+        arm._run_trajectory(lambda _: move, strike, speed)
     check_holds(arm, auditor, (seed, name, number))
     return strike.ended_s(auditor)
 

@@ -32,7 +32,7 @@ def stalled(name, seed):
         speed = dice.choice(SPEEDS)
         move = brief_move(arm, dice, speed, most_rad=1.0)
         try:
-            arm._drive(lambda _: move, None, speed)
+            arm._run_trajectory(lambda _: move, None, speed)
         except RefusedError as error:
             if slow.stalls < MOST_RESTARTS or "watchdog stopped them" not in str(error):
                 raise

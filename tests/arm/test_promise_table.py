@@ -15,12 +15,12 @@ class Table:
 
     def __init__(self, arm):
         space = arm.workings.space
-        self._arm, self._gaps = arm, space.gaps
+        self._arm, self._gaps = arm, space.distances
         self._floor = [i for i, (link, thing) in enumerate(space.pairs)
                        if thing == "the floor" and link != arm.model.chain.base]  # fmt: skip
 
     def above_m(self, joints):
-        return float(self._gaps([self._arm.workings.in_body(joints)])[0][self._floor].min())
+        return float(self._gaps([self._arm.workings.body_joints(joints)])[0][self._floor].min())
 
     def true_m(self):
         world = line_of(self._arm).world

@@ -13,7 +13,7 @@ from tests.arm.simulated import line_of
 PRODUCT = Path(ikservo.__file__).parent
 FAMILIES = ("so101", "koch")
 # What looks how old a file is, and what writes a date into one.
-WITH_REASON = {"ik/kernel/compiling.py"}
+WITH_REASON = {"ik/kernel/jit.py"}
 
 
 def test_no_line_of_the_product_times_anything_by_the_wall_clock():
@@ -70,14 +70,14 @@ class Stepped:
         patch.setattr(time, "time_ns", lambda: int(1e9 * (self._real() + self._offset_s)))
 
 
-def said_in(name, seed, on_beat=None):
+def said_in(name, seed, on_cycle=None):
     """Return every packet of a motion, whoever sent it, with its time."""
     said = []
     with opened(name, seed) as arm:
         arm.enable()
         line_of(arm).witnesses.append(Wiretap(said))
         move = brief_move(arm, chance(seed), "fast")
-        arm._drive(lambda _: move, on_beat, "fast")
+        arm._run_trajectory(lambda _: move, on_cycle, "fast")
     return said
 
 
@@ -85,8 +85,8 @@ class Wiretap:
     def __init__(self, said):
         self._said = said
 
-    def heard(self, at_s, frame, _framing):
+    def on_frame(self, at_s, frame, _framing):
         self._said.append((round(at_s, 9), str(frame)))
 
-    def said(self, at_s, servo, data):
+    def on_reply(self, at_s, servo, data):
         self._said.append((round(at_s, 9), servo and servo.id, bytes(data)))

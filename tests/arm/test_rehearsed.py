@@ -8,7 +8,7 @@ import pytest
 PROGRAM = """
 import gc, sys
 import ikservo
-from ikservo.arm.streaming.stream import Stream
+from ikservo.control.loop import ControlLoop
 
 def loaded():
     dispatcher = getattr(sys.modules.get("numba.core.dispatcher"), "Dispatcher", None)
@@ -17,7 +17,7 @@ def loaded():
     return {name for name in sys.modules if "encodings" not in name}, {
         f"{o.py_func.__qualname__}{s}" for o in found for s in o.signatures}
 
-run, late = Stream._stream, []
+run, late = ControlLoop._run_loop, []
 
 def watched(self, *words):
     modules, signatures = loaded()
@@ -27,7 +27,7 @@ def watched(self, *words):
         after, compiled = loaded()
         late.extend(sorted(after - modules) + sorted(compiled - signatures))
 
-Stream._stream = watched
+ControlLoop._run_loop = watched
 with ikservo.open_arm(ARM, port="sim") as arm:
     tip_m = arm.where().tip_m
     SKILL

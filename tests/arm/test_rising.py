@@ -22,7 +22,7 @@ def folded():
 
 def test_it_goes_where_it_is_told_by_way_of_a_pose_where_it_is_free(folded):
     plan = folded.plan_to(TARGET_M)
-    assert plan.by == "home"
+    assert plan.via_pose == "home"
     assert folded.execute(plan).reached
     np.testing.assert_allclose(true_tip_m(folded), TARGET_M, atol=2e-3)
 
@@ -39,7 +39,7 @@ def test_an_arm_that_stands_free_is_sent_nowhere_else(folded):
     folded.pose("home")
     with pytest.raises(RefusedError, match="-the floor"):
         folded.move_joints({"shoulder_lift": 1.5, "elbow_flex": 0.0, "wrist_flex": 0.0})
-    assert folded.plan_to(TARGET_M).by == ""
+    assert folded.plan_to(TARGET_M).via_pose == ""
 
 
 def test_what_cannot_be_reached_freely_is_refused_as_before(folded):

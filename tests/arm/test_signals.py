@@ -115,7 +115,7 @@ def test_a_stop_that_the_program_asked_for_is_an_error_of_ikservo(arm):
 
 def test_ctrl_c_while_a_stop_brakes_ends_the_program_all_the_same(arm):
     def watch(progress):
-        if progress.elapsed_s > 0.4 and not arm.stops_asked:
+        if progress.elapsed_s > 0.4 and not arm.stop_requests:
             arm.stop("enough")
             signal.raise_signal(signal.SIGINT)
 

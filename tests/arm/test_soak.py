@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import ikservo
-from ikservo.arm.streaming.stream import Stream
-from ikservo.motion import State
+from ikservo.control.loop import ControlLoop
+from ikservo.motion import TrajectoryPoint
 from tests.arm.seeds import tell
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
@@ -26,7 +26,7 @@ class ToAndFro:
         position = self._start.copy()
         share = (time_s / 8.0) % 1.0
         position[0] += 0.6 * (share if share < 0.5 else 1.0 - share)
-        return State.rest(position)
+        return TrajectoryPoint.at_rest(position)
 
 
 class CountedError(Exception):
@@ -72,7 +72,7 @@ def streamed(name, beats, look):
     """Swing an arm for so many beats; ``look`` is called with the number of each."""
     count = iter(range(1, beats + 1))
 
-    def on_beat(_):
+    def on_cycle(_):
         k = next(count)
         look(k)
         if k == beats:
@@ -81,4 +81,4 @@ def streamed(name, beats, look):
     with ikservo.open_arm(name, port="sim") as arm:
         arm.enable()
         with pytest.raises(CountedError):
-            Stream(arm._servos).run(ToAndFro(arm._servos.goals()), on_beat)
+            ControlLoop(arm._servos).run(ToAndFro(arm._servos.goals()), on_cycle)

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.planning import Planner, Stance
+from ikservo.arm.planner import Planner
+from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.errors import BadValueError, OrientationError, UnknownNameError, UnreachableError
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import load_model
-from ikservo.model.tool import tool_of
+from ikservo.model.tool import tool_frame
 
 DEG = math.radians
 
@@ -22,13 +23,13 @@ def bench(name):
     model = load_model(name)
     names = [joint.name for joint in model.joints]
     here = np.array([model.pose("home")[joint] for joint in names])
-    return Planner(model, model.chain, names), model.chain, tool_of(model), here
+    return Planner(model, model.chain, names), model.chain, tool_frame(model), here
 
 
 def planned(name, point_m, **asked):
     """Plan from home; return the plan and the tool's orientation there (3, 3)."""
     planner, chain, _, here = bench(name)
-    plan = planner.to_point(here, point_m, "normal", Stance(**asked))
+    plan = planner.plan_to_point(here, point_m, "normal", ToolOrientation(**asked))
     return plan, chain.forward(plan.goal[: chain.dof])[:3, :3]
 
 
@@ -59,7 +60,7 @@ def test_a_roll_alone_leaves_the_pitch_as_it_was():
 def test_a_direction_is_met_by_an_arm_with_a_free_wrist():
     _, R = planned("wx250s", (0.2, 0.04, 0.15), direction=(1, 0.5, -1))
     np.testing.assert_allclose(
-        R @ bench("wx250s")[2].ahead, np.array((1, 0.5, -1)) / 1.5, atol=1e-3
+        R @ bench("wx250s")[2].approach_axis, np.array((1, 0.5, -1)) / 1.5, atol=1e-3
     )
 
 
@@ -77,13 +78,13 @@ def test_asked_nothing_the_tool_stays_as_steep_as_it_was(name):
     plan, R = planned(name, point_m)
     before = chain.forward(here[: chain.dof])[:3, :3]
     assert tool.pitch_rad(R) == pytest.approx(tool.pitch_rad(before), abs=DEG(0.2))
-    assert math.degrees(plan.left_rad) < 0.2
+    assert math.degrees(plan.orientation_error_rad) < 0.2
 
 
 def test_asked_nothing_a_point_is_reached_even_where_nothing_can_be_kept():
     plan, _ = planned("so101", (0.02, 0.02, 0.45))
     np.testing.assert_allclose(plan.tip_m, (0.02, 0.02, 0.45), atol=2e-5)
-    assert math.degrees(plan.left_rad) > 5.0
+    assert math.degrees(plan.orientation_error_rad) > 5.0
 
 
 @pytest.mark.parametrize(("name", "asked", "word"), [
@@ -120,13 +121,13 @@ def test_a_point_out_of_reach_is_that_and_no_matter_of_orientation():
 ])  # fmt: skip
 def test_a_stance_that_is_none_is_refused(asked):
     with pytest.raises(BadValueError):
-        Stance(**asked)
+        ToolOrientation(**asked)
 
 
 def test_on_a_line_the_tool_is_turned_to_what_is_asked_at_its_end():
     planner, chain, tool, here = bench("so101")
     goal_m = chain.forward(here[: chain.dof])[:3, 3] + np.array((-0.02, 0.05, 0.03))
-    plan = planner.on_lines(here, [goal_m], "normal", 0.02, Stance(pitch_rad=DEG(-40)))
+    plan = planner.plan_linear(here, [goal_m], "normal", 0.02, ToolOrientation(pitch_rad=DEG(-40)))
     R = chain.forward(plan.goal[: chain.dof])[:3, :3]
     assert math.degrees(tool.pitch_rad(R)) == pytest.approx(-40, abs=0.5)
 
@@ -139,15 +140,15 @@ def arm():
 
 @pytest.mark.parametrize("stance", [None, "down", (0.0, 0.0, -1.0)])
 def test_what_is_no_stance_is_refused_in_words(arm, stance):
-    with pytest.raises(BadValueError, match="Stance"):
+    with pytest.raises(BadValueError, match="ToolOrientation"):
         arm.move_to((0.2, 0.0, 0.15), stance=stance)
-    with pytest.raises(BadValueError, match="Stance"):
+    with pytest.raises(BadValueError, match="ToolOrientation"):
         arm.move_line((0.2, 0.0, 0.15), stance=stance)
 
 
 def test_an_angle_that_is_no_number_is_refused_in_words():
     with pytest.raises(BadValueError, match="The pitch"):
-        Stance(pitch_rad="down")
+        ToolOrientation(pitch_rad="down")
 
 
 @pytest.mark.parametrize("speed", [[], None, 1, "quick"])

@@ -5,9 +5,10 @@ import signal
 import pytest
 
 import ikservo
-from ikservo.arm.background.motion import CANCELLED
-from ikservo.arm.streaming.halt import CTRL_C, StopKind, StopReason, StopRequest
+from ikservo.arm.background_motion import CANCELLED
+from ikservo.control.stopping import CTRL_C, StopRequest
 from ikservo.errors import BusError, StoppedError
+from ikservo.guard import StopKind, StopReason
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ STOPS = {
     "sighup": (lambda _: signal.raise_signal(signal.SIGHUP), StopKind.HANGUP),
     "stop": (lambda arm: arm.stop(), StopKind.PROGRAM),
     "stop with the words of Ctrl-C": (lambda arm: arm.stop(CTRL_C.text), StopKind.PROGRAM),
-    "release": (lambda arm: arm.release(), StopKind.RELEASED),
+    "release": (lambda arm: arm.disable_torque(), StopKind.RELEASED),
     "interrupt": (lambda _: raises(KeyboardInterrupt)(), StopKind.CTRL_C),
     "bus": (lambda _: raises(BusError("nothing was heard"))(), StopKind.FAULT),
     "bug": (lambda _: raises(ZeroDivisionError("a bug"))(), StopKind.FAULT),
@@ -58,13 +59,13 @@ def test_each_way_to_stop_a_motion_has_its_kind(arm, stop, kind):
 
 
 def test_a_signal_before_the_first_goal_keeps_its_kind(arm, monkeypatch):
-    ready = arm._servos._ready
+    ready = arm._servos._prepare_streaming
 
     def interrupted(speed_rad_s):
         signal.raise_signal(signal.SIGTERM)
         ready(speed_rad_s)
 
-    monkeypatch.setattr(arm._servos, "_ready", interrupted)
+    monkeypatch.setattr(arm._servos, "_prepare_streaming", interrupted)
     with pytest.raises(SystemExit):
         arm.move_joints({"shoulder_pan": 0.8})
     assert arm.stop_reason.kind is StopKind.TERMINATED

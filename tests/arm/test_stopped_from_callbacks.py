@@ -85,7 +85,7 @@ def test_closing_in_a_callback_ends_the_motion_and_holds(arm):
 
 def test_releasing_in_a_callback_ends_the_motion_with_torque_off(arm):
     with pytest.raises(StoppedError, match="switched torque off"):
-        go(arm, arm.release)
+        go(arm, arm.disable_torque)
     assert not any(registers(arm, "torque_enable").values())
 
 

@@ -6,7 +6,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import BadReplyError, CalibrationError, ServoSilentError
-from ikservo.registers import Access, table_for
+from ikservo.registers import Access, control_table
 from tests.hardware.desk import line_with
 
 STS, XL330 = "STS3215", "XL330-M288"
@@ -38,7 +38,7 @@ def memories(transport):
 
 
 def _written_only_by_people(model):
-    registers = table_for(model).registers.values()
+    registers = control_table(model).registers.values()
     return [r for r in registers if r.access is Access.RW and r.name != "goal_position"]
 
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.streaming.halt import StopKind, StopReason
-from ikservo.arm.streaming.servos import Servos
-from ikservo.arm.streaming.stream import Stream
-from ikservo.arm.streaming.throttle import Throttle
+from ikservo.control.loop import ControlLoop, TimeScaler
+from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import RefusedError, StoppedError
-from ikservo.motion import JointMove, Pace
+from ikservo.guard import StopKind, StopReason
+from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
 from tests.arm.auditing import Auditor
 from tests.arm.line_faults import Traced, loop_lines
@@ -35,21 +34,21 @@ def either(request):
         yield machine
 
 
-def course_of(servos: Servos, way_rad=0.6):
+def course_of(servos: ServoGroup, way_rad=0.6):
     start = servos.goals()
     goal = start.copy()
     goal[0] += way_rad
-    return JointMove(start, goal, [Pace(1.0, 3.0, 30.0)] * len(start))
+    return JointMove(start, goal, [KinematicLimits(1.0, 3.0, 30.0)] * len(start))
 
 
 def test_a_course_is_carried_out_to_its_end(either):
     course = course_of(either._servos)
-    measured = Stream(either._servos).run(course, speed_rad_s=1.0)
+    measured = ControlLoop(either._servos).run(course, speed_rad_s=1.0)
     np.testing.assert_allclose(measured, course.goal, atol=0.16)
 
 
 def test_beats_come_at_their_rate_and_tell_the_time_of_the_motion(arm):
-    stream, beats = Stream(arm._servos), []
+    stream, beats = ControlLoop(arm._servos), []
     stream.run(course_of(arm._servos), beats.append)
     times = [beat.time_s for beat in beats]
     assert times == sorted(times)
@@ -58,11 +57,11 @@ def test_beats_come_at_their_rate_and_tell_the_time_of_the_motion(arm):
 
 
 def test_the_rate_is_between_100_and_500_hz(either):
-    assert 0.002 <= Stream(either._servos).cycle_time_s <= 0.010
+    assert 0.002 <= ControlLoop(either._servos).cycle_time_s <= 0.010
 
 
 def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
-    stream, asked, clock = Stream(either._servos), [], either._servos.clock
+    stream, asked, clock = ControlLoop(either._servos), [], either._servos.clock
     auditor = Auditor(either)
 
     def ask(beat):
@@ -78,7 +77,7 @@ def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
 
 
 def test_a_stop_slows_down_over_a_quarter_of_a_second_instead_of_at_once():
-    throttle = Throttle(0.005)
+    throttle = TimeScaler(0.005)
     gaps = [throttle.step(0.005, braking=True) for _ in range(60)]
     assert gaps == sorted(gaps, reverse=True)
     assert sum(gap > 0 for gap in gaps) == pytest.approx(50, abs=1)
@@ -93,7 +92,7 @@ def test_a_stop_that_is_wanted_while_nothing_moves_keeps_the_next_motion_from_be
 
 
 def test_a_stop_stays_until_somebody_acknowledges_it(arm):
-    stream = Stream(arm._servos)
+    stream = ControlLoop(arm._servos)
     with pytest.raises(StoppedError):
         stream.run(course_of(arm._servos), lambda _: stream.request_stop(ENOUGH))
     with pytest.raises(RefusedError, match="enough"):
@@ -113,7 +112,7 @@ def test_after_a_stall_goals_go_on_from_where_they_were(stall_s):
                 stalled.append(clock.now_s())
                 clock.sleep_until(clock.now_s() + stall_s)
 
-        Stream(arm._servos).run(course_of(arm._servos), stall)
+        ControlLoop(arm._servos).run(course_of(arm._servos), stall)
         assert auditor.faults() == []
         steps = [abs(goal.tick - goal.last) for goal in auditor.goals_after(stalled[0] + 0.01)]
         assert max(steps) < 12
@@ -124,7 +123,7 @@ def test_dynamixels_stop_themselves_in_a_stall_and_the_program_says_so():
         arm.enable()
         clock = arm._servos.clock
         with pytest.raises(RefusedError, match="so the servos' watchdog stopped them"):
-            Stream(arm._servos).run(
+            ControlLoop(arm._servos).run(
                 course_of(arm._servos), lambda _: clock.sleep_until(clock.now_s() + 0.3)
             )
 
@@ -134,7 +133,7 @@ def test_a_machine_that_is_always_late_slows_the_motion_to_a_stop():
         arm.enable()
         clock = arm._servos.clock
         with pytest.raises(RefusedError, match="too busy"):
-            Stream(arm._servos).run(
+            ControlLoop(arm._servos).run(
                 course_of(arm._servos, 1.5), lambda _: clock.sleep_until(clock.now_s() + 0.04)
             )
 
@@ -143,7 +142,7 @@ def test_steps_of_the_wall_clock_change_nothing(arm, monkeypatch):
     hours = iter(range(10**9))
     monkeypatch.setattr(time, "time", lambda: 3600.0 * (-1) ** next(hours))
     course = course_of(arm._servos)
-    measured = Stream(arm._servos).run(course)
+    measured = ControlLoop(arm._servos).run(course)
     np.testing.assert_allclose(measured, course.goal, atol=0.16)
 
 
@@ -155,7 +154,7 @@ def test_goals_lead_the_joints_by_no_more_than_the_look_ahead(arm):
 
 
 def test_a_failure_in_any_line_of_the_stream_ends_with_the_arm_told_to_hold():
-    check_lines("so101", [line for line in loop_lines() if "stream.py" in line[0]][::3])
+    check_lines("so101", [line for line in loop_lines() if "loop.py" in line[0]][::3])
 
 
 @pytest.mark.campaign
@@ -187,7 +186,7 @@ def check_lines(name, lines):
 
 
 def short_motion(arm, way_rad=0.1):
-    Stream(arm._servos).run(course_of(arm._servos, way_rad), lambda _: None)
+    ControlLoop(arm._servos).run(course_of(arm._servos, way_rad), lambda _: None)
 
 
 def check_stopped(arm, auditor, place):
@@ -206,7 +205,7 @@ def check_stopped(arm, auditor, place):
 
 
 def test_a_stop_that_is_wanted_at_the_very_end_is_not_lost(arm):
-    stream = Stream(arm._servos)
+    stream = ControlLoop(arm._servos)
 
     def ask(beat):
         if beat.time_s >= beat.duration_s - 1.5 * stream.cycle_time_s:
@@ -226,7 +225,7 @@ def test_in_mid_motion_nothing_else_is_begun(arm, what):
 
 
 def test_an_answer_that_is_lost_after_a_stall_is_asked_for_once_more(arm):
-    stream, line, stalled = Stream(arm._servos), line_of(arm), []
+    stream, line, stalled = ControlLoop(arm._servos), line_of(arm), []
 
     def stall(beat):
         if beat.time_s > 0.3 and not stalled:

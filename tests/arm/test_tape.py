@@ -6,12 +6,11 @@ import re
 import numpy as np
 import pytest
 
-from ikservo.arm.tapes.tape import Heading, Recorder
-from ikservo.arm.tapes.tape_reading import read_recording
+from ikservo.arm.recording import RecordingHeader, RecordingWriter, read_recording
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.writing import FileWriteError
 
-HEADING = Heading("so101", ("a", "b"), ("rad", "m"), 0.02)
+HEADING = RecordingHeader("so101", ("a", "b"), ("rad", "m"), 0.02)
 HEADER = {"schema": "ikservo/recording/1", "arm": "so101", "joints": ["a", "b"],
           "units": ["rad", "m"], "period_s": 0.02}  # fmt: skip
 
@@ -34,9 +33,9 @@ def sample(t_s, *q):
 
 
 def test_what_is_recorded_is_read_back(tmp_path):
-    with Recorder(tmp_path / "wave.jsonl", HEADING) as recorder:
-        recorder.see(0.0, np.array([0.1, 0.02]))
-        recorder.see(0.02, np.array([-0.2, 0.03]))
+    with RecordingWriter(tmp_path / "wave.jsonl", HEADING) as recorder:
+        recorder.write(0.0, np.array([0.1, 0.02]))
+        recorder.write(0.02, np.array([-0.2, 0.03]))
     recording = read_recording(tmp_path / "wave.jsonl")
     assert recording.heading == HEADING
     np.testing.assert_array_equal(recording.times_s, [0.0, 0.02])
@@ -44,16 +43,16 @@ def test_what_is_recorded_is_read_back(tmp_path):
 
 
 def test_the_file_reads_as_these_lines(tmp_path):
-    with Recorder(tmp_path / "wave.jsonl", HEADING) as recorder:
-        recorder.see(0.0, np.array([0.1234567, 0.0]))
+    with RecordingWriter(tmp_path / "wave.jsonl", HEADING) as recorder:
+        recorder.write(0.0, np.array([0.1234567, 0.0]))
     first, second = (tmp_path / "wave.jsonl").read_text().splitlines()
     assert json.loads(first) == HEADER
     assert second == '{"t_s": 0.0, "q": [0.123457, 0.0]}'
 
 
 def test_each_line_is_whole_as_soon_as_it_is_written(tmp_path):
-    recorder = Recorder(tmp_path / "wave.jsonl", HEADING)
-    recorder.see(0.0, np.array([0.1, 0.0]))
+    recorder = RecordingWriter(tmp_path / "wave.jsonl", HEADING)
+    recorder.write(0.0, np.array([0.1, 0.0]))
     assert len(read_recording(tmp_path / "wave.jsonl").times_s) == 1
     recorder.close()
 
@@ -61,20 +60,20 @@ def test_each_line_is_whole_as_soon_as_it_is_written(tmp_path):
 def test_a_file_that_is_there_is_not_lost(tape):
     path = tape("precious")
     with pytest.raises(InputError, match="exists; use overwrite=True"):
-        Recorder(path, HEADING)
+        RecordingWriter(path, HEADING)
     assert path.read_text() == "precious"
 
 
 def test_whoever_says_so_overwrites(tape):
     path = tape("old")
-    Recorder(path, HEADING, overwrite=True).close()
+    RecordingWriter(path, HEADING, overwrite=True).close()
     assert json.loads(path.read_text()) == HEADER
 
 
 @pytest.mark.parametrize("name", ["no/such/folder/wave.jsonl", "", "a\0b"])
 def test_a_place_that_takes_no_file_is_named(tmp_path, name):
     with pytest.raises(FileWriteError):
-        Recorder(tmp_path / name, HEADING, overwrite=True)
+        RecordingWriter(tmp_path / name, HEADING, overwrite=True)
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import pytest
 
 import ikservo
-from ikservo.arm.streaming.stream import Stream
-from ikservo.arm.streaming.torque_state import TorqueState, TorqueStateMachine
+from ikservo.control.loop import ControlLoop
+from ikservo.control.torque_state import TorqueState, TorqueStateMachine
 from ikservo.errors import (
     BusError,
     IkservoError,
@@ -12,7 +12,7 @@ from ikservo.errors import (
     ServoAlarmError,
     StoppedError,
 )
-from ikservo.motion import JointMove, Pace
+from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
 from tests.arm.simulated import line_of
 
@@ -137,7 +137,7 @@ def test_a_motion_goes_through_its_states(arm):
     seen.append(state(arm))
     arm.move_joints({"shoulder_pan": 0.1}, on_progress=lambda _: seen.append(state(arm)))
     seen.append(state(arm))
-    arm.release()
+    arm.disable_torque()
     seen.append(state(arm))
     assert list(dict.fromkeys(seen)) == [UNKNOWN, FIRST_MOTION, MOVING, HOLDING, OFF]
 
@@ -147,9 +147,9 @@ def test_a_stopped_first_motion_is_no_first_motion_and_the_next_one_is_slow(arm)
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=lambda _: arm.stop("enough"))
     assert state(arm) is UNKNOWN
     arm.acknowledge()
-    assert arm.plan_joints({"shoulder_pan": 0.3}, speed="fast").slowed
+    assert arm.plan_joints({"shoulder_pan": 0.3}, speed="fast").speed_reduced
     arm.move_joints({"shoulder_pan": 0.3})
-    assert not arm.plan_joints({"shoulder_pan": 0.0}, speed="fast").slowed
+    assert not arm.plan_joints({"shoulder_pan": 0.0}, speed="fast").speed_reduced
 
 
 def test_a_stopped_later_motion_is_followed_by_one_of_any_speed(arm):
@@ -158,7 +158,7 @@ def test_a_stopped_later_motion_is_followed_by_one_of_any_speed(arm):
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=lambda _: arm.stop("enough"))
     arm.acknowledge()
     assert state(arm) is UNKNOWN
-    assert not arm.plan_joints({"shoulder_pan": 0.3}, speed="fast").slowed
+    assert not arm.plan_joints({"shoulder_pan": 0.3}, speed="fast").speed_reduced
 
 
 def test_torque_that_could_not_be_switched_off_everywhere_is_unknown(arm):
@@ -166,7 +166,7 @@ def test_torque_that_could_not_be_switched_off_everywhere_is_unknown(arm):
     line = line_of(arm)
     line.faults.add(Fault(kind="silent", id=6, at_s=line.world.time_s, for_s=0.6))
     with pytest.raises(BusError):
-        arm.release()
+        arm.disable_torque()
     assert state(arm) is UNKNOWN
 
 
@@ -176,7 +176,7 @@ def test_torque_that_could_not_be_switched_on_everywhere_is_unknown(arm, monkeyp
     def refused(*_):
         raise RefusedError("A joint is far outside its range.")
 
-    monkeypatch.setattr("ikservo.arm.streaming.servos.check_supply", refused)
+    monkeypatch.setattr("ikservo.control.servo_group.check_supply_voltage", refused)
     with pytest.raises(RefusedError):
         arm.enable()
     assert state(arm) is UNKNOWN
@@ -187,15 +187,15 @@ def test_a_second_control_loop_is_refused_and_the_first_goes_on(arm):
     start, refused = arm._servos.goals(), []
     goal = start.copy()
     goal[0] += 0.2
-    course = JointMove(start, goal, [Pace(1.0, 3.0, 30.0)] * len(start))
+    course = JointMove(start, goal, [KinematicLimits(1.0, 3.0, 30.0)] * len(start))
 
     def start_another(_):
         try:
-            Stream(arm._servos).run(course)
+            ControlLoop(arm._servos).run(course)
         except RefusedError as error:
             refused.append(error.message)
 
-    measured = Stream(arm._servos).run(course, start_another)
+    measured = ControlLoop(arm._servos).run(course, start_another)
     assert set(refused) == {"The arm is moving."}
     assert arm.stop_reason is None
     assert measured[0] == pytest.approx(goal[0], abs=0.1)
@@ -224,7 +224,7 @@ def test_an_overheated_arm_that_fails_again_while_it_is_lowered_is_lowered_once(
         started.append(state(arm))
         arm.move_joints({"shoulder_pan": 0.0}, on_progress=overheat)
 
-    monkeypatch.setattr(type(arm._servos), "too_hot", True)
+    monkeypatch.setattr(type(arm._servos), "overheated", True)
     monkeypatch.setattr(arm, "_lower", lower)
     with pytest.raises(IkservoError, match="too hot"):
         arm.move_joints({"shoulder_pan": 0.3}, on_progress=overheat)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ikservo
-from ikservo.arm.arriving.whole_ticks import nearest_ticks
+from ikservo.arm.tick_rounding import round_to_ticks
 from ikservo.calibration import JointMap, Limits
-from ikservo.guard import Fence
+from ikservo.guard import CommandLimits
 from tests.oracle import ARMS
 
 CHAINS = {name: ikservo.load_model(name).chain for name in ARMS}
@@ -19,7 +19,7 @@ DRAWS = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8)
 
 def fences_of(chain):
     return [
-        Fence(
+        CommandLimits(
             JointMap.revolute(name, i, (-1) ** i, 2048 + 0.3 * i, 4096),
             Limits.of(name, float(low), float(high), "arm file"),
             speed=2.0,
@@ -47,9 +47,9 @@ def tip_m(chain, fences, ticks):
 def test_they_stay_inside_the_limits(name, draws):
     chain, q = drawn(name, np.round(draws))  # every joint on one of its limits
     fences = fences_of(chain)
-    ticks = nearest_ticks(chain, chain.forward(q)[:3, 3], q, fences)
+    ticks = round_to_ticks(chain, chain.forward(q)[:3, 3], q, fences)
     for fence, tick in zip(fences, ticks, strict=True):
-        assert fence.ticks[0] <= tick <= fence.ticks[1]
+        assert fence.tick_range[0] <= tick <= fence.tick_range[1]
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -58,8 +58,11 @@ def test_they_stay_inside_the_limits(name, draws):
 def test_they_are_never_worse_than_rounding(name, draws):
     chain, q = drawn(name, draws)
     fences, target_m = fences_of(chain), chain.forward(q)[:3, 3]
-    inside = [min(max(f.tick(x), f.ticks[0]), f.ticks[1]) for f, x in zip(fences, q, strict=True)]
-    ticks = nearest_ticks(chain, target_m, q, fences)
+    inside = [
+        min(max(f.tick(x), f.tick_range[0]), f.tick_range[1])
+        for f, x in zip(fences, q, strict=True)
+    ]
+    ticks = round_to_ticks(chain, target_m, q, fences)
     turned_m = 0.01 * math.radians(1.0)  # rounding turns the tool by less than a degree
     rounded = np.linalg.norm(tip_m(chain, fences, inside) - target_m)
     assert np.linalg.norm(tip_m(chain, fences, ticks) - target_m) <= rounded + turned_m
@@ -74,7 +77,7 @@ def test_they_leave_half_of_what_rounding_leaves_of_the_error(name):
         target_m = chain.forward(q)[:3, 3]
         nearest = [fence.tick(x) for fence, x in zip(fences, q, strict=True)]
         rounded.append(np.linalg.norm(tip_m(chain, fences, nearest) - target_m))
-        ticks = nearest_ticks(chain, target_m, q, fences)
+        ticks = round_to_ticks(chain, target_m, q, fences)
         ours.append(np.linalg.norm(tip_m(chain, fences, ticks) - target_m))
     assert np.median(ours) < 0.5 * np.median(rounded)
 
@@ -84,7 +87,7 @@ def test_the_tool_keeps_its_orientation_within_half_a_degree():
     fences = fences_of(chain)
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (10, chain.dof)):
         T = chain.forward(q)
-        ticks = nearest_ticks(chain, T[:3, 3], q, fences)
+        ticks = round_to_ticks(chain, T[:3, 3], q, fences)
         joints = [f.joint_map.position(tick) for f, tick in zip(fences, ticks, strict=True)]
         cos = (np.trace(chain.forward(joints)[:3, :3].T @ T[:3, :3]) - 1.0) / 2.0
         assert math.degrees(math.acos(min(1.0, cos))) < 0.5
@@ -93,4 +96,4 @@ def test_the_tool_keeps_its_orientation_within_half_a_degree():
 def test_the_same_question_has_the_same_answer():
     chain, q = drawn("so101", [0.3, 0.6, 0.4, 0.7, 0.2, 0.5, 0.5, 0.5])
     asked = (chain, chain.forward(q)[:3, 3], q, fences_of(chain))
-    assert nearest_ticks(*asked) == nearest_ticks(*asked)
+    assert round_to_ticks(*asked) == round_to_ticks(*asked)

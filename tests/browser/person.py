@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio
 
 from ikservo.model import load_model
-from ikservo.view.server.messages import read_message
-from ikservo.view.server.visitors import Right
-from ikservo.view.session.house import House
+from ikservo.view.app import ViewApp
+from ikservo.view.auth import Permission
+from ikservo.view.messages import read_message
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
 from tests.oracle import pinocchio_model
 
@@ -57,11 +57,11 @@ class Stand:
             pilot.acknowledge()
             until(lambda: not pilot.readout.trouble)
         if not self.is_home():
-            me = desk.join(Right.CONTROL)
+            me = desk.connect(Permission.CONTROL)
             for seq, words in enumerate(GO_HOME):
                 desk.receive(me, read_message(json.dumps({**words, "seq": seq + 1, "seen": 0})))
             until(self.is_home, lambda: (pilot.readout, self.joints()))
-            desk.leave(me)
+            desk.disconnect(me)
         return self
 
     def is_home(self):
@@ -79,11 +79,11 @@ class Stand:
         return np.array(data.oMi[model.getJointId(joint)].translation)
 
 
-class HeldHouse(House):
+class HeldHouse(ViewApp):
     """A view of an arm that holds itself when it is opened, as one in use does."""
 
-    def _open(self):
-        arm = super()._open()
+    def _open_arm(self):
+        arm = super()._open_arm()
         arm.enable()
         return arm
 
@@ -92,7 +92,7 @@ class HeldHouse(House):
 def opened_house(arm="so101", port="sim:?pose=home", dead_man_s=5.0):
     """Serve a view; a busy machine makes pages stutter, so the dead man is patient by default."""
     house = HeldHouse(load_model(arm), port, dead_man_s=dead_man_s)
-    with house as urls, house.serve_beside():
+    with house as urls, house.serve_in_thread():
         yield Stand(house, urls)
 
 

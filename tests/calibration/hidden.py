@@ -6,15 +6,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
 
-from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.arm.line import servo_specs
-from ikservo.calibration.sweeping.sweep import Wizard
+from ikservo.arm.opening import servo_specs
+from ikservo.calibration.procedure import CalibrationState
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.line.port import Port
+from ikservo.hardware.port import Port
+from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import load_model as load_model_afresh
 from servosim import SimulatedPort, read_arm_file
-from servosim.assembly import world_of_arm
-from servosim.hand import Hand, glide, hold, sweep
+from servosim.assembly import make_arm_world
+from servosim.joint import Hand, glide, hold, sweep
 from servosim.line import Line, LineOptions
 from servosim.world import World
 
@@ -75,8 +75,8 @@ class HiddenArm:
     def loose(self):
         """Yield the arm as a calibration has it."""
         with self.open_bus() as bus:
-            bus.learn_return_delays()
-            yield LooseArm(load_model(self.name), bus)
+            bus.load_return_delays()
+            yield TorqueOffArm(load_model(self.name), bus)
 
 
 def hidden_arm(name, seed, *, gravity=False, **how):
@@ -86,7 +86,7 @@ def hidden_arm(name, seed, *, gravity=False, **how):
     arm = read_arm_file(model.path)
     entries = [_mounted(entry, chance, how) for entry in arm.joints]
     arm = replace(arm, joints=tuple(entries))
-    world = world_of_arm(arm, how.get("pose", "home"), seed)
+    world = make_arm_world(arm, how.get("pose", "home"), seed)
     if not gravity:
         world = World(world.joints)
     stops = {
@@ -180,9 +180,9 @@ def read_until(loose, wizard, done, longest_s=30.0):
     """Read the servos until something holds; time is virtual."""
     start_s = loose.bus.clock.now_s()
     while not done(wizard):
-        reading = loose.read()
+        reading = loose.read_ticks()
         if reading:
-            wizard = wizard.read(*reading)
+            wizard = wizard.update(*reading)
         assert loose.bus.clock.now_s() - start_s < longest_s, "it never came to that"
     return wizard
 
@@ -190,18 +190,18 @@ def read_until(loose, wizard, done, longest_s=30.0):
 def anchored(loose, arm, margin_rad):
     person = Person(arm)
     person.hold_all()
-    wizard = Wizard.begin(loose.subjects(arm.pose), margin_rad)
-    wizard = read_until(loose, wizard, lambda w: w.still)
+    wizard = CalibrationState.begin(loose.make_subjects(arm.pose), margin_rad)
+    wizard = read_until(loose, wizard, lambda w: w.is_at_rest)
     pose = loose.model.pose(arm.pose)
     arm.held = {name: arm.true_position(name) - position for name, position in pose.items()}
     return person, wizard.accept()
 
 
 def shown_directions(loose, person, wizard):
-    while wizard.asked:
-        subject = wizard.asked
-        way = math.radians(25) * subject.towards * person.world.joint(subject.name).m_per_rad
-        person.move(subject.name, -way if wizard.repeated and not wizard.returned else way)
+    while wizard.current_joint:
+        subject = wizard.current_joint
+        way = math.radians(25) * subject.free_direction * person.world.joint(subject.name).m_per_rad
+        person.move(subject.name, -way if wizard.is_second_trial and not wizard.returned else way)
         before = stage_of(wizard)
         wizard = read_until(loose, wizard, lambda w, before=before: stage_of(w) != before)
         person.hold(subject.name)
@@ -210,7 +210,11 @@ def shown_directions(loose, person, wizard):
 
 def stage_of(wizard):
     """Return what is asked for: which joint, and its first motion, its way back or its second."""
-    return wizard.asked and wizard.asked.name, wizard.repeated, wizard.returned
+    return (
+        wizard.current_joint and wizard.current_joint.name,
+        wizard.is_second_trial,
+        wizard.returned,
+    )
 
 
 def swept(loose, person, wizard, duration_s=6.0):
@@ -221,7 +225,7 @@ def swept(loose, person, wizard, duration_s=6.0):
 
 def reviewed(loose, arm, margin_rad):
     """Go through the whole conversation up to the review."""
-    loose.let_go()
+    loose.disable_torque()
     person, wizard = anchored(loose, arm, margin_rad)
     wizard = shown_directions(loose, person, wizard)
     return swept(loose, person, wizard).accept()

@@ -16,9 +16,9 @@ def rehearse(arm, loose_subjects, skipped=()):
     start_s = arm.world.time_s + FIRST_S
     moved = [s for s in loose_subjects if s.name not in skipped]
     for k, subject in enumerate(moved):
-        way = math.radians(25) * subject.towards * arm.joint(subject.name).m_per_rad
+        way = math.radians(25) * subject.free_direction * arm.joint(subject.name).m_per_rad
         for part, part_way in enumerate((way, -way, way)):
             at_s = start_s + k * EACH_S + part * PART_S
-            arm.world.at(at_s, lambda n=subject.name, w=part_way: person.move(n, w))
+            arm.world.schedule(at_s, lambda n=subject.name, w=part_way: person.move(n, w))
     names = [subject.name for subject in moved]
-    arm.world.at(start_s + len(moved) * EACH_S, lambda: person.sweep_all(names))
+    arm.world.schedule(start_s + len(moved) * EACH_S, lambda: person.sweep_all(names))

@@ -2,8 +2,8 @@
 
 import pytest
 
-from ikservo.calibration.sweeping.answers import Script, read_script
-from ikservo.calibration.sweeping.sweep import Stage
+from ikservo.calibration.procedure import CalibrationStage
+from ikservo.calibration.script import ScriptedAnswers, read_script
 from ikservo.errors import CalibrationError, FileFormatError
 from tests.calibration.test_sweep import Hand, subject
 
@@ -17,7 +17,7 @@ def answered_at(hand, script, until_s=70.0):
     """Return the seconds until the script answers, and the answer."""
     began_s = hand.at_s
     while hand.at_s - began_s < until_s:
-        word = script.answer(hand.wizard, hand.at_s)
+        word = script.next_answer(hand.wizard, hand.at_s)
         if word is not None:
             return hand.at_s - began_s, word
         hand.read()
@@ -26,54 +26,60 @@ def answered_at(hand, script, until_s=70.0):
 
 def test_the_pose_is_taken_as_soon_as_the_arm_is_still():
     hand = Hand(subject()).read()
-    assert answered_at(hand, Script()) == (pytest.approx(0.5, abs=0.05), "accept")
+    assert answered_at(hand, ScriptedAnswers()) == (pytest.approx(0.5, abs=0.05), "accept")
 
 
 def test_a_whole_sweep_is_accepted_after_a_second_without_news():
-    assert answered_at(swept(), Script()) == (pytest.approx(1.0, abs=0.03), "accept")
+    assert answered_at(swept(), ScriptedAnswers()) == (pytest.approx(1.0, abs=0.03), "accept")
 
 
 def test_a_narrow_sweep_is_accepted_after_four_seconds_without_news():
-    assert answered_at(swept(500, 1000), Script()) == (pytest.approx(4.0, abs=0.03), "accept")
+    assert answered_at(swept(500, 1000), ScriptedAnswers()) == (
+        pytest.approx(4.0, abs=0.03),
+        "accept",
+    )
 
 
 @pytest.mark.parametrize(("up", "down", "wait_s"), [(1000, 2000, 1.0), (500, 1000, 4.0)])
 def test_the_wait_must_be_over(up, down, wait_s):
-    wizard, script = swept(up, down).wizard, Script()
-    said = [script.answer(wizard, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
+    wizard, script = swept(up, down).wizard, ScriptedAnswers()
+    said = [script.next_answer(wizard, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
     assert said == [None, None, "accept"]
 
 
 def test_patience_ends_after_more_than_a_minute():
-    wizard, script = Hand(subject()).rest().accept().wizard, Script()
-    assert [script.answer(wizard, at_s) for at_s in (5.0, 65.0)] == [None, None]
+    wizard, script = Hand(subject()).rest().accept().wizard, ScriptedAnswers()
+    assert [script.next_answer(wizard, at_s) for at_s in (5.0, 65.0)] == [None, None]
     with pytest.raises(CalibrationError, match="has not been moved yet"):
-        script.answer(wizard, 65.01)
+        script.next_answer(wizard, 65.01)
 
 
 def test_news_begin_the_wait_anew():
-    hand, script = swept(), Script()
+    hand, script = swept(), ScriptedAnswers()
     assert answered_at(hand, script, until_s=0.8) is None
     hand.move(-200)
     assert answered_at(hand, script)[0] == pytest.approx(1.0, abs=0.03)
 
 
 def test_what_is_no_accept_waits_for_the_sweep_and_no_longer():
-    script = Script(["skip elbow", "accept"])
+    script = ScriptedAnswers(["skip elbow", "accept"])
     hand = Hand(subject()).rest()
-    assert script.answer(hand.wizard, hand.at_s) is None
+    assert script.next_answer(hand.wizard, hand.at_s) is None
     hand.accept().read()
-    assert script.answer(hand.wizard, hand.at_s) == "skip elbow"
+    assert script.next_answer(hand.wizard, hand.at_s) == "skip elbow"
 
 
 def test_at_the_review_an_accept_need_not_wait():
     hand = swept().accept()
-    assert hand.wizard.stage is Stage.REVIEW
-    assert answered_at(hand, Script())[0] == 0.0
+    assert hand.wizard.stage is CalibrationStage.REVIEW
+    assert answered_at(hand, ScriptedAnswers())[0] == 0.0
 
 
 def test_each_answer_is_waited_for_on_its_own():
-    hand, script = Hand(subject("a", 1), subject("b", 2)).rest().accept(), Script(["skip a"])
+    hand, script = (
+        Hand(subject("a", 1), subject("b", 2)).rest().accept(),
+        ScriptedAnswers(["skip a"]),
+    )
     assert answered_at(hand, script) == (0.0, "skip a")
     hand.say("skip a")
     began_s = hand.at_s
@@ -85,7 +91,7 @@ def test_each_answer_is_waited_for_on_its_own():
 def trembling(hand, script):
     """Let a hand tremble by ten ticks while a script waits."""
     for k in range(5000):
-        script.answer(hand.wizard, hand.at_s)
+        script.next_answer(hand.wizard, hand.at_s)
         hand.ticks[1] = 100 + 10 * (k % 2)
         hand.read()
 
@@ -93,7 +99,7 @@ def trembling(hand, script):
 def test_an_arm_that_is_never_still_ends_in_a_clear_message():
     hand = Hand(subject()).read()
     with pytest.raises(CalibrationError, match="not held still"):
-        trembling(hand, Script())
+        trembling(hand, ScriptedAnswers())
     assert hand.at_s == pytest.approx(60.0, abs=0.1)
 
 

@@ -7,17 +7,19 @@ from datetime import UTC, datetime
 import pytest
 
 from ikservo.calibration import Limits
-from ikservo.calibration.filing.calibration_file import parse_calibration, read_calibration, text_of
-from ikservo.calibration.filing.record import CalibratedGeometry, CalibratedOrigin, Calibration
-from ikservo.calibration.filing.store import (
+from ikservo.calibration.calibration_file import (
     calibration_path,
     calibrations_of,
-    load,
+    dump_calibration,
+    load_calibration,
+    parse_calibration,
     partial_path,
-    save,
+    read_calibration,
+    save_calibration,
 )
+from ikservo.calibration.records import CalibratedGeometry, CalibratedOrigin, Calibration
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
-from ikservo.files.guarded import with_checksum
+from ikservo.files.writing import with_checksum
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.plain import plain_calibration
 
@@ -50,11 +52,11 @@ def calibration():
 
 @pytest.fixture
 def path(calibration):
-    return save(calibration)
+    return save_calibration(calibration)
 
 
 def body_of(calibration):
-    return text_of(calibration).partition("\n")[2]
+    return dump_calibration(calibration).partition("\n")[2]
 
 
 def refusal(path, text):
@@ -84,7 +86,7 @@ def test_what_a_joint_does_not_have_is_not_in_the_file(path):
 
 def test_a_file_of_before_touch_offs_is_still_read(calibration, path):
     older = calibration.model_copy(update={"geometry": None})
-    path.write_text(text_of(older))
+    path.write_text(dump_calibration(older))
     assert "geometry" not in path.read_text()
     assert read_calibration(path) == older
 
@@ -159,13 +161,13 @@ def test_a_travel_that_cannot_be_is_refused(calibration, path, travel):
     joint = calibration.joints[0].model_copy(update={"travel_ticks": travel, "extended": False})
     joints = (joint, *calibration.joints[1:])
     spoiled = calibration.model_copy(update={"joints": joints})
-    assert refusal(path, text_of(spoiled)).where == "joints[0].travel_ticks"
+    assert refusal(path, dump_calibration(spoiled)).where == "joints[0].travel_ticks"
 
 
 def test_an_sts_offset_that_its_register_cannot_hold_is_refused(path):
     arm = hidden_arm("planar2", 5, spoiled=False)
     with arm.loose() as loose:
-        text = text_of(plain_calibration(arm, loose, WHEN))
+        text = dump_calibration(plain_calibration(arm, loose, WHEN))
     line = next(line for line in text.splitlines() if line.startswith("homing_offset"))
     body = text.partition("\n")[2].replace(line, "homing_offset = 2114", 1)
     assert "homing_offset" in refusal(path, with_checksum(body)).where
@@ -204,7 +206,7 @@ def accepts(path, data):
 
 @pytest.mark.parametrize("count", [600, pytest.param(100_000, marks=CAMPAIGN)])
 def test_mutated_files_are_refused_or_say_exactly_the_same(calibration, path, count):
-    chance, text = random.Random(13), text_of(calibration)
+    chance, text = random.Random(13), dump_calibration(calibration)
     taken = [accepts(path, mutated(text, chance)) for _ in range(count)]
     assert all(found in (None, calibration) for found in taken)
     assert taken.count(None) > 0.9 * count
@@ -221,7 +223,7 @@ def test_mutated_bodies_under_a_fresh_checksum_never_pass_the_seam_or_turn_a_ran
         for joint in found.joints if found else ():
             low, high = joint.travel_ticks
             assert 50 <= high - low < 4096
-            swept = joint.swept_range()
+            swept = joint.recorded_range()
             assert swept is None or swept[0] < swept[1]
             assert math.isfinite(joint.zero_tick)
         for origin in found.geometry.origins if found and found.geometry else ():
@@ -232,7 +234,7 @@ def test_the_narrower_of_sweep_and_person_binds_and_keeps_its_source(calibration
     joint = calibration.joints[0].model_copy(
         update={"lower_deg": -60.0, "upper_deg": 70.0, "user_upper_deg": 30.0}
     )
-    limits = calibration.narrowed(joint, Limits.of("joint1", -3.0, 3.0, "arm file"))
+    limits = calibration.narrow_limits(joint, Limits.of("joint1", -3.0, 3.0, "arm file"))
     assert (limits.lower.source, limits.upper.source) == ("hand sweep of 2026-11-02", "user")
     assert math.degrees(limits.lower.value) == pytest.approx(-60.0)
 
@@ -240,7 +242,7 @@ def test_the_narrower_of_sweep_and_person_binds_and_keeps_its_source(calibration
 def test_a_sweep_that_leaves_nothing_of_the_arm_file_names_both(calibration):
     joint = calibration.joints[0].model_copy(update={"lower_deg": 80.0, "upper_deg": 90.0})
     with pytest.raises(CalibrationError, match=r"80.0° \(hand sweep of 2026-11-02\).*arm file"):
-        calibration.narrowed(joint, Limits.of("joint1", -1.0, 1.0, "arm file"))
+        calibration.narrow_limits(joint, Limits.of("joint1", -1.0, 1.0, "arm file"))
 
 
 @pytest.mark.parametrize(("serial", "name"), [
@@ -269,19 +271,19 @@ def test_what_an_interrupted_calibration_measured_is_never_taken_for_a_calibrati
 
 
 def test_what_was_saved_is_loaded_for_its_adapter_only(calibration, path):
-    assert load(calibration.arm, calibration.usb_serial_number) == calibration
-    assert load(calibration.arm, "another") is None
+    assert load_calibration(calibration.arm, calibration.usb_serial_number) == calibration
+    assert load_calibration(calibration.arm, "another") is None
 
 
 def test_an_arm_that_was_never_calibrated_has_none():
-    assert load("so101", "58FA") is None
+    assert load_calibration("so101", "58FA") is None
 
 
 def test_the_one_before_is_kept(calibration, path):
     before = path.read_text()
-    save(calibration.model_copy(update={"tool_version": "9.9"}))
+    save_calibration(calibration.model_copy(update={"tool_version": "9.9"}))
     assert path.with_name(f"{path.name}.bak").read_text() == before
 
 
 def test_a_parsed_text_is_a_calibration(calibration, path):
-    assert isinstance(parse_calibration(path, text_of(calibration)), Calibration)
+    assert isinstance(parse_calibration(path, dump_calibration(calibration)), Calibration)

@@ -2,8 +2,7 @@
 
 import pytest
 
-from ikservo.calibration.in_servos.compare import contradictions_with, refuse
-from ikservo.calibration.in_servos.memory import ServoFacts
+from ikservo.calibration.servo_config import ServoConfig, raise_on_mismatch, register_mismatches
 from ikservo.errors import CalibrationError
 from ikservo.registers import MODELS
 from tests.calibration.written import STS, X, calibration_of, joint
@@ -11,12 +10,12 @@ from tests.calibration.written import STS, X, calibration_of, joint
 
 def facts(servo_id, model="STS3215", **held):
     known = X if model == "XM430-W350" else STS
-    return ServoFacts(servo_id, MODELS[model], "3.10", known | held)
+    return ServoConfig(servo_id, MODELS[model], "3.10", known | held)
 
 
 def said_of(found, *joints):
     calibration = calibration_of(*joints)
-    return [str(each) for each in contradictions_with(calibration, {f.id: f for f in found})]
+    return [str(each) for each in register_mismatches(calibration, {f.id: f for f in found})]
 
 
 def test_nothing_is_said_of_servos_that_hold_what_the_file_says():
@@ -30,7 +29,7 @@ def test_a_register_that_was_changed_is_told_with_both_values():
 
 
 def test_a_servo_that_the_arm_does_not_have_is_told():
-    (said,) = contradictions_with(calibration_of(joint()), {})
+    (said,) = register_mismatches(calibration_of(joint()), {})
     assert (said.joint, said.register, said.filed, said.found) == (
         "elbow", "id", "1", "not this arm's",
     )  # fmt: skip
@@ -43,7 +42,7 @@ def test_of_a_servo_of_another_model_the_model_alone_is_told():
 
 
 def test_a_register_that_was_not_read_is_unknown():
-    bare = ServoFacts(1, MODELS["STS3215"], "", {k: v for k, v in STS.items() if k != "phase"})
+    bare = ServoConfig(1, MODELS["STS3215"], "", {k: v for k, v in STS.items() if k != "phase"})
     assert said_of([bare], joint()) == [
         "phase of elbow (id 1) is unknown in the servo and 12 in the calibration"
     ]
@@ -56,7 +55,7 @@ def test_bits_that_do_not_change_the_count_are_no_contradiction(drive_mode, told
 
 
 def test_servos_that_agree_are_not_refused():
-    refuse([])
+    raise_on_mismatch([])
 
 
 @pytest.mark.parametrize(("count", "rest"), [(1, "."), (2, ", and 1 more."), (4, ", and 3 more.")])
@@ -64,7 +63,7 @@ def test_the_first_contradiction_is_told_and_the_others_are_counted(count, rest)
     joints = [joint(f"j{i}", i) for i in range(1, count + 1)]
     found = {i: facts(i, homing_offset=9) for i in range(1, count + 1)}
     with pytest.raises(CalibrationError) as caught:
-        refuse(contradictions_with(calibration_of(*joints), found))
+        raise_on_mismatch(register_mismatches(calibration_of(*joints), found))
     first = "homing_offset of j1 (id 1) is 9 in the servo and 0 in the calibration"
     assert caught.value.message == first + rest
     assert "ikservo calibration push" in caught.value.hint

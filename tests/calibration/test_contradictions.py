@@ -2,14 +2,14 @@
 
 import pytest
 
-from ikservo.calibration.filing.contradictions import contradictions
+from ikservo.calibration.calibration_file import inconsistencies
 from tests.calibration.written import FAMILIES, GEOMETRY, calibration_of, joint
 
 
 def said_of(*joints, **more):
     """Return what is said of a file of such joints, by place."""
     calibration = calibration_of(*joints, **more)
-    return {c.location: (c.found, c.expected) for c in contradictions(calibration)}
+    return {c.location: (c.found, c.expected) for c in inconsistencies(calibration)}
 
 
 @pytest.mark.parametrize("model", FAMILIES)

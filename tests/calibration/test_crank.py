@@ -78,14 +78,14 @@ def test_beyond_its_ends_a_slide_is_where_the_crank_is_in_line():
 @pytest.mark.parametrize(("turn", "cut"), [(0.3, 0.3), (9.0, 0.0), (-9.0, -math.pi)])
 def test_a_turn_is_cut_where_the_slide_would_come_back(turn, cut):
     expected = turn if turn == cut else CRANK.zero_rad + cut
-    assert CRANK.until_dead_centre(turn) == pytest.approx(expected)
+    assert CRANK.clamp_to_dead_centre(turn) == pytest.approx(expected)
 
 
 def test_the_most_that_a_slide_moves_is_the_steepest_slope_between_its_ends():
     crank = Crank(0.02, 0.03, 0.5)
     turns = [crank.zero_rad - math.pi * k / 2000 for k in range(1, 2000)]
     slopes = [(crank.position(t + 1e-6) - crank.position(t - 1e-6)) / 2e-6 for t in turns]
-    assert crank.steepest_m_per_rad == pytest.approx(max(slopes), rel=1e-3)
+    assert crank.max_m_per_rad == pytest.approx(max(slopes), rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -101,13 +101,13 @@ def test_a_crank_in_line_at_zero_or_as_long_as_its_rod_is_refused(radius, rod, z
 def test_on_the_way_past_a_dead_centre_the_slide_was_at_its_end(sign):
     joint_map = JointMap.cranked("gripper", 5, sign, 2048.0, 4096, CRANK)
     end_m, half_turn = CRANK.position(CRANK.zero_rad), 2048
-    assert joint_map.furthest(2048 + sign * half_turn) == pytest.approx(end_m)
+    assert joint_map.position_clamped(2048 + sign * half_turn) == pytest.approx(end_m)
     assert joint_map.position(2048 + sign * half_turn) < end_m
-    assert joint_map.furthest(2148) == joint_map.position(2148)
+    assert joint_map.position_clamped(2148) == joint_map.position(2148)
 
 
 def test_a_cranked_slide_counts_in_its_steepest_step_and_has_no_gear():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     horn_rad = math.tau / 4096
-    assert joint_map.unit_per_tick == pytest.approx(CRANK.steepest_m_per_rad * horn_rad)
+    assert joint_map.unit_per_tick == pytest.approx(CRANK.max_m_per_rad * horn_rad)
     assert joint_map.gear == 1.0

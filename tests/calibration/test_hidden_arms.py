@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from ikservo.arm.own import own_arm
+from ikservo.arm.calibrated_arm import load_calibration_for
 from tests.calibration.hidden import hidden_arm, load_model, reviewed
 from tests.oracle import ARMS
 
@@ -23,7 +23,7 @@ def calibrated(arm):
     """Calibrate an arm and return what was saved, by joint."""
     with arm.loose() as loose:
         wizard = reviewed(loose, arm, MARGIN_RAD)
-        outcome = loose.conclude(wizard, arm.pose, WHEN, write_limits=True)
+        outcome = loose.build_calibration(wizard, arm.pose, WHEN, write_limits=True)
         loose.save(outcome)
     return {joint.name: joint for joint in outcome.calibration.joints}
 
@@ -45,7 +45,7 @@ def check_limits(arm, joint, found):
     if found.swept == "not swept":
         assert math.isinf(low), joint.name
         return
-    swept = [end + arm.held[joint.name] for end in found.swept_range()]
+    swept = [end + arm.held[joint.name] for end in found.recorded_range()]
     assert 0.0 <= swept[0] - low <= HALF_A_DEGREE * scale, joint.name
     assert 0.0 <= high - swept[1] <= HALF_A_DEGREE * scale, joint.name
 
@@ -82,7 +82,7 @@ def check_zeros_and_signs(arm, model):
         arm.power_cycle()
         with arm.open_bus() as bus:
             bus.clock.sleep_until(bus.clock.now_s() + 0.5)  # servos boot
-            own = own_arm(bus, model)
+            own = load_calibration_for(bus, model)
             for joint in model.joints:
                 joint_map = own.joint_map(joint)
                 tick = arm.register(joint.servo.id, "present_position")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from ikservo.calibration.sweeping.homing import Homing, Travel, bare_tick, choose_homing
-from ikservo.calibration.ticks.encoder import Encoder
+from ikservo.calibration.homing import Homing, TickRange, choose_homing, encoder_tick
+from ikservo.calibration.joint_map import Encoder
 from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
@@ -12,16 +12,16 @@ STS, X = Family.FEETECH_STS, Family.DYNAMIXEL_2
 
 
 def homing_of(family, low, high, offset=0, encoder=MAGNET, **more):
-    return choose_homing("elbow", family, Travel(low, high), offset, encoder, **more)
+    return choose_homing("elbow", family, TickRange(low, high), offset, encoder, **more)
 
 
 @pytest.mark.parametrize(("family", "bare"), [(STS, 100), (X, 4000), (Family.DYNAMIXEL_1, 4000)])
 def test_the_offset_is_added_by_one_family_and_taken_off_by_the_other(family, bare):
-    assert bare_tick(family, 2050, 2146 if family is STS else -1950, MAGNET) == bare
+    assert encoder_tick(family, 2050, 2146 if family is STS else -1950, MAGNET) == bare
 
 
 def test_a_potentiometer_beyond_its_end_is_not_wrapped():
-    assert bare_tick(Family.FEETECH_SCS, 1030, 0, POTENTIOMETER) == 1030
+    assert encoder_tick(Family.FEETECH_SCS, 1030, 0, POTENTIOMETER) == 1030
 
 
 @pytest.mark.parametrize(

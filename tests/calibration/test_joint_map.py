@@ -76,9 +76,11 @@ def test_a_joint_whose_servo_turns_with_it_has_no_gear():
 
 def test_what_does_not_turn_past_a_dead_centre_is_at_the_furthest_where_it_is():
     joint_map = JointMap.revolute("waist", 1, -1, 2048.0, 4096)
-    assert joint_map.furthest(1024) == joint_map.position(1024) == pytest.approx(math.pi / 2)
+    assert (
+        joint_map.position_clamped(1024) == joint_map.position(1024) == pytest.approx(math.pi / 2)
+    )
 
 
 def test_turns_are_said_in_degrees_and_slides_in_millimetres():
-    assert JointMap.revolute("waist", 1, 1, 0.0, 4096).say(math.radians(101.34)) == "101.3°"
-    assert JointMap.prismatic("lift", 1, 1, 0.0, 4096, 0.04).say(0.01234) == "12.3 mm"
+    assert JointMap.revolute("waist", 1, 1, 0.0, 4096).format(math.radians(101.34)) == "101.3°"
+    assert JointMap.prismatic("lift", 1, 1, 0.0, 4096, 0.04).format(0.01234) == "12.3 mm"

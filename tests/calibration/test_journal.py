@@ -3,16 +3,16 @@
 import pytest
 from pydantic import ValidationError
 
-from ikservo.calibration.in_servos.journal import Change, Journal, journal_text, read_journal
+from ikservo.calibration.transaction import EepromChange, Journal, dump_journal, read_journal
 from ikservo.errors import FileFormatError
-from ikservo.files.guarded import with_checksum
-from ikservo.files.toml import LARGEST_BYTES
+from ikservo.files.reading import MAX_BYTES
+from ikservo.files.writing import with_checksum
 
 LONGEST = "e" * 64
 
 
 def change(servo_id=1, register="homing_offset"):
-    return Change.model_validate({"id": servo_id, "old": {register: 0}, "new": {register: 7}})
+    return EepromChange.model_validate({"id": servo_id, "old": {register: 0}, "new": {register: 7}})
 
 
 def journal(*changes, old_text="", new_text="[arm]"):
@@ -23,7 +23,7 @@ def journal(*changes, old_text="", new_text="[arm]"):
 
 def test_a_journal_is_read_as_it_was_written(tmp_path):
     path, written = tmp_path / "journal.toml", journal(change(0), change(252, LONGEST))
-    path.write_text(journal_text(written))
+    path.write_text(dump_journal(written))
     assert read_journal(path) == written
 
 
@@ -32,9 +32,9 @@ def test_where_nothing_is_being_written_there_is_no_journal(tmp_path):
 
 
 def test_a_journal_holds_two_calibrations_of_the_largest_size(tmp_path):
-    path, whole = tmp_path / "journal.toml", "#" * LARGEST_BYTES
+    path, whole = tmp_path / "journal.toml", "#" * MAX_BYTES
     written = journal(change(), old_text=whole, new_text=whole)
-    path.write_text(journal_text(written))
+    path.write_text(dump_journal(written))
     assert read_journal(path) == written
 
 
@@ -56,7 +56,7 @@ def test_a_journal_cannot_be_changed():
 )
 def test_a_spoiled_value_is_named(tmp_path, old, new, where):
     path = tmp_path / "journal.toml"
-    body = journal_text(journal(change())).partition("\n")[2]
+    body = dump_journal(journal(change())).partition("\n")[2]
     assert old in body
     path.write_text(with_checksum(body.replace(old, new)))
     with pytest.raises(FileFormatError) as caught:
@@ -66,7 +66,7 @@ def test_a_spoiled_value_is_named(tmp_path, old, new, where):
 
 def test_a_journal_that_was_cut_short_says_how_to_go_on(tmp_path):
     path = tmp_path / "journal.toml"
-    path.write_text(journal_text(journal(change()))[:-5])
+    path.write_text(dump_journal(journal(change()))[:-5])
     with pytest.raises(FileFormatError, match="cut short") as caught:
         read_journal(path)
     assert "ikservo calibration diff" in caught.value.expected

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.calibration.filing.lerobot import (
+from ikservo.calibration.lerobot import (
     LerobotJoint,
     dump_lerobot,
+    find_lerobot,
     lerobot_joints,
+    lost_in_lerobot,
     parse_lerobot,
     read_lerobot,
-    unsaid,
 )
-from ikservo.calibration.filing.lerobot_places import find_lerobot
 from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.plain import plain_calibration
@@ -194,7 +194,7 @@ def test_a_number_of_a_hundred_digits_is_still_read(digits, found):
 def test_a_whole_turn_for_a_range_means_a_joint_without_stops(range_max):
     row = {**ROW, "range_min": 0, "range_max": range_max}
     (found,) = parse_lerobot(Path("x.json"), json.dumps({"wrist": row}))
-    assert found.turns_freely == (range_max == 4095)
+    assert found.is_continuous == (range_max == 4095)
 
 
 def test_joints_are_handed_to_lerobot_with_what_their_servos_hold():
@@ -237,7 +237,7 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
     ],
 )
 def test_what_lerobots_file_cannot_say_is_told_joint_by_joint(changes, said):
-    assert [*unsaid(calibration_of(joint(**changes)))] == [ZEROS, *said]
+    assert [*lost_in_lerobot(calibration_of(joint(**changes)))] == [ZEROS, *said]
 
 
 def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_path, monkeypatch):
@@ -245,6 +245,6 @@ def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_p
     arm = hidden_arm("vx300s", 3, spoiled=False)
     with arm.loose() as loose:
         calibration = plain_calibration(arm, loose, datetime(2026, 11, 2, tzinfo=UTC))
-    said = "\n".join(unsaid(calibration.model_copy(update={"geometry": GEOMETRY})))
+    said = "\n".join(lost_in_lerobot(calibration.model_copy(update={"geometry": GEOMETRY})))
     assert "Servo 3 of shoulder is not in it" in said
     assert "that a touch-off found are not in it" in said

@@ -30,9 +30,9 @@ def test_an_empty_intersection_names_both_limits():
 
 
 def test_the_ends_belong_to_the_range():
-    assert ARM_FILE.holds(-1.7)
-    assert ARM_FILE.holds(1.7)
-    assert not ARM_FILE.holds(1.7000001)
+    assert ARM_FILE.contains(-1.7)
+    assert ARM_FILE.contains(1.7)
+    assert not ARM_FILE.contains(1.7000001)
 
 
 def test_a_joint_that_may_not_move_has_limits_too():

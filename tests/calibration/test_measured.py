@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.sweeping.homing import Travel
-from ikservo.calibration.sweeping.measured import Measured, measure
+from ikservo.calibration.homing import TickRange
+from ikservo.calibration.result import MeasuredJoint, measure_joint
 from ikservo.errors import CalibrationError
 from tests.calibration.test_sweep import Hand, subject
 
@@ -16,27 +16,29 @@ EXPECTED = Limits.of("elbow", -1.0, 1.0, "arm file")
 
 
 def measured(sign=1, low=1024, high=3072, swept="by hand"):
-    return Measured(JointMap.revolute("elbow", 1, sign, 2048, TURN), Travel(low, high), swept)
+    return MeasuredJoint(
+        JointMap.revolute("elbow", 1, sign, 2048, TURN), TickRange(low, high), swept
+    )
 
 
 def test_counting_from_further_on_moves_zero_and_travel_alike():
-    moved = measured().shifted(100)
-    assert (moved.joint_map.zero_tick, moved.travel) == (1948, Travel(924, 2972))
-    assert moved.ends(0.0) == pytest.approx(measured().ends(0.0))
+    moved = measured().shift_ticks(100)
+    assert (moved.joint_map.zero_tick, moved.travel) == (1948, TickRange(924, 2972))
+    assert moved.range_inside_margin(0.0) == pytest.approx(measured().range_inside_margin(0.0))
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_limits_lie_a_margin_inside_both_ends(sign):
     quarter = math.pi / 2
-    assert measured(sign).ends(0.0) == pytest.approx((-quarter, quarter))
-    assert measured(sign).ends(0.1) == pytest.approx((-quarter + 0.1, quarter - 0.1))
-    lopsided = measured(sign, low=2048).ends(0.1)
+    assert measured(sign).range_inside_margin(0.0) == pytest.approx((-quarter, quarter))
+    assert measured(sign).range_inside_margin(0.1) == pytest.approx((-quarter + 0.1, quarter - 0.1))
+    lopsided = measured(sign, low=2048).range_inside_margin(0.1)
     assert lopsided == pytest.approx((0.1, quarter - 0.1) if sign > 0 else (0.1 - quarter, -0.1))
 
 
 def test_what_nobody_swept_has_no_ends_and_keeps_the_arm_files_limits():
     unswept = measured(swept="not swept")
-    assert unswept.ends(0.1) is None
+    assert unswept.range_inside_margin(0.1) is None
     assert unswept.limits(EXPECTED, 0.1, None) == EXPECTED
 
 
@@ -50,8 +52,8 @@ def test_the_narrowest_of_sweep_arm_file_and_person_binds():
 
 def known(low, high, anchor):
     """Measure a joint with a travel known before, held in its pose at a tick."""
-    hand = Hand(subject(known=Travel(low, high)), start=anchor).rest().accept()
-    return measure(hand.wizard, hand.wizard.subjects[0])
+    hand = Hand(subject(known=TickRange(low, high)), start=anchor).rest().accept()
+    return measure_joint(hand.wizard, hand.wizard.subjects[0])
 
 
 @pytest.mark.parametrize(
@@ -66,7 +68,7 @@ def known(low, high, anchor):
 )
 def test_a_travel_known_before_is_counted_in_the_turn_of_the_pose(low, high, anchor, travel):
     found = known(low, high, anchor)
-    assert (found.travel, found.swept) == (Travel(*travel), "by LeRobot")
+    assert (found.travel, found.swept) == (TickRange(*travel), "by LeRobot")
 
 
 @pytest.mark.parametrize(
@@ -79,20 +81,20 @@ def test_a_pose_outside_of_the_travel_known_before_is_refused(low, high, anchor)
 
 
 def test_a_sensor_without_a_seam_has_been_where_it_was_seen_before():
-    potentiometer = replace(subject(known=Travel(20, 900)), turn=0)
+    potentiometer = replace(subject(known=TickRange(20, 900)), turn=0)
     hand = Hand(potentiometer, start=100).rest().accept()
-    assert measure(hand.wizard, hand.wizard.subjects[0]).travel == Travel(20, 900)
+    assert measure_joint(hand.wizard, hand.wizard.subjects[0]).travel == TickRange(20, 900)
 
 
 def test_a_joint_that_was_swept_has_gone_where_it_was_seen():
     hand = Hand(subject()).rest().accept().move(900).move(-1900)
-    found = measure(hand.wizard, hand.wizard.subjects[0])
-    assert (found.travel, found.swept) == (Travel(-900, 1000), "by hand")
+    found = measure_joint(hand.wizard, hand.wizard.subjects[0])
+    assert (found.travel, found.swept) == (TickRange(-900, 1000), "by hand")
 
 
 @pytest.mark.parametrize("word", ["skip elbow", "free elbow"])
 def test_a_joint_that_is_skipped_or_free_keeps_the_arm_files_travel(word):
     hand = Hand(subject()).rest().accept().move(900).say(word)
-    found = measure(hand.wizard, hand.wizard.subjects[0])
+    found = measure_joint(hand.wizard, hand.wizard.subjects[0])
     assert found.swept == "not swept"
     assert found.travel.width == pytest.approx(3.0 / math.tau * TURN, abs=2)

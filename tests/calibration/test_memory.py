@@ -2,15 +2,15 @@
 
 import pytest
 
-from ikservo.calibration.in_servos.memory import (
-    ServoFacts,
-    counts_alike,
-    counts_on,
-    differs,
-    held_registers,
-    wanted_memory,
+from ikservo.calibration.homing import Homing
+from ikservo.calibration.servo_config import (
+    ServoConfig,
+    calibration_registers,
+    expected_registers,
+    is_multi_turn,
+    registers_differ,
+    same_direction,
 )
-from ikservo.calibration.sweeping.homing import Homing
 from ikservo.registers import MODELS
 from tests.calibration.written import SCS, STS, X
 
@@ -19,7 +19,7 @@ STAYS = Homing(0, False, 0)
 
 def facts(model="STS3215", **held):
     known = {"STS3215": STS, "XM430-W350": X, "SCS15": SCS}[model]
-    return ServoFacts(1, MODELS[model], "", known | held)
+    return ServoConfig(1, MODELS[model], "", known | held)
 
 
 @pytest.mark.parametrize(
@@ -40,13 +40,13 @@ def test_an_sts_obeys_any_offset_and_a_servo_without_one_has_none():
     ("mode", "on"), [(3, False), (4, True), (5, True), (0, False), (16, False)]
 )
 def test_two_modes_of_a_dynamixel_count_on_over_a_turn(mode, on):
-    assert facts("XM430-W350", operating_mode=mode).counts_on is on
-    assert counts_on(X | {"operating_mode": mode}) is on
+    assert facts("XM430-W350", operating_mode=mode).is_multi_turn is on
+    assert is_multi_turn(X | {"operating_mode": mode}) is on
 
 
 def test_an_sts_never_counts_on():
-    assert not facts(operating_mode=4).counts_on
-    assert not counts_on(SCS)
+    assert not facts(operating_mode=4).is_multi_turn
+    assert not is_multi_turn(SCS)
 
 
 @pytest.mark.parametrize(
@@ -70,12 +70,12 @@ def test_an_sts_never_counts_on():
 )
 def test_servos_count_alike_in_one_direction_with_offsets_in_force(model, held, alike):
     filed = {"STS3215": STS, "XM430-W350": X, "SCS15": SCS}[model]
-    assert counts_alike(facts(model, **held), filed) is alike
+    assert same_direction(facts(model, **held), filed) is alike
 
 
 def test_a_direction_that_the_file_does_not_tell_is_not_compared():
     filed = {name: number for name, number in STS.items() if name != "phase"}
-    assert counts_alike(facts(phase=255), filed)
+    assert same_direction(facts(phase=255), filed)
 
 
 @pytest.mark.parametrize(
@@ -85,23 +85,23 @@ def test_a_direction_that_the_file_does_not_tell_is_not_compared():
      ("homing_offset", 0, 2, True), ("homing_offset", -3, -3, False)],
 )  # fmt: skip
 def test_only_bits_that_turn_the_count_make_a_difference(register, one, other, told):
-    assert differs(register, one, other) is told
+    assert registers_differ(register, one, other) is told
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350", "SCS15"])
 def test_a_calibration_rests_on_the_registers_that_a_file_holds(model):
-    names = {register.name for register in held_registers(MODELS[model])}
-    assert names == facts(model).held.keys()
+    names = {register.name for register in calibration_registers(MODELS[model])}
+    assert names == facts(model).registers.keys()
 
 
 def test_what_is_right_stays_as_it_is():
-    assert wanted_memory(facts(), STAYS, None) == STS
-    assert wanted_memory(facts("XM430-W350"), STAYS, None) == X
-    assert wanted_memory(facts("SCS15"), STAYS, None) == SCS
+    assert expected_registers(facts(), STAYS, None) == STS
+    assert expected_registers(facts("XM430-W350"), STAYS, None) == X
+    assert expected_registers(facts("SCS15"), STAYS, None) == SCS
 
 
 def test_an_sts_is_put_into_position_mode_and_counts_one_turn():
-    wanted = wanted_memory(facts(operating_mode=3, phase=0b0001_1101), STAYS, None)
+    wanted = expected_registers(facts(operating_mode=3, phase=0b0001_1101), STAYS, None)
     assert (wanted["operating_mode"], wanted["phase"]) == (0, 0b0000_1101)
 
 
@@ -111,26 +111,26 @@ def test_an_sts_is_put_into_position_mode_and_counts_one_turn():
 )  # fmt: skip
 def test_a_dynamixel_counts_on_where_it_must_and_a_gripper_stays_soft(mode, extended, wanted):
     found = facts("XM430-W350", operating_mode=mode)
-    assert wanted_memory(found, Homing(0, extended, 0), None)["operating_mode"] == wanted
+    assert expected_registers(found, Homing(0, extended, 0), None)["operating_mode"] == wanted
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350"])
 def test_limits_that_would_mean_other_places_are_opened(model):
     found = facts(model, min_position_limit=500, max_position_limit=3000)
-    assert wanted_memory(found, STAYS, None)["min_position_limit"] == 500
-    moved = wanted_memory(found, Homing(9, False, -9), None)
+    assert expected_registers(found, STAYS, None)["min_position_limit"] == 500
+    moved = expected_registers(found, Homing(9, False, -9), None)
     assert moved["homing_offset"] == 9
     assert (moved["min_position_limit"], moved["max_position_limit"]) == (0, 4095)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0, 3000), (500, 0)])
 def test_one_limit_of_zero_is_a_limit(low, high):
-    wanted = wanted_memory(facts(min_position_limit=low, max_position_limit=high), STAYS, None)
+    wanted = expected_registers(facts(min_position_limit=low, max_position_limit=high), STAYS, None)
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == (low, high)
 
 
 def test_limits_of_zero_mean_none_and_are_opened():
-    unset = wanted_memory(facts(min_position_limit=0, max_position_limit=0), STAYS, None)
+    unset = expected_registers(facts(min_position_limit=0, max_position_limit=0), STAYS, None)
     assert (unset["min_position_limit"], unset["max_position_limit"]) == (0, 4095)
 
 
@@ -139,5 +139,5 @@ def test_limits_of_zero_mean_none_and_are_opened():
     [((100, 3900), (100, 3900)), ((-5, 5000), (0, 4095)), ((4095, 4096), (4094, 4095))],
 )
 def test_limits_are_written_as_far_as_their_registers_go(limits, written):
-    wanted = wanted_memory(facts(), STAYS, limits)
+    wanted = expected_registers(facts(), STAYS, limits)
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == written

@@ -4,26 +4,33 @@ import math
 
 import pytest
 
-from ikservo.calibration.sweeping.homing import Travel
-from ikservo.calibration.sweeping.meter import State, meters
+from ikservo.calibration.homing import TickRange
+from ikservo.calibration.procedure import JointProgress, joint_readouts
 from tests.calibration.test_sweep import TURN, Hand, subject
 
 
 def shown(hand):
     """Return the one meter of a hand's one joint."""
-    (meter,) = meters(hand.wizard)
+    (meter,) = joint_readouts(hand.wizard)
     return meter
 
 
-@pytest.mark.parametrize(("ticks", "state"), [(49, State.UNMOVED), (50, State.MOVING)])
+@pytest.mark.parametrize(
+    ("ticks", "state"), [(49, JointProgress.UNMOVED), (50, JointProgress.MOVING)]
+)
 def test_a_joint_counts_as_moved_from_fifty_ticks_on(ticks, state):
     assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
 
 
 @pytest.mark.parametrize(
-    ("ticks", "state"), [(1564, State.MOVING), (1565, State.COMPLETE), (4050, State.COMPLETE),
-                         (4074, State.FREE)]
-)  # fmt: skip
+    ("ticks", "state"),
+    [
+        (1564, JointProgress.MOVING),
+        (1565, JointProgress.COMPLETE),
+        (4050, JointProgress.COMPLETE),
+        (4074, JointProgress.FREE),
+    ],
+)
 def test_a_joint_is_complete_over_four_fifths_of_the_arm_files_range_and_free_after_a_turn(
     ticks, state
 ):
@@ -32,11 +39,13 @@ def test_a_joint_is_complete_over_four_fifths_of_the_arm_files_range_and_free_af
 
 
 def test_a_joint_that_was_measured_before_is_known():
-    assert shown(Hand(subject(known=Travel(0, 2000))).rest().accept()).state is State.KNOWN
+    assert (
+        shown(Hand(subject(known=TickRange(0, 2000))).rest().accept()).state is JointProgress.KNOWN
+    )
 
 
 def test_a_joint_that_is_said_to_be_free_is_free_at_once():
-    assert shown(Hand(subject()).rest().accept().say("free elbow")).state is State.FREE
+    assert shown(Hand(subject()).rest().accept().say("free elbow")).state is JointProgress.FREE
 
 
 def test_a_meter_shows_where_the_joint_is_and_has_been():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ikservo.calibration.sweeping.obstacles import complete, findings, goes_round, obstacles
+from ikservo.calibration.procedure import blocking_issues, is_full_turn, range_complete, warnings
 from tests.calibration.test_sweep import TURN, Hand, subject
 
 
@@ -16,13 +16,13 @@ def swept(one, up, down=0, **more):
 
 
 def said_of(wizard):
-    return [complaint.message for complaint in obstacles(wizard)]
+    return [complaint.message for complaint in blocking_issues(wizard)]
 
 
 @pytest.mark.parametrize(("ticks", "round_"), [(4073, False), (4074, True)])
 def test_a_turn_less_two_degrees_goes_round(ticks, round_):
     one = subject(lower=-3.1, upper=3.1)
-    assert goes_round(swept(one, ticks), one) is round_
+    assert is_full_turn(swept(one, ticks), one) is round_
 
 
 def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
@@ -30,12 +30,12 @@ def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
     wizard = Hand(one, start=0).rest().accept().wizard
     for width, round_ in ((357, False), (358, True)):
         tracks = {1: replace(wizard.tracks[1], low=0, high=width)}
-        assert goes_round(replace(wizard, tracks=tracks), one) is round_
+        assert is_full_turn(replace(wizard, tracks=tracks), one) is round_
 
 
 def test_a_sensor_without_a_seam_never_goes_round():
     one = replace(subject(), turn=0)
-    assert not goes_round(swept(one, 100), one)
+    assert not is_full_turn(swept(one, 100), one)
 
 
 @pytest.mark.parametrize(("width_deg", "told"), [(299.0, True), (300.5, False)])
@@ -47,9 +47,9 @@ def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width
 
 def test_a_joint_that_was_measured_before_or_is_free_is_complete():
     hand = Hand(subject()).rest().accept()
-    assert complete(hand.wizard, hand.wizard.subjects[0]) is False
+    assert range_complete(hand.wizard, hand.wizard.subjects[0]) is False
     hand.say("free elbow")
-    assert complete(hand.wizard, hand.wizard.subjects[0]) is True
+    assert range_complete(hand.wizard, hand.wizard.subjects[0]) is True
 
 
 @pytest.mark.parametrize(("ticks", "told"), [(249, True), (250, False)])
@@ -70,8 +70,8 @@ def test_servos_of_one_joint_may_differ_by_forty_ticks(way, apart, told):
 
 def test_findings_tell_how_much_of_a_range_was_swept_and_nothing_of_a_whole_one():
     half = swept(subject(), 489, 978)
-    assert [*findings(half)] == ["elbow was swept over 50% of the arm file's range."]
-    assert [*findings(swept(subject(), 900, 1900))] == []
+    assert [*warnings(half)] == ["elbow was swept over 50% of the arm file's range."]
+    assert [*warnings(swept(subject(), 900, 1900))] == []
 
 
 def test_a_range_that_lies_off_the_arm_files_is_told_with_both():

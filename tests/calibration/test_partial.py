@@ -3,14 +3,14 @@
 import pytest
 from pydantic import ValidationError
 
-from ikservo.calibration.filing.partial import (
-    MeasuredJoint,
+from ikservo.calibration.partial_calibration import (
     PartialCalibration,
-    partial_text,
+    StoredJointMeasurement,
+    dump_partial,
     read_partial,
 )
 from ikservo.errors import FileFormatError
-from ikservo.files.guarded import with_checksum
+from ikservo.files.writing import with_checksum
 
 JOINT = {"name": "elbow", "servo_id": 3, "servo_model": "STS3215", "low_tick": -20, "high_tick": 7}
 TABLE = {"format": 1, "arm": "so101", "written": "2026-11-02 14:03", "joints": [JOINT]}
@@ -22,7 +22,7 @@ def partial_of(**changes):
 
 def test_what_was_measured_is_read_as_it_was_written(tmp_path):
     path, partial = tmp_path / "so101.partial", PartialCalibration.model_validate(TABLE)
-    path.write_text(partial_text(partial))
+    path.write_text(dump_partial(partial))
     assert read_partial(path) == partial
     assert "The next run goes on from here" in path.read_text()
 
@@ -34,7 +34,7 @@ def test_where_nothing_was_interrupted_there_is_nothing(tmp_path):
 @pytest.mark.parametrize("servo_id", [0, 252])
 def test_every_id_of_a_bus_can_be_kept(servo_id):
     assert partial_of(servo_id=servo_id).joints == (
-        MeasuredJoint.model_validate({**JOINT, "servo_id": servo_id}),
+        StoredJointMeasurement.model_validate({**JOINT, "servo_id": servo_id}),
     )
 
 
@@ -55,7 +55,7 @@ def test_every_id_of_a_bus_can_be_kept(servo_id):
 )
 def test_a_spoiled_value_is_named(tmp_path, old, new, where):
     path = tmp_path / "so101.partial"
-    body = partial_text(PartialCalibration.model_validate(TABLE)).partition("\n")[2]
+    body = dump_partial(PartialCalibration.model_validate(TABLE)).partition("\n")[2]
     assert old in body
     path.write_text(with_checksum(body.replace(old, new)))
     with pytest.raises(FileFormatError) as caught:
@@ -79,6 +79,6 @@ def test_what_was_measured_is_not_changed_afterwards():
 
 def test_a_file_that_was_cut_short_is_refused(tmp_path):
     path = tmp_path / "so101.partial"
-    path.write_text(partial_text(PartialCalibration.model_validate(TABLE))[:-5])
+    path.write_text(dump_partial(PartialCalibration.model_validate(TABLE))[:-5])
     with pytest.raises(FileFormatError, match="cut short"):
         read_partial(path)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.sweeping.plausibility import shifted_zeros
+from ikservo.calibration.plausibility import find_shifted_zeros
 from tests.calibration.test_sweep import TURN, Hand, subject
 
 TICKS_PER_M = TURN / 0.1
@@ -21,7 +21,7 @@ def shifts_of(one, *ticks):
     """Return the shifts [rad or m] that are told after a joint was swept to these ticks."""
     hand = Hand(one, start=0).rest().accept()
     tracks = {1: replace(hand.wizard.tracks[1], low=min(ticks), high=max(ticks))}
-    return [found.shift for found in shifted_zeros(replace(hand.wizard, tracks=tracks))]
+    return [found.shift for found in find_shifted_zeros(replace(hand.wizard, tracks=tracks))]
 
 
 @pytest.mark.parametrize("way", [1, -1])

@@ -6,13 +6,17 @@ from dataclasses import replace
 import pytest
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.sweeping.answers import Script, apply, read_script
-from ikservo.calibration.sweeping.homing import Travel
-from ikservo.calibration.sweeping.meter import State, meters
-from ikservo.calibration.sweeping.obstacles import findings
-from ikservo.calibration.sweeping.plausibility import shifted_zeros
-from ikservo.calibration.sweeping.subject import Subject
-from ikservo.calibration.sweeping.sweep import Stage, Wizard
+from ikservo.calibration.homing import TickRange
+from ikservo.calibration.plausibility import find_shifted_zeros
+from ikservo.calibration.procedure import (
+    CalibrationStage,
+    CalibrationState,
+    JointProgress,
+    joint_readouts,
+    warnings,
+)
+from ikservo.calibration.range_tracker import JointUnderCalibration
+from ikservo.calibration.script import ScriptedAnswers, apply_answer, read_script
 from ikservo.errors import BadValueError, CalibrationError, FileFormatError, UnknownNameError
 
 TURN = 4096
@@ -21,14 +25,14 @@ TURN = 4096
 def subject(name="elbow", servo_id=1, pose=0.0, lower=-1.5, upper=1.5, **more):
     joint_map = JointMap.revolute(name, servo_id, 1, 2048, TURN)
     expected = Limits.of(name, lower, upper, "arm file")
-    return Subject(joint_map, TURN, expected, pose, **more)
+    return JointUnderCalibration(joint_map, TURN, expected, pose, **more)
 
 
 class Hand:
     """Moves joints of a wizard and keeps its own count of time."""
 
     def __init__(self, *subjects, start=100, margin_rad=0.0):
-        self.wizard = Wizard.begin(subjects, margin_rad)
+        self.wizard = CalibrationState.begin(subjects, margin_rad)
         self.ticks = {i: start for s in subjects for i in (s.servo_id, *s.shadow_ids)}
         self.at_s = 0.0
 
@@ -36,7 +40,7 @@ class Hand:
         for _ in range(times):
             self.at_s += 0.02
             wrapped = {i: tick % TURN for i, tick in self.ticks.items()}
-            self.wizard = self.wizard.read(self.at_s, wrapped)
+            self.wizard = self.wizard.update(self.at_s, wrapped)
         return self
 
     def rest(self):
@@ -47,7 +51,7 @@ class Hand:
         return self
 
     def say(self, word):
-        self.wizard = apply(self.wizard, word)
+        self.wizard = apply_answer(self.wizard, word)
         return self
 
     def move(self, way, *servo_ids, step=100):
@@ -65,7 +69,7 @@ def test_the_pose_is_taken_only_when_the_arm_is_still():
         hand.read()
     with pytest.raises(CalibrationError, match="still moving"):
         hand.accept()
-    assert hand.rest().accept().wizard.stage is Stage.SWEEP
+    assert hand.rest().accept().wizard.stage is CalibrationStage.SWEEP
 
 
 def test_a_trembling_hand_gives_the_middle_of_its_trembling():
@@ -73,7 +77,7 @@ def test_a_trembling_hand_gives_the_middle_of_its_trembling():
     for k in range(40):
         hand.ticks[1] = 500 + (k % 2) * 3
         hand.read()
-    assert hand.accept().wizard.anchor[1] == pytest.approx(501.5, abs=0.1)
+    assert hand.accept().wizard.reference_ticks[1] == pytest.approx(501.5, abs=0.1)
 
 
 def test_the_zero_is_where_the_pose_says_not_the_middle_of_the_sweep():
@@ -84,7 +88,7 @@ def test_the_zero_is_where_the_pose_says_not_the_middle_of_the_sweep():
 
 @pytest.mark.parametrize(("pose", "towards"), [(0.9, -1), (-0.9, 1), (0.0, 1)])
 def test_a_joint_is_asked_to_go_where_there_is_more_room(pose, towards):
-    assert subject(pose=pose).towards == towards
+    assert subject(pose=pose).free_direction == towards
 
 
 def test_the_first_motion_in_the_shown_direction_tells_the_arm_files_sign():
@@ -95,7 +99,7 @@ def test_the_first_motion_in_the_shown_direction_tells_the_arm_files_sign():
 def test_a_sign_opposite_to_the_arm_file_is_measured_again():
     hand = Hand(subject()).rest().accept().move(-400)
     assert hand.wizard.signs == {}
-    assert hand.wizard.repeated
+    assert hand.wizard.is_second_trial
     with pytest.raises(CalibrationError, match="elbow: sign is opposite to the arm file"):
         hand.accept()
     hand.move(400).move(-400)
@@ -122,16 +126,16 @@ def test_a_joint_is_back_within_a_third_of_what_shows_its_direction(back, signs)
 
 def test_measuring_again_forgets_a_doubt():
     hand = Hand(subject()).rest().accept().move(-400).say("again elbow")
-    assert not hand.wizard.repeated
+    assert not hand.wizard.is_second_trial
 
 
 def test_only_the_joint_that_is_asked_for_tells_its_sign():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
-    assert hand.wizard.asked.name == "a"
+    assert hand.wizard.current_joint.name == "a"
     hand.move(-800, 2)
     assert hand.wizard.signs == {}
     hand.move(800, 1)
-    assert hand.wizard.asked.name == "b"
+    assert hand.wizard.current_joint.name == "b"
     assert hand.wizard.signs == {"a": 1}
 
 
@@ -156,18 +160,18 @@ def test_a_joint_that_hardly_moved_is_named():
 def test_a_skipped_joint_is_not_asked_for_and_keeps_the_arm_file():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
     hand.accept()
-    assert hand.wizard.stage is Stage.REVIEW
-    assert "a was skipped" in " ".join(findings(hand.wizard))
+    assert hand.wizard.stage is CalibrationStage.REVIEW
+    assert "a was skipped" in " ".join(warnings(hand.wizard))
 
 
 def test_undo_takes_back_one_answer_after_the_other():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
     hand.say("skip a").say("undo")
-    assert hand.wizard.asked.name == "a"
+    assert hand.wizard.current_joint.name == "a"
     hand.say("undo")
-    assert hand.wizard.stage is Stage.ANCHOR
+    assert hand.wizard.stage is CalibrationStage.REFERENCE_POSE
     hand.say("undo")
-    assert hand.wizard.stage is Stage.ANCHOR
+    assert hand.wizard.stage is CalibrationStage.REFERENCE_POSE
 
 
 def test_undo_forgets_a_direction_that_was_shown_the_wrong_way():
@@ -177,7 +181,7 @@ def test_undo_forgets_a_direction_that_was_shown_the_wrong_way():
 
 def test_undo_at_the_review_goes_on_sweeping_with_what_was_found():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().say("undo")
-    assert hand.wizard.stage is Stage.SWEEP
+    assert hand.wizard.stage is CalibrationStage.SWEEP
     assert hand.wizard.tracks[1].width == 1900
 
 
@@ -186,13 +190,13 @@ def test_measuring_again_forgets_one_joint_only():
     hand.say("again a")
     assert hand.wizard.tracks[1].width == 0
     assert hand.wizard.tracks[2].width == 900
-    assert hand.wizard.asked.name == "a"
+    assert hand.wizard.current_joint.name == "a"
 
 
 def test_a_joint_without_stops_takes_the_arm_files_range_when_that_is_wide():
     hand = Hand(subject(lower=-3.1, upper=3.1)).rest().accept().move(4300).accept()
     assert "turns freely: the arm file's range -177.6° to 177.6° is used" in " ".join(
-        findings(hand.wizard)
+        warnings(hand.wizard)
     )
 
 
@@ -200,7 +204,7 @@ def test_a_whole_turn_of_a_joint_with_stops_is_refused_unless_the_person_says_it
     hand = Hand(subject()).rest().accept().move(4300)
     with pytest.raises(CalibrationError, match="whole turn"):
         hand.accept()
-    assert hand.say("free elbow").accept().wizard.stage is Stage.REVIEW
+    assert hand.say("free elbow").accept().wizard.stage is CalibrationStage.REVIEW
 
 
 def test_a_joint_that_was_turned_too_fast_must_be_measured_again():
@@ -244,21 +248,25 @@ def test_servos_of_one_joint_that_count_against_each_other_are_refused():
 
 
 def test_a_known_range_is_not_swept():
-    hand = Hand(subject(known=Travel(0, 2000))).rest().accept().move(400).accept()
-    assert hand.wizard.stage is Stage.REVIEW
+    hand = Hand(subject(known=TickRange(0, 2000))).rest().accept().move(400).accept()
+    assert hand.wizard.stage is CalibrationStage.REVIEW
 
 
 def test_meters_tell_how_far_each_joint_has_come():
     hand = Hand(subject("a", 1), subject("b", 2), subject("c", 3)).rest().accept()
     hand.move(900, 1).move(-1900, 1).move(900, 2).say("skip c")
-    states = {meter.name: meter.state for meter in meters(hand.wizard)}
-    assert states == {"a": State.COMPLETE, "b": State.MOVING, "c": State.SKIPPED}
+    states = {meter.name: meter.state for meter in joint_readouts(hand.wizard)}
+    assert states == {
+        "a": JointProgress.COMPLETE,
+        "b": JointProgress.MOVING,
+        "c": JointProgress.SKIPPED,
+    }
 
 
 def test_a_counter_direction_is_reported_before_saving():
     hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
     assert "elbow: sign is opposite to the arm file, measured twice" in " ".join(
-        findings(hand.wizard)
+        warnings(hand.wizard)
     )
 
 
@@ -267,7 +275,7 @@ def test_a_swept_range_that_is_shifted_shows_a_wrong_anchor_pose(shift):
     zero = round(shift / 360 * TURN)
     hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
     hand.move(700 + zero, step=1).move(-1400, step=1).move(100, step=1)
-    (found,) = shifted_zeros(hand.accept().wizard)
+    (found,) = find_shifted_zeros(hand.accept().wizard)
     assert math.degrees(found.shift) == pytest.approx(-shift, abs=0.5)
     assert "the zero seems to be off by" in str(found)
 
@@ -280,7 +288,7 @@ def test_a_swept_range_that_is_shifted_shows_a_wrong_anchor_pose(shift):
 def test_a_plausible_range_leaves_the_zero_in_peace(up, down):
     hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
     hand.move(up, step=1).move(-down, step=1)
-    assert list(shifted_zeros(hand.accept().wizard)) == []
+    assert list(find_shifted_zeros(hand.accept().wizard)) == []
 
 
 @pytest.mark.parametrize("word", ["jump", "skip", "accept it", ""])
@@ -299,11 +307,11 @@ def scripted(hand, script, moves):
     said = []
     moves = iter(moves)
     for _ in range(5000):
-        word = script.answer(hand.wizard, hand.at_s)
+        word = script.next_answer(hand.wizard, hand.at_s)
         if word:
             said.append(word)
             hand.say(word)
-        if hand.wizard.stage is Stage.REVIEW:
+        if hand.wizard.stage is CalibrationStage.REVIEW:
             return said
         move = next(moves, None)
         hand.move(move) if move else hand.read()
@@ -313,24 +321,24 @@ def scripted(hand, script, moves):
 def test_patience_accepts_a_still_pose_and_a_whole_sweep():
     hand = Hand(subject())
     moves = [None] * 60 + [900, -1900, 900]
-    assert scripted(hand, Script(), moves) == ["accept", "accept"]
+    assert scripted(hand, ScriptedAnswers(), moves) == ["accept", "accept"]
 
 
 def test_a_script_is_answered_in_its_order():
     hand = Hand(subject("a", 1), subject("b", 2))
-    script = Script(["accept", "skip a", "free b", "accept"])
+    script = ScriptedAnswers(["accept", "skip a", "free b", "accept"])
     moves = [None] * 60 + [900, -1900]
     assert scripted(hand, script, moves) == ["accept", "skip a", "free b", "accept"]
 
 
 def test_patience_ends_after_a_minute_in_which_nothing_changes():
     with pytest.raises(CalibrationError, match="elbow has not been moved yet"):
-        scripted(Hand(subject()), Script(), [])
+        scripted(Hand(subject()), ScriptedAnswers(), [])
 
 
 def test_a_script_that_ends_too_early_says_so():
     with pytest.raises(CalibrationError, match="script ended"):
-        scripted(Hand(subject()), Script(["accept"]), [])
+        scripted(Hand(subject()), ScriptedAnswers(["accept"]), [])
 
 
 def test_a_script_is_read_with_its_remarks(tmp_path):
@@ -348,13 +356,13 @@ def test_a_script_with_a_slip_names_its_line(tmp_path):
 
 def test_what_was_reviewed_can_be_saved_and_is_then_settled():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().accept()
-    assert hand.wizard.stage is Stage.SAVED
-    assert hand.say("undo").wizard.stage is Stage.SAVED
+    assert hand.wizard.stage is CalibrationStage.SAVED
+    assert hand.say("undo").wizard.stage is CalibrationStage.SAVED
 
 
 def test_a_wizard_is_a_value():
     hand = Hand(subject()).rest()
     before = hand.wizard
     hand.accept()
-    assert before.stage is Stage.ANCHOR
+    assert before.stage is CalibrationStage.REFERENCE_POSE
     assert replace(before) == before

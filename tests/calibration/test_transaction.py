@@ -6,16 +6,27 @@ from unittest.mock import Mock
 
 import pytest
 
-from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.arm.own import own_arm
-from ikservo.calibration.filing.calibration_file import read_calibration, text_of
-from ikservo.calibration.filing.store import calibration_path, journal_path
-from ikservo.calibration.in_servos.journal import Change, Journal, journal_text, read_journal
-from ikservo.calibration.in_servos.memory import facts_of
-from ikservo.calibration.in_servos.transaction import resume, revert, settle
-from ikservo.calibration.sweeping.outcome import Outcome
+from ikservo.arm.calibrated_arm import load_calibration_for
+from ikservo.calibration.calibration_file import (
+    calibration_path,
+    dump_calibration,
+    journal_path,
+    read_calibration,
+)
+from ikservo.calibration.result import CalibrationResult
+from ikservo.calibration.servo_config import read_servo_config
+from ikservo.calibration.transaction import (
+    EepromChange,
+    Journal,
+    dump_journal,
+    read_journal,
+    recover,
+    resume,
+    roll_back,
+)
 from ikservo.errors import CalibrationError, ExitCode, FileFormatError, PortLostError
-from ikservo.files.writing import FileWriteError, write_whole
+from ikservo.files.writing import FileWriteError, write_atomic
+from ikservo.maintenance.calibration_session import TorqueOffArm
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.plain import plain_calibration
 from tests.files.power import Power, PowerCut, is_write, unplugged
@@ -34,7 +45,7 @@ def arm_and_outcome(name):
     with arm.loose() as loose:
         calibration = plain_calibration(arm, loose, WHEN)
     memory = {servo.id: servo.holds for joint in calibration.joints for servo in joint.servos}
-    return arm, Outcome(calibration, memory)
+    return arm, CalibrationResult(calibration, memory)
 
 
 def as_delivered(arm, calibration):
@@ -42,7 +53,9 @@ def as_delivered(arm, calibration):
     joints = []
     with arm.open_bus() as bus:
         for joint in calibration.joints:
-            servo = joint.servo.model_copy(update={"holds": facts_of(bus, joint.servo.id).held})
+            servo = joint.servo.model_copy(
+                update={"holds": read_servo_config(bus, joint.servo.id).registers}
+            )
             joints.append(joint.model_copy(update={"servo": servo}))
     return calibration.model_copy(update={"joints": tuple(joints), "tool_version": "older"})
 
@@ -52,7 +65,7 @@ def state_of(arm):
     arm.power_cycle()
     with arm.open_bus() as bus:
         bus.clock.sleep_until(bus.clock.now_s() + 0.5)
-        held = {i: facts_of(bus, i).held for i in bus.servos}
+        held = {i: read_servo_config(bus, i).registers for i in bus.servos}
     path = calibration_path(arm.name, "")
     return held, path.read_text() if path.exists() else None
 
@@ -62,7 +75,7 @@ def cut_after(arm, outcome, lasts, monkeypatch):
     power = Power(lasts).feeds_files(monkeypatch)
     try:
         with arm.open_bus() as bus:
-            loose = LooseArm(load_model(arm.name), bus)
+            loose = TorqueOffArm(load_model(arm.name), bus)
             power.feeds_port(arm.port)
             loose.save(outcome)
     except PowerCut:
@@ -77,7 +90,7 @@ def start_again(arm, finish):
     with arm.open_bus() as bus:
         bus.clock.sleep_until(bus.clock.now_s() + 0.5)
         try:
-            own_arm(bus, load_model(arm.name), uncalibrated=True)
+            load_calibration_for(bus, load_model(arm.name), uncalibrated=True)
         except CalibrationError as error:
             hint = error.hint
         else:
@@ -85,23 +98,23 @@ def start_again(arm, finish):
         assert "resume" in hint
         assert "revert" in hint
         assert finish(bus, journal_path(arm.name, ""))
-        own_arm(bus, load_model(arm.name), uncalibrated=True)
+        load_calibration_for(bus, load_model(arm.name), uncalibrated=True)
 
 
 @pytest.mark.parametrize("had_file", [False, True], ids=["first time", "again"])
-@pytest.mark.parametrize("finish", [resume, revert], ids=["resume", "revert"])
+@pytest.mark.parametrize("finish", [resume, roll_back], ids=["resume", "revert"])
 @pytest.mark.parametrize("name", ["planar2", pytest.param("planar3", marks=pytest.mark.campaign)])
 def test_power_cut_before_every_write_leaves_old_or_new(name, finish, had_file, monkeypatch):
     arm, outcome = arm_and_outcome(name)
     before = state_of(arm)[0]
-    old_text = text_of(as_delivered(arm, outcome.calibration))
+    old_text = dump_calibration(as_delivered(arm, outcome.calibration))
     cuts, ends, lasts = 0, set(), 0
     while True:
         arm = hidden_arm(name, 3, spoiled=False)
         path = calibration_path(name, "")
         path.unlink(missing_ok=True)
         if had_file:
-            write_whole(path, old_text)
+            write_atomic(path, old_text)
         if not cut_after(arm, outcome, lasts, monkeypatch):
             break
         arm.power_cycle()
@@ -120,7 +133,7 @@ def check_consistent(arm, finish, before, outcome, old_text):
         assert text == old_text
         return "old"
     assert held == {i: dict(memory) for i, memory in outcome.memory.items()}
-    assert text == text_of(outcome.calibration)
+    assert text == dump_calibration(outcome.calibration)
     assert read_calibration(path) == outcome.calibration
     return "new"
 
@@ -137,7 +150,7 @@ def test_a_thousand_random_power_cuts_on_any_arm(monkeypatch, tmp_path):
         arm = hidden_arm(name, 3, spoiled=False)
         if cut_after(arm, truths[name][1], chance.randrange(70), monkeypatch):
             arm.power_cycle()
-            finish = chance.choice([resume, revert])
+            finish = chance.choice([resume, roll_back])
             check_consistent(arm, finish, olds[name], truths[name][1], None)
 
 
@@ -152,7 +165,7 @@ def test_a_cable_that_falls_out_in_between_says_how_to_go_on(monkeypatch):
         return write(data)
 
     with arm.open_bus() as bus:
-        loose = LooseArm(load_model(arm.name), bus)
+        loose = TorqueOffArm(load_model(arm.name), bus)
         arm.port.write = unplugged
         with pytest.raises(CalibrationError, match=r"(?s)interrupted.*resume.*revert") as caught:
             loose.save(outcome)
@@ -165,7 +178,7 @@ def test_a_servo_that_refuses_takes_everything_back(monkeypatch):
     before = state_of(arm)
     arm.line.servos[2].write("torque_enable", 1)
     with arm.open_bus() as bus:
-        loose = LooseArm(load_model(arm.name), bus)
+        loose = TorqueOffArm(load_model(arm.name), bus)
         with pytest.raises(Exception, match="torque is on"):
             loose.save(outcome)
     assert state_of(arm) == before
@@ -175,23 +188,23 @@ def test_a_servo_that_refuses_takes_everything_back(monkeypatch):
 def test_saving_what_the_servos_hold_already_writes_no_eeprom():
     arm, outcome = arm_and_outcome("planar2")
     with arm.open_bus() as bus:
-        LooseArm(load_model(arm.name), bus).save(outcome)
+        TorqueOffArm(load_model(arm.name), bus).save(outcome)
     writes = arm.eeprom_writes()
     with arm.open_bus() as bus:
-        LooseArm(load_model(arm.name), bus).save(outcome)
+        TorqueOffArm(load_model(arm.name), bus).save(outcome)
     assert arm.eeprom_writes() == writes
 
 
 def test_every_eeprom_is_locked_again_afterwards():
     arm, outcome = arm_and_outcome("planar2")
     with arm.open_bus() as bus:
-        LooseArm(load_model(arm.name), bus).save(outcome)
+        TorqueOffArm(load_model(arm.name), bus).save(outcome)
     assert all(servo.read("lock") == 1 for servo in arm.line.servos.values())
 
 
 def test_a_spoiled_journal_is_one_clear_error():
     path = journal_path("planar2", "")
-    write_whole(path, "checksum = 7\n")
+    write_atomic(path, "checksum = 7\n")
     with pytest.raises(FileFormatError, match=r"Remove it, then .*calibration diff"):
         read_journal(path)
 
@@ -201,20 +214,20 @@ def test_a_journal_that_the_disk_will_not_take_leaves_no_trace(monkeypatch):
     before = state_of(arm)
     monkeypatch.setattr("ikservo.files.writing._sync_folder", Mock(side_effect=OSError("broken")))
     with arm.open_bus() as bus, pytest.raises(FileWriteError):
-        LooseArm(load_model(arm.name), bus).save(outcome)
+        TorqueOffArm(load_model(arm.name), bus).save(outcome)
     assert state_of(arm) == before
     assert read_journal(journal_path(arm.name, "")) is None
 
 
-@pytest.mark.parametrize("act", [settle, resume, revert])
+@pytest.mark.parametrize("act", [recover, resume, roll_back])
 @pytest.mark.parametrize("change", [(9, "homing_offset"), (1, "goal_pwm")], ids=["id", "register"])
 def test_a_journal_of_another_servo_is_one_clear_error(act, change):
     arm, _ = arm_and_outcome("planar2")
     before, (servo_id, register) = state_of(arm), change
-    changes = (Change(id=servo_id, old={register: 0}, new={register: 5}),)
+    changes = (EepromChange(id=servo_id, old={register: 0}, new={register: 5}),)
     path = journal_path("planar2", "")
     journal = Journal(format=1, path="x", old_text="", new_text="", changes=changes)
-    write_whole(path, journal_text(journal))
+    write_atomic(path, dump_journal(journal))
     with arm.open_bus() as bus, pytest.raises(CalibrationError, match=f"servo {servo_id}"):
         act(bus, path)
     assert state_of(arm) == before

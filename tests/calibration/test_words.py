@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ikservo.calibration.ticks.words import say, source_words
+from ikservo.calibration.joint_map import format_position, source_words
 
 
 @pytest.mark.parametrize(
@@ -17,11 +17,14 @@ from ikservo.calibration.ticks.words import say, source_words
     ],
 )
 def test_positions_are_said_in_degrees_and_millimetres(position, unit, said):
-    assert say(position, unit) == said
+    assert format_position(position, unit) == said
 
 
 def test_more_digits_can_be_asked_for():
-    assert (say(0.012345, "m", 2), say(0.1, "rad", 3)) == ("12.35 mm", "5.730°")
+    assert (format_position(0.012345, "m", 2), format_position(0.1, "rad", 3)) == (
+        "12.35 mm",
+        "5.730°",
+    )
 
 
 def test_a_limit_of_the_person_is_set_by_you():

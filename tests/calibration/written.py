@@ -1,6 +1,6 @@
 """Calibrations that tests write out by hand, one joint after the other."""
 
-from ikservo.calibration.filing.record import Calibration
+from ikservo.calibration.records import Calibration
 
 WHEN = "2026-11-02T14:03:22Z"
 STS = {"homing_offset": 0, "operating_mode": 0, "min_position_limit": 0, "max_position_limit": 4095,

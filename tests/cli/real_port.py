@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 
-from ikservo.calibration.sweeping.outcome import Outcome
+from ikservo.calibration.result import CalibrationResult
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.plain import plain_calibration
 from tests.cli.desk import Comport, plug_in
@@ -20,7 +20,7 @@ def put(monkeypatch, name, seed=7, serial=SERIAL, **how):
         arm.port.is_open = True
         return arm.port
 
-    monkeypatch.setattr("ikservo.hardware.line.port.open_transport", open_transport)
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
     arm.port.name = PORT
     return arm
 
@@ -31,5 +31,5 @@ def calibrate_plainly(arm, serial=SERIAL):
         loose.serial_number = serial
         calibration = plain_calibration(arm, loose, WHEN)
         memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
-        loose.save(Outcome(calibration, memory))
+        loose.save(CalibrationResult(calibration, memory))
     return calibration

@@ -2,8 +2,7 @@
 
 import pytest
 
-from ikservo.calibration.filing.calibration_file import read_calibration
-from ikservo.calibration.filing.store import calibration_path
+from ikservo.calibration.calibration_file import calibration_path, read_calibration
 from tests.cli.real_port import PORT, calibrate_plainly, put
 
 NAME, OLD, NEW = "planar2", "58FA083", "9C0FFEE"
@@ -27,9 +26,9 @@ def arm(monkeypatch):
 
 
 def move(calibration, serial):
-    from ikservo.calibration.filing.store import save
+    from ikservo.calibration.calibration_file import save_calibration
 
-    return save(calibration.model_copy(update={"usb_serial_number": serial}))
+    return save_calibration(calibration.model_copy(update={"usb_serial_number": serial}))
 
 
 def test_the_calibration_of_the_old_adapter_holds_on_the_new_one(arm, say):

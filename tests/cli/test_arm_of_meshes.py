@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import ikservo
-from ikservo.model.shell import body_of
+from ikservo.model.collision_model import collision_body
 from tests.oracle import CONFIGS
 from tests.view.rooms import Room
 
@@ -81,7 +81,7 @@ def test_it_is_drawn(folder, monkeypatch):
 def test_its_body_is_about_as_large_as_that_of_simple_shapes(folder):
     simple, meshed = (ikservo.load_model(arm) for arm in ("so101", folder))
     postures = np.array([simple.chain_pose(name) for name in simple.poses])
-    above = [body_of(model).above(postures, 0.0) for model in (simple, meshed)]
+    above = [collision_body(model).floor_distances(postures, 0.0) for model in (simple, meshed)]
     assert above[0].pairs == above[1].pairs
     np.testing.assert_allclose(above[1].gap_m, above[0].gap_m, atol=0.008)
 

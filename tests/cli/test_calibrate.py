@@ -6,11 +6,15 @@ import sys
 
 import pytest
 
-from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.calibration.filing.calibration_file import read_calibration, text_of
-from ikservo.calibration.filing.store import journal_path, save
-from ikservo.calibration.in_servos.journal import Journal, journal_text
-from ikservo.files.writing import write_whole
+from ikservo.calibration.calibration_file import (
+    dump_calibration,
+    journal_path,
+    read_calibration,
+    save_calibration,
+)
+from ikservo.calibration.transaction import Journal, dump_journal
+from ikservo.files.writing import write_atomic
+from ikservo.maintenance.calibration_session import TorqueOffArm
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.rehearsal import rehearse
 from tests.calibration.test_calibration_file import GEOMETRY
@@ -38,7 +42,7 @@ def desk(monkeypatch):
             arm.port.is_open = True
             return arm.port
 
-        monkeypatch.setattr("ikservo.hardware.line.port.open_transport", open_transport)
+        monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
         return arm
 
     return put
@@ -46,7 +50,7 @@ def desk(monkeypatch):
 
 def hands_on(arm, skipped=()):
     with arm.open_bus() as bus:
-        subjects = LooseArm(load_model(arm.name), bus).subjects("home")
+        subjects = TorqueOffArm(load_model(arm.name), bus).make_subjects("home")
     rehearse(arm, subjects, skipped)
 
 
@@ -171,7 +175,7 @@ def test_without_a_terminal_the_options_that_answer_are_named(desk, say, home):
 
 
 def test_nobody_at_the_arm_ends_with_what_is_missing(desk, say, home, monkeypatch):
-    monkeypatch.setattr("ikservo.calibration.sweeping.answers._PATIENCE_S", 3.0)
+    monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 3.0)
     done = say(f"calibrate planar2 --port {desk() and PORT} --pose home --yes")
     assert done.code == 6
     assert "joint1 has not been moved yet" in done.err
@@ -324,7 +328,7 @@ def test_a_file_of_other_servos_is_neither_pushed_nor_pulled(desk, say, home, ac
     first, second = calibration.joints
     servo = second.servo.model_copy(update=other)
     joints = (first, second.model_copy(update={"servo": servo}))
-    text = text_of(calibration.model_copy(update={"joints": joints}))
+    text = dump_calibration(calibration.model_copy(update={"joints": joints}))
     file_of(home).write_text(text)
     done = say(f"calibration {action} planar2 --port {PORT} --yes")
     assert (done.code, "in the arm file" in done.err) == (6, True)
@@ -380,7 +384,7 @@ def test_no_arm_goes_limp_where_nothing_could_be_saved(desk, say, home):
 def test_an_arm_that_holds_is_asked_about_before_a_writing_is_mended(desk, say, action):
     holds = holding(desk())
     journal = Journal(format=1, path="x", old_text="", new_text="", changes=())
-    write_whole(journal_path("planar2", "58FA083"), journal_text(journal))
+    write_atomic(journal_path("planar2", "58FA083"), dump_journal(journal))
     done = say(f"calibration {action} planar2 --port {PORT}")
     assert (done.code, "Torque will be switched off" in done.err) == (1, True)
     assert holds()
@@ -390,7 +394,7 @@ def test_a_new_calibration_says_that_it_drops_what_a_touch_off_found(desk, say, 
     arm = desk()
     calibrated(arm, say)
     calibration = read_calibration(file_of(home))
-    save(calibration.model_copy(update={"geometry": GEOMETRY}))
+    save_calibration(calibration.model_copy(update={"geometry": GEOMETRY}))
     assert (
         "  The link and base corrections of the touch-off of 2026-11-03" in calibrated(arm, say).err
     )

@@ -6,10 +6,9 @@ import signal
 
 import pytest
 
-from ikservo.calibration.filing.calibration_file import read_calibration
-from ikservo.calibration.filing.store import calibration_path, partial_path
+from ikservo.calibration.calibration_file import calibration_path, partial_path, read_calibration
 from ikservo.errors import StoppedError
-from servosim.hand import Hand, glide
+from servosim.joint import Hand, glide
 from tests.calibration.hidden import Person, load_model
 from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
 from tests.oracle import CONFIGS
@@ -63,7 +62,7 @@ def watch(arm):
                 turns = (tick - servo.shaft.zero_tick + 2048) % 4096 - 2048
                 seen["goals"].append(servo.shaft.sign * turns * math.tau / 4096)
                 seen["limits"].append(servo.read("torque_limit"))
-        arm.world.at(arm.world.time_s + 0.02, look)
+        arm.world.schedule(arm.world.time_s + 0.02, look)
 
     look()
     return seen
@@ -77,7 +76,7 @@ def test_every_stop_is_found_within_half_a_degree_and_the_limit_lies_inside(arm,
     assert done.code == 0, done.err
     for joint in saved().joints:
         low, high = arm.stops[joint.name]
-        swept = joint.swept_range()
+        swept = joint.recorded_range()
         assert joint.swept == "by itself"
         assert 0.0 <= swept[0] - low <= math.radians(0.6), joint.name
         assert 0.0 <= high - swept[1] <= math.radians(0.6), joint.name
@@ -115,7 +114,7 @@ def test_what_was_measured_before_a_failure_is_kept_and_the_next_run_goes_on(arm
     assert (done.code, "joint2: searching" in done.err) == (0, False), done.err
     assert "joint1: searching its end stop" in done.err
     assert [joint.swept for joint in saved().joints] == ["by itself", "by itself"]
-    low, high = saved().joint("joint2").swept_range()
+    low, high = saved().joint("joint2").recorded_range()
     assert 0.0 <= low - arm.stops["joint2"][0] <= math.radians(0.6)
     assert 0.0 <= arm.stops["joint2"][1] - high <= math.radians(0.6)
     assert not partial_path("narrow", SERIAL).exists()
@@ -150,7 +149,7 @@ def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, say):
 
 
 def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, say):
-    arm.world.at(arm.world.time_s + 7.0, lambda: signal.raise_signal(signal.SIGINT))
+    arm.world.schedule(arm.world.time_s + 7.0, lambda: signal.raise_signal(signal.SIGINT))
     done = auto(say, narrow)
     assert done.code == 130
     assert saved() is None
@@ -163,7 +162,7 @@ def counts(arm):
 
 def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, say, monkeypatch):
     before = counts(arm)
-    monkeypatch.setattr("ikservo.cli.calibrating.hands.consent", lambda *_, **__: False)
+    monkeypatch.setattr("ikservo.cli.calibrate_by_hand.confirm_start", lambda *_, **__: False)
     done = auto(say, narrow, "--skip joint1 --skip joint2")
     assert done.code == 1, done.err
     assert counts(arm) == before
@@ -171,7 +170,7 @@ def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, say,
 
 def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm, narrow, say):
     calibrate_plainly(arm)
-    arm.world.at(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
+    arm.world.schedule(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
     assert "ikservo calibration push narrow" in auto(say, narrow).err
     assert say(f"calibration push {narrow} --port {PORT} --yes").code == 0
     assert say(f"where --arm {narrow} --port {PORT}").code == 0
@@ -212,7 +211,7 @@ def letting_go_when_it_holds(arm):
         for joint in arm.world.joints:
             if not joint.free and joint.name in arm.world.hands:
                 arm.world.release(joint.name)
-        arm.world.at(arm.world.time_s + 0.05, look)
+        arm.world.schedule(arm.world.time_s + 0.05, look)
 
     look()
 
@@ -247,8 +246,12 @@ def test_a_folded_arm_that_nobody_holds_first_makes_room_for_its_joints(say, nam
 
 def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, say):
     """The limp omx_f lies against the lower stops of its joint2, past the arm file's limit."""
-    monkeypatch.setattr("ikservo.arm.calibrating.auto.SelfCalibration.sweep", lambda _: None)
-    monkeypatch.setattr("ikservo.arm.calibrating.auto.SelfCalibration.finish", stopped_there)
+    monkeypatch.setattr(
+        "ikservo.maintenance.auto_calibration.AutoCalibration.sweep", lambda _: None
+    )
+    monkeypatch.setattr(
+        "ikservo.maintenance.auto_calibration.AutoCalibration.finish", stopped_there
+    )
     done = limp(say, "omx_f")
     assert done.code == 130, done.err
     assert "gripper moves so that it opens, then back" in done.err
@@ -259,7 +262,7 @@ def stopped_there(_):
 
 
 def test_an_arm_without_room_for_a_motion_is_told_to_begin_elsewhere(monkeypatch, say):
-    monkeypatch.setattr("ikservo.cli.calibrating.by_itself.making_room", lambda *_: None)
+    monkeypatch.setattr("ikservo.cli.calibrate_auto.making_room", lambda *_: None)
     done = limp(say, "so100")
     assert done.code == 8
     assert "shoulder_lift cannot move by 5° without a collision" in done.err
@@ -303,6 +306,6 @@ def test_shipped_arms_find_their_stops_under_gravity(monkeypatch, say, name, see
     for joint in found:
         if joint.swept == "by itself":
             low, high = arm.stops[joint.name]
-            swept = joint.swept_range()
+            swept = joint.recorded_range()
             assert abs(swept[0] - low) < math.radians(1.5), joint.name
             assert abs(swept[1] - high) < math.radians(1.5), joint.name

@@ -5,17 +5,15 @@ from contextlib import nullcontext
 
 import pytest
 
-from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.arm.calibrating.confirmation import confirmed
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.filing.calibration_file import read_calibration
-from ikservo.calibration.filing.store import calibration_path
-from ikservo.calibration.sweeping.subject import Subject
-from ikservo.calibration.sweeping.sweep import Stage, Wizard
-from ikservo.calibration.sweeping.track import Track
-from ikservo.cli.calibrating.hands import check_zeros
-from ikservo.cli.calibrating.wiggle import check_new_signs
+from ikservo.calibration.calibration_file import calibration_path, read_calibration
+from ikservo.calibration.procedure import CalibrationStage, CalibrationState
+from ikservo.calibration.range_tracker import JointUnderCalibration, RangeTracker
+from ikservo.cli.calibrate_by_hand import check_zeros
+from ikservo.cli.direction_check import check_new_signs
 from ikservo.errors import CalibrationError
+from ikservo.maintenance.calibration_session import TorqueOffArm
+from ikservo.maintenance.direction_check import directions_confirmed
 from tests.calibration.hidden import load_model
 from tests.calibration.rehearsal import rehearse
 from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
@@ -38,7 +36,7 @@ def desk(monkeypatch):
         for name, position in load_model(NAME).pose("home").items():
             arm.world.place(name, position + math.radians(off_deg))
         with arm.open_bus() as bus:
-            subjects = LooseArm(load_model(NAME), bus).subjects("home", only=moved)
+            subjects = TorqueOffArm(load_model(NAME), bus).make_subjects("home", only=moved)
         rehearse(arm, subjects)
         return arm
 
@@ -70,7 +68,7 @@ def test_signs_as_in_the_arm_file_need_no_test_motion(desk, say):
     done = say(f"{WORDS} --yes")
     assert done.code == 0, done.err
     assert "opposite" not in done.err
-    assert confirmed(load_model(NAME), PORT)
+    assert directions_confirmed(load_model(NAME), PORT)
 
 
 def test_an_opposite_sign_is_measured_twice_named_and_left_to_a_test_motion(desk, say):
@@ -82,7 +80,7 @@ def test_an_opposite_sign_is_measured_twice_named_and_left_to_a_test_motion(desk
     assert "joint1: sign is opposite to the arm file, measured twice" in done.err
     assert f"ikservo calibrate {NAME} --wiggle" in done.err
     assert [joint.sign for joint in saved().joints] == [-1, -1]
-    assert not confirmed(load_model(NAME), PORT)
+    assert not directions_confirmed(load_model(NAME), PORT)
 
 
 def asked_about_new_signs(monkeypatch, **answers):
@@ -131,9 +129,16 @@ def test_a_pose_that_was_not_the_anchor_pose_is_refused_where_nobody_is_asked(de
 def shifted_wizard(name="joint1"):
     """Return a conversation at its review whose first joint was swept 28° off."""
     joint_map = JointMap.revolute(name, 1, 1, 2048, 4096)
-    subject = Subject(joint_map, 4096, Limits.of(name, -1.0, 1.0, "arm file"), 0.0)
-    track = Track(4096, 0, -652 + 319, 652 + 319, 0.0)
-    return Wizard((subject,), 0.0, Stage.REVIEW, {1: track}, anchor={1: 0.0}, signs={name: 1})
+    subject = JointUnderCalibration(joint_map, 4096, Limits.of(name, -1.0, 1.0, "arm file"), 0.0)
+    track = RangeTracker(4096, 0, -652 + 319, 652 + 319, 0.0)
+    return CalibrationState(
+        (subject,),
+        0.0,
+        CalibrationStage.REVIEW,
+        {1: track},
+        reference_ticks={1: 0.0},
+        signs={name: 1},
+    )
 
 
 @pytest.mark.parametrize("answer", ["y", "n"])
@@ -164,7 +169,9 @@ def test_one_joint_is_calibrated_again_and_the_other_is_kept(calibrated, say):
     assert 'Step 1 of 4: Put joint1 at 45.0° (pose "home")' in done.err
     after = saved()
     assert after.joint("joint2") == before.joint("joint2")
-    assert after.joint("joint1").swept_range()[0] < before.joint("joint1").swept_range()[0] - 0.5
+    assert (
+        after.joint("joint1").recorded_range()[0] < before.joint("joint1").recorded_range()[0] - 0.5
+    )
 
 
 def test_a_joint_again_needs_a_calibration_of_the_others(desk, say):
@@ -195,14 +202,14 @@ def test_a_wrong_use_of_joint_is_one_clear_error(calibrated, say, words, message
 def test_ctrl_c_says_that_nothing_was_saved_and_torque_is_off(desk, say, monkeypatch, at_s):
     arm = desk(sign=1)
     arm.line.servos[1].write("torque_enable", 1)
-    read = LooseArm.read
+    read = TorqueOffArm.read_ticks
 
     def interrupted(loose):
         if loose.bus.clock.now_s() > at_s:
             raise KeyboardInterrupt
         return read(loose)
 
-    monkeypatch.setattr(LooseArm, "read", interrupted)
+    monkeypatch.setattr(TorqueOffArm, "read_ticks", interrupted)
     done = say(f"{WORDS} --yes")
     assert (done.code, done.err.splitlines()[-1]) == (
         130, "Stopped: nothing was saved; torque is off.")  # fmt: skip

@@ -9,10 +9,10 @@ import pytest
 from rich.console import Console, ConsoleDimensions
 from rich.live import Live
 
-from ikservo.calibration.sweeping.sweep import Stage, Wizard
-from ikservo.cli.calibrating import screen as calibrate_screen
-from ikservo.cli.calibrating.talk import answers, converse
-from ikservo.cli.keyboard import keys
+from ikservo.calibration.procedure import CalibrationStage, CalibrationState
+from ikservo.cli import calibrate_screen
+from ikservo.cli.calibrate_by_hand import answer_source, run_calibration
+from ikservo.cli.terminal import read_keys
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.plain import plain_wizard
 from tests.calibration.rehearsal import rehearse
@@ -52,7 +52,7 @@ def picture(monkeypatch):
 
 
 def test_a_key_is_there_at_once_and_none_is_waited_for(terminal):
-    with keys() as key:
+    with read_keys() as key:
         assert key() == ""
         terminal("u")
         assert key() == "u"
@@ -62,12 +62,12 @@ def test_a_key_is_there_at_once_and_none_is_waited_for(terminal):
 def conversation(arm, terminal, typed):
     """Hold a conversation; ``typed`` is asked at each reading for what the person types."""
     with arm.loose() as loose:
-        loose.let_go()
-        rehearse(arm, loose.subjects("home"))
-        wizard = Wizard.begin(loose.subjects("home"), math.radians(0.3))
+        loose.disable_torque()
+        rehearse(arm, loose.make_subjects("home"))
+        wizard = CalibrationState.begin(loose.make_subjects("home"), math.radians(0.3))
         with (
-            answers(None, yes=False, ask=True) as person,
-            calibrate_screen.screen(load_model(arm.name), "home") as shown,
+            answer_source(None, yes=False, ask=True) as person,
+            calibrate_screen.calibration_display(load_model(arm.name), "home") as shown,
         ):
             original = shown.show
 
@@ -76,17 +76,17 @@ def conversation(arm, terminal, typed):
                 terminal(typed(wizard, loose.bus.clock.now_s()))
 
             shown.show = show
-            return converse(loose, wizard, person, shown)
+            return run_calibration(loose, wizard, person, shown)
 
 
 def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
     def typed(wizard, now_s):
-        if wizard.stage is Stage.ANCHOR:
-            return "\n" if wizard.still else ""
+        if wizard.stage is CalibrationStage.REFERENCE_POSE:
+            return "\n" if wizard.is_at_rest else ""
         return "\n" if now_s > 6.5 else ""
 
     wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
-    assert wizard.stage is Stage.REVIEW
+    assert wizard.stage is CalibrationStage.REVIEW
     swept = picture[-1]
     assert "joint1" in swept
     assert "-150° … 150°" in swept
@@ -99,12 +99,12 @@ def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
 
     def typed(wizard, now_s):
         said.append(picture[-1] if picture else "")
-        if wizard.stage is Stage.ANCHOR:
-            return "\n" if wizard.still else ""
+        if wizard.stage is CalibrationStage.REFERENCE_POSE:
+            return "\n" if wizard.is_at_rest else ""
         return "\n" if now_s < 1.0 or now_s > 6.5 else ""
 
     wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
-    assert wizard.stage is Stage.REVIEW
+    assert wizard.stage is CalibrationStage.REVIEW
     assert any("joint1 has not been moved yet. Move it, or skip it." in text for text in said)
 
 
@@ -112,8 +112,8 @@ def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, pictu
     pressed = iter(["s", "u", "s"])
 
     def typed(wizard, now_s):
-        if wizard.stage is Stage.ANCHOR:
-            return "\n" if wizard.still else ""
+        if wizard.stage is CalibrationStage.REFERENCE_POSE:
+            return "\n" if wizard.is_at_rest else ""
         if now_s < 1.0:
             return next(pressed, "")
         return "\n" if now_s > 6.5 else ""
@@ -130,7 +130,7 @@ def test_the_table_fits_the_terminal(name, width):
         wizard = plain_wizard(loose, {i: arm.direction(i) for i in arm.line.servos})
     console = Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
     with console.capture() as capture:
-        console.print(calibrate_screen._table(wizard, width))
+        console.print(calibrate_screen._joint_table(wizard, width))
     lines = capture.get().splitlines()
     assert len(lines) == 1 + len(load_model(name).joints)  # no row is folded
     assert max(map(len, lines)) <= width
@@ -142,8 +142,8 @@ def test_a_resized_terminal_is_cleared_before_the_next_picture(terminal, picture
     monkeypatch.setattr(Console, "clear", lambda console, home=True: cleared.append(console.width))
 
     def typed(wizard, now_s):
-        if wizard.stage is Stage.ANCHOR:
-            return "\n" if wizard.still else ""
+        if wizard.stage is CalibrationStage.REFERENCE_POSE:
+            return "\n" if wizard.is_at_rest else ""
         shrunk = now_s > 2.0
         if shrunk:
             monkeypatch.setattr(Console, "size", property(lambda _: ConsoleDimensions(70, 24)))

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from ikservo.hardware.finding.probe import LineQuality
-from ikservo.hardware.line.udev import installed_rules, read_rules
+from ikservo.hardware.line_quality import LineQuality
+from ikservo.hardware.serial_ports import installed_rules, read_rules
 from tests.cli.desk import Comport, plug_in, run, spoil
 
 SIM = "--arm so101 --port sim"
@@ -26,7 +26,7 @@ WELL = """\
 @pytest.fixture(autouse=True)
 def few_reads(monkeypatch):
     """The thousand reads are read once; the others want only their one line."""
-    monkeypatch.setattr("ikservo.arm.care.checkup.READS", 60)
+    monkeypatch.setattr("ikservo.maintenance.doctor.READS", 60)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_lost_reads_are_counted(say, monkeypatch):
 
 def test_a_slow_adapter_is_named(say, monkeypatch):
     slow = LineQuality(1000, {}, (0.0160,) * 900 + (0.0165,) * 100)
-    monkeypatch.setattr("ikservo.arm.care.checkup.probe", lambda *_: slow)
+    monkeypatch.setattr("ikservo.maintenance.doctor.measure_line_quality", lambda *_: slow)
     said = say(f"doctor {SIM}")
     assert lines_of(said, "latency") == [
         "! latency   a read takes 16.00 ms (median), 16.50 ms (p99)"
@@ -171,7 +171,9 @@ def test_what_a_calibration_rests_on_is_left_to_the_calibration(say, monkeypatch
         line.servos[12].memory.put("max_position_limit", 3000)
         line.servos[12].memory.put("return_delay_time", 100)
 
-    monkeypatch.setattr("ikservo.arm.care.eeprom_checks.load", lambda arm, serial: object())
+    monkeypatch.setattr(
+        "ikservo.maintenance.servo_checks.load_calibration", lambda arm, serial: object()
+    )
     ports = spoil(monkeypatch, change)
     said = say("doctor --arm open_manipulator_x --port sim --write-eeprom")
     assert "max_position_limit" not in said.err
@@ -234,7 +236,7 @@ def test_the_installed_rule_is_a_tick(say, monkeypatch, tmp_path):
     (tmp_path / "60-ikservo.rules").touch()
     plug_in(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
-    monkeypatch.setattr("ikservo.hardware.line.udev._FOLDERS", (tmp_path,))
+    monkeypatch.setattr("ikservo.hardware.serial_ports._FOLDERS", (tmp_path,))
     assert lines_of(say("doctor"), "udev") == [
         f"✓ udev      {tmp_path}/60-ikservo.rules is installed"
     ]

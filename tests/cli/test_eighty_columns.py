@@ -6,8 +6,8 @@ import re
 import pytest
 
 from ikservo.cli import main
-from ikservo.cli.folding import fold
-from ikservo.cli.words import WORDS
+from ikservo.cli.app import COMMANDS
+from ikservo.cli.text_wrapping import fold
 from tests.cli.desk import Comport, plug_in
 
 SIM = "--port sim:?pose=home"
@@ -43,7 +43,7 @@ class Terminal(io.StringIO):
 def shown(monkeypatch, tmp_path):
     """Return what a person reads of a command, off a terminal or on one of so many columns."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
-    monkeypatch.setattr("ikservo.arm.care.checkup.READS", 60)
+    monkeypatch.setattr("ikservo.maintenance.doctor.READS", 60)
     port = Comport("/dev/ttyACM0", serial_number="58FA083")
     plug_in(monkeypatch, [port])
 
@@ -78,7 +78,7 @@ def test_no_row_is_wider_than_the_terminal_and_no_word_is_broken(shown, words):
         assert names(narrow) <= names(shown(words))
 
 
-@pytest.mark.parametrize("word", sorted(set(WORDS) - {"sim"}))
+@pytest.mark.parametrize("word", sorted(set(COMMANDS) - {"sim"}))
 def test_help_fits_80_columns(shown, word):
     assert too_long(shown(f"{word} --help", 80)) == []
 

@@ -6,13 +6,13 @@ import sys
 import pytest
 
 import ikservo
-from ikservo.cli.words import PANELS, WORDS
+from ikservo.cli.app import COMMANDS, PANELS
 from ikservo.errors import ExitCode
 
 
 def test_help_lists_every_command(say):
     out = say("--help").out
-    assert all(word in out for word in WORDS)
+    assert all(word in out for word in COMMANDS)
 
 
 def test_help_lists_every_exit_code(say):
@@ -20,7 +20,7 @@ def test_help_lists_every_exit_code(say):
     assert all(f"{code.value} {code.meaning}" in out for code in ExitCode)
 
 
-@pytest.mark.parametrize("word", sorted(set(WORDS) - {"sim"}))
+@pytest.mark.parametrize("word", sorted(set(COMMANDS) - {"sim"}))
 def test_every_command_explains_itself(say, word):
     said = say(f"{word} --help")
     assert said.code == 0
@@ -63,7 +63,7 @@ def test_a_command_imports_only_what_it_uses(words, allowed):
     assert done.stderr.strip().splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("word", ["", *sorted(set(WORDS) - {"sim"})])
+@pytest.mark.parametrize("word", ["", *sorted(set(COMMANDS) - {"sim"})])
 def test_h_is_help_everywhere(say, word):
     said = say(f"{word} -h")
     assert (said.code, "Usage: ikservo" in said.out) == (0, True)

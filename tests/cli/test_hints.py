@@ -5,8 +5,8 @@ from functools import cache
 from pathlib import Path
 
 import ikservo
-from ikservo.cli.hints import COMMAND, addressed
-from ikservo.cli.words import WORDS, app
+from ikservo.cli.app import COMMANDS, app
+from ikservo.cli.entry_point import COMMAND, with_connection_options
 
 PROSE = ("x", "has", "is", "program", "programs", "wrote")  # "a file that ikservo has written"
 SOURCES = Path(ikservo.__file__).parent
@@ -54,7 +54,7 @@ def command_of(name):
 
 
 def test_commands_in_messages_exist():
-    assert [(file, name) for file, name, _ in mentions() if name not in WORDS] == []
+    assert [(file, name) for file, name, _ in mentions() if name not in COMMANDS] == []
 
 
 def test_options_of_commands_in_messages_exist():
@@ -73,7 +73,7 @@ def test_no_sentence_goes_on_behind_a_command_without_punctuation():
 
 def test_the_arm_of_a_calibration_is_repeated_where_it_stands():
     hint = "Finish it: ikservo calibration resume. Or go back: ikservo calibration revert."
-    said = addressed(hint, ["calibrate", "so101", "--port", "/dev/ttyACM0"])
+    said = with_connection_options(hint, ["calibrate", "so101", "--port", "/dev/ttyACM0"])
     assert said == (
         "Finish it: ikservo calibration resume so101 --port /dev/ttyACM0. "
         "Or go back: ikservo calibration revert so101 --port /dev/ttyACM0."

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from ikservo.cli import run
+from ikservo.cli import entry_point as run
 from ikservo.errors import StoppedError
 from ikservo.files.writing import FileWriteError
 
@@ -26,7 +26,7 @@ def ended_after(monkeypatch, *errors):
             before = error
         raise before
 
-    monkeypatch.setattr(run, "_run", fail)
+    monkeypatch.setattr(run, "_run_command", fail)
     return run._ended(["move"])
 
 

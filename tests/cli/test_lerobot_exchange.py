@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from ikservo.calibration.filing.calibration_file import read_calibration
+from ikservo.calibration.calibration_file import read_calibration
 from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.lerobot_files import lerobot_text
 from tests.calibration.rehearsal import rehearse
@@ -22,13 +22,13 @@ def arm(monkeypatch, tmp_path):
         arm.port.is_open = True
         return arm.port
 
-    monkeypatch.setattr("ikservo.hardware.line.port.open_transport", open_transport)
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
     return arm
 
 
 def imported(arm, say, path):
     with arm.loose() as loose:
-        rehearse(arm, loose.subjects("home"))
+        rehearse(arm, loose.make_subjects("home"))
     words = f"import lerobot {path} --arm so101 --port {PORT} --pose home --margin 0.3 --yes"
     done = say(words)
     arm.world.hands.clear()
@@ -60,7 +60,7 @@ def test_an_import_gives_lerobots_range_and_the_geometrys_zero(arm, say, tmp_pat
         truth = own.joint_map(joint.joint_map).position(servo.read("present_position"))
         assert truth == pytest.approx(arm.true_position(joint.name), abs=math.radians(0.3))
         if own.swept == "by LeRobot":
-            assert own.swept_range()[0] >= arm.stops[joint.name][0] - 0.002
+            assert own.recorded_range()[0] >= arm.stops[joint.name][0] - 0.002
     assert calibration.source(calibration.joint("elbow_flex")).startswith("LeRobot's sweep of")
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.arm import Progress
-from ikservo.cli.session import watched
+from ikservo.arm import MotionProgress
+from ikservo.cli.session import progress_bar
 
 SO101 = "--arm so101 --port sim"
 
@@ -101,7 +101,7 @@ def test_a_preview_of_joints_outside_their_limits_is_refused_likewise(say):
 def test_a_bar_is_drawn_also_for_a_motion_that_has_no_end_yet(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    with watched() as draw:
+    with progress_bar() as draw:
         for time_s in (0.0, 0.1, 0.2):
-            draw(Progress(time_s, math.inf, np.zeros(3)))
+            draw(MotionProgress(time_s, math.inf, np.zeros(3)))
     assert "(0.000, 0.000, 0.000) m" in capsys.readouterr().err

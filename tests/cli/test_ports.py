@@ -5,8 +5,8 @@ import json
 import pytest
 
 from ikservo.errors import NoPortError
-from ikservo.hardware.finding.discovery import choose_port, remember_port
-from ikservo.hardware.line.remembered import config_folder
+from ikservo.hardware.discovery import choose_port, remember_port
+from ikservo.hardware.remembered_port import config_dir
 from tests.cli.desk import Comport, plug_in
 
 FEETECH = Comport("/dev/ttyACM0")
@@ -45,7 +45,7 @@ def test_the_name_that_stays_the_same_is_shown(say, monkeypatch, tmp_path):
     device.touch()
     folder.mkdir()
     (folder / "usb-1a86_USB_Single_Serial").symlink_to(device)
-    monkeypatch.setattr("ikservo.hardware.line.adapters._BY_ID", folder)
+    monkeypatch.setattr("ikservo.hardware.serial_ports._BY_ID", folder)
     plug_in(monkeypatch, [Comport(str(device))])
     assert say("ports --json").json["ports"][0]["by_id"] == f"{folder}/usb-1a86_USB_Single_Serial"
 
@@ -160,7 +160,7 @@ def test_of_two_strange_adapters_none_is_taken(monkeypatch):
 def test_an_adapter_without_serial_number_is_not_remembered(monkeypatch):
     plug_in(monkeypatch, [Comport("/dev/ttyUSB1", 0x1A86, 0x7523, None)])
     remember_port("so101", "/dev/ttyUSB1")
-    assert not (config_folder() / "ports.toml").exists()
+    assert not (config_dir() / "ports.toml").exists()
 
 
 @pytest.mark.parametrize(
@@ -168,8 +168,8 @@ def test_an_adapter_without_serial_number_is_not_remembered(monkeypatch):
 )
 def test_a_spoiled_memory_is_as_good_as_none(monkeypatch, text):
     plug_in(monkeypatch, [FEETECH, U2D2])
-    config_folder().mkdir(parents=True)
-    (config_folder() / "ports.toml").write_text(text)
+    config_dir().mkdir(parents=True)
+    (config_dir() / "ports.toml").write_text(text)
     with pytest.raises(NoPortError):
         choose_port(None, "so101")
     remember_port("so101", "/dev/ttyUSB0")

@@ -10,9 +10,9 @@ import pytest
 import typer
 
 import ikservo.cli
-from ikservo.cli.keyboard import keys
 from ikservo.cli.prompts import confirm, wait_for_enter
-from ikservo.cli.session import agree
+from ikservo.cli.session import confirm_motion
+from ikservo.cli.terminal import read_keys
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
 
@@ -84,30 +84,30 @@ def test_an_arm_does_not_move_because_enter_was_typed_ahead(terminal):
     terminal.type("\ny\n")
     terminal.texts = ["n\n"]
     with pytest.raises(Exception, match="nothing moved"):
-        agree(Machine(), yes=False)
+        confirm_motion(Machine(), yes=False)
 
 
 def test_keys_that_were_typed_ahead_are_not_pressed(terminal):
     terminal.type("us\n")
-    with keys() as pressed:
+    with read_keys() as pressed:
         assert pressed() == ""
 
 
 def test_keys_that_come_together_are_all_seen_at_once_and_none_later(terminal):
-    with keys() as pressed:
+    with read_keys() as pressed:
         terminal.type("us")
         assert pressed() == "us"
         assert pressed() == ""
 
 
 def test_an_arrow_key_is_not_the_letter_that_it_ends_with(terminal):
-    with keys() as pressed:
+    with read_keys() as pressed:
         terminal.type("\x1b[A\x1bOB\x1b[1;5Cs")
         assert pressed() == "s"
 
 
 def test_keys_left_unread_do_not_answer_the_next_question(terminal):
-    with keys():
+    with read_keys():
         terminal.type("y\n")
     terminal.texts = ["n\n"]
     assert confirm("Save?") is False

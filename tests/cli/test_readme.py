@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ikservo.cli import main
-from ikservo.cli.words import WORDS, app
+from ikservo.cli.app import COMMANDS, app
 
 README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 NUMBER = r"-?\d+(?:\.\d+)?"
@@ -61,7 +61,7 @@ def test_every_command_in_readme_exists_with_its_options():
     group = typer.main.get_command(app)
     for line in re.findall(r"^(?:\$ )?ikservo ([a-z]+.*)$", README, re.M):
         name, *words = line.partition("#")[0].split()
-        assert name in WORDS
+        assert name in COMMANDS
         options = {text for param in group.get_command(None, name).params for text in param.opts}
         assert {word.partition("=")[0] for word in words if word.startswith("--")} <= options
 

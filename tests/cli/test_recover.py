@@ -22,7 +22,7 @@ def _overload(servo):
     if servo.table.by_name.get("hardware_error_status"):
         servo.inject_alarm(OVERLOAD)
         servo.memory.put("torque_enable", 0)
-        servo.set_off(servo.table.by_name["torque_enable"].address, 1)
+        servo.apply_write_effects(servo.table.by_name["torque_enable"].address, 1)
     else:
         servo.watch.bits |= OVERLOAD
 

@@ -6,7 +6,7 @@ import json
 import pytest
 
 import servosim
-from ikservo.hardware.finding.scanning import scan_rate
+from ikservo.hardware.scan import scan_rate
 from tests.cli.desk import run, spoil
 from tests.oracle import CONFIGS
 
@@ -37,7 +37,7 @@ class Person:
         new = {"id": new_id, "baud_rate": new_baud, RETURN_DELAY[self.arm]: 200}
         for name, value in new.items():
             servo.memory.put(name, value)
-            servo.memory.keep(name)
+            servo.memory.persist_value(name)
 
     def act(self, now_s):
         """Do the next thing a second after the last one is done."""
@@ -63,7 +63,7 @@ class Person:
         if self.clumsy and self.at == 2:
             self.servos[self.at].power_up()
             self.servos[self.at].powered, self.next_s = True, now_s + 1.0
-            self.line.world.at(now_s + 5.0, servo.power_down)
+            self.line.world.schedule(now_s + 5.0, servo.power_down)
         else:
             servo.powered = False
 
@@ -78,7 +78,7 @@ def at_the_desk(monkeypatch, arm, **habits):
 
         def look():
             person.act(line.world.time_s)
-            line.world.at(line.world.time_s + 0.05, look)
+            line.world.schedule(line.world.time_s + 0.05, look)
 
         look()
 
@@ -324,7 +324,7 @@ def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(say, monkey
         found = scan_rate(port, rate, framings)
         return found if found and next(looks) % 2 else []
 
-    monkeypatch.setattr("ikservo.hardware.line.plugging.scan_rate", now_and_then)
+    monkeypatch.setattr("ikservo.hardware.provisioning.scan_rate", now_and_then)
     said = say("setup so101 --port sim --start gripper --yes --wait 5")
     assert said.code == 4
     assert "brings answers of STS3215 at id 6, 1000000 baud, but not steadily" in said.err

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ikservo.arm.line import open_line
+from ikservo.arm.opening import open_bus
 from ikservo.errors import ExitCode
 from ikservo.hardware import back_up_once
 from ikservo.model import load_model
@@ -27,7 +27,7 @@ def home(tmp_path, monkeypatch):
 
 def backup_of(arm, servo_id=ID):
     """Return the backup of a servo as delivered, and what it holds."""
-    with open_line(load_model(arm), "sim") as bus:
+    with open_bus(load_model(arm), "sim") as bus:
         (path,) = back_up_once(bus, arm, [servo_id])
     return path
 
@@ -35,7 +35,7 @@ def backup_of(arm, servo_id=ID):
 def change(servo, numbers):
     for name, number in numbers.items():
         servo.memory.put(name, number)
-        servo.memory.keep(name)
+        servo.memory.persist_value(name)
 
 
 class Desk:
@@ -115,7 +115,9 @@ def test_it_is_written_only_after_a_yes(monkeypatch, answer):
     path, desk = backup_of("so101"), Desk(monkeypatch, "so101")
     asked = []
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("ikservo.cli.restoring.confirm", lambda q: (asked.append(q), answer)[1])
+    monkeypatch.setattr(
+        "ikservo.cli.eeprom_restore.confirm", lambda q: (asked.append(q), answer)[1]
+    )
     said = desk.restore(path)
     assert asked == ["Write these to elbow_flex (id 3)?"]
     assert (said.code == 0) is answer

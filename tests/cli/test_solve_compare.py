@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from ikservo.cli.plotting.sheet import skeleton
+from ikservo.cli.plot_solve import arm_polyline
 from ikservo.model import load_model
 from tests.oracle import ARMS, tip_from_joints
 
@@ -227,7 +227,7 @@ def test_what_makes_no_sense_is_refused_before_any_work(say, words, message):
 
 
 def test_without_matplotlib_the_extra_is_named(say, monkeypatch, tmp_path):
-    monkeypatch.setattr("ikservo.cli.plotting.sheet.find_spec", lambda _: None)
+    monkeypatch.setattr("ikservo.cli.plot_solve.find_spec", lambda _: None)
     said = say(f"{FLAT} --plot {tmp_path}/arm.svg")
     assert said.code == 1
     assert "pip install 'ikservo[plot]'" in said.err
@@ -291,7 +291,7 @@ def test_a_png_is_a_png(say, tmp_path):
 def test_the_drawn_line_leads_from_the_base_to_the_tip(name):
     model = load_model(name)
     home = model.chain_pose("home")
-    line, joints = skeleton(model, home)
+    line, joints = arm_polyline(model, home)
     assert line[0].tolist() == [0, 0, 0]
     np.testing.assert_allclose(line[-1], model.chain.forward(home)[:3, 3], atol=1e-12)
     assert len(joints) == model.chain.dof

@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from ikservo.calibration.filing.store import save
+from ikservo.calibration.calibration_file import save_calibration
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.plain import plain_calibration
 
@@ -24,8 +24,8 @@ def file():
     with arm.loose() as loose:
         calibration = plain_calibration(arm, loose, WHEN)
     older = {"written": WHEN - timedelta(days=9), "usb_serial_number": "OLDER"}
-    save(calibration.model_copy(update=older))
-    return save(calibration)
+    save_calibration(calibration.model_copy(update=older))
+    return save_calibration(calibration)
 
 
 def test_what_the_arm_file_reaches_may_be_beyond_the_sweep(say, file):

@@ -8,8 +8,8 @@ import pytest
 
 from ikservo.arm import open_arm
 from ikservo.cli import session
-from ikservo.cli.run import main
-from ikservo.cli.stopping import stoppable
+from ikservo.cli.entry_point import main
+from ikservo.cli.session import second_interrupt_lowers
 from ikservo.errors import StoppedError
 from servosim.clock import VirtualClock
 
@@ -40,7 +40,7 @@ def press(monkeypatch, numbers):
 
         yield draw
 
-    monkeypatch.setattr("ikservo.cli.joints.watched", watched)
+    monkeypatch.setattr("ikservo.cli.joints.progress_bar", watched)
 
 
 def move():
@@ -85,7 +85,9 @@ class Gone:
 
 def test_closing_the_terminal_is_a_stop_though_nothing_can_be_said_any_more(servos, monkeypatch):
     press(monkeypatch, [signal.SIGHUP])
-    monkeypatch.setattr("ikservo.cli.session.note", lambda _: None)  # said while it was open
+    monkeypatch.setattr(
+        "ikservo.cli.session.print_status", lambda _: None
+    )  # said while it was open
     monkeypatch.setattr("sys.stderr", Gone())
     assert move() == 130
     assert torques(servos) == {1}
@@ -98,7 +100,7 @@ def test_a_progress_bar_that_cannot_be_taken_away_does_not_hide_the_stop(monkeyp
         finally:
             Gone().flush()
 
-    monkeypatch.setattr("ikservo.cli.run._run", stopped_with_a_bar)
+    monkeypatch.setattr("ikservo.cli.entry_point._run_command", stopped_with_a_bar)
     assert main(["move"]) == 130
 
 
@@ -142,10 +144,10 @@ def interrupt_a_motion(arm, clock):
     """Press Ctrl-C in a motion of an arm whose second Ctrl-C is waited for by a clock."""
 
     def press_once(progress):
-        if progress.elapsed_s > 0.3 and not arm.stops_asked:
+        if progress.elapsed_s > 0.3 and not arm.stop_requests:
             signal.raise_signal(signal.SIGINT)
 
-    with stoppable(arm, clock):
+    with second_interrupt_lowers(arm, clock):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=press_once)
 
 
@@ -165,7 +167,7 @@ class Unheard(VirtualClock):
 
 
 def stop_a_motion(arm, clock, reason):
-    with stoppable(arm, clock):
+    with second_interrupt_lowers(arm, clock):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=lambda _: arm.stop(reason))
 
 

@@ -6,9 +6,8 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from ikservo.arm.own import own_arm
-from ikservo.calibration.filing.calibration_file import read_calibration
-from ikservo.calibration.filing.store import calibration_path
+from ikservo.arm.calibrated_arm import load_calibration_for
+from ikservo.calibration.calibration_file import calibration_path, read_calibration
 from tests.calibration.hidden import load_model
 from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
 from tests.model.touch.hidden_geometry import HiddenGeometry
@@ -44,7 +43,7 @@ def guide(arm, truth, tmp_path, count=15):
     lines, start_s = [], arm.world.time_s + 0.5
     for i in range(count):
         q = truth.posture()
-        arm.world.at(start_s + EVERY_S * i, lambda q=q: place(arm, truth, q))
+        arm.world.schedule(start_s + EVERY_S * i, lambda q=q: place(arm, truth, q))
         x, y, z = truth.tip(q) + truth.noise()
         lines.append(f"P{i} {x:.4f} {1000 * y:.1f}mm {z:.4f}")
     path = tmp_path / "points"
@@ -62,7 +61,7 @@ def tip_errors_m(arm, truth, count=20):
     errors = []
     with arm.open_bus() as bus:
         bus.port.name = PORT
-        own = own_arm(bus, load_model(NAME))
+        own = load_calibration_for(bus, load_model(NAME))
         maps = [own.joint_map(own_joint(name)) for name in truth.chain.names]
         for _ in range(count):
             q = truth.posture()
@@ -127,7 +126,7 @@ def test_too_few_touches_save_nothing(arm, truth, tmp_path, say):
 
 
 def test_nobody_at_the_arm_ends_with_what_is_missing(arm, tmp_path, say, monkeypatch):
-    monkeypatch.setattr("ikservo.model.touch.answers._PATIENCE_S", 3.0)
+    monkeypatch.setattr("ikservo.model.touch_procedure._TIMEOUT_S", 3.0)
     (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
     done = say(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
@@ -136,7 +135,7 @@ def test_nobody_at_the_arm_ends_with_what_is_missing(arm, tmp_path, say, monkeyp
 def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
     arm, tmp_path, say, monkeypatch
 ):
-    monkeypatch.setattr("ikservo.model.touch.answers._PATIENCE_S", 1.0)
+    monkeypatch.setattr("ikservo.model.touch_procedure._TIMEOUT_S", 1.0)
     done = say(f"{WORDS} --sheet-at 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err
     assert "put the tip on B1 at (0.280, 0.050, 0.000) m" in done.err
@@ -188,7 +187,7 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
         return ""
 
     key.ready_s = arm.world.time_s + 1.5
-    monkeypatch.setattr("ikservo.cli.calibrating.touch.keys", lambda: nullcontext(key))
+    monkeypatch.setattr("ikservo.cli.calibrate_touch.read_keys", lambda: nullcontext(key))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.cli.prompts.read_answer", lambda _: "y")
     done = say(f"{WORDS} --points {points} --json")

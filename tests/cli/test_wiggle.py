@@ -4,8 +4,8 @@ from itertools import combinations
 
 import pytest
 
-from ikservo.arm.calibrating.confirmation import confirmed
-from ikservo.cli.calibrating import wiggle as calibrate_wiggle
+from ikservo.cli import direction_check as calibrate_wiggle
+from ikservo.maintenance.direction_check import directions_confirmed
 from tests.calibration.hidden import load_model
 from tests.cli.desk import run_words
 from tests.cli.real_port import PORT, calibrate_plainly, put
@@ -38,7 +38,7 @@ def watcher(monkeypatch):
 
     def watch(arm):
         seen = {}
-        original = calibrate_wiggle.wiggle
+        original = calibrate_wiggle.run_direction_check
 
         def wiggle(machine, motion):
             before = {j.name: j.position for j in arm.world.joints}
@@ -48,14 +48,14 @@ def watcher(monkeypatch):
                 for joint in arm.world.joints:
                     moved = joint.position - before[joint.name]
                     most[joint.name] = max(most[joint.name], moved, key=abs)
-                arm.world.at(arm.world.time_s + 0.05, look)
+                arm.world.schedule(arm.world.time_s + 0.05, look)
 
-            arm.world.at(arm.world.time_s, look)
+            arm.world.schedule(arm.world.time_s, look)
             original(machine, motion)
             moved = max(most, key=lambda name: abs(most[name]))
             seen[motion.joint] = moved == motion.joint and most[moved] * motion.way > 0
 
-        monkeypatch.setattr(calibrate_wiggle, "wiggle", wiggle)
+        monkeypatch.setattr(calibrate_wiggle, "run_direction_check", wiggle)
         monkeypatch.setattr("sys.stdin.isatty", lambda: True)
         monkeypatch.setattr("ikservo.cli.prompts.read_answer", answer(seen))
         return seen
@@ -88,7 +88,7 @@ def test_every_way_of_moving_shows_the_joints_first(arm, say, watcher, words):
     done = say(f"{words} --arm {NAME} --port {PORT}")
     assert done.code == 0, done.err
     assert done.err.count("then back") == 2
-    assert confirmed(load_model(NAME), PORT)
+    assert directions_confirmed(load_model(NAME), PORT)
 
 
 def test_a_replay_shows_the_joints_first(arm, say, watcher, tmp_path):
@@ -108,11 +108,11 @@ def test_an_arm_that_nobody_calibrated_takes_its_agreed_step_and_no_other(monkey
 
 def test_a_changed_calibration_is_shown_again(arm, say):
     assert say(f"{MOVE} --yes").code == 0
-    assert confirmed(load_model(NAME), PORT)
+    assert directions_confirmed(load_model(NAME), PORT)
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 0)
     calibrate_plainly(arm)  # the arm stands elsewhere by now
-    assert not confirmed(load_model(NAME), PORT)
+    assert not directions_confirmed(load_model(NAME), PORT)
 
 
 def test_with_nobody_there_an_arm_that_changed_does_not_move(arm, say):
@@ -145,7 +145,7 @@ def swapped(monkeypatch, pair):
     memories = [arm.line.servos[i].memory for i in pair]
     for memory, new in zip(memories, reversed(pair), strict=True):
         memory.put("id", new)
-        memory.keep("id")
+        memory.persist_value("id")
     arm.power_cycle()
     return arm
 
@@ -157,7 +157,7 @@ def test_any_two_swapped_ids_are_seen(monkeypatch, say, watcher, pair):
     done = say(f"calibrate so101 --port {PORT} --wiggle --uncalibrated")
     assert done.code == 6, done.err
     assert "does not move as in the arm file" in done.err
-    assert not confirmed(load_model("so101"), PORT)
+    assert not directions_confirmed(load_model("so101"), PORT)
 
 
 def test_a_mirrored_sign_is_seen(monkeypatch, say, watcher):

@@ -8,11 +8,11 @@ import pytest
 import ikservo
 from ikservo.arm import JointState
 from ikservo.cli import main
-from ikservo.cli.hints import addressed
-from ikservo.cli.output import point
-from ikservo.cli.watching import bar, heat_colour, limit_colour, watch_arm
+from ikservo.cli.entry_point import with_connection_options
+from ikservo.cli.terminal import format_point
+from ikservo.cli.where import heat_colour, limit_colour, position_bar, watch_arm
 from ikservo.errors import UnreachableError
-from ikservo.model.health import HealthLimits
+from ikservo.model.model import HealthLimits
 from servosim.clock import VirtualClock
 
 SIM = "--arm so101 --port sim:?pose=home"
@@ -156,11 +156,11 @@ def test_watching_shows_joints_between_their_limits(say):
     [(-1.0, "├●────────┤"), (0.0, "├────●────┤"), (1.0, "├────────●┤"), (9.0, "├────────●┤")],
 )
 def test_a_bar_shows_where_a_joint_is(position, drawn):
-    assert bar(position, -1.0, 1.0, 9) == drawn
+    assert position_bar(position, -1.0, 1.0, 9) == drawn
 
 
 def test_a_joint_without_limits_is_drawn_in_the_middle():
-    assert bar(3.0, -float("inf"), float("inf"), 9) == "├────●────┤"
+    assert position_bar(3.0, -float("inf"), float("inf"), 9) == "├────●────┤"
 
 
 def test_a_misspelled_command_is_answered_with_the_closest(say):
@@ -191,7 +191,7 @@ def test_a_misspelled_command_is_answered_with_the_closest(say):
     ],
 )
 def test_a_hint_can_be_typed_as_it_stands(hint, whole):
-    assert addressed(hint, ["move", "1", "2", "3", "--arm", "a", "--port=p"]) == whole
+    assert with_connection_options(hint, ["move", "1", "2", "3", "--arm", "a", "--port=p"]) == whole
 
 
 def test_the_hint_of_an_unreachable_point_can_be_typed(say):
@@ -203,21 +203,21 @@ def test_the_hint_of_an_unreachable_point_can_be_typed(say):
 
 def test_the_shell_completes_arms_and_poses(say, monkeypatch):
     say(f"teach cup --now {SIM}")
-    from ikservo.cli.completing import arms, poses
+    from ikservo.cli.options import complete_arms, complete_poses
 
     class Context:
         params = {"arm": "so101"}  # noqa: RUF012
 
-    assert arms("so") == ["so100", "so101"]
-    assert poses(Context(), "") == ["cup", "home", "rest", "zero"]
+    assert complete_arms("so") == ["so100", "so101"]
+    assert complete_poses(Context(), "") == ["cup", "home", "rest", "zero"]
     Context.params = {"arm": "nonsense"}
-    assert poses(Context(), "") == []
+    assert complete_poses(Context(), "") == []
 
 
 @pytest.mark.parametrize("nothing", [-0.0, -1e-9, -0.0004])
 def test_no_number_is_minus_nothing(nothing):
-    assert point((nothing, 0.0, 0.0)) == "(0.000, 0.000, 0.000) m"
-    assert ikservo.load_model("so101").joint("gripper").joint_map.say(nothing) == "0.0°"
+    assert format_point((nothing, 0.0, 0.0)) == "(0.000, 0.000, 0.000) m"
+    assert ikservo.load_model("so101").joint("gripper").joint_map.format(nothing) == "0.0°"
     assert "-0.000" not in str(UnreachableError((nothing, 0, 0), (0, nothing, 0)))
 
 
@@ -230,7 +230,7 @@ def test_a_held_key_jogs_and_letting_go_stops(say, monkeypatch):
     def keyboard():
         yield lambda: next(pressed, "")
 
-    monkeypatch.setattr("ikservo.cli.jog.keys", keyboard)
+    monkeypatch.setattr("ikservo.cli.jog.read_keys", keyboard)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     said = say(f"jog shoulder_pan --speed 20 {SIM} --json")
     assert said.code == 0, said.err
@@ -248,7 +248,7 @@ def test_recording_is_announced_once_the_arm_is_being_read(say, tmp_path, monkey
         heard.append((text, path.exists()))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ikservo.cli.record.note", noted)
+    monkeypatch.setattr("ikservo.cli.record.print_status", noted)
     assert say(f"record {path} --arm so101 --port sim").code == 0
     assert heard == [("Recording; Ctrl-C ends it.", True)]
 

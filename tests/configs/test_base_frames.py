@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.model import Model, arm_names, load_model
-from ikservo.model.skeleton import chain_of
+from ikservo.model.loading import build_chain
 
 ARMS = arm_names()
 
@@ -14,7 +14,7 @@ ARMS = arm_names()
 def first_axis(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Return a point (3,) [m] and the direction (3,) of the first joint's axis, base frame."""
     joint = next(j for j in model.urdf.joints if j.name == model.chain.names[0])
-    to_joint = chain_of(model.urdf, joint.child)
+    to_joint = build_chain(model.urdf, joint.child)
     T = to_joint.forward(np.zeros(to_joint.dof))
     return T[:3, 3], T[:3, :3] @ joint.axis
 

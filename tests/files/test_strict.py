@@ -4,7 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from ikservo.files.reading import parse_json
-from ikservo.files.strict import StrictModel
+from ikservo.files.validation import StrictModel
 
 
 class Row(StrictModel):

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from ikservo.files.writing import FileWriteError, check_writable, remove, write_whole
+from ikservo.files.writing import FileWriteError, check_writable, remove_durably, write_atomic
 from tests.files.power import Power, PowerCut, Refusals, powered, unplugged
 
 OLD, NEW = "the old text\n" * 50, "the new text, which is longer\n" * 80
@@ -14,31 +14,31 @@ OLD, NEW = "the old text\n" * 50, "the new text, which is longer\n" * 80
 @pytest.fixture
 def path(tmp_path):
     path = tmp_path / "arms" / "so101.toml"
-    write_whole(path, OLD)
+    write_atomic(path, OLD)
     return path
 
 
 def test_a_file_is_written_with_its_folders(tmp_path):
-    write_whole(tmp_path / "a" / "b" / "c.toml", NEW)
+    write_atomic(tmp_path / "a" / "b" / "c.toml", NEW)
     assert (tmp_path / "a" / "b" / "c.toml").read_text() == NEW
 
 
 def test_the_old_file_is_kept_beside_the_new_one(path):
-    write_whole(path, NEW, keep_old=True)
+    write_atomic(path, NEW, keep_old=True)
     assert path.read_text() == NEW
     assert path.with_name("so101.toml.bak").read_text() == OLD
 
 
 def test_nothing_else_is_left_in_the_folder(path):
-    write_whole(path, NEW)
+    write_atomic(path, NEW)
     assert [p.name for p in path.parent.iterdir()] == ["so101.toml"]
 
 
 def calls_of_a_save(path, monkeypatch):
     power = Power().feeds_files(monkeypatch)
-    write_whole(path, NEW, keep_old=True)
+    write_atomic(path, NEW, keep_old=True)
     unplugged(monkeypatch)
-    write_whole(path, OLD)
+    write_atomic(path, OLD)
     return power.spent
 
 
@@ -49,11 +49,11 @@ def test_power_cut_at_every_call_leaves_the_old_or_the_new_file(path, monkeypatc
     for lasts in range(calls):
         Power(lasts).feeds_files(monkeypatch)
         with pytest.raises(PowerCut):
-            write_whole(path, NEW, keep_old=True)
+            write_atomic(path, NEW, keep_old=True)
         unplugged(monkeypatch)
         assert path.read_text() in (OLD, NEW)
         seen.add(path.read_text())
-        write_whole(path, OLD)
+        write_atomic(path, OLD)
     assert seen == {OLD, NEW}
 
 
@@ -65,12 +65,12 @@ def test_an_error_at_every_call_says_whether_the_file_is_the_old_or_the_new_one(
     for nth in range(1, calls + 1):
         powered(monkeypatch, Refusals(nth, number))
         with pytest.raises(FileWriteError, match=r"cannot be written: .*\n.*try again") as caught:
-            write_whole(path, NEW, keep_old=True)
+            write_atomic(path, NEW, keep_old=True)
         unplugged(monkeypatch)
         assert path.read_text() == (NEW if caught.value.changed else OLD)
         assert ("is unchanged" in caught.value.hint) is not caught.value.changed
         assert {p.name for p in path.parent.iterdir()} <= {"so101.toml", "so101.toml.bak"}
-        write_whole(path, OLD)
+        write_atomic(path, OLD)
 
 
 @pytest.mark.campaign
@@ -81,18 +81,18 @@ def test_ten_thousand_random_power_cuts_never_tear_a_file(path, monkeypatch):
     for _ in range(10_000):
         Power(chance.randrange(calls)).feeds_files(monkeypatch)
         with pytest.raises(PowerCut):
-            write_whole(path, NEW, keep_old=True)
+            write_atomic(path, NEW, keep_old=True)
         unplugged(monkeypatch)
         assert path.read_text() in (OLD, NEW)
-        write_whole(path, OLD)
+        write_atomic(path, OLD)
 
 
 def test_removing_what_is_not_there_is_no_trouble(tmp_path):
-    remove(tmp_path / "nothing")
+    remove_durably(tmp_path / "nothing")
 
 
 def test_a_removed_file_is_gone(path):
-    remove(path)
+    remove_durably(path)
     assert not path.exists()
 
 

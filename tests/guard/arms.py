@@ -3,7 +3,7 @@
 from functools import cache
 
 from ikservo.model import load_model
-from ikservo.model.shell import body_of
+from ikservo.model.collision_model import collision_body
 
 
 @cache
@@ -13,4 +13,4 @@ def model_of(name):
 
 @cache
 def body(name):
-    return body_of(model_of(name))
+    return collision_body(model_of(name))

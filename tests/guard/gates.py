@@ -3,7 +3,7 @@
 import math
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.guard import Fence, Gate
+from ikservo.guard import CommandLimits, Gate
 
 TICK = 2 * math.pi / 4096
 BEAT_S = 0.02
@@ -27,15 +27,15 @@ class Recorder:
 def fence(name="elbow", servo_id=3, *, low=1000, high=3000, speed_tick_s=10_000):
     joint_map = JointMap.revolute(name, servo_id, 1, 2048, 4096)
     limits = Limits.of(name, joint_map.position(low), joint_map.position(high), "hand sweep")
-    return Fence(joint_map, limits, speed_tick_s * TICK)
+    return CommandLimits(joint_map, limits, speed_tick_s * TICK)
 
 
 def gate_at(tick, **kwargs):
     """Return a gate, its bus and its clock; both joints were seen now, 20 ms after the start."""
     bus, clock = Recorder(), HandClock()
     gate = Gate([fence(**kwargs), fence("wrist", 4)], bus, clock)
-    gate.start_from({"elbow": tick, "wrist": 2048})
+    gate.reset_goals({"elbow": tick, "wrist": 2048})
     bus.sent.clear()
     clock.time_s = BEAT_S
-    gate.see({"elbow": tick, "wrist": 2048}, BEAT_S)
+    gate.update_measured({"elbow": tick, "wrist": 2048}, BEAT_S)
     return gate, bus, clock

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ikservo.errors import RefusedError
-from ikservo.guard import Following
+from ikservo.guard import TrackingMonitor
 from tests.guard.gates import TICK, fence
 
 MOST = np.array([0.2, 0.2])
@@ -14,65 +14,65 @@ FINE = np.array([0.81, 1.0])
 
 
 def following():
-    return Following(["elbow", "wrist"], MOST)
+    return TrackingMonitor(["elbow", "wrist"], MOST)
 
 
 def test_the_third_beat_in_a_row_stops_the_motion_and_names_the_joint():
     watch = following()
-    watch.see(GOALS, LATE)
-    watch.see(GOALS, LATE)
+    watch.update(GOALS, LATE)
+    watch.update(GOALS, LATE)
     with pytest.raises(RefusedError, match="elbow does not follow"):
-        watch.see(GOALS, LATE)
+        watch.update(GOALS, LATE)
 
 
 def test_a_beat_in_time_between_two_late_ones_starts_the_count_again():
     watch = following()
     for measured in (LATE, LATE, FINE, LATE, LATE):
-        watch.see(GOALS, measured)
+        watch.update(GOALS, measured)
 
 
 def test_exactly_as_far_as_allowed_is_allowed():
     watch = following()
     for _ in range(10):
-        watch.see(np.zeros(2), -MOST)
+        watch.update(np.zeros(2), -MOST)
 
 
 def test_after_a_beat_in_time_the_third_late_one_stops_the_motion():
     watch = following()
     for measured in (LATE, FINE, LATE, LATE):
-        watch.see(GOALS, measured)
+        watch.update(GOALS, measured)
     with pytest.raises(RefusedError):
-        watch.see(GOALS, LATE)
+        watch.update(GOALS, LATE)
 
 
 @pytest.mark.parametrize("measured", [(1.21, 1.0), (1.0, np.nan), (np.inf, 1.0)])
 def test_ahead_of_the_goal_and_nowhere_at_all_are_as_bad_as_behind(measured):
     watch = following()
     for _ in range(2):
-        watch.see(GOALS, np.array(measured))
+        watch.update(GOALS, np.array(measured))
     with pytest.raises(RefusedError, match="does not follow"):
-        watch.see(GOALS, np.array(measured))
+        watch.update(GOALS, np.array(measured))
 
 
 def test_all_that_do_not_follow_are_named():
     watch = following()
     for _ in range(2):
-        watch.see(GOALS, GOALS - 1.0)
+        watch.update(GOALS, GOALS - 1.0)
     with pytest.raises(RefusedError, match="elbow, wrist does not follow"):
-        watch.see(GOALS, GOALS - 1.0)
+        watch.update(GOALS, GOALS - 1.0)
 
 
 def test_joints_are_counted_each_for_itself():
     watch = following()
     for measured in ((0.7, 1.0), (1.0, 0.7), (0.7, 1.0), (1.0, 0.7)):
-        watch.see(GOALS, np.array(measured))
+        watch.update(GOALS, np.array(measured))
 
 
 def steps_until_stopped(watch, behind):
     goals = np.zeros(2)
     for beat in range(1, 6):
         try:
-            watch.see(goals, np.array([behind * TICK, 0.0]))
+            watch.update(goals, np.array([behind * TICK, 0.0]))
         except RefusedError:
             return beat
     return None
@@ -80,21 +80,23 @@ def steps_until_stopped(watch, behind):
 
 def test_over_a_look_ahead_nine_tenths_of_it_are_too_far():
     fences = [fence(), fence("wrist", 4)]  # a look-ahead of 138 ticks
-    assert steps_until_stopped(Following.of(fences), 124) is None
-    assert steps_until_stopped(Following.of(fences), 125) == 3
+    assert steps_until_stopped(TrackingMonitor.for_limits(fences), 124) is None
+    assert steps_until_stopped(TrackingMonitor.for_limits(fences), 125) == 3
 
 
 def test_a_slow_motion_is_watched_more_closely():
     fences = [fence(), fence("wrist", 4)]
     slow = {"elbow": 284 * TICK}  # a look-ahead of 106 ticks
-    assert steps_until_stopped(Following.of(fences, slow), 95) is None
-    assert steps_until_stopped(Following.of(fences, slow), 96) == 3
-    assert steps_until_stopped(Following.of(fences, {"wrist": 284 * TICK}), 96) is None
+    assert steps_until_stopped(TrackingMonitor.for_limits(fences, slow), 95) is None
+    assert steps_until_stopped(TrackingMonitor.for_limits(fences, slow), 96) == 3
+    assert (
+        steps_until_stopped(TrackingMonitor.for_limits(fences, {"wrist": 284 * TICK}), 96) is None
+    )
 
 
 def test_a_joint_is_named_by_its_fence():
-    watch = Following.of([fence("elbow"), fence("wrist", 4)])
+    watch = TrackingMonitor.for_limits([fence("elbow"), fence("wrist", 4)])
     for _ in range(2):
-        watch.see(np.zeros(2), np.array([0.0, 1.0]))
+        watch.update(np.zeros(2), np.array([0.0, 1.0]))
     with pytest.raises(RefusedError, match=r"^wrist does not"):
-        watch.see(np.zeros(2), np.array([0.0, 1.0]))
+        watch.update(np.zeros(2), np.array([0.0, 1.0]))

@@ -39,7 +39,7 @@ def test_a_refusal_names_the_joint_the_goal_the_limit_and_its_source():
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_step_as_long_as_the_speed_allows_passes(direction):
     gate, bus, _ = gate_at(2048)
-    gate.see({"elbow": 2048 + direction * 100}, 0.02)
+    gate.update_measured({"elbow": 2048 + direction * 100}, 0.02)
     gate.send({"elbow": 2048 + direction * 201})  # 10 000 ticks/s, 20 ms, and one of rounding
     assert bus.sent == [{3: 2048 + direction * 201}]
 
@@ -55,7 +55,7 @@ def test_a_step_one_tick_longer_is_refused(direction):
 def test_after_a_stall_the_next_step_is_no_longer_than_after_50_ms():
     gate, _, clock = gate_at(2048)
     clock.time_s = 5.0
-    gate.see({"elbow": 2300, "wrist": 2048}, 5.0)
+    gate.update_measured({"elbow": 2300, "wrist": 2048}, 5.0)
     with pytest.raises(RefusedError, match="step of 502 ticks in 50 ms for elbow \\(max 501\\)"):
         gate.send({"elbow": 2048 + 502})
     gate.send({"elbow": 2048 + 330})
@@ -63,10 +63,10 @@ def test_after_a_stall_the_next_step_is_no_longer_than_after_50_ms():
 
 def test_steps_are_counted_from_the_last_goal_that_passed():
     gate, bus, clock = gate_at(2048)
-    gate.see({"elbow": 2200}, 0.02)
+    gate.update_measured({"elbow": 2200}, 0.02)
     gate.send({"elbow": 2248})
     clock.time_s = 0.04
-    gate.see({"elbow": 2400}, 0.04)
+    gate.update_measured({"elbow": 2400}, 0.04)
     gate.send({"elbow": 2448})
     assert [goal[3] for goal in bus.sent] == [2248, 2448]
 
@@ -110,7 +110,7 @@ def test_nothing_passes_before_somebody_has_measured_where_the_joint_is():
 
 def test_starting_sends_the_measured_ticks_as_goals_even_outside_the_limits():
     bus = Recorder()
-    Gate([fence()], bus, HandClock()).start_from({"elbow": 950})
+    Gate([fence()], bus, HandClock()).reset_goals({"elbow": 950})
     assert bus.sent == [{3: 950}]
 
 
@@ -118,14 +118,14 @@ def test_starting_sends_the_measured_ticks_as_goals_even_outside_the_limits():
 def test_starting_from_no_whole_number_is_refused(tick):
     bus = Recorder()
     with pytest.raises(RefusedError):
-        Gate([fence()], bus, HandClock()).start_from({"elbow": tick})
+        Gate([fence()], bus, HandClock()).reset_goals({"elbow": tick})
     assert bus.sent == []
 
 
 @pytest.mark.parametrize(("tick", "nearest"), [(999, 1000), (3001, 3000), (1700, 1700)])
 def test_the_nearest_tick_that_may_pass_is_on_the_limit(tick, nearest):
     gate, _, _ = gate_at(2048)
-    assert gate.nearest("elbow", tick) == nearest
+    assert gate.clamp("elbow", tick) == nearest
 
 
 @given(st.lists(st.tuples(st.integers(-200, 4400), st.floats(0, 0.2)), max_size=30))
@@ -133,7 +133,7 @@ def test_whatever_is_asked_no_goal_outside_the_limits_is_ever_sent(commands):
     gate, bus, clock = gate_at(2048)
     for tick, elapsed_s in commands:
         clock.time_s += elapsed_s
-        gate.see({"elbow": min(max(tick, 900), 3100)}, clock.time_s)
+        gate.update_measured({"elbow": min(max(tick, 900), 3100)}, clock.time_s)
         try:
             gate.send({"elbow": tick})
         except RefusedError:
@@ -153,7 +153,7 @@ def test_every_joint_of_a_command_is_checked_before_any_is_sent():
 def test_a_refused_command_does_not_use_up_the_time_of_the_next():
     gate, bus, clock = gate_at(2048)
     clock.time_s = 0.01
-    gate.see({"elbow": 2048}, 0.01)
+    gate.update_measured({"elbow": 2048}, 0.01)
     with pytest.raises(RefusedError):
         gate.send({"elbow": 2048 + 102})
     gate.send({"elbow": 2048 + 101})
@@ -173,7 +173,7 @@ def test_many_commands_in_one_instant_go_no_further_than_one():
 
 def test_a_step_back_uses_up_its_time_as_well():
     gate, bus, _ = gate_at(2048)
-    gate.see({"elbow": 1948}, 0.02)
+    gate.update_measured({"elbow": 1948}, 0.02)
     gate.send({"elbow": 2048 - 201})
     with pytest.raises(RefusedError, match="step of 1 ticks"):
         gate.send({"elbow": 2048 - 202})
@@ -183,7 +183,7 @@ def test_a_step_back_uses_up_its_time_as_well():
 def test_goals_may_be_where_the_look_ahead_ends_and_no_tick_further():
     gate, bus, clock = gate_at(2048)
     clock.time_s = 0.04
-    gate.see({"elbow": 2048}, 0.04)
+    gate.update_measured({"elbow": 2048}, 0.04)
     with pytest.raises(RefusedError, match="139 ticks ahead of its position \\(max 138\\)"):
         gate.send({"elbow": 2048 + 139})
     gate.send({"elbow": 2048 + 138})
@@ -193,27 +193,27 @@ def test_goals_may_be_where_the_look_ahead_ends_and_no_tick_further():
 def test_a_slow_motion_has_a_shorter_look_ahead():
     gate, _, clock = gate_at(2048)
     clock.time_s = 0.04
-    gate.see({"elbow": 2048}, 0.04)
-    gate.run_at({"elbow": 284 * 2 * math.pi / 4096})
+    gate.update_measured({"elbow": 2048}, 0.04)
+    gate.set_speeds({"elbow": 284 * 2 * math.pi / 4096})
     with pytest.raises(RefusedError, match="107 ticks ahead of its position \\(max 106\\)"):
         gate.send({"elbow": 2048 + 107})
-    gate.run_at({})
+    gate.set_speeds({})
     gate.send({"elbow": 2048 + 107})
 
 
 def test_a_joint_that_nobody_has_seen_gets_no_goal():
     bus = Recorder()
     gate = Gate([fence()], bus, HandClock())
-    gate.start_from({"elbow": 2048})
+    gate.reset_goals({"elbow": 2048})
     with pytest.raises(RefusedError, match="No position reading from elbow"):
         gate.send({"elbow": 2048})
     assert bus.sent == [{3: 2048}]
 
 
-@pytest.mark.parametrize("call", ["see", "run_at", "start_from", "hold"])
+@pytest.mark.parametrize("call", ["update_measured", "set_speeds", "reset_goals", "hold"])
 def test_every_door_knows_the_joints(call):
     gate, bus, _ = gate_at(2048)
-    rest = (0.02,) if call == "see" else ()
+    rest = (0.02,) if call == "update_measured" else ()
     with pytest.raises(RefusedError, match="no joint 'elbo'"):
         getattr(gate, call)({"elbo": 2048}, *rest)
     assert bus.sent == []
@@ -221,16 +221,16 @@ def test_every_door_knows_the_joints(call):
 
 def test_what_was_seen_can_be_asked_for():
     gate, _, _ = gate_at(2000)
-    gate.see({"elbow": 2010}, 0.03)
-    assert gate.seen == {"elbow": 2010, "wrist": 2048}
+    gate.update_measured({"elbow": 2010}, 0.03)
+    assert gate.measured_ticks == {"elbow": 2010, "wrist": 2048}
 
 
 def test_the_way_goes_on_by_no_more_than_the_longest_step_in_time():
     gate, _, _ = gate_at(2048, speed_tick_s=100)
-    assert gate.advance_s(0.03) == pytest.approx(0.013700, abs=1e-6)  # the wrist: 137 ticks
-    gate.run_at({"wrist": 0.01})
-    assert gate.advance_s(0.03) == 0.03
-    assert gate.advance_s(7.0) == 0.05
+    assert gate.allowed_advance_s(0.03) == pytest.approx(0.013700, abs=1e-6)  # the wrist: 137 ticks
+    gate.set_speeds({"wrist": 0.01})
+    assert gate.allowed_advance_s(0.03) == 0.03
+    assert gate.allowed_advance_s(7.0) == 0.05
 
 
 # --- the stop that stays
@@ -240,7 +240,7 @@ def test_after_a_stop_nothing_passes_but_a_hold():
     gate, bus, _ = gate_at(2048)
     hot = StopReason(StopKind.FAULT, "elbow is too hot")
     gate.latch_stop(hot)
-    for door in (gate.send, gate.start_from):
+    for door in (gate.send, gate.reset_goals):
         with pytest.raises(RefusedError, match="arm was stopped: elbow is too hot"):
             door({"elbow": 2048})
     gate.hold({"elbow": 2048})
@@ -255,7 +255,7 @@ def test_after_the_stop_was_acknowledged_goals_start_anew():
     assert gate.stop_reason is None
     with pytest.raises(RefusedError, match="The position of elbow has not been measured"):
         gate.send({"elbow": 2048})
-    gate.start_from({"elbow": 1500})
+    gate.reset_goals({"elbow": 1500})
     assert bus.sent == [{3: 1500}]
 
 
@@ -269,7 +269,7 @@ def test_to_acknowledge_no_stop_forgets_nothing():
 @pytest.mark.parametrize("tick", [2100, 2148, 2120])
 def test_a_joint_may_be_held_anywhere_between_its_place_and_its_goal(tick):
     gate, bus, _ = gate_at(2148)
-    gate.see({"elbow": 2100}, 0.02)
+    gate.update_measured({"elbow": 2100}, 0.02)
     gate.hold({"elbow": tick})
     assert (bus.sent, gate.goals["elbow"]) == ([{3: tick}], tick)
 
@@ -278,7 +278,7 @@ def test_a_joint_may_be_held_anywhere_between_its_place_and_its_goal(tick):
 @pytest.mark.parametrize("seen", [2100, 2148])
 def test_a_hold_that_would_move_a_joint_is_refused_for_all(tick, seen):
     gate, bus, _ = gate_at(2100 if seen == 2148 else 2148)
-    gate.see({"elbow": seen}, 0.02)
+    gate.update_measured({"elbow": seen}, 0.02)
     with pytest.raises(RefusedError, match=f"{tick} would move elbow"):
         gate.hold({"wrist": 2048, "elbow": tick})
     assert bus.sent == []
@@ -286,7 +286,7 @@ def test_a_hold_that_would_move_a_joint_is_refused_for_all(tick, seen):
 
 def test_a_joint_that_sank_below_its_limits_is_held_on_the_limit():
     gate, bus, _ = gate_at(1010)
-    gate.see({"elbow": 980}, 0.02)
+    gate.update_measured({"elbow": 980}, 0.02)
     gate.hold({"elbow": 980})
     assert bus.sent == [{3: 1000}]
 
@@ -294,7 +294,7 @@ def test_a_joint_that_sank_below_its_limits_is_held_on_the_limit():
 def test_a_joint_that_was_not_seen_is_held_at_its_goal_only():
     bus = Recorder()
     gate = Gate([fence()], bus, HandClock())
-    gate.start_from({"elbow": 2048})
+    gate.reset_goals({"elbow": 2048})
     with pytest.raises(RefusedError, match="2049 would move elbow"):
         gate.hold({"elbow": 2049})
     gate.hold({"elbow": 2048})
@@ -337,7 +337,7 @@ def test_a_distant_goal_of_an_unknown_joint_is_refused():
 
 
 def test_the_nearest_place_of_a_joint_outside_its_limits_is_where_it_is():
-    assert gate_at(950)[0].nearest("elbow", 900) == 950
+    assert gate_at(950)[0].clamp("elbow", 900) == 950
 
 
 def test_goals_cannot_be_changed_past_the_gate():
@@ -383,20 +383,20 @@ class TestCut:
     def test_a_step_that_may_pass_stays(self, direction):
         gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
         goals = {"elbow": 2048 + direction * 41}
-        assert gate.cut(goals, BEAT_S) == goals
+        assert gate.shorten_goals(goals, BEAT_S) == goals
 
     @pytest.mark.parametrize("direction", [1, -1])
     @pytest.mark.parametrize("step", [42, 60, 101])
     def test_a_step_that_is_too_long_for_the_time_is_cut_to_the_longest(self, step, direction):
         gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
-        goals = gate.cut({"elbow": 2048 + direction * step}, BEAT_S)
+        goals = gate.shorten_goals({"elbow": 2048 + direction * step}, BEAT_S)
         assert goals == {"elbow": 2048 + direction * 41}
         gate.send(goals, BEAT_S)
         assert bus.sent == [{3: 2048 + direction * 41}]
 
     def test_all_joints_are_cut_by_the_same_share(self):
         gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
-        assert gate.cut({"elbow": 2048 + 82, "wrist": 2048 - 41}, BEAT_S) == {
+        assert gate.shorten_goals({"elbow": 2048 + 82, "wrist": 2048 - 41}, BEAT_S) == {
             "elbow": 2048 + 41,
             "wrist": 2048 - 20,
         }
@@ -406,7 +406,7 @@ class TestCut:
         gate, _, clock = gate_at(2048)  # fast
         gate.send({"elbow": 2048 + direction * 100}, BEAT_S)
         clock.time_s = 2 * BEAT_S
-        goals = gate.cut({"elbow": 2048 + direction * 200}, 2 * BEAT_S)
+        goals = gate.shorten_goals({"elbow": 2048 + direction * 200}, 2 * BEAT_S)
         assert goals == {"elbow": 2048 + direction * LEAD}
         gate.send(goals, 2 * BEAT_S)
 
@@ -415,19 +415,21 @@ class TestCut:
         gate, _, clock = gate_at(2048)  # fast
         gate.send({"elbow": 2048 + direction * 100}, BEAT_S)
         clock.time_s = 2 * BEAT_S
-        gate.see({"elbow": 2048 - direction * 100}, 2 * BEAT_S)
+        gate.update_measured({"elbow": 2048 - direction * 100}, 2 * BEAT_S)
         at = 2048 + direction * 100
-        assert gate.cut({"elbow": at + direction * 9}, 2 * BEAT_S) == {"elbow": at}
-        assert gate.cut({"elbow": at - direction * 9}, 2 * BEAT_S) == {"elbow": at - direction * 9}
+        assert gate.shorten_goals({"elbow": at + direction * 9}, 2 * BEAT_S) == {"elbow": at}
+        assert gate.shorten_goals({"elbow": at - direction * 9}, 2 * BEAT_S) == {
+            "elbow": at - direction * 9
+        }
 
     @pytest.mark.parametrize("direction", [1, -1])
     def test_a_goal_out_of_reach_of_50_ms_is_no_late_step_and_stays_as_it_is(self, direction):
         gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
-        assert gate.cut({"elbow": 2048 + direction * 101}, BEAT_S) == {
+        assert gate.shorten_goals({"elbow": 2048 + direction * 101}, BEAT_S) == {
             "elbow": 2048 + direction * 41
         }
         jump = {"elbow": 2048 + direction * 102}
-        assert gate.cut(jump, BEAT_S) == jump
+        assert gate.shorten_goals(jump, BEAT_S) == jump
         with pytest.raises(RefusedError, match="setpoint step of 102 ticks"):
             gate.send(jump, BEAT_S)
         assert bus.sent == []
@@ -436,43 +438,43 @@ class TestCut:
     def test_a_goal_outside_the_limits_is_refused_not_cut(self, tick):
         gate, _, _ = gate_at(2990, speed_tick_s=SLOW)
         with pytest.raises(RefusedError, match="upper limit"):
-            gate.cut({"elbow": tick}, BEAT_S)
+            gate.shorten_goals({"elbow": tick}, BEAT_S)
 
     def test_without_time_nothing_moves(self):
         gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
         gate.send({"elbow": 2048 + 41}, BEAT_S)
-        assert gate.cut({"elbow": 2048 + 60}, BEAT_S) == {"elbow": 2048 + 41}
+        assert gate.shorten_goals({"elbow": 2048 + 60}, BEAT_S) == {"elbow": 2048 + 41}
 
     def test_a_step_of_one_tick_is_cut_where_there_is_no_time_for_it(self):
         gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
         gate.send({"elbow": 2048 + 41}, BEAT_S)
-        assert gate.cut({"elbow": 2048 + 42}, BEAT_S) == {"elbow": 2048 + 41}
+        assert gate.shorten_goals({"elbow": 2048 + 42}, BEAT_S) == {"elbow": 2048 + 41}
 
     def test_a_joint_that_stays_cuts_no_other(self):
         gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
         goals = {"elbow": 2048 + 40, "wrist": 2048}
-        assert gate.cut(goals, BEAT_S) == goals
+        assert gate.shorten_goals(goals, BEAT_S) == goals
 
     def test_no_goals_are_no_goals(self):
         gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
-        assert gate.cut({}, BEAT_S) == {}
+        assert gate.shorten_goals({}, BEAT_S) == {}
 
     @pytest.mark.parametrize("goal", [{"elbo": 2048}, {"elbow": 2048.5}, {"elbow": True}])
     def test_what_is_no_goal_is_refused(self, goal):
         gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
         with pytest.raises(RefusedError):
-            gate.cut(goal, BEAT_S)
+            gate.shorten_goals(goal, BEAT_S)
 
     def test_a_joint_without_a_recent_reading_is_refused(self):
         gate, _, clock = gate_at(2048, speed_tick_s=SLOW)
         clock.time_s = BEAT_S + 0.26
         with pytest.raises(RefusedError, match="No position reading from elbow"):
-            gate.cut({"elbow": 2050}, clock.time_s)
+            gate.shorten_goals({"elbow": 2050}, clock.time_s)
 
 
 def test_joints_without_a_recent_reading_are_named():
     gate, _, clock = gate_at(2048, speed_tick_s=SLOW)
-    assert gate.unseen(BEAT_S + 0.25) == ()
-    gate.see({"wrist": 2048}, BEAT_S + 0.1)
-    assert gate.unseen(BEAT_S + 0.2501) == ("elbow",)
-    assert Gate([fence()], Recorder(), clock).unseen(0.0) == ("elbow",)
+    assert gate.stale_joints(BEAT_S + 0.25) == ()
+    gate.update_measured({"wrist": 2048}, BEAT_S + 0.1)
+    assert gate.stale_joints(BEAT_S + 0.2501) == ("elbow",)
+    assert Gate([fence()], Recorder(), clock).stale_joints(0.0) == ("elbow",)

@@ -6,13 +6,13 @@ from dataclasses import replace
 import pytest
 
 from ikservo.errors import ExitCode, RefusedError, ServoAlarmError
-from ikservo.guard import Health, HealthLimits, Vitals
+from ikservo.guard import HealthLimits, HealthMonitor, ServoTelemetry
 
-WELL = Vitals("elbow", 10.0, 35.0, 7.4, 20.0, True, True, frozenset())
+WELL = ServoTelemetry("elbow", 10.0, 35.0, 7.4, 20.0, True, True, frozenset())
 
 
 def see(health=None, **changes):
-    return (health or Health(HealthLimits())).see(replace(WELL, **changes))
+    return (health or HealthMonitor(HealthLimits())).update(replace(WELL, **changes))
 
 
 def test_a_servo_that_is_well_gives_nothing_to_say():
@@ -30,14 +30,14 @@ def test_below_60_degrees_nobody_is_told():
 
 @pytest.mark.parametrize(("celsius", "release"), [(65.0, False), (69.9, False), (70.0, True)])
 def test_from_65_degrees_on_the_arm_holds_and_from_70_on_it_lets_go(celsius, release):
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError, match=r"elbow is at \d\d °C \(limit 65 °C\)"):
         see(health, temperature_c=celsius)
     assert health.release is release
 
 
 def test_whether_to_let_go_is_remembered():
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError):
         see(health, temperature_c=71.0)
     see(health)
@@ -45,7 +45,7 @@ def test_whether_to_let_go_is_remembered():
 
 
 def test_a_healthy_arm_is_not_let_go():
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     see(health)
     assert health.release is False
 
@@ -59,19 +59,19 @@ def test_the_alarm_has_the_exit_code_of_alarms_and_says_what_to_do():
 
 @pytest.mark.parametrize("volts", [6.0, 8.4])
 def test_the_supply_may_be_anything_between_the_servos_own_limits(volts):
-    see(Health(HealthLimits(), {"elbow": (6.0, 8.4)}), voltage_v=volts)
+    see(HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)}), voltage_v=volts)
 
 
 @pytest.mark.parametrize("volts", [5.9, 8.5])
 def test_a_supply_outside_the_servos_own_limits_holds_the_arm(volts):
-    health = Health(HealthLimits(), {"elbow": (6.0, 8.4)})
+    health = HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)})
     with pytest.raises(ServoAlarmError, match=rf"supply of {volts} V, outside 6\.0 to 8\.4 V"):
         see(health, voltage_v=volts)
 
 
 @pytest.mark.parametrize(("volts", "limits"), [(6.4, "6.5 to 8.0"), (8.1, "6.5 to 8.0")])
 def test_the_arm_file_may_be_stricter_than_the_servo(volts, limits):
-    health = Health(HealthLimits(low_v=6.5, high_v=8.0), {"elbow": (6.0, 8.4)})
+    health = HealthMonitor(HealthLimits(low_v=6.5, high_v=8.0), {"elbow": (6.0, 8.4)})
     with pytest.raises(ServoAlarmError, match=limits):
         see(health, voltage_v=volts)
 
@@ -80,7 +80,7 @@ def test_a_servo_of_which_no_limits_are_known_may_have_any_supply():
     see(voltage_v=0.0)
     with pytest.raises(ServoAlarmError, match="outside"):
         see(voltage_v=-0.1)
-    see(Health(HealthLimits(), {"wrist": (6.0, 8.4)}), voltage_v=12.0)
+    see(HealthMonitor(HealthLimits(), {"wrist": (6.0, 8.4)}), voltage_v=12.0)
 
 
 @pytest.mark.parametrize("name", ["temperature_c", "voltage_v", "load_percent"])
@@ -97,7 +97,7 @@ def test_an_endless_load_is_no_number(load):
 
 @pytest.mark.parametrize("load", [90.1, -90.1])
 def test_a_load_that_lasts_for_three_seconds_is_an_overload(load):
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     see(health, time_s=10.0, load_percent=load)
     see(health, time_s=12.9, load_percent=load)
     with pytest.raises(ServoAlarmError, match=r"has been at 90 % load for 3\.0 s"):
@@ -106,19 +106,19 @@ def test_a_load_that_lasts_for_three_seconds_is_an_overload(load):
 
 @pytest.mark.parametrize("relief", [90.0, -90.0, None])
 def test_a_load_that_is_relieved_between_starts_anew(relief):
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     for time_s, load in ((10.0, 99.0), (12.0, relief), (12.1, 99.0), (15.0, 99.0)):
         see(health, time_s=time_s, load_percent=load)
 
 
 def test_loads_of_different_joints_are_not_added():
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     see(health, time_s=10.0, load_percent=99.0)
     see(health, joint="wrist", time_s=13.5, load_percent=99.0)
 
 
 def test_a_relief_of_one_joint_does_not_relieve_another():
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     see(health, time_s=10.0, load_percent=99.0)
     see(health, joint="wrist", time_s=11.0)
     with pytest.raises(ServoAlarmError):
@@ -132,7 +132,7 @@ def test_a_relief_of_one_joint_does_not_relieve_another():
 )  # fmt: skip
 def test_a_servo_that_was_reset_holds_the_arm(torque, canary, words):
     with pytest.raises(ServoAlarmError, match=f"elbow was reset: {words}"):
-        see(torque=torque, canary=canary)
+        see(torque=torque, settings_intact=canary)
 
 
 def test_alarms_are_said_in_the_words_of_the_servo():
@@ -149,39 +149,41 @@ def test_all_that_is_wrong_is_said_and_the_advice_is_for_the_first():
 
 @pytest.mark.parametrize("time_s", [10.0, 11.0])
 def test_vitals_are_good_for_a_second(time_s):
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     see(health)
-    health.check(time_s)
+    health.check_telemetry_age(time_s)
 
 
 @pytest.mark.parametrize("time_s", [11.1, math.nan])
 def test_a_servo_that_was_not_asked_for_longer_is_not_known_to_be_well(time_s):
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     see(health)
     with pytest.raises(
         RefusedError, match=r"No status \(temperature, voltage, load\) from elbow for (1\.1|nan) s"
     ):
-        health.check(time_s)
+        health.check_telemetry_age(time_s)
 
 
 def test_every_servo_must_be_asked():
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     see(health)
     see(health, joint="wrist", time_s=11.5)
     with pytest.raises(RefusedError, match="elbow"):
-        health.check(11.5)
+        health.check_telemetry_age(11.5)
 
 
 def test_a_servo_in_an_alarm_was_asked_all_the_same():
-    health = Health(HealthLimits())
+    health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError):
         see(health, torque=False)
     with pytest.raises(RefusedError, match="elbow"):
-        health.check(20.0)
+        health.check_telemetry_age(20.0)
 
 
 def test_limits_of_the_arm_file_take_the_place_of_the_usual_ones():
-    health = Health(HealthLimits(warn_c=40, hold_c=45, release_c=50, load_percent=10, load_s=1))
+    health = HealthMonitor(
+        HealthLimits(warn_c=40, hold_c=45, release_c=50, load_percent=10, load_s=1)
+    )
     assert see(health, temperature_c=41.0) == ("elbow is at 41 °C; motion stops at 45 °C.",)
     with pytest.raises(ServoAlarmError, match="limit 45 °C"):
         see(health, temperature_c=50.0)

@@ -7,21 +7,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.errors import RefusedError
-from ikservo.guard import LookAhead
+from ikservo.guard import LeadLimiter
 from tests.guard.gates import TICK, fence
 
 LEAD = 138
 
 
 def seen_at(tick, time_s=1.0):
-    ahead = LookAhead([fence(speed_tick_s=2000), fence("wrist", 4, speed_tick_s=2000)])
-    ahead.see({"elbow": tick, "wrist": 2048}, time_s)
+    ahead = LeadLimiter([fence(speed_tick_s=2000), fence("wrist", 4, speed_tick_s=2000)])
+    ahead.update_measured({"elbow": tick, "wrist": 2048}, time_s)
     return ahead
 
 
 @pytest.mark.parametrize("lead", [LEAD, -LEAD, 0])
 def test_a_goal_as_far_ahead_as_may_be_passes(lead):
-    seen_at(2048).check("elbow", 2048 + lead, 2048, 1.0)
+    seen_at(2048).check_lead("elbow", 2048 + lead, 2048, 1.0)
 
 
 @pytest.mark.parametrize("lead", [LEAD + 1, -LEAD - 1])
@@ -29,67 +29,67 @@ def test_a_goal_one_tick_further_ahead_is_refused(lead):
     with pytest.raises(
         RefusedError, match="would be 139 ticks ahead of its position \\(max 138\\)"
     ):
-        seen_at(2048).check("elbow", 2048 + lead, 2048, 1.0)
+        seen_at(2048).check_lead("elbow", 2048 + lead, 2048, 1.0)
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_joint_pushed_away_keeps_its_goal_or_gets_it_nearer_but_not_further(side):
     ahead, last = seen_at(2048), 2048 + side * 300
     for goal in (last, last - side * 100, 2048):
-        ahead.check("elbow", goal, last, 1.0)
+        ahead.check_lead("elbow", goal, last, 1.0)
     with pytest.raises(RefusedError):
-        ahead.check("elbow", last + side, last, 1.0)
+        ahead.check_lead("elbow", last + side, last, 1.0)
 
 
 @pytest.mark.parametrize("now_s", [1.0, 1.25])
 def test_what_was_seen_stays_true_for_a_quarter_of_a_second(now_s):
-    seen_at(2048).check("elbow", 2048, 2048, now_s)
+    seen_at(2048).check_lead("elbow", 2048, 2048, now_s)
 
 
 @pytest.mark.parametrize("now_s", [1.2501, 9.0, math.nan])
 def test_what_was_seen_long_ago_is_not_known_any_more(now_s):
     with pytest.raises(RefusedError, match=r"from elbow for 0\.25 s"):
-        seen_at(2048).check("elbow", 2048, 2048, now_s)
+        seen_at(2048).check_lead("elbow", 2048, 2048, now_s)
 
 
 def test_a_joint_that_did_not_answer_keeps_its_last_place_and_time():
     ahead = seen_at(2048)
-    ahead.see({"wrist": 2000}, 1.2)
-    assert ahead.seen == {"elbow": 2048, "wrist": 2000}
-    ahead.check("wrist", 2000, 2000, 1.4)
+    ahead.update_measured({"wrist": 2000}, 1.2)
+    assert ahead.measured_ticks == {"elbow": 2048, "wrist": 2000}
+    ahead.check_lead("wrist", 2000, 2000, 1.4)
     with pytest.raises(RefusedError, match="elbow"):
-        ahead.check("elbow", 2048, 2048, 1.4)
+        ahead.check_lead("elbow", 2048, 2048, 1.4)
 
 
 @pytest.mark.parametrize("tick", [math.nan, 2048.0, None, True])
 def test_a_place_that_is_no_whole_number_is_not_taken_for_any_joint(tick):
     ahead = seen_at(2048)
     with pytest.raises(RefusedError, match="elbow"):
-        ahead.see({"wrist": 2000, "elbow": tick}, 1.1)
-    assert ahead.seen["wrist"] == 2048
+        ahead.update_measured({"wrist": 2000, "elbow": tick}, 1.1)
+    assert ahead.measured_ticks["wrist"] == 2048
 
 
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf])
 def test_a_place_without_a_time_is_not_taken(time_s):
     ahead = seen_at(2048)
     with pytest.raises(RefusedError, match="time of a measurement"):
-        ahead.see({"elbow": 2000}, time_s)
-    assert ahead.seen["elbow"] == 2048
+        ahead.update_measured({"elbow": 2000}, time_s)
+    assert ahead.measured_ticks["elbow"] == 2048
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan])
 def test_a_motion_without_a_speed_is_refused(speed):
     ahead = seen_at(2048)
     with pytest.raises(RefusedError, match="The speed of elbow must be above zero"):
-        ahead.run_at({"elbow": speed})
+        ahead.set_speeds({"elbow": speed})
 
 
 def test_each_joint_has_the_look_ahead_of_its_own_speed():
     ahead = seen_at(2048)
-    ahead.run_at({"elbow": 100 * TICK})
+    ahead.set_speeds({"elbow": 100 * TICK})
     with pytest.raises(RefusedError, match="max 88"):
-        ahead.check("elbow", 2048 + 89, 2048, 1.0)
-    ahead.check("wrist", 2048 + LEAD, 2048, 1.0)
+        ahead.check_lead("elbow", 2048 + 89, 2048, 1.0)
+    ahead.check_lead("wrist", 2048 + LEAD, 2048, 1.0)
 
 
 # --- waiting
@@ -101,49 +101,49 @@ def test_each_joint_has_the_look_ahead_of_its_own_speed():
 )
 def test_a_motion_waits_from_three_quarters_of_the_look_ahead_on(goal, share):
     ahead = seen_at(2048)
-    assert ahead.advance_s({"elbow": goal}, 0.001) == pytest.approx(share * 0.001, rel=1e-3)
+    assert ahead.allowed_advance_s({"elbow": goal}, 0.001) == pytest.approx(share * 0.001, rel=1e-3)
 
 
 @pytest.mark.parametrize("goal", [2048 + 200, 2048 - 200])
 def test_a_motion_never_goes_backwards(goal):
-    assert seen_at(2048).advance_s({"elbow": goal}, 0.01) == 0.0
+    assert seen_at(2048).allowed_advance_s({"elbow": goal}, 0.01) == 0.0
 
 
 def test_a_long_beat_leads_no_further_than_the_look_ahead():
-    advance_s = seen_at(2048).advance_s({"elbow": 2048 + 37}, 0.2)
+    advance_s = seen_at(2048).allowed_advance_s({"elbow": 2048 + 37}, 0.2)
     assert advance_s == pytest.approx(100 / 2000)  # and one tick left for rounding
 
 
 def test_a_slow_motion_may_go_on_for_longer():
     ahead = seen_at(2048)
-    ahead.run_at({"elbow": 1000 * TICK, "wrist": 1000 * TICK})
-    assert ahead.advance_s({"elbow": 2048 + 37}, 0.2) == pytest.approx(100 / 1000)
+    ahead.set_speeds({"elbow": 1000 * TICK, "wrist": 1000 * TICK})
+    assert ahead.allowed_advance_s({"elbow": 2048 + 37}, 0.2) == pytest.approx(100 / 1000)
 
 
 def test_a_motion_said_to_be_faster_than_its_joint_goes_as_fast_as_the_joint():
     ahead = seen_at(2048)
-    ahead.run_at({"elbow": 9000 * TICK})
-    assert ahead.advance_s({"elbow": 2048 + 37}, 0.2) == pytest.approx(100 / 2000)
+    ahead.set_speeds({"elbow": 9000 * TICK})
+    assert ahead.allowed_advance_s({"elbow": 2048 + 37}, 0.2) == pytest.approx(100 / 2000)
 
 
 def test_the_slowest_joint_decides():
     goals = {"elbow": 2048 + 121, "wrist": 2048}
-    assert seen_at(2048).advance_s(goals, 0.001) == pytest.approx(0.0004928, rel=1e-3)
+    assert seen_at(2048).allowed_advance_s(goals, 0.001) == pytest.approx(0.0004928, rel=1e-3)
 
 
 def test_a_joint_that_was_never_seen_lets_nothing_go_on():
-    ahead = LookAhead([fence(), fence("wrist", 4)])
-    ahead.see({"wrist": 2048}, 1.0)
-    assert ahead.advance_s({"elbow": 2048, "wrist": 2048}, 0.01) == 0.0
+    ahead = LeadLimiter([fence(), fence("wrist", 4)])
+    ahead.update_measured({"wrist": 2048}, 1.0)
+    assert ahead.allowed_advance_s({"elbow": 2048, "wrist": 2048}, 0.01) == 0.0
 
 
 def test_where_nothing_was_told_nothing_waits():
-    assert seen_at(2048).advance_s({}, 0.01) == 0.01
+    assert seen_at(2048).allowed_advance_s({}, 0.01) == 0.01
 
 
 @given(st.integers(-LEAD, LEAD), st.floats(0.0, 0.05), st.floats(0.0, 0.9999))
 def test_goals_that_advance_as_told_always_pass(ahead_by, elapsed_s, phase):
     ahead = seen_at(2048)
     goal = 2048 + ahead_by
-    further = math.floor(2000 * ahead.advance_s({"elbow": goal}, elapsed_s) + phase)
-    ahead.check("elbow", goal + math.copysign(further, ahead_by), goal, 1.0)
+    further = math.floor(2000 * ahead.allowed_advance_s({"elbow": goal}, elapsed_s) + phase)
+    ahead.check_lead("elbow", goal + math.copysign(further, ahead_by), goal, 1.0)

@@ -3,40 +3,40 @@
 import pytest
 
 from ikservo.errors import ServoSilentError
-from ikservo.guard import Losses
+from ikservo.guard import CommunicationMonitor
 
 BOTH, ONE = {"elbow", "wrist"}, {"wrist"}
 
 
 def test_the_third_cycle_in_a_row_without_an_answer_names_the_joint():
-    losses = Losses(["elbow", "wrist"])
-    losses.see(ONE)
-    losses.see(ONE)
+    losses = CommunicationMonitor(["elbow", "wrist"])
+    losses.update(ONE)
+    losses.update(ONE)
     with pytest.raises(ServoSilentError, match="elbow did not answer 3 times in a row"):
-        losses.see(ONE)
+        losses.update(ONE)
 
 
 def test_all_that_are_silent_are_named():
-    losses = Losses(["elbow", "wrist"], most=1)
+    losses = CommunicationMonitor(["elbow", "wrist"], most=1)
     with pytest.raises(ServoSilentError, match="elbow, wrist did not answer"):
-        losses.see(())
+        losses.update(())
 
 
 def test_an_answer_between_starts_the_count_again():
-    losses = Losses(["elbow", "wrist"])
+    losses = CommunicationMonitor(["elbow", "wrist"])
     for answered in (ONE, ONE, BOTH, ONE, ONE):
-        losses.see(answered)
-    assert losses.lost == ("elbow",)
+        losses.update(answered)
+    assert losses.lost_joints == ("elbow",)
 
 
 def test_joints_are_counted_each_for_itself():
-    losses = Losses(["elbow", "wrist"])
+    losses = CommunicationMonitor(["elbow", "wrist"])
     for answered in ({"elbow"}, {"wrist"}, {"elbow"}, {"wrist"}):
-        losses.see(answered)
+        losses.update(answered)
 
 
 def test_nothing_is_lost_when_all_answer():
-    losses = Losses(["elbow", "wrist"])
-    losses.see(ONE)
-    losses.see(BOTH)
-    assert losses.lost == ()
+    losses = CommunicationMonitor(["elbow", "wrist"])
+    losses.update(ONE)
+    losses.update(BOTH)
+    assert losses.lost_joints == ()

@@ -5,24 +5,24 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.guard import Box, Space
+from ikservo.guard import CollisionChecker, KeepOutBox
 from ikservo.kinematics import Chain
-from ikservo.kinematics.body import Body
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.joints import Joint, JointKind, Mimic
-from ikservo.kinematics.se3 import pose, rotation_rpy
+from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.joints import Joint, JointType, Mimic
+from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from tests.guard.arms import body, model_of
 
-TURN, SLIDE, FIXED = JointKind.REVOLUTE, JointKind.PRISMATIC, JointKind.FIXED
+TURN, SLIDE, FIXED = JointType.REVOLUTE, JointType.PRISMATIC, JointType.FIXED
 BOXES = [
-    Box("the cup", np.array([0.1, -0.1, 0.0]), np.array([0.2, 0.05, 0.1])),
-    Box("the wall", np.array([-0.3, -0.5, -0.1]), np.array([-0.25, 0.5, 0.4])),
+    KeepOutBox("the cup", np.array([0.1, -0.1, 0.0]), np.array([0.2, 0.05, 0.1])),
+    KeepOutBox("the wall", np.array([-0.3, -0.5, -0.1]), np.array([-0.25, 0.5, 0.4])),
 ]
 
 
 def joint(name, kind, parent, axis, xyz=(0.0, 0.0, 0.1), rpy=(0.0, 0.0, 0.0), mimic=None):
     unit = np.array(axis, dtype=float) / math.sqrt(sum(x * x for x in axis))
-    origin = pose(np.array(xyz), rotation_rpy(*rpy))
+    origin = make_pose(np.array(xyz), rotation_rpy(*rpy))
     return Joint(name, kind, parent, name, origin, unit, -2.0, 2.0, mimic)
 
 
@@ -44,19 +44,21 @@ def every_kind_of_joint():
                              ("arm", 0.01), ("arm", 0.02), ("finger", 0.015), ("hand", 0.005))
     ]  # fmt: skip
     ball = rng.uniform(-0.05, 0.05, 3)
-    return Body(chain, [*capsules, Capsule("hand", ball, ball, 0.02)], [np.zeros(chain.dof)])
+    return CollisionBody(
+        chain, [*capsules, Capsule("hand", ball, ball, 0.02)], [np.zeros(chain.dof)]
+    )
 
 
 def plain_gaps(body, q):
     """The same numbers from numpy's arrays, by pair."""
-    looks = [body.between_links(q), body.above(q, 0.02)]
-    looks += [body.beside(q, box.low_m, box.high_m, box.name) for box in BOXES]
+    looks = [body.link_distances(q), body.floor_distances(q, 0.02)]
+    looks += [body.box_distances(q, box.low_m, box.high_m, box.name) for box in BOXES]
     return {pair: gaps.gap_m[:, i] for gaps in looks for i, pair in enumerate(gaps.pairs)}
 
 
 def compiled_gaps(body, q):
-    space = Space(body, 0.02, BOXES)
-    found = space.gaps(list(q))
+    space = CollisionChecker(body, 0.02, BOXES)
+    found = space.distances(list(q))
     return {pair: found[:, i] for i, pair in enumerate(space.pairs) if found[0, i] < math.inf}
 
 
@@ -86,8 +88,8 @@ def two_sticks(a, b, c, d):
     ]
     chain = Chain.from_joints(joints, "base", "two")
     sticks = [Capsule("base", np.array(a), np.array(b), 0.0)]
-    body = Body(chain, [*sticks, Capsule("two", np.array(c), np.array(d), 0.0)])
-    return float(Space(body, None).gaps([np.zeros(2)])[0, 0])
+    body = CollisionBody(chain, [*sticks, Capsule("two", np.array(c), np.array(d), 0.0)])
+    return float(CollisionChecker(body, None).distances([np.zeros(2)])[0, 0])
 
 
 AT, X, Y = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -136,7 +138,7 @@ def test_sticks_are_as_far_apart_as_a_person_would_measure(a, b, c, d, distance)
 )
 def test_a_stick_is_as_far_from_a_box_as_a_person_would_measure(a, b, distance):
     chain = Chain.from_joints([joint("one", TURN, "base", (0, 0, 1), (0, 0, 0))], "base", "one")
-    stick = Body(chain, [Capsule("one", np.array(a), np.array(b), 0.0)])
-    box = Box("the die", np.zeros(3), np.ones(3))
-    space = Space(stick, None, [box])
-    assert space.gaps([np.zeros(1)])[0].min() == pytest.approx(distance, abs=1e-8)
+    stick = CollisionBody(chain, [Capsule("one", np.array(a), np.array(b), 0.0)])
+    box = KeepOutBox("the die", np.zeros(3), np.ones(3))
+    space = CollisionChecker(stick, None, [box])
+    assert space.distances([np.zeros(1)])[0].min() == pytest.approx(distance, abs=1e-8)

@@ -3,16 +3,16 @@
 import pytest
 
 import ikservo
-from ikservo.arm.streaming.stream import Stream
+from ikservo.control.loop import ControlLoop
 from ikservo.errors import RefusedError
-from ikservo.motion import JointMove, Pace
+from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
 from tests.arm.auditing import Auditor
 from tests.arm.seeds import campaign, share, tell
 from tests.arm.simulated import line_of
 from tests.oracle import arm_file
 
-PACE = Pace(1.0, 3.0, 30.0)
+PACE = KinematicLimits(1.0, 3.0, 30.0)
 JOINTS = {name: [joint["name"] for joint in arm_file(name)["joints"]] for name in ("so101", "koch")}
 CASES = [(name, joint) for name in JOINTS for joint in JOINTS[name]]
 LATEST_S = 0.9  # when there is still way enough to be noticed on
@@ -28,12 +28,12 @@ def jam(name, joint, after_s):
         middle = [(f.limits.lower.value + f.limits.upper.value) / 2 for f in servos.fences]
         goal[at] += 1.2 if start[at] < middle[at] else -1.2
         fence, behind = servos.fences[at], []
-        most = 0.9 * fence.lead_ticks(PACE.speed_rad_s) * fence.joint_map.unit_per_tick
+        most = 0.9 * fence.max_lead_ticks(PACE.speed_rad_s) * fence.joint_map.unit_per_tick
         fault = Fault("stuck", id=fence.servo_id, at_s=servos.clock.now_s() + after_s, for_s=60.0)
         line_of(arm).faults.add(fault)
         move = JointMove(start, goal, [PACE] * len(start))
         with pytest.raises(RefusedError) as caught:
-            Stream(servos).run(
+            ControlLoop(servos).run(
                 move,
                 lambda beat: behind.append(abs(beat.goals[at] - beat.measured[at]) > most),
                 speed_rad_s=PACE.speed_rad_s,

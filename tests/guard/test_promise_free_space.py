@@ -8,11 +8,11 @@ import pinocchio
 import pytest
 
 from ikservo.errors import RefusedError
-from ikservo.guard import Box, Space
+from ikservo.guard import CollisionChecker, KeepOutBox
 from tests.guard.arms import body, model_of
 from tests.oracle import ARMS, CONFIGS
 
-BOX = Box("the cup", np.array([0.12, -0.08, 0.0]), np.array([0.22, 0.02, 0.12]))
+BOX = KeepOutBox("the cup", np.array([0.12, -0.08, 0.0]), np.array([0.22, 0.02, 0.12]))
 
 
 class Exact:
@@ -63,15 +63,19 @@ def _collide(one, at_one, other, at_other):
 
 def campaign(name, count, seed):
     """Return postures that touch, that were wrongly let pass or wrongly refused, and are free."""
-    chain, space, exact = model_of(name).chain, Space(body(name), 0.0, [BOX]), Exact(name)
+    chain, space, exact = (
+        model_of(name).chain,
+        CollisionChecker(body(name), 0.0, [BOX]),
+        Exact(name),
+    )
     columns = {frozenset(pair): i for i, pair in enumerate(space.pairs)}
     standing = {frozenset((chain.base, thing)) for thing in ("the floor", "the cup")}
     margin_m = np.zeros(len(columns))
-    margin_m[: len(body(name).pairs)] = body(name).packed().overlap_m
+    margin_m[: len(body(name).pairs)] = body(name).pack().overlap_m
     random = np.random.default_rng(seed)
     touched = missed = refused_free = free = 0
     for q in random.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof)):
-        gap_m = space.gaps([q])[0]
+        gap_m = space.distances([q])[0]
         pairs = [columns[p] for p in exact.touching(q) - standing if p in columns]
         touched += bool(pairs)
         missed += any(gap_m[i] > margin_m[i] + 1e-9 for i in pairs)

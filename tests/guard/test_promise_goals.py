@@ -33,10 +33,10 @@ class Wire:
             servo.asked = self._watcher(servo_id, servo.table.by_name["goal_position"])
         line.witnesses.append(self)
 
-    def heard(self, at_s, frame, framing):
+    def on_frame(self, at_s, frame, framing):
         self.packets += 1
 
-    def said(self, at_s, servo, data):
+    def on_reply(self, at_s, servo, data):
         pass
 
     def _watcher(self, servo_id, register):
@@ -62,7 +62,7 @@ def wire(arm):
 
 
 def inside(arm, goals):
-    ranges = {fence.servo_id: fence.ticks for fence in arm._servos.fences}
+    ranges = {fence.servo_id: fence.tick_range for fence in arm._servos.fences}
     return all(
         ranges[servo_id][0] <= tick <= ranges[servo_id][1]
         for servo_id, ticks in goals.items() for tick in ticks
@@ -112,7 +112,7 @@ def test_goals_from_any_program_go_through_the_gate_whole_or_not_at_all(arm, wir
 @pytest.mark.parametrize("name", NAMES)
 def test_every_joint_stops_at_its_last_tick(arm, wire, name, side):
     fence = next(f for f in arm._servos.fences if f.joint == name)
-    edge = fence.positions[0 if side == "lower" else 1]
+    edge = fence.position_range[0 if side == "lower" else 1]
     outwards = -1 if side == "lower" else 1
     before = wire.packets
     assert told(lambda: arm.move_joints({name: edge + outwards * fence.joint_map.unit_per_tick}))
@@ -138,7 +138,7 @@ def storm(count, seed):
         clock.time_s += float(elapsed_s) + (4.0 if stalls else 0.0)
         measured += int(0.5 * (last - measured)) + int(random.integers(-3, 4))
         if kind != 1:
-            gate.see({"elbow": measured}, clock.time_s)
+            gate.update_measured({"elbow": measured}, clock.time_s)
             seen, fresh_s = measured, clock.time_s
         goal = (math.nan, int(random.integers(-9999, 9999)))[kind - 2] if kind in (2, 3) else (
             int(last + 0.3 * wish))  # fmt: skip

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.sweeping.homing import Travel, choose_homing
-from ikservo.calibration.ticks.encoder import Encoder
-from ikservo.guard import Fence
+from ikservo.calibration.homing import TickRange, choose_homing
+from ikservo.calibration.joint_map import Encoder
+from ikservo.guard import CommandLimits
 from ikservo.registers import Family
 
 TURN, MAGNET = 4096, Encoder(4096, 4096.0)
@@ -24,7 +24,7 @@ def seams_inside(lows, widths, offsets):
     cases = jumps = 0
     for width in widths:
         for low in lows:
-            travel = Travel(low, low + width)
+            travel = TickRange(low, low + width)
             bare = np.linspace(travel.low, travel.high, 9).astype(int)
             for offset in offsets:
                 for family in (Family.FEETECH_STS, Family.DYNAMIXEL_2):
@@ -55,7 +55,7 @@ def test_wherever_the_horn_sits_the_count_never_jumps():
 def test_every_tick_of_a_turn_comes_back_from_its_position_inside_and_only_inside(sign):
     joint_map = JointMap.revolute("elbow", 3, sign, 2048.37, TURN)
     ends = sorted((joint_map.position(1000), joint_map.position(3000)))
-    fence = Fence(joint_map, Limits.of("elbow", *ends, "hand sweep"), 1.0)
+    fence = CommandLimits(joint_map, Limits.of("elbow", *ends, "hand sweep"), 1.0)
     ticks = [fence.tick(joint_map.position(tick)) for tick in range(TURN)]
     assert ticks == list(range(TURN))
-    assert fence.ticks == (1000, 3000)
+    assert fence.tick_range == (1000, 3000)

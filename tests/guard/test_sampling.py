@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ikservo.guard import MAX_SAMPLE_STEP_RAD, sample_line, sample_path, thin_path
-from ikservo.motion import JointMove, Pace
+from ikservo.motion import JointMove, KinematicLimits
 
-PACES = [Pace(1.0, 2.0, 20.0), Pace(0.5, 3.0, 15.0)]
+PACES = [KinematicLimits(1.0, 2.0, 20.0), KinematicLimits(0.5, 3.0, 15.0)]
 joints = st.tuples(st.floats(-3, 3), st.floats(-3, 3)).map(np.array)
 
 

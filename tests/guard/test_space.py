@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError, RefusedError
-from ikservo.guard import Box, Space
+from ikservo.guard import CollisionChecker, KeepOutBox
 from ikservo.kinematics import Chain
-from ikservo.kinematics.body import Body
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.joints import Joint, JointKind
-from ikservo.kinematics.se3 import pose
+from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.joints import Joint, JointType
+from ikservo.kinematics.se3 import make_pose
 from tests.guard.arms import body, model_of
 from tests.oracle import ARMS
 
@@ -27,55 +27,55 @@ def straight(start, goal):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_the_ways_between_the_named_poses_are_free(name):
-    model, space = model_of(name), Space(body(name))
+    model, space = model_of(name), CollisionChecker(body(name))
     poses = [model.chain_pose(pose) for pose in ("rest", "home", "zero", "rest")]
     for start, goal in itertools.pairwise(poses):
-        space.check_way(straight(start, goal))
+        space.check_path(straight(start, goal))
 
 
 def test_it_looks_at_joint_vectors_as_long_as_its_body_has_joints():
-    assert Space(BODY).dof == len(HOME)
+    assert CollisionChecker(BODY).dof == len(HOME)
 
 
 def test_reaching_below_the_table_is_refused_with_the_link_and_the_place():
     below = HOME + np.array([0, 0.8, 0, 0, 0])
     with pytest.raises(RefusedError, match=r"\w+-the floor, .* of the path"):
-        Space(BODY).check_way(straight(HOME, below))
+        CollisionChecker(BODY).check_path(straight(HOME, below))
 
 
 def test_without_a_floor_the_same_way_is_free_of_it():
     below = HOME + np.array([0, 0.8, 0, 0, 0])
-    Space(BODY, floor_m=-1.0).check_way(straight(HOME, below))
+    CollisionChecker(BODY, floor_m=-1.0).check_path(straight(HOME, below))
 
 
 def test_what_stands_between_two_free_ends_is_seen():
     middle_m = SO101.chain.forward(HOME)[:3, 3]
     left, right = HOME.copy(), HOME.copy()
     left[0], right[0] = -1.2, 1.2
-    cup = Box("the cup", middle_m - 0.02, middle_m + 0.02)
+    cup = KeepOutBox("the cup", middle_m - 0.02, middle_m + 0.02)
     with pytest.raises(RefusedError, match="-the cup"):
-        Space(BODY, boxes=[cup]).check_way(straight(left, right))
-    Space(BODY).check_way(straight(left, right))
+        CollisionChecker(BODY, boxes=[cup]).check_path(straight(left, right))
+    CollisionChecker(BODY).check_path(straight(left, right))
 
 
 def test_an_arm_that_touches_already_may_leave():
     tip_m = SO101.chain.forward(HOME)[:3, 3]
-    lid = Box("the lid", tip_m - 0.005, tip_m + 0.005)
+    lid = KeepOutBox("the lid", tip_m - 0.005, tip_m + 0.005)
     away = HOME - np.array([0, 0.3, 0, 0, 0])
-    Space(BODY, boxes=[lid]).check_way(straight(HOME, away))
+    CollisionChecker(BODY, boxes=[lid]).check_path(straight(HOME, away))
 
 
 def test_an_arm_that_sank_onto_the_table_may_get_up_but_not_lie_deeper():
     sunk = HOME + np.array([0, 0.8, 0, 0, 0])
-    Space(BODY).check_way(straight(sunk, HOME))
+    CollisionChecker(BODY).check_path(straight(sunk, HOME))
     with pytest.raises(RefusedError, match="-the floor"):
-        Space(BODY).check_way(straight(sunk, sunk + np.array([0, 0.1, 0, 0, 0])))
+        CollisionChecker(BODY).check_path(straight(sunk, sunk + np.array([0, 0.1, 0, 0, 0])))
 
 
 def test_what_has_been_left_must_not_be_touched_again():
     sunk = HOME + np.array([0, 0.8, 0, 0, 0])
     with pytest.raises(RefusedError, match="-the floor"):
-        Space(BODY).check_way([*straight(sunk, HOME), *straight(HOME, sunk)])
+        CollisionChecker(BODY).check_path([*straight(sunk, HOME), *straight(HOME, sunk)])
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_what_has_been_left_must_not_be_touched_again():
 )
 def test_a_box_without_an_inside_is_refused(low, high):
     with pytest.raises(BadValueError, match="the cup"):
-        Box("the cup", np.array(low), np.array(high))
+        KeepOutBox("the cup", np.array(low), np.array(high))
 
 
 # --- one posture, and ways of two, as a stream looks at them
@@ -101,16 +101,18 @@ def ball_on_a_rail(radius_m=0.1):
     axis = np.array([0.0, 0.0, 1.0])
     side = np.array([1.0, 0.0, 0.0])
     joints = [
-        Joint("lift", JointKind.PRISMATIC, "base", "lift", pose(np.zeros(3)), axis, -9.0, 9.0),
-        Joint("reach", JointKind.PRISMATIC, "lift", "reach", pose(np.zeros(3)), side, -9.0, 9.0),
+        Joint("lift", JointType.PRISMATIC, "base", "lift", make_pose(np.zeros(3)), axis, -9.0, 9.0),
+        Joint(
+            "reach", JointType.PRISMATIC, "lift", "reach", make_pose(np.zeros(3)), side, -9.0, 9.0
+        ),
     ]
     here = np.zeros(3)
     balls = [Capsule(link, here, here, radius_m) for link in ("base", "lift", "reach")]
-    return Body(Chain.from_joints(joints, "base", "reach"), balls)
+    return CollisionBody(Chain.from_joints(joints, "base", "reach"), balls)
 
 
 def space_of_balls(**kwargs):
-    return Space(ball_on_a_rail(), **kwargs)
+    return CollisionChecker(ball_on_a_rail(), **kwargs)
 
 
 @pytest.mark.parametrize("height_m", [0.1001, 0.5])
@@ -144,20 +146,20 @@ def test_links_that_touch_each_other_are_named():
 def test_exactly_touching_is_free(depth_m):
     space, q = space_of_balls(), np.array([0.1 - depth_m, 1.0])
     space.check_pose(q)
-    space.check_way([np.array([0.5, 1.0]), q])
+    space.check_path([np.array([0.5, 1.0]), q])
 
 
 def test_a_nanometre_is_deep_enough():
     space, q = space_of_balls(), np.array([0.1 - 1.1e-9, 1.0])
-    for look in (lambda: space.check_pose(q), lambda: space.check_way([np.array([0.5, 1.0]), q])):
+    for look in (lambda: space.check_pose(q), lambda: space.check_path([np.array([0.5, 1.0]), q])):
         with pytest.raises(RefusedError, match="the floor"):
             look()
 
 
 def test_boxes_are_told_apart_by_their_names():
     cups = [
-        Box("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7])),
-        Box("the jug", np.array([1.5, -0.1, 0.5]), np.array([1.7, 0.1, 0.7])),
+        KeepOutBox("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7])),
+        KeepOutBox("the jug", np.array([1.5, -0.1, 0.5]), np.array([1.7, 0.1, 0.7])),
     ]
     space = space_of_balls(boxes=cups)
     space.check_pose(np.array([0.6, 1.1]))
@@ -168,7 +170,7 @@ def test_boxes_are_told_apart_by_their_names():
 
 def test_a_way_of_two_may_not_end_in_something():
     with pytest.raises(RefusedError, match=r"lift-the floor, 10\.0 mm, at 100 %"):
-        space_of_balls().check_way([np.array([0.5, 1.0]), np.array([0.09, 1.0])])
+        space_of_balls().check_path([np.array([0.5, 1.0]), np.array([0.09, 1.0])])
 
 
 @pytest.mark.parametrize(
@@ -178,22 +180,22 @@ def test_who_lies_on_the_floor_may_stay_or_rise_but_not_sink(height_m, refused):
     way = [np.array([0.05, 1.0]), np.array([height_m, 1.0])]
     if refused:
         with pytest.raises(RefusedError, match="the floor"):
-            space_of_balls().check_way(way)
+            space_of_balls().check_path(way)
     else:
-        space_of_balls().check_way(way)
+        space_of_balls().check_path(way)
 
 
 def test_the_first_place_on_the_way_is_named():
     heights = [0.5, 0.4, 0.08, 0.05, 0.5]
     with pytest.raises(RefusedError, match=r"lift-the floor, 20\.0 mm, at 50 %"):
-        space_of_balls().check_way([np.array([z, 1.0]) for z in heights])
+        space_of_balls().check_path([np.array([z, 1.0]) for z in heights])
 
 
 def test_what_is_touched_first_is_named_not_what_comes_later():
-    cup = Box("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7]))
+    cup = KeepOutBox("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7]))
     way = [(0.6, 2.0), (0.6, 0.75), (0.02, 0.75), (0.6, 2.0), (0.6, 2.0)]
     with pytest.raises(RefusedError, match=r"reach-the cup, 50\.0 mm, at 25 %"):
-        space_of_balls(boxes=[cup]).check_way([np.array(q) for q in way])
+        space_of_balls(boxes=[cup]).check_path([np.array(q) for q in way])
 
 
 @pytest.mark.parametrize(
@@ -209,21 +211,21 @@ def test_what_is_touched_first_is_named_not_what_comes_later():
     ],
 )
 def test_a_nanometre_is_a_touch_and_no_less(heights, refused):
-    points = Space(ball_on_a_rail(radius_m=0.0))
+    points = CollisionChecker(ball_on_a_rail(radius_m=0.0))
     way = [np.array([height_m, 1.0]) for height_m in heights]
     if refused:
         with pytest.raises(RefusedError, match="the floor"):
-            points.check_way(way)
+            points.check_path(way)
     else:
-        points.check_way(way)
+        points.check_path(way)
 
 
 def test_a_posture_a_nanometre_deep_is_free():
-    Space(ball_on_a_rail(radius_m=0.0)).check_pose(np.array([-1e-9, 1.0]))
+    CollisionChecker(ball_on_a_rail(radius_m=0.0)).check_pose(np.array([-1e-9, 1.0]))
 
 
 def test_a_way_of_one_posture_is_looked_at_as_where_the_arm_is():
-    space_of_balls().check_way([np.array([0.05, 1.0])])
+    space_of_balls().check_path([np.array([0.05, 1.0])])
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -232,7 +234,7 @@ def test_a_posture_that_is_no_number_is_refused(bad):
     with pytest.raises(BadValueError):
         space.check_pose(np.array([0.5, bad]))
     with pytest.raises(BadValueError):
-        space.check_way([np.array([0.5, 1.0]), np.array([0.5, bad])])
+        space.check_path([np.array([0.5, 1.0]), np.array([0.5, bad])])
 
 
 def test_a_posture_of_another_arm_is_refused():
@@ -242,10 +244,10 @@ def test_a_posture_of_another_arm_is_refused():
 
 def test_links_that_overlap_in_a_posture_known_to_be_free_may_do_so():
     body = ball_on_a_rail()
-    vouched = Body(body._chain, body._capsules, [np.array([0.15, 0.0])])
-    Space(vouched, None).check_pose(np.array([0.1461, 0.0]))  # and 4 mm more
+    vouched = CollisionBody(body._chain, body._capsules, [np.array([0.15, 0.0])])
+    CollisionChecker(vouched, None).check_pose(np.array([0.1461, 0.0]))  # and 4 mm more
     with pytest.raises(RefusedError, match="base-reach"):
-        Space(vouched, None).check_pose(np.array([0.145, 0.0]))
+        CollisionChecker(vouched, None).check_pose(np.array([0.145, 0.0]))
 
 
 # --- between two looks, and under the arm's own weight
@@ -254,7 +256,7 @@ def test_links_that_overlap_in_a_posture_known_to_be_free_may_do_so():
 def plate(at_m, thick_m=0.002):
     """A plate across the way of the ball that reaches out, above its rail."""
     low = np.array([at_m - thick_m / 2, -0.2, 0.4])
-    return Box("the plate", low, low + np.array([thick_m, 0.4, 0.4]))
+    return KeepOutBox("the plate", low, low + np.array([thick_m, 0.4, 0.4]))
 
 
 def test_a_thin_plate_between_two_looks_is_seen():
@@ -262,14 +264,14 @@ def test_a_thin_plate_between_two_looks_is_seen():
     for at_m in (1.37, 1.63):  # the ball's radius is 0.1 m: it is free on both sides
         space.check_pose(np.array([0.6, at_m]))
     with pytest.raises(RefusedError, match="Collision reach-the plate"):
-        space.check_way([np.array([0.6, 1.37]), np.array([0.6, 1.63])])
+        space.check_path([np.array([0.6, 1.37]), np.array([0.6, 1.63])])
 
 
 def test_a_way_that_passes_a_thin_plate_closely_is_free():
     space = space_of_balls(boxes=[plate(1.5)])
     lift = [np.array([z, 1.5]) for z in (0.9005, 1.2, 0.9005)]
-    space.check_way(lift)
-    space.check_way([np.array([0.902, 1.0]), np.array([0.902, 2.0])])
+    space.check_path(lift)
+    space.check_path([np.array([0.902, 1.0]), np.array([0.902, 2.0])])
 
 
 def test_a_plate_of_two_millimetres_in_the_way_of_an_arm_is_seen_wherever_it_stands():
@@ -278,32 +280,36 @@ def test_a_plate_of_two_millimetres_in_the_way_of_an_arm_is_seen_wherever_it_sta
     left[0], right[0] = -0.6, 0.6
     for y_m in np.linspace(-0.04, 0.04, 9):
         low = np.array([middle_m[0] - 0.01, y_m - 0.001, 0.0])
-        thin = Box("the plate", low, low + np.array([0.02, 0.002, 0.3]))
+        thin = KeepOutBox("the plate", low, low + np.array([0.02, 0.002, 0.3]))
         with pytest.raises(RefusedError, match="the plate"):
-            Space(BODY, boxes=[thin]).check_way(np.linspace(left, right, 4))
+            CollisionChecker(BODY, boxes=[thin]).check_path(np.linspace(left, right, 4))
 
 
 def test_no_point_of_a_link_moves_further_than_is_stated():
     random = np.random.default_rng(5)
     for name in ("so101", "open_manipulator_x", "wx250s"):
-        packed, space, chain = body(name).packed(), Space(body(name)), model_of(name).chain
+        packed, space, chain = body(name).pack(), CollisionChecker(body(name)), model_of(name).chain
         reach_m = np.vstack([packed.pair_reach_m, packed.reach_m])
         for q in random.uniform(chain.lower_rad, chain.upper_rad, (40, chain.dof)):
             step = random.uniform(-0.1, 0.1, chain.dof)
-            before, after = space.gaps([q, q + step])
+            before, after = space.distances([q, q + step])
             seen = np.isfinite(before)
             changed_m, most_m = np.abs(after[seen] - before[seen]), (reach_m @ np.abs(step))[seen]
             assert (changed_m <= most_m + 1e-9).all()
 
 
 def test_where_the_arm_sags_into_the_floor_it_must_not_go():
-    sagging = Space(ball_on_a_rail(), sag=lambda q: np.broadcast_to([-0.03, 0.0], q.shape))
+    sagging = CollisionChecker(
+        ball_on_a_rail(), sag=lambda q: np.broadcast_to([-0.03, 0.0], q.shape)
+    )
     way = [np.array([0.5, 1.0]), np.array([0.12, 1.0])]
-    space_of_balls().check_way(way)
+    space_of_balls().check_path(way)
     with pytest.raises(RefusedError, match=r"Collision lift-the floor, 10\.0 mm"):
-        sagging.check_way(way)
+        sagging.check_path(way)
 
 
 def test_an_arm_that_sags_onto_the_floor_may_get_up():
-    sagging = Space(ball_on_a_rail(), sag=lambda q: np.broadcast_to([-0.03, 0.0], q.shape))
-    sagging.check_way([np.array([0.12, 1.0]), np.array([0.5, 1.0])])
+    sagging = CollisionChecker(
+        ball_on_a_rail(), sag=lambda q: np.broadcast_to([-0.03, 0.0], q.shape)
+    )
+    sagging.check_path([np.array([0.12, 1.0]), np.array([0.5, 1.0])])

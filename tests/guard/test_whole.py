@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from ikservo.errors import RefusedError
-from ikservo.guard.whole import check_whole
+from ikservo.guard.limits import require_int_tick
 
 
 @pytest.mark.parametrize("tick", [0, -1, 4095, 10**9])
 def test_whole_numbers_are(tick):
-    check_whole("elbow", tick)
+    require_int_tick("elbow", tick)
 
 
 @pytest.mark.parametrize("tick", [0.0, float("nan"), True, False, "1", None, np.int64(3), [1]])
 def test_nothing_else_is(tick):
     with pytest.raises(RefusedError, match="The goal of elbow is"):
-        check_whole("elbow", tick)
+        require_int_tick("elbow", tick)

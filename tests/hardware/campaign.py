@@ -9,7 +9,7 @@ import dynamixel_sdk
 import scservo_sdk
 
 from ikservo.errors import BusError
-from ikservo.registers import Role
+from ikservo.registers import RegisterName
 
 from .desk import bus_with, simulated_servos, spoil
 
@@ -81,11 +81,11 @@ def ours_moving(models, reads, seed, faults=EVERYTHING_SOON):
     spoil(bus, *faults)
     while outcome.reads < reads:
         number = next(questions)
-        known = {(i, Role.PRESENT_POSITION): _tick(i, number) for i in models}
+        known = {(i, RegisterName.PRESENT_POSITION): _tick(i, number) for i in models}
         if chance.random() < 0.5:
             _one(bus, known, chance.choice(list(known)), outcome)
         else:
-            _group(bus, known, Role.PRESENT_POSITION, outcome)
+            _group(bus, known, RegisterName.PRESENT_POSITION, outcome)
     outcome.retried = sum(counts.retried for counts in bus.statistics.values())
     return outcome
 

@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from ikservo.hardware import Port, ServoBus, ServoSpec, open_port
-from ikservo.hardware.line.patience import Patience
-from ikservo.hardware.packets.trust import Trust
-from ikservo.registers import STS3215, XL430W250, table_for
+from ikservo.hardware.pending import AdaptiveTimeout, LineHealth
+from ikservo.registers import STS3215, XL430W250, control_table
 
 from .desk import Mode
 
@@ -127,7 +126,7 @@ def line():
 def port(line):
     """Give our port on the scripted line, which it has come to believe and to know as quick."""
     port = Port(line, "scripted", 1_000_000)
-    port.trust, port.patience = Trust(doubts=0), Patience(0.001, 0.001)
+    port.trust, port.patience = LineHealth(doubts=0), AdaptiveTimeout(0.001, 0.001)
     return port
 
 
@@ -203,4 +202,4 @@ def servos_of(path):
     for joint in tomllib.loads(path.read_text())["joints"]:
         for servo in [joint["servo"], *joint.get("shadows", [])]:
             name = joint["name"] if servo is joint["servo"] else f"{joint['name']} shadow"
-            yield ServoSpec(servo["id"], table_for(servo["model"]), name)
+            yield ServoSpec(servo["id"], control_table(servo["model"]), name)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ikservo.hardware import Port, ServoBus, ServoSpec
-from ikservo.registers import table_for
-from servosim.adapter import Adapter, AdapterOptions
-from servosim.assembly import LooseServo, loose_world
+from ikservo.registers import control_table
+from servosim.adapter import AdapterOptions, UsbAdapter
+from servosim.assembly import BenchServo, make_bench_world
 from servosim.faults import Fault
 from servosim.line import Line, LineOptions
 from servosim.port import SimulatedPort
@@ -30,10 +30,10 @@ class Mode:
 def line_with(models, baud=BAUD, seed=0):
     """Return a simulated transport to servos given as {id: model}, or as pairs."""
     pairs = models.items() if isinstance(models, dict) else models
-    world = loose_world([LooseServo(i, model) for i, model in pairs], baud, seed)
+    world = make_bench_world([BenchServo(i, model) for i, model in pairs], baud, seed)
     line = Line(world, baud, LineOptions(seed=seed))
     if Mode.name == "echo":
-        line.adapter = Adapter(line.inbox, ECHO)
+        line.adapter = UsbAdapter(line.inbox, ECHO)
     if Mode.name == "rubbish":
         line.faults.add(Fault("garbage", bytes=3))
     return _Host(line)
@@ -54,8 +54,8 @@ def bus_with(models, baud=BAUD, seed=0, retries=2, adapter=None):
     """Return a bus with servos given as {id: model}; its port's transport is the simulated one."""
     transport = line_with(models, baud, seed)
     if adapter is not None:
-        transport.line.adapter = Adapter(transport.line.inbox, adapter)
-    servos = [ServoSpec(i, table_for(model), f"joint_{i}") for i, model in models.items()]
+        transport.line.adapter = UsbAdapter(transport.line.inbox, adapter)
+    servos = [ServoSpec(i, control_table(model), f"joint_{i}") for i, model in models.items()]
     return ServoBus(Port(transport, "desk", baud), servos, retries=retries)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from ikservo.errors import FileFormatError, ServoSilentError
 from ikservo.hardware import back_up_once, backup_path, read_backup, read_eeprom, update_eeprom
-from ikservo.registers import STS3215, Role
+from ikservo.registers import STS3215, RegisterName
 
 from .desk import bus_with, spoil
 
@@ -57,7 +57,7 @@ def test_a_name_cannot_lead_out_of_the_folder(bus, home):
 
 
 def test_nothing_is_written_to_the_servo(bus):
-    torque = bus.read(1, Role.TORQUE_ENABLE)
+    torque = bus.read(1, RegisterName.TORQUE_ENABLE)
     sent, write = [], bus.port.transport.write
     bus.port.transport.write = lambda data: (sent.append(bytes(data)), write(data))[1]
     back_up_once(bus, "so101")

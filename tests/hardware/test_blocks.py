@@ -5,46 +5,46 @@ from __future__ import annotations
 import pytest
 
 from ikservo.hardware import ServoBus, ServoSpec
-from ikservo.hardware.packets.block import neighbours
-from ikservo.registers import STS3215, XL430W250, Role
+from ikservo.hardware.read_plan import contiguous_runs
+from ikservo.registers import STS3215, XL430W250, RegisterName
 
 from .packets import asks_all
 
 TELEMETRY = [
-    Role.PRESENT_POSITION,
-    Role.PRESENT_VELOCITY,
-    Role.PRESENT_LOAD,
-    Role.PRESENT_VOLTAGE,
-    Role.PRESENT_TEMPERATURE,
+    RegisterName.PRESENT_POSITION,
+    RegisterName.PRESENT_VELOCITY,
+    RegisterName.PRESENT_LOAD,
+    RegisterName.PRESENT_VOLTAGE,
+    RegisterName.PRESENT_TEMPERATURE,
 ]
 
 
 def test_neighbours_are_joined():
     wanted = [STS3215.present_load, STS3215.present_position, STS3215.present_speed]
-    assert neighbours(wanted) == [
+    assert contiguous_runs(wanted) == [
         [STS3215.present_position, STS3215.present_speed, STS3215.present_load]
     ]
 
 
 def test_a_gap_parts_them():
     wanted = [STS3215.present_position, STS3215.goal_position]
-    assert neighbours(wanted) == [[STS3215.goal_position], [STS3215.present_position]]
+    assert contiguous_runs(wanted) == [[STS3215.goal_position], [STS3215.present_position]]
 
 
 def test_a_register_wanted_twice_is_read_once():
-    assert neighbours([STS3215.moving, STS3215.moving]) == [[STS3215.moving]]
+    assert contiguous_runs([STS3215.moving, STS3215.moving]) == [[STS3215.moving]]
 
 
 def test_telemetry_of_a_feetech_is_one_question(feetech, line):
     line.expect("FF FF FE 05 82 38 08 01 39", "FF FF 01 0A 00 00 08 32 80 F4 01 7B 23 A7")
-    readings = feetech.sync_read_many([1], TELEMETRY, raw=True).complete()[1]
+    readings = feetech.sync_read_many([1], TELEMETRY, raw=True).require_all()[1]
     assert [readings[role] for role in TELEMETRY] == [2048, -50, 500, 123, 35]
 
 
 def test_values_come_in_their_units(feetech, line):
     line.expect("FF FF FE 05 82 3E 02 01 39", "FF FF 01 04 00 7B 23 5C")
     wanted = [STS3215.present_voltage, STS3215.present_temperature]
-    readings = feetech.sync_read_many([1], wanted).complete()[1]
+    readings = feetech.sync_read_many([1], wanted).require_all()[1]
     assert [readings[register] for register in wanted] == pytest.approx([12.3, 35.0])
 
 
@@ -64,5 +64,10 @@ def test_families_need_not_have_the_same_neighbours(port, line):
         "FF FF FD 00 FE 08 00 82 90 00 03 00 02 FB 49",
         "FF FF FD 00 02 07 00 55 00 7B 00 23 56 F3",
     )
-    readings = bus.sync_read_many([1, 2], [Role.PRESENT_VOLTAGE, Role.PRESENT_TEMPERATURE])
-    assert [row[Role.PRESENT_TEMPERATURE] for row in readings.complete().values()] == [35.0, 35.0]
+    readings = bus.sync_read_many(
+        [1, 2], [RegisterName.PRESENT_VOLTAGE, RegisterName.PRESENT_TEMPERATURE]
+    )
+    assert [row[RegisterName.PRESENT_TEMPERATURE] for row in readings.require_all().values()] == [
+        35.0,
+        35.0,
+    ]

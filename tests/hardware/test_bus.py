@@ -10,12 +10,12 @@ from ikservo.errors import (
     BadValueError,
     BusError,
     RegisterAccessError,
-    ServoRefusedError,
+    ServoRejectedError,
     ServoSilentError,
     UnknownNameError,
 )
 from ikservo.hardware import ServoBus, ServoSpec
-from ikservo.registers import STS3215, XL330M288, XL430W250, Alarm, Role
+from ikservo.registers import STS3215, XL330M288, XL430W250, Alarm, RegisterName
 
 from .packets import asks, asks_all, says
 
@@ -55,11 +55,11 @@ class TestRefusedBeforeAByteIsSent:
 
     def test_a_goal_for_one_servo_that_does_not_fit_stops_the_goals_of_all(self, feetech):
         with pytest.raises(RegisterAccessError, match="shoulder_lift"):
-            feetech.sync_write(Role.GOAL_POSITION, {1: 2048, 2: 99_999}, raw=True)
+            feetech.sync_write(RegisterName.GOAL_POSITION, {1: 2048, 2: 99_999}, raw=True)
 
     def test_an_unknown_id(self, feetech):
         with pytest.raises(BadValueError, match=r"id is 9.*\n.*shoulder_pan \(id 1\)"):
-            feetech.read(9, Role.PRESENT_POSITION)
+            feetech.read(9, RegisterName.PRESENT_POSITION)
 
     def test_a_register_of_another_family(self, feetech):
         with pytest.raises(UnknownNameError, match="STS3215 register named 'goal_current'"):
@@ -72,15 +72,15 @@ class TestRefusedBeforeAByteIsSent:
             feetech.write(1, STS3215.homing_offset, 0)
 
     def test_nothing_to_write_is_nothing_sent(self, feetech):
-        feetech.sync_write(Role.GOAL_POSITION, {})
+        feetech.sync_write(RegisterName.GOAL_POSITION, {})
 
     def test_nobody_to_ask_is_nothing_sent(self, feetech):
-        assert feetech.sync_read([], Role.PRESENT_POSITION).complete() == {}
+        assert feetech.sync_read([], RegisterName.PRESENT_POSITION).require_all() == {}
 
 
 def test_torque_that_a_group_reports_is_known_afterwards(feetech, line):
     line.expect("FF FF FE 05 82 28 01 01 50", "FF FF 01 03 00 01 FA")
-    feetech.sync_read([1], Role.TORQUE_ENABLE)
+    feetech.sync_read([1], RegisterName.TORQUE_ENABLE)
     with pytest.raises(RegisterAccessError, match="torque is on"):
         feetech.write(1, STS3215.homing_offset, 0)
 
@@ -95,21 +95,21 @@ class TestRepeats:
 
     def test_a_lost_answer_is_asked_for_again(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1).expect(THIRD_1, says(1, 0, 0, 0, 8))
-        assert patient.read(1, Role.PRESENT_POSITION, raw=True) == 2048
+        assert patient.read(1, RegisterName.PRESENT_POSITION, raw=True) == 2048
 
     def test_a_damaged_answer_is_asked_for_again(self, patient, line):
         line.expect(READ_1, "FF FF 01 04 00 01 08 F2").expect(AGAIN_1, AGAIN_AT_2048)
-        assert patient.read(1, Role.PRESENT_POSITION, raw=True) == 2048
+        assert patient.read(1, RegisterName.PRESENT_POSITION, raw=True) == 2048
 
     def test_three_losses_are_silence(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1).expect(THIRD_1)
         with pytest.raises(ServoSilentError):
-            patient.read(1, Role.PRESENT_POSITION)
+            patient.read(1, RegisterName.PRESENT_POSITION)
 
     def test_a_refusal_is_not_repeated(self, patient, line):
         line.expect(READ_1, "FF FF 01 02 20 DC")
-        with pytest.raises(ServoRefusedError):
-            patient.read(1, Role.PRESENT_POSITION)
+        with pytest.raises(ServoRejectedError):
+            patient.read(1, RegisterName.PRESENT_POSITION)
 
     def test_a_registered_write_is_not_repeated(self, patient, line):
         line.expect("FF FF 01 05 04 2A 00 08 C3")
@@ -125,7 +125,7 @@ class TestRepeats:
         bus = ServoBus(port, [ServoSpec(1, STS3215), ServoSpec(2, STS3215)])
         line.expect("FF FF FE 06 82 38 02 01 02 3C", AT_2048)
         line.expect(asks_all([2], 55, 3), says(2, 0, 0xFF, 7))
-        assert bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).complete() == {
+        assert bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).require_all() == {
             1: 2048,
             2: 2047,
         }
@@ -139,24 +139,28 @@ class TestDeafServos:
         for address, size in ((56, 2), (55, 3), (54, 4)):
             line.expect(asks_all([1], address, size))
         for _ in range(2):
-            patient.sync_read([1], Role.PRESENT_POSITION)
+            patient.sync_read([1], RegisterName.PRESENT_POSITION)
         return patient
 
     def test_until_then_it_costs_nothing(self, deaf, line):
         before_s = line.clock.now_s()
-        assert isinstance(deaf.sync_read([1], Role.PRESENT_POSITION).errors[1], ServoSilentError)
+        assert isinstance(
+            deaf.sync_read([1], RegisterName.PRESENT_POSITION).errors[1], ServoSilentError
+        )
         assert line.clock.now_s() == before_s
 
     def test_then_it_is_asked_once(self, deaf, line):
         line.clock.s += 0.3
         line.expect(asks_all([1], 56, 2))
-        assert deaf.sync_read([1], Role.PRESENT_POSITION).errors.keys() == {1}
+        assert deaf.sync_read([1], RegisterName.PRESENT_POSITION).errors.keys() == {1}
 
     def test_when_it_answers_it_is_one_of_them_again(self, deaf, line):
         line.clock.s += 0.3
         for _ in range(2):
             line.expect(asks_all([1], 56, 2), AT_2048)
-            assert deaf.sync_read([1], Role.PRESENT_POSITION, raw=True).complete() == {1: 2048}
+            assert deaf.sync_read([1], RegisterName.PRESENT_POSITION, raw=True).require_all() == {
+                1: 2048
+            }
 
 
 class TestStatistics:
@@ -164,13 +168,13 @@ class TestStatistics:
 
     def test_losses_and_repeats(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1, "00").expect(THIRD_1, says(1, 0, 0, 0, 8))
-        patient.read(1, Role.PRESENT_POSITION)
+        patient.read(1, RegisterName.PRESENT_POSITION)
         counts = patient.statistics[1]
         assert (counts.asked, counts.lost, counts.garbled, counts.retried) == (3, 1, 1, 2)
 
     def test_the_round_trip_is_the_time_of_an_answer(self, patient, line):
         line.expect(READ_1, AT_2048, after_s=0.0007)
-        patient.read(1, Role.PRESENT_POSITION)
+        patient.read(1, RegisterName.PRESENT_POSITION)
         assert patient.statistics[1].round_trip_s(0.5) == pytest.approx(0.0007)
 
     def test_without_an_answer_there_is_no_round_trip(self, patient):
@@ -183,7 +187,7 @@ class TestErrors:
     def test_silence(self, feetech, line):
         line.expect(READ_1)
         with pytest.raises(ServoSilentError) as caught:
-            feetech.read(1, Role.PRESENT_POSITION)
+            feetech.read(1, RegisterName.PRESENT_POSITION)
         assert str(caught.value) == (
             "shoulder_pan (id 1) on scripted does not answer when asked to read present_position.\n"
             "Check its power, the cable that leads to it, its id and the baud rate.\n"
@@ -193,7 +197,7 @@ class TestErrors:
     def test_the_bytes_are_kept_for_a_bug_report(self, feetech, line):
         line.expect(READ_1, "FF FF 01 04 00 01 08 F2")
         with pytest.raises(BusError) as caught:
-            feetech.read(1, Role.PRESENT_POSITION)
+            feetech.read(1, RegisterName.PRESENT_POSITION)
         assert caught.value.sent == bytes.fromhex(READ_1)
         assert caught.value.received == bytes.fromhex("FF FF 01 04 00 01 08 F2")
 
@@ -201,17 +205,17 @@ class TestErrors:
         names = ["pan", "lift", "elbow"]
         bus = ServoBus(port, [ServoSpec(i, STS3215, n) for i, n in enumerate(names, 1)], retries=0)
         line.expect("FF FF FE 07 82 38 02 01 02 03 38", AT_2048)
-        readings = bus.sync_read([1, 2, 3], Role.PRESENT_POSITION)
+        readings = bus.sync_read([1, 2, 3], RegisterName.PRESENT_POSITION)
         with pytest.raises(
             ServoSilentError,
             match=r"lift \(id 2\), elbow \(id 3\)(.|\n)*, 1 answers: .* from pan to lift",
         ):
-            readings.complete()
+            readings.require_all()
 
     def test_if_nobody_answers_it_is_power_or_rate(self, feetech, line):
         line.expect("FF FF FE 06 82 38 02 01 02 3C")
         with pytest.raises(ServoSilentError, match=r"Check the power supply .* every baud rate"):
-            feetech.sync_read([1, 2], Role.PRESENT_POSITION).complete()
+            feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
 
 
 def test_models_of_one_family_share_a_question(port, line):
@@ -221,7 +225,10 @@ def test_models_of_one_family_share_a_question(port, line):
         "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0",
         "FF FF FD 00 02 08 00 55 00 1F 08 00 00 BA BE",
     )
-    assert bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).complete() == {1: 166, 2: 2079}
+    assert bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).require_all() == {
+        1: 166,
+        2: 2079,
+    }
 
 
 def test_families_on_one_line_are_asked_each_in_its_own_dialect(port, line):
@@ -231,7 +238,10 @@ def test_families_on_one_line_are_asked_each_in_its_own_dialect(port, line):
         "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0",
     )
     line.expect("FF FF FE 05 82 38 02 02 3E", "FF FF 02 04 00 FF 07 F3")
-    assert bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).complete() == {1: 166, 2: 2047}
+    assert bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).require_all() == {
+        1: 166,
+        2: 2047,
+    }
 
 
 def test_an_alarm_register_is_spelt_out(feetech, line):
@@ -253,15 +263,17 @@ class TestReturnDelays:
     def test_the_longest_of_the_family_counts(self, feetech, line):
         line.expect(self.ASKED, "FF FF 01 03 00 00 FB", "FF FF 02 03 00 32 C8")
         line.expect(READ_1)
-        feetech.learn_return_delays()
+        feetech.load_return_delays()
         asked_s = line.clock.now_s()
         with pytest.raises(ServoSilentError):
-            feetech.read(1, Role.PRESENT_POSITION)
+            feetech.read(1, RegisterName.PRESENT_POSITION)
         wire_s = feetech.port.wire_s(8 + 8)
         assert line.clock.now_s() - asked_s == pytest.approx(wire_s + 50 * 2e-6 + 0.001, abs=0.0002)
 
     def test_where_one_does_not_tell_the_longest_possible_stays(self, feetech, line):
         line.expect(self.ASKED, "FF FF 01 03 00 00 FB")
         line.expect("FF FF FE 06 82 38 02 01 02 3C", "FF FF 02 04 00 FF 07 F3", after_s=0.0021)
-        feetech.learn_return_delays()
-        assert feetech.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).values == {2: 2047}
+        feetech.load_return_delays()
+        assert feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).values == {
+            2: 2047
+        }

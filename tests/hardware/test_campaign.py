@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from ikservo.errors import ServoSilentError
-from ikservo.registers import Role
+from ikservo.registers import RegisterName
 
 from .campaign import (
     DAMAGED,
@@ -55,7 +55,7 @@ def test_every_lost_answer_is_reported(models):
 
 def _is_lost(bus):
     try:
-        bus.read(1, Role.PRESENT_POSITION)
+        bus.read(1, RegisterName.PRESENT_POSITION)
     except ServoSilentError:
         return True
     return False

@@ -14,7 +14,7 @@ import pytest
 
 from ikservo.errors import RegisterAccessError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec, open_port, read_eeprom, update_eeprom
-from ikservo.registers import STS3215, Role
+from ikservo.registers import STS3215, RegisterName
 
 from .conftest import servos_of
 
@@ -85,19 +85,23 @@ def test_every_servo_says_that_it_is_the_model_of_the_arm_file(bus, ids):
 
 
 def test_all_together_say_what_each_says_alone(bus, ids):
-    together = bus.sync_read(ids, Role.MAX_POSITION_LIMIT, raw=True).complete()
-    assert together == {i: bus.read(i, Role.MAX_POSITION_LIMIT, raw=True) for i in ids}
+    together = bus.sync_read(ids, RegisterName.MAX_POSITION_LIMIT, raw=True).require_all()
+    assert together == {i: bus.read(i, RegisterName.MAX_POSITION_LIMIT, raw=True) for i in ids}
 
 
 def test_telemetry_is_plausible(bus, ids):
-    wanted = [Role.PRESENT_POSITION, Role.PRESENT_VOLTAGE, Role.PRESENT_TEMPERATURE]
-    for row in bus.sync_read_many(ids, wanted).complete().values():
-        assert 4.0 < row[Role.PRESENT_VOLTAGE] < 17.0
-        assert 0.0 < row[Role.PRESENT_TEMPERATURE] < 80.0
+    wanted = [
+        RegisterName.PRESENT_POSITION,
+        RegisterName.PRESENT_VOLTAGE,
+        RegisterName.PRESENT_TEMPERATURE,
+    ]
+    for row in bus.sync_read_many(ids, wanted).require_all().values():
+        assert 4.0 < row[RegisterName.PRESENT_VOLTAGE] < 17.0
+        assert 0.0 < row[RegisterName.PRESENT_TEMPERATURE] < 80.0
 
 
 def test_one_that_is_not_there_costs_no_other_its_value(bus, ids):
-    readings = bus.sync_read([*ids, ABSENT.id], Role.PRESENT_POSITION)
+    readings = bus.sync_read([*ids, ABSENT.id], RegisterName.PRESENT_POSITION)
     assert sorted(readings.values) == sorted(ids)
     assert isinstance(readings.errors[ABSENT.id], ServoSilentError)
 
@@ -108,22 +112,22 @@ def test_one_that_is_not_there_is_silent_when_asked_alone(bus):
 
 
 def test_what_is_written_is_read_and_can_be_written_back(bus, ids):
-    before = bus.read(ids[0], Role.PROFILE_VELOCITY, raw=True)
+    before = bus.read(ids[0], RegisterName.PROFILE_VELOCITY, raw=True)
     try:
-        bus.write(ids[0], Role.PROFILE_VELOCITY, 123, raw=True)
-        assert bus.read(ids[0], Role.PROFILE_VELOCITY, raw=True) == 123
+        bus.write(ids[0], RegisterName.PROFILE_VELOCITY, 123, raw=True)
+        assert bus.read(ids[0], RegisterName.PROFILE_VELOCITY, raw=True) == 123
     finally:
-        bus.write(ids[0], Role.PROFILE_VELOCITY, before, raw=True)
+        bus.write(ids[0], RegisterName.PROFILE_VELOCITY, before, raw=True)
 
 
 def test_a_write_to_many_reaches_them_all(bus, ids):
-    before = bus.sync_read(ids, Role.PROFILE_VELOCITY, raw=True).complete()
+    before = bus.sync_read(ids, RegisterName.PROFILE_VELOCITY, raw=True).require_all()
     try:
-        bus.sync_write(Role.PROFILE_VELOCITY, dict.fromkeys(ids, 77), raw=True)
-        now = bus.sync_read(ids, Role.PROFILE_VELOCITY, raw=True).complete()
+        bus.sync_write(RegisterName.PROFILE_VELOCITY, dict.fromkeys(ids, 77), raw=True)
+        now = bus.sync_read(ids, RegisterName.PROFILE_VELOCITY, raw=True).require_all()
         assert now == dict.fromkeys(ids, 77)
     finally:
-        bus.sync_write(Role.PROFILE_VELOCITY, before, raw=True)
+        bus.sync_write(RegisterName.PROFILE_VELOCITY, before, raw=True)
         bus.ping(ids[0])
 
 
@@ -136,12 +140,14 @@ def test_eeprom_that_holds_already_is_not_written(bus, ids):
 
 def test_what_is_measured_cannot_be_written(bus, ids):
     with pytest.raises(RegisterAccessError, match="read-only"):
-        bus.write(ids[0], Role.PRESENT_POSITION, 0)
+        bus.write(ids[0], RegisterName.PRESENT_POSITION, 0)
 
 
 def test_a_thousand_positions_in_a_row_are_all_there(bus, ids):
     asked = 1000 // len(ids)
-    answered = sum(not bus.sync_read(ids, Role.PRESENT_POSITION).errors for _ in range(asked))
+    answered = sum(
+        not bus.sync_read(ids, RegisterName.PRESENT_POSITION).errors for _ in range(asked)
+    )
     assert answered == asked
 
 

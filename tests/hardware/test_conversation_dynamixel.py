@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ikservo.errors import NoPortError, RegisterAccessError, ServoRefusedError, ServoSilentError
+from ikservo.errors import NoPortError, RegisterAccessError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import (
     ServoBus,
     open_port,
@@ -13,7 +13,7 @@ from ikservo.hardware import (
     torque_on,
     update_eeprom,
 )
-from ikservo.registers import XL330M288, XL430W250, Alarm, Role
+from ikservo.registers import XL330M288, XL430W250, Alarm, RegisterName
 
 IDS = range(1, 7)
 
@@ -32,7 +32,7 @@ def test_every_servo_says_its_own_model(arm):
 
 def test_positions_are_what_the_servos_hold(arm):
     bus, servos = arm
-    ticks = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete()
+    ticks = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all()
     held = {i: servo.read("present_position") for i, servo in servos.items()}
     assert ticks == pytest.approx(held, abs=5)  # limp joints sink while they are asked
 
@@ -47,7 +47,7 @@ def test_torque_comes_on_without_a_jump(arm):
 def test_a_goal_is_where_the_servo_goes(arm):
     bus, servos = arm
     goal_tick = torque_on(bus, 1) + 100
-    bus.write(1, Role.GOAL_POSITION, goal_tick, raw=True)
+    bus.write(1, RegisterName.GOAL_POSITION, goal_tick, raw=True)
     bus.clock.sleep_until(bus.clock.now_s() + 1.0)
     assert servos[1].read("present_position") == pytest.approx(goal_tick, abs=10)
 
@@ -61,15 +61,15 @@ def test_torque_goes_off(arm):
 
 def test_voltages_of_two_models_come_from_one_role(arm):
     bus, servos = arm
-    volts = bus.sync_read(IDS, Role.PRESENT_VOLTAGE).complete()
+    volts = bus.sync_read(IDS, RegisterName.PRESENT_VOLTAGE).require_all()
     expected = {i: servo.read("present_input_voltage") / 10 for i, servo in servos.items()}
     assert volts == pytest.approx(expected)
 
 
 def test_a_goal_outside_the_servos_limits_is_refused_by_the_servo(arm):
     bus, _ = arm
-    with pytest.raises(ServoRefusedError, match=r"waist|shoulder_pan.*out of range"):
-        bus.write(1, Role.GOAL_POSITION, 100_000, raw=True)
+    with pytest.raises(ServoRejectedError, match=r"waist|shoulder_pan.*out of range"):
+        bus.write(1, RegisterName.GOAL_POSITION, 100_000, raw=True)
 
 
 def test_eeprom_under_torque_is_refused_by_us(arm):
@@ -83,7 +83,7 @@ def test_eeprom_under_torque_is_refused_by_the_servo_where_we_do_not_know_of_it(
     bus, _ = arm
     torque_on(bus, 1)
     newcomer = ServoBus(bus.port, list(bus.servos.values()))
-    with pytest.raises(ServoRefusedError, match="denies access"):
+    with pytest.raises(ServoRejectedError, match="denies access"):
         newcomer.write(1, XL430W250.drive_mode, 0)
 
 
@@ -113,16 +113,16 @@ def test_an_overheated_servo_is_seen_and_says_so(arm):
     bus, servos = arm
     servos[5].write("temperature_limit", 10)
     bus.clock.sleep_until(bus.clock.now_s() + 1.0)
-    readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
+    readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)
     assert readings.alarms == {5: {Alarm.UNKNOWN}}
     assert bus.read_alarms(5) == {Alarm.HEAT}
-    assert bus.sync_read(IDS, Role.ALARMS, raw=True).alarms == {5: {Alarm.HEAT}}
+    assert bus.sync_read(IDS, RegisterName.ALARMS, raw=True).alarms == {5: {Alarm.HEAT}}
 
 
 def test_a_silent_servo_costs_no_other_its_answer(arm):
     bus, servos = arm
     servos[3].write("baud_rate", 1)
-    readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
+    readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)
     assert sorted(readings.values) == [1, 2, 4, 5, 6]
     assert isinstance(readings.errors[3], ServoSilentError)
 
@@ -131,10 +131,10 @@ def test_a_shadow_obeys_the_goal_of_its_leader_and_answers_at_its_own_id(simulat
     bus, servos = simulated("vx300s")
     for servo_id in (3, 2):
         torque_on(bus, servo_id)
-    goal_tick = bus.read(2, Role.GOAL_POSITION, raw=True) + 20
-    bus.write(2, Role.GOAL_POSITION, goal_tick, raw=True)
+    goal_tick = bus.read(2, RegisterName.GOAL_POSITION, raw=True) + 20
+    bus.write(2, RegisterName.GOAL_POSITION, goal_tick, raw=True)
     assert servos[3].read("goal_position") == goal_tick
-    assert bus.read(3, Role.GOAL_POSITION, raw=True) == goal_tick
+    assert bus.read(3, RegisterName.GOAL_POSITION, raw=True) == goal_tick
 
 
 def test_an_arm_file_that_is_not_there_is_no_port():

@@ -6,7 +6,7 @@ import pytest
 
 from ikservo.errors import BusError, PortLostError, ServoSilentError
 from ikservo.hardware import read_eeprom, torque_off, torque_on, update_eeprom
-from ikservo.registers import STS3215, Alarm, Role
+from ikservo.registers import STS3215, Alarm, RegisterName
 
 IDS = range(1, 7)
 
@@ -24,7 +24,7 @@ def test_every_servo_says_its_model(arm):
 
 def test_positions_are_what_the_servos_hold(arm):
     bus, servos = arm
-    ticks = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete()
+    ticks = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all()
     assert ticks == {i: servo.read("present_position") for i, servo in servos.items()}
 
 
@@ -44,7 +44,7 @@ def test_goals_are_where_the_servos_go(arm):
     bus, servos = arm
     goals = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
     goals[1] += 200
-    bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+    bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
     bus.clock.sleep_until(bus.clock.now_s() + 1.0)
     assert servos[1].read("goal_position") == goals[1]
     assert servos[1].read("present_position") == pytest.approx(goals[1], abs=10)
@@ -56,7 +56,9 @@ def test_registered_goals_start_together(arm):
         bus.reg_write(servo_id, STS3215.goal_position, 2100, raw=True)
     assert servos[1].read("goal_position") != 2100
     bus.action()
-    bus.read(6, Role.PRESENT_POSITION)  # an action is not answered: the next answer comes behind it
+    bus.read(
+        6, RegisterName.PRESENT_POSITION
+    )  # an action is not answered: the next answer comes behind it
     assert [servos[i].read("goal_position") for i in (1, 5)] == [2100, 2100]
 
 
@@ -75,7 +77,7 @@ def test_a_silent_servo_costs_no_other_its_answer(arm):
     bus, servos = arm
     servos[3].write("lock", 0)
     servos[3].write("baud_rate", 4)
-    readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
+    readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)
     assert sorted(readings.values) == [1, 2, 4, 5, 6]
     assert isinstance(readings.errors[3], ServoSilentError)
     assert "elbow_flex (id 3)" in str(readings.errors[3])
@@ -85,22 +87,22 @@ def test_an_alarm_stands_beside_the_values(arm):
     bus, servos = arm
     servos[2].write("max_temperature_limit", 10)
     bus.clock.sleep_until(bus.clock.now_s() + 1.0)
-    readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
+    readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)
     assert readings.alarms == {2: {Alarm.HEAT}}
-    assert sorted(readings.complete()) == list(IDS)
+    assert sorted(readings.require_all()) == list(IDS)
 
 
 def test_at_a_wrong_rate_everybody_is_silent(simulated):
     bus, _ = simulated("so101", baud_rate=115_200)
     with pytest.raises(ServoSilentError, match="every baud rate"):
-        bus.sync_read(IDS, Role.PRESENT_POSITION).complete()
+        bus.sync_read(IDS, RegisterName.PRESENT_POSITION).require_all()
 
 
 def test_a_pulled_cable_is_named(arm):
     bus, _ = arm
     bus.port.transport.close()
     with pytest.raises(PortLostError, match="Lost connection"):
-        bus.read(1, Role.PRESENT_POSITION)
+        bus.read(1, RegisterName.PRESENT_POSITION)
 
 
 def test_an_offset_lasts_and_is_not_written_twice(arm):
@@ -121,24 +123,24 @@ def test_a_backup_holds_every_eeprom_register(arm):
 @pytest.mark.usefixtures("plain_line")
 def test_positions_and_goals_of_six_servos_take_little_more_than_their_time_on_the_wire(arm):
     bus, _ = arm
-    ticks = dict(bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete())
+    ticks = dict(bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all())
     started_s, cycles = bus.clock.now_s(), 50
     for _ in range(cycles):
-        bus.sync_write(Role.GOAL_POSITION, ticks, raw=True)
-        bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete()
+        bus.sync_write(RegisterName.GOAL_POSITION, ticks, raw=True)
+        bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all()
     wire_s = bus.port.wire_s((8 + 6 * 3) + (8 + 6 + 6 * 8))
     assert wire_s / ((bus.clock.now_s() - started_s) / cycles) > 0.85
 
 
 def test_a_silent_servo_costs_a_cycle_at_most_5_ms(arm):
     bus, servos = arm
-    bus.learn_return_delays()
+    bus.load_return_delays()
     servos[6].write("lock", 0)
     servos[6].write("baud_rate", 4)
     for _ in range(3):
-        bus.sync_read(IDS, Role.PRESENT_POSITION)
+        bus.sync_read(IDS, RegisterName.PRESENT_POSITION)
     started_s = bus.clock.now_s()
-    bus.sync_read(IDS, Role.PRESENT_POSITION)
+    bus.sync_read(IDS, RegisterName.PRESENT_POSITION)
     assert bus.clock.now_s() - started_s < 0.005
 
 

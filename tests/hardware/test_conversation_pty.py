@@ -10,7 +10,7 @@ import pytest
 
 from ikservo.errors import PortBusyError, PortLostError
 from ikservo.hardware import ServoBus, ServoSpec, open_port, torque_on
-from ikservo.registers import Role, table_for
+from ikservo.registers import RegisterName, control_table
 
 pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
 
@@ -41,11 +41,14 @@ def served():
 )
 def test_a_served_arm_answers_takes_torque_and_reports(served, arm, model, ids):
     name, _ = served(arm)
-    servos = [ServoSpec(i, table_for(model)) for i in ids]
+    servos = [ServoSpec(i, control_table(model)) for i in ids]
     with ServoBus(open_port(name, 1_000_000), servos) as bus:
-        assert {bus.ping(i).model_number for i in ids} == {table_for(model).number}
+        assert {bus.ping(i).model_number for i in ids} == {control_table(model).number}
         held_tick = torque_on(bus, ids[0])
-        assert bus.sync_read(ids, Role.GOAL_POSITION, raw=True).complete()[ids[0]] == held_tick
+        assert (
+            bus.sync_read(ids, RegisterName.GOAL_POSITION, raw=True).require_all()[ids[0]]
+            == held_tick
+        )
 
 
 def test_a_second_program_is_told_who_holds_the_port(served):
@@ -56,9 +59,9 @@ def test_a_second_program_is_told_who_holds_the_port(served):
 
 def test_a_server_that_ends_is_a_lost_port(served):
     name, server = served("so101")
-    with ServoBus(open_port(name, 1_000_000), [ServoSpec(1, table_for("STS3215"))]) as bus:
+    with ServoBus(open_port(name, 1_000_000), [ServoSpec(1, control_table("STS3215"))]) as bus:
         bus.ping(1)
         server.terminate()
         server.wait(timeout=10)
         with pytest.raises(PortLostError, match="Lost connection"):
-            bus.read(1, Role.PRESENT_POSITION)
+            bus.read(1, RegisterName.PRESENT_POSITION)

@@ -10,10 +10,10 @@ import pytest
 import ikservo
 from ikservo.errors import BadReplyError
 from ikservo.hardware import Port, ServoBus, ServoSpec
-from ikservo.hardware.finding.crowds import crowded, refuse_crowds
-from ikservo.hardware.finding.identify import look_closer
-from ikservo.hardware.packets.framing import framing_of
-from ikservo.registers import table_for
+from ikservo.hardware.diagnostics import find_duplicate_ids, raise_on_duplicate_ids
+from ikservo.hardware.ping_sweep import framing_of
+from ikservo.hardware.scan import identify
+from ikservo.registers import control_table
 from tests.cli import desk
 
 from .campaign import DYNAMIXEL, EVERYTHING, FEETECH
@@ -41,7 +41,7 @@ def crowded_bus(seed):
     for servo in transport.line.world.servos:
         if servo.id == twin:
             _make_own(servo, chance, alike=alike)
-    servos = [ServoSpec(i, table_for(model), f"joint_{i}") for i, model in models.items()]
+    servos = [ServoSpec(i, control_table(model), f"joint_{i}") for i, model in models.items()]
     return ServoBus(Port(transport, "desk", BAUD), servos), twin
 
 
@@ -67,7 +67,7 @@ def test_on_random_buses_no_shared_id_is_missed_and_nothing_is_written(buses, ca
     for seed in range(buses):
         bus, twin = crowded_bus(seed)
         before = eeprom_writes(bus)
-        assert [servo.id for servo in crowded(bus)] == [twin], seed
+        assert [servo.id for servo in find_duplicate_ids(bus)] == [twin], seed
         assert eeprom_writes(bus) == before
     with capsys.disabled():
         sys.stdout.write(f"\nB4: {buses} buses with a shared id, 0 missed\n" * (buses > 100))
@@ -76,7 +76,7 @@ def test_on_random_buses_no_shared_id_is_missed_and_nothing_is_written(buses, ca
 def test_it_is_refused_with_the_joint_and_what_to_do():
     bus, twin = crowded_bus(3)
     with pytest.raises(BadReplyError, match=rf"joint_{twin} \(id {twin}\).*\n.*ikservo setup ARM"):
-        refuse_crowds(bus)
+        raise_on_duplicate_ids(bus)
 
 
 @pytest.mark.usefixtures("plain_line")
@@ -86,18 +86,18 @@ def test_it_is_refused_with_the_joint_and_what_to_do():
 def test_a_bad_line_is_not_taken_for_two_servos(models, adapter, seed):
     bus = bus_with(models, seed=seed, adapter=adapter)
     spoil(bus, *EVERYTHING)
-    assert crowded(bus) == []
+    assert find_duplicate_ids(bus) == []
 
 
 def test_one_servo_on_an_adapter_that_hears_itself_is_one():
-    assert crowded(bus_with({1: "STS3215"}, adapter=ECHO)) == []
+    assert find_duplicate_ids(bus_with({1: "STS3215"}, adapter=ECHO)) == []
 
 
 @pytest.mark.parametrize("model", ["AX-12A", "MX-28", "SCS0009", "STS3215", "XM430-W350"])
 def test_a_closer_look_knows_every_family(model):
     bus = bus_with({1: model})
     table = bus.servos[1].table
-    found = look_closer(bus.port, framing_of(table.family), 1, echoes=Mode.name == "echo")
+    found = identify(bus.port, framing_of(table.family), 1, echoes=Mode.name == "echo")
     assert (found.table, found.temperature_c) == (table, 25.0)
 
 
@@ -105,7 +105,7 @@ def test_a_closer_look_knows_every_family(model):
 def test_whoever_is_silent_is_left_to_others_to_miss(models):
     bus = bus_with(models)
     spoil(bus, ("silent", {"id": 3}))
-    assert crowded(bus) == []
+    assert find_duplicate_ids(bus) == []
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])

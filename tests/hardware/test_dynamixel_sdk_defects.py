@@ -12,11 +12,11 @@ from dynamixel_sdk.robotis_def import COMM_PORT_BUSY, COMM_RX_TIMEOUT, COMM_SUCC
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.errors import BadReplyError, BusError, ServoRefusedError, ServoSilentError
+from ikservo.errors import BadReplyError, BusError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec
-from ikservo.hardware.drivers.dynamixel import DynamixelDriver
-from ikservo.hardware.packets.stuffing import stuffed, unstuffed
-from ikservo.registers import XL430W250, Alarm, Family, Role
+from ikservo.hardware.dynamixel import DynamixelDriver
+from ikservo.hardware.protocol2 import stuff, unstuff
+from ikservo.registers import XL430W250, Alarm, Family, RegisterName
 
 POSITION = XL430W250.present_position
 READ_POSITION = "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"
@@ -63,26 +63,22 @@ class TestD2UnstuffingLosesAByte:
 
     def test_stock_returns_five_bytes_of_six(self, stock, line):
         handler, port = stock
-        line.expect(
-            "FF FF FD 00 01 07 00 02 84 00 06 00 1E 99", status(0x55, 0, *stuffed(self.DATA))
-        )
+        line.expect("FF FF FD 00 01 07 00 02 84 00 06 00 1E 99", status(0x55, 0, *stuff(self.DATA)))
         data, result, _ = handler.readTxRx(port, 1, 132, 6)
         assert result == COMM_SUCCESS
         assert bytes(data) != self.DATA
 
     def test_ours_returns_all_six(self, port, line):
-        line.expect(
-            "FF FF FD 00 01 07 00 02 84 00 06 00 1E 99", status(0x55, 0, *stuffed(self.DATA))
-        )
+        line.expect("FF FF FD 00 01 07 00 02 84 00 06 00 1E 99", status(0x55, 0, *stuff(self.DATA)))
         assert DynamixelDriver(port).read(1, 132, 6).data == self.DATA
 
     @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=24).map(bytes))
     def test_unstuffing_undoes_stuffing(self, data):
-        assert unstuffed(stuffed(data)) == data
+        assert unstuff(stuff(data)) == data
 
     @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=24).map(bytes))
     def test_stuffed_bytes_hold_no_header(self, data):
-        assert bytes.fromhex("FF FF FD 00") not in stuffed(data)
+        assert bytes.fromhex("FF FF FD 00") not in stuff(data)
 
 
 class TestD3RefusalWithoutData:
@@ -95,7 +91,7 @@ class TestD3RefusalWithoutData:
 
     def test_ours_says_why_it_was_refused(self, dynamixel, line):
         line.expect("FF FF FD 00 01 07 00 02 90 00 02 00 18 91", DENIED)
-        with pytest.raises(ServoRefusedError, match="denies access"):
+        with pytest.raises(ServoRejectedError, match="denies access"):
             dynamixel.read(1, XL430W250.present_input_voltage)
 
 
@@ -115,9 +111,9 @@ class TestD4RefusalInSyncRead:
 
     def test_ours_has_an_error_for_it_and_the_value_of_the_other(self, dynamixel, line):
         line.expect(ASK_BOTH, DENIED, SECOND_AT_2079)
-        readings = dynamixel.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+        readings = dynamixel.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
         assert readings.values == {2: 2079}
-        assert isinstance(readings.errors[1], ServoRefusedError)
+        assert isinstance(readings.errors[1], ServoRejectedError)
 
 
 def test_d6_stale_input_is_discarded(dynamixel, line):
@@ -217,7 +213,7 @@ def test_a_wrong_crc_is_never_a_value(dynamixel, line):
 
 def test_a_silent_servo_does_not_cost_the_answer_of_the_other(dynamixel, line):
     line.expect(ASK_BOTH, SECOND_AT_2079)
-    readings = dynamixel.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+    readings = dynamixel.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values == {2: 2079}
 
 
@@ -262,7 +258,7 @@ class TestD5FastSyncRead:
         bus = ServoBus(port, [ServoSpec(1, XL430W250), ServoSpec(2, XL430W250)], retries=0)
         line.expect(ASK_BOTH_FAST, self.ONLY_FIRST)
         line.expect(ASK_BOTH, AT_166)
-        assert bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).values == {1: 166}
+        assert bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).values == {1: 166}
 
 
 class TestD8BaudRates:
@@ -307,5 +303,5 @@ class TestD13BroadcastPing:
 
     def test_ours_waits_for_those_who_may_be_there(self, dynamixel, line):
         line.expect(self.ASKED, self.SAID)
-        assert dynamixel.roll_call(Family.DYNAMIXEL_2).answers.keys() == {1}
+        assert dynamixel.broadcast_ping(Family.DYNAMIXEL_2).answers.keys() == {1}
         assert line.clock.s < 0.02

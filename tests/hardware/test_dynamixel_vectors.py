@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from ikservo.errors import ServoRefusedError
-from ikservo.hardware import Identity
-from ikservo.hardware.drivers.dynamixel import DynamixelDriver
-from ikservo.registers import XL430W250, Alarm, Role
+from ikservo.errors import ServoRejectedError
+from ikservo.hardware import PingResult
+from ikservo.hardware.dynamixel import DynamixelDriver
+from ikservo.registers import XL430W250, Alarm, RegisterName
 
 TAKEN = "FF FF FD 00 01 04 00 55 00 A1 0C"
 
 
 def test_ping_tells_model_and_firmware(dynamixel, line):
     line.expect("FF FF FD 00 01 03 00 01 19 4E", "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D")
-    assert dynamixel.ping(1) == Identity(1, model_number=1030, firmware=0x26)
+    assert dynamixel.ping(1) == PingResult(1, model_number=1030, firmware=0x26)
 
 
 def test_read_position(dynamixel, line):
@@ -74,13 +74,13 @@ def test_sync_read_positions(dynamixel, line):
         "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0",
         "FF FF FD 00 02 08 00 55 00 1F 08 00 00 BA BE",
     )
-    readings = dynamixel.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
-    assert readings.complete() == {1: 166, 2: 2079}
+    readings = dynamixel.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
+    assert readings.require_all() == {1: 166, 2: 2079}
 
 
 def test_sync_write_goals(dynamixel, line):
     line.expect("FF FF FD 00 FE 11 00 83 74 00 04 00 01 00 08 00 00 02 00 04 00 00 98 4C")
-    dynamixel.sync_write(Role.GOAL_POSITION, {1: 2048, 2: 1024}, raw=True)
+    dynamixel.sync_write(RegisterName.GOAL_POSITION, {1: 2048, 2: 1024}, raw=True)
 
 
 @pytest.mark.parametrize(
@@ -92,5 +92,5 @@ def test_sync_write_goals(dynamixel, line):
 )
 def test_a_refusal_says_why(dynamixel, line, answer, words):
     line.expect("FF FF FD 00 01 06 00 03 40 00 01 DB 66", answer)
-    with pytest.raises(ServoRefusedError, match=words):
+    with pytest.raises(ServoRejectedError, match=words):
         dynamixel.write(1, XL430W250.torque_enable, 1)

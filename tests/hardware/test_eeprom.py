@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ikservo.errors import RegisterAccessError, ServoRefusedError, ServoSilentError
-from ikservo.hardware import differences, update_eeprom
+from ikservo.errors import RegisterAccessError, ServoRejectedError, ServoSilentError
+from ikservo.hardware import register_differences, update_eeprom
 from ikservo.registers import STS3215
 
 from .packets import asks, says
@@ -49,7 +49,7 @@ def test_it_is_locked_again_after_a_lost_answer_and_the_lock_is_checked(feetech,
 def test_a_number_that_does_not_last_is_reported(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
     line.expect(WRITE_MINUS_100, TAKEN).expect(READ_OFFSET, OFFSET_0).expect(LOCK, TAKEN)
-    with pytest.raises(ServoRefusedError, match="homing_offset = 0 after -100 was written"):
+    with pytest.raises(ServoRejectedError, match="homing_offset = 0 after -100 was written"):
         update_eeprom(feetech, 1, WANTED)
 
 
@@ -70,5 +70,5 @@ def test_what_does_not_belong_here_is_refused_before_a_byte_is_sent(feetech, reg
 
 def test_differences_change_nothing(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0)
-    (difference,) = differences(feetech, 1, WANTED)
+    (difference,) = register_differences(feetech, 1, WANTED)
     assert difference.wanted == -100

@@ -8,7 +8,7 @@ import pytest
 
 from ikservo.errors import ServoSilentError
 from ikservo.hardware import read_eeprom, torque_off, torque_on, update_eeprom
-from ikservo.registers import MODELS, Role
+from ikservo.registers import MODELS, RegisterName
 
 from .desk import ECHO, FTDI, PLAIN, USB_FRAMES, bus_with, simulated_servos, spoil
 
@@ -52,45 +52,47 @@ def test_it_says_which_model_it_is(bus, model):
 
 
 def test_positions_are_what_the_servos_hold(bus):
-    ticks = bus.sync_read([1, 7], Role.PRESENT_POSITION, raw=True).complete()
-    assert ticks == {i: witness(bus, i, Role.PRESENT_POSITION) for i in (1, 7)}
+    ticks = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True).require_all()
+    assert ticks == {i: witness(bus, i, RegisterName.PRESENT_POSITION) for i in (1, 7)}
 
 
 def test_torque_comes_on_where_it_stands_and_goes_off(bus):
     held_tick = torque_on(bus, 7)
-    assert witness(bus, 7, Role.GOAL_POSITION) == held_tick
-    assert witness(bus, 7, Role.TORQUE_ENABLE) == 1
+    assert witness(bus, 7, RegisterName.GOAL_POSITION) == held_tick
+    assert witness(bus, 7, RegisterName.TORQUE_ENABLE) == 1
     assert torque_off(bus, [1, 7]) == {}
-    assert witness(bus, 7, Role.TORQUE_ENABLE) == 0
+    assert witness(bus, 7, RegisterName.TORQUE_ENABLE) == 0
 
 
 def test_goals_of_many_arrive(bus):
     goals = {i: torque_on(bus, i) + 30 for i in (1, 7)}
-    bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
-    assert bus.sync_read([1, 7], Role.GOAL_POSITION, raw=True).complete() == goals
+    bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
+    assert bus.sync_read([1, 7], RegisterName.GOAL_POSITION, raw=True).require_all() == goals
 
 
 def test_registers_of_one_servo_beside_others_of_another(bus):
-    wanted = {1: [Role.PRESENT_VOLTAGE], 7: [Role.MODEL_NUMBER, Role.ID]}
-    readings = bus.bulk_read(wanted, raw=True).complete()
-    assert readings[7][Role.ID] == 7
-    assert readings[1][Role.PRESENT_VOLTAGE] == witness(bus, 1, Role.PRESENT_VOLTAGE)
+    wanted = {1: [RegisterName.PRESENT_VOLTAGE], 7: [RegisterName.MODEL_NUMBER, RegisterName.ID]}
+    readings = bus.bulk_read(wanted, raw=True).require_all()
+    assert readings[7][RegisterName.ID] == 7
+    assert readings[1][RegisterName.PRESENT_VOLTAGE] == witness(
+        bus, 1, RegisterName.PRESENT_VOLTAGE
+    )
 
 
 def test_what_was_laid_ready_waits_for_the_action(bus):
     table = bus.servos[1].table
-    at_tick = bus.read(1, Role.GOAL_POSITION, raw=True)
+    at_tick = bus.read(1, RegisterName.GOAL_POSITION, raw=True)
     torque_on(bus, 1)
     bus.reg_write(1, table.goal_position, at_tick + 9, raw=True)
-    assert bus.read(1, Role.GOAL_POSITION, raw=True) == at_tick
+    assert bus.read(1, RegisterName.GOAL_POSITION, raw=True) == at_tick
     bus.action()
-    assert bus.read(1, Role.GOAL_POSITION, raw=True) == at_tick + 9
+    assert bus.read(1, RegisterName.GOAL_POSITION, raw=True) == at_tick + 9
 
 
 def test_eeprom_lasts_and_is_not_written_twice(bus):
     limit = bus.servos[1].table.max_temperature_limit
     assert len(update_eeprom(bus, 1, {limit: 61})) == 1
-    assert witness(bus, 1, Role.MAX_TEMPERATURE_LIMIT) == 61
+    assert witness(bus, 1, RegisterName.MAX_TEMPERATURE_LIMIT) == 61
     assert update_eeprom(bus, 1, {limit: 61}) == []
 
 
@@ -102,12 +104,12 @@ def test_a_copy_of_the_eeprom_is_what_the_servo_holds(bus):
 
 def test_a_silent_one_costs_the_other_nothing_and_is_named(bus):
     spoil(bus, ("silent", {"id": 1}))
-    readings = bus.sync_read([1, 7], Role.PRESENT_POSITION, raw=True)
+    readings = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values.keys() == {7}
     assert isinstance(readings.errors[1], ServoSilentError)
 
 
 def test_rubbish_before_every_answer_is_passed_over(bus):
     spoil(bus, ("garbage", {"bytes": 5}))
-    ticks = bus.sync_read([1, 7], Role.PRESENT_POSITION, raw=True).complete()
-    assert ticks == {i: witness(bus, i, Role.PRESENT_POSITION) for i in (1, 7)}
+    ticks = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True).require_all()
+    assert ticks == {i: witness(bus, i, RegisterName.PRESENT_POSITION) for i in (1, 7)}

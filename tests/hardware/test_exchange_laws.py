@@ -7,15 +7,14 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ikservo.hardware.packets import protocol_1
-from ikservo.hardware.packets.dialect import Frame
-from ikservo.hardware.packets.protocol_2 import Answers, crc
-from ikservo.hardware.packets.stuffing import stuffed
+from ikservo.hardware import protocol1 as protocol_1
+from ikservo.hardware.packets import StatusPacket
+from ikservo.hardware.protocol2 import Protocol2Codec, crc, stuff
 
 noise = st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x01, 0x02, 0x04, 0x55, 0x7A]), max_size=12)
 data = st.binary(min_size=2, max_size=2)
 ids = st.integers(0, 252)
-TWO = Answers(too_long=-2000)
+TWO = Protocol2Codec(too_long=-2000)
 
 
 def packet_1(servo_id: int, error: int, parameters: bytes) -> bytes:
@@ -24,7 +23,7 @@ def packet_1(servo_id: int, error: int, parameters: bytes) -> bytes:
 
 
 def packet_2(servo_id: int, error: int, parameters: bytes) -> bytes:
-    inside = stuffed(bytes((0x55, error, *parameters)))
+    inside = stuff(bytes((0x55, error, *parameters)))
     packet = bytes((0xFF, 0xFF, 0xFD, 0, servo_id, *(len(inside) + 2).to_bytes(2, "little")))
     return packet + inside + crc_16(packet + inside).to_bytes(2, "little")
 
@@ -39,7 +38,7 @@ def crc_16(packet: bytes) -> int:
     return value
 
 
-PROTOCOLS = {"1": (packet_1, protocol_1.scan), "2": (packet_2, TWO.scan)}
+PROTOCOLS = {"1": (packet_1, protocol_1.scan_packets), "2": (packet_2, TWO.scan)}
 both = pytest.mark.parametrize(("packet", "scan"), PROTOCOLS.values(), ids=PROTOCOLS)
 
 
@@ -47,7 +46,7 @@ both = pytest.mark.parametrize(("packet", "scan"), PROTOCOLS.values(), ids=PROTO
 @given(servo_id=ids, error=st.integers(0, 255), parameters=data)
 def test_a_packet_is_read_as_it_was_written(packet, scan, servo_id, error, parameters):
     heard = scan(packet(servo_id, error, parameters), (2,), final=True)
-    assert heard.frames == (Frame(servo_id, error, parameters),)
+    assert heard.frames == (StatusPacket(servo_id, error, parameters),)
 
 
 @both
@@ -55,7 +54,7 @@ def test_a_packet_is_read_as_it_was_written(packet, scan, servo_id, error, param
 def test_noise_before_a_packet_never_hides_it(packet, scan, before, servo_id, parameters):
     heard = bytes(before) + packet(servo_id, 0, parameters)
     assume(not scan(heard[:-1], (2,), final=True).frames)  # such noise is a packet by itself
-    assert scan(heard, (2,), final=True).frames == (Frame(servo_id, 0, parameters),)
+    assert scan(heard, (2,), final=True).frames == (StatusPacket(servo_id, 0, parameters),)
 
 
 @both

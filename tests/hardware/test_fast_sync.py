@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from ikservo.errors import ServoRefusedError
+from ikservo.errors import ServoRejectedError
 from ikservo.hardware import Port, ServoBus, ServoSpec
-from ikservo.hardware.drivers.dynamixel import DynamixelDriver
-from ikservo.registers import XL430W250, Alarm, Role
+from ikservo.hardware.dynamixel import DynamixelDriver
+from ikservo.registers import XL430W250, Alarm, RegisterName
 
 from .desk import line_with
 
@@ -30,18 +30,18 @@ def bus(port):
 
 
 def read(bus):
-    return bus.sync_read((3, 7, 4), Role.PRESENT_POSITION, raw=True)
+    return bus.sync_read((3, 7, 4), RegisterName.PRESENT_POSITION, raw=True)
 
 
 def test_all_servos_speak_in_one_packet(bus, line):
     line.expect(FAST, COMBINED)
-    assert read(bus).complete() == TICKS
+    assert read(bus).require_all() == TICKS
 
 
 def test_a_damaged_packet_is_asked_for_the_slow_way(bus, line):
     line.expect(FAST, COMBINED.replace("1F 08", "1F 09"))
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
-    assert read(bus).complete() == TICKS
+    assert read(bus).require_all() == TICKS
 
 
 def test_a_missing_servo_costs_no_other_its_answer(bus, line):
@@ -56,7 +56,7 @@ def test_after_two_failures_the_fast_way_is_given_up(bus, line):
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     for _ in range(3):
         line.clock.s += 0.3  # nothing is owed any more
-        assert read(bus).complete() == TICKS
+        assert read(bus).require_all() == TICKS
 
 
 def test_one_success_forgets_the_failure_before(bus, line):
@@ -66,7 +66,7 @@ def test_one_success_forgets_the_failure_before(bus, line):
     line.expect(FAST, COMBINED)
     for _ in range(4):
         line.clock.s += 0.3  # nothing is owed any more
-        assert read(bus).complete() == TICKS
+        assert read(bus).require_all() == TICKS
 
 
 def test_while_a_packet_is_owed_the_next_is_asked_to_be_longer(bus, line):
@@ -74,7 +74,7 @@ def test_while_a_packet_is_owed_the_next_is_asked_to_be_longer(bus, line):
     line.expect("FF FF FD 00 FE 0A 00 8A 83 00 05 00 03 07 04 28 F5")
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     for _ in range(2):
-        assert read(bus).complete() == TICKS
+        assert read(bus).require_all() == TICKS
 
 
 def test_each_servo_keeps_its_own_alert(bus, line):
@@ -84,7 +84,7 @@ def test_each_servo_keeps_its_own_alert(bus, line):
         "00 04 FF 03 00 00 58 A5",
     )
     readings = read(bus)
-    assert readings.complete() == TICKS
+    assert readings.require_all() == TICKS
     assert readings.alarms == {7: {Alarm.UNKNOWN}}
 
 
@@ -96,7 +96,7 @@ def test_each_servo_keeps_its_own_refusal(bus, line):
     )
     readings = read(bus)
     assert readings.values == {3: 166, 4: 1023}
-    assert isinstance(readings.errors[7], ServoRefusedError)
+    assert isinstance(readings.errors[7], ServoRejectedError)
 
 
 def test_after_200_slow_readings_the_fast_way_gets_another_chance(bus, line):
@@ -107,7 +107,7 @@ def test_after_200_slow_readings_the_fast_way_gets_another_chance(bus, line):
     line.expect(FAST, COMBINED)
     for _ in range(201):
         line.clock.s += 0.3  # nothing is owed any more
-        assert read(bus).complete() == TICKS
+        assert read(bus).require_all() == TICKS
 
 
 def waited_s(return_delay_s):

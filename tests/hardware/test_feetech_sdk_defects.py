@@ -12,10 +12,10 @@ import pytest
 import scservo_sdk
 from scservo_sdk.scservo_def import COMM_PORT_BUSY, COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS
 
-from ikservo.errors import BadReplyError, PortBusyError, ServoRefusedError, ServoSilentError
+from ikservo.errors import BadReplyError, PortBusyError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec, open_port
-from ikservo.hardware.drivers.feetech import FeetechDriver
-from ikservo.registers import STS3215, Alarm, Role
+from ikservo.hardware.feetech import FeetechDriver
+from ikservo.registers import STS3215, Alarm, RegisterName
 
 POSITION = STS3215.present_position
 READ_POSITION = "FF FF 01 04 02 38 02 BE"
@@ -144,7 +144,7 @@ class TestF7RefusalWithoutData:
 
     def test_ours_says_that_there_were_none(self, feetech, line):
         line.expect("FF FF 01 04 02 3F 01 B8", self.NO_DATA)
-        with pytest.raises(ServoRefusedError, match="without data"):
+        with pytest.raises(ServoRejectedError, match="without data"):
             feetech.read(1, STS3215.present_temperature)
 
 
@@ -213,15 +213,15 @@ class TestF10SilentServoInSyncRead:
 
     def test_ours_keeps_it(self, feetech, line):
         line.expect(self.ASKED, self.SECOND)
-        readings = feetech.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+        readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
         assert readings.values == {2: 2047}
         assert "shoulder_pan (id 1) on scripted does not answer" in str(readings.errors[1])
 
     def test_ours_keeps_alarms_beside_values(self, feetech, line):
         line.expect(self.ASKED, "FF FF 01 04 20 00 08 D2", self.SECOND)
-        readings = feetech.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+        readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
         assert readings.alarms == {1: {Alarm.OVERLOAD}}
-        assert readings.complete() == {1: 2048, 2: 2047}
+        assert readings.require_all() == {1: 2048, 2: 2047}
 
 
 class TestF11FalseHeader:
@@ -359,7 +359,7 @@ def test_a_wrong_checksum_is_never_a_value(feetech, line):
 
 def test_two_different_answers_of_one_id_are_never_a_value(feetech, line):
     line.expect("FF FF FE 06 82 38 02 01 02 3C", AT_2048, AT_5, after_s=0.0005)
-    readings = feetech.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
+    readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values == {}
     assert isinstance(readings.errors[1], BadReplyError)
 
@@ -367,4 +367,4 @@ def test_two_different_answers_of_one_id_are_never_a_value(feetech, line):
 def test_mixed_models_are_asked_by_their_own_registers(port, line):
     bus = ServoBus(port, [ServoSpec(1, STS3215, "elbow")])
     line.expect("FF FF 01 04 02 3E 01 B9", "FF FF 01 03 00 7B 80")
-    assert bus.read(1, Role.PRESENT_VOLTAGE) == pytest.approx(12.3)
+    assert bus.read(1, RegisterName.PRESENT_VOLTAGE) == pytest.approx(12.3)

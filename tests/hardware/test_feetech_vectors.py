@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ikservo.hardware import Port, ServoBus, ServoSpec
-from ikservo.registers import STS3215, Alarm, Role
+from ikservo.registers import STS3215, Alarm, RegisterName
 
 
 def test_ping_then_model(feetech, line):
@@ -64,15 +64,15 @@ def test_registered_write_and_action(feetech, line):
 
 def test_sync_write_goals(feetech, line):
     line.expect("FF FF FE 0A 83 2A 02 01 00 08 02 FF 07 37")
-    feetech.sync_write(Role.GOAL_POSITION, {1: 2048, 2: 2047}, raw=True)
+    feetech.sync_write(RegisterName.GOAL_POSITION, {1: 2048, 2: 2047}, raw=True)
 
 
 def test_sync_read_positions(feetech, line):
     line.expect(
         "FF FF FE 06 82 38 02 01 02 3C", "FF FF 01 04 00 00 08 F2", "FF FF 02 04 00 FF 07 F3"
     )
-    readings = feetech.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
-    assert readings.complete() == {1: 2048, 2: 2047}
+    readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
+    assert readings.require_all() == {1: 2048, 2: 2047}
 
 
 def test_a_servo_without_reboot_says_so_without_a_byte(feetech, line):

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.arm.owner import listen
+from ikservo.arm.control_server import serve
 from ikservo.errors import PortError
 from ikservo.hardware import open_port
-from ikservo.hardware.line.port_lock import lock_of
+from ikservo.hardware.transport import acquire_lock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 
@@ -125,11 +125,11 @@ def test_the_end_of_a_child_leaves_its_parents_lock_in_force(pty_name):
     with open_port(pty_name, 1_000_000) as port:
         in_fork(port.close)
         with pytest.raises(PortError, match="in use by"):
-            lock_of(pty_name)
+            acquire_lock(pty_name)
 
 
 def test_a_child_that_closes_the_owners_listener_leaves_the_parent_listening(short_folder):
-    listener = listen(str(short_folder / "device"), lambda _: {})
+    listener = serve(str(short_folder / "device"), lambda _: {})
     place = listener._door.place
     assert in_fork(listener.close) == "None"
     assert place.exists()

@@ -8,7 +8,7 @@ import pytest
 
 from ikservo.errors import RegisterAccessError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec, torque_off
-from ikservo.registers import MX28, STS3215, XL430W250, Family, Role
+from ikservo.registers import MX28, STS3215, XL430W250, Family, RegisterName
 
 from .desk import bus_with, simulated_servos, spoil
 
@@ -39,7 +39,7 @@ class TestBulk:
     def test_protocol_2_is_asked_once(self, written):
         bus = bus_with({1: X, 2: X})
         sent = written(bus)
-        readings = bus.bulk_read(APART, raw=True).complete()
+        readings = bus.bulk_read(APART, raw=True).require_all()
         assert [packet[7] for packet in sent] == [0x92]
         servos = simulated_servos(bus)
         assert readings[1] == {XL430W250.present_temperature: servos[1].read("present_temperature")}
@@ -48,26 +48,26 @@ class TestBulk:
     def test_mx_servos_are_asked_once(self, written):
         bus = bus_with({1: "MX-28", 2: "MX-28"})
         sent = written(bus)
-        bus.bulk_read({1: [MX28.present_voltage], 2: [MX28.present_position]}).complete()
+        bus.bulk_read({1: [MX28.present_voltage], 2: [MX28.present_position]}).require_all()
         assert [packet[4] for packet in sent] == [0x92]
 
     def test_mx_servos_need_no_sync_read_to_be_asked_once(self, written):
         bus = bus_with({1: "MX-28", 2: "MX-28"})
         sent = written(bus)
-        bus.sync_read([1, 2], Role.PRESENT_POSITION).complete()
+        bus.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
         assert [packet[4] for packet in sent] == [0x92]
 
     def test_an_ax_among_them_is_asked_alone(self, written):
         bus = bus_with({1: "MX-28", 2: "AX-12A", 3: "MX-28"})
         sent = written(bus)
-        bus.sync_read([1, 2, 3], Role.PRESENT_POSITION).complete()
+        bus.sync_read([1, 2, 3], RegisterName.PRESENT_POSITION).require_all()
         assert [packet[4] for packet in sent] == [0x92, 0x02]
 
     def test_feetech_is_asked_once_for_each_kind_of_bytes(self, written):
         bus = bus_with({1: "STS3215", 2: "STS3215", 3: "STS3215"})
         sent = written(bus)
         at, heat = [STS3215.present_position], [STS3215.present_temperature]
-        bus.bulk_read({1: at, 2: heat, 3: at}).complete()
+        bus.bulk_read({1: at, 2: heat, 3: at}).require_all()
         assert [packet[4] for packet in sent] == [0x82, 0x82]
 
     def test_one_packet_tells_each_its_own(self, written):
@@ -82,7 +82,7 @@ class TestBulk:
     def test_neighbours_share_a_packet(self, written):
         bus = bus_with({1: X, 2: X})
         sent = written(bus)
-        row = {Role.PROFILE_VELOCITY: 100, Role.GOAL_POSITION: 2100}
+        row = {RegisterName.PROFILE_VELOCITY: 100, RegisterName.GOAL_POSITION: 2100}
         bus.bulk_write({1: row, 2: row}, raw=True)
         assert [packet[7] for packet in sent] == [0x83]
         bus.ping(1)
@@ -92,7 +92,10 @@ class TestBulk:
         bus = bus_with({1: X, 2: X})
         sent = written(bus)
         with pytest.raises(RegisterAccessError, match="joint_2"):
-            bus.bulk_write({1: {Role.GOAL_POSITION: 1}, 2: {Role.GOAL_POSITION: 1 << 30}}, raw=True)
+            bus.bulk_write(
+                {1: {RegisterName.GOAL_POSITION: 1}, 2: {RegisterName.GOAL_POSITION: 1 << 30}},
+                raw=True,
+            )
         assert sent == []
 
     def test_a_silent_one_is_an_error_beside_the_values(self):
@@ -111,18 +114,18 @@ class TestMixedFamilies:
         return bus_with(MIXED)
 
     def test_one_call_reads_them_all(self, bus):
-        ticks = bus.sync_read(MIXED, Role.PRESENT_POSITION, raw=True).complete()
+        ticks = bus.sync_read(MIXED, RegisterName.PRESENT_POSITION, raw=True).require_all()
         held = {i: s.read("present_position") for i, s in simulated_servos(bus).items()}
         assert ticks == held
 
     def test_one_call_tells_them_all(self, bus):
         goals = {i: s.read("present_position") + 5 for i, s in simulated_servos(bus).items()}
-        bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+        bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
         bus.ping(1)
         assert {i: s.read("goal_position") for i, s in simulated_servos(bus).items()} == goals
 
     def test_torque_goes_off_everywhere_though_two_are_silent(self, bus):
-        bus.sync_write(Role.TORQUE_ENABLE, dict.fromkeys(MIXED, 1), raw=True)
+        bus.sync_write(RegisterName.TORQUE_ENABLE, dict.fromkeys(MIXED, 1), raw=True)
         spoil(bus, ("lost", {"count": 0}), ("silent", {"id": 2}), ("silent", {"id": 5}))
         assert list(torque_off(bus, MIXED)) == [2, 5]
         assert {s.read("torque_enable") for s in simulated_servos(bus).values()} == {0}
@@ -138,11 +141,11 @@ class TestShadows:
         return bus
 
     def test_a_goal_for_the_leader_is_the_shadows_goal(self, bus):
-        bus.write(2, Role.GOAL_POSITION, 2100, raw=True)
+        bus.write(2, RegisterName.GOAL_POSITION, 2100, raw=True)
         assert {s.read("goal_position") for s in simulated_servos(bus).values()} == {2100}
 
     def test_only_the_leader_answers(self, bus):
-        readings = bus.sync_read([2, 3], Role.PRESENT_POSITION, raw=True).complete()
+        readings = bus.sync_read([2, 3], RegisterName.PRESENT_POSITION, raw=True).require_all()
         assert readings.keys() == {2, 3}
         assert bus.statistics[2].lost == bus.statistics[2].garbled == 0
 
@@ -153,8 +156,8 @@ def test_two_lines_are_read_by_two_threads_at_once():
 
     def talk(k):
         for _ in range(200):
-            readings = buses[k].sync_read([1, 2], Role.MODEL_NUMBER, raw=True)
-            found[k].append(tuple(readings.complete().values()))
+            readings = buses[k].sync_read([1, 2], RegisterName.MODEL_NUMBER, raw=True)
+            found[k].append(tuple(readings.require_all().values()))
 
     threads = [threading.Thread(target=talk, args=(k,)) for k in range(2)]
     for thread in threads:
@@ -171,7 +174,7 @@ def test_two_threads_on_one_line_take_turns():
 
     def talk(servo_id):
         for _ in range(200):
-            found[servo_id].add(bus.read(servo_id, Role.MODEL_NUMBER, raw=True))
+            found[servo_id].add(bus.read(servo_id, RegisterName.MODEL_NUMBER, raw=True))
 
     threads = [threading.Thread(target=talk, args=(i,)) for i in found]
     for thread in threads:
@@ -186,31 +189,31 @@ class TestRollCall:
 
     def test_everybody_of_protocol_2_answers(self):
         bus = bus_with(dict.fromkeys((1, 5, 9), X))
-        called = bus.roll_call(Family.DYNAMIXEL_2)
+        called = bus.broadcast_ping(Family.DYNAMIXEL_2)
         assert called.answers.keys() == {1, 5, 9}
         assert {answer.data[:2] for (answer,) in called.answers.values()} == {b"\x24\x04"}
 
     def test_everybody_of_feetech_answers(self):
         bus = bus_with(dict.fromkeys((1, 2, 6), "STS3215"))
-        assert bus.roll_call(Family.FEETECH_STS).answers.keys() == {1, 2, 6}
+        assert bus.broadcast_ping(Family.FEETECH_STS).answers.keys() == {1, 2, 6}
 
     def test_it_takes_a_fraction_of_the_sdks_window(self):
         bus = bus_with(dict.fromkeys(range(1, 7), X))
         started_s = bus.clock.now_s()
-        bus.roll_call(Family.DYNAMIXEL_2)
+        bus.broadcast_ping(Family.DYNAMIXEL_2)
         assert bus.clock.now_s() - started_s < 0.1  # the SDK's own: 0.8
 
     def test_it_finds_servos_that_nobody_knew_of(self):
         bus = bus_with({1: X, 200: X})
         known = ServoBus(bus.port, [ServoSpec(1, XL430W250)])
-        assert known.roll_call(Family.DYNAMIXEL_2, highest_id=252).answers.keys() == {1, 200}
+        assert known.broadcast_ping(Family.DYNAMIXEL_2, highest_id=252).answers.keys() == {1, 200}
 
     @pytest.mark.parametrize("model", [X, "STS3215"])
     def test_two_servos_on_one_id_give_themselves_away(self, model):
         transport_bus = bus_with({1: model})
         family = transport_bus.servos[1].table.family
         bus = crowded(model)
-        called = bus.roll_call(family)
+        called = bus.broadcast_ping(family)
         assert called.junk or len(called.answers.get(4, ())) > 1
 
 

@@ -11,15 +11,15 @@ import serial
 
 from ikservo.clock import RealClock
 from ikservo.errors import NoPortError, PortBusyError, PortError, PortLostError
-from ikservo.hardware import Port, open_port
-from ikservo.hardware.line import transport, why_closed
+from ikservo.hardware import Port, open_port, transport
+from ikservo.hardware import serial_ports as why_closed
 
 
 class TestOpening:
     """What a person reads when a port cannot be opened."""
 
     def test_a_missing_device_lists_the_ports_that_exist(self, monkeypatch):
-        monkeypatch.setattr(why_closed, "known_devices", lambda: ["/dev/ttyACM7"])
+        monkeypatch.setattr(why_closed, "list_devices", lambda: ["/dev/ttyACM7"])
         with pytest.raises(NoPortError, match=r"Ports found: /dev/ttyACM7\. .*port=\"sim\""):
             open_port("/dev/ttyNOTHERE", 1_000_000)
 
@@ -142,7 +142,7 @@ class TestTime:
         port = Port(line, "scripted", 57_600)
         line.expect("00 00 00 00 00 00 00 00 00 00")
         port.writePort(bytes(10))
-        needed_s = port.due_s(90, delays_s=0.003) - line.clock.now_s()
+        needed_s = port.expected_at_s(90, delays_s=0.003) - line.clock.now_s()
         assert needed_s == pytest.approx(100 * 10 / 57_600 + 0.003)
 
     def test_a_read_returns_as_soon_as_it_has_everything(self, port, line):
@@ -179,7 +179,7 @@ class TestTime:
         port.writePort(bytes(100))
         port.writePort(bytes(8))
         left_s = 108 * 10 / 57_600
-        assert port.due_s(0, 0.0) == pytest.approx(left_s)
+        assert port.expected_at_s(0, 0.0) == pytest.approx(left_s)
 
 
 class TestPatience:
@@ -187,39 +187,39 @@ class TestPatience:
 
     def test_it_is_long_before_anything_is_known(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
-            assert port.patience.allowance_s == 0.040
+            assert port.patience.timeout_s == 0.040
 
     def test_quick_answers_make_it_short(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
-                port.patience.learn(0.0001)
-            assert port.patience.allowance_s == 0.002
+                port.patience.on_reply(0.0001)
+            assert port.patience.timeout_s == 0.002
 
     def test_one_silent_servo_asked_twice_is_no_reason_to_wait_longer(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
-                port.patience.learn(0.0001)
+                port.patience.on_reply(0.0001)
             for _ in range(2):
-                port.patience.miss()
-            assert port.patience.allowance_s == 0.002
+                port.patience.on_timeout()
+            assert port.patience.timeout_s == 0.002
 
     def test_it_doubles_while_nobody_answers_at_all(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
-                port.patience.learn(0.0001)
+                port.patience.on_reply(0.0001)
             for _ in range(5):
-                port.patience.miss()
-            assert port.patience.allowance_s == 0.016
+                port.patience.on_timeout()
+            assert port.patience.timeout_s == 0.016
 
     def test_many_silent_at_once_are_waited_for_longer_at_once(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
-                port.patience.learn(0.0001)
-            port.patience.miss(many=True)
-            assert port.patience.allowance_s == 0.008
+                port.patience.on_reply(0.0001)
+            port.patience.on_timeout(many=True)
+            assert port.patience.timeout_s == 0.008
 
     def test_one_slow_answer_makes_it_long_again(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for overhead_s in [0.001] * 16 + [0.008]:
-                port.patience.learn(overhead_s)
-            assert port.patience.allowance_s == 0.012
+                port.patience.on_reply(overhead_s)
+            assert port.patience.timeout_s == 0.012

@@ -12,13 +12,13 @@ import pytest
 
 from ikservo.errors import PortBusyError
 from ikservo.hardware import open_port
-from ikservo.hardware.line.port_lock import lock_of
+from ikservo.hardware.transport import acquire_lock
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows opens a port only once")
 
 HOLD = """import sys
-from ikservo.hardware.line.port_lock import lock_of
-lock = lock_of(sys.argv[1])
+from ikservo.hardware.transport import acquire_lock
+lock = acquire_lock(sys.argv[1])
 print("held", flush=True)
 sys.stdin.read()
 """
@@ -65,7 +65,7 @@ def test_it_dies_with_its_process(pty_name, holder):
 
 def test_closing_the_port_gives_it_back(pty_name):
     open_port(pty_name, 1_000_000).close()
-    with lock_of(pty_name):
+    with acquire_lock(pty_name):
         pass
 
 
@@ -73,7 +73,7 @@ def test_a_port_that_cannot_be_opened_leaves_no_lock(tmp_path):
     missing = str(tmp_path / "ttyMISSING")
     with pytest.raises(OSError, match="Cannot open"):
         open_port(missing, 1_000_000)
-    with lock_of(missing):
+    with acquire_lock(missing):
         pass
 
 
@@ -100,7 +100,7 @@ def test_of_those_that_race_one_wins_and_once_it_is_killed_the_next_start_succee
         winners[0].send_signal(signal.SIGKILL)
         for racer in racers:
             racer.communicate("")
-        with lock_of(pty_name):
+        with acquire_lock(pty_name):
             pass
 
 
@@ -109,5 +109,5 @@ def test_a_lock_file_that_is_a_link_is_not_followed(pty_name, tmp_path):
     target.write_text("keep me")
     name = os.path.realpath(pty_name).replace("/", "-").strip("-")
     (tmp_path / f"ikservo-{name}.lock").symlink_to(target)
-    with lock_of(pty_name):
+    with acquire_lock(pty_name):
         assert target.read_text() == "keep me"

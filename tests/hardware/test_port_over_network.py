@@ -12,7 +12,7 @@ from serial import rfc2217
 
 from ikservo.errors import PortLostError
 from ikservo.hardware import ServoBus, ServoSpec, open_port
-from ikservo.registers import STS3215, Role
+from ikservo.registers import STS3215, RegisterName
 
 from .desk import line_with
 
@@ -104,9 +104,9 @@ def test_servos_answer(bus):
 
 
 def test_many_are_read_and_told(bus):
-    ticks = bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).complete()
-    bus.sync_write(Role.GOAL_POSITION, ticks, raw=True)
-    assert bus.sync_read([1, 2], Role.GOAL_POSITION, raw=True).complete() == ticks
+    ticks = bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).require_all()
+    bus.sync_write(RegisterName.GOAL_POSITION, ticks, raw=True)
+    assert bus.sync_read([1, 2], RegisterName.GOAL_POSITION, raw=True).require_all() == ticks
 
 
 def test_packets_are_sent_at_once(bus):
@@ -115,11 +115,11 @@ def test_packets_are_sent_at_once(bus):
 
 
 def test_sixty_cycles_of_reading_and_telling_take_less_than_two_seconds(bus):
-    goals = bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True).complete()
+    goals = bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).require_all()
     begin_s = time.monotonic()
     for _ in range(60):  # with Nagle's algorithm, ten a second
-        bus.sync_read([1, 2], Role.PRESENT_POSITION, raw=True)
-        bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+        bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
+        bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
     assert time.monotonic() - begin_s < 2.0
 
 
@@ -127,7 +127,7 @@ def test_a_server_that_goes_is_a_lost_port(bus, served):
     bus.ping(1)
     served[1].close()
     with pytest.raises(PortLostError, match="Lost connection"):
-        bus.read(1, Role.PRESENT_POSITION)
+        bus.read(1, RegisterName.PRESENT_POSITION)
 
 
 def test_a_baud_rate_reaches_the_other_end():

@@ -8,7 +8,7 @@ import pytest
 
 from ikservo.errors import PortError
 from ikservo.hardware import open_port
-from ikservo.hardware.finding.scanning import scan_rate
+from ikservo.hardware.scan import scan_rate
 from ikservo.registers import MODELS
 
 RATES = sorted({rate for table in MODELS.values() for rate in table.baud_rates.values()})

@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from ikservo.errors import BusError, ServoRefusedError, ServoSilentError
+from ikservo.errors import BusError, ServoRejectedError, ServoSilentError
+from ikservo.hardware import protocol1 as protocol_1
 from ikservo.hardware import torque_on, update_eeprom
-from ikservo.hardware.packets import protocol_1
-from ikservo.hardware.packets.protocol_2 import Answers
-from ikservo.hardware.packets.trust import Trust
-from ikservo.registers import STS3215, Alarm, Role
+from ikservo.hardware.pending import LineHealth
+from ikservo.hardware.protocol2 import Protocol2Codec
+from ikservo.registers import STS3215, Alarm, RegisterName
 
 from .desk import ECHO, PLAIN, bus_with, simulated_servos, spoil
 from .test_exchange_laws import packet_1, packet_2
@@ -24,8 +24,8 @@ six = pytest.mark.parametrize("models", SIX.values(), ids=SIX)
 
 def cycle(bus, goals):
     started_s = bus.clock.now_s()
-    bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
-    bus.sync_read(goals, Role.PRESENT_POSITION, raw=True)
+    bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
+    bus.sync_read(goals, RegisterName.PRESENT_POSITION, raw=True)
     return bus.clock.now_s() - started_s
 
 
@@ -33,8 +33,8 @@ def goals_of(bus):
     for servo in simulated_servos(bus).values():  # as `ikservo setup` leaves them
         name = "return_delay" if "return_delay" in servo.table.by_name else "return_delay_time"
         servo.write(name, 0)
-    bus.learn_return_delays()
-    return dict(bus.sync_read(bus.servos, Role.PRESENT_POSITION, raw=True).complete())
+    bus.load_return_delays()
+    return dict(bus.sync_read(bus.servos, RegisterName.PRESENT_POSITION, raw=True).require_all())
 
 
 # --- B1: a corrupted packet is never used as data ---
@@ -47,7 +47,11 @@ def goals_of(bus):
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, packets, capsys):
-    make, scan = (packet_1, protocol_1.scan) if protocol == 1 else (packet_2, Answers(-2000).scan)
+    make, scan = (
+        (packet_1, protocol_1.scan_packets)
+        if protocol == 1
+        else (packet_2, Protocol2Codec(-2000).scan)
+    )
     chance = random.Random(protocol)
     for _ in range(packets):
         data, bad = chance.randbytes(2), bytearray(make(chance.randrange(253), 0, b"\1\2"))
@@ -96,7 +100,7 @@ def test_it_is_missed_in_the_very_cycle_in_which_it_falls_silent(models):
     bus = bus_with(models)
     goals = goals_of(bus)
     spoil(bus, ("silent", {"id": 5}))
-    readings = bus.sync_read(goals, Role.PRESENT_POSITION)
+    readings = bus.sync_read(goals, RegisterName.PRESENT_POSITION)
     assert isinstance(readings.errors[5], ServoSilentError)
     assert "joint_5 (id 5)" in str(readings.errors[5])
 
@@ -109,7 +113,7 @@ def test_when_it_answers_again_it_is_back_within_a_quarter_of_a_second(models):
     end_s = bus.clock.now_s() + 0.4
     while bus.clock.now_s() < end_s:
         cycle(bus, goals)
-    assert bus.sync_read(goals, Role.PRESENT_POSITION).complete().keys() == goals.keys()
+    assert bus.sync_read(goals, RegisterName.PRESENT_POSITION).require_all().keys() == goals.keys()
 
 
 # --- B7: what servos complain about stands beside their values ---
@@ -121,8 +125,8 @@ def test_each_alarm_bit_is_seen_in_the_very_next_answer(model, bit):
     bus = bus_with({1: model, 2: model})
     spoil(bus, ("alarm", {"id": 1, "bits": 1 << bit}))
     bus.clock.sleep_until(bus.clock.now_s() + 0.01)
-    readings = bus.sync_read([1, 2], Role.PRESENT_POSITION)
-    assert readings.complete().keys() == {1, 2}
+    readings = bus.sync_read([1, 2], RegisterName.PRESENT_POSITION)
+    assert readings.require_all().keys() == {1, 2}
     assert readings.alarms == {1: {bus.servos[1].table.alarm_bits[bit]}}
 
 
@@ -130,7 +134,7 @@ def test_the_alert_of_protocol_2_is_seen_and_spelt_out_on_request():
     bus = bus_with({1: X, 2: X})
     spoil(bus, ("alarm", {"id": 2, "bits": 0b100000}))
     bus.clock.sleep_until(bus.clock.now_s() + 0.01)
-    assert bus.sync_read([1, 2], Role.PRESENT_POSITION).alarms == {2: {Alarm.UNKNOWN}}
+    assert bus.sync_read([1, 2], RegisterName.PRESENT_POSITION).alarms == {2: {Alarm.UNKNOWN}}
     assert bus.read_alarms(2) == {Alarm.OVERLOAD}
 
 
@@ -158,7 +162,7 @@ def test_torque_comes_on_without_a_twitch_wherever_the_joint_was_carried(model):
     bus = bus_with({1: model})
     servo, chance = simulated_servos(bus)[1], random.Random(1)
     for _ in range(25):
-        bus.write(1, Role.TORQUE_ENABLE, 0, raw=True)
+        bus.write(1, RegisterName.TORQUE_ENABLE, 0, raw=True)
         bus.port.transport.line.world.place("servo_1", chance.uniform(-1.0, 1.0))
         bus.clock.sleep_until(bus.clock.now_s() + 0.05)
         stood_tick = servo.read("present_position")
@@ -224,7 +228,7 @@ def bus_with_same_servos(bus):
 @pytest.mark.parametrize("model", ["STS3215", X])
 def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
     bus = bus_with({1: model})
-    bus.port.trust = Trust(doubts=0)  # before that, the write itself would be doubted
+    bus.port.trust = LineHealth(doubts=0)  # before that, the write itself would be doubted
     limit = bus.servos[1].table.max_temperature_limit
     servo = simulated_servos(bus)[1]
     put = servo.memory.write
@@ -234,7 +238,7 @@ def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
             put(address, data, **how)
 
     servo.memory.write = worn_out
-    with pytest.raises(ServoRefusedError, match=r"holds .* after 61 was written"):
+    with pytest.raises(ServoRejectedError, match=r"holds .* after 61 was written"):
         update_eeprom(bus, 1, {limit: 61})
     if model == "STS3215":
         assert servo.read("lock") == 1
@@ -249,7 +253,7 @@ def test_bytes_that_arrive_one_by_one_are_put_together(models, adapter, monkeypa
     bus = bus_with(models, adapter=adapter)
     read = bus.port.transport.read
     monkeypatch.setattr(bus.port.transport, "read", lambda size=1: read(min(size, 1)))
-    ticks = bus.sync_read(models, Role.PRESENT_POSITION, raw=True).complete()
+    ticks = bus.sync_read(models, RegisterName.PRESENT_POSITION, raw=True).require_all()
     held = {i: servo.read("present_position") for i, servo in simulated_servos(bus).items()}
     assert ticks == held
 
@@ -281,5 +285,5 @@ def test_on_a_dead_line_everything_fails_by_name_and_nothing_hangs():
     spoil(bus, ("silent", {}))
     started_s = bus.clock.now_s()
     with pytest.raises(BusError, match=r"No servo answers\. Check the power supply"):
-        bus.sync_read(bus.servos, Role.PRESENT_POSITION).complete()
+        bus.sync_read(bus.servos, RegisterName.PRESENT_POSITION).require_all()
     assert bus.clock.now_s() - started_s < 0.05

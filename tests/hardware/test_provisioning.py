@@ -6,9 +6,9 @@ import pytest
 
 from ikservo.errors import BadValueError, BusError, CalibrationError
 from ikservo.hardware import ServoSpec, open_port
-from ikservo.hardware.finding.identify import Found
-from ikservo.hardware.keeping.provisioning import Wish, provision
-from ikservo.registers import STS3215, XL330M288, table_for
+from ikservo.hardware.provisioning import ServoSettings, provision
+from ikservo.hardware.scan import FoundServo
+from ikservo.registers import STS3215, XL330M288, control_table
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TABLES = {"so101": STS3215, "koch": XL330M288}
@@ -26,11 +26,11 @@ def alone(request):
 
 
 def found(table, servo_id=3, rate=1_000_000):
-    return Found(servo_id, rate, "", table, table.number)
+    return FoundServo(servo_id, rate, "", table, table.number)
 
 
 def wish(table, servo_id=7, rate=57_600, **eeprom):
-    return Wish(ServoSpec(servo_id, table, "wrist"), rate, eeprom)
+    return ServoSettings(ServoSpec(servo_id, table, "wrist"), rate, eeprom)
 
 
 def test_id_rate_and_delay_are_set_for_good(alone):
@@ -68,7 +68,7 @@ def test_another_model_is_left_alone(alone):
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(CalibrationError, match="must be a XM540-W270, but a"):
-        provision(port, found(table), wish(table_for("XM540-W270")))
+        provision(port, found(table), wish(control_table("XM540-W270")))
     assert servo.memory.eeprom_writes == writes
 
 

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from ikservo.hardware.line.pseudo_terminal import is_pseudo_terminal
+from ikservo.hardware.serial_ports import is_pseudo_terminal
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="device numbers are Linux's")
 

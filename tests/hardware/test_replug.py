@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pytest
 
 from ikservo.errors import PortLostError
-from ikservo.hardware import Port, ServoBus, ServoSpec, open_port, reopen, serial_number_of
+from ikservo.hardware import Port, ServoBus, ServoSpec, open_port, reconnect, serial_number_of
 from ikservo.registers import STS3215
 
 from .conftest import StillClock
@@ -72,7 +72,7 @@ def test_it_is_opened_again_under_its_new_name(desk, new_pty):
     for end in ends:
         os.close(end)
     desk(Comport("/dev/ttyUSB7", "another"), Comport(new))
-    reopen(port, "58FA083", within_s=1.0, clock=StillClock())
+    reconnect(port, "58FA083", within_s=1.0, clock=StillClock())
     assert (port.name, port.is_open) == (new, True)
     port.close()
 
@@ -82,7 +82,7 @@ def test_what_was_learned_of_the_old_line_is_forgotten(desk, new_pty):
     port = open_port(old, 1_000_000)
     port.echoes, doubts = True, port.trust
     desk(Comport(new))
-    reopen(port, "58FA083", within_s=1.0, clock=StillClock())
+    reconnect(port, "58FA083", within_s=1.0, clock=StillClock())
     assert port.echoes is None
     assert port.trust is not doubts
     port.close()
@@ -92,7 +92,7 @@ def test_a_bus_goes_on_with_the_servos_behind_the_adapter_that_came_back(desk, n
     (old, _), (new, _) = new_pty(), new_pty()
     with ServoBus(open_port(old, 1_000_000), [ServoSpec(1, STS3215)]) as bus:
         desk(Comport(new))
-        bus.reopen("58FA083", within_s=1.0)
+        bus.reconnect("58FA083", within_s=1.0)
         assert (bus.port.name, bus.port.is_open) == (new, True)
 
 
@@ -101,7 +101,7 @@ def test_another_adapter_is_not_taken_for_it(desk, new_pty):
     port = open_port(old, 1_000_000)
     desk(Comport(other, "another"))
     with pytest.raises(PortLostError, match="not reconnected within 3 s"):
-        reopen(port, "58FA083", within_s=3.0, clock=StillClock())
+        reconnect(port, "58FA083", within_s=3.0, clock=StillClock())
     assert not port.is_open
 
 
@@ -109,7 +109,7 @@ def test_an_adapter_without_a_number_comes_back_under_its_old_name(desk, new_pty
     old, _ = new_pty()
     port = open_port(old, 1_000_000)
     desk(Comport(old, serial_number=None))
-    reopen(port, "", within_s=1.0, clock=StillClock())
+    reconnect(port, "", within_s=1.0, clock=StillClock())
     assert port.is_open
     port.close()
 

@@ -7,11 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.errors import BadReplyError, BusError, ServoSilentError
-from ikservo.hardware.line.patience import Patience
-from ikservo.hardware.packets.ghosts import LATEST_S, Ghosts
-from ikservo.hardware.packets.span import Span
-from ikservo.hardware.packets.trust import Pace, Trust
-from ikservo.registers import STS3215, XL430W250, Role
+from ikservo.hardware.packets import MemoryRange
+from ikservo.hardware.pending import (
+    MAX_REPLY_DELAY_S,
+    AdaptiveTimeout,
+    ByteRateCheck,
+    LineHealth,
+    PendingReplies,
+)
+from ikservo.registers import STS3215, XL430W250, RegisterName
 
 from .desk import bus_with, simulated_servos, spoil
 from .packets import asks, asks_all, says
@@ -26,7 +30,7 @@ both = pytest.mark.parametrize("model", LIMITS)
 def bus(model):
     """Give a bus that never repeats, whose line it has come to believe and to know as quick."""
     bus = bus_with({1: model}, retries=0)
-    bus.port.trust, bus.port.patience = Trust(doubts=0), Patience(0.001, 0.001)
+    bus.port.trust, bus.port.patience = LineHealth(doubts=0), AdaptiveTimeout(0.001, 0.001)
     return bus
 
 
@@ -63,9 +67,9 @@ def test_a_second_copy_is_never_taken_for_the_answer_to_another_question(bus, mo
 def test_a_late_yes_to_one_write_is_not_taken_for_the_yes_to_the_next(bus, model):
     spoil(bus, ("late", {"delay_s": 0.003, "count": 1}), ("lost", {"at_s": 0.0016, "count": 1}))
     with pytest.raises(ServoSilentError):
-        bus.write(1, Role.GOAL_POSITION, 2000, raw=True)
+        bus.write(1, RegisterName.GOAL_POSITION, 2000, raw=True)
     with pytest.raises((ServoSilentError, BadReplyError)):
-        bus.write(1, Role.GOAL_POSITION, 2100, raw=True)
+        bus.write(1, RegisterName.GOAL_POSITION, 2100, raw=True)
     assert simulated_servos(bus)[1].read("goal_position") == 2000
 
 
@@ -75,7 +79,7 @@ def test_what_must_not_be_repeated_waits_until_nothing_is_owed(feetech, line):
     with pytest.raises(ServoSilentError):
         feetech.write(1, STS3215.torque_enable, 1)
     feetech.write(1, STS3215.torque_enable, 128, raw=True)
-    assert line.clock.s > LATEST_S
+    assert line.clock.s > MAX_REPLY_DELAY_S
 
 
 class TestHealthyLine:
@@ -84,7 +88,7 @@ class TestHealthyLine:
     def test_the_same_question_is_put_in_the_same_shape(self, feetech, line):
         for _ in range(20):
             line.expect(asks_all([1, 2], 56, 2), says(1, 0, 8), says(2, 0, 8))
-            feetech.sync_read([1, 2], Role.PRESENT_POSITION)
+            feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION)
 
     def test_another_question_within_20_ms_gets_a_window_one_byte_wider(self, feetech, line):
         line.expect(asks(1, 9, 2), says(1, 0, 0)).expect(asks(1, 10, 3), says(1, 0, 255, 15))
@@ -108,7 +112,7 @@ class TestNewOrOddLine:
 
     @pytest.fixture
     def wary(self, feetech, port):
-        port.trust = Trust(doubts=5)
+        port.trust = LineHealth(doubts=5)
         return feetech
 
     def test_two_readings_that_agree_are_believed(self, wary, line):
@@ -125,62 +129,62 @@ class TestNewOrOddLine:
         assert wary.read(1, STS3215.present_position, raw=True) == 2048
 
     def test_something_odd_makes_every_question_different_from_the_last(self, feetech, port, line):
-        port.trust.note(odd=True)
+        port.trust.record(odd=True)
         line.expect(asks(1, 56, 2), says(1, 0, 8)).expect(asks(1, 55, 3), says(1, 0, 0, 8))
         for _ in range(2):
             assert feetech.read(1, STS3215.present_position, raw=True) == 2048
 
     def test_it_is_believed_after_so_many_clean_questions(self):
-        trust = Trust(doubts=0)
-        trust.note(odd=True)
+        trust = LineHealth(doubts=0)
+        trust.record(odd=True)
         for _ in range(300):
-            assert trust.sick
-            trust.note(odd=False)
-        assert not trust.wary
+            assert trust.degraded
+            trust.record(odd=False)
+        assert not trust.suspect
 
 
 class TestPace:
     """More bytes than the wire can have carried are older than the question."""
 
     def test_until_answers_have_kept_to_it_nothing_is_called_stale(self):
-        assert Pace().stale(8, 0.0, 1e-5) == 0
+        assert ByteRateCheck().excess_bytes(8, 0.0, 1e-5) == 0
 
     def test_then_what_comes_too_soon_is(self):
-        assert self.known().stale(8, 0.0, 1e-5) == 7
-        assert self.known().stale(8, 8e-5, 1e-5) == 0
+        assert self.known().excess_bytes(8, 0.0, 1e-5) == 7
+        assert self.known().excess_bytes(8, 8e-5, 1e-5) == 0
 
     def test_one_answer_that_came_sooner_ends_it(self):
         pace = self.known()
-        pace.learn(8, 0.0, 1e-5)
-        assert pace.stale(8, 0.0, 1e-5) == 0
+        pace.on_reply(8, 0.0, 1e-5)
+        assert pace.excess_bytes(8, 0.0, 1e-5) == 0
 
     @staticmethod
     def known():
-        pace = Pace()
+        pace = ByteRateCheck()
         for _ in range(16):
-            pace.learn(8, 1e-4, 1e-5)
+            pace.on_reply(8, 1e-4, 1e-5)
         return pace
 
 
-spans = st.builds(Span, st.integers(0, 200), st.integers(1, 4))
+spans = st.builds(MemoryRange, st.integers(0, 200), st.integers(1, 4))
 histories = st.lists(st.tuples(spans, st.booleans(), st.floats(0.0, 0.05)), max_size=20)
 
 
 @given(history=histories, wanted=spans, sick=st.booleans())
 def test_no_window_is_ever_as_long_as_an_answer_that_is_owed(history, wanted, sick):
-    ghosts, trust, now_s = Ghosts(), Trust(doubts=0), 0.0
+    ghosts, trust, now_s = PendingReplies(), LineHealth(doubts=0), 0.0
     if sick:
-        trust.note(odd=True)
+        trust.record(odd=True)
     owed = []
     for span, answered, pause_s in history:
-        window = ghosts.window((1,), span, now_s, trust)
+        window = ghosts.distinct_window((1,), span, now_s, trust)
         if answered:
-            ghosts.answered((1,), window.size, window, now_s)
+            ghosts.record_received((1,), window.size, window, now_s)
         else:
-            ghosts.owes(1, window.size, now_s)
-            owed.append((window.size, now_s + LATEST_S))
+            ghosts.add_pending(1, window.size, now_s)
+            owed.append((window.size, now_s + MAX_REPLY_DELAY_S))
         now_s += pause_s
-    window = ghosts.window((1,), wanted, now_s, trust)
+    window = ghosts.distinct_window((1,), wanted, now_s, trust)
     assert window.size not in {size for size, until_s in owed if until_s > now_s}
     assert window.address <= wanted.address
     assert wanted.end <= window.end or window.address == 0
@@ -188,7 +192,7 @@ def test_no_window_is_ever_as_long_as_an_answer_that_is_owed(history, wanted, si
 
 @given(span=spans, by=st.integers(0, 24), data=st.binary(min_size=300, max_size=300))
 def test_a_wider_window_holds_the_span_and_begins_no_lower_than_the_table(span, by, data):
-    window = span.widened(by)
+    window = span.grown(by)
     assert window.size == span.size + by
     assert 0 <= window.address <= span.address
     assert span.end <= window.end
@@ -197,5 +201,5 @@ def test_a_wider_window_holds_the_span_and_begins_no_lower_than_the_table(span, 
 def test_a_window_is_cut_to_what_was_wanted(feetech, line):
     line.expect("FF FF 01 04 02 38 02 BE").expect(asks(1, 55, 3), says(1, 99, 0, 8))
     with pytest.raises(ServoSilentError):
-        feetech.read(1, Role.PRESENT_POSITION)
-    assert feetech.read(1, Role.PRESENT_POSITION, raw=True) == 2048
+        feetech.read(1, RegisterName.PRESENT_POSITION)
+    assert feetech.read(1, RegisterName.PRESENT_POSITION, raw=True) == 2048

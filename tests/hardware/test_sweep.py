@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from ikservo.hardware import open_port
-from ikservo.hardware.finding.sweep import sweep
-from ikservo.hardware.packets.framing import FRAMINGS
+from ikservo.hardware.ping_sweep import FRAMINGS, ping_ids
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ONE, TWO = FRAMINGS
@@ -31,7 +30,7 @@ def on_line():
     [(ONE, 1, "ff ff 01 02 01 fb"), (TWO, 1, "ff ff fd 00 01 03 00 01 19 4e")],
 )
 def test_a_ping_is_written_as_the_manuals_say(framing, servo_id, ping):
-    assert framing.dialect().ping(servo_id).hex(" ") == ping
+    assert framing.make_scanner().ping(servo_id).hex(" ") == ping
     assert framing.ping_bytes == len(bytes.fromhex(ping))
 
 
@@ -41,17 +40,17 @@ def test_an_answer_that_an_adapter_holds_back_is_heard_all_the_same(
     on_line, arm, framing, latency_ms
 ):
     port = on_line(arm, f"?latency_ms={latency_ms}&usb_frame_ms=1")
-    heard = sweep(port, framing, framing.ids)
+    heard = ping_ids(port, framing, framing.ids)
     assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
     assert heard.junk == 0
 
 
 def test_ids_of_the_other_framing_stay_silent(on_line):
-    assert sweep(on_line("so101"), TWO, TWO.ids).frames == {}
+    assert ping_ids(on_line("so101"), TWO, TWO.ids).frames == {}
 
 
 def test_an_echo_is_recognised_and_not_counted(on_line):
-    heard = sweep(on_line("so101", "?echo=1"), ONE, ONE.ids)
+    heard = ping_ids(on_line("so101", "?echo=1"), ONE, ONE.ids)
     assert heard.echoes
     assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
 
@@ -59,7 +58,7 @@ def test_an_echo_is_recognised_and_not_counted(on_line):
 def test_an_alarm_that_reads_like_an_echo_is_an_answer(on_line):
     port = on_line("so101")
     port.transport.line.servos[4].inject_alarm(0x01)
-    heard = sweep(port, ONE, ONE.ids)
+    heard = ping_ids(port, ONE, ONE.ids)
     assert not heard.echoes
     assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
 
@@ -67,18 +66,18 @@ def test_an_alarm_that_reads_like_an_echo_is_an_answer(on_line):
 def test_two_at_once_make_their_neighbours_suspect(on_line):
     port = on_line("so101")
     port.transport.line.servos[3].memory.put("id", 2)
-    heard = sweep(port, ONE, ONE.ids)
+    heard = ping_ids(port, ONE, ONE.ids)
     assert 2 in heard.suspects
     assert heard.junk
 
 
 def test_progress_is_told_for_each_ping(on_line):
     counts = []
-    sweep(on_line("so101"), ONE, range(10), counts.append)
+    ping_ids(on_line("so101"), ONE, range(10), counts.append)
     assert counts == list(range(1, 11))
 
 
 def test_calmly_a_silent_id_is_given_up_soon(on_line):
     counts = []
-    sweep(on_line("so101"), ONE, [99] * 8, counts.append, echoes=False, calm=True)
+    ping_ids(on_line("so101"), ONE, [99] * 8, counts.append, echoes=False, calm=True)
     assert counts == [1, 2, 3]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ikservo.errors import ServoAlarmError, ServoRefusedError, ServoSilentError
-from ikservo.hardware import check_supply, torque_off, torque_on
+from ikservo.errors import ServoAlarmError, ServoRejectedError, ServoSilentError
+from ikservo.hardware import check_supply_voltage, torque_off, torque_on
 
 from .packets import asks, says
 
@@ -34,7 +34,7 @@ def test_the_goal_becomes_the_present_position_before_torque_comes_on(feetech, f
 
 def test_torque_stays_off_where_the_goal_was_not_taken(feetech, fed):
     fed.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_5)
-    with pytest.raises(ServoRefusedError, match="keeps goal 5 instead of 2048"):
+    with pytest.raises(ServoRejectedError, match="keeps goal 5 instead of 2048"):
         torque_on(feetech, 1)
 
 
@@ -54,7 +54,7 @@ def test_torque_stays_off_at_a_wrong_voltage(feetech, line):
 
 
 def test_a_right_voltage_is_returned(feetech, fed):
-    assert check_supply(feetech, 1) == pytest.approx(12.0)
+    assert check_supply_voltage(feetech, 1) == pytest.approx(12.0)
 
 
 def test_torque_goes_off_at_the_second_servo_though_the_first_is_silent(feetech, line):

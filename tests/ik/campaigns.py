@@ -42,7 +42,7 @@ def out_of_reach(name, random, *, narrow):
     chain = load_model(name).chain
     if narrow:
         chain = narrowed(chain, random)
-    reach_m = np.abs(chain.forward(chain.middle())[:3, 3]).max() + 0.3
+    reach_m = np.abs(chain.forward(chain.mid_range())[:3, 3]).max() + 0.3
     while True:
         target_m = random.uniform(-reach_m, reach_m, 3)
         if not solve(chain, Target(target_m), method="bounded").reached:

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ikservo.ik import METHODS, Options, Target
-from ikservo.ik.task import Task
-from ikservo.kinematics import Chain, JointKind, Mimic
+from ikservo.ik.jacobian_methods import ResidualFunction
+from ikservo.kinematics import Chain, JointType, Mimic
 from ikservo.model import load_model
 from tests.kinematics.chains import crane, joint, planar
 
@@ -33,13 +33,13 @@ def pantograph():
     """Return an arm whose second joint turns back what the first turns: the tip makes no circle."""
     return Chain.from_joints(
         [
-            joint("lift", JointKind.REVOLUTE, "base", "a", (0, 0, 0), (0, 0, 1),
+            joint("lift", JointType.REVOLUTE, "base", "a", (0, 0, 0), (0, 0, 1),
                   lower=-1.5, upper=1.5),
-            joint("back", JointKind.REVOLUTE, "a", "b", (0.3, 0, 0), (0, 0, 1),
+            joint("back", JointType.REVOLUTE, "a", "b", (0.3, 0, 0), (0, 0, 1),
                   mimic=Mimic("lift", -2.0, 0.3)),
-            joint("wrist", JointKind.REVOLUTE, "b", "c", (0.2, 0, 0), (0, 0, 1),
+            joint("wrist", JointType.REVOLUTE, "b", "c", (0.2, 0, 0), (0, 0, 1),
                   lower=-2.0, upper=2.0),
-            joint("end", JointKind.FIXED, "c", "tip", (0.1, 0, 0)),
+            joint("end", JointType.FIXED, "c", "tip", (0.1, 0, 0)),
         ],
         "base",
         "tip",
@@ -77,8 +77,8 @@ def walk(method, chain, target, q0, **options):
 
 def costs(chain, target, trace):
     """Return |E|² [m²] at every iterate."""
-    task = Task(chain, target)
-    return np.array([task.at(q).cost for q in trace])
+    task = ResidualFunction(chain, target)
+    return np.array([task.linearise(q).cost for q in trace])
 
 
 def near(chain, q, by):

@@ -10,7 +10,7 @@ import pytest
 
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik import Options, Solver, Target, solve, solve_batch
-from ikservo.kinematics import Chain, JointKind
+from ikservo.kinematics import Chain, JointType
 from ikservo.model import load_model
 from tests.ik.campaigns import (
     closest_of_many,
@@ -186,16 +186,16 @@ def test_solving_goes_through_a_full_turn_and_ends_inside_the_limits():
 
 def test_the_trace_begins_at_the_start_and_ends_at_the_answer():
     chain = load_model("so101").chain
-    result = solve(chain, Target((0.25, 0.05, 0.15)), chain.middle(), "bounded", trace=True)
-    np.testing.assert_array_equal(result.trace[0], chain.middle())
+    result = solve(chain, Target((0.25, 0.05, 0.15)), chain.mid_range(), "bounded", trace=True)
+    np.testing.assert_array_equal(result.trace[0], chain.mid_range())
     np.testing.assert_allclose(result.trace[-1], result.q, atol=1e-12)
 
 
 def test_a_prepared_solver_answers_as_solve_does():
     chain = load_model("so101").chain
     T = chain.forward([0.3, -0.5, 0.7, 0.2, 1.0])
-    expected = solve(chain, Target(T[:3, 3], orientation=T[:3, :3]), chain.middle(), "bounded")
-    q, reached = Solver(chain, "pose")(T, chain.middle())
+    expected = solve(chain, Target(T[:3, 3], orientation=T[:3, :3]), chain.mid_range(), "bounded")
+    q, reached = Solver(chain, "pose")(T, chain.mid_range())
     assert reached
     np.testing.assert_array_equal(q, expected.q)
 
@@ -285,7 +285,7 @@ def test_without_the_compiler_the_same_code_gives_the_same_answer():
 @pytest.mark.timeout(600)
 def test_the_first_compilation_announces_itself_and_the_second_process_is_silent(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    code = "import ikservo.ik.preparing as p, ikservo; m = ikservo.load_model('so101');" \
+    code = "import ikservo.ik.prepare as p, ikservo; m = ikservo.load_model('so101');" \
         "ikservo.Solver(m.chain)(m.chain.forward(m.chain.middle()), m.chain.middle())"  # fmt: skip
     said = [
         subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True,
@@ -327,10 +327,10 @@ def test_ranges_beyond_half_a_turn_are_searched_to_their_ends(low, high):
 
 def test_a_long_slide_is_searched_to_its_ends():
     rail = joint(
-        "rail", JointKind.PRISMATIC, "base", "cart", axis=(1, 0, 0), lower=0.0, upper=200.0
+        "rail", JointType.PRISMATIC, "base", "cart", axis=(1, 0, 0), lower=0.0, upper=200.0
     )
-    arm = joint("arm", JointKind.REVOLUTE, "cart", "hand", lower=-2.0, upper=2.0)
-    tip = joint("tip", JointKind.FIXED, "hand", "tip", xyz=(0.3, 0, 0))
+    arm = joint("arm", JointType.REVOLUTE, "cart", "hand", lower=-2.0, upper=2.0)
+    tip = joint("tip", JointType.FIXED, "hand", "tip", xyz=(0.3, 0, 0))
     chain = Chain.from_joints([rail, arm, tip], "base", "tip")
     points_m = chain.forward(np.random.default_rng(3).uniform([0, -2], [200, 2], (200, 2)))[
         :, :3, 3

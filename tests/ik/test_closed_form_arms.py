@@ -9,8 +9,9 @@ import pytest
 from ikservo import arm_names, load_model
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik import METHODS, Options, Target, solve
-from ikservo.ik.closed_form import closed_form_seeds, intervals, solutions, structure
-from ikservo.kinematics import Chain, JointKind
+from ikservo.ik.closed_form import analytic_seeds, direction_intervals, solutions
+from ikservo.ik.closed_form_structure import recognise_structure
+from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.se3 import exp_so3
 from tests.kinematics.chains import crane, joint
 
@@ -53,7 +54,7 @@ def errors(arm, target, q):
     T = arm.forward(q, target.frame, target.offset_m)
     return (
         float(np.linalg.norm(T[:3, 3] - target.position)),
-        float(np.linalg.norm(target.turn_left(T[:3, :3]))),
+        float(np.linalg.norm(target.orientation_error(T[:3, :3]))),
     )
 
 
@@ -72,28 +73,30 @@ def six_joints_with_three_parallel():
         ((0, 0, 0), (0, 1, 0)),
     ]
     joints = [
-        joint(f"j{i}", JointKind.REVOLUTE, f"l{i}", f"l{i + 1}", xyz, axis, lower=-3.1, upper=3.1)
+        joint(f"j{i}", JointType.REVOLUTE, f"l{i}", f"l{i + 1}", xyz, axis, lower=-3.1, upper=3.1)
         for i, (xyz, axis) in enumerate(places)
     ]
-    joints.append(joint("end", JointKind.FIXED, "l6", "tip", (0.02, 0.08, -0.1)))
+    joints.append(joint("end", JointType.FIXED, "l6", "tip", (0.02, 0.08, -0.1)))
     return Chain.from_joints(joints, "l0", "tip")
 
 
 def test_every_shipped_arm_is_recognised_from_its_axes():
-    assert {name: str(structure(chain(name))) for name in arm_names()} == STRUCTURES
+    assert {name: str(recognise_structure(chain(name))) for name in arm_names()} == STRUCTURES
 
 
 def test_only_rounded_axes_keep_an_arm_from_being_exact():
-    assert {name for name in arm_names() if not structure(chain(name)).exact} == set(NEARLY)
-    assert structure(chain("koch")).deviation == pytest.approx(2.65e-6, rel=0.01)
+    assert {name for name in arm_names() if not recognise_structure(chain(name)).is_exact} == set(
+        NEARLY
+    )
+    assert recognise_structure(chain("koch")).deviation == pytest.approx(2.65e-6, rel=0.01)
 
 
 def test_the_structure_of_a_chain_is_found_once():
-    assert structure(chain("so101")) is structure(chain("so101"))
+    assert recognise_structure(chain("so101")) is recognise_structure(chain("so101"))
 
 
 def test_an_arm_with_a_slide_has_no_structure():
-    assert structure(crane()) is None
+    assert recognise_structure(crane()) is None
     assert solutions(crane(), Target((0.2, 0.1, 0.3))) == ()
 
 
@@ -195,7 +198,7 @@ def test_a_direction_out_of_the_arms_plane_costs_no_position_and_is_met_as_nearl
 def test_the_intervals_of_a_real_arm_are_the_pitches_with_which_its_tool_gets_there():
     arm = chain("px100")
     target = Target((0.18, 0.05, 0.12))
-    for found in intervals(arm, target):
+    for found in direction_intervals(arm, target):
         for pitch in np.linspace(found.lower_rad + 1e-6, found.upper_rad - 1e-6, 7):
             direction = exp_so3((0, 0, found.yaw_rad)) @ exp_so3((0, pitch, 0)) @ (1, 0, 0)
             there = Target(target.position, direction=direction, tool_axis=(1, 0, 0))
@@ -229,7 +232,7 @@ def test_a_wrist_that_must_leave_its_start_stays_inside_its_limits_to_the_last_b
 
 def test_three_parallel_joints_and_a_wrist_of_two_have_all_their_poses():
     arm, rng = six_joints_with_three_parallel(), np.random.default_rng(14)
-    assert structure(arm).exact
+    assert recognise_structure(arm).is_exact
     for _ in range(25):
         q = sampled(arm, rng)
         target = target_of(arm, q, "pose")
@@ -254,7 +257,7 @@ def test_with_the_wrist_stretched_its_two_rolls_share_their_sum_and_the_first_st
 
 def test_seeds_of_a_point_out_of_reach_stretch_the_arm_towards_it():
     arm, target = chain("so101"), np.array([0.9, 0.2, 0.3])
-    for seed in closed_form_seeds(arm, Target(target)):
+    for seed in analytic_seeds(arm, Target(target)):
         tip = arm.forward(seed)[:3, 3]
         assert np.linalg.norm(target - tip) < np.linalg.norm(target) - 0.4
         assert (arm.lower_rad <= seed).all()
@@ -263,7 +266,7 @@ def test_seeds_of_a_point_out_of_reach_stretch_the_arm_towards_it():
 
 def test_seeds_of_a_direction_out_of_reach_meet_the_point():
     target = Target((0.25, 0.05, 0.1), direction=(0.1, -0.9, 0.4))
-    seeds = closed_form_seeds(chain("so101"), target)
+    seeds = analytic_seeds(chain("so101"), target)
     assert seeds
     assert all(errors(chain("so101"), target, seed)[0] < 1e-9 for seed in seeds)
 
@@ -277,7 +280,7 @@ def test_where_there_is_no_closed_form_bounded_answers_and_says_so():
 def test_the_trace_of_a_closed_form_is_its_start_and_its_answer():
     arm = chain("px100")
     result = solve(arm, Target((0.18, 0.05, 0.12)), method="closed_form", trace=True)
-    np.testing.assert_array_equal(result.trace[0], arm.middle())
+    np.testing.assert_array_equal(result.trace[0], arm.mid_range())
     np.testing.assert_array_equal(result.trace[1], result.q)
 
 

@@ -9,10 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.ik import Target, solve
-from ikservo.ik.closed_form import closest, intervals, solutions
-from ikservo.ik.closed_form.angles import turn_inside, where
-from ikservo.ik.closed_form.links import inside, three_links, tip_of, two_links
-from ikservo.ik.closed_form.nearest import nearest_angles
+from ikservo.ik.closed_form import closest_solution, direction_intervals, solutions
+from ikservo.ik.planar import (
+    nearest_planar_angles,
+    planar_tip,
+    solve_planar_2r,
+    solve_planar_3r,
+    within_limits,
+)
+from ikservo.ik.subproblems import nearest_equivalent_angle, solve_acos_bsin
 from tests.kinematics.chains import planar
 
 TWO, THREE = planar(0.3, 0.2), planar(0.3, 0.2, 0.1)
@@ -32,22 +37,22 @@ def narrowed(chain, rng):
 @given(length, angle, length, angle, angle, angle)
 def test_both_elbows_of_two_bent_links_reach_every_point_that_some_angles_reach(a, b, c, d, e, f):
     l1, l2 = link(a, b), link(c, d)
-    m = tip_of((l1, l2), (e, f))
-    for angles in two_links(l1, l2, m):
-        assert abs(tip_of((l1, l2), angles) - m) < 1e-9
+    m = planar_tip((l1, l2), (e, f))
+    for angles in solve_planar_2r(l1, l2, m):
+        assert abs(planar_tip((l1, l2), angles) - m) < 1e-9
 
 
 @given(length, length, st.floats(0.1, 3.0), angle)
 def test_the_two_elbows_bend_to_opposite_sides(L1, L2, bend, turn):
-    m = tip_of((L1 + 0j, L2 + 0j), (turn, bend))
-    (_, left), (_, right) = two_links(L1 + 0j, L2 + 0j, m)
+    m = planar_tip((L1 + 0j, L2 + 0j), (turn, bend))
+    (_, left), (_, right) = solve_planar_2r(L1 + 0j, L2 + 0j, m)
     assert left == pytest.approx(bend, abs=1e-6)
     assert right == pytest.approx(-left, abs=1e-12)
 
 
 @pytest.mark.parametrize("d", [0.5000001, 0.0999999])
 def test_no_elbow_reaches_outside_the_annulus(d):
-    assert two_links(0.3 + 0j, 0.2 + 0j, d + 0j) == ()
+    assert solve_planar_2r(0.3 + 0j, 0.2 + 0j, d + 0j) == ()
 
 
 @pytest.mark.parametrize(("d", "bend"), [(0.5, 0.0), (0.1, math.pi)])
@@ -113,21 +118,23 @@ def test_the_nearest_point_of_a_planar_arm_to_a_point_above_it_is_below_that_poi
 
 def test_links_held_at_limits_move_as_one():
     limits = ((-1.0, 1.0), (0.3, 0.4), (-0.2, 0.2))
-    best = nearest_angles((0.3 + 0j, 0.2 + 0j, 0.1 + 0j), limits, 2.0 + 0.5j, (0.0, 0.0, 0.0))[0]
+    best = nearest_planar_angles(
+        (0.3 + 0j, 0.2 + 0j, 0.1 + 0j), limits, 2.0 + 0.5j, (0.0, 0.0, 0.0)
+    )[0]
     reaches = [
-        abs(tip_of((0.3 + 0j, 0.2 + 0j, 0.1 + 0j), (a, 0.3, c)) - (2.0 + 0.5j))
+        abs(planar_tip((0.3 + 0j, 0.2 + 0j, 0.1 + 0j), (a, 0.3, c)) - (2.0 + 0.5j))
         for a in np.linspace(-1, 1, 401)
         for c in np.linspace(-0.2, 0.2, 81)
     ]
-    assert abs(tip_of((0.3 + 0j, 0.2 + 0j, 0.1 + 0j), best) - (2.0 + 0.5j)) <= min(reaches)
+    assert abs(planar_tip((0.3 + 0j, 0.2 + 0j, 0.1 + 0j), best) - (2.0 + 0.5j)) <= min(reaches)
 
 
 @given(length, angle, length, length, angle, angle, angle)
 def test_three_links_meet_the_point_with_the_wanted_last_direction(a, b, c, d, e, f, g):
     links = (link(a, b), c + 0j, d + 0j)
-    m = tip_of(links, (e, f, g))
-    for angles in three_links(*links, m, e + f + g):
-        assert abs(tip_of(links, angles) - m) < 1e-9
+    m = planar_tip(links, (e, f, g))
+    for angles in solve_planar_3r(*links, m, e + f + g):
+        assert abs(planar_tip(links, angles) - m) < 1e-9
         assert math.remainder(sum(angles) - (e + f + g), 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
@@ -143,7 +150,7 @@ def test_a_last_direction_that_limits_forbid_is_met_as_nearly_as_they_allow():
     arm = THREE.with_limits([-1.0, -1.5, -0.5], [1.0, 1.5, 0.5])
     target = Target((0.45, 0.1, 0.0), direction=(0, 1, 0), tool_axis=(1, 0, 0))
     result = solve(arm, target, method="closed_form")
-    ends = [end for i in intervals(arm, target) for end in (i.lower_rad, i.upper_rad)]
+    ends = [end for i in direction_intervals(arm, target) for end in (i.lower_rad, i.upper_rad)]
     best = min(abs(0.5 * math.pi - end) for end in ends)
     assert result.method == "closed_form"
     assert result.position_error_m < 1e-12
@@ -155,19 +162,22 @@ def test_the_intervals_of_directions_are_those_of_a_dense_scan(seed):
     rng = np.random.default_rng(seed)
     arm = narrowed(THREE, rng)
     target = Target(arm.forward(rng.uniform(arm.lower_rad, arm.upper_rad))[:3, 3])
-    found = intervals(arm, target)
+    found = direction_intervals(arm, target)
     assert found
     for alpha in np.linspace(-math.pi, math.pi, 721):
         edges = (end for i in found for end in (i.lower_rad, i.upper_rad))
         if min(abs(math.remainder(alpha - end, 2 * math.pi)) for end in edges) < 1e-6:
             continue
         m = complex(*target.position[:2])
-        for elbow, angles in enumerate(three_links(0.3 + 0j, 0.2 + 0j, 0.1 + 0j, m, alpha)):
+        for elbow, angles in enumerate(solve_planar_3r(0.3 + 0j, 0.2 + 0j, 0.1 + 0j, m, alpha)):
             limits = zip(angles, arm.lower_rad, arm.upper_rad, strict=True)
-            allowed = all(turn_inside(a, low, high, 0.0) is not None for a, low, high in limits)
+            allowed = all(
+                nearest_equivalent_angle(a, low, high, 0.0) is not None for a, low, high in limits
+            )
             assert allowed == any(
                 i.elbow == elbow
-                and turn_inside(alpha, i.lower_rad, i.upper_rad, i.lower_rad) is not None
+                and nearest_equivalent_angle(alpha, i.lower_rad, i.upper_rad, i.lower_rad)
+                is not None
                 for i in found
             )
 
@@ -175,8 +185,8 @@ def test_the_intervals_of_directions_are_those_of_a_dense_scan(seed):
 @pytest.mark.parametrize("direction", [0.0, 1.0, 3.0])
 def test_stretched_out_only_one_direction_is_left(direction):
     point = (0.6 * math.cos(direction), 0.6 * math.sin(direction), 0.0)
-    assert intervals(THREE, Target(point))
-    for interval in intervals(THREE, Target(point)):
+    assert direction_intervals(THREE, Target(point))
+    for interval in direction_intervals(THREE, Target(point)):
         assert interval.lower_rad == pytest.approx(direction, abs=1e-5)
         assert interval.upper_rad == pytest.approx(direction, abs=1e-5)
 
@@ -184,12 +194,12 @@ def test_stretched_out_only_one_direction_is_left(direction):
 def test_a_point_that_any_direction_allows_has_the_whole_circle():
     # Within 0.3 of the first joint no wrist point is out of reach of links of 0.3 and 0.3.
     arm = planar(0.3, 0.3, 0.1, limit_rad=10.0)
-    for interval in intervals(arm, Target((0.2, 0.1, 0.0))):
+    for interval in direction_intervals(arm, Target((0.2, 0.1, 0.0))):
         assert interval.upper_rad - interval.lower_rad == pytest.approx(2 * math.pi)
 
 
 def test_no_direction_allows_a_point_out_of_reach():
-    assert intervals(THREE, Target((0.5, 0.5, 0.0))) == ()
+    assert direction_intervals(THREE, Target((0.5, 0.5, 0.0))) == ()
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -199,9 +209,9 @@ def test_among_the_allowed_directions_the_one_with_the_nearest_joints_is_chosen(
     nearest = solutions(arm, target, q0)[0]
     m = complex(*target.position[:2])
     scan = (
-        inside(angles, [(-2.5, 2.5)] * 3, tuple(q0))
+        within_limits(angles, [(-2.5, 2.5)] * 3, tuple(q0))
         for alpha in np.linspace(-math.pi, math.pi, 721)
-        for angles in three_links(0.3 + 0j, 0.2 + 0j, 0.1 + 0j, m, alpha)
+        for angles in solve_planar_3r(0.3 + 0j, 0.2 + 0j, 0.1 + 0j, m, alpha)
     )
     nearest_scanned = min(np.linalg.norm(q - q0) for q in scan if q is not None)
     assert np.linalg.norm(nearest - q0) <= nearest_scanned + 1e-3
@@ -231,11 +241,11 @@ def test_a_solution_on_a_limit_is_inside_it_to_the_last_bit():
 def test_a_point_beside_the_plane_has_no_solution_but_a_nearest_one():
     target = Target((0.3, 0.1, 0.2))
     assert solutions(THREE, target) == ()
-    assert closest(THREE, target)
+    assert closest_solution(THREE, target)
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2), angle)
 def test_where_finds_the_angle_that_made_the_value(a, b, theta):
-    found = where(a, b, a * math.cos(theta) + b * math.sin(theta))
+    found = solve_acos_bsin(a, b, a * math.cos(theta) + b * math.sin(theta))
     if found is not None:
         assert min(abs(math.remainder(t - theta, 2 * math.pi)) for t in found) < 1e-6

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ikservo.ik import METHODS, Solver, Target, solve, solve_batch
-from ikservo.ik.idle import IdleJoint
-from ikservo.kinematics.se3 import pose
+from ikservo.ik.idle_joints import IdleJoint
+from ikservo.kinematics.se3 import make_pose
 from ikservo.model import load_model
 
 ARMS = ("so101", "koch", "wx250s", "open_manipulator_x")
@@ -60,7 +60,7 @@ def test_a_prepared_solver_leaves_them_too(call):
     chain, frame, count = middle_of("wx250s")
     solver, rng = Solver(chain, frame=frame), np.random.default_rng(2)
     for _ in range(20):
-        q0, T = drawn(chain, rng), pose(chain.forward(drawn(chain, rng), frame)[:3, 3])
+        q0, T = drawn(chain, rng), make_pose(chain.forward(drawn(chain, rng), frame)[:3, 3])
         q, _ = solver(T, q0) if call == "call" else solver.track(T, q0)
         np.testing.assert_array_equal(q[count:], q0[count:])
         np.testing.assert_array_equal(solver.result.q, q)
@@ -90,10 +90,10 @@ def test_the_roll_of_a_tool_on_its_own_axis_stays_unless_the_whole_pose_is_wante
     ("start", "stays"), [(1.0, 1.0), (7.0, 7.0 - 2 * np.pi), (-4.0, 2 * np.pi - 4.0)]
 )
 def test_a_joint_that_starts_a_turn_outside_stays_at_the_same_angle_inside(start, stays):
-    assert IdleJoint(0, -3.1, 3.1, 2 * np.pi).stays_at(start) == pytest.approx(stays)
+    assert IdleJoint(0, -3.1, 3.1, 2 * np.pi).resting_position(start) == pytest.approx(stays)
 
 
 @pytest.mark.parametrize(("start", "stays"), [(4.0, 0.5), (-2.0, -0.5), (0.2, 0.2)])
 def test_where_no_turn_of_it_is_inside_it_stays_at_the_limit(start, stays):
-    assert IdleJoint(0, -0.5, 0.5, 2 * np.pi).stays_at(start) == stays
-    assert IdleJoint(0, -0.5, 0.5, np.inf).stays_at(start) == stays
+    assert IdleJoint(0, -0.5, 0.5, 2 * np.pi).resting_position(start) == stays
+    assert IdleJoint(0, -0.5, 0.5, np.inf).resting_position(start) == stays

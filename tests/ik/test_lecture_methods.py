@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ikservo.ik import METHODS, Options, Target, Tolerance, solve
-from ikservo.ik.small_steps import small
+from ikservo.ik.jacobian_methods import scale_step
 from ikservo.model import arm_names, load_model
 from tests.ik.lecture import LECTURE, arm, near, questions, target_at, walk
 from tests.kinematics.chains import crane, planar
@@ -40,14 +40,14 @@ def test_no_joint_goes_further_in_one_iteration_than_its_cap(method, cap_deg, qu
 
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=7).map(np.array))
 def test_a_long_step_is_scaled_as_a_whole_to_two_degrees(step):
-    scaled = small(step)
+    scaled = scale_step(step)
     assert np.abs(scaled).max() <= TWO_DEGREES * (1 + 1e-15)
     np.testing.assert_allclose(scaled * np.abs(step).max(), step * np.abs(scaled).max())
 
 
 def test_a_small_step_is_left_alone():
     step = np.array([0.01, -0.02])
-    assert small(step) is step
+    assert scale_step(step) is step
 
 
 @EACH

@@ -10,8 +10,13 @@ from hypothesis.extra.numpy import arrays
 
 from ikservo.errors import BadValueError
 from ikservo.ik import Posture, Target
-from ikservo.ik.pseudo_inverse import EPSILON, limited_step, pinv, posture_step
-from ikservo.ik.task import Task
+from ikservo.ik.jacobian_methods import (
+    EPSILON,
+    ResidualFunction,
+    limited_step,
+    nullspace_step,
+    pinv,
+)
 from tests.ik.lecture import arm, joints, walk
 from tests.kinematics.chains import planar
 
@@ -77,20 +82,24 @@ def test_nothing_moves_the_tip_gives_nothing():
 
 def test_a_stretched_arm_that_is_pulled_outwards_stays_calm():
     chain = planar(0.3, 0.2)
-    here = Task(chain, Target((9.0, 0.0, 0.0))).at(np.zeros(2))
+    here = ResidualFunction(chain, Target((9.0, 0.0, 0.0))).linearise(np.zeros(2))
     np.testing.assert_allclose(limited_step(here, chain, np.zeros(2)), 0.0, atol=1e-15)
 
 
 def test_a_short_step_solves_the_linearised_problem():
     chain, q = planar(0.3, 0.2, 0.1), np.array([0.3, 0.5, 0.4])
-    here = Task(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).at(q)
+    here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
+        q
+    )
     np.testing.assert_allclose(here.J @ limited_step(here, chain, np.zeros(3)), here.E, atol=1e-12)
 
 
 def test_at_a_limit_the_other_joints_take_over_the_whole_step():
     q = np.array([0.3, 0.5, 0.4])
     chain = planar(0.3, 0.2, 0.1).with_limits([0.3, -1.0, -1.0], [2.0, 1.0, 1.0])
-    here = Task(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).at(q)
+    here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
+        q
+    )
     step = limited_step(here, chain, np.zeros(3))
     assert step[0] == 0.0
     np.testing.assert_allclose(here.J @ step, here.E, atol=1e-12)
@@ -99,7 +108,9 @@ def test_at_a_limit_the_other_joints_take_over_the_whole_step():
 def test_a_joint_short_of_its_limit_goes_the_rest_of_the_way():
     q = np.array([0.3, 0.5, 0.4])
     chain = planar(0.3, 0.2, 0.1).with_limits([0.2999, -1.0, -1.0], [2.0, 1.0, 1.0])
-    here = Task(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).at(q)
+    here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
+        q
+    )
     step = limited_step(here, chain, np.zeros(3))
     assert q[0] + step[0] == pytest.approx(0.2999, abs=1e-15)
     np.testing.assert_allclose(here.J @ step, here.E, atol=1e-12)
@@ -111,7 +122,7 @@ def test_a_joint_short_of_its_limit_goes_the_rest_of_the_way():
 )
 def test_no_step_leads_beyond_a_limit_however_it_is_pulled(q, towards, C):
     chain = arm("narrow")
-    step = limited_step(Task(chain, Target(towards)).at(q), chain, np.array(C))
+    step = limited_step(ResidualFunction(chain, Target(towards)).linearise(q), chain, np.array(C))
     assert (q + step >= chain.lower_rad - 1e-15).all()
     assert (q + step <= chain.upper_rad + 1e-15).all()
 
@@ -128,7 +139,7 @@ def test_a_joint_comes_back_off_its_limit_when_the_way_leads_back():
 @given(clear_matrices, st.data())
 def test_the_null_space_part_of_a_step_does_not_move_the_tip(J, data):
     C = data.draw(arrays(np.float64, J.shape[1], elements=whole))
-    np.testing.assert_allclose(J @ posture_step(J, np.zeros(J.shape[0]), C), 0.0, atol=1e-9)
+    np.testing.assert_allclose(J @ nullspace_step(J, np.zeros(J.shape[0]), C), 0.0, atol=1e-9)
 
 
 @settings(deadline=None)
@@ -137,7 +148,7 @@ def test_a_null_space_step_leaves_the_tip_where_it_was_to_first_order(q, C, size
     chain = arm("planar")
     J = chain.jacobian(q)[:3]
     assume(np.linalg.svd(J, compute_uv=False)[1] > 0.02)
-    step = size * posture_step(J, np.zeros(3), C)
+    step = size * nullspace_step(J, np.zeros(3), C)
     moved_m = np.linalg.norm((chain.forward(q + step) - chain.forward(q))[:3, 3])
     length_m, turned = 0.6, np.abs(step).sum()
     assert moved_m <= 0.5 * length_m * turned**2 + 1e-12  # the rest of Taylor's series
@@ -146,7 +157,7 @@ def test_a_null_space_step_leaves_the_tip_where_it_was_to_first_order(q, C, size
 @given(clear_matrices, st.data())
 def test_the_null_space_part_never_goes_away_from_the_posture(J, data):
     C = data.draw(arrays(np.float64, J.shape[1], elements=whole))
-    assert posture_step(J, np.zeros(J.shape[0]), C) @ C <= 1e-9
+    assert nullspace_step(J, np.zeros(J.shape[0]), C) @ C <= 1e-9
 
 
 LONG = planar(0.2, 0.2, 0.2, 0.2)
@@ -165,7 +176,7 @@ def test_a_posture_does_not_keep_the_tip_from_the_target():
 def test_it_ends_where_no_step_in_the_null_space_leads_closer_to_the_posture():
     result = leaning([0.5, 0.5, 0.5, 0.5])
     C = 0.5 * (result.q - (1.5, -1.0, -1.0, -1.0))
-    rest = posture_step(LONG.jacobian(result.q)[:3], np.zeros(3), C)
+    rest = nullspace_step(LONG.jacobian(result.q)[:3], np.zeros(3), C)
     assert np.abs(C).max() > 0.1
     np.testing.assert_allclose(rest, 0.0, atol=1e-6)
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ikservo.ik import Target
-from ikservo.ik.task import Task
-from ikservo.ik.transpose import pull, step_length
+from ikservo.ik.jacobian_methods import ResidualFunction, gradient_torque, step_length
 from tests.ik.lecture import DOWNHILL, arm, costs, joints, questions, walk
 from tests.kinematics.chains import planar
 
@@ -30,8 +29,10 @@ def test_the_error_never_grows(method, question):
 )
 def test_the_torques_do_the_same_virtual_work_as_the_force(q, towards, motion):
     chain = planar(0.3, 0.2, 0.1)
-    here = Task(chain, Target(towards)).at(q)
-    assert pull(here, chain) @ motion == pytest.approx(here.E @ (here.J @ motion), abs=1e-9)
+    here = ResidualFunction(chain, Target(towards)).linearise(q)
+    assert gradient_torque(here, chain) @ motion == pytest.approx(
+        here.E @ (here.J @ motion), abs=1e-9
+    )
 
 
 @given(arrays(float, (3, 4), elements=numbers), arrays(float, 3, elements=numbers),
@@ -49,15 +50,15 @@ def test_without_any_effect_on_the_tip_there_is_no_step():
 
 def test_a_joint_pulled_against_its_limit_stays_there():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [1.0, 2.0])
-    here = Task(chain, Target((0.5, 0.0, 0.0))).at(np.array([-0.2, 0.5]))
+    here = ResidualFunction(chain, Target((0.5, 0.0, 0.0))).linearise(np.array([-0.2, 0.5]))
     assert (here.J.T @ here.E)[1] < 0
-    assert pull(here, chain)[1] == 0.0
+    assert gradient_torque(here, chain)[1] == 0.0
 
 
 def test_a_joint_pulled_off_its_limit_goes():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [1.0, 2.0])
-    here = Task(chain, Target((0.1, 0.1, 0.0))).at(np.array([-0.2, 0.5]))
-    assert pull(here, chain)[1] > 0.0
+    here = ResidualFunction(chain, Target((0.1, 0.1, 0.0))).linearise(np.array([-0.2, 0.5]))
+    assert gradient_torque(here, chain)[1] > 0.0
 
 
 def test_it_goes_straight_down_where_the_force_pulls():

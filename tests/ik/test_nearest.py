@@ -6,7 +6,7 @@ import pytest
 from ikservo.errors import BadValueError
 from ikservo.ik import Options, Posture, Solver, Target, solve
 from ikservo.ik.closed_form import solutions
-from ikservo.ik.nearest import nearest
+from ikservo.ik.nearest import nearest_solution
 from ikservo.model import load_model
 
 
@@ -54,7 +54,7 @@ def test_an_arm_without_a_closed_form_looks_from_some_starts_around():
     first, better, best = 0.0, 0.0, 0.0
     for chain, target, q0 in questions("wx250s", "pose", 40):
         bent = _bent(chain)
-        result = solve(bent, target_of(bent.forward(chain.middle() + 0.4), "pose"), q0)
+        result = solve(bent, target_of(bent.forward(chain.mid_range() + 0.4), "pose"), q0)
         assert result.reached
         found = solve(chain, target, q0, nearest=False)
         first += way(found.q, q0)
@@ -66,13 +66,13 @@ def test_an_arm_without_a_closed_form_looks_from_some_starts_around():
 def around(chain, target, q0, found):
     """Return what walks from around the start find, as if there were no closed form."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ikservo.ik.nearest.structure", lambda *_: None)
-        return nearest(chain, target, q0, Options(), found)
+        patch.setattr("ikservo.ik.nearest.recognise_structure", lambda *_: None)
+        return nearest_solution(chain, target, q0, Options(), found)
 
 
 def _bent(chain):
     """Return the arm with a wrist whose axes meet nowhere."""
-    step = next(step for step in chain.way() if step.joint.name == chain.names[4])
+    step = next(step for step in chain.joints_to() if step.joint.name == chain.names[4])
     origin = step.joint.origin.copy()
     origin[:3, 3] += (0.0, 0.02, 0.01)
     return chain.with_origins({step.joint.name: origin})
@@ -81,7 +81,7 @@ def _bent(chain):
 def test_a_posture_to_lean_to_comes_before_the_way_from_the_start():
     chain, target, q0 = next(questions("so101", "position", 1))
 
-    wish = chain.middle() + 0.3
+    wish = chain.mid_range() + 0.3
     leaning = solve(chain, target, q0, posture=Posture(wish, np.ones(chain.dof)))
     assert way(leaning.q, wish) < way(solve(chain, target, q0).q, wish)
 

@@ -7,7 +7,7 @@ import pytest
 
 from ikservo.ik import Solver, Target, solution_set, solve
 from ikservo.ik.closed_form import solutions
-from ikservo.kinematics.se3 import pose
+from ikservo.kinematics.se3 import make_pose
 from ikservo.model import load_model
 from tests.ik.lecture import pantograph
 from tests.kinematics.chains import planar
@@ -67,7 +67,7 @@ def test_limits_on_both_sides_may_leave_a_single_point_of_a_family():
 )  # fmt: skip
 def test_joints_to_spare_make_a_family_of_as_many_parameters(name, kind, freedom):
     chain = load_model(name).chain
-    T = chain.forward(chain.middle() + 0.2)
+    T = chain.forward(chain.mid_range() + 0.2)
     target = Target(T[:3, 3], direction=T[:3, 2] if kind == "direction" else None)
     found = solve(chain, target).solutions
     assert (found.kind, found.freedom) == ("family", freedom)
@@ -79,7 +79,7 @@ def test_a_pose_of_six_joints_is_one_of_as_many_as_the_closed_form_knows():
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (12, chain.dof)):
         T = chain.forward(q)
         target = Target(T[:3, 3], orientation=T[:3, :3])
-        found = solve(chain, target, chain.middle()).solutions
+        found = solve(chain, target, chain.mid_range()).solutions
         assert found.count == len(solutions(chain, target))
         assert found.kind == ("one" if found.count == 1 else "several")
         counts.add(found.count)
@@ -111,7 +111,7 @@ def test_of_an_arm_without_a_closed_form_nobody_knows_the_others():
 def test_a_prepared_solver_does_not_count_them():
     chain = planar(0.3, 0.2)
     solver = Solver(chain)
-    solver(pose(np.array([0.3, 0.2, 0.0])), np.zeros(2))
+    solver(make_pose(np.array([0.3, 0.2, 0.0])), np.zeros(2))
     assert solver.result.solutions.kind == "unknown"
     assert solver.result.conditioning is None
     assert solver.result.singularity is None

@@ -42,12 +42,12 @@ def test_direction_and_orientation_exclude_each_other():
 
 def test_the_turn_left_is_the_angle_between_the_axes():
     target = Target((0, 0, 0), direction=(1, 0, 0), tool_axis=(0, 0, 2))
-    np.testing.assert_allclose(target.turn_left(np.eye(3)), [0, math.pi / 2, 0], atol=1e-15)
+    np.testing.assert_allclose(target.orientation_error(np.eye(3)), [0, math.pi / 2, 0], atol=1e-15)
 
 
 def test_opposite_axes_are_half_a_turn_apart():
     target = Target((0, 0, 0), direction=(0, 0, -1))
-    assert np.linalg.norm(target.turn_left(np.eye(3))) == pytest.approx(math.pi)
+    assert np.linalg.norm(target.orientation_error(np.eye(3))) == pytest.approx(math.pi)
 
 
 def test_an_unknown_frame_is_refused():

@@ -8,9 +8,8 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError
 from ikservo.ik import Target, solve
-from ikservo.ik.workspace import front_plane, side_plane, top_plane, workspace
-from ikservo.ik.workspace.outline import outline
-from ikservo.ik.workspace.samples import joint_samples, tips
+from ikservo.ik.workspace import quasi_random_joints, tip_positions, workspace
+from ikservo.ik.workspace_grid import boundary_polygons, front_plane, side_plane, top_plane
 from tests.kinematics.chains import crane, planar
 
 CELL_M = 0.02
@@ -66,7 +65,7 @@ def test_the_reach_of_two_links_is_the_ring_between_folded_and_stretched(annulus
 )
 def test_with_limits_the_cells_are_those_that_the_arcs_touch(lower, upper):
     arm = two_links(lower, upper)
-    region = workspace(arm, top_plane(arm, arm.middle()), CELL_M, samples=1024)
+    region = workspace(arm, top_plane(arm, arm.mid_range()), CELL_M, samples=1024)
     centres, inside = all_centres(region)
     off_m = gaps_by_hand(centres[:, :2], lower, upper)
     assert inside[off_m < 0.49 * CELL_M].all()
@@ -76,18 +75,18 @@ def test_with_limits_the_cells_are_those_that_the_arcs_touch(lower, upper):
 def test_wherever_forward_kinematics_puts_the_tip_is_inside(annulus):
     arm = two_links()
     rng = np.random.default_rng(3)
-    tip_m = tips(arm, rng.uniform(arm.lower_rad, arm.upper_rad, (2000, 2)))
-    missed = tip_m[~annulus.contains_each(tip_m)]
+    tip_m = tip_positions(arm, rng.uniform(arm.lower_rad, arm.upper_rad, (2000, 2)))
+    missed = tip_m[~annulus.contains_many(tip_m)]
     # The tip may touch the corner of a cell in passing; then the next cell is reachable.
     inward = 0.5 * CELL_M * missed / np.linalg.norm(missed, axis=1, keepdims=True)
-    beside = annulus.contains_each(missed + inward) | annulus.contains_each(missed - inward)
+    beside = annulus.contains_many(missed + inward) | annulus.contains_many(missed - inward)
     assert beside.all()
     assert len(missed) < 20
 
 
 def test_every_sample_that_it_was_made_from_is_inside(annulus):
     arm = two_links()
-    assert annulus.contains_each(tips(arm, joint_samples(arm, 2048))).all()
+    assert annulus.contains_many(tip_positions(arm, quasi_random_joints(arm, 2048))).all()
 
 
 def test_what_the_solver_cannot_reach_is_at_most_a_cell_inside(annulus):
@@ -147,17 +146,17 @@ def area_of(loop):
 
 
 def test_one_cell_is_outlined_by_its_four_corners():
-    (loop,) = outline(np.array([[True]]))
+    (loop,) = boundary_polygons(np.array([[True]]))
     np.testing.assert_array_equal(loop, [[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 def test_cells_that_touch_at_a_corner_are_outlined_with_their_own_area():
-    loops = outline(np.array([[True, False], [False, True]]))
+    loops = boundary_polygons(np.array([[True, False], [False, True]]))
     assert sum(area_of(loop) for loop in loops) == pytest.approx(2.0)
 
 
 def test_no_cells_have_no_outline():
-    assert outline(np.zeros((3, 3), dtype=bool)) == ()
+    assert boundary_polygons(np.zeros((3, 3), dtype=bool)) == ()
 
 
 def test_the_same_arm_has_the_same_workspace_every_time(annulus):
@@ -168,10 +167,10 @@ def test_the_same_arm_has_the_same_workspace_every_time(annulus):
 
 def test_samples_stay_inside_the_limits_and_fill_them():
     arm = two_links((-0.4, 0.2), (0.9, 1.3))
-    q = joint_samples(arm, 500)
+    q = quasi_random_joints(arm, 500)
     assert (q >= arm.lower_rad).all()
     assert (q <= arm.upper_rad).all()
-    np.testing.assert_allclose(q.mean(axis=0), arm.middle(), atol=0.01)
+    np.testing.assert_allclose(q.mean(axis=0), arm.mid_range(), atol=0.01)
     np.testing.assert_allclose(q.max(axis=0) - q.min(axis=0), [1.3, 1.1], rtol=0.02)
 
 
@@ -245,7 +244,7 @@ def test_a_slice_of_a_real_arm_holds_what_the_solver_reaches():
 def near_edge(region, point):
     shifts = 0.02 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     around = region.grid.to_world(region.grid.to_grid([point]) + shifts)
-    return region.contains_each(around).any()
+    return region.contains_many(around).any()
 
 
 @pytest.mark.parametrize("cell_m", [-0.01, math.nan, math.inf])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ikservo.ik import Solver
-from ikservo.kinematics import room_to_limits
+from ikservo.kinematics import distance_to_limits
 from ikservo.model import load_model
 
 POINTS, STEP_M, LEAST_LEVER, NEAR_LIMIT_RAD = 100, 1e-3, 0.05, 0.05
@@ -43,7 +43,7 @@ def walk(solver, chain, q, step_m):
 
 def least_lever(solver, chain, q, after):
     """Return the tool's least way for a radian, in metres, joints at limits left out."""
-    room = np.minimum(room_to_limits(chain, q), room_to_limits(chain, after))
+    room = np.minimum(distance_to_limits(chain, q), distance_to_limits(chain, after))
     rows = 6 if solver.kind == "pose" else 3 if chain.dof > 3 else 2
     J = chain.jacobian(q)[:rows, room > NEAR_LIMIT_RAD]
     return np.linalg.svd(J, compute_uv=False)[rows - 1] if J.shape[1] >= rows else 0.0

@@ -10,7 +10,7 @@ import itertools
 import numpy as np
 
 from ikservo.arm import Arm
-from ikservo.arm.streaming.halt import StopKind, StopReason
+from ikservo.guard import StopKind, StopReason
 from tests.journeys.recorded import record_a_wave
 from tests.journeys.typed import usual_target_m
 
@@ -57,7 +57,7 @@ def _target(arm, _=None):
 
 
 def _to_the_target(arm):
-    return lambda here, speed: arm.workings.planner.to_point(here, _target(arm), speed)
+    return lambda here, speed: arm.workings.planner.plan_to_point(here, _target(arm), speed)
 
 
 def _wave(arm, folder):

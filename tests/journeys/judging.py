@@ -11,8 +11,8 @@ MOVING = ("move", "joints", "jog", "gripper", "pose", "replay", "follow", "relax
 ONE_JOINT = ("joints", "jog", "gripper", "move_joints", "plan_joints", "stream")
 LINES_OF_TIP = ("move_line", "plan_line")
 CALM = (  # methods that neither move the arm nor plan a motion, or let it go in any case
-    "acknowledge", "close", "enable", "hold", "inside", "record", "relax", "release",
-    "request_stop", "stop", "teach", "where",
+    "acknowledge", "close", "disable_torque", "enable", "hold", "pose_within_limits", "record",
+    "relax", "request_stop", "stop", "teach", "where",
 )  # fmt: skip
 STILL = ("rest, sunk", "pose rest")  # a limp arm stays there; from others it falls
 NEAR_M, NEAR_DEG = 0.003, 1.5
@@ -57,11 +57,11 @@ def codes_of_command(command, kind, posture, model):
 def codes_of_method(method, posture, machine):
     """Return the exit codes of the errors that a program may meet; all others are defects."""
     allowed = {0}
-    if method == "glimpse":  # has nothing to tell before the first motion
+    if method == "last_state":  # has nothing to tell before the first motion
         return {1}
     if method == "gripper" and machine.model.gripper is None:
         return {1, 2}
-    if not machine.zeros.known:
+    if not machine.zeros.are_known:
         allowed |= {6}
     if method in LINES_OF_TIP:
         allowed |= {7}  # from where the arm lies the joints need not be able to keep to a line

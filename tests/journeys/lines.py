@@ -11,12 +11,12 @@ from functools import cache
 
 import pytest
 
-from ikservo.calibration.sweeping.outcome import Outcome
-from ikservo.calibration.sweeping.sweep import Wizard
-from ikservo.hardware.line.transport import open_transport
+from ikservo.calibration.procedure import CalibrationState
+from ikservo.calibration.result import CalibrationResult
+from ikservo.hardware.transport import open_transport
 from ikservo.model import load_model
 from servosim import SimulatedPort, open_port, read_arm_file
-from servosim.assembly import world_of_arm
+from servosim.assembly import make_arm_world
 from servosim.line import Line, LineOptions
 from servosim.world import World
 from tests.calibration.hidden import HiddenArm
@@ -68,9 +68,9 @@ def put(monkeypatch, arm, posture, kind):
     hidden = _built(arm, mounted=kind.startswith("real"))
     bench.world = hidden.world
     plug_in(monkeypatch, [Comport(PORT)] if kind.startswith("real") else [])
-    monkeypatch.setattr("ikservo.arm.own.is_pseudo_terminal", lambda name: name == PTY)
-    monkeypatch.setattr("ikservo.hardware.line.port.open_transport", _reopened(hidden))
-    monkeypatch.setattr("ikservo.arm.care.bench.open_transport", _reopened(hidden))
+    monkeypatch.setattr("ikservo.arm.calibrated_arm.is_pseudo_terminal", lambda name: name == PTY)
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", _reopened(hidden))
+    monkeypatch.setattr("ikservo.maintenance.bus_benchmark.open_transport", _reopened(hidden))
     hidden.port.name = bench.port
     if kind == "real, calibrated":
         shutil.copytree(_calibrated(arm), os.environ["IKSERVO_HOME"], dirs_exist_ok=True)
@@ -106,7 +106,7 @@ def _built(name, *, mounted, weightless=False):
         chance = random.Random(f"mounted {name}")
         joints = tuple(_mounted(joint, chance) for joint in entries.joints)
         entries = replace(entries, joints=joints)
-    world = world_of_arm(entries, "home", physics=not weightless)
+    world = make_arm_world(entries, "home", physics=not weightless)
     if weightless:
         world = World(world.joints)
     port = SimulatedPort(Line(world, entries.baud, LineOptions()), f"desk:{name}")
@@ -143,10 +143,14 @@ def _calibrate(hidden):
     """Save a calibration of every joint's whole range, as if hands had been at each stop."""
     with hidden.loose() as loose:
         loose.serial_number = SERIAL
-        wizard = _swept(hidden, Wizard.begin(loose.subjects("home"), MARGIN_RAD), loose.read()[1])
-        outcome = loose.conclude(wizard, "home", WHEN, write_limits=False)
+        wizard = _swept(
+            hidden,
+            CalibrationState.begin(loose.make_subjects("home"), MARGIN_RAD),
+            loose.read_ticks()[1],
+        )
+        outcome = loose.build_calibration(wizard, "home", WHEN, write_limits=False)
         memory = {s.id: s.holds for joint in outcome.calibration.joints for s in joint.servos}
-        loose.save(Outcome(outcome.calibration, memory))
+        loose.save(CalibrationResult(outcome.calibration, memory))
 
 
 def _swept(hidden, wizard, ticks):
@@ -154,14 +158,14 @@ def _swept(hidden, wizard, ticks):
     at_s = 0.0
     for _ in range(60):
         at_s += 0.02
-        wizard = wizard.read(at_s, ticks)
+        wizard = wizard.update(at_s, ticks)
     wizard = wizard.accept()
     for subject in wizard.subjects:
         ids = {subject.servo_id, *subject.shadow_ids}
         for way in _ways(hidden, subject):
             at_s += 0.02
             ticks = {i: (tick + way * (i in ids)) % 4096 for i, tick in ticks.items()}
-            wizard = wizard.read(at_s, ticks)
+            wizard = wizard.update(at_s, ticks)
     return wizard
 
 
@@ -169,8 +173,8 @@ def _ways(hidden, subject):
     """Yield steps in ticks: as shown and back, to the upper end, to the lower end, and back."""
     up = hidden.direction(subject.servo_id)
     above, below = _room(subject, subject.expected.upper), -_room(subject, subject.expected.lower)
-    shown = up * subject.towards
-    far = math.ceil(subject.enough_ticks / STEP) + 2
+    shown = up * subject.free_direction
+    far = math.ceil(subject.min_motion_ticks / STEP) + 2
     yield from [STEP * shown] * far + [-STEP * shown] * far
     yield from [STEP * up] * above + [-STEP * up] * (above + below) + [STEP * up] * below
 

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 
 from ikservo.errors import RefusedError
-from ikservo.guard import Space
+from ikservo.guard import CollisionChecker
 from ikservo.model import load_model
-from ikservo.model.shell import body_of
+from ikservo.model.collision_model import collision_body
 from servosim import read_arm_file
-from servosim.assembly import world_of_arm
+from servosim.assembly import make_arm_world
 from tests.oracle import arm_file
 
 SINKING_S = 3.0  # a limp arm lies still after this
@@ -46,7 +46,7 @@ def joints_in(name, posture):
 def sunk(name, joints):
     """Return where a limp arm comes to lie from a posture, table and own body in its way."""
     model = load_model(name)
-    world = world_of_arm(read_arm_file(model.path), physics=True)
+    world = make_arm_world(read_arm_file(model.path), physics=True)
     for joint, position in joints.items():
         world.place(joint, position)
     world.advance_to(SINKING_S)
@@ -84,7 +84,7 @@ def _picked(model, chance):
 
 
 def _free(model, joints):
-    space = Space(body_of(model), model.floor_m)
+    space = CollisionChecker(collision_body(model), model.floor_m)
     try:
         space.check_pose(np.array([joints[name] for name in model.chain.names]))
     except RefusedError:

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import typer
 
-from ikservo.cli import words as listing
+from ikservo.cli import app as listing
 from ikservo.model import load_model
 
 SERVERS = ("view", "sim")  # end by Ctrl-C alone
@@ -60,7 +60,7 @@ _WHOLE = {  # arguments that depend on each other, as typed, and which they are
 @cache
 def commands():
     """Return the name of every command of the program."""
-    return tuple(listing.WORDS)
+    return tuple(listing.COMMANDS)
 
 
 @cache

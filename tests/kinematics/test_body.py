@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ikservo.kinematics import Chain, JointKind
-from ikservo.kinematics.body import Body
+from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.collision import CollisionBody
 from tests.kinematics.chains import joint, planar
 
 
@@ -16,12 +16,12 @@ def ball(link, radius_m, at_m=(0.0, 0.0, 0.0)):
 def rail(*more, postures=()):
     """Two slides, one on the other, along x: balls of 10 cm and 20 cm, and one of 1 cm more."""
     joints = [
-        joint("one", JointKind.PRISMATIC, "base", "cart", (0, 0, 1.0), (1, 0, 0)),
-        joint("weld", JointKind.FIXED, "cart", "plate", (0, 0, 0)),
-        joint("two", JointKind.PRISMATIC, "plate", "tip", (0, 0, 0), (1, 0, 0)),
+        joint("one", JointType.PRISMATIC, "base", "cart", (0, 0, 1.0), (1, 0, 0)),
+        joint("weld", JointType.FIXED, "cart", "plate", (0, 0, 0)),
+        joint("two", JointType.PRISMATIC, "plate", "tip", (0, 0, 0), (1, 0, 0)),
     ]
     balls = [ball("tip", 0.2), ball("base", 0.1, (0, 0, 1.0)), ball("base", 0.01, (0, 3, 1.0))]
-    return Body(Chain.from_joints(joints, "base", "tip"), [*balls, *more], postures)
+    return CollisionBody(Chain.from_joints(joints, "base", "tip"), [*balls, *more], postures)
 
 
 Q = np.array([[0.5, 0.5], [2.0, 1.0]])
@@ -29,44 +29,44 @@ Q = np.array([[0.5, 0.5], [2.0, 1.0]])
 
 def test_an_arm_whose_links_are_all_joined_has_no_pairs_that_could_meet():
     ends = np.zeros(3), np.array([0.3, 0.0, 0.0])
-    body = Body(planar(0.3, 0.2), [Capsule(link, *ends, 0.02) for link in ("l0", "l1")])
-    gaps = body.between_links(np.zeros((3, 2)))
+    body = CollisionBody(planar(0.3, 0.2), [Capsule(link, *ends, 0.02) for link in ("l0", "l1")])
+    gaps = body.link_distances(np.zeros((3, 2)))
     assert (gaps.pairs, gaps.gap_m.shape) == ((), (3, 0))
 
 
 def test_links_with_more_than_one_moving_joint_between_them_are_watched():
     assert rail(ball("cart", 0.1), ball("plate", 0.1)).pairs == (("base", "tip"),)
-    assert Body(planar(0.3, 0.2, 0.1), [ball(f"l{i}", 0.01) for i in range(4)]).pairs == (
+    assert CollisionBody(planar(0.3, 0.2, 0.1), [ball(f"l{i}", 0.01) for i in range(4)]).pairs == (
         ("l0", "l2"), ("l0", "l3"), ("l1", "l3"),
     )  # fmt: skip
 
 
 def test_the_gap_of_two_balls_is_their_distance_less_both_radii():
-    gaps = rail().between_links(Q)
+    gaps = rail().link_distances(Q)
     np.testing.assert_allclose(gaps.gap_m, [[1.0 - 0.3], [3.0 - 0.3]])
 
 
 def test_the_nearest_of_a_links_balls_counts():
     near = rail(ball("base", 0.05, (0.6, 0, 1.0)))
-    np.testing.assert_allclose(near.between_links(Q).gap_m, [[0.4 - 0.25], [2.4 - 0.25]])
+    np.testing.assert_allclose(near.link_distances(Q).gap_m, [[0.4 - 0.25], [2.4 - 0.25]])
 
 
 def test_links_that_overlap_where_the_arm_is_free_may_do_so_and_four_millimetres_more():
     free = [[0.1, 0.15], [0.9, 0.9]]
     np.testing.assert_allclose(
-        rail(postures=free).between_links(Q).gap_m, [[0.7 + 0.054], [2.7 + 0.054]]
+        rail(postures=free).link_distances(Q).gap_m, [[0.7 + 0.054], [2.7 + 0.054]]
     )
-    np.testing.assert_allclose(rail(postures=[[0.9, 0.9]]).between_links(Q).gap_m, [[0.7], [2.7]])
+    np.testing.assert_allclose(rail(postures=[[0.9, 0.9]]).link_distances(Q).gap_m, [[0.7], [2.7]])
 
 
 def test_what_stands_above_a_table_is_counted_from_its_lowest_point():
-    gaps = rail().above(Q, 0.25)
+    gaps = rail().floor_distances(Q, 0.25)
     assert gaps.pairs == (("tip", "the floor"),)
     np.testing.assert_allclose(gaps.gap_m, [[1.0 - 0.2 - 0.25]] * 2)
 
 
 def test_what_stands_beside_a_box_is_counted_from_its_side():
-    gaps = rail().beside(Q, np.array([1.5, -1, 0]), np.array([2.5, 1, 2]), "the crate")
+    gaps = rail().box_distances(Q, np.array([1.5, -1, 0]), np.array([2.5, 1, 2]), "the crate")
     assert gaps.pairs == (("tip", "the crate"),)
     np.testing.assert_allclose(gaps.gap_m, [[0.5 - 0.2], [0.5 - 0.2]], atol=1e-9)
 
@@ -75,7 +75,7 @@ def test_what_stands_beside_a_box_is_counted_from_its_side():
 def test_the_packed_body_names_the_capsules_of_each_pair(postures):
     chain = planar(0.3, 0.2, 0.1)
     capsules = [ball("l0", 0.1), ball("l2", 0.2), ball("l3", 0.3), ball("l2", 0.4), ball("l1", 0.5)]
-    packed = Body(chain, capsules).packed()
+    packed = CollisionBody(chain, capsules).pack()
     radii = packed.capsules[:, 6]
     found = [
         (packed.pairs[int(pair)], radii[int(one)], radii[int(other)])
@@ -86,7 +86,7 @@ def test_the_packed_body_names_the_capsules_of_each_pair(postures):
         (("l1", "l3"), 0.5, 0.3),
     ]  # fmt: skip
     assert (packed.base, packed.dof, packed.names) == ("l0", 3, chain.frames)
-    np.testing.assert_allclose(rail(postures=postures).packed().overlap_m,
+    np.testing.assert_allclose(rail(postures=postures).pack().overlap_m,
                                [0.054] if postures else [0.0])  # fmt: skip
     assert packed.reach_m.shape == (len(packed.names), 3)
     assert packed.pair_reach_m.shape == (3, 3)

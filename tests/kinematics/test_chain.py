@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.kinematics import Chain, JointKind
-from ikservo.kinematics.se3 import pose
+from ikservo.kinematics import Chain, JointType
+from ikservo.kinematics.se3 import make_pose
 from tests.kinematics.chains import crane, joint, planar
 
 angles = st.floats(-3.0, 3.0)
@@ -92,7 +92,7 @@ def test_joints_may_come_in_any_order():
 
 
 def test_a_tip_that_nothing_moves_is_refused():
-    fixed = joint("weld", JointKind.FIXED, "base", "tip")
+    fixed = joint("weld", JointType.FIXED, "base", "tip")
     with pytest.raises(ValueError, match="No joint moves 'tip'"):
         Chain.from_joints([fixed], "base", "tip")
 
@@ -110,7 +110,7 @@ def _assert_jacobian(chain, q, frame, offset_m, h=1e-6):
 
 
 def test_a_tip_that_does_not_hang_on_the_base_is_refused():
-    arm = joint("elbow", JointKind.REVOLUTE, "base", "hand")
+    arm = joint("elbow", JointType.REVOLUTE, "base", "hand")
     with pytest.raises(UnknownNameError, match="hnad"):
         Chain.from_joints([arm], "base", "hnad")
 
@@ -122,16 +122,16 @@ def test_a_range_may_be_a_single_value():
 
 def test_the_middle_of_a_range_is_as_far_from_both_ends():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [2.0, 1.0])
-    assert chain.middle().tolist() == [0.5, 0.75]
+    assert chain.mid_range().tolist() == [0.5, 0.75]
 
 
 def test_a_joint_that_is_limited_on_one_side_only_stands_nearest_to_zero_in_the_middle():
-    turning = joint("spin", JointKind.REVOLUTE, "base", "tip", lower=0.5)
-    assert Chain.from_joints([turning], "base", "tip").middle().tolist() == [0.5]
+    turning = joint("spin", JointType.REVOLUTE, "base", "tip", lower=0.5)
+    assert Chain.from_joints([turning], "base", "tip").mid_range().tolist() == [0.5]
 
 
 def test_a_joint_that_is_limited_on_one_side_can_be_narrowed_on_that_side_only():
-    turning = joint("spin", JointKind.REVOLUTE, "base", "tip", lower=0.5)
+    turning = joint("spin", JointType.REVOLUTE, "base", "tip", lower=0.5)
     chain = Chain.from_joints([turning], "base", "tip")
     narrow = chain.with_limits([0.7], [math.inf])
     assert (narrow.lower_rad[0], narrow.upper_rad[0]) == (0.7, math.inf)
@@ -147,7 +147,7 @@ def test_limits_of_another_number_of_joints_are_refused(limits):
 
 def test_a_joint_can_be_put_elsewhere_and_the_others_stay():
     chain, q = planar(0.3, 0.2), [0.0, math.pi / 2]
-    moved = chain.with_origins({"j2": pose(np.array([0.4, 0.0, 0.1]))})
+    moved = chain.with_origins({"j2": make_pose(np.array([0.4, 0.0, 0.1]))})
     np.testing.assert_allclose(moved.forward(q)[:3, 3], [0.4, 0.2, 0.1], atol=1e-15)
     np.testing.assert_allclose(chain.forward(q)[:3, 3], [0.3, 0.2, 0.0], atol=1e-15)
 

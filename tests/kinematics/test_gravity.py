@@ -5,9 +5,9 @@ import pinocchio
 import pytest
 
 import ikservo
-from ikservo.guard.sagging import Weight, sag_of
-from ikservo.kinematics.gravity import LinkMass, gravity_torques
-from ikservo.model.sag import STIFFNESS_NM_RAD, masses_of, yields_of
+from ikservo.guard.sag import Weight, sag_of
+from ikservo.kinematics.dynamics import LinkMass, gravity_torques
+from ikservo.model.sag import STIFFNESS_NM_RAD, joint_compliances, link_masses
 from servosim.parameters import PARAMETERS
 from tests.arm.simulated import line_of
 from tests.guard.arms import body
@@ -19,7 +19,7 @@ def sagging(model):
     shape = body(model.name)
     chain = shape.chain
     weight = Weight(
-        masses_of(model, chain), yields_of(model, chain), chain.lower_rad, chain.upper_rad
+        link_masses(model, chain), joint_compliances(model, chain), chain.lower_rad, chain.upper_rad
     )
     return sag_of(shape, weight)
 
@@ -41,7 +41,7 @@ def test_gravity_turns_joints_as_pinocchio_says(name):
             columns.append(oracle.joints[oracle.getJointId(joint)].idx_q)
             posture[columns[-1]] = value
         held = pinocchio.computeGeneralizedGravity(oracle, oracle.createData(), posture)
-        found = gravity_torques(model.chain, masses_of(model, model.chain), [q])[0]
+        found = gravity_torques(model.chain, link_masses(model, model.chain), [q])[0]
         np.testing.assert_allclose(found, -held[columns], atol=1e-9)
 
 
@@ -83,8 +83,8 @@ def test_an_arm_that_reaches_out_sags_by_degrees():
 @pytest.mark.parametrize("name", ARMS)
 def test_the_compiled_sag_is_torque_times_what_joints_yield(name):
     model = ikservo.load_model(name)
-    middle = model.chain.middle()[None]
-    masses, yields = masses_of(model, model.chain), yields_of(model, model.chain)
+    middle = model.chain.mid_range()[None]
+    masses, yields = link_masses(model, model.chain), joint_compliances(model, model.chain)
     assert (yields > 0).all()
     expected = gravity_torques(model.chain, masses, middle) * yields
     np.testing.assert_allclose(sagging(model)(middle), expected, atol=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError, InputError, UnknownNameError
-from ikservo.kinematics import Chain, JointKind, Mimic, manipulability, room_to_limits
+from ikservo.kinematics import Chain, JointType, Mimic, distance_to_limits, manipulability
 from tests.kinematics.chains import crane, joint, planar
 
 Q = np.random.default_rng(2).uniform(-1.0, 1.0, (7, 3))
@@ -17,8 +17,8 @@ def wheel():
     """Return a continuous joint with a finger on it."""
     return Chain.from_joints(
         [
-            joint("spin", JointKind.REVOLUTE, "base", "wheel"),
-            joint("slide", JointKind.PRISMATIC, "wheel", "tip", (0.1, 0, 0), (1, 0, 0),
+            joint("spin", JointType.REVOLUTE, "base", "wheel"),
+            joint("slide", JointType.PRISMATIC, "wheel", "tip", (0.1, 0, 0), (1, 0, 0),
                   lower=0.0, upper=0.2),
         ],
         "base",
@@ -29,8 +29,8 @@ def wheel():
 def follower(lower, upper, multiplier):
     return Chain.from_joints(
         [
-            joint("a", JointKind.REVOLUTE, "base", "l1", lower=-1.0, upper=1.0),
-            joint("b", JointKind.REVOLUTE, "l1", "tip", (0.1, 0, 0), lower=lower, upper=upper,
+            joint("a", JointType.REVOLUTE, "base", "l1", lower=-1.0, upper=1.0),
+            joint("b", JointType.REVOLUTE, "l1", "tip", (0.1, 0, 0), lower=lower, upper=upper,
                   mimic=Mimic("a", multiplier, 0.1)),
         ],
         "base",
@@ -55,10 +55,10 @@ def test_many_jacobians_of_slides_are_those_of_every_q_alone():
 
 def test_what_follows_a_joint_that_is_held_stands_where_that_puts_it():
     joints = [
-        joint("arm", JointKind.REVOLUTE, "base", "hand"),
-        joint("jaw", JointKind.PRISMATIC, "hand", "left", (0, 0, 0), (0, 1, 0), lower=0.02,
+        joint("arm", JointType.REVOLUTE, "base", "hand"),
+        joint("jaw", JointType.PRISMATIC, "hand", "left", (0, 0, 0), (0, 1, 0), lower=0.02,
               upper=0.05),
-        joint("other", JointKind.PRISMATIC, "hand", "right", (0, 0, 0), (0, 1, 0),
+        joint("other", JointType.PRISMATIC, "hand", "right", (0, 0, 0), (0, 1, 0),
               mimic=Mimic("jaw", -1.5, 0.01)),
     ]  # fmt: skip
     chain = Chain.from_joints(joints, "base", "hand")
@@ -100,8 +100,8 @@ def test_what_follows_a_joint_narrows_its_limits():
 
 def test_a_follower_of_which_no_more_is_said_goes_along_one_to_one():
     joints = [
-        joint("a", JointKind.REVOLUTE, "base", "l1"),
-        joint("b", JointKind.REVOLUTE, "l1", "tip", mimic=Mimic("a")),
+        joint("a", JointType.REVOLUTE, "base", "l1"),
+        joint("b", JointType.REVOLUTE, "l1", "tip", mimic=Mimic("a")),
     ]
     turned = Chain.from_joints(joints, "base", "tip").forward([0.3])
     assert math.atan2(turned[1, 0], turned[0, 0]) == pytest.approx(0.6)
@@ -113,8 +113,8 @@ def test_a_follower_that_leaves_its_leader_no_value_is_refused():
 
 
 def test_a_mimic_of_no_joint_is_refused():
-    first = joint("a", JointKind.REVOLUTE, "base", "l1")
-    lost = joint("b", JointKind.REVOLUTE, "l1", "tip", mimic=Mimic("nobody"))
+    first = joint("a", JointType.REVOLUTE, "base", "l1")
+    lost = joint("b", JointType.REVOLUTE, "l1", "tip", mimic=Mimic("nobody"))
     with pytest.raises(UnknownNameError, match="nobody"):
         Chain.from_joints([first, lost], "base", "tip")
 
@@ -135,4 +135,4 @@ def test_a_stretched_arm_cannot_move_along_itself():
 
 def test_the_room_to_the_nearer_limit_is_negative_outside():
     arm = planar(0.3, 0.2).with_limits([-1, 0], [1, 2])
-    np.testing.assert_allclose(room_to_limits(arm, [0.8, 2.5]), [0.2, -0.5])
+    np.testing.assert_allclose(distance_to_limits(arm, [0.8, 2.5]), [0.2, -0.5])

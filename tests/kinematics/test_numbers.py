@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError
-from ikservo.kinematics.numbers import finite_array, finite_vector, finite_vectors, frozen, numbers
+from ikservo.kinematics.arrays import (
+    as_floats,
+    finite_array,
+    finite_vector,
+    finite_vectors,
+    read_only,
+)
 
 
 @pytest.mark.parametrize("values", [[1, 2], (1.0, 2.0), np.array([1, 2], dtype=np.int8)])
@@ -51,12 +57,12 @@ def test_vectors_of_another_shape_are_refused(shape):
 
 
 def test_any_shape_of_numbers_is_numbers():
-    assert numbers([[1, math.inf]], "limits", "numbers").tolist() == [[1.0, math.inf]]
+    assert as_floats([[1, math.inf]], "limits", "numbers").tolist() == [[1.0, math.inf]]
 
 
 def test_a_frozen_copy_cannot_be_written_to_and_follows_nobody():
     original = np.array([1, 2])
-    copy = frozen(original)
+    copy = read_only(original)
     original[0] = 9
     assert (copy.dtype, copy.tolist()) == (np.float64, [1.0, 2.0])
     with pytest.raises(ValueError, match="read-only"):

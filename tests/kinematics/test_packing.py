@@ -5,41 +5,39 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.kinematics import Chain, JointKind, Mimic, pack
+from ikservo.kinematics import Chain, JointType, Mimic, pack_chain
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.packed_body import (
+from ikservo.kinematics.packed import (
     AXIS,
-    END,
-    LINK,
-    ORIGIN,
-    PARENT,
-    PLACE,
-    RADIUS,
-    SLIDES,
-    START,
-    pack_capsules,
-    pack_links,
-)
-from ikservo.kinematics.packed_body import COLUMN as LINK_COLUMN
-from ikservo.kinematics.packed_body import SCALE as LINK_SCALE
-from ikservo.kinematics.packed_body import SHIFT as LINK_SHIFT
-from ikservo.kinematics.packing import (
     COLUMN,
     DOF,
+    END,
+    FIRST_INDEPENDENT,
     FULL_TURN,
+    IS_PRISMATIC,
+    IS_REVOLUTE,
+    LINK,
+    LINK_POSE,
     LOWER,
+    ORIGIN,
+    PARENT,
     POSITION,
+    RADIUS,
     ROTATION,
     SCALE,
     SHIFT,
+    START,
     STEPS,
-    SWINGS,
-    TURNS,
     UPPER,
     WIDTH,
-    turn_z_onto,
+    pack_capsules,
+    pack_links,
+    rotation_z_to,
 )
-from ikservo.kinematics.se3 import pose
+from ikservo.kinematics.packed import MIMIC_COLUMN as LINK_COLUMN
+from ikservo.kinematics.packed import MIMIC_OFFSET as LINK_SHIFT
+from ikservo.kinematics.packed import MIMIC_SCALE as LINK_SCALE
+from ikservo.kinematics.se3 import make_pose
 from tests.kinematics.chains import crane, joint, planar
 
 
@@ -51,32 +49,32 @@ def unpacked(packed, q):
         value = row[SCALE] * q[int(row[COLUMN])] + row[SHIFT]
         T = T @ placed(row)
         c, s = math.cos(value), math.sin(value)
-        turned = pose(np.zeros(3), [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        T = T @ (turned if row[TURNS] else pose([0.0, 0.0, value]))
+        turned = make_pose(np.zeros(3), [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        T = T @ (turned if row[IS_REVOLUTE] else make_pose([0.0, 0.0, value]))
     return T @ placed(packed[1 + steps])
 
 
 def placed(row):
-    return pose(row[POSITION : POSITION + 3], row[ROTATION : ROTATION + 9].reshape(3, 3))
+    return make_pose(row[POSITION : POSITION + 3], row[ROTATION : ROTATION + 9].reshape(3, 3))
 
 
 @pytest.mark.parametrize("frame", [None, "cart", "lever", "base"])
 def test_the_rows_lead_where_the_chain_does(frame):
     chain, q, offset_m = crane(), np.array([0.7, 0.2]), np.array([0.01, -0.02, 0.03])
-    packed = pack(chain, frame, offset_m)
+    packed = pack_chain(chain, frame, offset_m)
     np.testing.assert_allclose(unpacked(packed, q), chain.forward(q, frame, offset_m), atol=1e-14)
 
 
 def test_the_header_counts_joint_rows_and_limits():
-    packed = pack(crane())
+    packed = pack_chain(crane())
     assert packed.shape == (2 + 3 + 2, WIDTH)
     assert (packed[0, STEPS], packed[0, DOF]) == (3.0, 2.0)
-    assert pack(crane(), "base").shape == (2 + 0 + 2, WIDTH)
+    assert pack_chain(crane(), "base").shape == (2 + 0 + 2, WIDTH)
 
 
 def test_joints_that_are_fixed_or_held_have_no_rows():
-    assert pack(planar(0.3, 0.2)).shape == (2 + 2 + 2, WIDTH)
-    assert pack(crane(), "lever").shape == (2 + 1 + 2, WIDTH)
+    assert pack_chain(planar(0.3, 0.2)).shape == (2 + 2 + 2, WIDTH)
+    assert pack_chain(crane(), "lever").shape == (2 + 1 + 2, WIDTH)
 
 
 @pytest.mark.parametrize(
@@ -86,37 +84,37 @@ def test_joints_that_are_fixed_or_held_have_no_rows():
 def test_the_packed_tools_z_points_along_its_axis(axis):
     axis = np.array(axis) / np.linalg.norm(axis)
     chain, q = planar(0.3, 0.2), np.array([0.4, -0.9])
-    found = unpacked(pack(chain, tool_axis=axis), q)
+    found = unpacked(pack_chain(chain, tool_axis=axis), q)
     np.testing.assert_allclose(found[:3, 2], chain.forward(q)[:3, :3] @ axis, atol=1e-14)
     np.testing.assert_allclose(found[:3, 3], chain.forward(q)[:3, 3], atol=1e-14)
-    R = turn_z_onto(axis)
+    R = rotation_z_to(axis)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(R) == pytest.approx(1.0)
 
 
 def one_joint(mimic=False, **more):
     """A joint, and where asked for another that follows it, before a tip."""
-    joints = [joint("a", more.pop("kind", JointKind.REVOLUTE), "base", "l1", **more)]
+    joints = [joint("a", more.pop("kind", JointType.REVOLUTE), "base", "l1", **more)]
     if mimic:
-        joints.append(joint("b", JointKind.REVOLUTE, "l1", "l2", mimic=Mimic("a")))
+        joints.append(joint("b", JointType.REVOLUTE, "l1", "l2", mimic=Mimic("a")))
     return Chain.from_joints(joints, "base", "l1")
 
 
 def test_a_first_joint_that_q_alone_turns_swings():
-    assert pack(one_joint())[0, SWINGS] == 1.0
-    assert pack(crane())[0, SWINGS] == 1.0
-    assert pack(one_joint(mimic=True))[0, SWINGS] == 0.0
-    assert pack(one_joint(kind=JointKind.PRISMATIC))[0, SWINGS] == 0.0
-    assert pack(crane(), "base")[0, SWINGS] == 0.0
+    assert pack_chain(one_joint())[0, FIRST_INDEPENDENT] == 1.0
+    assert pack_chain(crane())[0, FIRST_INDEPENDENT] == 1.0
+    assert pack_chain(one_joint(mimic=True))[0, FIRST_INDEPENDENT] == 0.0
+    assert pack_chain(one_joint(kind=JointType.PRISMATIC))[0, FIRST_INDEPENDENT] == 0.0
+    assert pack_chain(crane(), "base")[0, FIRST_INDEPENDENT] == 0.0
 
 
 @pytest.mark.parametrize(("multiplier", "offset"), [(0.5, 0.0), (1.0, 0.3)])
 def test_a_first_joint_that_follows_another_does_not_swing(multiplier, offset):
     joints = [
-        joint("first", JointKind.REVOLUTE, "base", "l1", mimic=Mimic("second", multiplier, offset)),
-        joint("second", JointKind.REVOLUTE, "l1", "tip", (0.1, 0, 0)),
+        joint("first", JointType.REVOLUTE, "base", "l1", mimic=Mimic("second", multiplier, offset)),
+        joint("second", JointType.REVOLUTE, "l1", "tip", (0.1, 0, 0)),
     ]
-    assert pack(Chain.from_joints(joints, "base", "tip"))[0, SWINGS] == 0.0
+    assert pack_chain(Chain.from_joints(joints, "base", "tip"))[0, FIRST_INDEPENDENT] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -126,12 +124,12 @@ def test_a_first_joint_that_follows_another_does_not_swing(multiplier, offset):
         (one_joint(lower=-3.14, upper=3.14), 1.0),
         (one_joint(lower=0.0, upper=math.tau - 0.0099), 1.0),
         (one_joint(lower=0.0, upper=math.tau - 0.0101), 0.0),
-        (one_joint(lower=-3.14, upper=3.14, kind=JointKind.PRISMATIC), 0.0),
+        (one_joint(lower=-3.14, upper=3.14, kind=JointType.PRISMATIC), 0.0),
         (one_joint(lower=-3.14, upper=3.14, mimic=True), 0.0),
     ],
 )
 def test_a_full_turn_is_one_where_every_direction_is_inside_the_range(chain, full):
-    row = pack(chain)[-1]
+    row = pack_chain(chain)[-1]
     assert row[FULL_TURN] == full
     assert (row[LOWER], row[UPPER]) == (chain.lower_rad[0], chain.upper_rad[0])
 
@@ -142,19 +140,19 @@ def test_each_link_has_a_row_with_its_joint():
     assert at["base"]["row"][PARENT] == -1
     assert at["hook"]["row"][PARENT] == at["cart"]["i"]
     hook, column, cart = (at[name]["row"] for name in ("hook", "column", "cart"))
-    assert (hook[SLIDES], column[SLIDES]) == (1.0, 0.0)
+    assert (hook[IS_PRISMATIC], column[IS_PRISMATIC]) == (1.0, 0.0)
     assert (hook[LINK_COLUMN], hook[LINK_SCALE], hook[LINK_SHIFT]) == (1.0, 0.5, 0.1)
     np.testing.assert_array_equal(hook[AXIS : AXIS + 3], [0.0, 0.0, -1.0])
-    np.testing.assert_array_equal(cart[PLACE : PLACE + 3], [0.0, 0.0, 0.5])
+    np.testing.assert_array_equal(cart[LINK_POSE : LINK_POSE + 3], [0.0, 0.0, 0.5])
     np.testing.assert_array_equal(cart[ORIGIN : ORIGIN + 9], np.eye(3).ravel())
 
 
 def test_a_fixed_joint_is_an_origin_and_nothing_more():
     names, rows = pack_links(planar(0.3, 0.2))
     row = rows[names.index("tip")]
-    np.testing.assert_array_equal(row[PLACE : PLACE + 3], [0.2, 0.0, 0.0])
+    np.testing.assert_array_equal(row[LINK_POSE : LINK_POSE + 3], [0.2, 0.0, 0.0])
     assert not row[AXIS:PARENT].any()
-    assert not row[SLIDES:].any()
+    assert not row[IS_PRISMATIC:].any()
 
 
 def test_each_capsule_has_a_row_with_its_link():

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.kinematics import Chain, JointKind, Mimic
+from ikservo.kinematics import Chain, JointType, Mimic
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.reach import Reach
+from ikservo.kinematics.motion_bounds import LinkTravelBounds
 from tests.kinematics.chains import joint, planar
 
 
@@ -17,34 +17,36 @@ def capsule(link, *ends_m):
 
 
 def test_a_turn_moves_points_by_the_lengths_between_them_and_the_axis():
-    reach = Reach(planar(0.3, 0.2), [capsule("l2", 0.1, -0.25), capsule("l2", 0.0, 0.15)])
-    np.testing.assert_allclose(reach.of("l2"), [0.3 + 0.25, 0.25])
-    np.testing.assert_allclose(reach.of("tip"), [0.3 + 0.2, 0.2])
+    reach = LinkTravelBounds(
+        planar(0.3, 0.2), [capsule("l2", 0.1, -0.25), capsule("l2", 0.0, 0.15)]
+    )
+    np.testing.assert_allclose(reach.bound_of("l2"), [0.3 + 0.25, 0.25])
+    np.testing.assert_allclose(reach.bound_of("tip"), [0.3 + 0.2, 0.2])
 
 
 def test_links_come_nearer_by_the_joints_between_them_only():
     chain = planar(0.3, 0.2, 0.1)
-    reach = Reach(chain, [capsule(f"l{i}", 0.0, 0.1 * i) for i in (1, 2, 3)])
-    np.testing.assert_allclose(reach.between("l1", "l3"), [0.0, 0.2 + 0.3, 0.3])
-    np.testing.assert_allclose(reach.between("l3", "l1"), reach.between("l1", "l3"))
-    np.testing.assert_allclose(reach.between("l0", "l1"), [0.1, 0.0, 0.0])
+    reach = LinkTravelBounds(chain, [capsule(f"l{i}", 0.0, 0.1 * i) for i in (1, 2, 3)])
+    np.testing.assert_allclose(reach.relative_bound("l1", "l3"), [0.0, 0.2 + 0.3, 0.3])
+    np.testing.assert_allclose(reach.relative_bound("l3", "l1"), reach.relative_bound("l1", "l3"))
+    np.testing.assert_allclose(reach.relative_bound("l0", "l1"), [0.1, 0.0, 0.0])
 
 
 def rail(multiplier=-0.5, shift=0.1, **limits):
     """A turning post, a slide on it and a second slide that follows the first."""
     joints = [
-        joint("turn", JointKind.REVOLUTE, "base", "post"),
-        joint("slide", JointKind.PRISMATIC, "post", "cart", (0, 0, 0.5), (1, 0, 0), **limits),
-        joint("more", JointKind.PRISMATIC, "cart", "tip", (0, 0.2, 0), (1, 0, 0),
+        joint("turn", JointType.REVOLUTE, "base", "post"),
+        joint("slide", JointType.PRISMATIC, "post", "cart", (0, 0, 0.5), (1, 0, 0), **limits),
+        joint("more", JointType.PRISMATIC, "cart", "tip", (0, 0.2, 0), (1, 0, 0),
               mimic=Mimic("slide", multiplier, shift)),
     ]  # fmt: skip
     return Chain.from_joints(joints, "base", "tip")
 
 
 def test_a_slide_moves_everything_by_as_much_and_what_follows_it_adds_its_share():
-    reach = Reach(rail(lower=-0.3, upper=0.2), [capsule("tip", 0.0, 0.0)])
-    assert reach.of("cart")[1] == pytest.approx(1.0)
-    assert reach.of("tip")[1] == pytest.approx(1.5)
+    reach = LinkTravelBounds(rail(lower=-0.3, upper=0.2), [capsule("tip", 0.0, 0.0)])
+    assert reach.bound_of("cart")[1] == pytest.approx(1.0)
+    assert reach.bound_of("tip")[1] == pytest.approx(1.5)
 
 
 @pytest.mark.parametrize(
@@ -52,23 +54,25 @@ def test_a_slide_moves_everything_by_as_much_and_what_follows_it_adds_its_share(
     [((-0.3, 0.2), 0.3, 0.25), ((-0.1, 0.4), 0.4, 0.15), ((0.1, 0.5), 0.5, 0.15)],
 )
 def test_a_turn_carries_slides_as_far_out_as_their_limits_let_them(limits, slide_m, more_m):
-    reach = Reach(rail(lower=limits[0], upper=limits[1]), [capsule("tip", 0.0, 0.07)])
-    assert reach.of("tip")[0] == pytest.approx(0.07 + 0.2 + more_m + 0.5 + slide_m)
+    reach = LinkTravelBounds(rail(lower=limits[0], upper=limits[1]), [capsule("tip", 0.0, 0.07)])
+    assert reach.bound_of("tip")[0] == pytest.approx(0.07 + 0.2 + more_m + 0.5 + slide_m)
 
 
 def test_a_slide_that_nothing_moves_stands_where_it_is_held():
     joints = [
-        joint("turn", JointKind.REVOLUTE, "base", "hand"),
-        joint("jaw", JointKind.PRISMATIC, "hand", "finger", (0.1, 0, 0), (0, 1, 0),
+        joint("turn", JointType.REVOLUTE, "base", "hand"),
+        joint("jaw", JointType.PRISMATIC, "hand", "finger", (0.1, 0, 0), (0, 1, 0),
               lower=-0.04, upper=-0.03),
     ]  # fmt: skip
-    reach = Reach(Chain.from_joints(joints, "base", "hand"), [capsule("finger", 0.0, 0.01)])
-    np.testing.assert_allclose(reach.of("finger"), [0.01 + 0.03 + 0.1])
+    reach = LinkTravelBounds(
+        Chain.from_joints(joints, "base", "hand"), [capsule("finger", 0.0, 0.01)]
+    )
+    np.testing.assert_allclose(reach.bound_of("finger"), [0.01 + 0.03 + 0.1])
 
 
 def test_no_point_of_a_turned_arm_moves_further_than_its_bound():
     chain = rail(lower=-0.3, upper=0.2)
-    reach = Reach(chain, [capsule("tip", -0.05, 0.07)]).of("tip")
+    reach = LinkTravelBounds(chain, [capsule("tip", -0.05, 0.07)]).bound_of("tip")
     rng, at = np.random.default_rng(3), (0.07, 0.0, 0.0)
     for slide_m in rng.uniform(-0.3, 0.2, 20):
         J = chain.jacobian([rng.uniform(-math.pi, math.pi), slide_m], "tip", at)[:3]

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from ikservo.model.arm_file import ArmFile, read_arm_file
+from ikservo.model.arm_file import read_arm_file
+from ikservo.model.arm_schema import ArmFile
 
 
 @pytest.fixture
@@ -53,7 +54,7 @@ def test_a_shadow_belongs_to_its_joint(arm: ArmFile) -> None:
 
 
 def test_a_joint_whose_servo_has_metres_per_turn_slides(arm: ArmFile) -> None:
-    assert [joint.slides for joint in arm.joints] == [False, False, True]
+    assert [joint.is_prismatic for joint in arm.joints] == [False, False, True]
 
 
 def test_poses_keep_their_units(arm: ArmFile) -> None:

@@ -19,7 +19,7 @@ def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (shelf / name).mkdir(parents=True)
         (shelf / name / "arm.toml").write_text("format = 1")
     (tmp_path / "arm.toml").write_text("format = 1")
-    monkeypatch.setattr(catalogue, "_shelves", lambda: (shelf,))
+    monkeypatch.setattr(catalogue, "_arm_folders", lambda: (shelf,))
     (tmp_path / "desk").mkdir()
     monkeypatch.chdir(tmp_path / "desk")
     return shelf
@@ -40,7 +40,7 @@ def test_a_folder_with_an_odd_name_is_no_arm(shelf: Path) -> None:
 
 
 def test_a_missing_shelf_is_an_empty_one(shelf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogue, "_shelves", lambda: (shelf / "nowhere",))
+    monkeypatch.setattr(catalogue, "_arm_folders", lambda: (shelf / "nowhere",))
     assert arm_names() == []
 
 

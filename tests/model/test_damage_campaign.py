@@ -11,7 +11,8 @@ import pytest
 
 from ikservo.errors import IkservoError
 from ikservo.model.arm_file import read_arm_file
-from ikservo.model.urdf import Urdf, read_urdf
+from ikservo.model.urdf import read_urdf
+from ikservo.model.urdf_types import Urdf
 from tests.model.test_file_mutations import SPLICES
 from tests.oracle import ARMS, CONFIGS
 

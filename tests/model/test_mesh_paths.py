@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.model.urdf import Mesh, Urdf, read_urdf
+from ikservo.model.urdf import read_urdf
+from ikservo.model.urdf_types import Mesh, Urdf
 
 OUTSIDE = [
     "/etc/passwd",

@@ -10,10 +10,12 @@ import trimesh
 import ikservo
 from ikservo.errors import FileFormatError, InputError
 from ikservo.kinematics.capsules import segment_distance
-from ikservo.model.meshes import fitting, reading
-from ikservo.model.meshes.fitting import fit_capsules
-from ikservo.model.shell import body_of, capsules_around
-from ikservo.model.urdf import Mesh, read_urdf
+from ikservo.model import meshes as fitting
+from ikservo.model import meshes as reading
+from ikservo.model.collision_model import bounding_capsules, collision_body
+from ikservo.model.meshes import fit_capsules
+from ikservo.model.urdf import read_urdf
+from ikservo.model.urdf_types import Mesh
 
 
 @pytest.fixture(autouse=True)
@@ -124,7 +126,7 @@ def mesh_at(path, scale=(1.0, 1.0, 1.0)):
 def test_every_format_gives_the_same_capsules(name, tmp_path):
     mesh, path = link_like("bar"), tmp_path / name
     path.write_bytes(FORMATS[name](mesh))
-    found = capsules_around("upper", mesh_at(path))
+    found = bounding_capsules("upper", mesh_at(path))
     expected = fit_capsules(np.array(mesh.triangles))
     assert {c.link for c in found} == {"upper"}
     assert len(found) == len(expected)
@@ -137,7 +139,7 @@ def test_gltf_reads_its_buffers_from_its_folder_only(tmp_path):
     for name, data in files.items():
         (tmp_path / "in" / ("shape.gltf" if name.endswith(".gltf") else name)).write_bytes(data)
     path = tmp_path / "in" / "shape.gltf"
-    assert capsules_around("upper", mesh_at(path))
+    assert bounding_capsules("upper", mesh_at(path))
     buffer = next((tmp_path / "in").glob("*.bin"))
     buffer.rename(tmp_path / buffer.name)
     tree = json.loads(path.read_text())
@@ -146,7 +148,7 @@ def test_gltf_reads_its_buffers_from_its_folder_only(tmp_path):
             entry["uri"] = f"../{buffer.name}"
     path.write_text(json.dumps(tree))
     with pytest.raises(FileFormatError, match="mesh of link upper"):
-        capsules_around("upper", mesh_at(path))
+        bounding_capsules("upper", mesh_at(path))
 
 
 def test_the_scale_is_that_of_the_description(tmp_path):
@@ -154,26 +156,26 @@ def test_the_scale_is_that_of_the_description(tmp_path):
     millimetres = link_like("bar")
     millimetres.apply_scale(1000.0)
     path.write_bytes(binary_stl(millimetres))
-    found = capsules_around("a", mesh_at(path, (0.001,) * 3))
+    found = bounding_capsules("a", mesh_at(path, (0.001,) * 3))
     assert max(capsule.radius_m for capsule in found) < 0.03
 
 
 def test_a_second_look_reads_what_was_kept(tmp_path, monkeypatch):
     path = tmp_path / "bar.stl"
     path.write_bytes(binary_stl(link_like("bar")))
-    first = capsules_around("a", mesh_at(path))
-    monkeypatch.setattr("ikservo.model.meshes.covering.read_triangles", None)
+    first = bounding_capsules("a", mesh_at(path))
+    monkeypatch.setattr("ikservo.model.meshes.read_triangles", None)
     path.touch()  # another time of change: memory forgets, the file does not
-    again = capsules_around("a", mesh_at(path))
+    again = bounding_capsules("a", mesh_at(path))
     np.testing.assert_allclose([c.radius_m for c in again], [c.radius_m for c in first])
 
 
 def test_a_changed_mesh_is_fitted_anew(tmp_path):
     path = tmp_path / "bar.stl"
     path.write_bytes(binary_stl(link_like("bar")))
-    before = capsules_around("a", mesh_at(path))
+    before = bounding_capsules("a", mesh_at(path))
     path.write_bytes(binary_stl(link_like("ball")))
-    assert len(capsules_around("a", mesh_at(path))) != len(before)
+    assert len(bounding_capsules("a", mesh_at(path))) != len(before)
 
 
 @pytest.mark.parametrize(
@@ -189,18 +191,18 @@ def test_a_mesh_that_cannot_be_read_is_an_error_that_names_the_link(name, data, 
     path = tmp_path / name
     path.write_bytes(data)
     with pytest.raises(FileFormatError, match=f"mesh of link forearm: .*({found})"):
-        capsules_around("forearm", mesh_at(path))
+        bounding_capsules("forearm", mesh_at(path))
 
 
 def test_a_missing_mesh_is_an_error_that_names_the_link(tmp_path):
     with pytest.raises(FileFormatError, match="mesh of link forearm: the file does not exist"):
-        capsules_around("forearm", mesh_at(tmp_path / "gone.stl"))
+        bounding_capsules("forearm", mesh_at(tmp_path / "gone.stl"))
 
 
 def test_a_mesh_outside_is_an_error_that_names_the_link():
     mesh = Mesh("/etc/passwd", None, (1.0,) * 3, (0.0,) * 3, (0.0,) * 3)
     with pytest.raises(FileFormatError, match="mesh of link forearm: it is outside the model's"):
-        capsules_around("forearm", mesh)
+        bounding_capsules("forearm", mesh)
 
 
 def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
@@ -208,22 +210,22 @@ def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
     path.write_bytes(binary_stl(link_like("bar")))
     monkeypatch.setitem(__import__("sys").modules, "trimesh", None)
     with pytest.raises(InputError, match="needs trimesh") as caught:
-        capsules_around("forearm", mesh_at(path))
+        bounding_capsules("forearm", mesh_at(path))
     assert "ikservo[mesh]" in caught.value.hint
 
 
 def test_a_mesh_too_large_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(reading, "_LARGEST_BYTES", 1000)
+    monkeypatch.setattr(reading, "_MAX_BYTES", 1000)
     path = tmp_path / "ball.stl"
     path.write_bytes(binary_stl(link_like("ball")))
     with pytest.raises(FileFormatError, match="larger than"):
-        capsules_around("forearm", mesh_at(path))
+        bounding_capsules("forearm", mesh_at(path))
 
 
 def test_splitting_leaves_no_gap_at_the_cut():
     mesh = link_like("bracket")
     triangles = np.array(mesh.triangles)
-    above, below = fitting._cut(triangles, np.array([1.0, 0.0, 0.0]), 0.013)
+    above, below = fitting._cut_by_plane(triangles, np.array([1.0, 0.0, 0.0]), 0.013)
     areas = [trimesh.triangles.area(t).sum() for t in (triangles, above, below)]
     assert areas[0] == pytest.approx(areas[1] + areas[2])
 
@@ -237,7 +239,9 @@ def test_a_link_without_collision_shapes_is_covered_by_what_is_drawn(tmp_path):
         <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
     )
     model = ikservo.load_model(tmp_path / "arm.urdf", tip="bar")
-    assert float(body_of(model).above([[0.0]], -1.0).gap_m.min()) == pytest.approx(0.98, abs=0.01)
+    assert float(collision_body(model).floor_distances([[0.0]], -1.0).gap_m.min()) == pytest.approx(
+        0.98, abs=0.01
+    )
 
 
 @pytest.mark.parametrize("inside", ["meshes/bar.stl", "small_description/meshes/bar.stl"])
@@ -261,4 +265,4 @@ def test_an_arm_without_any_shape_says_so(tmp_path):
         <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
     )
     with pytest.raises(InputError, match="no link of bare has a shape"):
-        body_of(ikservo.load_model(tmp_path / "arm.urdf", tip="bar"))
+        collision_body(ikservo.load_model(tmp_path / "arm.urdf", tip="bar"))

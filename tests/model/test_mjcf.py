@@ -7,8 +7,8 @@ import trimesh
 
 import ikservo
 from ikservo.errors import FileFormatError, InputError
-from ikservo.model.sag import masses_of
-from ikservo.model.shell import body_of
+from ikservo.model.collision_model import collision_body
+from ikservo.model.sag import link_masses
 
 MJCF = """<mujoco model="made">
   <compiler angle="degree" meshdir="meshes" autolimits="true"/>
@@ -72,7 +72,7 @@ def test_masses_hang_where_mujoco_has_them(path):
     mujoco.mj_kinematics(oracle, data)
     mujoco.mj_comPos(oracle, data)
     poses = model.chain.link_poses(np.zeros(3))
-    for mass in masses_of(model, model.chain):
+    for mass in link_masses(model, model.chain):
         centre_m = (poses[mass.link] @ np.append(mass.centre_m, 1.0))[:3]
         np.testing.assert_allclose(centre_m, data.body(mass.link).xipos, atol=1e-9)
         assert mass.mass_kg == pytest.approx(float(oracle.body(mass.link).mass[0]))
@@ -84,7 +84,9 @@ def test_a_joint_that_follows_another_is_a_mimic(path):
 
 
 def test_every_body_has_capsules_its_meshes_too(path):
-    gaps = body_of(ikservo.load_model(path, tip="tool")).above([[0.0, 0.0, 0.0]], -1.0)
+    gaps = collision_body(ikservo.load_model(path, tip="tool")).floor_distances(
+        [[0.0, 0.0, 0.0]], -1.0
+    )
     assert {link for link, _ in gaps.pairs} == {"base", "upper", "fore", "left", "right"}
 
 
@@ -98,7 +100,7 @@ def test_every_body_has_capsules_its_meshes_too(path):
     ],
 )
 def test_a_file_outside_the_folder_is_refused_before_mujoco_reads_it(path, old, new, monkeypatch):
-    monkeypatch.setattr("ikservo.model.mjcf.reader.importlib.import_module", None)
+    monkeypatch.setattr("ikservo.model.mjcf.importlib.import_module", None)
     path.write_text(MJCF.replace(old, new))
     with pytest.raises(FileFormatError, match="outside the model's folder"):
         ikservo.load_model(path, tip="tool")

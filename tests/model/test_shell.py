@@ -7,10 +7,10 @@ import numpy as np
 import pinocchio
 import pytest
 
-from ikservo.kinematics.body import Body
+from ikservo.kinematics.collision import CollisionBody
 from ikservo.model import load_model
-from ikservo.model.shell import body_of, capsules_around
-from ikservo.model.urdf import Box, Cylinder, Sphere
+from ikservo.model.collision_model import bounding_capsules, collision_body
+from ikservo.model.urdf_types import Box, Cylinder, Sphere
 from tests.oracle import ARMS, CONFIGS
 
 SHAPES = [
@@ -24,7 +24,7 @@ SHAPES = [
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
 def test_no_point_of_a_shape_lies_outside_its_capsules(shape):
-    capsules = capsules_around("link", shape)
+    capsules = bounding_capsules("link", shape)
     for point in _surface(shape):
         depths = [_distance(point, c.start_m, c.end_m) - c.radius_m for c in capsules]
         assert min(depths) <= 1e-9
@@ -37,22 +37,24 @@ def test_every_pair_of_links_that_is_not_joined_is_watched(name):
     carriers = {joint.child: joint.parent for joint in model.urdf.joints}
     joined = {frozenset(pair) for pair in carriers.items()}
     pairs = {frozenset(pair) for pair in itertools.combinations(with_shape, 2)}
-    assert {frozenset(pair) for pair in body_of(model).pairs} >= pairs - joined - _welded(model)
+    assert {frozenset(pair) for pair in collision_body(model).pairs} >= pairs - joined - _welded(
+        model
+    )
 
 
 def test_a_pair_that_overlaps_in_rest_counts_from_there():
     model = load_model("wx250s")
     rest = model.chain_pose("rest")
-    assert body_of(model).between_links([rest]).gap_m.min() >= 0
-    bare = Body(model.chain, [c for link in model.urdf.links for shape in link.collisions
-                              for c in capsules_around(link.name, shape)])  # fmt: skip
-    assert bare.between_links([rest]).gap_m.min() < 0
+    assert collision_body(model).link_distances([rest]).gap_m.min() >= 0
+    bare = CollisionBody(model.chain, [c for link in model.urdf.links for shape in link.collisions
+                              for c in bounding_capsules(link.name, shape)])  # fmt: skip
+    assert bare.link_distances([rest]).gap_m.min() < 0
 
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "wx250s"])
 def test_whatever_really_touches_is_found(name):
     model = load_model(name)
-    body, random = body_of(model), np.random.default_rng(3)
+    body, random = collision_body(model), np.random.default_rng(3)
     exact = pinocchio.buildModelFromUrdf(str(CONFIGS / name / "arm.urdf"))
     shapes = pinocchio.buildGeomFromUrdf(
         exact, str(CONFIGS / name / "arm.urdf"), pinocchio.COLLISION
@@ -63,14 +65,14 @@ def test_whatever_really_touches_is_found(name):
         q = random.uniform(model.chain.lower_rad, model.chain.upper_rad)
         pairs = _touching(exact, shapes, model.chain, q) & watched
         touching += bool(pairs)
-        assert not pairs or body.between_links([q]).gap_m.min() <= 1e-9
+        assert not pairs or body.link_distances([q]).gap_m.min() <= 1e-9
     assert touching > 3
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_in_rest_pose_no_link_is_below_the_table(name):
     model = load_model(name)
-    above = body_of(model).above([model.chain_pose("rest")], model.floor_m)
+    above = collision_body(model).floor_distances([model.chain_pose("rest")], model.floor_m)
     assert {other for _, other in above.pairs} == {"the floor"}
     assert above.gap_m.min() > 0
 
@@ -79,7 +81,7 @@ def test_a_box_in_the_way_is_named():
     model = load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     home = [model.chain_pose("home")]
-    near = body_of(model).beside(home, tip_m - 0.01, tip_m + 0.01, "the cup")
+    near = collision_body(model).box_distances(home, tip_m - 0.01, tip_m + 0.01, "the cup")
     link, other = near.pairs[int(near.gap_m[0].argmin())]
     assert (link in ("gripper", "jaw"), other) == (True, "the cup")
     assert near.gap_m.min() <= 0
@@ -87,7 +89,7 @@ def test_a_box_in_the_way_is_named():
 
 def _welded(model):
     """Return the pairs of links with fewer than two moving joints between them."""
-    ways = {link.name: {j.name for j in model.urdf.joints_to(link.name) if j.kind.moves}
+    ways = {link.name: {j.name for j in model.urdf.joints_to(link.name) if j.kind.is_movable}
             for link in model.urdf.links}  # fmt: skip
     return {frozenset(pair) for pair in itertools.combinations(ways, 2)
             if len(ways[pair[0]] ^ ways[pair[1]]) <= 1}  # fmt: skip

@@ -6,7 +6,8 @@ import pytest
 
 from ikservo.model.arm_file import read_arm_file
 from ikservo.model.catalogue import arm_names, find_arm
-from ikservo.model.urdf import JointKind, Urdf, read_urdf
+from ikservo.model.urdf import read_urdf
+from ikservo.model.urdf_types import JointType, Urdf
 
 
 def urdf_of(name: str) -> Urdf:
@@ -25,12 +26,12 @@ def test_its_urdf_has_no_slips(name: str) -> None:
 @pytest.mark.parametrize("name", arm_names())
 def test_its_tip_is_reached_over_all_its_arm_joints(name: str) -> None:
     arm = read_arm_file(find_arm(name))
-    moving = [joint.name for joint in urdf_of(name).joints_to(arm.tip) if joint.kind.moves]
+    moving = [joint.name for joint in urdf_of(name).joints_to(arm.tip) if joint.kind.is_movable]
     assert moving == [joint.name for joint in arm.joints if joint.role == "arm"]
 
 
 @pytest.mark.parametrize("name", arm_names())
 def test_just_its_prismatic_joints_have_metres_per_turn(name: str) -> None:
-    prismatic = {j.name for j in urdf_of(name).joints if j.kind is JointKind.PRISMATIC}
+    prismatic = {j.name for j in urdf_of(name).joints if j.kind is JointType.PRISMATIC}
     arm = read_arm_file(find_arm(name))
-    assert all(joint.slides == (joint.name in prismatic) for joint in arm.joints)
+    assert all(joint.is_prismatic == (joint.name in prismatic) for joint in arm.joints)

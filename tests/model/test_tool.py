@@ -8,7 +8,7 @@ import pytest
 
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model
-from ikservo.model.tool import tool_of
+from ikservo.model.tool import tool_frame
 from tests.oracle import ARMS
 
 ANGLES = [-1.4, -0.5, 0.0, 0.7, 1.3]
@@ -19,10 +19,10 @@ def test_the_tool_axis_leads_away_from_the_wrist(name):
     model = load_model(name)
     q, h = model.chain_pose("home"), 1e-6
     T = model.chain.forward(q)
-    tool = tool_of(model)
-    ahead_m = T[:3, 3] + 0.05 * T[:3, :3] @ tool.ahead
+    tool = tool_frame(model)
+    ahead_m = T[:3, 3] + 0.05 * T[:3, :3] @ tool.approach_axis
     wrist = [i for i in range(model.chain.dof) if moves_m(model, q, i, h) > 0.03 * h][-1]
-    further = model.chain.jacobian(q, offset_m=0.05 * tool.ahead)[:3, wrist]
+    further = model.chain.jacobian(q, offset_m=0.05 * tool.approach_axis)[:3, wrist]
     assert np.linalg.norm(further) > np.linalg.norm(model.chain.jacobian(q)[:3, wrist])
     assert ahead_m.shape == (3,)
 
@@ -35,7 +35,7 @@ def moves_m(model, q, joint, step):
 
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])
 def test_an_orientation_says_what_it_was_made_of(name):
-    tool = tool_of(load_model(name))
+    tool = tool_frame(load_model(name))
     for pitch, roll in itertools.product(ANGLES, ANGLES):
         R = tool.rotation(0.4, pitch, roll)
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
@@ -44,7 +44,7 @@ def test_an_orientation_says_what_it_was_made_of(name):
 
 
 def test_straight_down_is_minus_90_degrees_and_has_no_heading():
-    tool = tool_of(load_model("so101"))
+    tool = tool_frame(load_model("so101"))
     R = tool.rotation(0.4, -math.pi / 2, 0.3)
     assert tool.pitch_rad(R) == pytest.approx(-math.pi / 2)
     assert tool.heading_rad(R) is None
@@ -52,9 +52,9 @@ def test_straight_down_is_minus_90_degrees_and_has_no_heading():
 
 
 def test_a_positive_roll_is_clockwise_as_seen_from_behind_the_tool():
-    tool = tool_of(load_model("open_manipulator_x"))
+    tool = tool_frame(load_model("open_manipulator_x"))
     level = tool.rotation(0.0, 0.0, 0.0)
-    rolled = exp_so3(0.2 * level @ tool.ahead) @ level
+    rolled = exp_so3(0.2 * level @ tool.approach_axis) @ level
     assert tool.roll_rad(rolled, 0.0) == pytest.approx(0.2)
 
 
@@ -62,4 +62,4 @@ def test_a_positive_roll_is_clockwise_as_seen_from_behind_the_tool():
 def test_at_home_no_tool_is_upside_down(name):
     model = load_model(name)
     R = model.chain.forward(model.chain_pose("home"))[:3, :3]
-    assert abs(tool_of(model).roll_rad(R, 0.0)) < math.radians(3)
+    assert abs(tool_frame(model).roll_rad(R, 0.0)) < math.radians(3)

@@ -10,17 +10,8 @@ from pathlib import Path
 import pytest
 
 from ikservo.errors import UnknownNameError
-from ikservo.model.urdf import (
-    Box,
-    Cylinder,
-    JointKind,
-    Mesh,
-    Mimic,
-    Sphere,
-    Urdf,
-    UrdfJoint,
-    read_urdf,
-)
+from ikservo.model.urdf import read_urdf
+from ikservo.model.urdf_types import Box, Cylinder, JointType, Mesh, Mimic, Sphere, Urdf, UrdfJoint
 
 
 @pytest.fixture
@@ -90,16 +81,16 @@ def test_a_joint_without_axis_turns_about_x(urdf: Urdf) -> None:
 
 
 def test_a_fixed_joint_may_have_an_axis_of_zero_length(urdf: Urdf) -> None:
-    assert joint(urdf, "tool").kind is JointKind.FIXED
+    assert joint(urdf, "tool").kind is JointType.FIXED
 
 
 def test_a_fixed_joint_does_not_move(urdf: Urdf) -> None:
-    assert not joint(urdf, "tool").kind.moves
+    assert not joint(urdf, "tool").kind.is_movable
 
 
 @pytest.mark.parametrize("name", ["elbow", "roll", "gripper"])
 def test_a_joint_that_is_not_fixed_moves(urdf: Urdf, name: str) -> None:
-    assert joint(urdf, name).kind.moves
+    assert joint(urdf, name).kind.is_movable
 
 
 def test_limits_are_what_the_file_says(urdf: Urdf) -> None:

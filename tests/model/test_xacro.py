@@ -45,12 +45,12 @@ def test_the_program_is_used_where_the_package_is_missing(path, tmp_path, monkey
     program.write_text(f'#!/bin/sh\necho "{plain}"\n')
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", str(folder), prepend=":")
-    monkeypatch.setattr("ikservo.model.urdf.xacro.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("ikservo.model.urdf_xml.importlib.util.find_spec", lambda _: None)
     assert ikservo.load_model(path, tip="arm").name == "plain"
 
 
 def test_without_xacro_the_error_says_what_to_install(path, monkeypatch):
-    monkeypatch.setattr("ikservo.model.urdf.xacro.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("ikservo.model.urdf_xml.importlib.util.find_spec", lambda _: None)
     monkeypatch.setattr(shutil, "which", lambda _: None)
     with pytest.raises(FileFormatError, match="need xacro, which is not installed") as caught:
         ikservo.load_model(path, tip="arm")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ikservo.motion import JointMove, Pace, State, brake
+from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint, stop_trajectory
 
 SEEDS = range(12)
 
@@ -11,13 +11,13 @@ SEEDS = range(12)
 def motions(seed):
     """Return motions from states within and beyond the paces: to a goal, and to a stop."""
     rng = np.random.default_rng(seed)
-    paces = [Pace(*(10 ** rng.uniform(-0.5, 0.5, 3) * [1, 5, 50])) for _ in range(3)]
-    start = State(rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 3), rng.uniform(-10, 10, 3))
+    paces = [KinematicLimits(*(10 ** rng.uniform(-0.5, 0.5, 3) * [1, 5, 50])) for _ in range(3)]
+    start = TrajectoryPoint(rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 3), rng.uniform(-10, 10, 3))
     goal = rng.uniform(-1, 1, 3)
     return [
         JointMove(start, goal, paces),
         JointMove(start, goal, paces, together=False),
-        brake(start, paces),
+        stop_trajectory(start, paces),
     ]
 
 

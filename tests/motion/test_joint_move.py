@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError, RefusedError
-from ikservo.motion import JointMove, Pace, State, brake
+from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint, stop_trajectory
 from tests.motion.laws import assert_keeps_paces
 
-PACES = [Pace(1.0, 2.0, 20.0), Pace(0.5, 3.0, 15.0)]
+PACES = [KinematicLimits(1.0, 2.0, 20.0), KinematicLimits(0.5, 3.0, 15.0)]
 joints = st.tuples(st.floats(-3, 3), st.floats(-3, 3)).map(np.array)
 
 
@@ -61,7 +61,7 @@ def test_a_goal_that_is_no_joint_vector_is_refused(goal):
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
 def test_a_pace_is_positive(speed):
     with pytest.raises(BadValueError, match="speed_rad_s"):
-        Pace(speed, 1.0, 1.0)
+        KinematicLimits(speed, 1.0, 1.0)
 
 
 def _sampled(move):
@@ -99,17 +99,21 @@ def test_a_new_goal_in_mid_motion_keeps_every_pace(start, goal, share):
 def test_braking_ends_at_rest_as_soon_as_the_pace_allows(start, goal, share):
     move = JointMove(start, goal, PACES)
     moving = move.state(share * move.duration_s)
-    stop = brake(moving, PACES)
+    stop = stop_trajectory(moving, PACES)
     np.testing.assert_allclose(stop.state(stop.duration_s - 1e-9).velocity, 0, atol=1e-6)
     # v/a + a/j is the longest that a stop from full speed can take, and the build-up of a again.
     assert stop.duration_s <= max(p.speed_rad_s / p.acceleration_rad_s2 for p in PACES) + 3 * 0.2
 
 
 def test_joints_at_rest_brake_in_no_time():
-    assert brake(State.rest([1.0, 2.0]), PACES).duration_s == 0.0
+    assert stop_trajectory(TrajectoryPoint.at_rest([1.0, 2.0]), PACES).duration_s == 0.0
 
 
-SLOW_AND_FAST = [Pace(1.0, 2.0, 20.0), Pace(0.5, 3.0, 15.0), Pace(2.0, 9.0, 60.0)]
+SLOW_AND_FAST = [
+    KinematicLimits(1.0, 2.0, 20.0),
+    KinematicLimits(0.5, 3.0, 15.0),
+    KinematicLimits(2.0, 9.0, 60.0),
+]
 three = st.tuples(*[st.floats(-3, 3)] * 3).map(np.array)
 
 
@@ -132,11 +136,13 @@ def test_all_joints_arrive_together(start, goal):
 @given(three, three, st.floats(0.0, 1.0))
 def test_braking_keeps_acceleration_and_jerk_too(start, goal, share):
     move = JointMove(start, goal, SLOW_AND_FAST)
-    assert_keeps_paces(brake(move.state(share * move.duration_s), SLOW_AND_FAST), SLOW_AND_FAST)
+    assert_keeps_paces(
+        stop_trajectory(move.state(share * move.duration_s), SLOW_AND_FAST), SLOW_AND_FAST
+    )
 
 
 def test_its_extent_is_how_far_each_joint_goes():
-    moving = State(np.zeros(1), np.ones(1), np.zeros(1))
+    moving = TrajectoryPoint(np.zeros(1), np.ones(1), np.zeros(1))
     lowest, highest = JointMove(moving, [-0.5], [PACES[0]]).extent
     assert lowest == pytest.approx([-0.5])
     assert 0.2 < highest[0] < 0.5
@@ -148,7 +154,7 @@ def test_a_start_that_is_no_state_is_refused(what):
         what: np.array([0, math.nan])
     }
     with pytest.raises(BadValueError, match=f"{what} at the start"):
-        JointMove(State(np.zeros(2), **broken), [1, 1], PACES)
+        JointMove(TrajectoryPoint(np.zeros(2), **broken), [1, 1], PACES)
 
 
 def test_what_ruckig_cannot_solve_is_refused_and_not_streamed():
@@ -158,7 +164,7 @@ def test_what_ruckig_cannot_solve_is_refused_and_not_streamed():
 
 def test_a_failure_that_ruckig_only_returns_is_refused_too(monkeypatch):
     failed = ruckig.Result.ErrorSynchronizationCalculation
-    monkeypatch.setattr("ikservo.motion.joint_move.Ruckig", lambda _: Failing(failed))
+    monkeypatch.setattr("ikservo.motion.point_to_point.Ruckig", lambda _: Failing(failed))
     with pytest.raises(RefusedError, match="ErrorSynchronizationCalculation"):
         JointMove([0.0], [1.0], [PACES[0]])
 
@@ -174,8 +180,8 @@ class Failing:
 
 
 def test_a_braking_motion_knows_all_that_a_motion_knows():
-    moving = State(np.zeros(2), np.array([0.8, -0.2]), np.zeros(2))
-    stop = brake(moving, PACES)
+    moving = TrajectoryPoint(np.zeros(2), np.array([0.8, -0.2]), np.zeros(2))
+    stop = stop_trajectory(moving, PACES)
     assert vars(stop).keys() == vars(JointMove([0.0, 0.0], [1.0, 1.0], PACES)).keys()
     assert stop.top_speed == 1.0
     np.testing.assert_array_equal(stop.state(stop.duration_s).velocity, np.zeros(2))

@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError
-from ikservo.motion import JointMove, JointRoute, Pace
+from ikservo.motion import JointMove, JointWaypointTrajectory, KinematicLimits
 from tests.motion.laws import assert_inside, assert_keeps_paces, assert_smooth, sampled
 
-PACES = [Pace(1.0, 3.0, 30.0), Pace(0.4, 5.0, 40.0), Pace(2.0, 6.0, 90.0)]
+PACES = [
+    KinematicLimits(1.0, 3.0, 30.0),
+    KinematicLimits(0.4, 5.0, 40.0),
+    KinematicLimits(2.0, 6.0, 90.0),
+]
 SEEDS = range(5)
 
 
@@ -20,7 +24,7 @@ def points_of(seed):
 
 
 def route_of(seed, blend=0.2):
-    return JointRoute(np.zeros(3), points_of(seed), PACES, blend)
+    return JointWaypointTrajectory(np.zeros(3), points_of(seed), PACES, blend)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -66,32 +70,37 @@ def test_without_stops_it_is_never_much_slower_than_with_them(seed):
 
 def test_one_point_is_reached_as_by_a_move():
     alike = [PACES[0]] * 3
-    route = JointRoute(np.zeros(3), [[1.0, 0.5, -0.7]], alike, 0.1)
+    route = JointWaypointTrajectory(np.zeros(3), [[1.0, 0.5, -0.7]], alike, 0.1)
     move = JointMove(np.zeros(3), [1.0, 0.5, -0.7], alike)
     assert route.duration_s == pytest.approx(move.duration_s, rel=0.01)
 
 
 def test_a_way_there_and_back_turns_round_at_the_point():
-    route = JointRoute(np.zeros(3), [[1.0, 0.2, 0.4], [0.0, 0.0, 0.0]], PACES, 0.1)
+    route = JointWaypointTrajectory(np.zeros(3), [[1.0, 0.2, 0.4], [0.0, 0.0, 0.0]], PACES, 0.1)
     _, position, _, _ = sampled(route, 2000)
     assert position[:, 0].max() == pytest.approx(1.0, abs=0.0376)
     assert_keeps_paces(route, PACES, count=1200)
 
 
 def test_points_that_are_one_are_one():
-    twice = JointRoute(np.zeros(3), [[1.0, 0, 0], [1.0, 0, 0], [1.0, 0.5, 0]], PACES, 0.1)
-    once = JointRoute(np.zeros(3), [[1.0, 0, 0], [1.0, 0.5, 0]], PACES, 0.1)
+    twice = JointWaypointTrajectory(
+        np.zeros(3), [[1.0, 0, 0], [1.0, 0, 0], [1.0, 0.5, 0]], PACES, 0.1
+    )
+    once = JointWaypointTrajectory(np.zeros(3), [[1.0, 0, 0], [1.0, 0.5, 0]], PACES, 0.1)
     assert twice.duration_s == pytest.approx(once.duration_s)
 
 
 def test_a_route_to_where_it_is_takes_no_time():
-    assert JointRoute(np.zeros(3), [np.zeros(3), np.zeros(3)], PACES, 0.1).duration_s == 0.0
+    assert (
+        JointWaypointTrajectory(np.zeros(3), [np.zeros(3), np.zeros(3)], PACES, 0.1).duration_s
+        == 0.0
+    )
 
 
 @pytest.mark.parametrize("blend", [0.0, -1.0, math.nan, math.inf])
 def test_a_blend_is_positive(blend):
     with pytest.raises(BadValueError, match="blend"):
-        JointRoute(np.zeros(3), [np.ones(3), np.zeros(3)], PACES, blend)
+        JointWaypointTrajectory(np.zeros(3), [np.ones(3), np.zeros(3)], PACES, blend)
 
 
 @pytest.mark.parametrize(
@@ -99,4 +108,4 @@ def test_a_blend_is_positive(blend):
                            ([[1, 2, 3], [0, 0, 0]], [0.1, 0.1])])  # fmt: skip
 def test_a_route_that_is_none_is_refused(points, blends):
     with pytest.raises(BadValueError):
-        JointRoute(np.zeros(3), points, PACES, blends)
+        JointWaypointTrajectory(np.zeros(3), points, PACES, blends)

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from ikservo.motion import Metronome
+from ikservo.motion import Rate
 
 
 class HandClock:
@@ -21,14 +21,14 @@ class HandClock:
 
 
 def test_beats_are_multiples_of_the_period():
-    beats = list(itertools.islice(Metronome(HandClock(), 0.01), 4))
+    beats = list(itertools.islice(Rate(HandClock(), 0.01), 4))
     assert beats == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
 
 def test_a_late_beat_does_not_move_the_next_one():
     clock = HandClock()
     beats = []
-    for elapsed_s in itertools.islice(Metronome(clock, 0.01), 4):
+    for elapsed_s in itertools.islice(Rate(clock, 0.01), 4):
         beats.append(elapsed_s)
         clock.time_s += 0.007
     assert beats == pytest.approx([0.0, 0.01, 0.02, 0.03])
@@ -36,7 +36,7 @@ def test_a_late_beat_does_not_move_the_next_one():
 
 def test_missed_beats_are_left_out_and_not_made_up_for():
     clock = HandClock()
-    metronome = Metronome(clock, 0.01)
+    metronome = Rate(clock, 0.01)
     beats = []
     for elapsed_s in itertools.islice(metronome, 3):
         beats.append(elapsed_s)

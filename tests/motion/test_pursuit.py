@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError, RefusedError
-from ikservo.motion import JointMove, Pace, Pursuit, State
+from ikservo.motion import JointMove, KinematicLimits, OnlineTrajectory, TrajectoryPoint
 from tests.motion.laws import assert_inside, assert_keeps_paces, assert_smooth
 
-PACES = [Pace(1.0, 3.0, 30.0), Pace(0.4, 5.0, 40.0), Pace(2.0, 6.0, 90.0)]
+PACES = [
+    KinematicLimits(1.0, 3.0, 30.0),
+    KinematicLimits(0.4, 5.0, 40.0),
+    KinematicLimits(2.0, 6.0, 90.0),
+]
 SEEDS = range(6)
 
 
@@ -19,27 +23,27 @@ def chased(seed, aims=10, ended=True):
     lower, upper = -rng.uniform(0.02, 1.0, 3), rng.uniform(0.02, 1.0, 3)
     course, time_s = Recorded(np.zeros(3), PACES, lower=lower, upper=upper), 0.0
     for _ in range(aims):
-        course.aim(rng.choice([lower, upper, rng.uniform(2 * lower, 2 * upper)]), time_s)
+        course.retarget(rng.choice([lower, upper, rng.uniform(2 * lower, 2 * upper)]), time_s)
         time_s += float(rng.choice([0.0, 0.01, rng.uniform(0.0, 1.0)]))
     if ended:
-        course.end(time_s)
+        course.stop(time_s)
     return course, lower, upper
 
 
-class Recorded(Pursuit):
+class Recorded(OnlineTrajectory):
     """Remembers the whole of its past, so that a test can sample it as one motion."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs)
         self._past = [(0.0, self._pieces)]
 
-    def aim(self, goal, time_s):
-        answer = super().aim(goal, time_s)
+    def retarget(self, goal, time_s):
+        answer = super().retarget(goal, time_s)
         self._past.append((time_s, self._pieces))
         return answer
 
-    def end(self, time_s):
-        super().end(time_s)
+    def stop(self, time_s):
+        super().stop(time_s)
         self._past.append((time_s, self._pieces))
 
     def state(self, time_s):
@@ -74,7 +78,7 @@ def test_nothing_jumps_where_the_goal_changes(seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_left_alone_it_rests_at_its_last_goal(seed):
     course, _, _ = chased(seed, ended=False)
-    rest = course.state(course.rest_s)
+    rest = course.state(course.settles_at_s)
     np.testing.assert_allclose(rest.position, course.goal, atol=1e-9)
     np.testing.assert_allclose(rest.velocity, 0, atol=1e-12)
     assert course.duration_s == math.inf
@@ -90,118 +94,120 @@ def test_once_ended_it_rests_for_good(seed):
 
 
 def test_not_aimed_at_anything_it_stays():
-    course = Pursuit([0.1, 0.2, 0.3], PACES)
+    course = OnlineTrajectory([0.1, 0.2, 0.3], PACES)
     np.testing.assert_array_equal(course.state(5.0).position, [0.1, 0.2, 0.3])
 
 
 def test_one_goal_is_reached_as_fast_as_by_a_move():
-    course = Pursuit(np.zeros(3), PACES)
-    course.aim([1.0, 0.5, -0.7], 2.0)
-    assert course.rest_s == pytest.approx(
+    course = OnlineTrajectory(np.zeros(3), PACES)
+    course.retarget([1.0, 0.5, -0.7], 2.0)
+    assert course.settles_at_s == pytest.approx(
         2.0 + JointMove(np.zeros(3), course.goal, PACES).duration_s
     )
 
 
 def test_the_same_goal_again_and_again_changes_nothing():
-    once, often = Pursuit(np.zeros(3), PACES), Pursuit(np.zeros(3), PACES)
-    once.aim([1.0, 0.5, -0.7], 0.0)
+    once, often = OnlineTrajectory(np.zeros(3), PACES), OnlineTrajectory(np.zeros(3), PACES)
+    once.retarget([1.0, 0.5, -0.7], 0.0)
     for time_s in np.arange(0.0, 1.0, 0.01):
-        often.aim([1.0, 0.5, -0.7], float(time_s))
+        often.retarget([1.0, 0.5, -0.7], float(time_s))
     np.testing.assert_array_equal(often.state(1.1).position, once.state(1.1).position)
 
 
 def test_joints_arrive_together_also_from_the_middle_of_a_motion():
-    course = Pursuit(np.zeros(3), PACES)
-    course.aim([1.0, 0.5, -0.7], 0.0)
-    course.aim([-0.3, 0.4, 0.1], 0.4)
-    before = course.state(course.rest_s - 0.02)
+    course = OnlineTrajectory(np.zeros(3), PACES)
+    course.retarget([1.0, 0.5, -0.7], 0.0)
+    course.retarget([-0.3, 0.4, 0.1], 0.4)
+    before = course.state(course.settles_at_s - 0.02)
     assert (np.abs(before.position - course.goal) > 1e-8).all()
 
 
 def test_a_goal_past_a_limit_becomes_the_limit():
-    course = Pursuit(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
-    np.testing.assert_array_equal(course.aim([5, 0, -5], 0.0), [1, 0, -1])
+    course = OnlineTrajectory(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
+    np.testing.assert_array_equal(course.retarget([5, 0, -5], 0.0), [1, 0, -1])
     np.testing.assert_array_equal(course.goal, [1, 0, -1])
 
 
 def test_a_joint_that_begins_outside_may_be_led_back_and_not_out_again():
-    course = Pursuit([1.1, 0, 0], PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
+    course = OnlineTrajectory([1.1, 0, 0], PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
     np.testing.assert_array_equal(course.state(3.0).position, [1.1, 0, 0])
-    np.testing.assert_array_equal(course.aim([1.05, 0, 0], 3.0), [1, 0, 0])
+    np.testing.assert_array_equal(course.retarget([1.05, 0, 0], 3.0), [1, 0, 0])
 
 
 def test_it_takes_over_a_motion_and_brings_it_to_rest():
     move = JointMove(np.zeros(3), [1.0, 0.5, -0.7], PACES)
-    course = Pursuit(move.state(0.5), PACES)
+    course = OnlineTrajectory(move.state(0.5), PACES)
     np.testing.assert_allclose(course.state(0.0).velocity, move.state(0.5).velocity)
-    np.testing.assert_allclose(course.state(course.rest_s).velocity, 0, atol=1e-12)
+    np.testing.assert_allclose(course.state(course.settles_at_s).velocity, 0, atol=1e-12)
 
 
 def test_a_motion_that_cannot_stop_inside_the_limits_is_not_taken_over():
-    fast = State(np.zeros(3), np.array([1.0, 0, 0]), np.zeros(3))
+    fast = TrajectoryPoint(np.zeros(3), np.array([1.0, 0, 0]), np.zeros(3))
     with pytest.raises(RefusedError, match="too fast"):
-        Pursuit(fast, PACES, lower=[-1, -1, -1], upper=[0.01, 1, 1])
+        OnlineTrajectory(fast, PACES, lower=[-1, -1, -1], upper=[0.01, 1, 1])
 
 
 @pytest.mark.parametrize("goal", [[1, 2], [1, 2, math.nan], [math.inf, 0, 0], "here"])
 def test_a_goal_that_is_no_joint_vector_is_refused_and_the_old_one_stays(goal):
-    course = Pursuit(np.zeros(3), PACES)
-    course.aim([1, 0, 0], 0.0)
+    course = OnlineTrajectory(np.zeros(3), PACES)
+    course.retarget([1, 0, 0], 0.0)
     with pytest.raises(BadValueError, match="The goal"):
-        course.aim(goal, 0.1)
+        course.retarget(goal, 0.1)
     np.testing.assert_array_equal(course.goal, [1, 0, 0])
 
 
 @pytest.mark.parametrize("time_s", [0.4, -1.0, math.nan, math.inf])
 @pytest.mark.parametrize("what", ["aim", "end"])
 def test_time_does_not_go_back(time_s, what):
-    course = Pursuit(np.zeros(3), PACES)
-    course.aim([1, 0, 0], 0.5)
+    course = OnlineTrajectory(np.zeros(3), PACES)
+    course.retarget([1, 0, 0], 0.5)
     with pytest.raises(BadValueError, match="time of the aim"):
-        course.aim([0, 0, 0], time_s) if what == "aim" else course.end(time_s)
+        course.retarget([0, 0, 0], time_s) if what == "aim" else course.stop(time_s)
 
 
 def test_another_goal_is_turned_to_at_once_and_not_when_the_old_one_is_reached():
-    course = Pursuit(np.zeros(3), PACES)
-    course.aim([1.0, 0, 0], 0.0)
-    old_end_s = course.rest_s
-    course.aim([0.3, 0, 0], 0.5 * old_end_s)
+    course = OnlineTrajectory(np.zeros(3), PACES)
+    course.retarget([1.0, 0, 0], 0.0)
+    old_end_s = course.settles_at_s
+    course.retarget([0.3, 0, 0], 0.5 * old_end_s)
     assert course.state(old_end_s).position[0] < 0.9
 
 
 def test_ended_in_mid_motion_it_comes_to_rest_before_its_goal():
-    course = Pursuit(np.zeros(3), PACES)
-    course.aim([1.0, 0, 0], 0.0)
-    goal_s = course.rest_s
-    course.end(0.4 * goal_s)
+    course = OnlineTrajectory(np.zeros(3), PACES)
+    course.retarget([1.0, 0, 0], 0.0)
+    goal_s = course.settles_at_s
+    course.stop(0.4 * goal_s)
     assert course.duration_s < goal_s
     assert course.goal[0] < 0.9
 
 
 def test_where_braking_at_once_would_pass_a_limit_it_comes_to_rest_where_it_was_going():
-    course = Pursuit(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
-    course.aim([1.0, 0, 0], 0.0)
-    goal_s = course.rest_s
-    course.run_at([Pace(1.0, 0.3, 3.0), *PACES[1:]])  # these could not stop it before the limit
-    course.end(0.7 * goal_s)
+    course = OnlineTrajectory(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
+    course.retarget([1.0, 0, 0], 0.0)
+    goal_s = course.settles_at_s
+    course.set_limits(
+        [KinematicLimits(1.0, 0.3, 3.0), *PACES[1:]]
+    )  # these could not stop it before the limit
+    course.stop(0.7 * goal_s)
     assert course.duration_s == goal_s
     assert_inside(course, [-1, -1, -1], [1, 1, 1])
 
 
 def test_what_has_ended_is_not_aimed_again():
-    course = Pursuit(np.zeros(3), PACES)
-    course.end(1.0)
-    course.end(2.0)
+    course = OnlineTrajectory(np.zeros(3), PACES)
+    course.stop(1.0)
+    course.stop(2.0)
     assert course.duration_s == 1.0
     with pytest.raises(RefusedError, match="ended"):
-        course.aim([1, 0, 0], 3.0)
+        course.retarget([1, 0, 0], 3.0)
 
 
 @pytest.mark.parametrize("limits", [{"lower": [1, 1, 1], "upper": [0, 2, 2]}, {"lower": [0, 0]},
                                     {"upper": [math.nan, 1, 1]}])  # fmt: skip
 def test_limits_that_are_none_are_refused(limits):
     with pytest.raises(BadValueError, match="limits"):
-        Pursuit(np.zeros(3), PACES, **limits)
+        OnlineTrajectory(np.zeros(3), PACES, **limits)
 
 
 @pytest.mark.campaign
@@ -214,12 +220,12 @@ def test_many_chases_keep_every_law(seed):
 
 
 def test_a_way_that_somebody_objects_to_is_not_taken():
-    course = Pursuit(np.zeros(3), PACES)
-    course.aim([0.5, 0.0, 0.0], 0.0)
+    course = OnlineTrajectory(np.zeros(3), PACES)
+    course.retarget([0.5, 0.0, 0.0], 0.0)
 
     def object_to(move):
         raise RefusedError(f"it goes to {move.goal[1]}", "")
 
     with pytest.raises(RefusedError, match=r"it goes to 0\.3"):
-        course.aim([0.0, 0.3, 0.0], 0.4, object_to)
+        course.retarget([0.0, 0.3, 0.0], 0.4, object_to)
     np.testing.assert_allclose(course.goal, [0.5, 0.0, 0.0])

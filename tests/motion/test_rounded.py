@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError
-from ikservo.motion.rounded import Rounded
+from ikservo.motion.path import BlendedPath
 
 SQUARE = np.array([[0.0, 0, 0], [0.2, 0, 0], [0.2, 0.2, 0], [0, 0.2, 0.1]])
 
@@ -14,7 +14,7 @@ SQUARE = np.array([[0.0, 0, 0], [0.2, 0, 0], [0.2, 0.2, 0], [0, 0.2, 0.1]])
 def curve_of(seed, blend=0.05):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.3, 0.3, (int(rng.integers(2, 7)), 3))
-    return points, Rounded(points, [blend] * (len(points) - 2))
+    return points, BlendedPath(points, [blend] * (len(points) - 2))
 
 
 @pytest.mark.parametrize("seed", range(7))
@@ -31,7 +31,7 @@ def test_slope_and_bend_are_the_derivatives(seed):
 def test_nothing_exceeds_what_it_says_to_be_steepest(seed):
     _, curve = curve_of(seed)
     begin, end = 0.3 * curve.length, 0.8 * curve.length
-    slope, bend, _ = curve.steepest(begin, end)
+    slope, bend, _ = curve.max_derivatives(begin, end)
     for s in np.linspace(begin, end, 200):
         _, u, b = curve.at(s)
         assert (np.abs(u) <= slope + 1e-12).all()
@@ -48,19 +48,19 @@ def test_corners_are_passed_within_three_eighths_of_the_blend(seed):
 
 
 def test_it_is_shorter_than_the_lines_and_longer_than_the_way_across():
-    curve = Rounded(SQUARE, [0.05, 0.05])
+    curve = BlendedPath(SQUARE, [0.05, 0.05])
     lines = float(np.linalg.norm(np.diff(SQUARE, axis=0), axis=1).sum())
-    assert lines - 0.1 < curve.way() < lines
+    assert lines - 0.1 < curve.path_length() < lines
 
 
 def test_a_straight_corner_is_no_corner():
-    curve = Rounded(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]]), [0.05])
-    assert curve.way() == pytest.approx(0.3)
+    curve = BlendedPath(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]]), [0.05])
+    assert curve.path_length() == pytest.approx(0.3)
     np.testing.assert_allclose(curve.at(0.1)[0], (0.1, 0, 0), atol=1e-12)
 
 
 def test_one_point_is_a_curve_without_length():
-    curve = Rounded(np.zeros((2, 3)), [])
+    curve = BlendedPath(np.zeros((2, 3)), [])
     assert curve.length == 0.0
     np.testing.assert_array_equal(curve.at(0.0)[0], np.zeros(3))
 
@@ -68,4 +68,4 @@ def test_one_point_is_a_curve_without_length():
 @pytest.mark.parametrize("blend", [0.0, -0.1, math.nan, math.inf])
 def test_a_blend_is_positive(blend):
     with pytest.raises(BadValueError, match="blend"):
-        Rounded(SQUARE, [blend, 0.05])
+        BlendedPath(SQUARE, [blend, 0.05])

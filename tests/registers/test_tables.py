@@ -24,11 +24,11 @@ from ikservo.registers import (
     Access,
     Alarm,
     Area,
+    ControlTable,
     Family,
-    Role,
-    ServoTable,
-    table_for,
-    table_with_number,
+    RegisterName,
+    control_table,
+    control_table_for_number,
 )
 
 every_table = pytest.mark.parametrize("table", MODELS.values(), ids=MODELS)
@@ -42,16 +42,18 @@ def test_registers_do_not_overlap(table):
 
 @every_table
 def test_every_role_is_filled_or_said_to_be_lacking(table):
-    for role in set(Role) - set(table.lacks):
+    for role in set(RegisterName) - set(table.missing):
         assert table.find(role) in table.registers.values(), role
-    for role in table.lacks:
+    for role in table.missing:
         with pytest.raises(UnknownNameError, match=f"{table.model_name} register"):
             table.find(role)
 
 
 def test_the_roles_are_what_type_checkers_see():
-    declared = {n for n, kind in ServoTable.__annotations__.items() if kind == "ClassVar[Register]"}
-    assert declared == set(Role)
+    declared = {
+        n for n, kind in ControlTable.__annotations__.items() if kind == "ClassVar[Register]"
+    }
+    assert declared == set(RegisterName)
 
 
 @every_table
@@ -98,25 +100,25 @@ def test_ram_stands_behind_eeprom_but_for_the_makers_own_settings(table):
     ],
 )
 def test_a_model_is_known_by_its_number(table, number):
-    assert table_with_number(table.family, number) is table
+    assert control_table_for_number(table.family, number) is table
 
 
 def test_an_unknown_number_has_no_table():
-    assert table_with_number(Family.DYNAMIXEL_2, 4242) is None
+    assert control_table_for_number(Family.DYNAMIXEL_2, 4242) is None
 
 
 def test_a_table_is_found_by_the_name_on_the_case():
-    assert table_for("STS3215") is STS3215
+    assert control_table("STS3215") is STS3215
 
 
 def test_an_unknown_model_offers_the_closest():
     with pytest.raises(UnknownNameError, match="XL430-W250"):
-        table_for("XL430-W25")
+        control_table("XL430-W25")
 
 
 def test_a_role_bridges_the_vendors_names():
-    assert STS3215.find(Role.PRESENT_VOLTAGE) is STS3215.present_voltage
-    assert XL430W250.find(Role.PRESENT_VOLTAGE) is XL430W250.present_input_voltage
+    assert STS3215.find(RegisterName.PRESENT_VOLTAGE) is STS3215.present_voltage
+    assert XL430W250.find(RegisterName.PRESENT_VOLTAGE) is XL430W250.present_input_voltage
 
 
 def test_a_register_of_another_model_becomes_ones_own():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from servosim.assembly import LooseServo, loose_world
+from servosim.assembly import BenchServo, make_bench_world
 from servosim.line import Line, LineOptions
 from servosim.port import SimulatedPort
 
@@ -17,8 +17,8 @@ def desk():
 
     def lay_out(*models: str, ids: tuple[int, ...] = (), **options: object) -> SimulatedPort:
         ids = ids or tuple(range(1, len(models) + 1))
-        servos = [LooseServo(id_, model) for id_, model in zip(ids, models, strict=True)]
-        world = loose_world(servos, baud=1_000_000)
+        servos = [BenchServo(id_, model) for id_, model in zip(ids, models, strict=True)]
+        world = make_bench_world(servos, baud=1_000_000)
         port = SimulatedPort(Line(world, 1_000_000, LineOptions(**options)))
         port.timeout = 0.02
         return port

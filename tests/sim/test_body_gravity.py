@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from servosim.body import GravityBody
+from servosim.dynamics import GravityBody
 from servosim.errors import ArmFileError
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*/arm.urdf"))

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from servosim.body import Body, FreeBody, GravityBody
-from servosim.hand import Hand, glide, hold, push, sweep
-from servosim.motor import PARAMETERS, Drive, Mode, Motor
-from servosim.supply import Supply
+from servosim.control import ControlMode, DriveCommand
+from servosim.dynamics import Dynamics, FreeBody, GravityBody
+from servosim.joint import Hand, glide, hold, push, sweep
+from servosim.motor import Motor
+from servosim.parameters import PARAMETERS
+from servosim.world import PowerSupply
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
@@ -22,9 +24,9 @@ DT_S = 0.001
 class Bench:
     """Bare motors on the joints of a body, one each."""
 
-    body: Body
+    body: Dynamics
     model: str = "STS3215"
-    drive: Drive = field(default_factory=Drive)
+    drive: DriveCommand = field(default_factory=DriveCommand)
     hands: dict[str, Hand] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -44,16 +46,18 @@ class Bench:
         motor, hand = self.motors[name], self.hands.get(name)
         if hand is None:
             return 0.0
-        return hand.press(DT_S, motor.position_rad, motor.velocity_rad_s, motor.inertia_kg_m2)
+        return hand.hand_force(DT_S, motor.position_rad, motor.velocity_rad_s, motor.inertia_kg_m2)
 
 
-def free(model: str = "STS3215", drive: Drive | None = None, hand: Hand | None = None) -> Bench:
+def free(
+    model: str = "STS3215", drive: DriveCommand | None = None, hand: Hand | None = None
+) -> Bench:
     body = FreeBody(["joint"], [(-1.0, 1.0)])
-    return Bench(body, model, drive or Drive(), {} if hand is None else {"joint": hand})
+    return Bench(body, model, drive or DriveCommand(), {} if hand is None else {"joint": hand})
 
 
-def so101(drive: Drive | None = None) -> Bench:
-    return Bench(GravityBody(CONFIGS / "so101" / "arm.urdf", JOINTS), drive=drive or Drive())
+def so101(drive: DriveCommand | None = None) -> Bench:
+    return Bench(GravityBody(CONFIGS / "so101" / "arm.urdf", JOINTS), drive=drive or DriveCommand())
 
 
 def test_an_arm_falls_to_its_stop_when_torque_goes() -> None:
@@ -64,13 +68,13 @@ def test_an_arm_falls_to_its_stop_when_torque_goes() -> None:
 
 
 def test_an_arm_holds_its_pose_when_torque_is_on() -> None:
-    arm = so101(Drive(torque_on=True)).run(3.0)
+    arm = so101(DriveCommand(torque_on=True)).run(3.0)
     assert [m.position_rad for m in arm.motors.values()] == pytest.approx([0.0] * 6, abs=0.05)
     assert [m.velocity_rad_s for m in arm.motors.values()] == [0.0] * 6
 
 
 def test_the_shoulder_sags_by_gravitys_torque_over_its_stiffness() -> None:
-    arm = so101(Drive(torque_on=True)).run(3.0)
+    arm = so101(DriveCommand(torque_on=True)).run(3.0)
     positions = [m.position_rad for m in arm.motors.values()]
     load_nm = arm.body.load_nm(positions, positions)[1]
     stiffness_nm_rad, friction_nm = 5.3 * 3.35, PARAMETERS["STS3215"].static_friction_nm
@@ -78,7 +82,7 @@ def test_the_shoulder_sags_by_gravitys_torque_over_its_stiffness() -> None:
 
 
 def test_what_hangs_on_a_shaft_slows_its_start() -> None:
-    bare, laden = free(drive=Drive(True, mode=Mode.PWM, goal_pwm=0.5)), free()
+    bare, laden = free(drive=DriveCommand(True, mode=ControlMode.PWM, goal_pwm=0.5)), free()
     laden.drive = bare.drive
     laden.motors["joint"].load_inertia_kg_m2 = 0.03
     bare.run(0.03)
@@ -109,33 +113,33 @@ def test_a_sweeping_hand_reaches_both_stops_and_comes_back() -> None:
 
 def test_a_hand_presses_with_no_more_than_its_limit() -> None:
     hand = Hand(push(-1.0), limit=0.6)
-    bench = free(drive=Drive(torque_on=True), hand=hand).run(2.0)
+    bench = free(drive=DriveCommand(torque_on=True), hand=hand).run(2.0)
     assert hand.force == -0.6
     assert bench.motors["joint"].torque_nm == pytest.approx(0.6, abs=0.07)
 
 
 def test_a_strong_hand_stalls_the_motor_at_its_limit() -> None:
-    drive = Drive(torque_on=True, goal_rad=0.5, torque_limit=0.3)
+    drive = DriveCommand(torque_on=True, goal_rad=0.5, torque_limit=0.3)
     bench = free(drive=drive, hand=Hand(hold(0.0), limit=10.0)).run(1.0)
     assert abs(bench.motors["joint"].position_rad) < 0.01
     assert bench.motors["joint"].pwm == pytest.approx(0.3)
 
 
 def test_a_joint_let_go_is_under_its_motor_again() -> None:
-    bench = free(drive=Drive(torque_on=True), hand=Hand(hold(0.4), limit=10.0)).run(0.5)
+    bench = free(drive=DriveCommand(torque_on=True), hand=Hand(hold(0.4), limit=10.0)).run(0.5)
     bench.hands.clear()
     bench.run(2.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.0, abs=0.005)
 
 
 def test_an_obstacle_stops_a_joint_that_comes_to_it() -> None:
-    drive = Drive(torque_on=True, goal_rad=0.5, torque_limit=0.3)
+    drive = DriveCommand(torque_on=True, goal_rad=0.5, torque_limit=0.3)
     bench = free(drive=drive, hand=Hand(hold(0.2), limit=10.0, only=-1)).run(1.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.2, abs=0.01)
 
 
 def test_an_obstacle_leaves_a_joint_alone_that_goes_away_from_it() -> None:
-    drive = Drive(torque_on=True, goal_rad=-0.5)
+    drive = DriveCommand(torque_on=True, goal_rad=-0.5)
     hand = Hand(hold(0.2), limit=10.0, only=-1)
     bench = free(drive=drive, hand=hand).run(1.0)
     assert hand.force == 0.0
@@ -153,13 +157,13 @@ def test_a_hand_holds_joints_of_every_inertia_without_shaking(model: str) -> Non
 def test_the_supply_sags_with_the_current_that_the_bridges_draw() -> None:
     motor = Motor(PARAMETERS["STS3215"])
     motor.stuck = True
-    motor.step(DT_S, 0.0, Drive(True, mode=Mode.PWM, goal_pwm=1.0), 7.4)
-    supply = Supply(open_v=7.4, resistance_ohm=0.2)
+    motor.step(DT_S, 0.0, DriveCommand(True, mode=ControlMode.PWM, goal_pwm=1.0), 7.4)
+    supply = PowerSupply(open_v=7.4, resistance_ohm=0.2)
     assert supply.voltage_v([motor]) == pytest.approx(7.4 - 0.2 * 2.77)
 
 
 def test_resting_servos_draw_their_electronics_only() -> None:
-    supply = Supply(open_v=12.0, resistance_ohm=0.5, standby_a=0.2)
+    supply = PowerSupply(open_v=12.0, resistance_ohm=0.5, standby_a=0.2)
     assert supply.voltage_v([Motor(PARAMETERS["XL430-W250"])]) == pytest.approx(11.9)
 
 

@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from servosim import open_port
+from servosim.control import DriveCommand
 from servosim.errors import ArmFileError
-from servosim.motor import PARAMETERS, Drive, Motor
-from servosim.physics import MujocoBody
+from servosim.motor import Motor
+from servosim.mujoco_body import MujocoBody
+from servosim.parameters import PARAMETERS
 from tests.oracle import CONFIGS, tip_from_joints
 
 SO101 = Path(__file__).parents[2] / "configs" / "so101" / "arm.urdf"
@@ -33,7 +35,7 @@ def rod(folder: Path) -> MujocoBody:
     return MujocoBody(path, ["swing"], [[STS]])
 
 
-def run(body: MujocoBody, motors: list[Motor], drive: Drive, seconds: float) -> None:
+def run(body: MujocoBody, motors: list[Motor], drive: DriveCommand, seconds: float) -> None:
     for motor in motors:
         motor.carried = True
     for _ in range(round(seconds / 0.001)):
@@ -41,26 +43,26 @@ def run(body: MujocoBody, motors: list[Motor], drive: Drive, seconds: float) -> 
             motor.step(0.001, 0.0, drive, 7.4)
         positions, velocities = body.step(0.001, [motor.torque_nm for motor in motors])
         for motor, position, velocity in zip(motors, positions, velocities, strict=True):
-            motor.carry(position, velocity)
+            motor.set_state(position, velocity)
 
 
 def test_a_rod_without_torque_falls_onto_the_floor_and_stays_there(tmp_path: Path) -> None:
     body, motor = rod(tmp_path), Motor(STS)
-    run(body, [motor], Drive(), 3.0)
+    run(body, [motor], DriveCommand(), 3.0)
     assert body.contacts > 0
     assert motor.position_rad == pytest.approx(0.305, abs=0.01)  # sin = (0.1 - 0.01 cos) / 0.3
 
 
 def test_a_held_rod_sags_by_torque_over_stiffness(tmp_path: Path) -> None:
     body, motor = rod(tmp_path), Motor(STS)
-    run(body, [motor], Drive(torque_on=True), 3.0)
+    run(body, [motor], DriveCommand(torque_on=True), 3.0)
     sag_rad = 0.5 * 9.81 * 0.15 / (5.3 * 3.35)
     assert motor.position_rad == pytest.approx(sag_rad, abs=0.052 / (5.3 * 3.35))
 
 
 def test_the_so101_reaches_a_pose_with_all_joints_pulling_at_each_other() -> None:
     body, motors = MujocoBody(SO101, JOINTS, [[STS]] * 6), [Motor(STS) for _ in JOINTS]
-    drive = Drive(True, goal_rad=0.3, velocity_limit_rad_s=1.0, acceleration_rad_s2=4.0)
+    drive = DriveCommand(True, goal_rad=0.3, velocity_limit_rad_s=1.0, acceleration_rad_s2=4.0)
     run(body, motors, drive, 2.0)
     assert [m.position_rad for m in motors] == pytest.approx([0.3] * 6, abs=0.05)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from servosim.assembly import LooseServo, loose_world
+from servosim.assembly import BenchServo, make_bench_world
 from servosim.errors import SimulatorError
 from servosim.frames import Dynamixel1Reader, encode1
 from servosim.line import Line
@@ -125,7 +125,7 @@ def test_sync_write_reaches_all(desk):
 def test_an_overload_takes_the_torque_limit_away(desk):
     servo = desk("AX-12A").line.servos[1]
     servo.inject_alarm(0x20)
-    servo.supervise(0.01)
+    servo.run_protections(0.01)
     assert (servo.alarm, servo.read("torque_limit")) == (0x20, 0)
 
 
@@ -138,7 +138,7 @@ def test_115200_baud_of_an_ax_are_near_enough(desk):
 
 class TestXSeriesWithProtocol1:
     def make(self, model="XL430-W250"):
-        world = loose_world([LooseServo(1, model)], baud=1_000_000, protocol=1)
+        world = make_bench_world([BenchServo(1, model)], baud=1_000_000, protocol=1)
         port = SimulatedPort(Line(world, 1_000_000))
         port.timeout = 0.02
         return port

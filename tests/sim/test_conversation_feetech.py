@@ -61,7 +61,7 @@ def test_a_write_up_to_the_last_byte_is_done_and_one_that_goes_beyond_changes_no
 
 def test_a_write_of_no_bytes_is_out_of_range(desk):
     servo = desk("STS3215").line.servos[1]
-    assert servo.refusal(0x2A, b"") is not None
+    assert servo.check_write(0x2A, b"") is not None
 
 
 def test_a_negative_offset_is_sign_and_magnitude(desk):

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from servosim.frames import encode1, encode2
-from servosim.protocol import Protocol
+from servosim.servo import BusProtocol
 
 MODELS = ["XL330-M288", "XL430-W250", "XM540-W270", "AX-12A", "MX-28", "STS3215", "SCS0009"]
 INSTRUCTIONS = (1, 2, 3, 4, 5, 6, 8, 0x0A, 0x0B, 0x10, 0x20, 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A)
@@ -58,7 +58,7 @@ class Client:
 
     @property
     def new(self):
-        return self.servo.protocol is Protocol.DYNAMIXEL_2
+        return self.servo.protocol is BusProtocol.DYNAMIXEL_2
 
     def is_answered(self):
         """Ping the servo as it is now, after the pause that ends half a frame."""

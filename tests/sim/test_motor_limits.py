@@ -6,21 +6,23 @@ import math
 
 import pytest
 
-from servosim.motor import PARAMETERS, Drive, Mode, Motor
+from servosim.control import ControlMode, DriveCommand
+from servosim.motor import Motor
+from servosim.parameters import PARAMETERS
 
 DT_S = 0.001
 MODELS = sorted(PARAMETERS)
 
 
 def run(
-    motor: Motor, drive: Drive, seconds: float, load_nm: float = 0.0, volts: float = 0.0
+    motor: Motor, drive: DriveCommand, seconds: float, load_nm: float = 0.0, volts: float = 0.0
 ) -> None:
     for _ in range(round(seconds / DT_S)):
         motor.step(DT_S, load_nm, drive, volts or motor.parameters.nominal_v)
 
 
-def pwm(duty: float) -> Drive:
-    return Drive(True, mode=Mode.PWM, goal_pwm=duty)
+def pwm(duty: float) -> DriveCommand:
+    return DriveCommand(True, mode=ControlMode.PWM, goal_pwm=duty)
 
 
 def blocked(model: str) -> Motor:
@@ -66,13 +68,13 @@ def test_less_voltage_makes_the_free_shaft_slower() -> None:
 
 def test_without_voltage_the_shaft_is_free_and_draws_nothing() -> None:
     motor = Motor(PARAMETERS["STS3215"])
-    motor.step(DT_S, 0.0, Drive(True, goal_rad=1.0), 0.0)
+    motor.step(DT_S, 0.0, DriveCommand(True, goal_rad=1.0), 0.0)
     assert (motor.torque_nm, motor.current_a, motor.pwm) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("limit", ["torque_limit", "pwm_limit"])
 def test_a_limit_of_the_duty_is_a_limit_of_the_blocked_torque(limit: str) -> None:
-    motor, drive = blocked("STS3215"), Drive(True, goal_rad=1.0)
+    motor, drive = blocked("STS3215"), DriveCommand(True, goal_rad=1.0)
     setattr(drive, limit, 0.2)
     run(motor, drive, 0.1)
     assert motor.pwm == pytest.approx(0.2)
@@ -81,13 +83,13 @@ def test_a_limit_of_the_duty_is_a_limit_of_the_blocked_torque(limit: str) -> Non
 
 def test_the_current_limit_binds_in_position_mode() -> None:
     motor = blocked("XM430-W350")
-    run(motor, Drive(True, goal_rad=1.0, current_limit_a=0.5), 0.1)
+    run(motor, DriveCommand(True, goal_rad=1.0, current_limit_a=0.5), 0.1)
     assert motor.current_a == pytest.approx(0.5)
 
 
 def test_current_mode_holds_its_current_whatever_the_speed() -> None:
     motor = Motor(PARAMETERS["XM430-W350"])
-    drive = Drive(True, mode=Mode.CURRENT, goal_current_a=0.3)
+    drive = DriveCommand(True, mode=ControlMode.CURRENT, goal_current_a=0.3)
     for _ in range(80):
         motor.step(DT_S, 0.0, drive, 12.0)
         assert motor.current_a == pytest.approx(0.3)
@@ -96,20 +98,20 @@ def test_current_mode_holds_its_current_whatever_the_speed() -> None:
 
 def test_current_mode_with_no_current_lets_the_shaft_go() -> None:
     motor = Motor(PARAMETERS["XM430-W350"])
-    run(motor, Drive(True, mode=Mode.CURRENT), 0.5, load_nm=0.5)
+    run(motor, DriveCommand(True, mode=ControlMode.CURRENT), 0.5, load_nm=0.5)
     assert motor.position_rad > 0.1
 
 
 def test_current_based_position_grips_with_no_more_than_its_current() -> None:
     motor = blocked("XM430-W350")
-    drive = Drive(True, mode=Mode.CURRENT_POSITION, goal_rad=1.0, goal_current_a=0.4)
+    drive = DriveCommand(True, mode=ControlMode.CURRENT_POSITION, goal_rad=1.0, goal_current_a=0.4)
     run(motor, drive, 0.1)
     assert motor.current_a == pytest.approx(0.4)
 
 
 def test_current_is_torque_over_the_torque_constant_while_a_load_is_held() -> None:
     motor = Motor(PARAMETERS["STS3215"])
-    run(motor, Drive(True), 2.0, load_nm=-1.0)
+    run(motor, DriveCommand(True), 2.0, load_nm=-1.0)
     friction_nm = motor.parameters.static_friction_nm
     assert motor.torque_nm == pytest.approx(1.0, abs=friction_nm)
     assert motor.current_a == pytest.approx(motor.torque_nm * 2.77 / 3.35)
@@ -117,31 +119,31 @@ def test_current_is_torque_over_the_torque_constant_while_a_load_is_held() -> No
 
 def test_a_load_below_static_friction_does_not_move_a_free_shaft() -> None:
     motor = Motor(PARAMETERS["STS3215"])
-    run(motor, Drive(), 1.0, load_nm=0.95 * motor.parameters.static_friction_nm)
+    run(motor, DriveCommand(), 1.0, load_nm=0.95 * motor.parameters.static_friction_nm)
     assert abs(motor.position_rad) <= motor.parameters.backlash_rad / 2.0
 
 
 def test_a_load_above_static_friction_turns_a_free_shaft() -> None:
     motor = Motor(PARAMETERS["STS3215"])
-    run(motor, Drive(), 1.0, load_nm=1.5 * motor.parameters.static_friction_nm)
+    run(motor, DriveCommand(), 1.0, load_nm=1.5 * motor.parameters.static_friction_nm)
     assert motor.position_rad > 0.1
 
 
 def test_a_free_shaft_coasts_to_a_stand_and_stays_there() -> None:
     motor = Motor(PARAMETERS["STS3215"])
     run(motor, pwm(0.5), 0.5)
-    run(motor, Drive(), 3.0)
+    run(motor, DriveCommand(), 3.0)
     rest_rad = motor.position_rad
-    run(motor, Drive(), 1.0)
+    run(motor, DriveCommand(), 1.0)
     assert (motor.velocity_rad_s, motor.position_rad) == (0.0, rest_rad)
 
 
 def test_a_shorted_motor_stops_sooner_than_a_free_one() -> None:
     free, shorted = Motor(PARAMETERS["STS3215"]), Motor(PARAMETERS["STS3215"])
-    for motor, drive in ((free, Drive()), (shorted, pwm(0.0))):
+    for motor, drive in ((free, DriveCommand()), (shorted, pwm(0.0))):
         run(motor, pwm(0.5), 0.5)
         motor.place(0.0)
-        motor.carry(0.0, 2.0)
+        motor.set_state(0.0, 2.0)
         run(motor, drive, 2.0)
     assert shorted.position_rad < 0.5 * free.position_rad
 
@@ -157,23 +159,23 @@ def test_an_end_stop_holds_against_the_full_torque() -> None:
 def test_a_shaft_leaves_its_end_stop_as_easily_as_it_came() -> None:
     motor = Motor(PARAMETERS["STS3215"], lower_stop_rad=-0.3)
     run(motor, pwm(-1.0), 1.0)
-    run(motor, Drive(True, goal_rad=0.2), 1.0)
+    run(motor, DriveCommand(True, goal_rad=0.2), 1.0)
     assert motor.position_rad == pytest.approx(0.2, abs=0.01)
 
 
 def test_a_load_that_changes_sides_moves_the_joint_by_the_play() -> None:
     motor = Motor(PARAMETERS["STS3215"])
     load_nm = 0.5 * motor.parameters.static_friction_nm
-    run(motor, Drive(), 2.0, load_nm)
+    run(motor, DriveCommand(), 2.0, load_nm)
     high_rad = motor.position_rad
-    run(motor, Drive(), 2.0, -load_nm)
+    run(motor, DriveCommand(), 2.0, -load_nm)
     assert high_rad - motor.position_rad == pytest.approx(motor.parameters.backlash_rad)
 
 
 def test_a_reversed_motor_crosses_the_play_before_the_joint_moves() -> None:
     motor = Motor(PARAMETERS["STS3215"])
     run(motor, pwm(0.1), 1.0)
-    run(motor, Drive(), 1.0)
+    run(motor, DriveCommand(), 1.0)
     turned_rad = motor.position_rad
     motor.step(DT_S, 0.0, pwm(-0.2), 7.4)
     motor.step(DT_S, 0.0, pwm(-0.2), 7.4)
@@ -183,17 +185,17 @@ def test_a_reversed_motor_crosses_the_play_before_the_joint_moves() -> None:
 
 def test_a_stuck_joint_does_not_move_and_draws_its_blocked_current() -> None:
     motor = blocked("STS3215")
-    run(motor, Drive(True, goal_rad=1.0), 0.2)
+    run(motor, DriveCommand(True, goal_rad=1.0), 0.2)
     assert motor.position_rad == 0.0
     assert motor.current_a == pytest.approx(2.77)
 
 
 def test_slipping_gears_let_the_load_win() -> None:
     motor = Motor(PARAMETERS["STS3215"])
-    run(motor, Drive(True), 1.0, load_nm=-0.5)
+    run(motor, DriveCommand(True), 1.0, load_nm=-0.5)
     held_rad = motor.position_rad
     motor.grip = 0.05
-    run(motor, Drive(True), 1.0, load_nm=-0.5)
+    run(motor, DriveCommand(True), 1.0, load_nm=-0.5)
     assert motor.position_rad < held_rad - 0.2
 
 
@@ -217,7 +219,7 @@ def test_holding_half_the_rated_load_warms_as_measured() -> None:
     """SO-ARM100 issue 134: 15 kg cm held for ten minutes, 48 °C and no further."""
     motor = Motor(PARAMETERS["STS3215-C018"])
     for _ in range(60000):
-        motor.step(0.002, 0.0, Drive(), 12.0)
+        motor.step(0.002, 0.0, DriveCommand(), 12.0)
         motor.heat.step(0.01, (1.47 / 2.94 * 2.70) ** 2 * motor.parameters.resistance_ohm)
     assert 40.0 < motor.temperature_c < 60.0
 
@@ -226,7 +228,7 @@ def test_a_hot_servo_cools_towards_the_room() -> None:
     motor = Motor(PARAMETERS["STS3215"], room_c=20.0)
     motor.heat.temperature_c = 70.0
     for _ in range(30000):
-        motor.step(0.1, 0.0, Drive(), 7.4)
+        motor.step(0.1, 0.0, DriveCommand(), 7.4)
     assert motor.temperature_c == pytest.approx(20.0, abs=0.1)
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servosim.profile import Reference, ramp, timed, trapezoid
+from servosim.control import ProfileGenerator, ramp, timed, trapezoid
 
 distances = st.floats(-10.0, 10.0)
 velocities = st.floats(-5.0, 5.0)
@@ -78,7 +78,7 @@ def test_a_ramp_ends_at_its_velocity(start: float, goal: float, slope: float) ->
 def test_a_reference_is_where_the_closed_form_says_at_any_step_length(
     distance: float, limit: float, slope: float, steps: int
 ) -> None:
-    reference = Reference(0.0)
+    reference = ProfileGenerator(0.0)
     reference.follow(trapezoid(distance, 0.0, limit, slope), distance)
     time_s = 0.37
     for _ in range(steps):
@@ -88,7 +88,7 @@ def test_a_reference_is_where_the_closed_form_says_at_any_step_length(
 
 
 def test_a_reference_stops_exactly_on_its_goal() -> None:
-    reference = Reference(0.1)
+    reference = ProfileGenerator(0.1)
     reference.follow(trapezoid(0.7, 0.0, 1.3, 3.1), 0.8)
     for _ in range(3000):
         reference.advance(0.001)
@@ -96,13 +96,13 @@ def test_a_reference_stops_exactly_on_its_goal() -> None:
 
 
 def test_without_limits_the_reference_jumps() -> None:
-    reference = Reference(0.0)
+    reference = ProfileGenerator(0.0)
     reference.follow(trapezoid(0.7, 0.0, 0.0, 0.0), 0.7)
     assert reference.position_rad == 0.7
 
 
 def test_without_a_slope_the_reference_moves_at_its_limit_at_once() -> None:
-    reference = Reference(0.0)
+    reference = ProfileGenerator(0.0)
     reference.follow(trapezoid(-0.7, 0.0, 2.0, 0.0), -0.7)
     reference.advance(0.1)
     assert reference.position_rad == pytest.approx(-0.2)

@@ -16,11 +16,11 @@ import pytest
 import scservo_sdk
 
 import servosim
-from servosim.assembly import loose_world
-from servosim.serving.link import point_link, remove_link
-from servosim.serving.options import parse
-from servosim.serving.remote import Remote
-from servosim.traffic import Audit, Journal
+from servosim.assembly import make_bench_world
+from servosim.pty import point_link, remove_link
+from servosim.remote import RemoteControl
+from servosim.server import parse_options
+from servosim.traffic import Audit, TrafficLog
 
 SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
 PING = bytes.fromhex("FFFF010201FB")
@@ -28,15 +28,15 @@ PING = bytes.fromhex("FFFF010201FB")
 
 class TestOptions:
     def test_give_servos_by_ids_and_model(self):
-        options = parse(["--servo", "1-3:xl430-w250", "--servo", "7,9:XL330-M288"])
+        options = parse_options(["--servo", "1-3:xl430-w250", "--servo", "7,9:XL330-M288"])
         assert [(servo.id, servo.model) for servo in options.servos] == [
             (1, "XL430-W250"), (2, "XL430-W250"), (3, "XL430-W250"),
             (7, "XL330-M288"), (9, "XL330-M288"),
         ]  # fmt: skip
 
     def test_give_a_servo_a_rate_of_its_own(self):
-        options = parse(["--servo", "1:sts3215@115200", "--servo", "1:sts3215"])
-        world = loose_world(options.servos)
+        options = parse_options(["--servo", "1:sts3215@115200", "--servo", "1:sts3215"])
+        world = make_bench_world(options.servos)
         assert [servo.baud for servo in world.servos] == [115_200, 1_000_000]
 
     @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ class TestOptions:
     )
     def test_that_make_no_sense_exit_with_a_message(self, argv, complaint, capsys):
         with pytest.raises(SystemExit) as ended:
-            parse(argv)
+            parse_options(argv)
         assert ended.value.code == 2
         assert complaint in capsys.readouterr().err
 
@@ -66,7 +66,7 @@ class TestOptions:
 class TestJournal:
     def test_writes_time_direction_bytes_and_meaning(self, desk, tmp_path):
         port = desk("STS3215")
-        journal = Journal(tmp_path / "log", port.line.world.servos)
+        journal = TrafficLog(tmp_path / "log", port.line.world.servos)
         port.line.witnesses.append(journal)
         port.write(bytes.fromhex("FFFF0104023802BE"))
         port.read(8)
@@ -77,7 +77,7 @@ class TestJournal:
 
     def test_names_errors_and_collisions(self, desk, tmp_path):
         port = desk("XL430-W250", "XL330-M288", ids=(1, 1))
-        journal = Journal(tmp_path / "log", port.line.world.servos)
+        journal = TrafficLog(tmp_path / "log", port.line.world.servos)
         port.line.witnesses.append(journal)
         port.write(bytes.fromhex("FFFFFD0001030001194E"))
         port.read(64)
@@ -119,7 +119,7 @@ class TestAudit:
 
 class TestRemote:
     def ask(self, port, request):
-        return Remote(None, port.line).answer(json.dumps(request))
+        return RemoteControl(None, port.line).respond(json.dumps(request))
 
     def test_tells_the_state_of_servos_and_joints(self, desk):
         answer = self.ask(desk("STS3215"), {"do": "state"})
@@ -202,7 +202,7 @@ class TestRemote:
         ],
     )
     def test_explains_what_it_cannot_do(self, desk, text, error):
-        answer = Remote(None, desk("STS3215").line).answer(text)
+        answer = RemoteControl(None, desk("STS3215").line).respond(text)
         assert not answer["ok"]
         assert error in answer["error"]
 

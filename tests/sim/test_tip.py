@@ -8,9 +8,9 @@ import pytest
 
 import servosim
 from servosim import read_arm_file
-from servosim.assembly import LooseServo, loose_world, world_of_arm
+from servosim.assembly import BenchServo, make_arm_world, make_bench_world
 from servosim.errors import ArmFileError, SimulatorError
-from servosim.serving.remote import Remote
+from servosim.remote import RemoteControl
 from tests.oracle import ARMS, CONFIGS, tip_from_joints
 
 POINT_M = (0.23, 0.05, 0.04)
@@ -22,7 +22,7 @@ def port():
 
 
 def world_of(arm, pose="home"):
-    return world_of_arm(read_arm_file(CONFIGS / arm / "arm.toml"), pose)
+    return make_arm_world(read_arm_file(CONFIGS / arm / "arm.toml"), pose)
 
 
 def true_tip_m(world, arm="so101"):
@@ -30,7 +30,7 @@ def true_tip_m(world, arm="so101"):
 
 
 def ask(port, **request):
-    return Remote(None, port.line).answer(json.dumps({"do": "hand", **request}))
+    return RemoteControl(None, port.line).respond(json.dumps({"do": "hand", **request}))
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -112,19 +112,19 @@ def test_a_point_out_of_reach_is_refused_and_nothing_is_grasped(port):
 
 def test_loose_servos_have_no_tip():
     with pytest.raises(SimulatorError, match="no arm with a tip"):
-        loose_world([LooseServo(1, "STS3215")]).lead_tip(POINT_M)
+        make_bench_world([BenchServo(1, "STS3215")]).lead_tip(POINT_M)
 
 
 def test_a_tip_that_the_urdf_does_not_have_is_named():
     arm = replace(read_arm_file(CONFIGS / "so101" / "arm.toml"), tip="beak")
     with pytest.raises(ArmFileError, match="no link 'beak'; has: base"):
-        world_of_arm(arm)
+        make_arm_world(arm)
 
 
 def test_the_control_socket_leads_the_tip_and_tells_where_it_is(port):
     assert ask(port, tip_m=POINT_M) == {"ok": True}
     port.clock.sleep_until(3.0)
-    state = Remote(None, port.line).answer('{"do": "state"}')
+    state = RemoteControl(None, port.line).respond('{"do": "state"}')
     np.testing.assert_allclose(state["tip_m"], true_tip_m(port.line.world), atol=1e-12)
     np.testing.assert_allclose(state["tip_m"], POINT_M, atol=5e-4)
 

@@ -6,8 +6,8 @@ import pytest
 
 import ikservo
 from servosim import read_arm_file
-from servosim.assembly import world_of_arm
-from servosim.transmission import CrankAndRod, Ratio
+from servosim.assembly import make_arm_world
+from servosim.joint import CrankAndRod, Ratio
 from tests.arm.simulated import line_of
 from tests.oracle import CONFIGS
 
@@ -36,7 +36,11 @@ def test_out_of_reach_is_the_dead_centre():
 
 
 def test_the_horn_itself_is_a_ratio_of_one():
-    assert (Ratio().position(0.3), Ratio().turned_rad(0.3), Ratio().slides) == (0.3, 0.3, False)
+    assert (Ratio().position(0.3), Ratio().turned_rad(0.3), Ratio().is_prismatic) == (
+        0.3,
+        0.3,
+        False,
+    )
 
 
 def arm_with(tmp_path, name, old, new):
@@ -68,9 +72,9 @@ def test_a_slide_by_a_crank_starts_in_its_pose(tmp_path):
     line = next(line for line in text.splitlines() if "crank" in line)
     path.write_text(text.replace(line, line.partition("#")[0] + "}"))
     arm = read_arm_file(path)
-    world = world_of_arm(arm, "home")
+    world = make_arm_world(arm, "home")
     assert world.joint("gripper").position == pytest.approx(arm.poses["home"]["gripper"])
-    assert world.joint("gripper").slides
+    assert world.joint("gripper").is_prismatic
     with ikservo.open_arm(path, port="sim", collisions=False) as machine:
         machine.move_joints({"gripper": -0.008})
         gripper = line_of(machine).world.joint("gripper")

@@ -8,8 +8,8 @@ import pytest
 
 import servosim
 from servosim.errors import SimulatorError
-from servosim.hand import Hand, hold
-from servosim.sweep import SweepingHands
+from servosim.joint import Hand, hold
+from servosim.world import RangeSweep
 
 
 def run(port, seconds):
@@ -19,7 +19,7 @@ def run(port, seconds):
 def test_a_world_at_rest_dozes(desk):
     port = desk("STS3215")
     run(port, 0.1)
-    assert port.line.world.dozing
+    assert port.line.world.is_idle
 
 
 def test_a_dozing_world_keeps_the_time(desk):
@@ -32,7 +32,7 @@ def test_a_write_wakes_the_world(desk):
     port = desk("STS3215")
     run(port, 0.1)
     port.line.servos[1].write("torque_enable", 1)
-    assert not port.line.world.dozing
+    assert not port.line.world.is_idle
 
 
 def test_a_servo_that_holds_a_load_warms_while_the_world_dozes(configs):
@@ -40,14 +40,14 @@ def test_a_servo_that_holds_a_load_warms_while_the_world_dozes(configs):
     for servo in port.line.servos.values():
         servo.write("torque_enable", 1)
     run(port, 60)
-    assert port.line.world.dozing
+    assert port.line.world.is_idle
     assert port.line.servos[3].motor.temperature_c > 25.1
 
 
 def test_an_event_happens_at_its_time_in_a_dozing_world(desk):
     port = desk("STS3215")
     happened = []
-    port.line.world.at(0.5, lambda: happened.append(port.line.world.time_s))
+    port.line.world.schedule(0.5, lambda: happened.append(port.line.world.time_s))
     run(port, 1.0)
     assert happened == [pytest.approx(0.5, abs=0.0011)]
 
@@ -123,7 +123,7 @@ def test_sweeping_hands_know_the_limits_of_mujocos_joints(configs):
 
 def test_sweeping_hands_let_go_of_a_joint_that_holds(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
-    SweepingHands(port.line.world)
+    RangeSweep(port.line.world)
     port.line.servos[1].write("torque_enable", 1)
     run(port, 0.2)
     assert "shoulder_pan" not in port.line.world.hands
@@ -159,6 +159,6 @@ def test_a_limp_arm_in_mujoco_comes_to_lie_on_the_floor(configs):
 def test_a_limp_arm_in_mujoco_comes_to_rest_and_dozes(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?physics=1")
     port.clock.sleep_until(0.05)
-    assert not port.line.world.dozing
+    assert not port.line.world.is_idle
     port.clock.sleep_until(2.0)
-    assert port.line.world.dozing
+    assert port.line.world.is_idle

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 import websockets
 from websockets.sync.client import connect
 
-from ikservo.view.server.visitors import proof
+from ikservo.view.auth import challenge_response
 
 
 class Audience:
@@ -18,12 +18,12 @@ class Audience:
     def forget(self):
         self.heard, self.present, self.rights, self.show = [], set(), [], []
 
-    def join(self, right):
+    def connect(self, right):
         self.rights.append(right)
         self.present.add(len(self.rights))
         return len(self.rights)
 
-    def leave(self, visitor):
+    def disconnect(self, visitor):
         self.present.discard(visitor)
 
     def receive(self, visitor, message):
@@ -53,7 +53,7 @@ class Guest:
         self.socket.send(text)
 
     def prove(self, key):
-        self.send(json.dumps({"kind": "hello", "proof": proof(key, self.nonce)}))
+        self.send(json.dumps({"kind": "hello", "proof": challenge_response(key, self.nonce)}))
         return self
 
     def say(self, kind, seen=0, **fields):

@@ -8,14 +8,14 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ikservo.model import load_model
-from ikservo.view.camera.camera import Camera, Viewport, looking_along
-from ikservo.view.camera.stage import stage_of
-from ikservo.view.camera.views import View, camera_of
-from ikservo.view.drag.drag import Drag, Sight
-from ikservo.view.pick.pick import Picker
-from ikservo.view.pick.shapes import capsules_of, shapes_of
-from ikservo.view.scene.posing import link_poses
-from ikservo.view.scene.scene import Theatre
+from ikservo.model.collision_model import capsules_of
+from ikservo.view.bvh import link_primitives
+from ikservo.view.camera import Camera, Viewport, view_rotation
+from ikservo.view.drag import Drag
+from ikservo.view.draw_items import link_poses
+from ikservo.view.picking import Picker, PointerContext
+from ikservo.view.scene import SceneRenderer
+from ikservo.view.viewpoints import Viewpoint, arm_extent, make_camera
 
 VIEWPORT = Viewport(800.0, 600.0)
 
@@ -33,7 +33,7 @@ def _upwards(forward, helper):
 
 cameras = st.builds(
     lambda viewport, eye, forward, helper, scale, perspective: Camera(
-        viewport, eye, looking_along(forward, _upwards(forward, helper)), scale, perspective
+        viewport, eye, view_rotation(forward, _upwards(forward, helper)), scale, perspective
     ),
     viewports,
     points,
@@ -51,29 +51,29 @@ def model_of(name):
 
 @cache
 def stage(name):
-    return stage_of(model_of(name))
+    return arm_extent(model_of(name))
 
 
 @cache
 def theatre(name):
-    return Theatre(model_of(name))
+    return SceneRenderer(model_of(name))
 
 
 @cache
 def picker(name):
-    return Picker(shapes_of(capsules_of(model_of(name))))
+    return Picker(link_primitives(capsules_of(model_of(name))))
 
 
 def looked_at(name, view, q=None, viewport=VIEWPORT):
     """Return the camera of a view of an arm at joints q, those of home if None."""
     the_stage = stage(name)
     yaw_rad = the_stage.yaw_rad(the_stage.home if q is None else q)
-    return camera_of(the_stage, View(view), viewport, yaw_rad)
+    return make_camera(the_stage, Viewpoint(view), viewport, yaw_rad)
 
 
 def sight(name, view, q=None):
     q = stage(name).home if q is None else q
-    return Sight(looked_at(name, view, q), (q,))
+    return PointerContext(looked_at(name, view, q), (q,))
 
 
 def drag_of(name):
@@ -92,7 +92,7 @@ def pixel_on(name, look, link):
     for capsule in capsules_of(model_of(name)):
         if capsule.link == link:
             px, _ = look.camera.project(sum(capsule.ends(poses[link])) / 2)
-            hit = picker(name).at(look.camera, poses, px, 1)
+            hit = picker(name).pick_at(look.camera, poses, px, 1)
             if hit is not None and hit.link == link:
                 return px
     raise AssertionError(f"{link} is hidden")

@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 
 from ikservo.arm import open_arm
-from ikservo.view.server import messages as said
-from ikservo.view.server.visitors import Right
-from ikservo.view.session.desk import Desk
-from ikservo.view.session.pilot import Pilot
+from ikservo.view import messages as said
+from ikservo.view.arm_thread import ArmThread
+from ikservo.view.auth import Permission
+from ikservo.view.controller import SessionController
 from tests.arm.simulated import line_of, registers
 
 NUMBERS = itertools.count(1)
@@ -21,14 +21,14 @@ class Room:
         self.arm = arm or open_arm("so101", "sim:?pose=home")
         self.arm.enable()
         self.clock = line_of(self.arm) and self.arm._port.clock
-        self.pilot = Pilot(lambda: self.arm, self.clock)
-        self.desk = Desk(self.pilot, self.clock)
+        self.pilot = ArmThread(lambda: self.arm, self.clock)
+        self.desk = SessionController(self.pilot, self.clock)
         self.goals = []
         self.visitor = self.arrive()
 
-    def arrive(self, right=Right.CONTROL):
-        visitor = self.desk.join(right)
-        self.say(said.Look, visitor, w=900, h=700, dpr=1, view="side")
+    def arrive(self, right=Permission.CONTROL):
+        visitor = self.desk.connect(right)
+        self.say(said.SetViewport, visitor, w=900, h=700, dpr=1, view="side")
         return visitor
 
     def say(self, kind, visitor=None, **fields):
@@ -60,38 +60,38 @@ class Room:
         return registers(self.arm, "present_position")
 
     def throw_live(self):
-        self.say(said.SpeedChoice, name="fast")
-        self.say(said.Live, on=True)
+        self.say(said.SetSpeed, name="fast")
+        self.say(said.SetLive, on=True)
         return self
 
     def listen_in(self):
         """Return a list that grows by the time and the positions of each goal on the bus."""
         servos, told = self.arm.workings.servos, []
-        command = type(servos).command
+        command = type(servos).send_goals
 
         def heard(positions, *more):
             told.append((self.clock.now_s(), np.array(positions)))
             return command(servos, positions, *more)
 
-        servos.command = heard
+        servos.send_goals = heard
         return told
 
     def run(self, beats=1000, at_beat=lambda _: None, *, beating=True):
         """Let the pilot do one thing, the page beating; ``at_beat`` may say more."""
         count = itertools.count()
         self.goals = []
-        see = self.pilot.see
+        see = self.pilot.on_cycle
 
         def seen(beat):
             see(beat)
             self.goals.append(beat.goals.copy())
             number = next(count)
             if number > beats:
-                self.say(said.Live, on=False)
+                self.say(said.SetLive, on=False)
             elif beating and number % 10 == 0:
-                self.say(said.Beat, visible=True)
+                self.say(said.Heartbeat, visible=True)
             at_beat(number)
 
-        self.pilot.see = seen
+        self.pilot.on_cycle = seen
         self.pilot.step()
-        self.pilot.see = see
+        self.pilot.on_cycle = see

@@ -6,9 +6,9 @@ import tracemalloc
 
 import pytest
 
-from ikservo.view.server.intake import Intake
-from ikservo.view.server.messages import BadMessageError
-from ikservo.view.server.visitors import Right
+from ikservo.view.auth import Permission
+from ikservo.view.connection import MessageFilter
+from ikservo.view.messages import BadMessageError
 from tests.arm.simulated import registers
 from tests.view.rooms import Room
 
@@ -62,7 +62,7 @@ def fuzz(count, seed, hear):
         words = {**rng.choice(WORDS), "seq": number % 1000 + 1, "seen": 0}
         change = rng.choice([with_another_value, with_other_letters, spliced])
         try:
-            message = Intake(0.0).accept(change(rng, words), 0.0)
+            message = MessageFilter(0.0).accept(change(rng, words), 0.0)
         except BadMessageError:
             continue
         heard += 1
@@ -84,7 +84,7 @@ COUNTS = pytest.mark.parametrize(
 
 @COUNTS
 def test_nothing_that_a_watcher_says_changes_anything(room, count):
-    watcher, wish = room.arrive(Right.WATCH), room.pilot.wish
+    watcher, wish = room.arrive(Permission.WATCH), room.pilot.command
 
     def hear(message):
         try:
@@ -93,7 +93,7 @@ def test_nothing_that_a_watcher_says_changes_anything(room, count):
             return
 
     assert fuzz(count, seed=1, hear=hear) > count / 50
-    assert room.pilot.wish is wish
+    assert room.pilot.command is wish
 
 
 @COUNTS

@@ -7,8 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.view.server.intake import LARGEST_AGE_S, Intake, StaleError, TooManyError
-from ikservo.view.server.messages import LONGEST_BYTES, BadMessageError, Stop
+from ikservo.view.connection import (
+    MAX_MESSAGE_AGE_S,
+    MessageFilter,
+    RateLimitError,
+    StaleMessageError,
+)
+from ikservo.view.messages import MAX_MESSAGE_BYTES, BadMessageError, Stop
 
 POINTER = {"kind": "pointer", "phase": "down", "x": 1, "y": 2, "button": 0, "pointer": 1}
 
@@ -19,7 +24,7 @@ def text(seq=1, seen=0, **fields):
 
 @pytest.fixture
 def intake():
-    return Intake(0.0)
+    return MessageFilter(0.0)
 
 
 def test_messages_in_order_come_in(intake):
@@ -34,38 +39,38 @@ def test_a_replayed_message_is_refused(intake, seq):
 
 
 def test_a_message_about_an_old_scene_is_refused(intake):
-    intake.note_sent(0.0)
-    intake.note_sent(0.1)
+    intake.record_sent(0.0)
+    intake.record_sent(0.1)
     with pytest.raises(BadMessageError, match="too old"):
-        intake.accept(text(1, 1, **POINTER), 0.1 + LARGEST_AGE_S + 0.01)
+        intake.accept(text(1, 1, **POINTER), 0.1 + MAX_MESSAGE_AGE_S + 0.01)
 
 
 def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
-    intake.note_sent(0.0)
+    intake.record_sent(0.0)
     for seq in range(1, 100):
-        with pytest.raises(StaleError):
+        with pytest.raises(StaleMessageError):
             intake.accept(text(seq, 0, **POINTER), 9.0 + seq)
 
 
 def test_a_page_that_says_too_late_that_it_is_hidden_is_heard(intake):
-    intake.note_sent(0.0)
+    intake.record_sent(0.0)
     assert not intake.accept(text(1, kind="beat", visible=False), 9.0).visible
 
 
 def test_a_page_that_is_slow_to_be_laid_out_is_still_heard_about_its_size(intake):
-    intake.note_sent(0.0)
+    intake.record_sent(0.0)
     look = {"kind": "look", "w": 640, "h": 480, "dpr": 1.0, "view": "side"}
     assert intake.accept(text(1, **look), 9.0).h == 480
 
 
 def test_an_old_stop_still_stops(intake):
-    intake.note_sent(0.0)
-    intake.note_sent(0.1)
+    intake.record_sent(0.0)
+    intake.record_sent(0.1)
     assert isinstance(intake.accept(text(1, 1), 9.0), Stop)
 
 
 def test_a_message_about_the_latest_scene_is_not_old(intake):
-    intake.note_sent(0.0)
+    intake.record_sent(0.0)
     assert intake.accept(text(1, 1, **POINTER), 9.0).x == 1
 
 
@@ -79,7 +84,7 @@ def taken(intake, words):
     for count, message in enumerate(words):
         try:
             intake.accept(message, 0.0)
-        except TooManyError:
+        except RateLimitError:
             return count
         except BadMessageError:
             continue
@@ -113,7 +118,7 @@ MALFORMED = [
     text(kind="pose", name="../rest"), text(kind="pose", name="x" * 65),
     text(kind="speed", name="warp"),
     text(kind="calibrate", word="burn"), text(kind="wheel", x=1, y=1, notches=1e6),
-    text(pad="x" * LONGEST_BYTES), "[" * 1500, '{"a":' * 300,
+    text(pad="x" * MAX_MESSAGE_BYTES), "[" * 1500, '{"a":' * 300,
 ]  # fmt: skip
 
 
@@ -132,4 +137,4 @@ def test_a_refused_message_does_not_use_up_its_number(intake):
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
 def test_no_text_at_all_does_harm(words):
     with pytest.raises(BadMessageError):
-        Intake(0.0).accept(words, 0.0)
+        MessageFilter(0.0).accept(words, 0.0)

@@ -9,11 +9,9 @@ import pytest
 import websockets
 
 from ikservo.clock import RealClock
-from ikservo.view.server.hosting import Address, hosted
-from ikservo.view.server.messages import LONGEST_BYTES
-from ikservo.view.server.server import application
-from ikservo.view.server.threshold import MOST_WAITING
-from ikservo.view.server.visitors import Keys, Right, proof
+from ikservo.view.auth import MAX_PENDING_CONNECTIONS, AccessTokens, Permission, challenge_response
+from ikservo.view.messages import MAX_MESSAGE_BYTES
+from ikservo.view.server import BoundAddress, make_app, serve_in_thread
 from tests.view.guests import Audience, Guest
 
 PAGES = ["/", "/page/main.js", "/page/style.css"]
@@ -21,13 +19,15 @@ PAGES = ["/", "/page/main.js", "/page/style.css"]
 
 @pytest.fixture(scope="module")
 def keys():
-    return Keys.new()
+    return AccessTokens.generate()
 
 
 @pytest.fixture(scope="module")
 def house(keys):
     everybody = Audience()
-    with hosted(application(everybody, keys, RealClock()), Address("127.0.0.1", 0)) as url:
+    with serve_in_thread(
+        make_app(everybody, keys, RealClock()), BoundAddress("127.0.0.1", 0)
+    ) as url:
         yield everybody, url
 
 
@@ -122,17 +122,17 @@ def test_the_key_in_the_query_of_a_url_opens_nothing(url, keys, visit):
 
 def test_a_visitor_with_a_key_is_let_in(visit, audience, keys):
     visit().prove(keys.control).hear_of("scene")
-    assert audience.rights == [Right.CONTROL]
+    assert audience.rights == [Permission.CONTROL]
 
 
 def test_the_other_key_gives_the_other_right(visit, audience, keys):
     visit().prove(keys.watch).hear_of("scene")
-    assert audience.rights == [Right.WATCH]
+    assert audience.rights == [Permission.WATCH]
 
 
 @pytest.mark.parametrize("hello", [
     "{}", "", '{"kind":"stop","seq":1,"seen":0}', '{"kind":"hello"}', '{"kind":"hello","proof":""}',
-    '{"kind":"hello","proof":"' + "0" * 64 + '"}', "x" * LONGEST_BYTES,
+    '{"kind":"hello","proof":"' + "0" * 64 + '"}', "x" * MAX_MESSAGE_BYTES,
 ])  # fmt: skip
 def test_who_cannot_prove_a_key_is_sent_away(visit, audience, hello):
     guest = visit()
@@ -142,12 +142,12 @@ def test_who_cannot_prove_a_key_is_sent_away(visit, audience, hello):
 
 
 def test_a_key_of_another_session_opens_nothing(visit, audience):
-    assert visit().prove(Keys.new().control).closing_code() == 4401
+    assert visit().prove(AccessTokens.generate().control).closing_code() == 4401
     assert not audience.rights
 
 
 def test_a_proof_that_was_overheard_opens_nothing(visit, keys, audience):
-    overheard = proof(keys.control, visit().nonce)
+    overheard = challenge_response(keys.control, visit().nonce)
     guest = visit()
     guest.send(json.dumps({"kind": "hello", "proof": overheard}))
     assert guest.closing_code() == 4401
@@ -174,12 +174,12 @@ def test_a_replayed_message_is_refused_and_not_heard_again(visit, audience, keys
 
 def test_an_oversized_message_changes_nothing(visit, audience, keys):
     guest = visit().prove(keys.control)
-    guest.say("stop", pad="x" * LONGEST_BYTES)
+    guest.say("stop", pad="x" * MAX_MESSAGE_BYTES)
     assert "too long" in guest.hear_of("refused")["message"]
     assert not audience.heard
 
 
-@pytest.mark.parametrize("size", [5 * LONGEST_BYTES, 2_000_000])
+@pytest.mark.parametrize("size", [5 * MAX_MESSAGE_BYTES, 2_000_000])
 def test_a_huge_message_ends_the_connection_unread(visit, audience, keys, size):
     guest = visit().prove(keys.control)
     with suppress(websockets.ConnectionClosed):  # before all of it was sent
@@ -240,9 +240,9 @@ def test_two_hundred_idle_sockets_keep_nobody_out(url, visit, keys):
 
 def test_of_many_idle_sockets_only_the_latest_stay(url):
     with ExitStack() as open_sockets:
-        waiting = idle_sockets(open_sockets, url, 3 * MOST_WAITING)
+        waiting = idle_sockets(open_sockets, url, 3 * MAX_PENDING_CONNECTIONS)
         httpx.get(url)  # the server has met them all
-        assert sum(map(is_open, waiting)) < MOST_WAITING
+        assert sum(map(is_open, waiting)) < MAX_PENDING_CONNECTIONS
 
 
 @pytest.mark.campaign  # it takes three seconds
@@ -280,4 +280,4 @@ def test_an_address_in_use_is_told(url):
 
     port = int(url.rpartition(":")[2])
     with pytest.raises(PortError, match="cannot be served"):
-        Address("127.0.0.1", port)
+        BoundAddress("127.0.0.1", port)

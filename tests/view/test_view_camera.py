@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError
-from ikservo.view.camera.camera import Viewport
-from ikservo.view.camera.views import View, camera_of
+from ikservo.view.camera import Viewport
+from ikservo.view.viewpoints import Viewpoint, make_camera
 from tests.view.looks import VIEWPORT, cameras, looked_at, model_of, points, stage
 
 depths = st.floats(0.05, 20.0)
@@ -117,28 +117,30 @@ def test_a_flat_arm_is_seen_along_its_axes():
 
 
 def test_panning_moves_what_is_at_that_depth_by_as_many_pixels():
-    view, the_stage = View("orbit"), stage("so101")
-    camera = camera_of(the_stage, view, VIEWPORT, 0.0)
+    view, the_stage = Viewpoint("orbit"), stage("so101")
+    camera = make_camera(the_stage, view, VIEWPORT, 0.0)
     point = np.array([0.1, 0.0, 0.1])
     before, depth_m = camera.project(point)
-    moved = camera_of(the_stage, view.panned((30.0, -12.0), camera, depth_m), VIEWPORT, 0.0)
+    moved = make_camera(the_stage, view.pan_by((30.0, -12.0), camera, depth_m), VIEWPORT, 0.0)
     np.testing.assert_allclose(moved.project(point)[0] - before, (30.0, -12.0), atol=1e-6)
 
 
 @laws
 @given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), max_size=6))
 def test_an_orbit_never_goes_over_the_top(turns):
-    view = View("orbit")
+    view = Viewpoint("orbit")
     for yaw_rad, pitch_rad in turns:
-        view = view.turned(yaw_rad, pitch_rad)
-    assert camera_of(stage("so101"), view, VIEWPORT, 0.0).up[2] > 0
+        view = view.orbit_by(yaw_rad, pitch_rad)
+    assert make_camera(stage("so101"), view, VIEWPORT, 0.0).up[2] > 0
 
 
 @pytest.mark.parametrize("view", ["side", "top", "orbit"])
 def test_zooming_makes_everything_larger(view):
     ends = np.array([[0.2, 0.0, 0.1], [0.2, 0.03, 0.13]])
     sizes = [
-        np.hypot(*np.diff(camera_of(stage("so101"), v, VIEWPORT, 0.5).project(ends)[0], axis=0)[0])
-        for v in (View(view), View(view).zoomed(2.0))
+        np.hypot(
+            *np.diff(make_camera(stage("so101"), v, VIEWPORT, 0.5).project(ends)[0], axis=0)[0]
+        )
+        for v in (Viewpoint(view), Viewpoint(view).zoom_by(2.0))
     ]
     assert sizes[1] > 1.5 * sizes[0]

@@ -11,13 +11,13 @@ from scipy.linalg import null_space
 
 from ikservo.errors import InputError, UnknownNameError
 from ikservo.ik import METHODS, Posture, Target
-from ikservo.kinematics import room_to_limits
-from ikservo.model.model import KeepOut
-from ikservo.view.drag.drag import Drag, Sight
-from ikservo.view.drag.puppet import LONGEST_RAD, Puppet
-from ikservo.view.drag.wishes import Hold, Pull, Turn
-from ikservo.view.pick.pick import Picker
-from ikservo.view.pick.shapes import objects_of
+from ikservo.kinematics import distance_to_limits
+from ikservo.model.model import KeepOutBox
+from ikservo.view.bvh import object_primitives
+from ikservo.view.drag import Drag
+from ikservo.view.drag_solver import MAX_STEP_RAD, DragSolver
+from ikservo.view.messages import DragTarget, HoldCommand, JointTarget
+from ikservo.view.picking import Picker, PointerContext
 from tests.kinematics.chains import crane
 from tests.view.looks import (
     drag_of,
@@ -36,9 +36,9 @@ pixels = st.tuples(st.floats(0, 800), st.floats(0, 600)).map(np.array)
 
 def play(name, drag, look, moves, q):
     """Let a pointer that has been pressed move; return the goals, each frame one answer."""
-    puppet, goals = Puppet(model_of(name).chain), [q]
+    puppet, goals = DragSolver(model_of(name).chain), [q]
     for px in moves:
-        goals.append(puppet.answer(drag.move(px), goals[-1]).q)
+        goals.append(puppet.solve_command(drag.move(px), goals[-1]).q)
     return np.array(goals)
 
 
@@ -94,11 +94,11 @@ def test_a_pulled_link_follows_the_pointer():
 
 def test_a_jaw_is_pulled_together_with_the_hand_that_carries_it():
     look = sight("so101", "side")
-    look = Sight(look.camera, look.arms, beside={"gripper": 1.0})
+    look = PointerContext(look.camera, look.arms, beside={"gripper": 1.0})
     drag = drag_of("so101")
     target = drag.press(pixel_on("so101", look, "jaw"), look).target
     assert target.frame == "gripper"
-    assert drag.grabbed == "jaw"
+    assert drag.grabbed_link == "jaw"
 
 
 def test_the_ghost_is_grabbed_before_the_arm_behind_it():
@@ -106,7 +106,7 @@ def test_the_ghost_is_grabbed_before_the_arm_behind_it():
     goal = model_of("so101").chain.clip(home + np.array([0, 0.4, 0.3, 0, 0]))
     camera, drag = looked_at("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", goal, "forearm", (-0.05, 0.0, 0.0))
-    wish = drag.press(px, Sight(camera, (goal, home)))
+    wish = drag.press(px, PointerContext(camera, (goal, home)))
     chain = model_of("so101").chain
     at = chain.forward(goal, wish.target.frame, wish.target.offset_m)[:3, 3]
     np.testing.assert_allclose(at, wish.target.position, atol=1e-9)
@@ -116,7 +116,7 @@ def test_the_arm_itself_is_grabbed_where_no_ghost_is():
     home = stage("so101").home
     goal = model_of("so101").chain.clip(home + np.array([0, 0.9, 0.3, 0, 0]))
     px = pixel_of("so101", "side", home, "forearm", (-0.05, 0.0, 0.0))
-    look = Sight(looked_at("so101", "side"), (goal, home))
+    look = PointerContext(looked_at("so101", "side"), (goal, home))
     assert drag_of("so101").press(px, look).target.frame == "forearm"
 
 
@@ -124,7 +124,7 @@ def test_release_ends_the_drag():
     look, drag = sight("so101", "side"), drag_of("so101")
     drag.press(pixel_of("so101", "side", look.arms[0], "forearm", (-0.05, 0, 0)), look)
     drag.release()
-    assert not drag.busy
+    assert not drag.is_busy
     assert drag.move((400.0, 300.0)) is None
 
 
@@ -140,8 +140,8 @@ def test_a_second_finger_neither_moves_nor_ends_a_drag():
 def test_cancel_lets_go_and_holds():
     look, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, look)
-    assert drag.cancel() == Hold()
-    assert not drag.busy
+    assert drag.cancel() == HoldCommand()
+    assert not drag.is_busy
 
 
 def test_the_camera_stays_while_something_is_held():
@@ -173,22 +173,22 @@ def test_the_base_is_as_good_as_nothing():
 
 def test_a_click_may_fold_the_arm_another_way_and_a_drag_may_not():
     look, drag = sight("so101", "side"), drag_of("so101")
-    assert drag.press(EMPTY_PX, look).jump
-    assert not drag.move(EMPTY_PX + 5.0).jump
+    assert drag.press(EMPTY_PX, look).is_click
+    assert not drag.move(EMPTY_PX + 5.0).is_click
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "planar3"])
 def test_a_click_on_a_reachable_point_is_reached_at_once(name):
     chain, random = model_of(name).chain, np.random.default_rng(5)
-    puppet, q = Puppet(chain), stage(name).home
+    puppet, q = DragSolver(chain), stage(name).home
     drag = Drag(chain, Picker({}))
     view = "plane" if name == "planar3" else "top"
     for _ in range(20):
         there = chain.forward(random.uniform(chain.lower_rad, chain.upper_rad))[:3, 3]
         camera = looked_at(name, view)
-        wish = drag.press(camera.project(there)[0], Sight(camera, (q,), plane_m=there))
+        wish = drag.press(camera.project(there)[0], PointerContext(camera, (q,), plane_m=there))
         drag.release()
-        answer = puppet.answer(wish, q)
+        answer = puppet.solve_command(wish, q)
         assert answer.aim.reached
         assert answer.settled
         np.testing.assert_allclose(chain.forward(answer.q)[:3, 3], there, atol=1e-4)
@@ -204,7 +204,7 @@ def test_dragging_never_asks_beyond_the_limits(name, path, view):
     chain, look, drag = model_of(name).chain, sight(name, view), drag_of(name)
     drag.press(pixel_of(name, view, look.arms[0], "forearm", (-0.05, 0, 0)), look)
     goals = play(name, drag, look, path, look.arms[0])
-    assert room_to_limits(chain, goals).min() >= 0.0
+    assert distance_to_limits(chain, goals).min() >= 0.0
 
 
 @settings(max_examples=25, deadline=None)
@@ -214,18 +214,22 @@ def test_turning_one_joint_never_asks_beyond_its_limits(path, view):
     q = look.arms[0]
     drag.press(pixel_of("so101", view, q, "forearm", (-0.05, 0, 0)), look, shift=True)
     goals = play("so101", drag, look, path, q)
-    assert room_to_limits(chain, goals).min() >= 0.0
+    assert distance_to_limits(chain, goals).min() >= 0.0
 
 
 def test_a_start_outside_the_limits_is_brought_back_to_them():
     chain = model_of("so101").chain
     outside = chain.upper_rad + 0.05
-    np.testing.assert_array_equal(Puppet(chain).answer(Hold(), outside).q, chain.upper_rad)
+    np.testing.assert_array_equal(
+        DragSolver(chain).solve_command(HoldCommand(), outside).q, chain.upper_rad
+    )
 
 
 def test_a_joint_that_the_arm_does_not_have_is_refused():
     with pytest.raises(UnknownNameError):
-        Puppet(model_of("so101").chain).answer(Turn("knee", 0.0), stage("so101").home)
+        DragSolver(model_of("so101").chain).solve_command(
+            JointTarget("knee", 0.0), stage("so101").home
+        )
 
 
 # --- past the reach ---
@@ -252,7 +256,7 @@ def path_outside(name, turns=1.0, frames=400):
 def test_a_pointer_that_leaves_the_reach_is_followed_without_a_jump(name):
     look, drag, path = path_outside(name)
     goals = play(name, drag, look, path, look.arms[0])
-    assert np.abs(np.diff(goals, axis=0)).max() <= LONGEST_RAD + 1e-12
+    assert np.abs(np.diff(goals, axis=0)).max() <= MAX_STEP_RAD + 1e-12
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -288,7 +292,7 @@ def test_a_target_out_of_reach_names_the_nearest_point_and_the_limit():
     chain, q = model_of("planar2").chain, stage("planar2").home
     look = sight("planar2", "plane")
     wish = drag_of("planar2").press((5.0, 300.0), look)
-    aim = Puppet(chain).answer(wish, q).aim
+    aim = DragSolver(chain).solve_command(wish, q).aim
     assert not aim.reached
     assert aim.gap_m == pytest.approx(math.dist(aim.nearest_m, wish.target.position))
 
@@ -296,11 +300,16 @@ def test_a_target_out_of_reach_names_the_nearest_point_and_the_limit():
 def test_a_jerk_of_the_pointer_is_followed_in_bounded_steps_until_it_is_settled():
     look, drag = sight("so101", "side"), drag_of("so101")
     drag.press(pixel_of("so101", "side", look.arms[0], "gripper", (0, 0, -0.02)), look)
-    wish, puppet, q, answers = drag.move((200.0, 150.0)), Puppet(model_of("so101").chain), None, []
+    wish, puppet, q, answers = (
+        drag.move((200.0, 150.0)),
+        DragSolver(model_of("so101").chain),
+        None,
+        [],
+    )
     q = look.arms[0]
     for _ in range(60):
-        answers.append(puppet.answer(wish, q))
-        assert np.abs(answers[-1].q - q).max() <= LONGEST_RAD + 1e-12
+        answers.append(puppet.solve_command(wish, q))
+        assert np.abs(answers[-1].q - q).max() <= MAX_STEP_RAD + 1e-12
         q = answers[-1].q
     assert not answers[0].settled
     assert answers[-1].settled
@@ -317,7 +326,7 @@ def test_a_shift_drag_turns_only_the_joint_that_carries_the_link(view):
     drag.press(px, look, shift=True)
     wish = drag.move(px + np.array([0.0, 20.0]))
     assert wish.joint == "elbow_flex"
-    goal = Puppet(model_of("so101").chain).answer(wish, q).q
+    goal = DragSolver(model_of("so101").chain).solve_command(wish, q).q
     assert np.flatnonzero(goal != q).tolist() == [2]
 
 
@@ -350,7 +359,7 @@ def test_a_joint_dragged_past_its_limit_comes_back_where_the_pointer_does():
     path = [hub + np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
             for c, s in zip(np.cos(angles), np.sin(angles), strict=True)]  # fmt: skip
     goals = play("planar2", drag, look, path, q)
-    assert room_to_limits(chain, goals)[:, 0].min() == 0.0
+    assert distance_to_limits(chain, goals)[:, 0].min() == 0.0
     np.testing.assert_allclose(goals[-1], q, atol=1e-9)
 
 
@@ -386,9 +395,11 @@ def test_the_wheel_over_a_joints_hub_turns_that_joint():
 
 def test_a_slide_is_pushed_by_the_wheel_in_millimetres():
     chain, q = crane(), np.array([0.3, 0.2])
-    look = Sight(looked_at("so101", "orbit"), (q,))
+    look = PointerContext(looked_at("so101", "orbit"), (q,))
     px = look.camera.project(chain.forward(q, "cart")[:3, 3])[0]
-    assert Drag(chain, Picker({})).wheel(px, 1.0, look) == Turn("slide", pytest.approx(0.201))
+    assert Drag(chain, Picker({})).wheel(px, 1.0, look) == JointTarget(
+        "slide", pytest.approx(0.201)
+    )
 
 
 # --- keys ---
@@ -402,7 +413,7 @@ def test_a_slide_is_pushed_by_the_wheel_in_millimetres():
 def test_an_arrow_moves_the_target_on_the_screen(key, way, fine, step_m):
     look = sight("so101", "side")
     tip = model_of("so101").chain.forward(look.arms[0])[:3, 3]
-    wish = drag_of("so101").key(key, look, fine=fine)
+    wish = drag_of("so101").on_key(key, look, fine=fine)
     before, after = look.camera.project(np.array([tip, wish.target.position]))[0]
     np.testing.assert_allclose(after - before, step_m * look.camera.scale_px * np.array(way),
                                atol=1e-6)  # fmt: skip
@@ -410,8 +421,8 @@ def test_an_arrow_moves_the_target_on_the_screen(key, way, fine, step_m):
 
 def test_arrows_add_up_from_the_last_target():
     look, drag = sight("so101", "side"), drag_of("so101")
-    first = drag.key("ArrowUp", look).target.position
-    second = drag.key("ArrowUp", look).target.position
+    first = drag.on_key("ArrowUp", look).target.position
+    second = drag.on_key("ArrowUp", look).target.position
     assert math.dist(first, second) == pytest.approx(0.005)
 
 
@@ -419,7 +430,7 @@ def test_arrows_go_on_from_where_a_click_sent_the_tip():
     look, drag = sight("so101", "side"), drag_of("so101")
     clicked = drag.press(EMPTY_PX, look).target.position
     drag.release()
-    assert math.dist(drag.key("ArrowUp", look).target.position, clicked) == pytest.approx(0.005)
+    assert math.dist(drag.on_key("ArrowUp", look).target.position, clicked) == pytest.approx(0.005)
 
 
 def test_arrows_begin_at_the_tip_after_a_joint_was_turned():
@@ -428,19 +439,19 @@ def test_arrows_begin_at_the_tip_after_a_joint_was_turned():
     drag.release()
     drag.wheel(pixel_of("so101", "side", look.arms[0], "forearm", (-0.06, 0, 0)), 1.0, look)
     tip = model_of("so101").chain.forward(look.arms[0])[:3, 3]
-    assert math.dist(drag.key("ArrowUp", look).target.position, tip) == pytest.approx(0.005)
+    assert math.dist(drag.on_key("ArrowUp", look).target.position, tip) == pytest.approx(0.005)
 
 
 @pytest.mark.parametrize("key", ["Escape", " "])
 def test_escape_and_space_hold(key):
     look, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, look)
-    assert drag.key(key, look) == Hold()
-    assert not drag.busy
+    assert drag.on_key(key, look) == HoldCommand()
+    assert not drag.is_busy
 
 
 def test_other_keys_mean_nothing():
-    assert drag_of("so101").key("a", sight("so101", "side")) is None
+    assert drag_of("so101").on_key("a", sight("so101", "side")) is None
 
 
 def test_hovering_names_the_link_that_a_press_would_grab():
@@ -457,7 +468,7 @@ def answers_of(puppet, wish, q, count=400):
     """Answer one wish until it is settled, as picture after picture does."""
     answers = []
     while len(answers) < count and not (answers and answers[-1].settled):
-        answers.append(puppet.answer(wish, q))
+        answers.append(puppet.solve_command(wish, q))
         q = answers[-1].q
     return answers
 
@@ -467,13 +478,13 @@ def test_a_drag_is_answered_by_the_method_that_was_chosen(method):
     look, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_on("so101", look, "gripper")
     drag.press(px, look)
-    puppet, wish = Puppet(model_of("so101").chain), drag.move(px + np.array([20.0, 15.0]))
+    puppet, wish = DragSolver(model_of("so101").chain), drag.move(px + np.array([20.0, 15.0]))
     puppet.method = method
     answers = answers_of(puppet, wish, look.arms[0])
     steps = np.diff([look.arms[0], *(answer.q for answer in answers)], axis=0)
     assert answers[-1].aim.gap_m < 1e-3
     assert answers[0].words.startswith((method, "bounded"))
-    assert np.abs(steps).max() <= LONGEST_RAD + 1e-12
+    assert np.abs(steps).max() <= MAX_STEP_RAD + 1e-12
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -481,7 +492,7 @@ def test_whatever_method_answers_the_joints_beyond_the_grabbed_link_stay(method)
     look, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", look.arms[0], "forearm", (-0.03, 0.0, 0.0))
     drag.press(px, look)
-    puppet, wish = Puppet(model_of("so101").chain), drag.move(px + np.array([6.0, 9.0]))
+    puppet, wish = DragSolver(model_of("so101").chain), drag.move(px + np.array([6.0, 9.0]))
     puppet.method = method
     last = answers_of(puppet, wish, look.arms[0])[-1]
     np.testing.assert_array_equal(last.q[3:], look.arms[0][3:])
@@ -491,7 +502,7 @@ def test_whatever_method_answers_the_joints_beyond_the_grabbed_link_stay(method)
 def leaning(name, method="auto", weights=None):
     """Return a puppet that leans towards a posture, and the posture."""
     chain = model_of(name).chain
-    puppet, wanted = Puppet(chain), chain.clip(stage(name).home + 0.3)
+    puppet, wanted = DragSolver(chain), chain.clip(stage(name).home + 0.3)
     puppet.method = method
     puppet.posture = Posture(wanted, np.ones(chain.dof) if weights is None else weights)
     return puppet, wanted
@@ -503,7 +514,7 @@ def test_a_drag_leans_towards_the_posture_and_the_tip_stays_where_it_is_pulled(m
     px = pixel_on("so101", look, "gripper")
     drag.press(px, look)
     wish, (puppet, wanted) = drag.move(px + np.array([10.0, 5.0])), leaning("so101", method)
-    plain = answers_of(Puppet(model_of("so101").chain), wish, look.arms[0])[-1]
+    plain = answers_of(DragSolver(model_of("so101").chain), wish, look.arms[0])[-1]
     answers = answers_of(puppet, wish, look.arms[0])
     last = answers[-1]
     assert last.settled
@@ -515,7 +526,9 @@ def test_a_drag_leans_towards_the_posture_and_the_tip_stays_where_it_is_pulled(m
 def clicked(puppet, q):
     """Return the answer to a click 5 cm beside the tip of an SO-101 at joints q."""
     tip_m = model_of("so101").chain.forward(q)[:3, 3]
-    return puppet.answer(Pull(Target(tip_m + np.array([0.0, 0.03, 0.04])), jump=True), q)
+    return puppet.solve_command(
+        DragTarget(Target(tip_m + np.array([0.0, 0.03, 0.04])), is_click=True), q
+    )
 
 
 def test_a_click_goes_all_the_way_to_what_is_preferred():
@@ -524,7 +537,7 @@ def test_a_click_goes_all_the_way_to_what_is_preferred():
     puppet, wanted = leaning("so101", weights=weights)
     answer = clicked(puppet, stage("so101").home)
     assert answer.aim.reached
-    assert room_to_limits(chain, answer.q).min() > 0.01
+    assert distance_to_limits(chain, answer.q).min() > 0.01
     free = null_space(chain.jacobian(answer.q)[:3])
     np.testing.assert_allclose(free.T @ (weights * (answer.q - wanted)), 0.0, atol=1e-3)
 
@@ -552,7 +565,7 @@ def behind_each_other():
     look, drag = sight("so101", "front"), drag_of("so101")
     for link in ("wrist", "forearm", "upper_arm", "shoulder"):
         px = pixel_of("so101", "front", look.arms[0], link)
-        names = [f.hit.link for f in drag.under(px, look)[0] if f and f.kind == "link"]
+        names = [f.hit.link for f in drag.candidates_under(px, look)[0] if f and f.kind == "link"]
         if len(names) > 1:
             return px, look, names
     raise AssertionError("nothing lies behind anything")
@@ -560,7 +573,7 @@ def behind_each_other():
 
 def test_all_that_lies_behind_each_other_is_listed_with_its_depth():
     px, look, names = behind_each_other()
-    options, index = drag_of("so101").under(px, look)
+    options, index = drag_of("so101").candidates_under(px, look)
     depths = [found.hit.depth_m for found in options if found and found.kind == "link"]
     assert depths == sorted(depths)
     assert len(set(names)) == len(names)
@@ -572,7 +585,7 @@ def test_a_goal_where_the_arm_is_lists_each_link_once_and_one_apart_lists_both()
     q, drag = look.arms[0], drag_of("so101")
 
     def listed(*arms):
-        options, _ = drag.under(px, Sight(look.camera, arms))
+        options, _ = drag.candidates_under(px, PointerContext(look.camera, arms))
         return [found.hit.link for found in options if found and found.kind == "link"]
 
     assert listed(q + 1e-4, q) == names
@@ -582,13 +595,13 @@ def test_a_goal_where_the_arm_is_lists_each_link_once_and_one_apart_lists_both()
 def test_a_key_goes_on_to_what_is_behind_and_round():
     px, look, names = behind_each_other()
     drag, hovered = drag_of("so101"), []
-    for _ in drag.under(px, look)[0]:
+    for _ in drag.candidates_under(px, look)[0]:
         hovered.append(drag.hover(px, look))
-        drag.go_on(px, look)
+        drag.select_next(px, look)
     assert hovered[: len(names)] == names
     assert drag.hover(px, look) == names[0]
-    drag.go_on(px, look, -1)
-    drag.go_on(px, look, 1)
+    drag.select_next(px, look, -1)
+    drag.select_next(px, look, 1)
     assert drag.hover(px, look) == names[0]
 
 
@@ -597,21 +610,21 @@ def test_a_second_click_at_the_same_place_grabs_what_is_behind():
     drag = drag_of("so101")
     for name in names:
         drag.press(px, look)
-        assert drag.grabbed == name
+        assert drag.grabbed_link == name
         drag.release()
 
 
 def test_what_was_chosen_behind_is_what_is_dragged():
     px, look, names = behind_each_other()
     drag = drag_of("so101")
-    drag.go_on(px, look)
+    drag.select_next(px, look)
     assert drag.press(px, look).target.frame == names[1]
 
 
 def test_after_a_drag_the_nearest_is_first_again():
     px, look, names = behind_each_other()
     drag = drag_of("so101")
-    drag.go_on(px, look)
+    drag.select_next(px, look)
     drag.press(px, look)
     drag.move(px + 20.0)
     drag.release()
@@ -621,28 +634,28 @@ def test_after_a_drag_the_nearest_is_first_again():
 def test_elsewhere_the_nearest_is_first_again():
     px, look, names = behind_each_other()
     drag = drag_of("so101")
-    drag.go_on(px, look)
+    drag.select_next(px, look)
     elsewhere = px + np.array([0.0, 6.0])
     assert drag.hover(px + 0.5, look) == names[1]
     assert drag.hover(elsewhere, look) in {*names, None}
-    assert drag.under(elsewhere, look)[1] == 0
+    assert drag.candidates_under(elsewhere, look)[1] == 0
 
 
 def test_behind_all_links_a_press_sends_the_tip_there():
     px, look, names = behind_each_other()
     drag = drag_of("so101")
     for _ in names:
-        drag.go_on(px, look)
+        drag.select_next(px, look)
     wish = drag.press(px, look)
     assert wish.target.frame is None
-    assert wish.jump
+    assert wish.is_click
 
 
 def test_the_base_comes_last_and_cannot_be_dragged():
     look, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", look.arms[0], "base", (0.0, 0.0, 0.01))
-    assert drag.under(px, look)[0][-1].kind == "fixed"
-    drag.go_on(px, look, -1)
+    assert drag.candidates_under(px, look)[0][-1].kind == "fixed"
+    drag.select_next(px, look, -1)
     drag.press(px, look)
     with pytest.raises(InputError, match="base cannot be dragged"):
         drag.move(px + 10.0)
@@ -650,21 +663,21 @@ def test_the_base_comes_last_and_cannot_be_dragged():
 
 # --- objects of the scene ---
 
-CUP = KeepOut("the cup", (0.15, 0.12, 0.0), (0.25, 0.2, 0.1))
+CUP = KeepOutBox("the cup", (0.15, 0.12, 0.0), (0.25, 0.2, 0.1))
 
 
 def with_a_cup(view):
     """Return the drag and the look of an arm beside a cup, and the pixel of the cup's middle."""
     model = replace(model_of("so101"), keep_out=(CUP,))
     look = sight("so101", view)
-    drag = Drag(model.chain, picker("so101"), Picker(objects_of(model)))
+    drag = Drag(model.chain, picker("so101"), Picker(object_primitives(model)))
     return drag, look, look.camera.project(np.array([0.2, 0.16, 0.05]))[0]
 
 
 @pytest.mark.parametrize("view", ["top", "orbit"])
 def test_a_box_is_picked_by_its_name_where_the_line_of_sight_meets_it(view):
     drag, look, px = with_a_cup(view)
-    found = next(f for f in drag.under(px, look)[0] if f and f.kind == "object")
+    found = next(f for f in drag.candidates_under(px, look)[0] if f and f.kind == "object")
     assert found.hit.link == "the cup"
     point, low, high = found.hit.point_m, np.array(CUP.low_m), np.array(CUP.high_m)
     assert (point >= low - 1e-9).all()
@@ -689,7 +702,7 @@ def test_a_second_click_on_a_box_sends_the_tip_there():
 
 
 def test_a_link_is_grabbed_before_the_box_around_it():
-    model = replace(model_of("so101"), keep_out=(KeepOut("the cage", (-1, -1, 0), (1, 1, 1)),))
+    model = replace(model_of("so101"), keep_out=(KeepOutBox("the cage", (-1, -1, 0), (1, 1, 1)),))
     look = sight("so101", "side")
-    drag = Drag(model.chain, picker("so101"), Picker(objects_of(model)))
+    drag = Drag(model.chain, picker("so101"), Picker(object_primitives(model)))
     assert drag.press(pixel_on("so101", look, "forearm"), look).target.frame == "forearm"

@@ -8,11 +8,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ikservo.kinematics.capsules import segment_distance
-from ikservo.kinematics.se3 import exp_so3, pose
-from ikservo.view.pick.casting import cast_at_all
-from ikservo.view.pick.pick import Picker
-from ikservo.view.pick.shapes import capsule_rows, capsules_of, shapes_of, triangle_rows
-from ikservo.view.scene.posing import link_poses
+from ikservo.kinematics.se3 import exp_so3, make_pose
+from ikservo.model.collision_model import capsules_of
+from ikservo.view.bvh import capsule_rows, link_primitives, triangle_rows
+from ikservo.view.draw_items import link_poses
+from ikservo.view.picking import Picker
+from ikservo.view.raycast import raycast_brute_force
 from tests.view.looks import VIEWPORT, cameras, looked_at, model_of, picker, points, stage
 
 VIEWS = ["side", "top", "front", "orbit"]
@@ -38,7 +39,9 @@ def rays_at(random, count):
 
 
 def places(random, links):
-    return {link: pose(random.uniform(-1, 1, 3), exp_so3(random.normal(size=3))) for link in links}
+    return {
+        link: make_pose(random.uniform(-1, 1, 3), exp_so3(random.normal(size=3))) for link in links
+    }
 
 
 def in_world(rows, T):
@@ -63,7 +66,7 @@ def test_boxes_find_what_looking_at_every_shape_finds(kind, seed, count):
     for i, link in enumerate(shapes):
         rows = in_world(shapes[link], poses[link])
         for k in range(len(origins)):
-            cast_at_all(origins[k], directions[k], rows, nearest)
+            raycast_brute_force(origins[k], directions[k], rows, nearest)
             assert ways[k, i] == pytest.approx(nearest[0], abs=1e-9)
 
 
@@ -108,7 +111,7 @@ def test_the_middle_of_a_capsule_in_view_picks_its_own_link(name, view):
     for capsule in capsules_of(model_of(name)):
         a, b = capsule.ends(poses[capsule.link])
         px, depth_m = camera.project(0.5 * (a + b))
-        hit = picker(name).at(camera, poses, px)
+        hit = picker(name).pick_at(camera, poses, px)
         assert hit.link == capsule.link or hit.depth_m < depth_m
         seen += hit.link == capsule.link
     assert seen > 5
@@ -122,11 +125,13 @@ def test_a_visible_point_of_a_link_picks_that_link_at_that_very_point(seed, view
     poses, camera = link_poses(chain, q, {}), looked_at("so101", view, q)
     capsule = random.choice(capsules_of(model_of("so101")))
     a, b = capsule.ends(poses[capsule.link])
-    hit = picker("so101").at(camera, poses, camera.project(a + random.random() * (b - a))[0], 1)
+    hit = picker("so101").pick_at(
+        camera, poses, camera.project(a + random.random() * (b - a))[0], 1
+    )
     np.testing.assert_allclose(chain.forward(q, hit.link, hit.offset_m)[:3, 3], hit.point_m,
                                atol=1e-12)  # fmt: skip
     px, depth_m = camera.project(hit.point_m)
-    again = picker("so101").at(camera, poses, px, 1)
+    again = picker("so101").pick_at(camera, poses, px, 1)
     assert again.link == hit.link
     assert again.depth_m == pytest.approx(depth_m, abs=1e-9)
 
@@ -136,7 +141,7 @@ def test_a_visible_point_of_a_link_picks_that_link_at_that_very_point(seed, view
 def test_hits_come_nearest_first(camera, seed):
     random = np.random.default_rng(seed)
     shapes = {link: cloud(random, 10, "capsules") for link in "abcd"}
-    hits = Picker(shapes).all_at(camera, places(random, shapes), camera.viewport.centre_px)
+    hits = Picker(shapes).pick_all_at(camera, places(random, shapes), camera.viewport.centre_px)
     depths = [hit.depth_m for hit in hits]
     assert depths == sorted(depths)
 
@@ -156,22 +161,22 @@ def ball_beside_the_pointer(away_px, behind=()):
 
 def test_a_link_within_two_pixels_of_the_pointer_is_picked():
     thing, camera, poses, px = ball_beside_the_pointer(1.9)
-    assert thing.at(camera, poses, px).link == "ball"
+    assert thing.pick_at(camera, poses, px).link == "ball"
 
 
 def test_a_link_three_pixels_away_is_not():
     thing, camera, poses, px = ball_beside_the_pointer(3.1)
-    assert thing.at(camera, poses, px) is None
+    assert thing.pick_at(camera, poses, px) is None
 
 
 def test_what_is_right_under_the_pointer_is_preferred_to_what_is_nearer_beside_it():
     thing, camera, poses, px = ball_beside_the_pointer(1.5, behind=[("wall", 9.5)])
-    assert thing.at(camera, poses, px).link == "wall"
+    assert thing.pick_at(camera, poses, px).link == "wall"
 
 
 def test_all_that_is_near_the_pointer_is_listed_by_depth():
     thing, camera, poses, px = ball_beside_the_pointer(1.5, [("far", 9.9), ("near", 9.5)])
-    assert [hit.link for hit in thing.all_at(camera, poses, px)] == ["ball", "near", "far"]
+    assert [hit.link for hit in thing.pick_all_at(camera, poses, px)] == ["ball", "near", "far"]
 
 
 # --- the square around the pointer, exactly ---
@@ -192,7 +197,7 @@ def test_a_wire_of_half_a_pixel_is_found_all_over_the_square(view):
     missed = [
         tuple(away)
         for away in AROUND
-        if not wire_at(camera, middle + away, 0.4, (0.4, 0.0)).all_at(
+        if not wire_at(camera, middle + away, 0.4, (0.4, 0.0)).pick_all_at(
             camera, {"wire": np.eye(4)}, middle
         )
     ]
@@ -206,7 +211,7 @@ def test_a_wire_is_found_exactly_where_its_edge_is_in_the_square(view, away_px, 
     camera, middle = looked_at("so101", view), VIEWPORT.centre_px
     for side in (np.array([away_px, 0.3]), np.array([0.3, -away_px])):
         thing = wire_at(camera, middle + side, 0.4, side)
-        assert bool(thing.all_at(camera, {"wire": np.eye(4)}, middle)) == hit
+        assert bool(thing.pick_all_at(camera, {"wire": np.eye(4)}, middle)) == hit
 
 
 def rays_in_square(thing, camera, poses, px, half_px, count):
@@ -226,7 +231,7 @@ def test_the_square_holds_whatever_any_ray_in_it_meets(kind, camera, seed):
     shapes = {link: cloud(random, 12, kind) for link in "abcdef"}
     thing, poses, px = Picker(shapes), places(random, shapes), camera.viewport.centre_px + 30.0
     rays = rays_in_square(thing, camera, poses, px, half_px, count)
-    hits = {hit.link: hit for hit in thing.all_at(camera, poses, px, 2 * half_px)}
+    hits = {hit.link: hit for hit in thing.pick_all_at(camera, poses, px, 2 * half_px)}
     for link, away_px in rays.items():
         if np.isfinite(away_px):
             assert hits[link].away_px <= away_px + 1e-6
@@ -240,7 +245,7 @@ def test_what_is_found_beside_the_pointer_is_seen_at_that_very_place(kind, camer
     random, half_px = np.random.default_rng(seed), 60.0
     shapes = {link: cloud(random, 3, kind) for link in "abcdef"}
     thing, poses, px = Picker(shapes), places(random, shapes), camera.viewport.centre_px - 20.0
-    for hit in thing.all_at(camera, poses, px, 2 * half_px):
+    for hit in thing.pick_all_at(camera, poses, px, 2 * half_px):
         at_px, depth_m = camera.project(hit.point_m)
         assert hit.away_px <= half_px
         assert depth_m == pytest.approx(hit.depth_m, abs=1e-9)
@@ -259,7 +264,7 @@ def test_a_triangle_seen_from_its_edge_is_found():
         middle + np.array([[1.0, -9.0], [1.0, 9.0], [1.0, 9.0]]), np.array([1.0, 1.0, 2.0])
     )
     thing = Picker({"sheet": triangle_rows(corners[None])})
-    (hit,) = thing.all_at(camera, {"sheet": np.eye(4)}, middle)
+    (hit,) = thing.pick_all_at(camera, {"sheet": np.eye(4)}, middle)
     assert hit.away_px == pytest.approx(1.0)
 
 
@@ -267,7 +272,7 @@ def test_what_is_behind_the_eye_is_not_in_the_square():
     camera = looked_at("so101", "orbit")
     behind = camera.eye_m - 0.5 * camera.forward
     rows = capsule_rows(behind[None], behind[None] + 0.1, np.array([0.05]))
-    assert Picker({"x": rows}).all_at(camera, {"x": np.eye(4)}, VIEWPORT.centre_px, 500) == ()
+    assert Picker({"x": rows}).pick_all_at(camera, {"x": np.eye(4)}, VIEWPORT.centre_px, 500) == ()
 
 
 def test_the_square_is_looked_at_in_a_fraction_of_a_frame():
@@ -276,7 +281,7 @@ def test_the_square_is_looked_at_in_a_fraction_of_a_frame():
     px = camera.project(poses["wrist"][:3, 3])[0]
 
     def look():
-        picker("wx250s").all_at(camera, poses, px, 41)
+        picker("wx250s").pick_all_at(camera, poses, px, 41)
 
     look()
     assert min(_seconds(look) for _ in range(20)) < 0.004
@@ -285,12 +290,12 @@ def test_the_square_is_looked_at_in_a_fraction_of_a_frame():
 def test_over_empty_space_nothing_is_picked():
     camera, poses = looked_at("so101", "side"), link_poses(model_of("so101").chain,
                                                            stage("so101").home, {})  # fmt: skip
-    assert picker("so101").at(camera, poses, (5.0, 5.0)) is None
+    assert picker("so101").pick_at(camera, poses, (5.0, 5.0)) is None
 
 
 def test_an_arm_without_shapes_can_be_looked_at():
     camera = looked_at("so101", "side")
-    assert Picker({}).all_at(camera, {}, (5.0, 5.0)) == ()
+    assert Picker({}).pick_all_at(camera, {}, (5.0, 5.0)) == ()
 
 
 def test_a_jaw_is_picked_where_it_is_opened_to():
@@ -298,7 +303,7 @@ def test_a_jaw_is_picked_where_it_is_opened_to():
     poses = link_poses(model.chain, stage("so101").home, {"gripper": 1.2})
     jaw = next(c for c in capsules_of(model) if c.link == "jaw")
     a, b = jaw.ends(poses["jaw"])
-    hits = picker("so101").all_at(camera, poses, camera.project(0.5 * (a + b))[0])
+    hits = picker("so101").pick_all_at(camera, poses, camera.project(0.5 * (a + b))[0])
     assert "jaw" in [hit.link for hit in hits]
 
 
@@ -315,7 +320,7 @@ def test_boxes_leave_out_nearly_all_shapes(kind, count):
 
 def test_the_arms_own_shapes_stay_where_the_link_puts_them():
     model = model_of("so101")
-    rows = shapes_of(capsules_of(model))
+    rows = link_primitives(capsules_of(model))
     assert set(rows) == {capsule.link for capsule in capsules_of(model)}
     assert sum(map(len, rows.values())) == len(capsules_of(model))
 
@@ -331,7 +336,7 @@ def test_boxes_are_faster_than_looking_at_a_thousand_shapes():
 
     def through_all():
         for origin, direction in zip(origins, directions, strict=True):
-            cast_at_all(origin, direction, rows, nearest)
+            raycast_brute_force(origin, direction, rows, nearest)
 
     times = [[_seconds(run) for run in (through_boxes, through_all)] for _ in range(7)]
     boxes_s, all_s = np.min(times, axis=0)

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.kinematics import room_to_limits
-from ikservo.view.camera.camera import Viewport
-from ikservo.view.camera.stage import stage_of
-from ikservo.view.camera.views import View, camera_of, views_of
-from ikservo.view.pick.pick import Picker
-from ikservo.view.pick.shapes import capsules_of, shapes_of
-from ikservo.view.scene.planar import CHOICES, planar_model, teach
-from ikservo.view.scene.posing import link_poses
-from ikservo.view.scene.scene import Moment, Theatre
+from ikservo.kinematics import distance_to_limits
+from ikservo.model.collision_model import capsules_of
+from ikservo.view.bvh import link_primitives
+from ikservo.view.camera import Viewport
+from ikservo.view.draw_items import link_poses
+from ikservo.view.picking import Picker
+from ikservo.view.scene import SceneRenderer, SceneState
+from ikservo.view.solver_demo import SOLVERS, planar_model, trace_method
+from ikservo.view.viewpoints import Viewpoint, arm_extent, available_views, make_camera
 
 LENGTHS_M = [0.12, 0.10, 0.08]
 MODEL = planar_model(LENGTHS_M)
 START = np.array([0.3, 0.6, -0.4])
 TARGET_M = np.array([0.05, 0.18, 0.0])
-CAMERA = camera_of(stage_of(MODEL), View("plane"), Viewport(600, 600), 0.0)
+CAMERA = make_camera(arm_extent(MODEL), Viewpoint("plane"), Viewport(600, 600), 0.0)
 
 
 @pytest.mark.parametrize("lengths_m", [[0.1], [0.2, 0.1], LENGTHS_M, [0.05] * 12])
@@ -37,41 +37,43 @@ def test_the_tip_is_where_the_sum_of_turned_links_is():
 
 
 def test_it_is_seen_along_its_axes_only():
-    assert views_of(stage_of(MODEL)) == ("plane",)
+    assert available_views(arm_extent(MODEL)) == ("plane",)
 
 
 def test_it_is_drawn_and_picked_like_any_arm():
     chain = MODEL.chain
-    links = {item.get("link") for item in Theatre(MODEL).items(Moment(CAMERA, START))}
+    links = {item.get("link") for item in SceneRenderer(MODEL).draw(SceneState(CAMERA, START))}
     assert {"base", "link1", "link2", "link3"} <= links
-    picker, poses = Picker(shapes_of(capsules_of(MODEL))), link_poses(chain, START, {})
+    picker, poses = Picker(link_primitives(capsules_of(MODEL))), link_poses(chain, START, {})
     middle = chain.forward(START, "link2", (0.05, 0.0, 0.0))[:3, 3]
-    assert picker.at(CAMERA, poses, CAMERA.project(middle)[0]).link == "link2"
+    assert picker.pick_at(CAMERA, poses, CAMERA.project(middle)[0]).link == "link2"
 
 
-@pytest.mark.parametrize("method", CHOICES)
+@pytest.mark.parametrize("method", SOLVERS)
 def test_every_method_starts_at_the_same_joints_and_gets_there(method):
-    lesson = teach(MODEL.chain, TARGET_M, START, method)
+    lesson = trace_method(MODEL.chain, TARGET_M, START, method)
     np.testing.assert_allclose(lesson.lines_m[0, -1], MODEL.chain.forward(START)[:3, 3], atol=1e-12)
     assert lesson.result.reached
-    assert lesson.left_m(lesson.count - 1) < 1e-4
+    assert lesson.distance_left_m(lesson.count - 1) < 1e-4
 
 
-@pytest.mark.parametrize("method", CHOICES)
+@pytest.mark.parametrize("method", SOLVERS)
 def test_a_target_out_of_reach_is_red_at_the_end(method):
-    lesson = teach(MODEL.chain, np.array([0.5, 0.2, 0.0]), START, method)
+    lesson = trace_method(MODEL.chain, np.array([0.5, 0.2, 0.0]), START, method)
     assert lesson.items(lesson.count - 1, CAMERA)[-1]["style"] == "target_far"
-    assert lesson.left_m(lesson.count - 1) == pytest.approx(math.hypot(0.5, 0.2) - 0.3, abs=2e-3)
+    assert lesson.distance_left_m(lesson.count - 1) == pytest.approx(
+        math.hypot(0.5, 0.2) - 0.3, abs=2e-3
+    )
 
 
-@pytest.mark.parametrize("method", CHOICES)
+@pytest.mark.parametrize("method", SOLVERS)
 def test_every_iteration_is_inside_the_limits(method):
-    lesson = teach(MODEL.chain, TARGET_M, START, method)
-    assert room_to_limits(MODEL.chain, np.array(lesson.result.trace)).min() >= 0.0
+    lesson = trace_method(MODEL.chain, TARGET_M, START, method)
+    assert distance_to_limits(MODEL.chain, np.array(lesson.result.trace)).min() >= 0.0
 
 
 def test_every_step_is_drawn_where_the_arm_was():
-    lesson = teach(MODEL.chain, TARGET_M, START, "ccd")
+    lesson = trace_method(MODEL.chain, TARGET_M, START, "ccd")
     step = lesson.count // 2
     drawn = next(i for i in lesson.items(step, CAMERA) if i["style"] == "iterate")
     q = lesson.result.trace[lesson.numbers[step]]
@@ -81,28 +83,28 @@ def test_every_step_is_drawn_where_the_arm_was():
 
 
 def test_a_step_draws_the_way_so_far_and_no_further():
-    lesson = teach(MODEL.chain, TARGET_M, START, "pseudo_inverse")
+    lesson = trace_method(MODEL.chain, TARGET_M, START, "pseudo_inverse")
     trace = next(i for i in lesson.items(4, CAMERA) if i["style"] == "trace")
     assert len(trace["points"]) == 5
 
 
 def test_a_long_way_is_thinned_and_keeps_both_ends():
     far = MODEL.chain.forward(np.array([-2.9, -2.0, 2.5]))[:3, 3]
-    lesson = teach(MODEL.chain, far, START, "transpose")
+    lesson = trace_method(MODEL.chain, far, START, "transpose")
     assert lesson.count <= 200
     assert lesson.numbers[0] == 0
     assert lesson.numbers[-1] == len(lesson.result.trace) - 1
 
 
 def test_a_step_says_which_it_is_and_what_is_left():
-    lesson = teach(MODEL.chain, TARGET_M, START, "ccd")
+    lesson = trace_method(MODEL.chain, TARGET_M, START, "ccd")
     last = lesson.numbers[-1]
-    assert lesson.words(lesson.count - 1) == f"ccd, iteration {last} of {last}: 0.0 mm left"
+    assert lesson.format_step(lesson.count - 1) == f"ccd, iteration {last} of {last}: 0.0 mm left"
 
 
 def test_an_unknown_method_is_refused():
     with pytest.raises(UnknownNameError):
-        teach(MODEL.chain, TARGET_M, START, "magic")
+        trace_method(MODEL.chain, TARGET_M, START, "magic")
 
 
 @pytest.mark.parametrize("lengths_m", [[], [0.1] * 13, [0.1, 0.0], [math.nan], [-0.1]])

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from ikservo.ik import Target, solve
-from ikservo.view.camera.stage import stage_of
-from ikservo.view.scene.planar import planar_model
-from ikservo.view.scene.reach import draw_reach, find_reach, shown_plane
+from ikservo.view.reachable_region import compute_region, draw_region, slice_plane
+from ikservo.view.solver_demo import planar_model
+from ikservo.view.viewpoints import arm_extent
 from tests.view.looks import looked_at, model_of, stage
 
 
 @cache
 def reach_of(view):
-    return find_reach(model_of("so101").chain, plane_of("so101", view))
+    return compute_region(model_of("so101").chain, plane_of("so101", view))
 
 
 def plane_of(name, view, q=None):
     q = stage(name).home if q is None else q
-    return shown_plane(stage(name), view, q, model_of(name).chain.forward(q)[:3, 3])
+    return slice_plane(stage(name), view, q, model_of(name).chain.forward(q)[:3, 3])
 
 
 def wound(rings, at):
@@ -34,9 +34,9 @@ def wound(rings, at):
 
 def test_the_reach_of_two_links_is_a_ring():
     model = planar_model([0.2, 0.1])
-    the_stage = stage_of(model)
-    plane = shown_plane(the_stage, "plane", the_stage.home, np.zeros(3))
-    rings = find_reach(model.chain, plane).rings
+    the_stage = arm_extent(model)
+    plane = slice_plane(the_stage, "plane", the_stage.home, np.zeros(3))
+    rings = compute_region(model.chain, plane).rings
     inside = [wound(rings, np.array([r, 0.0])) for r in (0.05, 0.15, 0.25, 0.35)]
     assert inside == [0, 1, 1, 0]
 
@@ -84,7 +84,7 @@ def test_the_region_is_drawn_in_the_plane_that_is_shown(view):
         plane_of("so101", view),
         looked_at("so101", view),
     )
-    item = draw_reach(reach_of(view), camera)
+    item = draw_region(reach_of(view), camera)
     px = np.vstack([np.array(ring) for ring in item["rings"]])
     depth_m = camera.depth_of(plane.T_world_plane[:3, 3])
     border = camera.unproject(px, np.full(len(px), depth_m))

@@ -4,13 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.arm.calibrating.by_hand import LooseArm
-from ikservo.calibration.filing.calibration_file import read_calibration
-from ikservo.calibration.sweeping.answers import Script
-from ikservo.calibration.sweeping.sweep import Stage
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.procedure import CalibrationStage
+from ikservo.calibration.script import ScriptedAnswers
+from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import load_model
-from ikservo.view.session.ritual import Ritual
-from ikservo.view.session.ritual_words import shown_talk
+from ikservo.view.calibration import CalibrationDriver, calibration_view
 from tests.calibration.hidden import hidden_arm
 from tests.calibration.rehearsal import rehearse
 
@@ -21,8 +20,8 @@ LONGEST = 6_000  # readings: two minutes
 
 @pytest.fixture
 def ritual():
-    ritual = Ritual(load_model("so101"), "sim")
-    ritual.begin()
+    ritual = CalibrationDriver(load_model("so101"), "sim")
+    ritual.request_start()
     return ritual
 
 
@@ -31,9 +30,9 @@ def hidden(tmp_path, monkeypatch):
     """An arm whose hands sweep it, behind a port of its own, with a patient person before it."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm, model = hidden_arm("planar2", 7, pose="home"), load_model("planar2")
-    monkeypatch.setattr("ikservo.hardware.line.port.open_transport", lambda port, rate: arm.port)
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda port, rate: arm.port)
     with arm.open_bus() as bus:
-        rehearse(arm, LooseArm(model, bus).subjects("home"))
+        rehearse(arm, TorqueOffArm(model, bus).make_subjects("home"))
     arm.port.is_open = True
     return arm
 
@@ -45,27 +44,27 @@ def screens(hidden, request):
 
 
 def screens_of(arm, last):
-    return held(Ritual(load_model(arm.name), "/dev/ttyDESK", "home"), last)
+    return held(CalibrationDriver(load_model(arm.name), "/dev/ttyDESK", "home"), last)
 
 
 def held(ritual, last):
-    script, seen = Script(), {}
-    ritual.begin()
-    for count, talk in enumerate(ritual.hold()):
-        shown = shown_talk(ritual.model, talk, ritual.pose)
+    script, seen = ScriptedAnswers(), {}
+    ritual.request_start()
+    for count, talk in enumerate(ritual.run()):
+        shown = calibration_view(ritual.model, talk, ritual.pose)
         seen.setdefault(shown["stage"], shown)
         word = "leave" if shown["stage"] == "saved" or count > LONGEST else "accept"
         if shown["stage"] in ("anchor", "sweep") and word == "accept":
-            word = script.answer(talk.wizard, count * READ_S) if talk.wizard else word
+            word = script.next_answer(talk.wizard, count * READ_S) if talk.wizard else word
         if shown["stage"] == "review":
             word = last
         if word:
-            ritual.answer(word)
+            ritual.put_answer(word)
     return seen
 
 
 def test_the_screens_follow_the_conversation_until_it_is_saved(screens, tmp_path):
-    assert list(screens) == [stage.value for stage in Stage]
+    assert list(screens) == [stage.value for stage in CalibrationStage]
     assert [meter["name"] for meter in screens["sweep"]["meters"]] == ["joint1", "joint2"]
     assert screens["saved"]["lines"][0].startswith(str(tmp_path))
 
@@ -87,15 +86,15 @@ def test_the_review_warns_of_limits_in_servos_that_cut_into_the_range(hidden):
 
 
 def test_an_answer_that_does_not_do_is_explained(ritual):
-    talks = ritual.hold()
+    talks = ritual.run()
     next(talks)
-    ritual.answer("skip nowhere")
+    ritual.put_answer("skip nowhere")
     assert "no joint named" in next(talks).complaint
     talks.close()
 
 
 def test_who_leaves_ends_it(ritual):
-    talks = ritual.hold()
+    talks = ritual.run()
     next(talks)
-    ritual.answer("leave")
+    ritual.put_answer("leave")
     assert len(list(talks)) <= 1

@@ -10,14 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ikservo.kinematics.capsules import Capsule, segment_distance
-from ikservo.model.model import KeepOut
-from ikservo.view.camera.camera import Camera
-from ikservo.view.camera.views import View, camera_of
-from ikservo.view.scene.aim import Aim
-from ikservo.view.scene.outlines import Outlines
-from ikservo.view.scene.planar import planar_model
-from ikservo.view.scene.posing import link_poses
-from ikservo.view.scene.scene import Moment, Theatre
+from ikservo.model.model import KeepOutBox
+from ikservo.view.camera import Camera
+from ikservo.view.draw_items import TargetMarker, link_poses
+from ikservo.view.outlines import SilhouetteRenderer
+from ikservo.view.scene import SceneRenderer, SceneState
+from ikservo.view.solver_demo import planar_model
+from ikservo.view.viewpoints import Viewpoint, make_camera
 from tests.kinematics.chains import crane
 from tests.view.looks import VIEWPORT, looked_at, model_of, picker, stage, theatre
 
@@ -26,7 +25,7 @@ VIEWS = ["side", "top", "front", "orbit"]
 
 def painted(name="so101", view="side", **shown):
     home = stage(name).home
-    return theatre(name).items(Moment(looked_at(name, view), **{"measured": home, **shown}))
+    return theatre(name).draw(SceneState(looked_at(name, view), **{"measured": home, **shown}))
 
 
 def of_style(items, *styles):
@@ -65,7 +64,7 @@ def test_the_outline_of_a_capsule_is_where_lines_of_sight_begin_to_miss_it(seed,
     random, camera = np.random.default_rng(seed), looked_at("so101", view)
     a, b = random.uniform(-0.25, 0.25, (2, 3))
     capsule = Capsule("x", a, b, random.uniform(0.005, 0.05))
-    ring = Outlines([capsule]).seen(camera, {"x": np.eye(4)})[0].rings[0]
+    ring = SilhouetteRenderer([capsule]).outlines_from(camera, {"x": np.eye(4)})[0].rings[0]
     origins, directions = camera.rays(ring)
     gaps = segment_distance(origins, origins + 20.0 * directions, a, b) / capsule.radius_m
     assert gaps.max() < 1.02
@@ -78,7 +77,7 @@ def test_the_arm_is_drawn_where_it_is_picked(view):
     drawn = {item["link"]: item["rings"] for item in of_style(painted(view=view), "measured")}
     poses, random = link_poses(model_of("so101").chain, home, {}), np.random.default_rng(2)
     for px in random.uniform((280, 180), (560, 520), (150, 2)):
-        for hit in picker("so101").all_at(camera, poses, px, 1):
+        for hit in picker("so101").pick_all_at(camera, poses, px, 1):
             rings = drawn[hit.link]
             assert any(inside(ring, px + d) for ring in rings for d in AROUND)
 
@@ -95,7 +94,7 @@ def test_links_are_painted_from_back_to_front(view):
     camera = looked_at("so101", view)
     home = stage("so101").home
     the_theatre = theatre("so101")
-    seen = the_theatre._outlines.seen(camera, link_poses(the_theatre.chain, home, {}))
+    seen = the_theatre._outlines.outlines_from(camera, link_poses(the_theatre.chain, home, {}))
     assert [o.depth_m for o in seen] == sorted((o.depth_m for o in seen), reverse=True)
 
 
@@ -127,7 +126,11 @@ def test_hovered_and_grabbed_links_are_marked():
 
 def test_an_open_jaw_is_drawn_open():
     closed, opened = (
-        next(i for i in of_style(painted(beside={"gripper": q}), "measured") if i["link"] == "jaw")
+        next(
+            i
+            for i in of_style(painted(other_joints={"gripper": q}), "measured")
+            if i["link"] == "jaw"
+        )
         for q in (0.0, 1.0)
     )
     assert closed["rings"] != opened["rings"]
@@ -194,8 +197,8 @@ def test_an_arc_seen_from_its_edge_is_turned_to_the_person():
 
 
 def test_an_arc_says_where_the_joint_is_and_who_limits_it():
-    own = Theatre(model_of("so101"), None, {"elbow_flex": "hand sweep of 2026-11-02"})
-    shown = own.items(Moment(looked_at("so101", "side"), at_joints(elbow_flex=0.5)))
+    own = SceneRenderer(model_of("so101"), None, {"elbow_flex": "hand sweep of 2026-11-02"})
+    shown = own.draw(SceneState(looked_at("so101", "side"), at_joints(elbow_flex=0.5)))
     assert arc(shown, "elbow_flex")["says"] == (
         "elbow_flex 28.6°, -96.8° to 96.8° (hand sweep of 2026-11-02)"
     )
@@ -204,8 +207,10 @@ def test_an_arc_says_where_the_joint_is_and_who_limits_it():
 def test_the_calibrated_range_is_drawn_and_not_the_arm_files():
     model = model_of("so101")
     narrow = model.chain.with_limits(0.5 * model.chain.lower_rad, 0.5 * model.chain.upper_rad)
-    look = Moment(looked_at("so101", "side"), at_joints(elbow_flex=0.0))
-    wide, own = (arc(Theatre(model, chain).items(look), "elbow_flex") for chain in (None, narrow))
+    look = SceneState(looked_at("so101", "side"), at_joints(elbow_flex=0.0))
+    wide, own = (
+        arc(SceneRenderer(model, chain).draw(look), "elbow_flex") for chain in (None, narrow)
+    )
     assert len(own["points"]) < 0.6 * len(wide["points"])
 
 
@@ -213,7 +218,7 @@ def test_a_slide_shows_its_track_and_where_on_it_the_slide_is():
     bare = replace(model_of("so101").urdf, links=())
     model = replace(model_of("so101"), chain=crane(), urdf=bare, poses={})
     camera = looked_at("so101", "orbit")
-    items = Theatre(model).items(Moment(camera, np.array([0.0, 0.1])))
+    items = SceneRenderer(model).draw(SceneState(camera, np.array([0.0, 0.1])))
     low, high, now = camera.project(np.array([[x, 0.0, 0.5] for x in (0.0, 0.4, 0.1)]))[0]
     hub = next(i for i in of_style(items, "hub") if i["joint"] == "slide")
     np.testing.assert_allclose(arc(items, "slide")["points"], [low, high], atol=0.06)
@@ -226,14 +231,14 @@ TIP = np.array([0.2, 0.0, 0.15])
 
 
 def test_a_target_that_is_reached_is_a_green_cross():
-    items = painted(aim=Aim(TIP, TIP, reached=True))
+    items = painted(aim=TargetMarker(TIP, TIP, reached=True))
     assert len(of_style(items, "target")) == 1
     assert not of_style(items, "target_far", "gap", "nearest")
 
 
 def test_a_target_out_of_reach_is_red_with_the_nearest_point_and_the_way_that_is_missing():
     camera, far = looked_at("so101", "side"), TIP + np.array([0.5, 0.0, 0.0])
-    items = painted(aim=Aim(far, TIP, reached=False))
+    items = painted(aim=TargetMarker(far, TIP, reached=False))
     (cross,), (nearest,), (gap,) = (of_style(items, s) for s in ("target_far", "nearest", "gap"))
     np.testing.assert_allclose(cross["at"], camera.project(far)[0], atol=0.06)
     np.testing.assert_allclose(nearest["at"], camera.project(TIP)[0], atol=0.06)
@@ -268,10 +273,10 @@ def test_the_bar_is_as_long_as_it_says():
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_a_box_to_keep_out_of_is_drawn_at_its_corners(view):
-    box = KeepOut("the cup", (0.2, 0.1, 0.0), (0.3, 0.2, 0.12))
-    with_box = Theatre(replace(model_of("so101"), keep_out=(box,)))
+    box = KeepOutBox("the cup", (0.2, 0.1, 0.0), (0.3, 0.2, 0.12))
+    with_box = SceneRenderer(replace(model_of("so101"), keep_out=(box,)))
     camera = looked_at("so101", view)
-    (drawn,) = of_style(with_box.items(Moment(camera, stage("so101").home)), "keep_out")
+    (drawn,) = of_style(with_box.draw(SceneState(camera, stage("so101").home)), "keep_out")
     corners = np.unique(np.round(np.array(drawn["rings"]).reshape(-1, 2), 1), axis=0)
     expected = camera.project(np.array([[x, y, z] for x in (0.2, 0.3) for y in (0.1, 0.2)
                                         for z in (0.0, 0.12)]))[0]  # fmt: skip
@@ -282,7 +287,7 @@ def test_a_box_to_keep_out_of_is_drawn_at_its_corners(view):
 def test_the_table_behind_the_eye_is_not_drawn():
     camera = looked_at("so101", "orbit")
     low = Camera(VIEWPORT, np.array([0.3, 0.0, 0.05]), camera.R_world_view, camera.scale_px, True)
-    items = theatre("so101").items(Moment(low, stage("so101").home))
+    items = theatre("so101").draw(SceneState(low, stage("so101").home))
     for item in of_style(items, "grid"):
         assert np.isfinite(np.array(item["points"], dtype=float)).all()
 
@@ -294,12 +299,12 @@ def test_the_table_behind_the_eye_is_not_drawn():
 @pytest.mark.parametrize("name", ["so101", "vx300s"])
 def test_a_picture_is_ready_for_json(name, view):
     goal = stage(name).home + 0.2
-    items = painted(name, view, goal=goal, aim=Aim(TIP, TIP, reached=False))
+    items = painted(name, view, goal=goal, aim=TargetMarker(TIP, TIP, reached=False))
     assert json.loads(json.dumps(items, allow_nan=False)) == items
 
 
 def test_every_item_is_of_a_kind_that_the_page_knows():
-    items = painted(goal=stage("so101").home + 0.2, aim=Aim(TIP, TIP, reached=False))
+    items = painted(goal=stage("so101").home + 0.2, aim=TargetMarker(TIP, TIP, reached=False))
     needed = {"polygon": "rings", "polyline": "points", "circle": "r", "cross": "r", "text": "text"}
     for item in items:
         assert needed[item["kind"]] in item
@@ -311,11 +316,11 @@ def test_a_picture_of_ten_joints_is_projected_as_often_as_one_of_three(monkeypat
     project = Camera.project
     for links in (3, 10):
         model = planar_model([0.1] * links)
-        q, drawing = np.full(links, 0.1), Theatre(model)
-        camera = camera_of(drawing.stage, View("plane"), VIEWPORT, 0.0)
-        look = Moment(camera, q, goal=q + 0.2, aim=Aim(TIP, TIP, reached=False))
+        q, drawing = np.full(links, 0.1), SceneRenderer(model)
+        camera = make_camera(drawing.stage, Viewpoint("plane"), VIEWPORT, 0.0)
+        look = SceneState(camera, q, goal=q + 0.2, aim=TargetMarker(TIP, TIP, reached=False))
         seen = []
         monkeypatch.setattr(Camera, "project", lambda *of, s=seen: s.append(1) or project(*of))
-        drawing.items(look)
+        drawing.draw(look)
         calls[links] = len(seen)
     assert calls[10] == calls[3]

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from ikservo.arm import StopKind, StopReason, open_arm
-from ikservo.view.camera.views import View
-from ikservo.view.scene.posters import Posters
-from ikservo.view.server import messages as said
-from ikservo.view.server.messages import BadMessageError
-from ikservo.view.server.visitor import Visitor
-from ikservo.view.server.visitors import Right
-from ikservo.view.session.gestures import Gestures
+from ikservo.view import messages as said
+from ikservo.view.auth import Permission
+from ikservo.view.connection import Client
+from ikservo.view.frames import FrameComposer
+from ikservo.view.interaction import Interaction
+from ikservo.view.messages import BadMessageError
+from ikservo.view.viewpoints import Viewpoint
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_tip_m
 from tests.arm.test_first_motion import narrowed
@@ -62,11 +62,11 @@ def test_every_goal_of_a_wild_drag_is_inside_the_limits(room):
 
 def test_a_silent_page_holds_within_the_dead_man_time(room):
     room.throw_live()
-    room.say(said.SpeedChoice, name="slow")
+    room.say(said.SetSpeed, name="slow")
     room.click(480, 300)
     said_s, goals = room.clock.now_s(), []
-    see = room.pilot.see
-    room.pilot.see = lambda beat: (see(beat), goals.append((room.clock.now_s(), beat.goals)))
+    see = room.pilot.on_cycle
+    room.pilot.on_cycle = lambda beat: (see(beat), goals.append((room.clock.now_s(), beat.goals)))
     room.pilot.step()
     moved_s = [s for (s, goal), (_, before) in zip(goals[1:], goals, strict=False)
                if not np.array_equal(goal, before)]  # fmt: skip
@@ -80,7 +80,7 @@ def test_after_silence_only_live_begins_again(room):
     room.click(480, 300)
     room.pilot.step()
     before = registers(room.arm, "goal_position")
-    room.say(said.Beat, visible=True)
+    room.say(said.Heartbeat, visible=True)
     room.click(480, 300)
     room.run(beats=50)
     assert registers(room.arm, "goal_position") == before
@@ -89,15 +89,15 @@ def test_after_silence_only_live_begins_again(room):
 def test_a_hidden_page_holds(room):
     room.throw_live()
     room.click(480, 300)
-    room.run(at_beat=lambda n: n == 5 and room.say(said.Beat, visible=False))
+    room.run(at_beat=lambda n: n == 5 and room.say(said.Heartbeat, visible=False))
     assert not room.told()["status"]["live"]
 
 
 def test_a_page_that_leaves_holds(room):
     room.throw_live()
     room.click(480, 300)
-    room.desk.leave(room.visitor)
-    assert not room.pilot.wish.live
+    room.desk.disconnect(room.visitor)
+    assert not room.pilot.command.live
 
 
 def test_a_gesture_that_is_taken_back_holds_the_arm_where_it_is(room):
@@ -124,7 +124,7 @@ BEATS_S = 0.02  # until a beat heeds it, and the servos are told
 def test_a_line_that_is_cut_in_mid_drag_holds_the_arm_each_time(room, cuts, way, notice_s):
     for cut_s in cuts:
         assert held_s(room, cut_s, way) - cut_s < notice_s + BEATS_S + longest_brake_s(room.arm)
-        assert not room.pilot.wish.live
+        assert not room.pilot.command.live
 
 
 def longest_brake_s(arm):
@@ -143,8 +143,8 @@ def held_s(room, cut_s, way):
         if now_s < cut_s:
             angle = 6.0 * now_s
             room.point("move", 480 + 90 * math.cos(angle), 300 + 90 * math.sin(angle))
-        elif way == "closed" and room.pilot.wish.live:
-            room.desk.leave(room.visitor)
+        elif way == "closed" and room.pilot.command.live:
+            room.desk.disconnect(room.visitor)
             room.visitor = room.arrive()
 
     room.throw_live()
@@ -172,7 +172,7 @@ def test_a_fault_of_the_view_itself_is_told(room):
 
     room.pilot.step = fail
     with pytest.raises(ZeroDivisionError):
-        room.pilot._run()
+        room.pilot._run_thread()
     assert "has failed" in room.told()["status"]["banner"]["message"]
 
 
@@ -208,8 +208,8 @@ def test_live_that_is_thrown_again_while_the_arm_brakes_is_thrown(room):
 
     def off_and_on(number):
         if number == 40:
-            room.say(said.Live, on=False)
-            room.say(said.Live, on=True)
+            room.say(said.SetLive, on=False)
+            room.say(said.SetLive, on=True)
 
     room.run(beats=200, at_beat=off_and_on)
     assert room.told()["status"]["live"]
@@ -254,14 +254,21 @@ def test_a_silent_servo_is_named_on_the_banner(room):
 
 
 ASKING = [
-    (said.Live, {"on": True}), (said.Stop, {}), (said.Acknowledge, {}), (said.Take, {"on": True}),
-    (said.SpeedChoice, {"name": "fast"}), (said.SolverChoice, {"name": "ccd"}),
-    (said.Pose, {"name": "rest"}), (said.Calibrate, {"word": "begin"}),
-    (said.Key, {"key": "ArrowUp"}), (said.Behind, {"step": 1}), (said.Prefer, {"pose": "rest"}),
+    (said.SetLive, {"on": True}),
+    (said.Stop, {}),
+    (said.Acknowledge, {}),
+    (said.TakeControl, {"on": True}),
+    (said.SetSpeed, {"name": "fast"}),
+    (said.SetSolver, {"name": "ccd"}),
+    (said.GoToPose, {"name": "rest"}),
+    (said.CalibrationAnswer, {"word": "begin"}),
+    (said.Key, {"key": "ArrowUp"}),
+    (said.SelectBehind, {"step": 1}),
+    (said.PreferPosture, {"pose": "rest"}),
     (said.Gamepad, {"axes": [1, 0, 0, 0]}),
     (said.Wheel, {"x": 480, "y": 300, "notches": 1}),
     (said.Pointer, {"phase": "down", "x": 480, "y": 300, "button": 0, "pointer": 1}),
-]  # fmt: skip
+]
 
 
 def pixel_of_hub(room, joint):
@@ -282,7 +289,7 @@ def test_what_is_under_the_pointer_is_told_by_depth(room):
 def test_the_key_for_behind_chooses_the_next_of_them(room):
     room.point("hover", *pixel_of_hub(room, "elbow_flex"))
     first = room.told()["scene"]["hover"]
-    room.say(said.Behind, step=1)
+    room.say(said.SelectBehind, step=1)
     told = room.told()
     assert told["status"]["under"][1]["chosen"]
     assert told["scene"]["hover"] != first
@@ -304,7 +311,7 @@ def test_over_nothing_only_the_tip_can_come(room):
 
 @pytest.mark.parametrize("method", ["ccd", "transpose"])
 def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_rests(room, method):
-    room.say(said.SolverChoice, name=method)
+    room.say(said.SetSolver, name=method)
     tip = next(i["at"] for i in room.told()["scene"]["items"] if i["style"] == "tip")
     room.point("down", *tip)
     room.point("move", tip[0] + 30, tip[1] - 30)
@@ -315,11 +322,11 @@ def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_r
 
 
 def test_the_preferred_posture_is_told_and_leans_where_the_tip_leaves_freedom(room):
-    room.say(said.Prefer, pose="rest", weights={"shoulder_pan": 0.0})
+    room.say(said.PreferPosture, pose="rest", weights={"shoulder_pan": 0.0})
     room.click(480, 300)
     leaning, gestures = room.desk._gestures.goal, room.desk._gestures
-    room.say(said.Prefer, pose="none")
-    gestures.forget()
+    room.say(said.PreferPosture, pose="none")
+    gestures.reset()
     room.click(480, 300)
     assert gestures.aim.reached
     assert np.abs(leaning - gestures.goal).max() > 0.05
@@ -327,9 +334,9 @@ def test_the_preferred_posture_is_told_and_leans_where_the_tip_leaves_freedom(ro
 
 
 def test_a_method_without_a_null_space_says_that_it_does_not_lean(room):
-    room.say(said.Prefer, pose="rest")
+    room.say(said.PreferPosture, pose="rest")
     assert room.told()["status"]["preference"]["note"] == ""
-    room.say(said.SolverChoice, name="ccd")
+    room.say(said.SetSolver, name="ccd")
     assert "does not lean" in room.told()["status"]["preference"]["note"]
 
 
@@ -342,12 +349,12 @@ def test_a_method_without_a_null_space_says_that_it_does_not_lean(room):
 )
 def test_a_preference_that_makes_no_sense_is_refused(room, fields, why):
     with pytest.raises(BadMessageError, match=why):
-        room.say(said.Prefer, **fields)
+        room.say(said.PreferPosture, **fields)
     assert room.told()["status"]["preference"]["pose"] == "none"
 
 
 def test_an_iteration_that_ends_elsewhere_does_not_call_it_the_nearest_point(room):
-    room.say(said.SolverChoice, name="transpose")
+    room.say(said.SetSolver, name="transpose")
     room.click(60, 60)
     assert "transpose ended" in room.told()["status"]["messages"][-1]["message"]
 
@@ -376,25 +383,25 @@ def test_manipulability_is_that_of_the_jacobian(room):
 
 def test_the_nearest_singularity_and_hidden_links_are_told_once_the_arm_rests(room):
     assert later(room, "singularity").endswith(("inside the limits", "elbow_flex"))
-    room.say(said.Look, w=900, h=700, dpr=1, view="top")
+    room.say(said.SetViewport, w=900, h=700, dpr=1, view="top")
     assert "shoulder (by " in later(room, "hidden here")
 
 
 def asks_in_vain(room, visitor, asking, why):
     """Say that nothing of all that is done, and for which reason."""
-    wish = room.pilot.wish
+    wish = room.pilot.command
     for kind, fields in asking:
         with pytest.raises(BadMessageError, match=why):
             room.say(kind, visitor, **fields)
-        assert room.pilot.wish is wish, kind.__name__
+        assert room.pilot.command is wish, kind.__name__
 
 
 def test_who_only_watches_changes_nothing(room):
-    asks_in_vain(room, room.arrive(Right.WATCH), ASKING, "for watching only")
+    asks_in_vain(room, room.arrive(Permission.WATCH), ASKING, "for watching only")
 
 
 def test_who_is_not_in_control_changes_nothing(room):
-    free = (said.Stop, said.Acknowledge, said.Take)
+    free = (said.Stop, said.Acknowledge, said.TakeControl)
     asking = [(kind, fields) for kind, fields in ASKING if kind not in free]
     asks_in_vain(room, room.arrive(), asking, "Another page")
 
@@ -408,21 +415,21 @@ def test_everybody_with_the_key_may_stop(room):
 def test_taking_control_takes_live_off(room):
     room.throw_live()
     other = room.arrive()
-    room.say(said.Take, other, on=True)
-    assert not room.pilot.wish.live
+    room.say(said.TakeControl, other, on=True)
+    assert not room.pilot.command.live
     assert room.told(other)["status"]["controller"] == "you"
 
 
 def test_who_comes_next_begins_slowly(room):
     room.throw_live()
-    room.desk.leave(room.visitor)
+    room.desk.disconnect(room.visitor)
     assert room.told(room.arrive())["status"]["speed"] == "slow"
 
 
 def test_an_unknown_pose_is_refused_with_the_known_ones(room):
     for name in ("nowhere", "homes"):
         with pytest.raises(BadMessageError, match="no pose"):
-            room.say(said.Pose, name=name)
+            room.say(said.GoToPose, name=name)
 
 
 @pytest.mark.parametrize(
@@ -431,10 +438,10 @@ def test_an_unknown_pose_is_refused_with_the_known_ones(room):
 def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_told(pose, joint, upper_deg):
     model = narrowed("so101", **{joint: (-90.0, upper_deg)})
     with Room(open_arm(model, f"sim:{model.path}?pose=zero")) as room:
-        room.say(said.Pose, name=pose)
+        room.say(said.GoToPose, name=pose)
         goal = dict(zip(room.arm.where().names, room.desk._gestures.goal, strict=True))
         assert math.degrees(goal[joint]) == pytest.approx(upper_deg, abs=0.1)
-        assert any(words.startswith(joint) for words in room.desk._gestures.complaints)
+        assert any(words.startswith(joint) for words in room.desk._gestures.messages)
 
 
 def test_what_stands_still_is_not_sent_sixty_times_a_second(room):
@@ -451,21 +458,21 @@ def test_the_goal_of_a_wheel_is_a_degree_a_notch(room):
 
 
 def test_commands_to_the_pilot_are_posted_whole(room):
-    command = replace(room.pilot.wish, speed="fast")
+    command = replace(room.pilot.command, speed="fast")
     room.pilot.post(command)
-    assert room.pilot.wish is command
+    assert room.pilot.command is command
     with pytest.raises(AttributeError):
-        room.pilot.wish = command
+        room.pilot.command = command
 
 
 def test_a_page_that_has_told_no_size_has_no_camera(room):
-    visitor = Visitor(9, Right.WATCH, View("side"))
+    visitor = Client(9, Permission.WATCH, Viewpoint("side"))
     with pytest.raises(BadMessageError, match="size of its drawing"):
-        Posters(room.pilot, Gestures(room.arm), room.clock).camera(visitor)
+        FrameComposer(room.pilot, Interaction(room.arm), room.clock).camera(visitor)
 
 
 def test_a_gesture_before_the_size_is_told_is_no_gesture(room):
-    visitor = room.desk.join(Right.CONTROL)
-    room.say(said.Take, visitor, on=True)
+    visitor = room.desk.connect(Permission.CONTROL)
+    room.say(said.TakeControl, visitor, on=True)
     room.point("down", 400, 300, visitor)
-    assert room.pilot.wish.goal is None
+    assert room.pilot.command.goal is None

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from ikservo.arm import JointState
-from ikservo.ik import Binding
-from ikservo.model.health import HealthLimits
-from ikservo.view.scene.aim import Aim
-from ikservo.view.scene.texts import (
-    aim_words,
+from ikservo.ik import ActiveLimit
+from ikservo.model.model import HealthLimits
+from ikservo.view.draw_items import TargetMarker
+from ikservo.view.labels import (
+    describe_range,
+    describe_target,
+    format_point,
+    format_solve_time,
+    format_supply,
     health_rows,
-    point,
-    range_words,
-    solver_words,
-    supply_words,
 )
 from tests.kinematics.chains import planar
 
@@ -23,10 +23,13 @@ TIP = np.array([0.2, 0.0, 0.15])
 
 
 def test_the_words_of_a_target_out_of_reach_are_those_of_the_command_line():
-    aim = Aim(
-        TIP + np.array([0.5, 0, 0]), TIP, reached=False, binding=(Binding("elbow_flex", "upper"),)
+    aim = TargetMarker(
+        TIP + np.array([0.5, 0, 0]),
+        TIP,
+        reached=False,
+        binding=(ActiveLimit("elbow_flex", "upper"),),
     )
-    assert aim_words(aim) == (
+    assert describe_target(aim) == (
         "(0.700, 0.000, 0.150) m cannot be reached (elbow_flex at its upper limit). "
         "Nearest reachable point: (0.200, 0.000, 0.150) m, 500.0 mm away."
     )
@@ -36,12 +39,12 @@ def test_the_words_of_a_target_out_of_reach_are_those_of_the_command_line():
     ("volts", "words"), [((7.41, 7.38), "7.4 V"), ((5.0, 12.04), "5.0 – 12.0 V")]
 )
 def test_a_supply_is_a_range_only_where_it_is_one(volts, words):
-    assert supply_words(volts) == words
+    assert format_supply(volts) == words
 
 
 def test_points_and_times_have_units():
-    assert point(TIP) == "(0.200, 0.000, 0.150) m"
-    assert solver_words(0.000042) == "0.04 ms"
+    assert format_point(TIP) == "(0.200, 0.000, 0.150) m"
+    assert format_solve_time(0.000042) == "0.04 ms"
 
 
 @pytest.mark.parametrize(
@@ -69,4 +72,4 @@ def test_health_is_said_in_units():
 
 def test_a_joint_without_limits_turns_freely():
     free = planar(0.1, limit_rad=np.inf)
-    assert range_words(free, 0, 0.5, "arm file") == "j1 28.6°, turns freely"
+    assert describe_range(free, 0, 0.5, "arm file") == "j1 28.6°, turns freely"

@@ -7,9 +7,9 @@ import pytest
 
 import ikservo
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.model.model import KeepOut
-from ikservo.view.pick.visibility import TABLE, Visibility
-from ikservo.view.scene.posing import link_poses
+from ikservo.model.model import KeepOutBox
+from ikservo.view.draw_items import link_poses
+from ikservo.view.visibility import TABLE, VisibilityChecker
 from tests.view.looks import looked_at, model_of, picker, stage
 
 HOME = model_of("so101").pose("home")
@@ -30,7 +30,7 @@ def test_the_share_in_sight_is_that_of_lines_of_sight_through_every_pixel(name, 
     ways, _ = picker(name).cast(*camera.rays(grid), poses)
     first = np.argmin(ways, axis=1)
     floating = replace(model, floor_m=None)
-    for i, each in enumerate(Visibility(floating).from_camera(poses, camera)):
+    for i, each in enumerate(VisibilityChecker(floating).from_camera(poses, camera)):
         alone = np.isfinite(ways[:, i])
         if alone.sum() > 200:
             assert each.share == pytest.approx((alone & (first == i)).sum() / alone.sum(), abs=0.06)
@@ -39,27 +39,27 @@ def test_the_share_in_sight_is_that_of_lines_of_sight_through_every_pixel(name, 
 def test_from_afar_a_point_sees_what_a_parallel_picture_shows():
     model, home = replace(model_of("so101"), floor_m=None), stage("so101").home
     poses, camera = link_poses(model.chain, home, {}), looked_at("so101", "front")
-    one, far = Visibility(model), camera.eye_m - 200.0 * camera.forward
+    one, far = VisibilityChecker(model), camera.eye_m - 200.0 * camera.forward
     for a, b in zip(one.from_camera(poses, camera), one.from_point(poses, far), strict=True):
         assert a.share == pytest.approx(b.share, abs=0.03)
 
 
 def test_a_wall_before_the_eye_hides_everything():
-    wall = KeepOut("the wall", (0.5, -2.0, -1.0), (0.52, 2.0, 3.0))
+    wall = KeepOutBox("the wall", (0.5, -2.0, -1.0), (0.52, 2.0, 3.0))
     found = seen((0.8, 0.0, 0.3), replace(model_of("so101"), keep_out=(wall,)))
     assert {each.hidden_by for each in found.values()} == {("the wall",)}
-    assert not any(each.visible for each in found.values())
+    assert not any(each.is_visible for each in found.values())
 
 
 def test_from_before_the_gripper_hides_the_shoulder_and_is_named():
     found = seen((0.6, 0.0, 0.1))
     assert found["shoulder"].share < 0.2
     assert "gripper" in found["shoulder"].hidden_by
-    assert found["gripper"].visible
+    assert found["gripper"].is_visible
 
 
 def test_from_behind_nothing_of_the_gripper_is_seen():
-    assert not seen((-0.5, 0.0, 0.1))["gripper"].visible
+    assert not seen((-0.5, 0.0, 0.1))["gripper"].is_visible
 
 
 def test_under_the_table_nothing_is_seen():

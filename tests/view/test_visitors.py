@@ -4,8 +4,14 @@ import pytest
 
 from ikservo.errors import BadValueError
 from ikservo.model import load_model
-from ikservo.view.server.visitors import Keys, Right, door_opens, new_nonce, proof
-from ikservo.view.session.house import House
+from ikservo.view.app import ViewApp
+from ikservo.view.auth import (
+    AccessTokens,
+    Permission,
+    challenge_response,
+    is_allowed_origin,
+    new_nonce,
+)
 
 LOCAL = ("127.0.0.1", 8420)
 
@@ -35,7 +41,7 @@ def door(host="127.0.0.1:8420", origin=None, *, upgrade=True, local=LOCAL, **mor
     if origin is not None:
         headers.append((b"origin", origin.encode()))
     headers += [(name.replace("_", "-").encode(), value.encode()) for name, value in more.items()]
-    return door_opens(headers, local, upgrade=upgrade)
+    return is_allowed_origin(headers, local, upgrade=upgrade)
 
 
 @pytest.mark.parametrize("host", OWN_HOSTS)
@@ -86,7 +92,7 @@ def test_a_frame_of_another_page_is_refused():
 @pytest.mark.parametrize("name", [b"host", b"origin"])
 def test_a_header_that_comes_twice_is_refused(name):
     headers = [(b"host", b"127.0.0.1:8420"), (b"origin", b"http://127.0.0.1:8420")]
-    assert not door_opens([*headers, (name, b"127.0.0.1:8420")], LOCAL, upgrade=True)
+    assert not is_allowed_origin([*headers, (name, b"127.0.0.1:8420")], LOCAL, upgrade=True)
 
 
 def test_on_a_listening_address_only_that_address_is_a_host():
@@ -98,28 +104,28 @@ def test_on_a_listening_address_only_that_address_is_a_host():
 @pytest.mark.parametrize("listen", ["0.0.0.0", "::", "evil.example", "", "127.0.0.1:80"])
 def test_the_page_is_served_at_one_address_that_is_named(listen):
     with pytest.raises(BadValueError, match="--listen"):
-        House(load_model("planar2"), "sim", listen)
+        ViewApp(load_model("planar2"), "sim", listen)
 
 
 def test_each_key_gives_its_own_right():
-    keys, nonce = Keys.new(), new_nonce()
-    assert keys.right(nonce, proof(keys.control, nonce)) is Right.CONTROL
-    assert keys.right(nonce, proof(keys.watch, nonce)) is Right.WATCH
+    keys, nonce = AccessTokens.generate(), new_nonce()
+    assert keys.authorise(nonce, challenge_response(keys.control, nonce)) is Permission.CONTROL
+    assert keys.authorise(nonce, challenge_response(keys.watch, nonce)) is Permission.WATCH
 
 
 @pytest.mark.parametrize("shown", ["", "0" * 64, "ü" * 64])
 def test_what_proves_nothing_gives_nothing(shown):
-    assert Keys.new().right(new_nonce(), shown) is None
+    assert AccessTokens.generate().authorise(new_nonce(), shown) is None
 
 
 def test_a_proof_for_another_question_gives_nothing():
-    keys = Keys.new()
-    assert keys.right(new_nonce(), proof(keys.control, new_nonce())) is None
+    keys = AccessTokens.generate()
+    assert keys.authorise(new_nonce(), challenge_response(keys.control, new_nonce())) is None
 
 
 def test_keys_have_more_than_128_bits():
-    assert len(Keys.new().control) * 6 >= 128
+    assert len(AccessTokens.generate().control) * 6 >= 128
 
 
 def test_keys_of_two_sessions_differ():
-    assert Keys.new() != Keys.new()
+    assert AccessTokens.generate() != AccessTokens.generate()

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ikservo
-from ikservo.arm import Arm, MoveReport, Plan
-from ikservo.arm.planning import begun
+from ikservo.arm import Arm, MotionPlan, MoveResult
+from ikservo.arm.plan import rebase_trajectory
 from ikservo.errors import IkservoError
 from ikservo.kinematics.se3 import log_so3
 
@@ -69,7 +69,9 @@ class Judge:
         port: Any = arm._port  # pyright: ignore[reportPrivateUsage]
         self._world: Any = port.transport.line.world
 
-    def trial(self, plan: Plan, stretch: float = math.nan, settling_s: float = math.nan) -> Trial:
+    def trial(
+        self, plan: MotionPlan, stretch: float = math.nan, settling_s: float = math.nan
+    ) -> Trial:
         """Judge where the arm stands now."""
         arm = self._arm
         names = [state.name for state in arm.where().joints]
@@ -123,7 +125,7 @@ def _trials(name: str, options: argparse.Namespace, *, correct: bool) -> Iterato
             print(f"\r{name} {count + 1}", end="", file=sys.stderr)
 
 
-def _plans(arm: Arm, seed: int, speed: str) -> Iterator[Plan]:
+def _plans(arm: Arm, seed: int, speed: str) -> Iterator[MotionPlan]:
     """Plan to points that the arm reaches without touching anything, without end."""
     rng = np.random.default_rng(seed)
     while True:
@@ -134,16 +136,18 @@ def _plans(arm: Arm, seed: int, speed: str) -> Iterator[Plan]:
             continue
 
 
-def _corrected(arm: Arm, judge: Judge, plan: Plan) -> Trial:
-    report = cast("MoveReport", arm.execute(plan))  # of a plan of the tip
+def _corrected(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
+    report = cast("MoveResult", arm.execute(plan))  # of a plan of the tip
     return judge.trial(plan, report.motion_s / plan.duration_s, report.settling_s)
 
 
-def _plain(arm: Arm, judge: Judge, plan: Plan) -> Trial:
+def _plain(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
     """Carry out the same plan without what makes it arrive."""
     servos, stream, planner = arm._servos, arm._stream, arm._planner  # pyright: ignore[reportPrivateUsage]
-    with arm._moving():  # pyright: ignore[reportPrivateUsage]
-        stream.run(begun(plan, servos.goals(), planner.paces(plan.speed), servos.names))
+    with arm._motion_turn():  # pyright: ignore[reportPrivateUsage]
+        stream.run(
+            rebase_trajectory(plan, servos.goals(), planner.motion_limits(plan.speed), servos.names)
+        )
     servos.clock.sleep_until(servos.clock.now_s() + REST_S)
     return judge.trial(plan)
 

@@ -18,8 +18,8 @@ from statistics import median
 
 from visiting import Page, served
 
-from ikservo.arm.streaming.beat import Beat
-from ikservo.view.session.house import House
+from ikservo.control.loop import ControlCycle
+from ikservo.view.app import ViewApp
 
 SECONDS, ROUNDS = 4.0, 5
 
@@ -75,23 +75,23 @@ def crowded(crowd: str, url: str) -> Generator[None]:
             process.kill()
 
 
-def beats_ms(house: House, page: Page) -> list[float]:
+def beats_ms(house: ViewApp, page: Page) -> list[float]:
     """Return the times between beats while the arm is dragged by a page that draws."""
     at_s: list[float] = []
-    see = house.pilot.see
+    see = house.pilot.on_cycle
 
-    def seen(beat: Beat) -> None:
+    def seen(beat: ControlCycle) -> None:
         see(beat)
         at_s.append(time.perf_counter())
 
-    house.pilot.see = seen
+    house.pilot.on_cycle = seen
     end_s = time.monotonic() + SECONDS
     page.point("down", 560, 250)
     while (left_s := end_s - time.monotonic()) > 0:
         page.point("move", 560 + 60 * (left_s % 1.0), 250 + 40 * (left_s % 0.7))
         page.live_for(1 / 60)
     page.point("up", 560, 250)
-    house.pilot.see = see
+    house.pilot.on_cycle = see
     return [1000 * (b - a) for a, b in pairwise(at_s)]
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ikservo
-from ikservo.kinematics import Joint, JointKind
-from ikservo.kinematics.se3 import pose
+from ikservo.kinematics import Joint, JointType
+from ikservo.kinematics.se3 import make_pose
 
 JOINTS = (3, 10, 30, 100, 1000)
 _LIMIT_RAD = 2.0
@@ -47,18 +47,18 @@ def _planar(count: int) -> ikservo.Chain:
     joints = [
         Joint(
             name=f"j{i}",
-            kind=JointKind.REVOLUTE,
+            kind=JointType.REVOLUTE,
             parent=f"l{i}",
             child=f"l{i + 1}",
-            origin=pose((length_m if i else 0.0, 0.0, 0.0)),
+            origin=make_pose((length_m if i else 0.0, 0.0, 0.0)),
             axis=np.array([0.0, 0.0, 1.0]),
             lower=-_LIMIT_RAD,
             upper=_LIMIT_RAD,
         )
         for i in range(count)
     ]
-    end = pose((length_m, 0.0, 0.0))
-    fixed = Joint("end", JointKind.FIXED, f"l{count}", "tip", end, np.array([0.0, 0.0, 1.0]))
+    end = make_pose((length_m, 0.0, 0.0))
+    fixed = Joint("end", JointType.FIXED, f"l{count}", "tip", end, np.array([0.0, 0.0, 1.0]))
     return ikservo.Chain.from_joints([*joints, fixed], "l0", "tip")
 
 

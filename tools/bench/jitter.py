@@ -21,27 +21,28 @@ from pathlib import Path
 import numpy as np
 
 import ikservo
-from ikservo.arm.streaming.beat import Beat
-from ikservo.arm.streaming.stream import Stream
-from ikservo.motion import State
+from ikservo.control.loop import ControlCycle, ControlLoop
+from ikservo.motion import TrajectoryPoint
 
-SERVE = "import sys; from ikservo.cli.run import console; sys.argv = sys.argv[1:]; console()"
+SERVE = (
+    "import sys; from ikservo.cli.entry_point import console; sys.argv = sys.argv[1:]; console()"
+)
 SWING_RAD, TURN_S = 0.2, 4.0
 
 
 class Swing:
     """A course that swings one joint back and forth, softly in and out."""
 
-    def __init__(self, start: State, duration_s: float) -> None:
+    def __init__(self, start: TrajectoryPoint, duration_s: float) -> None:
         self._start, self.duration_s = start, duration_s
 
-    def state(self, time_s: float) -> State:
+    def state(self, time_s: float) -> TrajectoryPoint:
         """Return where the joints (n,) shall be."""
         share = min(max(time_s / self.duration_s, 0.0), 1.0)
         soft = math.sin(math.pi * share) ** 2
         position = self._start.position.copy()
         position[0] += SWING_RAD * soft * math.sin(math.tau * time_s / TURN_S)
-        return State.rest(position)
+        return TrajectoryPoint.at_rest(position)
 
 
 def busy() -> None:
@@ -95,11 +96,11 @@ def measure(port: str, name: str, rate_hz: float, duration_s: float) -> list[flo
         servos = arm.workings.servos
         clock = servos.clock
 
-        def note(_: Beat) -> None:
+        def note(_: ControlCycle) -> None:
             sent_s.append(clock.now_s())
 
-        course = Swing(State.rest(servos.goals()), duration_s)
-        Stream(servos, 1.0 / rate_hz).run(course, note, speed_rad_s=1.0)
+        course = Swing(TrajectoryPoint.at_rest(servos.goals()), duration_s)
+        ControlLoop(servos, 1.0 / rate_hz).run(course, note, speed_rad_s=1.0)
     return sent_s
 
 

@@ -23,16 +23,16 @@ Cycle = Callable[[], bool]
 def ikservo(port: str, baud: int, family: str) -> Cycle:
     """Our own bus."""
     from ikservo.hardware import ServoBus, ServoSpec, open_port
-    from ikservo.registers import Role, table_for
+    from ikservo.registers import RegisterName, control_table
 
-    table = table_for("STS3215" if family == "feetech_sts" else "XL330-M288")
+    table = control_table("STS3215" if family == "feetech_sts" else "XL330-M288")
     bus = ServoBus(open_port(port, baud), [ServoSpec(i, table) for i in IDS])
-    bus.learn_return_delays()
-    goals = dict(bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True).complete())
+    bus.load_return_delays()
+    goals = dict(bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all())
 
     def cycle() -> bool:
-        readings = bus.sync_read(IDS, Role.PRESENT_POSITION, raw=True)
-        bus.sync_write(Role.GOAL_POSITION, goals, raw=True)
+        readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)
+        bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
         return not readings.errors
 
     return cycle

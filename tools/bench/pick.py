@@ -13,15 +13,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ikservo.kinematics.se3 import Matrix
+from ikservo.kinematics.arrays import Matrix
 from ikservo.model import load_model
-from ikservo.view.camera.camera import Viewport
-from ikservo.view.camera.stage import stage_of
-from ikservo.view.camera.views import View, camera_of
-from ikservo.view.pick.casting import cast_at_all
-from ikservo.view.pick.pick import Picker
-from ikservo.view.pick.shapes import capsule_rows, capsules_of, shapes_of, triangle_rows
-from ikservo.view.scene.posing import link_poses
+from ikservo.model.collision_model import capsules_of
+from ikservo.view.bvh import capsule_rows, link_primitives, triangle_rows
+from ikservo.view.camera import Viewport
+from ikservo.view.draw_items import link_poses
+from ikservo.view.picking import Picker
+from ikservo.view.raycast import raycast_brute_force
+from ikservo.view.viewpoints import Viewpoint, arm_extent, make_camera
 
 RAYS, RUNS = 200, 7
 COUNTS = (10, 30, 100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)
@@ -48,7 +48,7 @@ def _row(kind: str, count: int) -> str:
 
     def through_all() -> None:
         for origin, direction in zip(origins, directions, strict=True):
-            cast_at_all(origin, direction, rows, nearest)
+            raycast_brute_force(origin, direction, rows, nearest)
 
     boxes_s = _best_s(lambda: picker.cast(origins, directions, {"shapes": np.eye(4)})) / RAYS
     all_s = _best_s(through_all) / RAYS
@@ -61,11 +61,11 @@ def _row(kind: str, count: int) -> str:
 
 def _press(name: str) -> str:
     model = load_model(name)
-    stage, capsules = stage_of(model), capsules_of(model)
-    camera = camera_of(stage, View("orbit"), Viewport(800, 600), 0.0)
+    stage, capsules = arm_extent(model), capsules_of(model)
+    camera = make_camera(stage, Viewpoint("orbit"), Viewport(800, 600), 0.0)
     poses = link_poses(model.chain, stage.home, {})
-    picker, px = Picker(shapes_of(capsules)), camera.project(poses["forearm"][:3, 3])[0]
-    press_s = _best_s(lambda: picker.at(camera, poses, px))
+    picker, px = Picker(link_primitives(capsules)), camera.project(poses["forearm"][:3, 3])[0]
+    press_s = _best_s(lambda: picker.pick_at(camera, poses, px))
     return f"{name:>20}  {len(capsules):>6}  {press_s * 1e6:>6.1f} µs"
 
 

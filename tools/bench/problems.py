@@ -26,9 +26,9 @@ _FULL_POSE_DOF = 6
 
 
 def problem_of(model: ikservo.Model, kind: str) -> dict[str, Any]:
-    """Return the fields of ``peers/protocol.py``'s ``Problem``, ready for JSON."""
+    """Return the fields of ``peers/protocol.py``'s ``LeastSquaresProblem``, ready for JSON."""
     chain = model.chain
-    T, J = chain.linearise(np.zeros(chain.dof))
+    T, J = chain.forward_and_jacobian(np.zeros(chain.dof))
     axes: Array = J[3:].T
     pivots: Array = T[:3, 3] + np.cross(axes, J[:3].T)
     return {

@@ -20,11 +20,11 @@ from playwright.sync_api import sync_playwright
 from ten_links import ten_links
 from visiting import served
 
-from ikservo.arm.streaming.beat import Beat
-from ikservo.kinematics.se3 import Vector
+from ikservo.control.loop import ControlCycle
+from ikservo.kinematics.arrays import Vector
 from ikservo.model import load_model
-from ikservo.view.server.messages import Pointer
-from ikservo.view.session.house import House
+from ikservo.view.app import ViewApp
+from ikservo.view.messages import Pointer
 
 EVENTS, MOVES, SECONDS = 300, 200, 5
 
@@ -37,43 +37,43 @@ def latencies_ms() -> list[float]:
         page.point("down", 560, 250)
         for count in range(EVENTS):
             page.live_for(0.03)
-            before = house.pilot.wish.goal
+            before = house.pilot.command.goal
             said_s = time.perf_counter()
             page.point("move", 560 + 8 * (count % 7), 250 + 6 * (count % 5))
             took.append(1000 * (_obeyed_s(house, out, before, said_s) - said_s))
     return took
 
 
-def _goal_times(house: House) -> list[tuple[float, object]]:
+def _goal_times(house: ViewApp) -> list[tuple[float, object]]:
     """Return a list that grows by the time and the wish behind each goal that is sent."""
     out: list[tuple[float, object]] = []
     servos = house.pilot.arm.workings.servos
-    send: Callable[[Vector, float], bool] = servos.command
-    see = house.pilot.see
+    send: Callable[[Vector, float], bool] = servos.send_goals
+    see = house.pilot.on_cycle
     taken: list[object] = [None]
 
-    def seen(beat: Beat) -> None:  # a beat's wish is in the goals of the next
+    def seen(beat: ControlCycle) -> None:  # a beat's wish is in the goals of the next
         see(beat)
-        taken[:] = [house.pilot.wish.goal]
+        taken[:] = [house.pilot.command.goal]
 
-    house.pilot.see = seen
+    house.pilot.on_cycle = seen
 
     def command(positions: Vector, now_s: float) -> bool:
         sent = send(positions, now_s)
         out.append((time.perf_counter(), taken[-1]))
         return sent
 
-    servos.command = command
+    servos.send_goals = command
     return out
 
 
 def _obeyed_s(
-    house: House, out: list[tuple[float, object]], before: object, said_s: float
+    house: ViewApp, out: list[tuple[float, object]], before: object, said_s: float
 ) -> float:
     deadline_s = said_s + 1.0
     while time.perf_counter() < deadline_s:
         for at_s, wish in out[-20:]:
-            if at_s > said_s and wish is not before and wish is house.pilot.wish.goal:
+            if at_s > said_s and wish is not before and wish is house.pilot.command.goal:
                 return at_s
         time.sleep(0.0005)
     return deadline_s
@@ -107,9 +107,9 @@ def frames_per_second() -> tuple[float, float]:
     Chromium draws an arm of ten links that is dragged.
     """
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        house = House(load_model(str(ten_links(Path(folder)))), "sim", dead_man_s=5.0)
+        house = ViewApp(load_model(str(ten_links(Path(folder)))), "sim", dead_man_s=5.0)
         urls = stack.enter_context(house)
-        stack.enter_context(house.serve_beside())
+        stack.enter_context(house.serve_in_thread())
         playwright = stack.enter_context(sync_playwright())
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]

@@ -11,8 +11,8 @@ from typing import Any
 from websockets.sync.client import ClientConnection, connect
 
 from ikservo.model import load_model
-from ikservo.view.server.visitors import proof
-from ikservo.view.session.house import House
+from ikservo.view.app import ViewApp
+from ikservo.view.auth import challenge_response
 
 __all__ = ["Page", "served"]
 
@@ -27,7 +27,9 @@ class Page:
     def __init__(self, socket: ClientConnection, key: str, url: str) -> None:
         self.url = url
         self._socket, self._seq, self._seen = socket, 0, 0
-        socket.send(json.dumps({"kind": "hello", "proof": proof(key, self.hear()["nonce"])}))
+        socket.send(
+            json.dumps({"kind": "hello", "proof": challenge_response(key, self.hear()["nonce"])})
+        )
         self.say("look", w=900, h=700, dpr=1, view="side")
 
     def hear(self, timeout_s: float = 10.0) -> dict[str, Any]:
@@ -59,12 +61,12 @@ class Page:
 
 
 @contextmanager
-def served(arm: str, pose: str) -> Generator[tuple[House, Page]]:
+def served(arm: str, pose: str) -> Generator[tuple[ViewApp, Page]]:
     """Serve an arm and visit it with Live thrown."""
-    house = House(load_model(arm), f"sim:?pose={pose}", dead_man_s=5.0)
+    house = ViewApp(load_model(arm), f"sim:?pose={pose}", dead_man_s=5.0)
     with ExitStack() as stack:
         urls = stack.enter_context(house)
-        stack.enter_context(house.serve_beside())
+        stack.enter_context(house.serve_in_thread())
         url = urls.control.partition("/#")[0]
         address = url.replace("http", "ws") + "/live"
         socket = stack.enter_context(connect(address, origin=url, proxy=None))  # pyright: ignore[reportArgumentType]

@@ -5,7 +5,7 @@ from __future__ import annotations
 __all__ = ["EXCUSED"]
 
 _NO_ZERO = "only keeps a division from zero: any tiny number does"
-_TIE = "if _box_at(ends, i, s, boxes, b) <= _box_at(ends, i, t, boxes, b):"
+_TIE = "if _box_distance_at(ends, i, s, boxes, b) <= _box_distance_at(ends, i, t, boxes, b):"
 _ANY_SMALL = "any value far below a tick keeps rounding from losing a limit"
 _TICKS_INSIDE = "low, high = math.ceil(a - 1e-6), math.floor(b + 1e-6)"
 _FINE = "any fine grid over the crank's rise finds the same steepest slope"
@@ -13,7 +13,7 @@ _ANGLES = "angles = (math.pi * k / 180.0 for k in range(181))"
 _SECTIONS = "_SECTIONS = 40  # the rest of a segment of one metre is then 4 nm"
 _SEARCH = "any section beyond the half finds the same valley"
 _AS_FINE = "one section more or less of sixty makes no difference"
-_VALLEY = "nearer = _box_at(a, b, s, low_m, high_m) <= _box_at(a, b, t, low_m, high_m)"
+_VALLEY = "nearer = _box_distance_at(a, b, s, low_m, high_m) <= _box_distance_at("
 _FINITE = "finite_vector(np.where(open_ended, 0.0, array), self.dof, what)"
 _NO_OFFSET = 'offset = joint.servo.holds.get("homing_offset", 0)'
 _HELPER = "any axis helps that is not parallel to the one that is asked for"
@@ -22,34 +22,36 @@ _ANY_READING = "every reading has the same servos"
 _ROWS = "return [[ticks[i] for _, ticks in self.seen] for i in self.seen[-1][1]]"
 _MEANS = "return dict(zip(self.seen[-1][1], means, strict=True))"
 _LEAST = "wide = (rows[0].range[0], rows[1].range[1])"
-_ZERO_TICK = "return anchor_tick - self.joint_map.placed(sign, 0.0).ticks_from_zero(self.pose)"
+_ZERO_TICK = (
+    "return anchor_tick - self.joint_map.with_mounting(sign, 0.0).ticks_from_zero(self.pose)"
+)
 _WHEREVER = "ticks are counted from zero, wherever that is"
-_AMBIGUOUS = "ambiguous = other_way <= _FASTEST_TURNS_PER_S * self.turn * (at_s - self.at_s)"
-_HELD = "return Step(self.joint, 0, 0.0, value).motion(_ORIGIN)"
+_AMBIGUOUS = "ambiguous = other_way <= _MAX_TURNS_PER_S * self.turn * (at_s - self.at_s)"
+_HELD = "return ChainJoint(self.joint, 0, 0.0, value).motion(_ORIGIN)"
 _FALSE = "None is as false"
 _TYPES = "is read by type checkers only"
 _SERIES = "where the series begins both forms agree to the last digits"
 _ROOM = "memory may be wider than what is written to it"
 _BUFFERS = "places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))"
 EXCUSED: dict[tuple[str, str, str], str] = {
-    ("guard.nearness", "_NOTHING = 1e-30", "number"): _NO_ZERO,
+    ("guard.collision_kernel", "_NOTHING = 1e-30", "number"): _NO_ZERO,
     (
-        "guard.nearness",
+        "guard.collision_kernel",
         "_SECTIONS = 40  # the rest of a segment of one metre is then 4 nm",
         "40 -> 41",
     ): ("one section more makes a right answer finer"),
     (
-        "guard.nearness",
+        "guard.collision_kernel",
         _TIE,
         "LtE -> Lt",
     ): "of two equal ends of a convex valley either may be cut off",
-    ("guard.space", _BUFFERS, "12 -> 13"): _ROOM,
-    ("guard.space", _BUFFERS, "6 -> 7"): _ROOM,
-    ("calibration.ticks.joint_map", _TICKS_INSIDE, "number"): _ANY_SMALL,
-    ("calibration.ticks.crank", _ANGLES, "180.0 -> 225.0"): _FINE,
-    ("calibration.ticks.crank", _ANGLES, "180.0 -> 144.0"): _FINE,
-    ("calibration.ticks.crank", _ANGLES, "181 -> 182"): _FINE,
-    ("calibration.ticks.crank", _ANGLES, "181 -> 180"): _FINE,
+    ("guard.collision", _BUFFERS, "12 -> 13"): _ROOM,
+    ("guard.collision", _BUFFERS, "6 -> 7"): _ROOM,
+    ("calibration.joint_map", _TICKS_INSIDE, "number"): _ANY_SMALL,
+    ("calibration.joint_map", _ANGLES, "180.0 -> 225.0"): _FINE,
+    ("calibration.joint_map", _ANGLES, "180.0 -> 144.0"): _FINE,
+    ("calibration.joint_map", _ANGLES, "181 -> 182"): _FINE,
+    ("calibration.joint_map", _ANGLES, "181 -> 180"): _FINE,
     ("kinematics.capsules", "_NOTHING = 1e-30", "number"): _NO_ZERO,
     ("kinematics.capsules", "_GOLDEN = (5**0.5 - 1) / 2", "5 -> 6"): _SEARCH,
     ("kinematics.capsules", "_GOLDEN = (5**0.5 - 1) / 2", "0.5 -> 0.625"): _SEARCH,
@@ -66,26 +68,26 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "always",
     ): "a joint that nothing moves adds zero; it is skipped to save time",
     (
-        "calibration.filing.contradictions",
+        "calibration.calibration_file",
         _NO_OFFSET,
         "number",
     ): "any small number stands for a register that is told to be missing",
     (
-        "calibration.filing.lerobot",
-        "_LARGEST_BYTES = 64 * 1024",
+        "calibration.lerobot",
+        "_MAX_BYTES = 64 * 1024",
         "number",
     ): "any size far above that of a calibration",
     (
-        "calibration.filing.lerobot_places",
+        "calibration.lerobot",
         "return found[0]",
         "0 -> -1",
     ): "there is exactly one",
     (
-        "calibration.in_servos.journal",
-        "tables = parse_toml(path, guarded(path, read_text(path, 4 * LARGEST_BYTES)))",
+        "calibration.transaction",
+        "tables = parse_toml(path, strip_checksum(path, read_text(path, 4 * MAX_BYTES)))",
         "number",
     ): "two calibrations and a header fit into any of them",
-    ("kinematics.packing", "WIDTH = 16", "16 -> 17"): _ROOM,
+    ("kinematics.packed", "WIDTH = 16", "16 -> 17"): _ROOM,
     ("kinematics.se3", "_SMALL_RAD = 1e-4", "number"): _SERIES,
     ("kinematics.se3", "_NEAR_PI_RAD = 1e-3", "number"): _SERIES,
     ("kinematics.se3", "if math.pi - theta < _NEAR_PI_RAD:", "Lt -> LtE"): _SERIES,
@@ -95,94 +97,91 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "return axis_sin * (1.0 + theta * theta / 6.0 if theta < _SMALL_RAD else theta / sin)",
         "Lt -> LtE",
     ): _SERIES,
-    ("kinematics.packed_body", "rows = np.zeros((len(names), 20))", "20 -> 21"): _ROOM,
+    ("kinematics.packed", "rows = np.zeros((len(names), 20))", "20 -> 21"): _ROOM,
     (
-        "kinematics.packing",
+        "kinematics.packed",
         "helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]",
         "Lt -> LtE",
     ): _HELPER,
     (
-        "kinematics.packing",
+        "kinematics.packed",
         "helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]",
         "0.9 -> 0.7200000000000001",
     ): _HELPER,
-    ("kinematics.packing", "helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]", "1 -> 2"): _HELPER,
-    ("kinematics.packing", _WIDE, "GtE -> Gt"): "no range is as wide to the last bit",
+    ("kinematics.packed", "helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]", "1 -> 2"): _HELPER,
+    ("kinematics.packed", _WIDE, "GtE -> Gt"): "no range is as wide to the last bit",
     (
-        "kinematics.reach",
+        "kinematics.motion_bounds",
         "size_m = self._size_m.get(capsule.link, 0.0)",
         "0.0 -> -1.0",
     ): "no capsule reaches less far than nowhere",
     (
-        "calibration.sweeping.feeler",
+        "calibration.range_tracker",
         "at_rad: float = 0.0",
         "number",
     ): "is not looked at before the joint has been seen",
-    ("calibration.in_servos.memory", _LEAST, "0 -> 1"): "both registers begin at the same number",
-    ("calibration.in_servos.memory", _LEAST, "0 -> -1"): "both registers begin at the same number",
-    ("calibration.sweeping.subject", _ZERO_TICK, "0.0 -> 1.0"): _WHEREVER,
+    ("calibration.servo_config", _LEAST, "0 -> 1"): "both registers begin at the same number",
+    ("calibration.servo_config", _LEAST, "0 -> -1"): "both registers begin at the same number",
+    ("calibration.range_tracker", _ZERO_TICK, "0.0 -> 1.0"): _WHEREVER,
     (
-        "calibration.sweeping.subject",
+        "calibration.range_tracker",
         _ZERO_TICK,
         "0.0 -> -1.0",
     ): _WHEREVER,
-    ("calibration.sweeping.stillness", _ROWS, "without USub"): _ANY_READING,
-    ("calibration.sweeping.stillness", _ROWS, "1 -> 2"): _ANY_READING,
-    ("calibration.sweeping.stillness", _ROWS, "1 -> 0"): _ANY_READING,
-    ("calibration.sweeping.stillness", _MEANS, "without USub"): _ANY_READING,
-    ("calibration.sweeping.stillness", _MEANS, "1 -> 2"): _ANY_READING,
-    ("calibration.sweeping.stillness", _MEANS, "1 -> 0"): _ANY_READING,
+    ("calibration.range_tracker", _ROWS, "without USub"): _ANY_READING,
+    ("calibration.range_tracker", _ROWS, "1 -> 2"): _ANY_READING,
+    ("calibration.range_tracker", _ROWS, "1 -> 0"): _ANY_READING,
+    ("calibration.range_tracker", _MEANS, "without USub"): _ANY_READING,
+    ("calibration.range_tracker", _MEANS, "1 -> 2"): _ANY_READING,
+    ("calibration.range_tracker", _MEANS, "1 -> 0"): _ANY_READING,
     (
         "kinematics.se3",
         "return -axis if float(axis @ axis_sin) < 0.0 else axis",
         "Lt -> LtE",
     ): "at exactly pi both signs are the same rotation",
-    ("calibration.sweeping.track", _AMBIGUOUS, "LtE -> Lt"): "no hand is as fast to the last bit",
+    ("calibration.range_tracker", _AMBIGUOUS, "LtE -> Lt"): "no hand is as fast to the last bit",
     (
-        "calibration.sweeping.answers",
+        "calibration.script",
         'self._next[0] = next(self._answers, "")',
         "0 -> -1",
     ): "there is one next answer",
     (
-        "calibration.sweeping.answers",
-        "_LARGEST_BYTES = 64 * 1024",
+        "calibration.script",
+        "_MAX_SCRIPT_BYTES = 64 * 1024",
         "number",
     ): "any size far above that of a script",
-    ("kinematics.steps", "_swing_twice: Matrix = field(init=False, repr=False)", "False -> True"): (
-        "how a step is shown"
-    ),
     (
-        "kinematics.steps",
-        "elif self.joint.kind is JointKind.PRISMATIC:",
+        "kinematics.joints",
+        "_swing_twice: Matrix = field(init=False, repr=False)",
+        "False -> True",
+    ): ("how a step is shown"),
+    (
+        "kinematics.joints",
+        "elif self.joint.kind is JointType.PRISMATIC:",
         "always",
     ): "the value of a fixed joint is zero",
-    ("kinematics.steps", _HELD, "0 -> -1"): "the first of one number is the last",
-    ("kinematics.steps", _HELD, "0.0 -> 1.0"): "what it scales is zero",
-    ("kinematics.steps", _HELD, "0.0 -> -1.0"): "what it scales is zero",
-    ("kinematics.steps", "_ORIGIN = frozen(np.zeros(1))", "1 -> 2"): _ROOM,
+    ("kinematics.joints", _HELD, "0 -> -1"): "the first of one number is the last",
+    ("kinematics.joints", _HELD, "0.0 -> 1.0"): "what it scales is zero",
+    ("kinematics.joints", _HELD, "0.0 -> -1.0"): "what it scales is zero",
+    ("kinematics.joints", "_ORIGIN = read_only(np.zeros(1))", "1 -> 2"): _ROOM,
     (
-        "kinematics.steps",
-        "return Step(joint, 0, 0.0, scale * _nearest_zero(leader) + shift)",
+        "kinematics.joints",
+        "return ChainJoint(joint, 0, 0.0, scale * _clamp_zero(leader) + shift)",
         "0 -> -1",
     ): "a column that is scaled by zero may be any",
     (
-        "kinematics.gravity",
+        "kinematics.dynamics",
         "if step.scale:",
         "always",
     ): "a joint that nothing moves adds zero; it is skipped to save time",
     (
-        "calibration.sweeping.plausibility",
-        "if min(max(above, below), abs(shift)) > _largest(subject):",
+        "calibration.plausibility",
+        "if min(max(above, below), abs(shift)) > _max_shift(subject):",
         "Gt -> GtE",
     ): "no joint is off by as much to the last bit",
+    ("calibration.procedure", "return False", "return None"): _FALSE,
     (
-        "calibration.sweeping.obstacles",
-        "if TYPE_CHECKING:",
-        "never",
-    ): "is read by type checkers only",
-    ("calibration.sweeping.obstacles", "return False", "return None"): _FALSE,
-    (
-        "calibration.sweeping.obstacles",
+        "calibration.procedure",
         "return gaps[sign] > _MIRRORED_RAD and gaps[-sign] < gaps[sign] / 3",
         "Lt -> LtE",
     ): "no gap is a third of the other to the last bit",

@@ -62,11 +62,11 @@ class Package:
 PACKAGES = {
     package.name: package
     for package in (
-        Package("guard", left_out=("promise",), kernel="nearness"),
+        Package("guard", left_out=("promise",), kernel="collision_kernel"),
         Package(
             "kinematics",
             beyond=("guard/test_space.py", "guard/test_nearness.py", "ik/test_kernel.py"),
-            layouts=("packing", "packed_body"),
+            layouts=("packed",),
         ),
         Package("calibration", left_out=("hidden_arms",)),
     )

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from ikservo.errors import CalibrationError
-from ikservo.model.touch import Extent, Touch, estimate
-from ikservo.model.touch.fit import fit
+from ikservo.model.kinematic_calibration import ParameterSet, TouchPoint, fit_parameters
+from ikservo.model.parameter_selection import select_and_fit
 from tests.calibration.hidden import load_model
 from tests.model.touch.hidden_geometry import HiddenGeometry
 from tests.oracle import ARMS
@@ -27,7 +27,7 @@ def touches_of(arm, count=15, offs=()):
     for i in range(count):
         q = arm.posture()
         point = arm.tip(q) + arm.noise() + (0.03 * np.eye(3)[i % 3] if i in offs else 0.0)
-        touches.append(Touch(arm.said(q), f"P{i}", point))
+        touches.append(TouchPoint(arm.said(q), f"P{i}", point))
     return touches
 
 
@@ -41,7 +41,7 @@ def rms_m(arm, tips_of, count=40):
 
 def judge(name, seed):
     arm = hidden(name, seed)
-    found = estimate(arm.chain, touches_of(arm))
+    found = select_and_fit(arm.chain, touches_of(arm))
     before_m = rms_m(arm, lambda q: arm.chain.forward(q)[:, :3, 3])
     after_m = rms_m(arm, found.fit.tips)
     assert after_m <= 1.5e-3, f"{1000 * before_m:.1f} -> {1000 * after_m:.2f} mm"
@@ -64,7 +64,7 @@ def test_fifty_hidden_arms_are_touched_off():
 
 def test_touches_that_went_astray_are_left_out_by_name():
     arm = hidden("so101", 3)
-    found = estimate(arm.chain, touches_of(arm, offs=(4, 9)))
+    found = select_and_fit(arm.chain, touches_of(arm, offs=(4, 9)))
     assert np.flatnonzero(~found.fit.kept).tolist() == [4, 9]
     assert rms_m(arm, found.fit.tips) <= 1.5e-3
 
@@ -72,34 +72,34 @@ def test_touches_that_went_astray_are_left_out_by_name():
 def test_a_third_that_contradicts_the_others_is_refused_and_named():
     arm = hidden("planar3", 3)
     with pytest.raises(CalibrationError, match=r"6 of 15 touches are outliers: P1, P4"):
-        estimate(arm.chain, touches_of(arm, offs=(1, 4, 7, 10, 12, 14)))
+        select_and_fit(arm.chain, touches_of(arm, offs=(1, 4, 7, 10, 12, 14)))
 
 
 def test_touches_that_fit_no_arm_at_all_are_refused():
     arm = hidden("planar2", 3)
-    chaos = [Touch(t.q, t.point, arm.chance.uniform(-0.2, 0.2, 3)) for t in touches_of(arm)]
+    chaos = [TouchPoint(t.q, t.point, arm.chance.uniform(-0.2, 0.2, 3)) for t in touches_of(arm)]
     with pytest.raises(CalibrationError, match="The touches do not fit this arm"):
-        estimate(arm.chain, chaos)
+        select_and_fit(arm.chain, chaos)
 
 
 def test_an_arm_that_is_right_is_left_alone():
     arm = hidden("planar2", 4)
-    right = [Touch(q, f"P{i}", arm.chain.forward(q)[:3, 3] + arm.noise())
+    right = [TouchPoint(q, f"P{i}", arm.chain.forward(q)[:3, 3] + arm.noise())
              for i, q in enumerate(arm.posture() for _ in range(15))]  # fmt: skip
-    found = estimate(arm.chain, right)
-    assert found.extent is Extent.NOTHING
+    found = select_and_fit(arm.chain, right)
+    assert found.extent is ParameterSet.NONE
     assert not found.improves
 
 
 def test_four_touches_say_too_little():
     arm = hidden("planar2", 5)
     with pytest.raises(CalibrationError, match="at least 5 are needed"):
-        estimate(arm.chain, touches_of(arm, 4))
+        select_and_fit(arm.chain, touches_of(arm, 4))
 
 
 def test_the_error_that_is_promised_is_the_error_that_is_found():
     arm = hidden("wx250s", 6)
-    found = estimate(arm.chain, touches_of(arm))
+    found = select_and_fit(arm.chain, touches_of(arm))
     assert 0.4 < rms_m(arm, found.fit.tips) / found.deviation_m[0] < 2.0
 
 
@@ -110,15 +110,15 @@ def same_point(arm, count):
         answer = least_squares(lambda q: arm.tip(q) - point, arm.posture(),
                                bounds=(arm.chain.lower_rad, arm.chain.upper_rad))  # fmt: skip
         if np.linalg.norm(answer.fun) < 1e-5:
-            touches.append(Touch(arm.said(answer.x), "the point"))
+            touches.append(TouchPoint(arm.said(answer.x), "the point"))
     return touches
 
 
 def test_one_unmeasured_point_makes_an_arm_agree_with_itself_but_places_no_base():
     arm = hidden("koch", 7)
-    found = estimate(arm.chain, same_point(arm, 12))
+    found = select_and_fit(arm.chain, same_point(arm, 12))
     assert found.after_m < 0.5 * found.before_m
-    assert not found.extent.base
+    assert not found.extent.includes_base
     assert abs(found.zeros[0]) < math.radians(0.1)  # it turns everything alike: nobody can know
     fit = found.fit
     deviation = np.sqrt(np.diag(fit.covariance))[0]
@@ -127,7 +127,9 @@ def test_one_unmeasured_point_makes_an_arm_agree_with_itself_but_places_no_base(
 
 def test_touches_in_a_plane_do_not_tell_which_part_lies_too_high():
     arm = hidden("planar2", 8)
-    found = fit(arm.chain, touches_of(arm), Extent.EVERYTHING, np.ones(15, dtype=bool))
+    found = fit_parameters(
+        arm.chain, touches_of(arm), ParameterSet.EVERYTHING, np.ones(15, dtype=bool)
+    )
     told = np.sqrt(np.diag(found.covariance)) < 0.5 * found.layout.prior
     by_name = dict(zip((p.name for p in found.layout.parameters), told.tolist(), strict=True))
     assert by_name["joint2 zero"]

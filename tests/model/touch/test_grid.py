@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ikservo.model.touch.grid import sheet
+from ikservo.model.touch_grid import place_sheet
 from tests.calibration.hidden import load_model
 
 ROOT = Path(__file__).parents[3]
@@ -27,7 +27,7 @@ def test_the_sheet_in_the_docs_is_what_the_tool_draws():
 
 @pytest.mark.parametrize("name", ["so101", "so100"])
 def test_distances_on_paper_are_those_that_are_believed(name):
-    paper, (_, places) = drawn(), sheet(load_model(name), None, None)
+    paper, (_, places) = drawn(), place_sheet(load_model(name), None, None)
     assert [place.name for place in places] == list(paper)
     for one in places:
         for other in places:
@@ -38,7 +38,7 @@ def test_distances_on_paper_are_those_that_are_believed(name):
 
 
 def test_columns_go_from_left_to_right_and_rows_away_from_the_arm():
-    _, places = sheet(load_model("so101"), 0.1, None)
+    _, places = place_sheet(load_model("so101"), 0.1, None)
     at = {place.name: place.position_m for place in places}
     assert at["A1"][1] > 0 > at["E1"][1]
     assert at["C4"][0] > at["C1"][0]
@@ -46,7 +46,7 @@ def test_columns_go_from_left_to_right_and_rows_away_from_the_arm():
 
 
 def test_every_other_cross_is_touched_on_top_of_the_block():
-    _, places = sheet(load_model("so101"), 0.1, 0.04)
+    _, places = place_sheet(load_model("so101"), 0.1, 0.04)
     heights = [round(float(place.position_m[2]), 6) for place in places]
     assert heights == [0.0, 0.04] * 10
     assert places[1].name == "B1 block"

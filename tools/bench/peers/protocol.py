@@ -1,7 +1,7 @@
 """What every runner shares: read a problem on stdin, time each solve alike, answer on stdout.
 
 A runner is started by the interpreter of its own virtual environment, so this file needs no more
-than NumPy. One JSON object comes in (``Problem``), one goes out: ``{"cannot": reason}``, or
+than NumPy. One JSON object comes in (a problem), one goes out: ``{"cannot": reason}``, or
 ``{"version": ..., "rounds": {name: {"q": [...], "time_s": [...]}}, "batch": {...} or null}``.
 """
 

@@ -1,0 +1,117 @@
+"""Checks of the arguments that a program passes to an arm."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import BadValueError
+from ikservo.kinematics import finite_vector
+
+__all__ = [
+    "check_callable",
+    "parse_all_positions",
+    "parse_joint_positions",
+    "parse_number",
+    "parse_path",
+    "parse_points",
+    "parse_port",
+]
+
+
+def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, float]:
+    """Return joint positions by name, given by name or as an array of all joints (n,).
+
+    Raises:
+        BadValueError: They are neither.
+    """
+    if isinstance(positions, np.ndarray | list | tuple):
+        array = finite_vector(cast("ArrayLike", positions), len(names), "The goal of all joints")
+        return dict(zip(names, array.tolist(), strict=True))
+    return parse_joint_positions(positions)
+
+
+def check_callable(what: str, value: object) -> None:
+    """Refuse what cannot be called, before anything moves; None is no callback.
+
+    Raises:
+        BadValueError: It cannot be called.
+    """
+    if value is not None and not callable(value):
+        raise BadValueError(what, repr(value), "a function, or None")
+
+
+def parse_path(value: object) -> Path:
+    """Return the path of a file.
+
+    Raises:
+        BadValueError: It is neither text nor a path.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise BadValueError("The file", repr(value), "a path")
+    return Path(cast("str", value))
+
+
+def parse_points(values: object) -> list[ArrayLike]:
+    """Return points one after another, from any iterable.
+
+    Raises:
+        BadValueError: It is none.
+    """
+    if not isinstance(values, Iterable) or isinstance(values, str | Mapping):
+        found = repr(cast("object", values))
+        raise BadValueError("The list of points", found, "points (k, 3)")
+    return list(cast("Iterable[ArrayLike]", values))
+
+
+def parse_joint_positions(positions: object) -> dict[str, float]:
+    """Return joint positions as plain numbers by name.
+
+    Raises:
+        BadValueError: They are no mapping of names to numbers.
+    """
+    if not isinstance(positions, Mapping):
+        raise BadValueError("The goal", repr(positions), 'positions by joint: {"elbow": 0.5}')
+    given = cast("Mapping[object, object]", positions)
+    return {
+        _check_name(name): parse_number(f"The goal of {name}", value)
+        for name, value in given.items()
+    }
+
+
+def parse_number(what: str, value: object) -> float:
+    """Return a number as a float.
+
+    Raises:
+        BadValueError: It is none; text that reads like one is none either, nor is a truth.
+    """
+    try:
+        if isinstance(value, str | bytes | bytearray | bool | np.bool_):
+            raise TypeError
+        return float(value)  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError, OverflowError):
+        raise BadValueError(what, repr(cast("object", value)), "a number") from None
+
+
+def parse_port(port: object) -> str | None:
+    """Return the name of a port, or None where none is given.
+
+    Raises:
+        BadValueError: It is neither a name nor a path.
+    """
+    if port is None or isinstance(port, str):
+        return port
+    if isinstance(port, os.PathLike):
+        return str(cast("os.PathLike[str]", port))
+    raise BadValueError("The port", repr(port), "a name such as /dev/ttyACM0 or COM3, or sim")
+
+
+def _check_name(name: object) -> str:
+    if not isinstance(name, str):
+        raise BadValueError("The name of a joint", repr(name), "text")
+    return name

@@ -1,0 +1,276 @@
+"""Motions in a background thread: the handle to wait for or cancel one, and their runner."""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import logging
+import threading
+import weakref
+from collections.abc import Callable, Generator
+from typing import Generic, Protocol, TypeVar, cast
+
+from ikservo.arm.arguments import parse_number
+from ikservo.control.stopping import StopRequest, stop_on_signals
+from ikservo.errors import IkservoError, NotSettledError, RefusedError, StoppedError
+from ikservo.guard import StopKind, StopReason
+
+__all__ = ["CANCELLED", "Background", "Motion", "Stoppable"]
+
+
+CANCELLED = StopReason(StopKind.CANCELLED, "Cancelled by the program; torque stays on.")
+# Braking takes 0.3 s; a busy machine is given more.
+_BRAKE_TIMEOUT_S = 5.0
+
+T = TypeVar("T")
+
+
+class Stoppable(Protocol):
+    """What a motion needs of its arm."""
+
+    def request_stop(self, reason: StopReason) -> None:
+        """Brake the running motion and hold."""
+
+    def acknowledge(self) -> None:
+        """End a stop."""
+
+    @property
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped; None where it is not."""
+        ...
+
+    @property
+    def stop_requests(self) -> int:
+        """Return how often a stop was asked for since it was last acknowledged."""
+        ...
+
+
+class Motion(Generic[T]):
+    """A motion that runs in a thread of its own; ``wait`` returns its report.
+
+    An error of the motion is raised by ``wait``, each time it is called. An ``async`` program may
+    ``await`` the motion instead; cancelling the task then cancels the motion.
+
+    Args:
+        work: Plans and carries out the motion, and returns its report.
+        arm: Whose motion it is.
+        queue: Held by whoever plans and moves; motions take their turn.
+    """
+
+    def __init__(self, work: Callable[[], T], arm: Stoppable, queue: threading.RLock) -> None:
+        self._work, self._arm, self._queue = work, arm, queue
+        self._finished, self._state = threading.Event(), threading.Lock()
+        self._cancelled = self._moving = self._told = False
+        self._report: T | None = None
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name="ikservo-motion", daemon=True)
+
+    def start(self) -> None:
+        """Begin; called once, by whoever made the motion."""
+        self._thread.start()
+
+    @property
+    def done(self) -> bool:
+        """Return whether the motion has ended, well or not; never waits."""
+        return self._finished.is_set()
+
+    @property
+    def cancelled(self) -> bool:
+        """Return whether ``cancel`` was called before the motion had ended."""
+        return self._cancelled
+
+    def wait(self, timeout_s: float | None = None) -> T:
+        """Wait for the motion's end and return its report.
+
+        Args:
+            timeout_s: For how long, by the computer's clock; for as long as it takes if None.
+
+        Raises:
+            NotSettledError: It is not over after that time; a ``TimeoutError``. It goes on.
+            StoppedError: It was cancelled or stopped; the arm holds.
+            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
+            IkservoError: Whatever the blocking call would have raised.
+        """
+        if timeout_s is not None:
+            timeout_s = parse_number("The timeout", timeout_s)
+        if threading.current_thread() is self._thread:
+            raise RefusedError("A motion cannot wait for itself.", "Wait in another thread.")
+        try:
+            over = self._finished.wait(timeout_s)
+        except (KeyboardInterrupt, SystemExit):  # the signal's handler has asked for the stop
+            self._finished.wait(_BRAKE_TIMEOUT_S)
+            raise
+        if not over:
+            raise NotSettledError(
+                f"The motion is not over after {timeout_s:g} s.",
+                "The motion continues: wait again, or cancel it.",
+            )
+        self._told = True
+        if self._error is not None:
+            raise self._error
+        return cast("T", self._report)
+
+    def cancel(self) -> None:
+        """Brake within 0.3 s and hold; where it has not begun, it never does. Never waits.
+
+        ``wait`` then raises ``StoppedError``. The next motion needs no ``acknowledge``. Nothing
+        happens where the motion has ended.
+        """
+        with self._state:
+            if self.done:
+                return
+            self._cancelled = True
+            if self._moving:
+                self._arm.request_stop(CANCELLED)
+
+    def join(self, timeout_s: float = _BRAKE_TIMEOUT_S) -> bool:
+        """Wait for the end without raising the motion's error; return whether it is over."""
+        if threading.current_thread() is not self._thread:
+            self._finished.wait(timeout_s)
+        return self.done
+
+    def __await__(self) -> Generator[object, None, T]:
+        """Wait for the motion in an ``async`` program; see ``wait``."""
+        return self._result_or_raise().__await__()
+
+    def __repr__(self) -> str:
+        """Return how far it is."""
+        if not self.done:
+            return "Motion(running)"
+        failed = self._error is not None
+        return f"Motion(done, {f'error {self._error!r}' if failed else repr(self._report)})"
+
+    def __del__(self) -> None:
+        """Log an error that nobody has waited for."""
+        if self._error is not None and not self._told and not self._cancelled:
+            logging.getLogger("ikservo").error("A motion nobody waited for failed: %s", self._error)
+
+    async def _result_or_raise(self) -> T:
+        loop = asyncio.get_running_loop()
+        try:
+            return await loop.run_in_executor(None, self.wait)
+        except asyncio.CancelledError:
+            self._told = True
+            self.cancel()
+            raise
+
+    def _run(self) -> None:
+        try:
+            with self._queue:
+                self._mark_started()
+                try:
+                    self._report = self._work()
+                finally:
+                    self._mark_ended()
+        except BaseException as error:  # told by ``wait``, whatever it is
+            self._error = self._as_cancelled(error)
+        finally:
+            with self._state:
+                self._finished.set()
+
+    def _mark_started(self) -> None:
+        with self._state:
+            if self._cancelled:
+                raise StoppedError(CANCELLED.text)
+            self._moving = True
+
+    def _mark_ended(self) -> None:
+        """Forget the stop that a cancel was, unless somebody else asked for one, too."""
+        with self._state:
+            self._moving = False
+            if self._cancelled and self._is_only_stop():
+                self._arm.acknowledge()
+
+    def _is_only_stop(self) -> bool:
+        reason = self._arm.stop_reason
+        ours = reason is None or reason.kind is StopKind.CANCELLED
+        return ours and self._arm.stop_requests <= 1
+
+    def _as_cancelled(self, error: BaseException) -> BaseException:
+        """Return the error; a cancelled motion was stopped, however it noticed that."""
+        stopped = self._arm.stop_reason is not None
+        if not self._cancelled or stopped or not isinstance(error, IkservoError):
+            return error
+        return error if isinstance(error, StoppedError) else StoppedError(CANCELLED.text)
+
+
+_running_motions: weakref.WeakSet[Motion[object]] = weakref.WeakSet()
+
+
+class Background:
+    """The motions of one arm, one after the other.
+
+    Args:
+        arm: Whose motions they are.
+        stop_request: Requests that the running motion ends, for signals.
+    """
+
+    def __init__(self, arm: Stoppable, stop_request: StopRequest) -> None:
+        self._arm, self._stop_request = arm, stop_request
+        self._queue = threading.RLock()
+        self._motions: list[Motion[object]] = []
+        self._stream: Motion[object] | None = None
+
+    def run_blocking(self, work: Callable[[], T]) -> T:
+        """Plan and move in this thread, once the motions before are over.
+
+        Raises:
+            RefusedError: A stream of setpoints is open.
+        """
+        self._check_no_stream()
+        with self._queue:
+            return work()
+
+    def start(self, work: Callable[[], T]) -> Motion[T]:
+        """Begin a motion in a thread of its own, once those before are over; never waits.
+
+        Raises:
+            RefusedError: A stream of setpoints is open.
+        """
+        self._check_no_stream()
+        return self._start_thread(work)
+
+    def start_stream(self, work: Callable[[], T]) -> Motion[T]:
+        """Begin a stream of setpoints; other motions are refused until it has ended.
+
+        Raises:
+            RefusedError: Another one is open.
+        """
+        self._check_no_stream()
+        motion = self._start_thread(work)
+        self._stream = motion  # pyright: ignore[reportAttributeAccessIssue]  # of whatever result
+        return motion
+
+    def close(self) -> None:
+        """Cancel what still runs or waits, and return once it is over."""
+        for motion in self._motions:
+            motion.cancel()
+        for motion in self._motions:
+            motion.join()
+
+    def _start_thread(self, work: Callable[[], T]) -> Motion[T]:
+        motion = Motion(work, self._arm, self._queue)
+        self._motions = [each for each in self._motions if not each.done]
+        self._motions.append(motion)  # pyright: ignore[reportArgumentType]  # of whatever result
+        _running_motions.add(motion)  # pyright: ignore[reportArgumentType]
+        stop_on_signals(self._stop_request, lambda: not motion.done)
+        motion.start()
+        return motion
+
+    def _check_no_stream(self) -> None:
+        if self._stream is not None and not self._stream.done:
+            raise RefusedError(
+                "A stream of setpoints is open.", "Leave its block first, or send goals through it."
+            )
+
+
+def _cancel_all() -> None:
+    """Brake what still runs when the program ends; its threads would die in mid-motion."""
+    motions = list(_running_motions)
+    for motion in motions:
+        motion.cancel()
+    for motion in motions:
+        motion.join(1.0)
+
+
+atexit.register(_cancel_all)

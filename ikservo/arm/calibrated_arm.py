@@ -1,0 +1,342 @@
+"""The model of one particular arm: arm file, calibration file, check against its servos."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.arm.zeros import ZeroSource
+from ikservo.calibration import JointMap, Limits
+from ikservo.calibration.calibration_file import (
+    calibration_path,
+    calibrations_of,
+    journal_path,
+    load_calibration,
+    read_calibration,
+)
+from ikservo.calibration.joint_map import Encoder, encoder_of, unwrap_near
+from ikservo.calibration.records import CalibratedGeometry, CalibratedJoint, Calibration
+from ikservo.calibration.servo_config import (
+    raise_on_mismatch,
+    read_servo_config,
+    register_mismatches,
+)
+from ikservo.calibration.transaction import recover
+from ikservo.control.feedback import read_register
+from ikservo.errors import CalibrationError
+from ikservo.hardware import remembered_port as replug
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.serial_ports import is_pseudo_terminal
+from ikservo.kinematics import Chain
+from ikservo.kinematics.geometric_errors import GeometricErrors, apply_geometric_errors
+from ikservo.model import Model, ModelJoint, load_model
+from ikservo.registers import MODELS, RegisterName, control_table_for_number
+
+__all__ = [
+    "CalibratedArm",
+    "CalibratedModel",
+    "calibrated_limits",
+    "calibrated_model",
+    "check_calibration_matches",
+    "check_joints_match",
+    "check_servo_models",
+    "geometric_errors_of",
+    "is_simulated",
+    "limit_to_one_turn",
+    "load_calibration_for",
+    "registers_allow",
+    "serial_number_of",
+]
+
+
+def check_calibration_matches(
+    calibration: Calibration, model: Model, usb_serial_number: str
+) -> None:
+    """Compare a calibration with the arm file and the adapter.
+
+    Raises:
+        CalibrationError: It is another arm's, or the arm file has changed since.
+    """
+    path = calibration_path(model.name, usb_serial_number)
+    own = (calibration.arm, calibration.usb_serial_number)
+    if own != (model.name, usb_serial_number):
+        raise CalibrationError(
+            f"{path} belongs to {own[0]} on adapter {own[1] or 'without a number'}.",
+            "If it is the same arm: ikservo calibration adopt. Otherwise: ikservo calibrate",
+        )
+    check_joints_match(calibration, model, str(path))
+
+
+def check_joints_match(calibration: Calibration, model: Model, path: str) -> None:
+    """Compare the joints of a calibration with the arm file's.
+
+    Raises:
+        CalibrationError: The arm file has other servos or another chain.
+    """
+    filed = {joint.name: _describe_calibrated(joint) for joint in calibration.joints}
+    wanted = {joint.name: _describe_expected(joint) for joint in model.joints}
+    for name in filed.keys() | wanted.keys():
+        if filed.get(name) != wanted.get(name):
+            raise CalibrationError(
+                f"{name} is {filed.get(name, 'unknown')} in {path} and "
+                f"{wanted.get(name, 'unknown')} in the arm file.",
+                "Choose the right arm with --arm, or calibrate again: ikservo calibrate",
+            )
+    _check_origins(calibration, model)
+
+
+def _check_origins(calibration: Calibration, model: Model) -> None:
+    known = {step.joint.name for step in model.chain.joints_to()}
+    for origin in calibration.geometry.origins if calibration.geometry else ():
+        if origin.joint not in known:
+            raise CalibrationError(
+                f"The touch-off moved {origin.joint}, which is not between base and tip.",
+                "The arm file has changed since. Repeat the touch-off: ikservo calibrate --touch",
+            )
+
+
+def _describe_calibrated(joint: CalibratedJoint) -> str:
+    return _format_servos([(servo.id, servo.model) for servo in joint.servos], joint.gear)
+
+
+def _describe_expected(joint: ModelJoint) -> str:
+    servos = [(servo.id, servo.model) for servo in (joint.servo, *joint.shadows)]
+    return _format_servos(servos, joint.joint_map.gear)
+
+
+def _format_servos(servos: list[tuple[int, str]], gear: float) -> str:
+    """Return servos as a person reads them: ``XM430-W350 (id 2)``."""
+    listed = " and ".join(f"{model} (id {servo_id})" for servo_id, model in servos)
+    return listed if abs(gear - 1.0) < 1e-9 else f"{listed} with gear {gear:.6g}"
+
+
+_SIMULATED = "sim"
+
+
+class CalibratedArm:
+    """The joints of the arm that is on the line, with this arm's zeros and ranges.
+
+    Attributes:
+        zeros: Where its zeros come from.
+        calibration: What its file says, or None.
+    """
+
+    def __init__(
+        self, bus: ServoBus, model: Model, zeros: ZeroSource, calibration: Calibration | None
+    ) -> None:
+        self._bus, self._model = bus, model
+        self.zeros, self.calibration = zeros, calibration
+
+    def joint_map(self, joint: ModelJoint) -> JointMap:
+        """Return how the ticks that the servo reports at present relate to the joint."""
+        own = self._calibrated_joint(joint)
+        if own is None:
+            return joint.joint_map
+        return self._map_for_present_turn(own, own.joint_map(joint.joint_map))
+
+    def limits(self, joint: ModelJoint, joint_map: JointMap) -> Limits:
+        """Return the joint's range: arm file, calibration and servo registers, whichever binds.
+
+        Raises:
+            CalibrationError: Nothing lies inside all of them; names the two that exclude it.
+        """
+        own, registers = self._calibrated_joint(joint), self._position_limits(joint)
+        if own is None or self.calibration is None:
+            in_servo = _limits_from_registers(joint_map, registers) if registers else joint.limits
+            return joint.limits.intersect(in_servo) if self.zeros.are_known else in_servo
+        limits = calibrated_limits(self.calibration, own, joint)
+        if own.extended or not registers or registers_allow(joint_map, limits, registers):
+            return limits
+        return limits.intersect(_limits_from_registers(joint_map, registers))
+
+    def chain(self) -> Chain:
+        """Return the arm's chain with the links and the base that a touch-off found."""
+        chain, filed = self._model.chain, self.calibration and self.calibration.geometry
+        return apply_geometric_errors(chain, geometric_errors_of(filed)) if filed else chain
+
+    def _calibrated_joint(self, joint: ModelJoint) -> CalibratedJoint | None:
+        return self.calibration.joint(joint.name) if self.calibration else None
+
+    def _position_limits(self, joint: ModelJoint) -> tuple[int, int] | None:
+        """Return the position limits that stand in the servo; None where they are no limits."""
+        low = self._bus.read(joint.servo.id, RegisterName.MIN_POSITION_LIMIT, raw=True)
+        high = self._bus.read(joint.servo.id, RegisterName.MAX_POSITION_LIMIT, raw=True)
+        return None if low == high == 0 else (low, high)  # Feetech: several turns, no limits
+
+    def _map_for_present_turn(self, own: CalibratedJoint, joint_map: JointMap) -> JointMap:
+        """Return the map for the turn on which a servo that counts on has begun this time."""
+        if not own.extended:
+            return joint_map
+        turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
+        present = self._bus.read(own.servo.id, RegisterName.PRESENT_POSITION, raw=True)
+        low, high = own.travel_ticks
+        turns = unwrap_near((low + high) // 2, present, turn) - present
+        return joint_map.with_mounting(joint_map.sign, joint_map.zero_tick - turns)
+
+
+def load_calibration_for(
+    bus: ServoBus, model: Model, *, uncalibrated: bool = False
+) -> CalibratedArm:
+    """Find out what is known of the arm on the line.
+
+    Args:
+        bus: Its servos.
+        model: What the arm file says.
+        uncalibrated: Whether the person vouches for the arm file's zeros.
+
+    Raises:
+        CalibrationError: The calibration contradicts the servos or the arm file, or was left
+            half written.
+        FileFormatError: The calibration is spoiled.
+    """
+    if is_simulated(bus.port.name):
+        return CalibratedArm(bus, model, ZeroSource.SIMULATED, None)
+    serial = serial_number_of(bus.port.name)
+    recover(bus, journal_path(model.name, serial))
+    calibration = load_calibration(model.name, serial)
+    if calibration is None:
+        served = is_pseudo_terminal(bus.port.name)
+        zeros = ZeroSource.SIMULATED if served else _nominal_zeros(model, uncalibrated)
+        return CalibratedArm(bus, model, zeros, None)
+    check_calibration_matches(calibration, model, serial)
+    servos = [servo.id for joint in calibration.joints for servo in joint.servos]
+    facts = {i: read_servo_config(bus, i) for i in servos}
+    raise_on_mismatch(register_mismatches(calibration, facts))
+    return CalibratedArm(bus, model, ZeroSource.CALIBRATED, calibration)
+
+
+def check_servo_models(bus: ServoBus) -> None:
+    """Compare the servos' models with the arm file's.
+
+    Raises:
+        CalibrationError: A servo is of another model.
+        BusError: A servo does not answer; names all that do not.
+    """
+    numbers = read_register(bus, bus.servos, RegisterName.MODEL_NUMBER)
+    for servo_id, number in numbers.items():
+        servo = bus.servos[servo_id]
+        if number != servo.table.number:
+            other = control_table_for_number(servo.table.family, number)
+            found = f"{other.model_name} ({number})" if other else f"model {number}"
+            raise CalibrationError(
+                f"{servo} is a {found}, the arm file says {servo.table.model_name}.",
+                "Another arm (choose it with --arm), or two swapped ids.",
+            )
+
+
+def is_simulated(port_name: str) -> bool:
+    """Return whether a port is the simulated bus in this process, fresh at each opening."""
+    return port_name.partition(":")[0] == _SIMULATED
+
+
+def serial_number_of(port_name: str) -> str:
+    """Return the serial number of the USB adapter behind a port; empty where there is none."""
+    return _SIMULATED if is_simulated(port_name) else replug.serial_number_of(port_name)
+
+
+def geometric_errors_of(filed: CalibratedGeometry) -> GeometricErrors:
+    """Return how an arm's links and base differ from its description, in SI units."""
+    return GeometricErrors(
+        base_m=np.array(filed.base_moved_mm) / 1000.0,
+        base_rad=np.radians(filed.base_turned_deg),
+        origins_m={row.joint: np.array(row.moved_mm) / 1000.0 for row in filed.origins},
+    )
+
+
+def _nominal_zeros(model: Model, accepted: bool) -> ZeroSource:
+    if all(joint.zero_from == "vendor" for joint in model.joints):
+        return ZeroSource.VENDOR
+    return ZeroSource.ACCEPTED if accepted else ZeroSource.UNKNOWN
+
+
+def _limits_from_registers(joint_map: JointMap, registers: tuple[int, int]) -> Limits:
+    lower, upper = sorted(joint_map.position_clamped(tick) for tick in registers)
+    return Limits.of(joint_map.joint, lower, upper, "servo register", joint_map.unit)
+
+
+def registers_allow(joint_map: JointMap, limits: Limits, registers: tuple[int, int]) -> bool:
+    """Return whether a servo's own limits leave every whole tick of a range free."""
+    low, high = joint_map.ticks_inside(limits.lower.value, limits.upper.value)
+    return registers[0] <= low and high <= registers[1]
+
+
+def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: ModelJoint) -> Limits:
+    """Return the range inside arm file, calibration and what the person set.
+
+    Raises:
+        CalibrationError: Nothing lies inside all of them; names the two that exclude it.
+    """
+    encoder = encoder_of(MODELS[own.servo.model])
+    return calibration.narrow_limits(own, limit_to_one_turn(joint.limits, joint.joint_map, encoder))
+
+
+def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
+    """Return limits that a servo can tell apart, where the arm file gives a joint none."""
+    if math.isfinite(limits.upper.value - limits.lower.value):
+        return limits
+    half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick
+    turn = Limits.of(limits.joint, -half, half, "one turn of its servo", limits.unit)
+    return limits.intersect(turn)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedModel:
+    """An arm as its files know it.
+
+    Attributes:
+        model: With this arm's links, its chain and joints inside this arm's ranges.
+        file: The calibration these come from; None where the arm file is all there is.
+        others: Older calibrations of arms of this kind, on other adapters.
+    """
+
+    model: Model
+    file: Path | None = None
+    others: tuple[Path, ...] = ()
+
+
+def calibrated_model(model: Model) -> CalibratedModel:
+    """Read the calibrations of an arm and return it inside the newest; nothing is asked of a bus.
+
+    A bare URDF has no servos, and therefore no calibration.
+
+    Raises:
+        FileFormatError: A calibration is spoiled.
+        CalibrationError: The newest is of other servos or another chain than the arm file's, or
+            leaves a joint no range.
+    """
+    read = {path: read_calibration(path) for path in calibrations_of(model.name) if model.joints}
+    if not read:
+        return CalibratedModel(model)
+    newest = max(read, key=lambda path: read[path].written)
+    calibration = read[newest]
+    # The way to its own tip tells the arm from others, whatever link is asked about.
+    check_calibration_matches(calibration, load_model(model.path), calibration.usb_serial_number)
+    others = tuple(path for path in read if path != newest)
+    return CalibratedModel(_with_calibration(model, calibration), newest, others)
+
+
+def _with_calibration(model: Model, calibration: Calibration) -> Model:
+    filed = calibration.geometry
+    chain = (
+        apply_geometric_errors(model.chain, geometric_errors_of(filed)) if filed else model.chain
+    )
+    joints = [_narrow_joint(joint, calibration) for joint in model.joints]
+    return replace(model, chain=_chain_within_ranges(chain, joints), joints=tuple(joints))
+
+
+def _narrow_joint(joint: ModelJoint, calibration: Calibration) -> ModelJoint:
+    own = calibration.joint(joint.name)
+    return replace(joint, limits=calibrated_limits(calibration, own, joint)) if own else joint
+
+
+def _chain_within_ranges(chain: Chain, joints: Sequence[ModelJoint]) -> Chain:
+    """Return the chain inside the joints' ranges; joints that mimic may have narrowed its own."""
+    ranges = {joint.name: joint.limits for joint in joints}
+    own = [ranges.get(name) for name in chain.names]
+    lower = [-np.inf if limits is None else limits.lower.value for limits in own]
+    upper = [np.inf if limits is None else limits.upper.value for limits in own]
+    return chain.with_limits(np.maximum(chain.lower_rad, lower), np.minimum(chain.upper_rad, upper))

@@ -1,1 +1,0 @@
-"""Looking after servos: check-ups, EEPROM, recovery, commissioning, the measured bus."""

@@ -1,0 +1,407 @@
+"""The control server of an open arm: stop, state and relax requests from other processes.
+
+There is no pickle, no code and no name of a file in it: a word out of a fixed list, and the secret
+of a place that has no permissions of its own. Whatever is not exactly that is refused unread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+from threading import RLock
+from typing import TYPE_CHECKING, Any, cast
+
+from ikservo.arm.control_socket import (
+    ListeningSocket,
+    connect,
+    open_socket,
+    socket_path,
+    socket_paths,
+)
+from ikservo.control.stopping import StopOutcome
+from ikservo.errors import ExitCode, IkservoError, InputError, RefusedError
+from ikservo.files.reading import parse_json
+from ikservo.guard import StopKind, StopReason
+from ikservo.hardware.process_local_files import abandon_in_forked_children
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from ikservo.arm.motion_runner import Running
+
+__all__ = [
+    "BRAKE_TIMEOUT_S",
+    "MAX_REPLY_BYTES",
+    "MAX_REQUEST_BYTES",
+    "Command",
+    "CommandHandler",
+    "ControlServer",
+    "Request",
+    "RequestHandler",
+    "broadcast_command",
+    "decode_reply",
+    "decode_request",
+    "encode_reply",
+    "encode_request",
+    "send_command",
+    "serve",
+]
+
+
+SCHEMA = "ikservo/owner/1"
+MAX_REQUEST_BYTES = 512  # bytes, the end of the line included
+MAX_REPLY_BYTES = 65_536
+_KEYS = {"schema", "do", "secret"}
+
+
+class Command(StrEnum):
+    """What another process may have done."""
+
+    STOP = "stop"
+    WHERE = "where"
+    RELAX = "relax"
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One errand.
+
+    Attributes:
+        do: What shall be done.
+        secret: What only the owner's user can read, where a place needs one.
+    """
+
+    do: Command
+    secret: str = ""
+
+
+def encode_request(request: Request) -> bytes:
+    """Return a request as it goes over the line."""
+    return _encode_line({"schema": SCHEMA, "do": request.do.value, "secret": request.secret})
+
+
+def decode_request(line: bytes) -> Request:
+    """Return the request in a line.
+
+    Raises:
+        InputError: It is too long, no JSON, or anything but a request of this schema.
+    """
+    row = _decode_line(line, MAX_REQUEST_BYTES)
+    if row.keys() != _KEYS or row["schema"] != SCHEMA:
+        raise _message_error(f"expected the keys {', '.join(sorted(_KEYS))} of {SCHEMA}")
+    if row["do"] not in list(Command) or not isinstance(row["secret"], str):
+        raise _message_error(f"it can be asked to {', '.join(Command)}")
+    return Request(Command(row["do"]), row["secret"])
+
+
+def encode_reply(fields: Mapping[str, object]) -> bytes:
+    """Return an answer as it goes over the line."""
+    return _encode_line({"schema": SCHEMA, **fields})
+
+
+def decode_reply(line: bytes) -> dict[str, Any]:
+    """Return the fields of an answer.
+
+    Raises:
+        InputError: It is none of this schema.
+    """
+    row = _decode_line(line, MAX_REPLY_BYTES)
+    if row.pop("schema", None) != SCHEMA:
+        raise _message_error(f"expected an answer of {SCHEMA}")
+    return row
+
+
+def _encode_line(row: Mapping[str, object]) -> bytes:
+    return json.dumps(row, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+
+
+def _decode_line(line: bytes, longest: int) -> dict[str, Any]:
+    if len(line) > longest:
+        raise _message_error(f"at most {longest} bytes")
+    if not line.endswith(b"\n"):
+        raise _message_error("the end of the line is missing")
+    try:
+        row = parse_json(line)
+    except (ValueError, RecursionError):  # not UTF-8, no JSON, a number too long, nested too deep
+        raise _message_error("expected one line of JSON") from None
+    if not isinstance(row, dict):
+        raise _message_error("expected an object")
+    return cast("dict[str, Any]", row)
+
+
+def _message_error(why: str) -> InputError:
+    return InputError(f"Not a valid message between ikservo programs: {why}.", "Nothing was done.")
+
+
+RequestHandler = Callable[[Request], Mapping[str, object]]
+"""Does what a request asks and returns the fields of the answer; called in threads of its own."""
+
+_MAX_CALLERS = 16
+_REQUEST_TIMEOUT_S = 1.0  # a caller that takes longer for its one line is sent away
+
+
+def serve(device: str, answer: RequestHandler) -> ControlServer | None:
+    """Listen for the callers of a device that this process has opened.
+
+    Returns:
+        The listener, or None where the system offers no safe place for one: an arm works without.
+    """
+    try:
+        door = open_socket(socket_path(device))
+    except (OSError, IkservoError):
+        return None
+    return ControlServer(door, answer) if door else None
+
+
+class ControlServer:
+    """Answers callers until it is closed; each one in a thread, a few at a time.
+
+    Args:
+        door: What is listened on.
+        answer: Does the errands.
+    """
+
+    def __init__(self, door: ListeningSocket, answer: RequestHandler) -> None:
+        self._door, self._answer = door, answer
+        self._free = threading.BoundedSemaphore(_MAX_CALLERS)
+        self._closing = False
+        self._thread = threading.Thread(
+            target=self._accept_callers, name="ikservo-owner", daemon=True
+        )
+        self._thread.start()
+        abandon_in_forked_children(self)
+
+    def abandon(self) -> None:
+        """Close a forked child's copy of the socket: its parent goes on listening."""
+        self._closing = True
+        self._door.socket.close()
+
+    def close(self) -> None:
+        """Stop listening; callers that are being answered get a second for that."""
+        if self._closing:
+            return
+        self._closing = True
+        with contextlib.suppress(OSError):
+            woken = connect(self._door.place, 0.5)  # accept has no other way of being interrupted
+            if woken:
+                woken[0].close()
+        self._thread.join(1.0)
+        self._door.close()
+        deadline_s = time.monotonic() + _REQUEST_TIMEOUT_S
+        for _ in range(_MAX_CALLERS):
+            self._free.acquire(timeout=max(0.0, deadline_s - time.monotonic()))
+
+    def _accept_callers(self) -> None:
+        while not self._closing:
+            try:
+                connection, _ = self._door.socket.accept()
+            except OSError:
+                return
+            if self._closing or not self._free.acquire(blocking=False):
+                connection.close()
+                continue
+            threading.Thread(target=self._serve_caller, args=(connection,), daemon=True).start()
+
+    def _serve_caller(self, connection: socket.socket) -> None:
+        try:
+            with connection, contextlib.suppress(OSError):  # a caller that is too slow, or gone
+                line = _receive_line(connection)
+                fields = self._make_reply(connection, line)
+                connection.settimeout(_REQUEST_TIMEOUT_S)
+                connection.sendall(encode_reply(fields))
+        finally:
+            self._free.release()
+
+    def _make_reply(self, connection: socket.socket, line: bytes) -> Mapping[str, object]:
+        try:
+            request = decode_request(line)
+            if not self._door.authenticate(connection, request.secret):
+                raise RefusedError("The arm belongs to another user.", "Nothing was done.")
+            return self._answer(request)
+        except IkservoError as error:
+            return _error_fields(error)
+        except Exception as error:  # a caller must not end the owner's program
+            return _error_fields(IkservoError(f"It failed: {type(error).__name__}: {error}."))
+
+
+def _receive_line(connection: socket.socket) -> bytes:
+    """Return the first line, or what came of it in time, one byte more than allowed at most."""
+    deadline_s, line = time.monotonic() + _REQUEST_TIMEOUT_S, b""
+    while not line.endswith(b"\n") and len(line) <= MAX_REQUEST_BYTES:
+        connection.settimeout(max(1e-3, deadline_s - time.monotonic()))
+        piece = connection.recv(MAX_REQUEST_BYTES + 1 - len(line))
+        if not piece:
+            break
+        line += piece
+        if time.monotonic() > deadline_s:
+            raise TimeoutError
+    return line
+
+
+def _error_fields(error: IkservoError) -> Mapping[str, object]:
+    return {"error": error.message, "hint": error.command_hint, "exit_code": int(error.exit_code)}
+
+
+def send_command(device: str, errand: Command, timeout_s: float = 10.0) -> dict[str, Any] | None:
+    """Let the process that has a device open do an errand.
+
+    Args:
+        device: The port, by any of its names.
+        errand: What shall be done.
+        timeout_s: How long the answer may take; relaxing is slow.
+
+    Returns:
+        The fields of the answer, or None where nobody listens.
+
+    Raises:
+        IkservoError: The owner could not or would not; carries its words and its exit code.
+    """
+    return _request_at(socket_path(device), device, errand, timeout_s)
+
+
+def broadcast_command(
+    errand: Command, timeout_s: float = 10.0
+) -> list[dict[str, Any] | IkservoError]:
+    """Let every process of this user that has a device open do an errand.
+
+    Returns:
+        An answer, or an error, for each that listens.
+    """
+    answers: list[dict[str, Any] | IkservoError] = []
+    for place in socket_paths():
+        try:
+            answer = _request_at(place, "a port", errand, timeout_s)
+        except IkservoError as error:
+            answers.append(error)
+        else:
+            answers += [answer] if answer is not None else []
+    return answers
+
+
+def _request_at(
+    place: Path, device: str, errand: Command, timeout_s: float
+) -> dict[str, Any] | None:
+    try:
+        found = connect(place, timeout_s)
+        if found is None:
+            return None
+        connection, secret = found
+        with connection:
+            return _check_reply(_exchange_lines(connection, Request(errand, secret), timeout_s))
+    except IkservoError:
+        raise
+    except OSError as error:
+        raise IkservoError(
+            f"The program that has {device} open does not answer ({error}).",
+            "End it and try again.",
+        ) from None
+
+
+def _exchange_lines(connection: socket.socket, request: Request, timeout_s: float) -> bytes:
+    deadline_s, answer = time.monotonic() + timeout_s, b""
+    with contextlib.suppress(BrokenPipeError):  # sent away at once; its answer may still wait
+        connection.sendall(encode_request(request))
+    while not answer.endswith(b"\n") and len(answer) <= MAX_REPLY_BYTES:
+        connection.settimeout(max(1e-3, deadline_s - time.monotonic()))
+        piece = connection.recv(MAX_REPLY_BYTES + 1 - len(answer))
+        if not piece:
+            raise ConnectionError("it has too many callers, or has just ended")
+        answer += piece
+    return answer
+
+
+def _check_reply(answer: bytes) -> dict[str, Any]:
+    fields = decode_reply(answer)
+    if "error" not in fields:
+        return fields
+    error = IkservoError(str(fields["error"]), str(fields.get("hint", "")))
+    with contextlib.suppress(ValueError):
+        error.exit_code = ExitCode(int(fields.get("exit_code", 1)))
+    raise error
+
+
+_STOPPED = StopReason(StopKind.CLIENT, "Stopped from another terminal; torque stays on.")
+_RELAXED = StopReason(StopKind.RELEASED, "Torque switched off from another terminal.")
+BRAKE_TIMEOUT_S = 3.0
+
+
+class CommandHandler:
+    """Does other terminals' errands on an arm; called in threads of its own.
+
+    The arm's own program has the turn while it moves the arm. To stop needs no turn; to be asked
+    where it is meanwhile is answered with the last beat.
+
+    Args:
+        arm: The arm.
+        turn: Held by whoever moves the arm.
+    """
+
+    def __init__(self, arm: Running, turn: RLock) -> None:
+        self._arm, self._turn = arm, turn
+
+    def __call__(self, request: Request) -> Mapping[str, object]:
+        """Return the answer's fields.
+
+        Raises:
+            IkservoError: The arm could not do it.
+        """
+        match request.do:
+            case Command.STOP:
+                return self._handle_stop()
+            case Command.WHERE:
+                return self._handle_where()
+            case Command.RELAX:
+                return self._handle_relax()
+
+    def _handle_stop(self) -> Mapping[str, object]:
+        arm, servos = self._arm, self._arm.workings.servos
+        moving = not self._turn.acquire(blocking=False)
+        if moving:
+            arm.request_stop(_STOPPED)
+            with self._acquire_turn(BRAKE_TIMEOUT_S):
+                halted = StopOutcome(servos.names, (), ())  # whatever ended the motion, it holds
+        else:
+            try:
+                halted = servos.hold_measured(_STOPPED)
+            finally:
+                self._turn.release()
+        return {"arm": arm.model.name, "port": arm.port_name, "moving": moving, **asdict(halted)}
+
+    def _handle_where(self) -> Mapping[str, object]:
+        if self._turn.acquire(blocking=False):
+            try:
+                here, moving = self._arm.where(), False
+            finally:
+                self._turn.release()
+        else:
+            here, moving = self._arm.last_state(), True
+        joints = [asdict(joint) for joint in here.joints]
+        return {"moving": moving, "tip_m": here.tip_m.tolist(), "joints": joints}
+
+    def _handle_relax(self) -> Mapping[str, object]:
+        self._handle_stop()
+        with self._acquire_turn(BRAKE_TIMEOUT_S):
+            self._arm.acknowledge()
+            report = self._arm.relax()
+            self._arm.workings.servos.latch_stop(_RELAXED)
+        return {**asdict(report), "measured_tip_m": report.measured_tip_m.tolist()}
+
+    @contextmanager
+    def _acquire_turn(self, timeout_s: float) -> Generator[None]:
+        if not self._turn.acquire(timeout=timeout_s):
+            raise IkservoError(
+                "The program that moves the arm did not stop when told to.",
+                "End it, or switch off the arm's power.",
+            )
+        try:
+            yield
+        finally:
+            self._turn.release()

@@ -1,0 +1,370 @@
+"""Recordings: record joint positions at a fixed rate, write and read the file format.
+
+::
+
+    {"schema": "ikservo/recording/1", "arm": "so101", "joints": ["shoulder_pan", …],
+     "units": ["rad", …], "period_s": 0.02}
+    {"t_s": 0.0, "q": [0.0123, …]}
+    {"t_s": 0.02, "q": [0.0123, …]}
+
+Lines are whole as soon as they are written, so that a recording which was cut off keeps what it
+had; a line that is not whole, or says anything else, is refused with its number.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, cast
+
+import numpy as np
+
+from ikservo.arm.arguments import parse_number, parse_path
+from ikservo.arm.sampled_trajectory import SampledTrajectory
+from ikservo.clock import Clock
+from ikservo.errors import BadValueError, FileFormatError, InputError
+from ikservo.files.reading import parse_json
+from ikservo.files.writing import FileWriteError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model import Model
+from ikservo.motion import Rate
+
+__all__ = [
+    "SCHEMA",
+    "RecordResult",
+    "Recording",
+    "RecordingHeader",
+    "RecordingWriter",
+    "read_recording",
+    "record",
+    "recording_header",
+]
+
+
+SCHEMA = "ikservo/recording/1"
+_PLACES = 6  # of a radian or a metre: a hundredth of a tick
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingHeader:
+    """What the columns of a recording are.
+
+    Attributes:
+        arm: The arm's name.
+        joints: A name a column.
+        units: ``rad`` or ``m``, likewise.
+        period_s: How far samples are apart, as it was meant.
+    """
+
+    arm: str
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    period_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A whole recording.
+
+    Attributes:
+        heading: What its columns are.
+        times_s: When each sample was taken (k,), growing.
+        joints: Where the joints were (k, n), rad or m.
+    """
+
+    heading: RecordingHeader
+    times_s: Vector
+    joints: Matrix
+
+    def trajectory(self) -> SampledTrajectory:
+        """Return the samples as a trajectory; velocities are differences of the positions."""
+        several = len(self.times_s) > 1
+        velocities = (
+            np.gradient(self.joints, self.times_s, axis=0) if several else 0.0 * self.joints
+        )
+        heading = self.heading
+        return SampledTrajectory(
+            heading.joints, heading.units, self.times_s, self.joints, velocities
+        )
+
+    def to_csv(self, path: Path | str | None = None, *, overwrite: bool = False) -> str:
+        """Return the recording as CSV, and write it to a file where a path is given.
+
+        Raises:
+            InputError: The file exists and ``overwrite`` is false.
+            FileWriteError: It cannot be written.
+        """
+        return self.trajectory().to_csv(path, overwrite=overwrite)
+
+    def __repr__(self) -> str:
+        """Return how many samples of which arm these are."""
+        last_s = float(self.times_s[-1]) if len(self.times_s) else 0.0
+        return f"Recording({len(self.times_s)} samples in {last_s:.3f} s of {self.heading.arm})"
+
+
+class RecordingWriter:
+    """Writes a recording line by line.
+
+    Args:
+        path: A new file.
+        heading: What its columns are.
+        overwrite: Whether a file that is there may be lost.
+
+    Raises:
+        InputError: The file exists and ``overwrite`` is false.
+        FileWriteError: It cannot be written.
+    """
+
+    def __init__(
+        self, path: Path | str, heading: RecordingHeader, *, overwrite: bool = False
+    ) -> None:
+        self.path, self.samples = Path(path), 0
+        self._file = self._open_file(overwrite=overwrite)
+        self._write_row({"schema": SCHEMA, "arm": heading.arm, "joints": heading.joints,
+                   "units": heading.units, "period_s": heading.period_s})  # fmt: skip
+
+    def write(self, time_s: float, joints: Vector) -> None:
+        """Write one sample: seconds since the first, and the joints (n,), rad or m.
+
+        Raises:
+            FileWriteError: The disk will not take it.
+        """
+        q = [round(float(x), _PLACES) for x in joints]
+        self._write_row({"t_s": round(time_s, _PLACES), "q": q})
+        self.samples += 1
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _open_file(self, *, overwrite: bool) -> IO[str]:
+        try:
+            return self.path.open("w" if overwrite else "x", encoding="utf-8", newline="\n")
+        except FileExistsError:
+            raise InputError(f"File {self.path} exists; use --overwrite.") from None
+        except (OSError, ValueError) as error:
+            raise FileWriteError(self.path, _os_error_text(error)) from error
+
+    def _write_row(self, row: dict[str, object]) -> None:
+        try:
+            self._file.write(json.dumps(row, allow_nan=False) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise FileWriteError(self.path, _os_error_text(error)) from error
+
+
+def _os_error_text(error: OSError | ValueError) -> str:
+    return (error.strerror if isinstance(error, OSError) else "") or str(error)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordResult:
+    """What was recorded.
+
+    Attributes:
+        path: The file.
+        samples: How many lines behind the header.
+        duration_s: From the first to the last.
+    """
+
+    path: Path
+    samples: int
+    duration_s: float
+
+
+def recording_header(model: Model, period_s: float) -> RecordingHeader:
+    """Return the header of a recording of an arm.
+
+    Raises:
+        BadValueError: The period is no time between two samples.
+    """
+    period_s = parse_number("The period", period_s)
+    if not 0.002 <= period_s <= 10.0:
+        raise BadValueError("The period", f"{period_s:g} s", "0.002 to 10 s")
+    names = tuple(joint.name for joint in model.joints)
+    units = tuple(joint.joint_map.unit for joint in model.joints)
+    return RecordingHeader(model.name, names, units, period_s)
+
+
+def record(
+    measure: Callable[[], Vector],
+    clock: Clock,
+    path: Path | str,
+    heading: RecordingHeader,
+    duration_s: float | None,
+    until: Callable[[], bool] | None,
+    *,
+    overwrite: bool = False,
+) -> RecordResult:
+    """Write what ``measure`` returns, joints (n,), to a file; see ``Arm.record``."""
+    if duration_s is None and until is None:
+        raise BadValueError("The recording", "without an end", "duration_s, or until")
+    most_s = math.inf if duration_s is None else parse_number("The duration", duration_s)
+    if not most_s > 0.0:
+        raise BadValueError("The duration", f"{most_s:g} s", "seconds above 0")
+    last_s = 0.0
+    with RecordingWriter(path, heading, overwrite=overwrite) as recorder:
+        try:
+            for elapsed_s in Rate(clock, heading.period_s):
+                recorder.write(elapsed_s, measure())
+                last_s = elapsed_s
+                if elapsed_s + heading.period_s > most_s or (until and until()):
+                    break
+        except KeyboardInterrupt:  # how a person ends it; every line that is written is whole
+            pass
+    return RecordResult(recorder.path, recorder.samples, last_s)
+
+
+_MAX_LINE_CHARS = 16_384
+_MAX_SECONDS = 20_000.0
+_MAX_SAMPLES = 2_000_000  # at 100 Hz
+_KEYS = {"schema", "arm", "joints", "units", "period_s"}
+
+
+def read_recording(path: Path | str) -> Recording:
+    """Read a recording.
+
+    Raises:
+        FileFormatError: It cannot be read, or a line is not what it should be; says which.
+    """
+    path = parse_path(path)
+    lines = _read_lines(path)
+    heading = _parse_header(path, next(lines, ""))
+    times_s: list[float] = []
+    joints: list[list[float]] = []
+    for number, line in enumerate(lines, start=2):
+        time_s, q = _parse_sample(path, number, line, len(heading.joints))
+        if times_s and time_s <= times_s[-1]:
+            raise _recording_error(
+                path, number, f"has t_s = {time_s:g}", "a later time than the line before"
+            )
+        if len(times_s) >= _MAX_SAMPLES:
+            raise _recording_error(
+                path, number, "is one sample too many", f"at most {_MAX_SAMPLES} samples"
+            )
+        times_s.append(time_s)
+        joints.append(q)
+    if not times_s:
+        raise FileFormatError(path, "", "has no sample", "at least one line behind the header")
+    return Recording(heading, np.array(times_s), np.array(joints))
+
+
+def _read_lines(path: Path) -> Iterator[str]:
+    try:
+        with path.open("rb") as file:
+            number = 0
+            while line := file.readline(_MAX_LINE_CHARS + 1):
+                number += 1
+                yield _require_complete_line(path, number, line)
+    except OSError as error:
+        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        if isinstance(error, FileFormatError):
+            raise
+        raise FileFormatError(path, "", "cannot be a path") from error
+
+
+def _require_complete_line(path: Path, number: int, line: bytes) -> str:
+    if len(line) > _MAX_LINE_CHARS:
+        raise _recording_error(path, number, "is too long", f"at most {_MAX_LINE_CHARS} bytes")
+    if not line.endswith(b"\n"):
+        raise _recording_error(
+            path, number, "is incomplete", "a whole line; delete it to use the others"
+        )
+    try:
+        return line.decode()
+    except UnicodeDecodeError:
+        raise _recording_error(path, number, "is not text in UTF-8", "JSON") from None
+
+
+def _parse_header(path: Path, line: str) -> RecordingHeader:
+    row = _parse_object(path, 1, line or "\n")
+    if row.get("schema") != SCHEMA:
+        raise _recording_error(path, 1, "is not the header of a recording", f'"schema": "{SCHEMA}"')
+    if row.keys() != _KEYS:
+        odd = ", ".join(sorted(row.keys() ^ _KEYS))
+        raise _recording_error(
+            path, 1, f"differs in: {odd}", f"the keys {', '.join(sorted(_KEYS))}"
+        )
+    joints, units = _text_tuple(row["joints"]), _text_tuple(row["units"])
+    if not (isinstance(row["arm"], str) and joints and len(set(joints)) == len(joints)):
+        raise _recording_error(
+            path, 1, "has no arm or joints", "the arm's name and each joint once"
+        )
+    if len(units) != len(joints) or not set(units) <= {"rad", "m"}:
+        raise _recording_error(path, 1, "has other units", '"rad" or "m" for each joint')
+    period_s = _finite_number(row["period_s"])
+    if period_s is None or not 0.0 < period_s <= _MAX_SECONDS:
+        raise _recording_error(path, 1, "has no period", "period_s above 0")
+    return RecordingHeader(row["arm"], joints, units, period_s)
+
+
+def _parse_sample(path: Path, number: int, line: str, n: int) -> tuple[float, list[float]]:
+    row = _parse_object(path, number, line)
+    if row.keys() != {"t_s", "q"}:
+        raise _recording_error(
+            path, number, "is not a sample", '{"t_s": seconds, "q": [positions]}'
+        )
+    time_s, q = _finite_number(row["t_s"]), row["q"]
+    if time_s is None or not 0.0 <= time_s <= _MAX_SECONDS:
+        raise _recording_error(path, number, f"has t_s = {row['t_s']!r}",
+                     f"seconds since the first sample, {_MAX_SECONDS:.0f} at most")  # fmt: skip
+    values = [_finite_number(x) for x in cast("list[object]", q)] if isinstance(q, list) else []
+    if len(values) != n:
+        raise _recording_error(path, number, f"has {len(values)} positions", f"{n}, one a joint")
+    if None in values:
+        raise _recording_error(
+            path, number, "has a position that is not a number", "finite numbers"
+        )
+    return time_s, cast("list[float]", values)
+
+
+def _parse_object(path: Path, number: int, line: str) -> dict[str, Any]:
+    try:
+        row = parse_json(line)
+    except (ValueError, RecursionError):
+        raise _recording_error(path, number, "is not JSON", "one object a line") from None
+    if not isinstance(row, dict):
+        raise _recording_error(path, number, "is not an object", "one object a line")
+    return cast("dict[str, Any]", row)
+
+
+def _text_tuple(value: object) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        return ()
+    items = cast("Sequence[object]", value)
+    return tuple(item for item in items if isinstance(item, str)) if _are_all_text(items) else ()
+
+
+def _are_all_text(items: Sequence[object]) -> bool:
+    return all(isinstance(item, str) for item in items)
+
+
+def _finite_number(value: object) -> float | None:
+    """Return a finite number, or None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _recording_error(path: Path, number: int, found: str, expected: str) -> FileFormatError:
+    return FileFormatError(path, f"line {number}", found, expected)

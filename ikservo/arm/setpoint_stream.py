@@ -1,0 +1,290 @@
+"""Setpoints that a program sends at its own rate; the control loop shapes them to the limits."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from types import TracebackType
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.arm.arguments import parse_joint_positions, parse_number
+from ikservo.arm.background_motion import Motion
+from ikservo.arm.context import ArmContext
+from ikservo.arm.following import CartesianOrJointTarget, follow
+from ikservo.arm.reports import MotionProgress
+from ikservo.clock import Clock, RealClock
+from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.guard import DEAD_MAN_TIMEOUT_S
+from ikservo.ik import Target
+from ikservo.kinematics import finite_array
+from ikservo.kinematics.arrays import as_floats
+
+__all__ = ["SetpointMailbox", "SetpointStream"]
+
+
+_POLL_PERIOD_S = 0.1  # how soon a waiting sender notices that the control loop has ended
+
+
+class SetpointMailbox:
+    """Holds the newest setpoint; the program puts, the control loop takes.
+
+    Simulated time would run far ahead of a program that sends now and then. So it waits for the
+    next setpoint of a sender with a rate, and keeps to the computer's time for one without.
+
+    Args:
+        clock: The arm's.
+        period_s: Between two setpoints, for a sender that is paced; None for one that is not.
+        ended: Whether the control loop has ended.
+    """
+
+    def __init__(self, clock: Clock, period_s: float | None, ended: Callable[[], bool]) -> None:
+        self._clock, self._period_s, self._ended = clock, period_s, ended
+        self._real = isinstance(clock, RealClock)
+        self._changed = threading.Condition()
+        self._setpoint: CartesianOrJointTarget | None = None
+        self._taken_s, self._due_s = 0.0, 0.0
+        self._late = self._closed = False
+        self.put_count = 0
+        self._taken_count = 0
+
+    def put(self, setpoint: CartesianOrJointTarget) -> None:
+        """Leave a setpoint in place of one that was not taken; return when the next is due.
+
+        Without a period it returns at once.
+        """
+        with self._changed:
+            self._setpoint, self._late = setpoint, False
+            self.put_count += 1
+            self._changed.notify_all()
+            if self._period_s is not None:
+                self._await_taken(self.put_count)
+        if self._period_s is not None:
+            self._await_due(self._period_s)
+
+    def close(self) -> None:
+        """Let the control loop end."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def await_first(self) -> bool:
+        """Wait for a setpoint; return False where the mailbox was closed instead."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._setpoint is not None)
+            return not self._closed
+
+    def setpoints(self) -> Iterator[CartesianOrJointTarget | None]:
+        """Yield the newest setpoint at each control cycle, or None; until closed."""
+        begun_s, begun_wall_s = self._clock.now_s(), time.monotonic()
+        self._taken_s, self._late = begun_s, False
+        while not self._closed:
+            now_s = self._clock.now_s()
+            if not self._real and self._period_s is None:
+                wall_s = time.monotonic() - begun_wall_s
+                time.sleep(max(0.0, now_s - begun_s - wall_s))
+            yield self._take_setpoint(now_s)
+
+    def _take_setpoint(self, now_s: float) -> CartesianOrJointTarget | None:
+        with self._changed:
+            if self._pauses_clock(now_s):
+                told = self._changed.wait_for(self._has_update, timeout=DEAD_MAN_TIMEOUT_S)
+                self._late = not told
+            setpoint, self._setpoint = self._setpoint, None
+            if setpoint is not None:
+                self._taken_s, self._taken_count = self._cycle_instant(now_s), self.put_count
+            self._changed.notify_all()
+            return setpoint
+
+    def _pauses_clock(self, now_s: float) -> bool:
+        """Return whether simulated time stands still until the next setpoint comes."""
+        due = self._period_s is not None and now_s - self._taken_s >= self._period_s
+        return due and not (self._real or self._late or self._has_update())
+
+    def _cycle_instant(self, now_s: float) -> float:
+        """Return the instant that a setpoint taken now belongs to; the sender's rate is kept."""
+        planned_s = self._taken_s + (self._period_s or 0.0)
+        on_time = self._period_s is not None and now_s - planned_s < self._period_s
+        return planned_s if on_time else now_s
+
+    def _has_update(self) -> bool:
+        return self._closed or self._setpoint is not None
+
+    def _await_taken(self, count: int) -> None:
+        while self._taken_count < count and not self._ended():
+            self._changed.wait(_POLL_PERIOD_S)
+
+    def _await_due(self, period_s: float) -> None:
+        if self._real:
+            self._due_s = max(self._due_s + period_s, self._clock.now_s())
+            self._clock.sleep_until(self._due_s)
+            return
+        with self._changed:
+            while self._clock.now_s() - self._taken_s < period_s and not self._ended():
+                self._changed.wait(_POLL_PERIOD_S)
+
+
+_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # slower than the first is silence
+
+T = TypeVar("T")
+
+
+class _StartStream(Protocol):
+    def __call__(self, work: Callable[[], None]) -> Motion[None]: ...
+
+
+class SetpointStream:
+    """Takes setpoints while its block runs; see ``Arm.stream``.
+
+    Attributes:
+        unreached: How many setpoints were out of reach; the arm went as near as it could.
+        refused: How many the guard refused; the arm stayed with the one before.
+        reason: Why the last of those was refused.
+    """
+
+    def __init__(
+        self, arm: ArmContext, start: _StartStream, speed: str, rate_hz: float | None
+    ) -> None:
+        self._arm, self._start, self._speed = arm, start, speed
+        self._mailbox = SetpointMailbox(
+            arm.servos.clock, _period_s(rate_hz), lambda: self._has_ended
+        )
+        self._motion: Motion[None] | None = None
+        self._progress: MotionProgress | None = None
+        self._told = False
+        self.unreached = self.refused = 0
+        self.reason = ""
+
+    def __enter__(self) -> SetpointStream:
+        """Begin to listen; the arm moves with the first setpoint.
+
+        Raises:
+            RefusedError: It was used before, or another stream is open.
+        """
+        if self._motion is not None:
+            raise RefusedError("This stream was used before.", "Open another: arm.stream().")
+        self._motion = self._start(self._follow_setpoints)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Brake and hold; raise what went wrong, unless the block raised an error itself."""
+        self._mailbox.close()
+        motion = self._require_motion()
+        if error is None and not self._told:
+            motion.wait()
+        else:
+            motion.cancel()
+            motion.join()
+
+    def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
+        """Go to a setpoint from now on; the newest one counts.
+
+        It returns at once; with ``rate_hz``, once the next setpoint is due.
+
+        Args:
+            setpoint: Positions by joint, or of all joints (n,) in the order of ``names``, rad or m;
+                a pose T_base_tip (4, 4); or a ``Target``, for a point
+                ``Target((0.25, 0.0, 0.15))``. Positions outside the limits mean the limit.
+
+        Raises:
+            BadValueError: It is none of these, or a number is not finite.
+            UnknownNameError: No such joint.
+            StoppedError: The arm was stopped; it holds.
+            IkservoError: Whatever ended the stream; the arm holds.
+        """
+        wanted = self._check_setpoint(setpoint)
+        self._check_running()
+        self._mailbox.put(wanted)
+        self._check_running()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the joints, in the order of arrays (n,)."""
+        return self._arm.servos.names
+
+    @property
+    def progress(self) -> MotionProgress | None:
+        """Return the last control cycle: measured joints, setpoints, tip; None before the first."""
+        return self._progress
+
+    @property
+    def sent(self) -> int:
+        """Return how many setpoints were sent."""
+        return self._mailbox.put_count
+
+    def __repr__(self) -> str:
+        """Return how many setpoints were sent and refused."""
+        state = "closed" if self._has_ended else "open"
+        return f"SetpointStream({state}, {self.sent} sent, {self.refused} refused)"
+
+    @property
+    def _has_ended(self) -> bool:
+        return self._motion is not None and self._motion.done
+
+    def _follow_setpoints(self) -> None:
+        """Follow setpoints; hold while none come."""
+        self._arm.warm_up()
+        while self._mailbox.await_first():
+            report = follow(self._arm, self._mailbox.setpoints(), self._speed, self._store_progress)
+            self.unreached += report.unreached
+            self.refused += report.refused
+            self.reason = report.reason or self.reason
+
+    def _store_progress(self, progress: MotionProgress) -> None:
+        self._progress = progress
+
+    def _require_motion(self) -> Motion[None]:
+        if self._motion is None:
+            raise RefusedError("The stream is not open.", "Open it: with arm.stream() as stream:")
+        return self._motion
+
+    def _check_running(self) -> None:
+        motion = self._require_motion()
+        if motion.done:
+            self._told = True  # once is enough for a program that handles it
+            motion.wait()
+            raise RefusedError("The stream is closed.", "Open another: arm.stream().")
+
+    def _check_setpoint(self, setpoint: object) -> CartesianOrJointTarget:
+        if isinstance(setpoint, Target):
+            return setpoint
+        if isinstance(setpoint, Mapping):
+            return self._positions_by_name(setpoint)  # pyright: ignore[reportUnknownArgumentType]
+        array = as_floats(setpoint, "The setpoint", self._expected_setpoint)  # pyright: ignore[reportArgumentType]
+        if array.shape == (4, 4):
+            return finite_array(array, (4, 4), "The setpoint").copy()
+        if array.shape != (len(self.names),):
+            raise BadValueError("The setpoint", f"of shape {array.shape}", self._expected_setpoint)
+        return self._positions_by_name(dict(zip(self.names, array.tolist(), strict=True)))
+
+    def _positions_by_name(self, positions: object) -> dict[str, float]:
+        given = parse_joint_positions(positions)
+        for name, position in given.items():
+            if name not in self.names:
+                raise UnknownNameError("joint", name, self.names)
+            if not np.isfinite(position):
+                raise BadValueError(f"The goal of {name}", position, "a finite number")
+        return given
+
+    @property
+    def _expected_setpoint(self) -> str:
+        n = len(self.names)
+        return f"positions by joint or ({n},), a pose (4, 4), or a Target"
+
+
+def _period_s(rate_hz: float | None) -> float | None:
+    if rate_hz is None:
+        return None
+    rate_hz = parse_number("The rate", rate_hz)
+    if not _MIN_RATE_HZ <= rate_hz <= _MAX_RATE_HZ:
+        expected = f"{_MIN_RATE_HZ:g} to {_MAX_RATE_HZ:g} Hz, or None"
+        raise BadValueError("The rate", f"{rate_hz:g} Hz", expected)
+    return 1.0 / rate_hz

@@ -1,0 +1,266 @@
+"""The calibration file: TOML with a checksum, consistency checks, and where it is stored."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from pydantic import ValidationError
+
+from ikservo.calibration.homing import MAX_STS_OFFSET, MAX_X_OFFSET
+from ikservo.calibration.joint_map import encoder_of
+from ikservo.calibration.procedure import MIN_RANGE_TICKS
+from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration
+from ikservo.calibration.servo_config import calibration_registers
+from ikservo.errors import FileFormatError
+from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text
+from ikservo.files.validation import Location, ValidationIssue, first_issue, validation_issues
+from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
+from ikservo.hardware.remembered_port import config_dir
+from ikservo.registers import MODELS, Family
+
+__all__ = [
+    "calibration_path",
+    "calibrations_of",
+    "confirmation_path",
+    "dump_calibration",
+    "inconsistencies",
+    "journal_path",
+    "load_calibration",
+    "parse_calibration",
+    "partial_path",
+    "read_calibration",
+    "save_calibration",
+]
+
+
+def inconsistencies(calibration: Calibration) -> Iterator[ValidationIssue]:
+    """Yield each contradiction between values, in the order of the file."""
+    if calibration.written.tzinfo is None:
+        yield ValidationIssue(("written",), "has no offset", "a time such as 2026-11-02T14:03:22Z")
+    yield from _check_geometry(calibration)
+    yield from _find_repeated_names(calibration)
+    yield from _find_repeated_ids(calibration)
+    for i, joint in enumerate(calibration.joints):
+        for servo in joint.servos:
+            yield from _check_servo(("joints", i, "servo"), servo, calibration.family)
+        yield from _check_travel(("joints", i), joint)
+        yield from _check_range(("joints", i), joint)
+
+
+def _check_geometry(calibration: Calibration) -> Iterator[ValidationIssue]:
+    geometry = calibration.geometry
+    if geometry is None:
+        return
+    if geometry.touched.tzinfo is None:
+        expected = "a time such as 2026-11-02T14:03:22Z"
+        yield ValidationIssue(("geometry", "touched"), "has no offset", expected)
+    names = [origin.joint for origin in geometry.origins]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            where = ("geometry", "origins", i, "joint")
+            yield ValidationIssue(where, f"is {quote(name)} a second time", "each joint once")
+
+
+def _find_repeated_names(calibration: Calibration) -> Iterator[ValidationIssue]:
+    seen: set[str] = set()
+    for i, joint in enumerate(calibration.joints):
+        if joint.name in seen:
+            found = f"is {quote(joint.name)} a second time"
+            yield ValidationIssue(("joints", i, "name"), found, "a unique name")
+        seen.add(joint.name)
+
+
+def _find_repeated_ids(calibration: Calibration) -> Iterator[ValidationIssue]:
+    seen: set[int] = set()
+    for i, joint in enumerate(calibration.joints):
+        for servo in joint.servos:
+            if servo.id in seen:
+                found = f"is {servo.id} a second time"
+                yield ValidationIssue(("joints", i, "servo", "id"), found, "a unique id")
+            seen.add(servo.id)
+
+
+def _check_servo(where: Location, servo: CalibratedServo, family: str) -> Iterator[ValidationIssue]:
+    table = MODELS.get(servo.model)
+    if table is None or table.family != family:
+        known = ", ".join(name for name, t in MODELS.items() if t.family == family)
+        yield ValidationIssue((*where, "model"), f"is {quote(servo.model)}", f"one of: {known}")
+        return
+    for name, number in servo.holds.items():
+        if name not in table.registers:
+            yield ValidationIssue(
+                (*where, "holds", name), "is not a register", f"one of {table.model_name}"
+            )
+        elif not table.registers[name].range[0] <= number <= table.registers[name].range[1]:
+            low, high = table.registers[name].range
+            yield ValidationIssue((*where, "holds", name), f"is {number}", f"{low} to {high}")
+    for register in calibration_registers(table):
+        if register.name not in servo.holds:
+            yield ValidationIssue(
+                (*where, "holds", register.name), "is missing", "what the servo held"
+            )
+
+
+def _check_travel(where: Location, joint: CalibratedJoint) -> Iterator[ValidationIssue]:
+    table = MODELS.get(joint.servo.model)
+    if table is None:
+        return
+    low, high = joint.travel_ticks
+    encoder = encoder_of(table)
+    if not MIN_RANGE_TICKS <= high - low < encoder.ticks:
+        found = f"is [{low}, {high}]"
+        yield ValidationIssue(
+            (*where, "travel_ticks"), found, f"{MIN_RANGE_TICKS} to {encoder.ticks - 1} ticks apart"
+        )
+    elif not joint.extended and (low < 0 or high >= encoder.ticks):
+        found = f"is [{low}, {high}]"
+        yield ValidationIssue(
+            (*where, "travel_ticks"), found, f"ticks from 0 to {encoder.ticks - 1}"
+        )
+    yield from _check_offset(where, joint, table.family)
+
+
+def _check_offset(
+    where: Location, joint: CalibratedJoint, family: Family
+) -> Iterator[ValidationIssue]:
+    most = {Family.FEETECH_STS: MAX_STS_OFFSET, Family.DYNAMIXEL_2: MAX_X_OFFSET}.get(family)
+    offset = joint.servo.holds.get("homing_offset", 0)
+    if most is not None and not joint.extended and abs(offset) > most:
+        location = (*where, "servo", "holds", "homing_offset")
+        yield ValidationIssue(location, f"is {offset}", f"-{most} to {most}")
+
+
+def _check_range(where: Location, joint: CalibratedJoint) -> Iterator[ValidationIssue]:
+    swept = joint.recorded_range()
+    if (swept is None) != (joint.swept == "not swept"):
+        yield ValidationIssue(
+            (*where, "swept"), f"is {quote(joint.swept)}", "both limits, or neither"
+        )
+    elif swept and not swept[0] < swept[1]:
+        yield ValidationIssue(
+            (*where, "lower_deg"), "is not below the upper limit", "lower < upper"
+        )
+
+
+FORMAT = 1
+_HEADER = """\
+# The calibration of one arm, written by ikservo. It belongs to this arm's own servos, and every
+# change must go through `ikservo calibrate`: the checksum above guards each byte below.
+"""
+
+
+def dump_calibration(calibration: Calibration) -> str:
+    """Return what stands in the file."""
+    import tomli_w  # noqa: PLC0415  # only who writes needs it
+
+    tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
+    return with_checksum(_HEADER + tomli_w.dumps(tables))
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read and check a calibration file.
+
+    Raises:
+        FileFormatError: It is spoiled, foreign or of another format; nothing of it was used.
+    """
+    return parse_calibration(path, read_text(path, MAX_BYTES))
+
+
+def parse_calibration(path: Path, text: str) -> Calibration:
+    """Return the calibration that a text is; ``path`` is where it came from, for messages."""
+    tables = parse_toml(path, strip_checksum(path, text))
+    _check_format(path, tables)
+    try:
+        calibration = Calibration.model_validate(tables)
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, Calibration), path) from error
+    complaints = list(inconsistencies(calibration))
+    if complaints:
+        raise first_issue(complaints, path)
+    return calibration
+
+
+def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
+    """Return tables as the writer wants them: lists for tuples, and no empty ones."""
+    if isinstance(value, Mapping):
+        rows = cast("Mapping[str, Any]", value)
+        return {key: _plain_tables(item) for key, item in rows.items() if item != ()}
+    if isinstance(value, tuple):
+        return [_plain_tables(item) for item in cast("tuple[Any, ...]", value)]
+    return value
+
+
+def _check_format(path: Path, tables: Mapping[str, Any]) -> None:
+    found = tables.get("format")
+    if isinstance(found, int) and not isinstance(found, bool) and found > FORMAT:
+        expected = f"format {FORMAT}; a newer ikservo wrote this: pip install --upgrade ikservo"
+        raise FileFormatError(path, "format", f"is {found}", expected)
+
+
+_UNSAFE_CHARS = re.compile(r"[^A-Za-z0-9]+")
+_MAX_NAME_CHARS = 64
+
+
+def calibration_path(arm: str, usb_serial_number: str) -> Path:
+    """Return where the calibration of an arm on an adapter lies: ``arms/so101-58FA083.toml``."""
+    return config_dir() / "arms" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def journal_path(arm: str, usb_serial_number: str) -> Path:
+    """Return where it is noted what is being written into that arm's servos."""
+    return config_dir() / "journal" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def confirmation_path(arm: str, usb_serial_number: str) -> Path:
+    """Return where it is noted which files an arm's joints were last seen to obey."""
+    return config_dir() / "confirmed" / f"{_file_stem(arm, usb_serial_number)}.txt"
+
+
+def partial_path(arm: str, usb_serial_number: str) -> Path:
+    """Return where the joints are kept that an interrupted self-calibration has measured."""
+    return config_dir() / "partial" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def calibrations_of(arm: str) -> list[Path]:
+    """Return the calibrations of an arm on any adapter, by name."""
+    folder = config_dir() / "arms"
+    return sorted(
+        {
+            *folder.glob(f"{_safe_name_part(arm)}.toml"),
+            *folder.glob(f"{_safe_name_part(arm)}-*.toml"),
+        }
+    )
+
+
+def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
+    """Return the calibration of an arm on an adapter, or None where there is none.
+
+    Raises:
+        FileFormatError: There is one and it is spoiled.
+    """
+    path = calibration_path(arm, usb_serial_number)
+    return read_calibration(path) if path.exists() else None
+
+
+def save_calibration(calibration: Calibration) -> Path:
+    """Write a calibration to its place; the one before is kept beside it.
+
+    Raises:
+        FileWriteError: The disk will not take it; the one before still stands.
+    """
+    path = calibration_path(calibration.arm, calibration.usb_serial_number)
+    write_atomic(path, dump_calibration(calibration), keep_old=True)
+    return path
+
+
+def _file_stem(arm: str, usb_serial_number: str) -> str:
+    serial = _safe_name_part(usb_serial_number)
+    return f"{_safe_name_part(arm)}-{serial}" if serial else _safe_name_part(arm)
+
+
+def _safe_name_part(text: str) -> str:
+    """Return a text as a part of a file name that leads nowhere else."""
+    return _UNSAFE_CHARS.sub("_", text).strip("_")[:_MAX_NAME_CHARS]

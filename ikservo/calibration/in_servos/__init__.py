@@ -1,1 +1,0 @@
-"""What of a calibration stands in the servos: compared, and written as one transaction."""

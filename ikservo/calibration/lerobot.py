@@ -1,0 +1,218 @@
+"""LeRobot's calibration JSON: read, write, and where LeRobot stores it.
+
+Ranges are in *homed* ticks, as the servo reports them with its offset. LeRobot's degrees are
+``(tick - (min + max) / 2) * 360 / 4095``: its zero is the middle of what was swept, not the zero
+of the geometry, so an import gives ids and ranges for certain and the zero is asked for.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from ikservo.calibration.records import CalibratedJoint, Calibration
+from ikservo.errors import FileFormatError, InputError, UnknownNameError
+from ikservo.files.reading import parse_json, read_text
+
+__all__ = [
+    "LerobotJoint",
+    "dump_lerobot",
+    "find_lerobot",
+    "lerobot_joints",
+    "lerobot_roots",
+    "lost_in_lerobot",
+    "parse_lerobot",
+    "read_lerobot",
+]
+
+
+_MAX_BYTES = 64 * 1024
+_KEYS = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
+_MAX_DIGITS = 100
+_FULL_TURN = (0, 4095)
+_OLD_KEYS = {"motor_names", "start_pos", "calib_mode"}
+
+
+@dataclass(frozen=True, slots=True)
+class LerobotJoint:
+    """One joint of the file, its keys as LeRobot names them."""
+
+    name: str
+    id: int
+    drive_mode: int
+    homing_offset: int
+    range_min: int
+    range_max: int
+
+    @property
+    def is_continuous(self) -> bool:
+        """Return whether LeRobot gave the joint a whole turn instead of a range."""
+        return (self.range_min, self.range_max) == _FULL_TURN
+
+
+def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
+    """Read a calibration of LeRobot.
+
+    Raises:
+        FileFormatError: It is none.
+    """
+    return parse_lerobot(path, read_text(path, _MAX_BYTES))
+
+
+def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
+    """Return the joints of a text in the order of the file; ``path`` is for messages."""
+    table = _parse_json(path, text)
+    if not isinstance(table, dict) or not table:
+        raise FileFormatError(path, "", "is not a table of joints", "joint: {id, drive_mode, …}")
+    joints = cast("Mapping[str, object]", table)
+    if _OLD_KEYS & joints.keys():
+        expected = "a newer one; calibrate again with LeRobot, or with: ikservo calibrate"
+        raise FileFormatError(path, "", "is a calibration of LeRobot before mid-2025", expected)
+    found = tuple(_parse_joint(path, name, row) for name, row in joints.items())
+    _check_ids(path, found)
+    return found
+
+
+def dump_lerobot(joints: Sequence[LerobotJoint]) -> str:
+    """Return the text that LeRobot itself would write: indent 4, no newline at the end."""
+    table = {joint.name: {key: getattr(joint, key) for key in _KEYS} for joint in joints}
+    return json.dumps(table, indent=4)
+
+
+def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
+    """Return a calibration in LeRobot's terms; see ``unsaid`` for what that leaves out."""
+    return tuple(_to_lerobot_joint(joint) for joint in calibration.joints)
+
+
+def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
+    """Yield what LeRobot's file cannot say of a calibration, one line each."""
+    yield "LeRobot takes the middle of each range for zero; these zeros are not in its file."
+    for joint in calibration.joints:
+        if joint.sign == -1:
+            yield f"{joint.name} counts against its joint; LeRobot's degrees will, too."
+        if joint.swept == "not swept":
+            yield f"{joint.name} was not swept; LeRobot gets a whole turn."
+        if joint.extended and joint.swept != "not swept":
+            yield f"{joint.name} counts on beyond a turn, which LeRobot's range does not tell."
+        if any(end is not None for end in joint.user_range()):
+            yield f"{joint.name} has limits of your own, which LeRobot does not get."
+        for shadow in joint.shadows:
+            yield f"Servo {shadow.id} of {joint.name} is not in it; LeRobot gets one servo a joint."
+    if calibration.geometry:
+        yield "The links and the base that a touch-off found are not in it."
+
+
+def _to_lerobot_joint(joint: CalibratedJoint) -> LerobotJoint:
+    low, high = joint.travel_ticks if joint.swept != "not swept" else _FULL_TURN
+    holds = joint.servo.holds
+    reverse = holds.get("drive_mode", 0) & 1
+    return LerobotJoint(
+        joint.name, joint.servo.id, reverse, holds.get("homing_offset", 0), low, high
+    )
+
+
+def _parse_json(path: Path, text: str) -> object:
+    try:
+        return parse_json(text, _parse_integer)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise FileFormatError(path, where, f"is not JSON: {error.msg.lower()}") from error
+    except RecursionError as error:
+        raise FileFormatError(path, "", "tables are nested too deeply") from error
+    except ValueError as error:
+        raise FileFormatError(path, "", f"is not a calibration: {error}") from error
+
+
+def _parse_integer(digits: str) -> int:
+    if len(digits) > _MAX_DIGITS:
+        raise ValueError("a number is too long")
+    return int(digits)
+
+
+def _parse_joint(path: Path, name: str, row: object) -> LerobotJoint:
+    shown = _printable_name(name)
+    if not isinstance(row, dict):
+        raise FileFormatError(path, shown, "is not a table", ", ".join(_KEYS))
+    values = cast("dict[str, object]", row)
+    for key in _KEYS:
+        if key not in values:
+            raise FileFormatError(path, f"{shown}.{key}", "is missing", ", ".join(_KEYS))
+    for key in values:
+        if key not in _KEYS:
+            raise FileFormatError(
+                path, f"{shown}.{_printable_name(key)}", "is unknown", ", ".join(_KEYS)
+            )
+    numbers = {key: _require_integer(path, f"{shown}.{key}", values[key]) for key in _KEYS}
+    joint = LerobotJoint(name, **numbers)
+    if not joint.range_min < joint.range_max:
+        found = f"is {joint.range_min}, not below {joint.range_max}"
+        raise FileFormatError(path, f"{shown}.range_min", found, "range_min < range_max")
+    return joint
+
+
+def _printable_name(name: str) -> str:
+    """Return a name as it may stand in a message: short, and harmless to a terminal."""
+    return name[:64] if name[:64].isprintable() else ascii(name[:64])
+
+
+def _require_integer(path: Path, where: str, value: object) -> int:
+    if type(value) is not int or abs(value) > 2**20:
+        raise FileFormatError(path, where, "is not a whole number", "ticks, or an id")
+    return value
+
+
+def _check_ids(path: Path, joints: Sequence[LerobotJoint]) -> None:
+    ids = [joint.id for joint in joints]
+    for joint in joints:
+        if ids.count(joint.id) > 1:
+            found = f"is {joint.id} a second time"
+            raise FileFormatError(path, f"{_printable_name(joint.name)}.id", found, "a unique id")
+
+
+_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
+_KINDS = ("robots", "teleoperators")
+
+
+def find_lerobot(id_or_path: str) -> Path:
+    """Return the file that an id or a path means.
+
+    Ids are looked for below ``robots/<type>`` and ``teleoperators/<type>`` for every type, for
+    LeRobot has renamed them: so100_follower, so101_follower, today so_follower.
+
+    Raises:
+        UnknownNameError: No such id; those that exist are listed.
+        InputError: Several devices have that id; their files are listed.
+    """
+    if not _ID.fullmatch(id_or_path):
+        return Path(id_or_path)
+    found = [path for path in _list_files() if path.stem == id_or_path]
+    if not found:
+        raise UnknownNameError("LeRobot calibration", id_or_path, {p.stem for p in _list_files()})
+    if len(found) > 1:
+        listing = ", ".join(map(str, found))
+        raise InputError(f"Several devices are called {id_or_path}.", f"Name one file: {listing}.")
+    return found[0]
+
+
+def lerobot_roots() -> list[Path]:
+    """Return the folders in which LeRobot may keep calibrations, the most particular first."""
+    own, home, hub = map(os.environ.get, ("HF_LEROBOT_CALIBRATION", "HF_LEROBOT_HOME", "HF_HOME"))
+    roots = [Path(own)] if own else []
+    roots += [Path(home) / "calibration"] if home else []
+    roots += [Path(hub) / "lerobot" / "calibration"] if hub else []
+    return [*roots, Path.home() / ".cache" / "huggingface" / "lerobot" / "calibration"]
+
+
+def _list_files() -> Iterator[Path]:
+    seen: set[Path] = set()
+    for root in lerobot_roots():
+        for kind in _KINDS:
+            for path in sorted((root / kind).glob("*/*.json")):
+                if path.resolve() not in seen and _ID.fullmatch(path.stem):
+                    seen.add(path.resolve())
+                    yield path

@@ -1,0 +1,75 @@
+"""Joint limits and their source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ikservo.calibration.joint_map import JointUnit, format_position
+from ikservo.errors import CalibrationError
+
+__all__ = ["Limit", "Limits"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One end of a joint's range.
+
+    Attributes:
+        value: Radians, or metres for a prismatic joint.
+        source: Who says so, in words a person reads: ``arm file``, ``servo register``,
+            ``hand sweep of 2026-11-02``, ``user``.
+    """
+
+    value: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The range of one joint; intersections keep the limit that binds, with its source."""
+
+    joint: str
+    lower: Limit
+    upper: Limit
+    unit: JointUnit = "rad"
+
+    def __post_init__(self) -> None:
+        if not self.lower.value <= self.upper.value:
+            raise CalibrationError(
+                f"{self.joint}: empty range, from {self._format_limit(self.lower)} "
+                f"to {self._format_limit(self.upper)}.",
+                "One of the two limits is wrong; calibrate this joint again.",
+            )
+
+    @classmethod
+    def of(
+        cls, joint: str, lower: float, upper: float, source: str, unit: JointUnit = "rad"
+    ) -> Limits:
+        """Return limits whose two ends have one source."""
+        return cls(joint, Limit(lower, source), Limit(upper, source), unit)
+
+    def intersect(self, other: Limits) -> Limits:
+        """Return the range inside both; on equal values the first source stays.
+
+        Raises:
+            CalibrationError: Nothing lies inside both; names the two limits.
+        """
+        return Limits(
+            self.joint,
+            max(self.lower, other.lower, key=lambda limit: limit.value),
+            min(self.upper, other.upper, key=lambda limit: limit.value),
+            self.unit,
+        )
+
+    def contains(self, value: float) -> bool:
+        """Return whether a joint position [rad or m] is inside."""
+        return self.lower.value <= value <= self.upper.value
+
+    @property
+    def source(self) -> str:
+        """Return the source of both ends, or both sources when they differ."""
+        low, high = self.lower.source, self.upper.source
+        return low if low == high else f"{low} / {high}"
+
+    def _format_limit(self, limit: Limit) -> str:
+        return f"{format_position(limit.value, self.unit)} ({limit.source})"

@@ -1,0 +1,175 @@
+"""The calibration of one arm as stored in its file; every key carries its unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field
+
+from ikservo.calibration.joint_map import JointMap
+from ikservo.calibration.limits import Limit, Limits
+from ikservo.files.validation import StrictModel
+
+__all__ = [
+    "CalibratedGeometry",
+    "CalibratedJoint",
+    "CalibratedOrigin",
+    "CalibratedServo",
+    "Calibration",
+    "RangeSource",
+]
+
+RangeSource = Literal["by hand", "by LeRobot", "by itself", "not swept"]
+
+
+def _require_integer(value: object) -> object:
+    if type(value) is not int:  # a Literal alone lets true and 1.0 pass for 1
+        raise ValueError
+    return value
+
+
+# Each description is also what an error message expects there.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{0,200}$")]
+Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
+Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
+# What is further off than this is another arm, not this one's tolerances.
+Move = Annotated[float, Field(ge=-50.0, le=50.0)]
+Turn = Annotated[float, Field(ge=-20.0, le=20.0)]
+_MOVE, _TURN = "[x, y, z] in mm, none beyond 50", "[x, y, z] in degrees, none beyond 20"
+
+
+class CalibratedServo(StrictModel):
+    """A servo and the raw numbers that its EEPROM held when it was calibrated."""
+
+    id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
+    model: Name = Field(description='a servo model, such as "STS3215"')
+    firmware: Text = Field(description="what the servo says, or nothing")
+    holds: Mapping[Register, RegisterValue] = Field(description="register = raw number")
+
+
+class CalibratedJoint(StrictModel):
+    """A joint of this very arm: where its zero is, how far it goes, what its servos hold."""
+
+    name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
+    sign: Annotated[Literal[-1, 1], BeforeValidator(_require_integer)] = Field(
+        description="1 or -1"
+    )
+    sign_from: Literal["by hand", "arm file"] = Field(description="by hand or arm file")
+    zero_tick: float = Field(ge=-(2**20), le=2**20, description="a tick, such as 2047.5")
+    gear: float = Field(gt=0, description="turns of the horn for one of the joint")
+    extended: bool = Field(description="true where the servo counts on beyond one turn")
+    swept: RangeSource = Field(description="by hand, by LeRobot, by itself or not swept")
+    travel_ticks: tuple[Tick, Tick] = Field(
+        strict=False, description="[lowest, highest] tick, as reported and counted on"
+    )
+    lower_deg: float | None = Field(default=None, description="degrees, inside the swept end")
+    upper_deg: float | None = Field(default=None, description="degrees, inside the swept end")
+    lower_m: float | None = Field(default=None, description="metres, inside the swept end")
+    upper_m: float | None = Field(default=None, description="metres, inside the swept end")
+    user_lower_deg: float | None = Field(default=None, description="degrees")
+    user_upper_deg: float | None = Field(default=None, description="degrees")
+    user_lower_m: float | None = Field(default=None, description="metres")
+    user_upper_m: float | None = Field(default=None, description="metres")
+    servo: CalibratedServo = Field(description="a table [joints.servo]")
+    shadows: tuple[CalibratedServo, ...] = Field(
+        default=(), strict=False, description="tables [[joints.shadows]]"
+    )
+
+    @property
+    def servos(self) -> tuple[CalibratedServo, ...]:
+        """The servo that answers for the joint, then its shadows."""
+        return (self.servo, *self.shadows)
+
+    def recorded_range(self) -> tuple[float, float] | None:
+        """Return the range [rad or m] that a sweep gave, less the margin."""
+        return _range_in_si(self.lower_deg, self.upper_deg, self.lower_m, self.upper_m)
+
+    def user_range(self) -> tuple[float | None, float | None]:
+        """Return the ends [rad or m] that the person set; None where they did not."""
+        lower = _to_si(self.user_lower_deg, self.user_lower_m)
+        return lower, _to_si(self.user_upper_deg, self.user_upper_m)
+
+    def joint_map(self, nominal: JointMap) -> JointMap:
+        """Return the arm file's map of the joint with this arm's sign and zero."""
+        return nominal.with_mounting(self.sign, self.zero_tick)
+
+
+class CalibratedOrigin(StrictModel):
+    """A joint that sits elsewhere than the arm file says: a link of another length."""
+
+    joint: Name = Field(description="a joint of the way to the tip")
+    moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
+
+
+class CalibratedGeometry(StrictModel):
+    """``[geometry]``: how this very arm's links and base differ from the arm file, by touch-off."""
+
+    touched: datetime = Field(description="a date and time with its offset")
+    touches: int = Field(ge=1, le=10_000, description="a whole number")
+    left_out: int = Field(ge=0, le=10_000, description="a whole number")
+    before_mm: float = Field(ge=0, description="millimetres, on touches kept aside")
+    after_mm: float = Field(ge=0, description="millimetres, on touches kept aside")
+    base_moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
+    base_turned_deg: tuple[Turn, Turn, Turn] = Field(strict=False, description=_TURN)
+    origins: tuple[CalibratedOrigin, ...] = Field(
+        default=(), strict=False, description="tables [[geometry.origins]]"
+    )
+
+
+class Calibration(StrictModel):
+    """A whole calibration file, each value by itself as it should be."""
+
+    format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
+    arm: Name = Field(description="an arm's name")
+    written: datetime = Field(description="a date and time with its offset")
+    tool_version: Text = Field(description="the version of ikservo")
+    usb_serial_number: Text = Field(description="the adapter's, or nothing")
+    family: Name = Field(description="feetech_sts, dynamixel_2 …")
+    anchor_pose: Name = Field(description="a pose of the arm file")
+    margin_deg: float = Field(ge=0, lt=45, description="degrees inside each swept end")
+    joints: tuple[CalibratedJoint, ...] = Field(
+        strict=False, min_length=1, description="tables [[joints]]"
+    )
+    geometry: CalibratedGeometry | None = Field(default=None, description="a table [geometry]")
+
+    def joint(self, name: str) -> CalibratedJoint | None:
+        """Return the joint of that name, or None."""
+        return next((joint for joint in self.joints if joint.name == name), None)
+
+    def narrow_limits(self, joint: CalibratedJoint, limits: Limits) -> Limits:
+        """Return limits inside what the sweep and the person gave for a joint.
+
+        Raises:
+            CalibrationError: Nothing is left; names the two limits.
+        """
+        swept = joint.recorded_range()
+        if swept:
+            limits = limits.intersect(
+                Limits.of(joint.name, *swept, self.source(joint), limits.unit)
+            )
+        lower, upper = joint.user_range()
+        low = limits.lower if lower is None else Limit(lower, "user")
+        high = limits.upper if upper is None else Limit(upper, "user")
+        return limits.intersect(Limits(joint.name, low, high, limits.unit))
+
+    def source(self, joint: CalibratedJoint) -> str:
+        """Return who found a joint's range: ``hand sweep of 2026-11-02``."""
+        sweeps = {"by LeRobot": "LeRobot's sweep", "by itself": "the arm's own sweep"}
+        who = sweeps.get(joint.swept, "hand sweep")
+        return f"{who} of {self.written:%Y-%m-%d}"
+
+
+def _to_si(degrees: float | None, metres: float | None) -> float | None:
+    return math.radians(degrees) if degrees is not None else metres
+
+
+def _range_in_si(
+    low_deg: float | None, high_deg: float | None, low_m: float | None, high_m: float | None
+) -> tuple[float, float] | None:
+    low, high = _to_si(low_deg, low_m), _to_si(high_deg, high_m)
+    return None if low is None or high is None else (low, high)

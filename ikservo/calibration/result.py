@@ -1,0 +1,284 @@
+"""The result of a calibration: measured joints, the calibration to save, expected registers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+from ikservo.calibration.homing import MAX_X_OFFSET, Homing, TickRange, choose_homing
+from ikservo.calibration.joint_map import JointMap, encoder_of, unwrap_near, wrapped_difference
+from ikservo.calibration.limits import Limits
+from ikservo.calibration.procedure import CalibrationState, is_full_turn
+from ikservo.calibration.range_tracker import JointUnderCalibration
+from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration, RangeSource
+from ikservo.calibration.servo_config import ServoConfig, expected_registers, is_multi_turn
+from ikservo.errors import CalibrationError
+from ikservo.registers import Family
+
+__all__ = [
+    "CalibrationMetadata",
+    "CalibrationResult",
+    "MeasuredJoint",
+    "RegisterValues",
+    "build_calibration",
+    "measure_joint",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredJoint:
+    """A joint's mounting and travel.
+
+    Attributes:
+        joint_map: Its sign and zero; in bare ticks, once moved by ``shifted`` in reported ones.
+        travel: How far it goes, in the same ticks.
+        swept: Who found that out.
+    """
+
+    joint_map: JointMap
+    travel: TickRange
+    swept: RangeSource
+
+    def shift_ticks(self, shift: int) -> MeasuredJoint:
+        """Return the same joint counted from ``shift`` ticks further on."""
+        moved = self.joint_map.with_mounting(self.joint_map.sign, self.joint_map.zero_tick - shift)
+        travel = TickRange(self.travel.low - shift, self.travel.high - shift)
+        return MeasuredJoint(moved, travel, self.swept)
+
+    def range_inside_margin(self, margin_rad: float) -> tuple[float, float] | None:
+        """Return the positions a margin inside both ends; None where nobody swept it."""
+        if self.swept == "not swept":
+            return None
+        margin = margin_rad / self.joint_map.horn_rad_per_tick
+        inside = (self.travel.low + margin, self.travel.high - margin)
+        low, high = sorted(self.joint_map.position(tick) for tick in inside)
+        return low, high
+
+    def limits(self, expected: Limits, margin_rad: float, user: Limits | None) -> Limits:
+        """Return the range that sweep, arm file and person leave together.
+
+        Raises:
+            CalibrationError: Nothing; names the two that exclude each other.
+        """
+        ends = self.range_inside_margin(margin_rad)
+        if ends:
+            swept = Limits.of(expected.joint, *ends, "hand sweep", expected.unit)
+            expected = expected.intersect(swept)
+        return expected.intersect(user) if user else expected
+
+
+def measure_joint(wizard: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
+    """Return what was found out about a joint, in bare ticks.
+
+    Raises:
+        CalibrationError: A range that was known before does not hold the anchor pose.
+    """
+    track, anchor = wizard.tracks[subject.servo_id], wizard.reference_ticks[subject.servo_id]
+    placed, name = subject.with_mounting(wizard.sign(subject), anchor), subject.name
+    if subject.known:
+        earlier: RangeSource = "by itself" if wizard.motor_driven else "by LeRobot"
+        return MeasuredJoint(placed, _travel_around(subject, subject.known, anchor), earlier)
+    if name in wizard.skipped or name in wizard.free or is_full_turn(wizard, subject):
+        expected = subject.expected
+        ends = placed.ticks_inside(expected.lower.value, expected.upper.value)
+        return MeasuredJoint(placed, TickRange(*ends), "not swept")
+    who: RangeSource = "by itself" if wizard.motor_driven else "by hand"
+    return MeasuredJoint(placed, TickRange(track.low, track.high), who)
+
+
+def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: float) -> TickRange:
+    """Return a travel moved by whole turns to where the anchor is."""
+    shift = 0
+    if subject.turn:
+        middle = (known.low + known.high) // 2
+        shift = unwrap_near(round(anchor), middle, subject.turn) - middle
+    if not known.low + shift - 1 <= anchor <= known.high + shift + 1:
+        raise CalibrationError(
+            f"{subject.name}: the anchor pose is outside the range that was recorded before.",
+            "Is the arm in that pose, and the file this arm's? Otherwise: ikservo calibrate",
+        )
+    return TickRange(known.low + shift, known.high + shift)
+
+
+_SAME_TICKS = 3  # servos of one joint that differ by less are as alike as their gears
+
+Facts = Mapping[int, ServoConfig]
+RegisterValues = Mapping[int, Mapping[str, int]]
+"""Raw numbers by servo id and register."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationMetadata:
+    """What a calibration file says beside the joints."""
+
+    arm: str
+    written: datetime
+    tool_version: str
+    usb_serial_number: str
+    family: Family
+    anchor_pose: str
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationResult:
+    """A calibration, and what each servo must hold for it."""
+
+    calibration: Calibration
+    memory: RegisterValues
+
+
+def build_calibration(
+    wizard: CalibrationState,
+    facts: Facts,
+    about: CalibrationMetadata,
+    *,
+    write_limits: bool = False,
+    user: Mapping[str, Limits] | None = None,
+) -> CalibrationResult:
+    """Work out the calibration of a conversation that has reached its review.
+
+    Args:
+        wizard: The conversation.
+        facts: Every servo as it was found, by id.
+        about: What else the file says.
+        write_limits: Whether the servos shall hold the limits themselves.
+        user: Ranges that the person set, by joint.
+
+    Raises:
+        CalibrationError: A joint travels a turn or more, or nothing is left of its range.
+    """
+    memory: dict[int, Mapping[str, int]] = {}
+    joints: list[CalibratedJoint] = []
+    for subject in wizard.subjects:
+        own = (user or {}).get(subject.name)
+        homing, found = _apply_homing(wizard, subject, facts)
+        limits = found.limits(subject.expected, wizard.margin_rad, own)
+        inside = found.joint_map.ticks_inside(limits.lower.value, limits.upper.value)
+        registers = inside if write_limits and not homing.extended else None
+        for servo_id, set_up in _choose_homings(wizard, subject, facts, homing, found.travel):
+            memory[servo_id] = expected_registers(facts[servo_id], set_up, registers)
+        joints.append(
+            _calibrated_joint(
+                wizard, subject, found, own, _calibrated_servos(subject, facts, memory)
+            )
+        )
+    return CalibrationResult(_make_calibration(about, wizard.margin_rad, joints), memory)
+
+
+def _make_calibration(
+    about: CalibrationMetadata, margin_rad: float, joints: list[CalibratedJoint]
+) -> Calibration:
+    return Calibration(
+        format=1,
+        arm=about.arm,
+        written=about.written,
+        tool_version=about.tool_version,
+        usb_serial_number=about.usb_serial_number,
+        family=about.family,
+        anchor_pose=about.anchor_pose,
+        margin_deg=math.degrees(margin_rad),
+        joints=tuple(joints),
+    )
+
+
+def _apply_homing(
+    wizard: CalibrationState, subject: JointUnderCalibration, facts: Facts
+) -> tuple[Homing, MeasuredJoint]:
+    """Return how the joint's servo must count, and the joint in the ticks it then reports."""
+    lead, found = facts[subject.servo_id], measure_joint(wizard, subject)
+    homing = choose_homing(
+        subject.name,
+        lead.table.family,
+        found.travel,
+        lead.offset,
+        encoder_of(lead.table),
+        counts_on=lead.is_multi_turn and not subject.shadow_ids,
+    )
+    if homing.extended and subject.shadow_ids:
+        raise CalibrationError(
+            f"{subject.name}: its travel crosses the encoder's wrap-around of servo "
+            f"{subject.servo_id}; two servos on one joint cannot both use multi-turn mode.",
+            "Remount its horns so that the middle of the joint is near tick 2048.",
+        )
+    return homing, found.shift_ticks(homing.shift)
+
+
+def _choose_homings(
+    wizard: CalibrationState,
+    subject: JointUnderCalibration,
+    facts: Facts,
+    homing: Homing,
+    travel: TickRange,
+) -> list[tuple[int, Homing]]:
+    """Return how each servo of a joint is set up: shadows report what the first one does."""
+    rows = [(subject.servo_id, homing)]
+    reported = round(wizard.reference_ticks[subject.servo_id] - homing.shift)
+    for shadow_id in subject.shadow_ids:
+        wanted = wrapped_difference(
+            round(wizard.reference_ticks[shadow_id]), reported, subject.turn
+        )
+        held = facts[shadow_id].offset
+        offset = held if abs(wanted - held) <= _SAME_TICKS else wanted
+        if (
+            abs(offset) > MAX_X_OFFSET
+            or travel.low < offset
+            or travel.high - offset >= subject.turn
+        ):
+            raise CalibrationError(
+                f"Servo {shadow_id} of {subject.name} is {offset} ticks off servo "
+                f"{subject.servo_id}; a homing offset corrects at most {MAX_X_OFFSET}.",
+                f"Remount the horn of servo {shadow_id} so that both report nearly the same.",
+            )
+        rows.append((shadow_id, Homing(offset, False, -offset)))
+    return rows
+
+
+def _calibrated_servos(
+    subject: JointUnderCalibration, facts: Facts, memory: RegisterValues
+) -> list[CalibratedServo]:
+    return [
+        CalibratedServo(
+            id=servo_id,
+            model=facts[servo_id].table.model_name,
+            firmware=facts[servo_id].firmware,
+            holds=dict(memory[servo_id]),
+        )
+        for servo_id in (subject.servo_id, *subject.shadow_ids)
+    ]
+
+
+def _calibrated_joint(
+    wizard: CalibrationState,
+    subject: JointUnderCalibration,
+    found: MeasuredJoint,
+    user: Limits | None,
+    servos: list[CalibratedServo],
+) -> CalibratedJoint:
+    placed, (lead, *shadows) = found.joint_map, servos
+    return CalibratedJoint(
+        name=subject.name,
+        sign=1 if placed.sign > 0 else -1,
+        sign_from="by hand" if subject.name in wizard.signs else "arm file",
+        zero_tick=placed.zero_tick,
+        gear=placed.gear,
+        extended=is_multi_turn(lead.holds),
+        swept=found.swept,
+        travel_ticks=(found.travel.low, found.travel.high),
+        servo=lead,
+        shadows=tuple(shadows),
+        **_in_file_units("", found.range_inside_margin(wizard.margin_rad), placed),
+        **_in_file_units("user_", user and (user.lower.value, user.upper.value), placed),
+    )
+
+
+def _in_file_units(
+    prefix: str, ends: tuple[float, float] | None, placed: JointMap
+) -> dict[str, float]:
+    if ends is None:
+        return {}
+    if placed.unit == "m":
+        return {f"{prefix}lower_m": ends[0], f"{prefix}upper_m": ends[1]}
+    low_deg, high_deg = map(math.degrees, ends)
+    return {f"{prefix}lower_deg": low_deg, f"{prefix}upper_deg": high_deg}

@@ -1,0 +1,243 @@
+"""EEPROM registers that a calibration relies on: expected values and differences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from ikservo.calibration.homing import MAX_X_OFFSET, Homing
+from ikservo.calibration.records import CalibratedServo, Calibration
+from ikservo.errors import CalibrationError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.scan import firmware_version
+from ikservo.registers import (
+    ControlTable,
+    Family,
+    FeetechMode,
+    OperatingMode,
+    Register,
+    RegisterName,
+)
+
+__all__ = [
+    "RegisterMismatch",
+    "ServoConfig",
+    "calibration_registers",
+    "expected_registers",
+    "is_multi_turn",
+    "raise_on_mismatch",
+    "read_servo_config",
+    "register_mismatches",
+    "registers_differ",
+    "same_direction",
+]
+
+
+_ROLES = (
+    RegisterName.HOMING_OFFSET,
+    RegisterName.OPERATING_MODE,
+    RegisterName.MIN_POSITION_LIMIT,
+    RegisterName.MAX_POSITION_LIMIT,
+)
+_NAMED = {Family.FEETECH_STS: ("phase",), Family.DYNAMIXEL_2: ("drive_mode",)}
+# Bits that turn the count or its direction; the others of these registers are tuning.
+_BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
+
+MULTI_TURN_BIT = (
+    0b0001_0000  # of phase: an STS that counts several turns forgets them with the power
+)
+_POSITION_MODES = {
+    Family.FEETECH_STS: (FeetechMode.POSITION,),
+    Family.DYNAMIXEL_2: (
+        OperatingMode.POSITION,
+        OperatingMode.EXTENDED_POSITION,
+        OperatingMode.CURRENT_BASED_POSITION,
+    ),
+}
+EXTENDED, CURRENT_POSITION = OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION
+_MULTI_TURN_MODES = (EXTENDED, CURRENT_POSITION)
+
+
+@dataclass(frozen=True, slots=True)
+class ServoConfig:
+    """A servo as it was found.
+
+    Attributes:
+        id: Its bus id.
+        table: Its control table.
+        firmware: What it says, in words; empty where it does not.
+        held: Raw numbers of the registers that a calibration rests on, by name.
+    """
+
+    id: int
+    table: type[ControlTable]
+    firmware: str
+    registers: Mapping[str, int]
+
+    @property
+    def offset(self) -> int:
+        """Return the homing offset that is in force."""
+        offset = self.registers.get("homing_offset", 0)
+        one_turn = self.registers.get("operating_mode") == OperatingMode.POSITION
+        ignored = one_turn and abs(offset) > MAX_X_OFFSET
+        return 0 if self.table.family is Family.DYNAMIXEL_2 and ignored else offset
+
+    @property
+    def is_multi_turn(self) -> bool:
+        """Return whether the servo counts on beyond one turn."""
+        return is_multi_turn(self.registers)
+
+
+def same_direction(facts: ServoConfig, held: Mapping[str, int]) -> bool:
+    """Return whether a servo counts in the direction that ``held`` says, and goes to positions.
+
+    An offset that the servo ignores counts as no offset that could be relied on, either.
+    """
+    mode = facts.registers.get("operating_mode")
+    turned = (name for name in _BITS if name in held and name in facts.registers)
+    if any(registers_differ(name, held[name], facts.registers[name]) for name in turned):
+        return False
+    ignored = facts.offset != facts.registers.get("homing_offset", 0)
+    return not ignored and mode in _POSITION_MODES.get(facts.table.family, (mode,))
+
+
+def is_multi_turn(held: Mapping[str, int]) -> bool:
+    """Return whether a servo that holds these numbers counts on beyond one turn."""
+    dynamixel = "drive_mode" in held
+    return dynamixel and held["operating_mode"] in _MULTI_TURN_MODES
+
+
+def calibration_registers(table: type[ControlTable]) -> list[Register]:
+    """Return the registers of a model that a calibration rests on."""
+    roles = [table.find(role) for role in _ROLES if role not in table.missing]
+    return [*roles, *(table.registers[name] for name in _NAMED.get(table.family, ()))]
+
+
+def read_servo_config(bus: ServoBus, servo_id: int) -> ServoConfig:
+    """Return a servo as it is.
+
+    Raises:
+        BusError: It does not answer.
+    """
+    table = bus.servos[servo_id].table
+    rows = calibration_registers(table)
+    numbers = bus.sync_read_many([servo_id], rows, raw=True).require_all()[servo_id]
+    held = {register.name: numbers[register] for register in rows}
+    return ServoConfig(servo_id, table, firmware_version(bus, servo_id), held)
+
+
+def registers_differ(register: str, one: int, other: int) -> bool:
+    """Return whether two raw numbers of a register mean another count or limit."""
+    return bool((one ^ other) & _BITS.get(register, -1))
+
+
+def expected_registers(
+    facts: ServoConfig, homing: Homing, limits: tuple[int, int] | None
+) -> dict[str, int]:
+    """Return what a servo should hold.
+
+    Args:
+        facts: As it is; what need not change does not.
+        homing: How its count shall be set up.
+        limits: Position limits, raw; None leaves them open where the present ones no longer mean
+            the same places, and as they are where they do.
+    """
+    held = dict(facts.registers)
+    if facts.table.family is Family.FEETECH_STS:
+        held["operating_mode"] = FeetechMode.POSITION
+        held["phase"] &= ~MULTI_TURN_BIT
+    elif facts.table.family is Family.DYNAMIXEL_2:
+        held["operating_mode"] = _choose_x_mode(held["operating_mode"], homing)
+    if "homing_offset" in held:
+        held["homing_offset"] = homing.offset
+    return held | _expected_limits(facts, held, limits)
+
+
+def _choose_x_mode(mode: int, homing: Homing) -> int:
+    if mode == OperatingMode.CURRENT_BASED_POSITION:
+        return mode  # a gripper that yields; it counts on like the extended mode
+    return OperatingMode.EXTENDED_POSITION if homing.extended else OperatingMode.POSITION
+
+
+def _expected_limits(
+    facts: ServoConfig, held: Mapping[str, int], limits: tuple[int, int] | None
+) -> dict[str, int]:
+    rows = [
+        facts.table.find(r)
+        for r in (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
+    ]
+    moved = held.get("homing_offset") != facts.registers.get("homing_offset")
+    none_set = facts.registers[rows[0].name] == facts.registers[rows[1].name] == 0
+    if limits is None and not (moved or none_set):
+        return {}
+    wide = (rows[0].range[0], rows[1].range[1])
+    pairs = zip(rows, limits or wide, strict=True)
+    return {row.name: min(row.range[1], max(row.range[0], tick)) for row, tick in pairs}
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterMismatch:
+    """A register that does not hold what it held when the arm was calibrated.
+
+    Attributes:
+        joint: Whose servo it is.
+        servo_id: Its id.
+        register: By name; ``model`` for the servo itself.
+        filed: What the file says.
+        found: What the servo says.
+    """
+
+    joint: str
+    servo_id: int
+    register: str
+    filed: str
+    found: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.register} of {self.joint} (id {self.servo_id}) is {self.found} in the servo "
+            f"and {self.filed} in the calibration"
+        )
+
+
+def register_mismatches(
+    calibration: Calibration, facts: Mapping[int, ServoConfig]
+) -> Iterator[RegisterMismatch]:
+    """Yield where the servos differ from a calibration, joint by joint."""
+    for joint in calibration.joints:
+        for servo in joint.servos:
+            if servo.id not in facts:
+                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "not this arm's")
+            else:
+                yield from _servo_mismatches(joint.name, servo, facts[servo.id])
+
+
+def _servo_mismatches(
+    joint: str, servo: CalibratedServo, facts: ServoConfig
+) -> Iterator[RegisterMismatch]:
+    if servo.model != facts.table.model_name:
+        yield RegisterMismatch(joint, servo.id, "model", servo.model, facts.table.model_name)
+        return
+    for name, filed in servo.holds.items():
+        found = facts.registers.get(name)
+        if found is None:
+            yield RegisterMismatch(joint, servo.id, name, str(filed), "unknown")
+        elif registers_differ(name, filed, found):
+            yield RegisterMismatch(joint, servo.id, name, str(filed), str(found))
+
+
+def raise_on_mismatch(contradictions: Iterable[RegisterMismatch]) -> None:
+    """Refuse to go on where there are contradictions.
+
+    Raises:
+        CalibrationError: Names the first, with both values, and how to go on.
+    """
+    first, *more = [*contradictions, None]
+    if first is None:
+        return
+    rest = f", and {len(more) - 1} more" if len(more) > 1 else ""
+    raise CalibrationError(
+        f"{first}{rest}.",
+        "See all: ikservo calibration diff. Write the file's values into the servos: "
+        "ikservo calibration push. Measure again: ikservo calibrate",
+    )

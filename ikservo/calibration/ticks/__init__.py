@@ -1,1 +1,0 @@
-"""Ticks become radians: one servo's place in one joint, its seam, its limits."""

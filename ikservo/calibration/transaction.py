@@ -1,0 +1,303 @@
+"""Write calibration to servos and file as one journaled transaction: all of it, or nothing.
+
+The journal is on disk before the first servo is written and goes away after the file is. Whoever
+finds one knows both states, sees from the servos how far the writing came, and can finish it or
+take it back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from ikservo.errors import CalibrationError, FileFormatError, IkservoError
+from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
+from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.writing import (
+    FileWriteError,
+    remove_durably,
+    strip_checksum,
+    with_checksum,
+    write_atomic,
+)
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.eeprom import register_differences, update_eeprom
+from ikservo.hardware.read_plan import RegisterRef
+
+__all__ = [
+    "EepromChange",
+    "Journal",
+    "TransactionProgress",
+    "commit",
+    "dump_journal",
+    "plan_changes",
+    "progress",
+    "read_journal",
+    "recover",
+    "resume",
+    "roll_back",
+]
+
+
+_HEADER = "# What ikservo is writing into servos. It goes away when that is done.\n"
+_Memory = Mapping[Annotated[str, Field(max_length=64)], int]
+
+
+class EepromChange(StrictModel):
+    """One servo: the raw numbers that it held, and those that it shall hold."""
+
+    id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
+    old: _Memory = Field(description="register = raw number")
+    new: _Memory = Field(description="register = raw number")
+
+
+class Journal(StrictModel):
+    """A transaction: servos first, then the file.
+
+    Attributes:
+        path: The calibration file.
+        old_text: What it held; empty where there was none.
+        new_text: What it shall hold.
+        changes: By servo, in the order in which they are written.
+    """
+
+    format: Literal[1] = Field(description="1")
+    path: str = Field(description="a file")
+    old_text: str = Field(description="the old file")
+    new_text: str = Field(description="the new file")
+    changes: tuple[EepromChange, ...] = Field(strict=False, description="tables [[changes]]")
+
+
+def dump_journal(journal: Journal) -> str:
+    """Return what stands in the file."""
+    import tomli_w  # noqa: PLC0415  # only who writes needs it
+
+    tables = journal.model_dump(mode="python")
+    return with_checksum(_HEADER + tomli_w.dumps(tables))
+
+
+def read_journal(path: Path) -> Journal | None:
+    """Return what was being written, or None where nothing was.
+
+    Raises:
+        FileFormatError: The journal is spoiled.
+    """
+    if not path.exists():
+        return None
+    try:
+        tables = parse_toml(path, strip_checksum(path, read_text(path, 4 * MAX_BYTES)))
+        return Journal.model_validate(tables)
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, Journal), path) from error
+    except FileFormatError as error:
+        expected = "a whole one. Remove it, then compare the servos: ikservo calibration diff"
+        raise FileFormatError(path, error.where, error.found, expected) from error
+
+
+class TransactionProgress(Enum):
+    """How far an interrupted writing came."""
+
+    NOTHING = "no servo was changed"
+    EVERYTHING = "every servo was changed"
+    SOME = "some servos were changed"
+
+
+def plan_changes(bus: ServoBus, wanted: Mapping[int, Mapping[str, int]]) -> list[EepromChange]:
+    """Return what must be written so that servos hold what is wanted, raw, by id and register.
+
+    Raises:
+        BusError: A servo does not answer.
+    """
+    changes: list[EepromChange] = []
+    for servo_id, memory in wanted.items():
+        rows = register_differences(bus, servo_id, _register_values(bus, servo_id, memory))
+        if rows:
+            old = {str(row.register): row.found for row in rows}
+            new = {str(row.register): row.wanted for row in rows}
+            changes.append(EepromChange(id=servo_id, old=old, new=new))
+    return changes
+
+
+def commit(
+    bus: ServoBus, journal_path: Path, path: Path, text: str, changes: Sequence[EepromChange]
+) -> None:
+    """Write servos and file as one; on a failure that can be taken back, everything is as before.
+
+    Args:
+        bus: The servos, torque off.
+        journal_path: Where the journal stands meanwhile.
+        path: The calibration file.
+        text: What it shall hold; empty for no file.
+        changes: What the servos shall hold.
+
+    Raises:
+        CalibrationError: It failed and could not be taken back; says how to go on.
+        IkservoError: It failed; nothing is changed.
+    """
+    old_text = path.read_text("utf-8") if path.exists() else ""
+    journal = Journal(
+        format=1, path=str(path), old_text=old_text, new_text=text, changes=tuple(changes)
+    )
+    try:
+        write_atomic(journal_path, dump_journal(journal))
+        _write_servos(bus, journal)
+    except (IkservoError, KeyboardInterrupt) as error:
+        _roll_back_after(bus, journal, journal_path, error)
+        raise
+    remove_durably(journal_path)
+
+
+def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
+    """Return how far a writing came.
+
+    Raises:
+        BusError: A servo does not answer.
+    """
+    olds = [not _memory_differs(bus, change.id, change.old) for change in journal.changes]
+    news = [not _memory_differs(bus, change.id, change.new) for change in journal.changes]
+    if all(news):
+        return TransactionProgress.EVERYTHING
+    return TransactionProgress.NOTHING if all(olds) else TransactionProgress.SOME
+
+
+def recover(bus: ServoBus, journal_path: Path) -> str:
+    """Clear up after an interrupted writing where that needs no servo to be written.
+
+    Returns:
+        What was done, for the person; empty where there was nothing to do.
+
+    Raises:
+        CalibrationError: Some servos are changed and some are not; says how to go on.
+    """
+    journal = _find_interrupted(bus, journal_path)
+    if journal is None:
+        return ""
+    reached = progress(bus, journal)
+    if reached is TransactionProgress.SOME:
+        raise _unfinished_error()
+    _lock_eeproms(bus, journal)
+    if reached is TransactionProgress.EVERYTHING:
+        _save_file(journal)
+        remove_durably(journal_path)
+        return "An interrupted calibration was complete in the servos; its file is saved now."
+    _restore_file(journal)
+    remove_durably(journal_path)
+    return "An interrupted calibration had changed nothing yet; the previous one is valid."
+
+
+def resume(bus: ServoBus, journal_path: Path) -> bool:
+    """Finish an interrupted writing; return whether there was one.
+
+    Raises:
+        IkservoError: A servo still cannot be written; the journal stays.
+    """
+    journal = _find_interrupted(bus, journal_path)
+    if journal:
+        _write_servos(bus, journal)
+        _lock_eeproms(bus, journal)
+        remove_durably(journal_path)
+    return journal is not None
+
+
+def roll_back(bus: ServoBus, journal_path: Path) -> bool:
+    """Take an interrupted writing back; return whether there was one.
+
+    Raises:
+        IkservoError: A servo still cannot be written; the journal stays.
+    """
+    journal = _find_interrupted(bus, journal_path)
+    if journal:
+        _restore_servos(bus, journal)
+        _lock_eeproms(bus, journal)
+        remove_durably(journal_path)
+    return journal is not None
+
+
+def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
+    """Return what was being written into the servos of this line.
+
+    Raises:
+        CalibrationError: It is of a servo that the arm file does not have, or has as another.
+        FileFormatError: The journal is spoiled.
+    """
+    journal = read_journal(journal_path)
+    for change in journal.changes if journal else ():
+        servo = bus.servos.get(change.id)
+        names = change.old.keys() | change.new.keys()
+        if servo is None or not names <= servo.table.registers.keys():
+            raise CalibrationError(
+                f"{journal_path}: interrupted write to servo {change.id}, which is another now.",
+                "Has the arm file changed? Use the earlier one, or remove this journal "
+                "and compare: ikservo calibration diff",
+            )
+    return journal
+
+
+def _write_servos(bus: ServoBus, journal: Journal) -> None:
+    for change in journal.changes:
+        update_eeprom(bus, change.id, _register_values(bus, change.id, change.new))
+    _save_file(journal)
+
+
+def _save_file(journal: Journal) -> None:
+    path = Path(journal.path)
+    if not journal.new_text:
+        remove_durably(path)
+    elif not path.exists() or path.read_text("utf-8") != journal.new_text:
+        write_atomic(path, journal.new_text, keep_old=True)
+
+
+def _restore_servos(bus: ServoBus, journal: Journal) -> None:
+    for change in journal.changes:
+        update_eeprom(bus, change.id, _register_values(bus, change.id, change.old))
+    _restore_file(journal)
+
+
+def _restore_file(journal: Journal) -> None:
+    path = Path(journal.path)
+    if not journal.old_text:
+        remove_durably(path)
+    elif not path.exists() or path.read_text("utf-8") != journal.old_text:
+        write_atomic(path, journal.old_text)
+
+
+def _roll_back_after(
+    bus: ServoBus, journal: Journal, journal_path: Path, cause: BaseException
+) -> None:
+    try:
+        _restore_servos(bus, journal)
+    except IkservoError:
+        raise _unfinished_error() from cause
+    with contextlib.suppress(FileWriteError):  # one that stays tells of nothing that was changed
+        remove_durably(journal_path)
+
+
+def _lock_eeproms(bus: ServoBus, journal: Journal) -> None:
+    """Close memories that a killed program may have left open; nothing in them changes."""
+    for change in journal.changes:
+        lock = bus.servos[change.id].table.eeprom_lock
+        if lock and bus.read(change.id, lock, raw=True) == 0:
+            bus.write(change.id, lock, 1, raw=True)
+
+
+def _unfinished_error() -> CalibrationError:
+    return CalibrationError(
+        "Writing a calibration was interrupted: some servos hold the new one, others the old.",
+        "Finish it: ikservo calibration resume. Or undo it: ikservo calibration revert.",
+    )
+
+
+def _memory_differs(bus: ServoBus, servo_id: int, memory: Mapping[str, int]) -> bool:
+    return bool(register_differences(bus, servo_id, _register_values(bus, servo_id, memory)))
+
+
+def _register_values(
+    bus: ServoBus, servo_id: int, memory: Mapping[str, int]
+) -> dict[RegisterRef, int]:
+    table = bus.servos[servo_id].table
+    return {table.registers[name]: number for name, number in memory.items()}

@@ -1,0 +1,146 @@
+"""The command group: commands are listed at once and imported only when they run."""
+
+from __future__ import annotations
+
+import difflib
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from ikservo.errors import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["COMMANDS", "PANELS", "app"]
+
+PANELS = {
+    "Without an arm": {
+        "arms": "List the arms that ship with ikservo.",
+        "solve": "Find joints for a point; nothing moves.",
+        "workspace": "What the tip can reach: counts, a test of a point, a picture.",
+        "sim": "Serve a simulated arm on a pseudo-terminal.",
+    },
+    "Set up": {
+        "ports": "List the USB adapters: chip, stable name, who uses them.",
+        "scan": "Find servos at any id and baud rate.",
+        "setup": "Give new servos their ids, one at a time.",
+        "doctor": "Check adapter, bus and servos and report faults.",
+        "bench": "Measure how fast servos can be read and written.",
+        "calibrate": "Measure this arm's zeros, signs and ranges.",
+        "calibration": "Compare a calibration with the servos: diff, push, pull.",
+        "import": "Import a calibration from LeRobot.",
+        "export": "Export a calibration to LeRobot, or a recording to CSV.",
+    },
+    "Move": {
+        "where": "Show where the arm is: tip, joints, limits, health.",
+        "move": "Move the tip to a point.",
+        "joints": "Move single joints.",
+        "pose": "Move to a named pose.",
+        "jog": "Move a joint or the tip while a key is held.",
+        "gripper": "Open, close, grasp.",
+        "view": "Serve a page on which the arm is dragged with the mouse.",
+    },
+    "Teach and replay": {
+        "teach": "Save the pose of an arm moved by hand.",
+        "record": "Record a motion made by hand to a file.",
+        "replay": "Replay a recorded motion.",
+        "follow": "Follow another arm that is guided by hand.",
+    },
+    "Stop and recover": {
+        "stop": "Stop the arm now, whatever program moves it.",
+        "relax": "Lower the arm to its rest pose and switch torque off.",
+        "recover": "Clear overload and other alarms.",
+    },
+}
+"""The commands and their help, grouped as ``--help`` prints them."""
+
+COMMANDS = {name: help_ for panel in PANELS.values() for name, help_ in panel.items()}
+_PANEL_OF = {name: panel for panel, commands in PANELS.items() for name in commands}
+
+_MODULES = {"import": "import_"}  # no module can have the name of a Python keyword
+
+
+class Words(TyperGroup):
+    """Imports the module of a command when that command is asked for."""
+
+    _listing = False
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401  # typer hides click's types
+        """Return the names in the order of the help."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
+        """Return the command, or only its name and help while the list is printed."""
+        if cmd_name not in COMMANDS:
+            return None
+        if self._listing:
+            return TyperCommand(
+                cmd_name, help=COMMANDS[cmd_name], rich_help_panel=_PANEL_OF[cmd_name]
+            )
+        return _load_command(cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
+        """Return the command that is meant, or offer the closest where there is none."""
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            close = difflib.get_close_matches(args[0].lower(), COMMANDS, n=1)
+            offer = f" Did you mean {close[0]}?" if close else ""
+            ctx.fail(f"No such command {args[0]!r}.{offer}")
+        return super().resolve_command(ctx, args)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
+        """Print the help without importing any command."""
+        self._listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._listing = False
+
+
+def _load_command(name: str) -> Any:  # noqa: ANN401
+    module = import_module(f"ikservo.cli.{_MODULES.get(name, name)}")
+    command: Callable[..., None] = module.command
+    single = typer.Typer(add_completion=False)
+    settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
+    single.command(name, context_settings=settings)(command)
+    loaded = typer.main.get_command(single)
+    loaded.name = name
+    return loaded
+
+
+def _exit_codes() -> str:
+    return "Exit codes: " + " · ".join(f"{code.value} {code.meaning}" for code in ExitCode)
+
+
+app = typer.Typer(
+    cls=Words,
+    no_args_is_help=True,
+    epilog=_exit_codes(),
+    context_settings={"help_option_names": ["-h", "--help"]},  # for the commands as well
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from ikservo import __version__  # noqa: PLC0415
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _root_command(  # pyright: ignore[reportUnusedFunction]
+    version: bool = typer.Option(
+        False,
+        "--version",
+        help="Print the version and exit.",
+        callback=_print_version,
+        is_eager=True,
+    ),
+) -> None:
+    """A box of bus servos becomes an arm that goes where you point.
+
+    ikservo move 0.25 0.05 0.15 --arm so101 --port sim    no arm needed
+    """

@@ -1,0 +1,165 @@
+"""The calibration display: live joint ranges on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from ikservo.calibration.joint_map import JointUnit
+from ikservo.calibration.procedure import (
+    CalibrationStage,
+    CalibrationState,
+    JointProgress,
+    JointReadout,
+    joint_readouts,
+)
+from ikservo.cli.terminal import print_status
+from ikservo.maintenance.calibration_steps import current_step
+from ikservo.model import Model
+
+__all__ = ["CalibrationDisplay", "calibration_display"]
+
+_MAX_BAR_CHARS, _MIN_BAR_CHARS = 24, 8
+_OTHER_COLUMNS = 64  # characters of a row beside the bar
+_NARROW = _OTHER_COLUMNS + _MIN_BAR_CHARS  # below, the arm file's range is left out
+_REFRESH_STEPS = 4  # readings between two pictures
+_POSE_KEYS = "Enter take the pose   u undo   Ctrl-C stop without saving"
+_DIRECTION_KEYS = "s skip joint   u undo   Ctrl-C stop without saving"
+_SWEEP_KEYS = "Enter when all ✓   s skip   u undo   r again   f turns freely   Ctrl-C stop"
+
+
+class CalibrationDisplay(Protocol):
+    """Shows a conversation."""
+
+    def show(self, wizard: CalibrationState) -> None:
+        """Show where it is."""
+        ...
+
+    def print_message(self, message: str) -> None:
+        """Say something once."""
+        ...
+
+
+@contextmanager
+def calibration_display(model: Model, pose: str) -> Generator[CalibrationDisplay]:
+    """Yield live meters where stderr is a terminal, else lines."""
+    if not sys.stderr.isatty():
+        yield _PlainDisplay(model, pose)
+        return
+    console = Console(stderr=True, highlight=False)
+    with Live(console=console, refresh_per_second=15, transient=True) as live:
+        yield _LiveDisplay(model, pose, live)
+
+
+class _PlainDisplay:
+    """Says each thing once, one line each."""
+
+    def __init__(self, model: Model, pose: str) -> None:
+        self._model, self._pose, self._said = model, pose, ""
+
+    def show(self, wizard: CalibrationState) -> None:
+        line = str(current_step(self._model, self._pose, wizard))
+        if line != self._said:
+            self._said = line
+            print_status(line)
+
+    def print_message(self, message: str) -> None:
+        if message:
+            print_status(message)
+
+
+class _LiveDisplay:
+    """Draws a meter for each joint, again and again."""
+
+    def __init__(self, model: Model, pose: str, live: Live) -> None:
+        self._model, self._pose, self._live = model, pose, live
+        self._message = ""
+        self._beats = 0
+        self._size = live.console.size
+
+    def show(self, wizard: CalibrationState) -> None:
+        self._beats += 1
+        if self._beats % _REFRESH_STEPS:
+            return
+        self._clear_after_resize()
+        step = current_step(self._model, self._pose, wizard)
+        parts: list[Text | Table] = [Text(str(step), style="bold")]
+        if wizard.stage is CalibrationStage.SWEEP:
+            parts.append(_joint_table(wizard, self._size.width))
+        parts.append(Text(_key_help(wizard), style="dim"))
+        if self._message:
+            parts.append(Text(self._message, style="yellow"))
+        self._live.update(Group(*parts))
+
+    def print_message(self, message: str) -> None:
+        self._message = message
+
+    def _clear_after_resize(self) -> None:
+        """Clear the screen: lines that the terminal has wrapped cannot be drawn over."""
+        size = self._live.console.size
+        if size != self._size:
+            self._size = size
+            self._live.console.clear()
+
+
+def _key_help(wizard: CalibrationState) -> str:
+    if wizard.stage is CalibrationStage.REFERENCE_POSE:
+        return _POSE_KEYS
+    return _DIRECTION_KEYS if wizard.current_joint else _SWEEP_KEYS
+
+
+def _joint_table(wizard: CalibrationState, width: int) -> Table:
+    """Draw a row for each joint, at most as wide as the terminal."""
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    columns = ["joint", "", "swept", "arm file", ""]
+    wide = width >= _NARROW
+    for column in columns if wide else [c for c in columns if c != "arm file"]:
+        table.add_column(column, no_wrap=True, overflow="ellipsis")
+    length = min(max(width - _OTHER_COLUMNS, _MIN_BAR_CHARS), _MAX_BAR_CHARS)
+    for meter in joint_readouts(wizard):
+        name, bar, swept, expected, state = _joint_row(
+            meter, length, asked=wizard.current_joint is meter.subject
+        )
+        table.add_row(name, bar, swept, *([expected] if wide else []), state)
+    return table
+
+
+def _joint_row(meter: JointReadout, length: int, *, asked: bool) -> list[Text]:
+    unit, expected = meter.subject.joint_map.unit, meter.subject.expected
+    moved = meter.state is not JointProgress.UNMOVED
+    return [
+        Text(meter.name, style="bold" if asked else ""),
+        _range_bar(meter, length),
+        Text(_format_range(meter.low, meter.high, unit) if moved else ""),
+        Text(_format_range(expected.lower.value, expected.upper.value, unit), "dim"),
+        Text(meter.state.value, style="green" if "✓" in meter.state.value else "yellow"),
+    ]
+
+
+def _format_range(low: float, high: float, unit: JointUnit) -> str:
+    """Return ``-100° … 100°`` or ``15.0 … 37.0 mm``: short, for a table."""
+    if unit == "m":
+        return f"{low * 1000:z.1f} … {high * 1000:z.1f} mm"
+    return f"{math.degrees(low):z.0f}° … {math.degrees(high):z.0f}°"
+
+
+def _range_bar(meter: JointReadout, length: int) -> Text:
+    """Draw where a joint is and has been between the limits of the arm file."""
+    low, high = meter.subject.expected.lower.value, meter.subject.expected.upper.value
+
+    def cell(position: float) -> int:
+        return min(length - 1, max(0, round((position - low) / (high - low) * (length - 1))))
+
+    cells = ["┄"] * length
+    for k in range(cell(meter.low), cell(meter.high) + 1):
+        cells[k] = "━"
+    cells[cell(meter.position)] = "●"
+    return Text("├" + "".join(cells) + "┤")

@@ -1,0 +1,140 @@
+"""``ikservo calibrate --wiggle``: small motions to confirm each joint and its direction."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from ikservo.arm import Arm, ZeroSource
+from ikservo.cli.calibration_prompts import confirm_start
+from ikservo.cli.prompts import confirm as confirm_by_key
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.errors import CalibrationError, InputError
+from ikservo.maintenance.direction_check import (
+    DirectionCheck,
+    confirm_directions,
+    directions_confirmed,
+    execute_lift,
+    making_room,
+    plan_direction_check,
+    plan_lift,
+    run_direction_check,
+)
+from ikservo.model import Model
+
+__all__ = ["check_directions", "check_directions_once", "check_new_signs"]
+
+
+def check_directions_once(machine: Arm, *, yes: bool) -> bool:
+    """Wiggle every joint before the first motion with files that nobody has seen obeyed.
+
+    Returns whether it did: the arm may then hold elsewhere than where a plan begins.
+
+    An arm whose zeros nobody knows goes in small steps that are each agreed to, without this.
+
+    Args:
+        machine: The arm, before it moves.
+        yes: Whether nobody is asked what they saw.
+
+    Raises:
+        CalibrationError: A joint is not the one it should be.
+        InputError: Nobody is there to see.
+    """
+    if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
+        return False
+    if directions_confirmed(machine.model, machine.port_name):
+        return False
+    print_status("Arm file or calibration changed: test motion first, each joint 5° and back.")
+    _check_each_joint(machine, [], yes=yes)
+    return True
+
+
+def check_new_signs(model: Model, port: str | None, names: Sequence[str], *, asks: bool) -> bool:
+    """Offer the test motion for joints whose sign is not the arm file's; return whether it is done.
+
+    Until it has been seen to be right, the first motion of the arm begins with it.
+
+    Raises:
+        CalibrationError: The person saw a joint go the wrong way.
+    """
+    if not names:
+        return True
+    print_status(
+        f"Sign opposite to the arm file: {', '.join(names)}. A small test motion checks it:"
+    )
+    print_status("torque comes on and each of them moves 5° and back.")
+    if not (asks and confirm_by_key("Make the test motion now?")):
+        print_status(
+            f"The first motion begins with it. By itself: ikservo calibrate {model.name} --wiggle"
+        )
+        return False
+    with open_from_options(str(model.path), port, collisions=False) as machine:
+        _check_each_joint(machine, names, yes=False)
+    return True
+
+
+def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bool) -> None:
+    """Make the test motion of some joints, all if none are named; note all as seen."""
+    motions = _check_each_joint(machine, joints, yes=yes)
+    if json:
+        print_json("wiggle", joints=motions, seen=not yes)
+    else:
+        print_lines([f"{motion.joint}: it moves {motion.words}" for motion in motions])
+
+
+def _check_each_joint(machine: Arm, joints: Sequence[str], *, yes: bool) -> list[DirectionCheck]:
+    asks = not yes and sys.stdin.isatty()
+    if not (asks or yes):
+        raise InputError(
+            "Cannot ask whether the joints move correctly: input is not a terminal.",
+            "Without asking: --yes",
+        )
+    machine.enable()  # a limp arm sinks: what moves is judged from where it holds
+    # It may have sunk past a limit, to which it could not return.
+    machine.workings.return_within_limits()
+    _lift_clear(machine, asks=asks)
+    motions: list[DirectionCheck] = []
+    names = [machine.model.joint(name).name for name in joints]
+    for name in names or [joint.name for joint in machine.model.joints]:
+        _make_room(machine, name, asks=asks)
+        motions.append(plan_direction_check(machine, name))
+        _check_one_joint(machine, motions[-1], asks=asks)
+    if len(motions) == len(machine.model.joints):
+        confirm_directions(machine.model, machine.port_name)
+    return motions
+
+
+def _lift_clear(machine: Arm, *, asks: bool) -> None:
+    """Lift an arm that lies on something, so that its joints can move; it stays there."""
+    motion = plan_lift(machine)
+    if motion is not None:
+        print_status(
+            f"The arm lies on something: {motion.joint} moves {motion.words}, and stays there."
+        )
+        execute_lift(machine, motion)
+        _confirm_direction(machine, motion, asks=asks)
+
+
+def _make_room(machine: Arm, name: str, *, asks: bool) -> None:
+    """Let another joint make room where one would touch something on each way it may go."""
+    motion = making_room(machine, name)
+    if motion is not None:
+        print_status(f"{motion.joint} moves {motion.words}, and stays there: {name} needs room.")
+        execute_lift(machine, motion)
+        _confirm_direction(machine, motion, asks=asks)
+
+
+def _check_one_joint(machine: Arm, motion: DirectionCheck, *, asks: bool) -> None:
+    print_status(f"{motion.joint} moves {motion.words}, then back.")
+    run_direction_check(machine, motion)
+    _confirm_direction(machine, motion, asks=asks)
+
+
+def _confirm_direction(machine: Arm, motion: DirectionCheck, *, asks: bool) -> None:
+    if not confirm_start(f"Did {motion.joint} move {motion.words}?", default=True, asks=asks):
+        raise CalibrationError(
+            f"{motion.joint} does not move as in the arm file; torque stays on.",
+            "If another joint moved: check the ids in the arm file. If it went the other way: "
+            f"ikservo calibrate {machine.model.name} --joint {motion.joint}",
+        )

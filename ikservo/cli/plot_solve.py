@@ -1,0 +1,333 @@
+"""Figures of a solve: the arm before and after, error over iterations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ikservo.cli.solve_reports import trace_errors
+from ikservo.cli.terminal import format_point
+from ikservo.errors import IkservoError, InputError
+from ikservo.ik import METHODS, Result, Target, Tolerance
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model import Model
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.gridspec import SubplotSpec
+
+__all__ = [
+    "arm_polyline",
+    "check_plot_file",
+    "label_length_axes",
+    "line_styles",
+    "new_figure",
+    "plot_error_curves",
+    "plot_solution",
+    "save_figure",
+    "square_axes",
+]
+
+
+# matplotlib leaves the types of its keywords open.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
+
+# Told apart by colour-blind people, too (Okabe and Ito, Color Universal Design, 2008).
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+_DASHES = ("-", "--", "-.", ":")
+
+
+def check_plot_file(file: Path) -> None:
+    """Refuse before any work is done what could not be drawn or written afterwards.
+
+    Raises:
+        InputError: The file is neither .svg nor .png, or its folder does not exist.
+        IkservoError: matplotlib is not installed; names the extra.
+    """
+    if file.suffix.lower() not in (".svg", ".png"):
+        raise InputError(f"{file} is neither .svg nor .png.", "Give --plot FILE.svg or FILE.png.")
+    if not file.absolute().parent.is_dir():
+        raise InputError(f"There is no folder {file.parent}.", "Make it, or give another --plot.")
+    if find_spec("matplotlib") is None:
+        raise IkservoError(
+            "Pictures need matplotlib, which is not installed.", "Try: pip install 'ikservo[plot]'"
+        )
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """Return an empty sheet, without any window."""
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def save_figure(figure: Figure, file: Path) -> None:
+    """Write the sheet; the same picture gives the same bytes.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    from matplotlib import rc_context  # noqa: PLC0415
+
+    svg = file.suffix.lower() == ".svg"
+    try:
+        with rc_context({"svg.hashsalt": "ikservo", "svg.fonttype": "none"}):
+            figure.savefig(file, dpi=150, metadata={"Date": None} if svg else None)
+    except OSError as error:
+        raise InputError(
+            f"{file} cannot be written: {error.strerror}.", "Give another --plot."
+        ) from None
+
+
+def line_styles(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return colour and dashes of each line; a method has the same in every picture."""
+    known = list(METHODS)
+    places = [known.index(name) if name in known else i for i, name in enumerate(names)]
+    return [(_COLOURS[i % 6], _DASHES[i // 6 % 4]) for i in places]
+
+
+def arm_polyline(model: Model, q: Vector) -> tuple[Matrix, Matrix]:
+    """Return the arm as a line.
+
+    Returns:
+        The origins (n, 3) [m] of the links from the base to the tip, and the places (dof, 3) of
+        those joints that move.
+    """
+    chain = model.chain
+    way = model.urdf.joints_to(chain.tip)
+    links = [chain.base, *(joint.child for joint in way)]
+    points = {link: chain.forward(q, link)[:3, 3] for link in links}
+    joints = [points[joint.child] for joint in way if joint.kind.is_movable]
+    return np.array([points[link] for link in links]), np.array(joints)
+
+
+def square_axes(axes: Axes, points: Matrix, side_m: float) -> None:
+    """Show a square of the world with the points (n, 2) in the middle."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    low, high = middle - 0.5 * side_m, middle + 0.5 * side_m
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+
+
+def label_length_axes(axes: Axes, across: str, up: str) -> None:
+    """Label both axes with metres and draw them to the same scale."""
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"{across} [m]")
+    axes.set_ylabel(f"{up} [m]")
+    axes.grid(visible=True, color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+# matplotlib leaves the types of its keywords open.
+# pyright: reportUnknownMemberType=false
+
+
+# What is below this is drawn here: a logarithm knows no zero.
+_FLOOR = 1e-6
+# Curves that stay this many times above what counts as reached are not drawn beside it.
+_NEAR = 100.0
+
+
+def plot_error_curves(
+    figure: Figure,
+    place: SubplotSpec,
+    chain: Chain,
+    target: Target,
+    answers: Sequence[tuple[str, Result]],
+) -> None:
+    """Draw what is left of the way, and of the turn if one was wanted, at every iterate."""
+    left = [np.array(trace_errors(chain, target, result)) for _, result in answers]
+    enough = Tolerance()
+    rows = place.subgridspec(1 if target.only_position else 2, 1)
+    axes = figure.add_subplot(rows[0])
+    axes.set_title("Error at each iterate")
+    pens = line_styles([name for name, _ in answers])
+    curves_mm = [1000.0 * errors[:, 0] for errors in left]
+    _draw_curves(axes, curves_mm, pens, "position error [mm]", 1000.0 * enough.position_m)
+    if not target.only_position:
+        axes.tick_params(labelbottom=False)
+        axes = figure.add_subplot(rows[1], sharex=axes)
+        curves_deg = [np.degrees(errors[:, 1]) for errors in left]
+        limit_deg = math.degrees(enough.orientation_rad)
+        _draw_curves(axes, curves_deg, pens, "angle left [°]", limit_deg)
+    axes.set_xlabel("iteration")
+
+
+def _draw_curves(
+    axes: Axes,
+    curves: Sequence[Vector],
+    pens: Sequence[tuple[str, str]],
+    what: str,
+    enough: float,
+) -> None:
+    for curve, (colour, dashes) in zip(curves, pens, strict=True):
+        shown = np.maximum(curve, _FLOOR)
+        axes.plot(shown, dashes, color=colour, linewidth=1.8)
+        axes.plot(len(shown) - 1, shown[-1], "o", color=colour, markersize=6.0)
+    axes.set_yscale("log")
+    if min(float(curve.min()) for curve in curves) < _NEAR * enough:
+        _draw_tolerance(axes, enough)
+    else:  # within a decade or two, where plain numbers are easier to read than powers
+        axes.yaxis.set_major_formatter(_format_number)
+        axes.yaxis.set_minor_formatter(_format_number)
+    axes.set_xscale("symlog", linthresh=1.0)
+    axes.set_xlim(0.0, 1.2 * max(len(curve) for curve in curves))
+    axes.xaxis.set_major_formatter(_format_number)
+    axes.set_ylabel(what)
+    axes.grid(visible=True, color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def _format_number(number: float, _place: float | None) -> str:
+    return f"{number:g}"
+
+
+def _draw_tolerance(axes: Axes, enough: float) -> None:
+    """Draw the line below which a target counts as reached."""
+    axes.axhline(enough, color="#6b6b6b", linewidth=1.0)
+    axes.annotate("reached", (0.02, enough), xycoords=("axes fraction", "data"), va="top",
+                  xytext=(0, -3), textcoords="offset points", color="#6b6b6b")  # fmt: skip
+
+
+# matplotlib leaves the types of its keywords open.
+# pyright: reportUnknownMemberType=false
+
+
+_START_STYLE, _JOINT, _GROUND = "#9a9a9a", "#303030", "#6b6b6b"
+_PANEL_IN, _LEGEND_IN = 5.0, 0.9
+# An arm that stays within this height [m] has no side worth looking at.
+_FLAT_M = 1e-3
+
+
+def plot_solution(
+    file: Path, model: Model, target: Target, start: Vector, answers: Sequence[tuple[str, Result]]
+) -> None:
+    """Draw the arm at the start and at each answer, and the error along each trace.
+
+    Args:
+        file: Where to; ``.svg`` or ``.png``.
+        model: The arm.
+        target: What was wanted.
+        start: Joints (dof,) before.
+        answers: Each with its name; those with a trace get a curve.
+    """
+    poses = _plot_poses(model, start, answers)
+    views = _plot_views(model, poses)
+    columns = len(views) + any(result.trace for _, result in answers)
+    figure = new_figure(_PANEL_IN * columns, _PANEL_IN + _LEGEND_IN)
+    places = figure.add_gridspec(1, columns)
+    side_m = 1.15 * max(view.extent_m(poses, target.position) for view in views)
+    for i, view in enumerate(views):
+        _draw_view(figure.add_subplot(places[i]), view, poses, target.position, side_m)
+    if columns > len(views):
+        plot_error_curves(figure, places[-1], model.chain, target, answers)
+    handles = figure.axes[0].get_lines()[: len(poses)]
+    labels = [pose.label for pose in poses]
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    figure.suptitle(f"{model.title}: the tip to {format_point(target.position.tolist())}", size=11)
+    save_figure(figure, file)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PlotPose:
+    """The arm as it is drawn once: its line (n, 3), its joints (k, 3), metres, and its pen."""
+
+    line: Matrix
+    joints: Matrix
+    label: str
+    colour: str
+    dashes: str
+    width: float
+
+    @property
+    def tip_point(self) -> Vector:
+        return self.line[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class _PlotView:
+    """One way to look at the arm: points (n, 3) of a pose with its tip at (3,), to paper (n, 2)."""
+
+    title: str
+    across: str
+    up: str
+    look: Callable[[Matrix, Vector], Matrix]
+
+    def project_points(self, poses: Sequence[_PlotPose], target_m: Vector) -> Matrix:
+        drawn = [self.look(pose.line, pose.tip_point) for pose in poses]
+        return np.vstack([*drawn, self.look(target_m[None, :], target_m)])
+
+    def extent_m(self, poses: Sequence[_PlotPose], target_m: Vector) -> float:
+        return float(np.ptp(self.project_points(poses, target_m), axis=0).max())
+
+
+def _plot_poses(
+    model: Model, start: Vector, answers: Sequence[tuple[str, Result]]
+) -> list[_PlotPose]:
+    """Return before, grey, and after; later ones are thinner, so that equal ones show as bands."""
+    poses = [_PlotPose(*arm_polyline(model, start), "before", _START_STYLE, "-", 4.0)]
+    widths = [4.0] if len(answers) == 1 else np.linspace(10.0, 2.0, len(answers))
+    for (name, result), (colour, dashes), width in zip(
+        answers, line_styles([name for name, _ in answers]), widths, strict=True
+    ):
+        label = name if result.reached else f"{name}, {_result_label(result)} short"
+        poses.append(_PlotPose(*arm_polyline(model, result.q), label, colour, dashes, float(width)))
+    return poses
+
+
+def _result_label(result: Result) -> str:
+    gap, angle_rad = f"{result.position_error_m * 1000:.1f} mm", result.orientation_error_rad
+    return f"{gap} and {math.degrees(angle_rad):.1f}°" if angle_rad else gap
+
+
+def _plot_views(model: Model, poses: Sequence[_PlotPose]) -> list[_PlotView]:
+    """Return the side, in the plane that turns with the arm, and the top; flat arms have one."""
+    top = _PlotView("From above", "x", "y", lambda points, _: points[:, :2])
+    heights = np.concatenate([pose.line[1:, 2] for pose in poses])
+    if float(np.ptp(heights)) < _FLAT_M:
+        return [top]
+    centre = _base_axis(model, poses[0])
+
+    def unrolled(points: Matrix, tip: Vector) -> Matrix:
+        out = tip[:2] - centre
+        length = math.hypot(*out)
+        direction = out / length if length > _FLAT_M else np.array([1.0, 0.0])
+        return np.column_stack([(points[:, :2] - centre) @ direction, points[:, 2]])
+
+    return [
+        _PlotView("From the side, in the arm's own plane", "out from the base axis", "z", unrolled),
+        top,
+    ]
+
+
+def _base_axis(model: Model, pose: _PlotPose) -> Vector:
+    """Return where (2,) the first joint's axis stands on the ground; the origin if it lies."""
+    axis = model.chain.jacobian(np.zeros(model.chain.dof))[3:, 0]
+    return pose.joints[0, :2] if abs(axis[2]) > 0.99 else np.zeros(2)
+
+
+def _draw_view(
+    axes: Axes, view: _PlotView, poses: Sequence[_PlotPose], target_m: Vector, side_m: float
+) -> None:
+    for pose in poses:
+        axes.plot(*view.look(pose.line, pose.tip_point).T, pose.dashes, color=pose.colour,
+                  linewidth=pose.width, solid_joinstyle="round")  # fmt: skip
+    for pose in poses:
+        axes.plot(*view.look(pose.joints, pose.tip_point).T, "o", color="white",
+                  markeredgecolor=_JOINT, markersize=5.0)  # fmt: skip
+    axes.plot(*view.look(target_m[None, :], target_m).T, "x", color="black", markersize=11.0,
+              markeredgewidth=2.0)  # fmt: skip
+    if view.up == "z":
+        axes.axhline(0.0, color=_GROUND, linewidth=1.2, zorder=0.5)
+    axes.set_title(view.title)
+    square_axes(axes, view.project_points(poses, target_m), side_m)
+    label_length_axes(axes, view.across, view.up)

@@ -1,1 +1,0 @@
-"""Pictures that a person opens: a solution, the curves of its errors, the reachable region."""

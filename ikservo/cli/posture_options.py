@@ -1,0 +1,142 @@
+"""Options for a preferred posture: ``--prefer elbow_flex=30 --weight elbow_flex=2``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from ikservo.cli.options import parse_angle_rad, parse_length_m
+from ikservo.cli.terminal import print_status
+from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.ik import Posture
+from ikservo.kinematics import Chain, JointType
+from ikservo.kinematics.arrays import Vector
+from ikservo.model import Model
+
+__all__ = [
+    "LEANING",
+    "PreferOption",
+    "WeightOption",
+    "posture_from_options",
+    "report_missing_freedom",
+]
+
+_RANK_M = 1e-9  # metres per radian below which a joint does not move the tip in a direction
+
+LEANING = ("auto", "pseudo_inverse")
+"""The methods that lean towards a posture; the others have no null space."""
+
+PreferOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--prefer",
+        metavar="JOINT=POSITION",
+        help="Lean there where the target leaves freedom; also the name of a pose; repeatable.",
+    ),
+]
+WeightOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--weight",
+        metavar="JOINT=NUMBER",
+        help="How strongly a preferred joint leans, 1 if not given, 0 not at all; repeatable.",
+    ),
+]
+
+
+def posture_from_options(
+    model: Model, chain: Chain, prefer: Sequence[str] | None, weight: Sequence[str] | None
+) -> Posture | None:
+    """Return the posture that the options ask for; None where they ask for none.
+
+    A pose prefers a position for every joint; single joints may then prefer another.
+
+    Args:
+        model: Has the poses and the joints' units.
+        chain: The joints that lean.
+        prefer: Names of poses, and ``JOINT=POSITION``.
+        weight: ``JOINT=NUMBER``.
+
+    Raises:
+        BadValueError: A weight is no number of at least 0, or something is given twice.
+        InputError: Text that is neither, or a weight of a joint that prefers nothing.
+        UnknownNameError: No such joint or pose.
+    """
+    q, weights = np.zeros(chain.dof), np.zeros(chain.dof)
+    poses = [name for name in prefer or () if "=" not in name]
+    if len(poses) > 1:
+        raise BadValueError("--prefer", f"given as {' and '.join(poses)}", "one pose")
+    for name in poses:
+        q, weights = _pose_joints(model, chain, name), np.ones(chain.dof)
+    for joint, text in _parse_pairs(chain, prefer, "--prefer", "elbow_flex=30"):
+        slides = chain.kinds[joint] is JointType.PRISMATIC
+        q[joint] = parse_length_m(text) if slides else parse_angle_rad(text)
+        weights[joint] = 1.0
+    for joint, text in _parse_pairs(chain, weight, "--weight", "elbow_flex=2"):
+        if weights[joint] == 0.0:
+            name = chain.names[joint]
+            raise InputError(
+                f"--weight {name}={text}: nothing is preferred for {name}.",
+                f"Give --prefer {name}=POSITION, or a pose, besides.",
+            )
+        weights[joint] = _parse_weight(chain.names[joint], text)
+    return Posture(q, weights) if weights.any() else None
+
+
+def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:
+    """Say so where a target leaves no freedom to lean in.
+
+    Args:
+        chain: The arm.
+        q: The joints (dof,) that were found.
+        directed: Whether the target has a direction besides its position.
+    """
+    J = chain.jacobian(q)
+    taken = int(np.linalg.matrix_rank(J[:3], _RANK_M)) + (2 if directed else 0)
+    if taken >= chain.dof:
+        print_status("The target leaves this arm no freedom: --prefer changes nothing.")
+
+
+def _pose_joints(model: Model, chain: Chain, name: str) -> Vector:
+    if name in chain.names:
+        raise InputError(f"--prefer {name} has no position.", f"Write --prefer {name}=30.")
+    if name not in model.poses:
+        raise UnknownNameError("pose", name, model.poses)
+    pose = model.pose(name)
+    return np.array([pose[joint] for joint in chain.names])
+
+
+def _parse_pairs(
+    chain: Chain, given: Sequence[str] | None, option: str, example: str
+) -> list[tuple[int, str]]:
+    """Return which joint is given which text."""
+    pairs, seen = list[tuple[int, str]](), set[str]()
+    for each in given or ():
+        name, equals, text = each.partition("=")
+        if not equals:
+            if option == "--prefer":
+                continue  # a pose
+            raise InputError(
+                f"{option} {each!r} is not JOINT=NUMBER.", f"Write {option} {example}."
+            )
+        if name not in chain.names:
+            raise UnknownNameError("joint", name, chain.names)
+        if name in seen:
+            raise BadValueError(f"{option} for {name}", "given twice", "one value a joint")
+        seen.add(name)
+        pairs.append((chain.names.index(name), text))
+    return pairs
+
+
+def _parse_weight(name: str, text: str) -> float:
+    try:
+        weight = float(text)
+    except ValueError:
+        weight = math.nan
+    if not 0.0 <= weight < math.inf:
+        raise BadValueError(f"The weight of {name}", repr(text), "a number of at least 0")
+    return weight

@@ -1,0 +1,112 @@
+"""Print joint positions, joint torques and the conditioning of a posture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from ikservo.calibration import JointUnit, format_position
+from ikservo.ik import Result
+from ikservo.kinematics import (
+    Chain,
+    Conditioning,
+    JointType,
+    Singularity,
+    conditioning,
+    nearest_singularity,
+)
+from ikservo.kinematics.arrays import Vector
+
+__all__ = [
+    "joint_lines",
+    "posture_fields",
+    "posture_lines",
+    "result_fields",
+    "result_lines",
+    "torque_lines",
+]
+
+
+def joint_lines(positions: Mapping[str, tuple[float, JointUnit]]) -> list[str]:
+    """Return a line for each joint, from its position [rad or m] and unit by name."""
+    words = {name: format_position(at, unit) for name, (at, unit) in positions.items()}
+    name_width = max(map(len, words), default=0)
+    width = max(map(len, words.values()), default=0)
+    return [f"{name:{name_width}}  {word:>{width}}" for name, word in words.items()]
+
+
+def torque_lines(chain: Chain, torques: Vector) -> list[str]:
+    """Return one line a joint: what a force at the tip turns or pushes it with (dof,)."""
+    width = max(len(name) for name in chain.names)
+    rows = zip(chain.names, chain.kinds, torques.tolist(), strict=True)
+    return [
+        "joint torques of the force, without the arm's own weight:",
+        *(
+            f"{name:<{width}}  {value:+.3f} {'N' if kind is JointType.PRISMATIC else 'N m'}"
+            for name, kind, value in rows
+        ),
+    ]
+
+
+def posture_lines(chain: Chain, q: Vector) -> list[str]:
+    """Return what to say of measured joints (dof,)."""
+    return _conditioning_lines(conditioning(chain, q), nearest_singularity(chain, q))
+
+
+def posture_fields(chain: Chain, q: Vector) -> dict[str, object]:
+    """Return the same for a program."""
+    return _conditioning_fields(conditioning(chain, q), nearest_singularity(chain, q))
+
+
+def result_lines(result: Result) -> list[str]:
+    """Return what to say of the joints of an answer."""
+    return (
+        []
+        if result.conditioning is None
+        else _conditioning_lines(result.conditioning, result.singularity)
+    )
+
+
+def result_fields(result: Result) -> dict[str, object]:
+    """Return the same for a program."""
+    return (
+        {}
+        if result.conditioning is None
+        else _conditioning_fields(result.conditioning, result.singularity)
+    )
+
+
+def _conditioning_lines(found: Conditioning, singular: Singularity | None) -> list[str]:
+    if not found.moves_m_rad.size:
+        return []
+    fastest, slowest = 1000.0 * found.moves_m_rad[0], 1000.0 * found.slowest_m_rad
+    power = {1: "", 2: "²", 3: "³"}[len(found.moves_m_rad)]
+    return [
+        f"tip speed  {slowest:.0f} to {fastest:.0f} mm/rad by direction "
+        f"(manipulability {found.manipulability:.2g} m{power})",
+        f"singular posture  {_format_distance(singular)}",
+    ]
+
+
+def _format_distance(singular: Singularity | None) -> str:
+    if singular is None:
+        return "none found inside the limits"
+    degrees = math.degrees(singular.distance_rad)
+    return "here" if degrees < 0.05 else f"{degrees:.1f}° away ({singular.joint} turns most)"
+
+
+def _conditioning_fields(found: Conditioning, singular: Singularity | None) -> dict[str, object]:
+    return {
+        "conditioning": {
+            "manipulability": found.manipulability,
+            "moves_m_rad": found.moves_m_rad,
+            "turns_rad_rad": found.turns_rad_rad,
+        },
+        "singularity": None
+        if singular is None
+        else {
+            "distance_rad": singular.distance_rad,
+            "q_rad": singular.q,
+            "joint": singular.joint,
+        },
+    }

@@ -1,1 +1,0 @@
-"""What an answer looks like on the terminal and as JSON."""

@@ -1,0 +1,327 @@
+"""Print solutions of ``ikservo solve``: one, all of them, or a comparison of methods."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from ikservo.calibration import JointUnit, format_position
+from ikservo.cli.choosing import describe_limit, limit_sources
+from ikservo.cli.posture_reports import joint_lines, result_fields, result_lines, torque_lines
+from ikservo.cli.reach_report import explain_unreachable
+from ikservo.cli.terminal import format_point, print_json, print_lines, print_table
+from ikservo.errors import InputError
+from ikservo.ik import METHODS, Result, Target, Tolerance, solve
+from ikservo.ik.closed_form import DirectionInterval, direction_intervals, solutions
+from ikservo.ik.closed_form_structure import recognise_structure
+from ikservo.ik.evaluation import evaluate
+from ikservo.kinematics import Chain, JointType, joint_torques
+from ikservo.kinematics.arrays import Vector
+from ikservo.model import Model
+
+__all__ = [
+    "AnalyticSolutions",
+    "MethodResult",
+    "all_solutions",
+    "compare_methods",
+    "format_joints",
+    "joint_units",
+    "print_comparison",
+    "print_result",
+    "print_solutions",
+    "print_traces",
+    "trace_errors",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class AnalyticSolutions:
+    """What the closed form says of a target.
+
+    Attributes:
+        structure: How the arm was understood.
+        results: One solution a branch, nearest the start first.
+        freedom: The directions of the last link that a free one may have, by branch.
+    """
+
+    structure: str
+    results: tuple[Result, ...]
+    freedom: tuple[DirectionInterval, ...]
+
+
+def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSolutions:
+    """Ask the closed form of an arm for everything it knows (lecture L3, L4).
+
+    Raises:
+        InputError: The arm has no closed form.
+    """
+    chain = model.chain
+    arm = recognise_structure(chain, target.frame)
+    if arm is None:
+        raise InputError(
+            f"{model.title} has no closed-form solution for its arrangement of joints.",
+            "Omit --all for one numerical solution.",
+        )
+    found = solutions(chain, target, start)
+    free = direction_intervals(chain, target, start) if target.only_position else ()
+    return AnalyticSolutions(
+        str(arm), tuple(_evaluate_solution(chain, target, q) for q in found), free
+    )
+
+
+def print_solutions(model: Model, found: AnalyticSolutions, *, json: bool) -> None:
+    """Print one row a solution, and what the last link is free to do between them."""
+    if json:
+        print_json("solutions", **_solution_fields(found))
+        return
+    rows = [
+        [str(i), *format_joints(model.chain, result.q), f"{result.position_error_m * 1000:.4f} mm"]
+        for i, result in enumerate(found.results, start=1)
+    ]
+    print_table(["#", *model.chain.names, "error"], rows)
+    print_lines([f"closed form of {found.structure}", *map(_format_freedom, found.freedom)])
+
+
+def format_joints(chain: Chain, q: Vector) -> Sequence[str]:
+    """Return each joint's position as a person reads it."""
+    return [
+        format_position(value, unit)
+        for value, unit in zip(q.tolist(), joint_units(chain), strict=True)
+    ]
+
+
+def joint_units(chain: Chain) -> list[JointUnit]:
+    """Return the unit of each joint's position."""
+    return ["m" if kind is JointType.PRISMATIC else "rad" for kind in chain.kinds]
+
+
+def _evaluate_solution(chain: Chain, target: Target, q: Vector) -> Result:
+    return evaluate(chain, target, q, Tolerance(), method="closed_form", iterations=0)
+
+
+def _solution_fields(found: AnalyticSolutions) -> dict[str, object]:
+    return {
+        "reached": any(result.reached for result in found.results),
+        "structure": found.structure,
+        "solutions": [
+            {
+                "q_rad": result.q,
+                "position_error_m": result.position_error_m,
+                "orientation_error_rad": result.orientation_error_rad,
+            }
+            for result in found.results
+        ],
+        "last_link_directions": list(found.freedom),
+    }
+
+
+def _format_freedom(free: DirectionInterval) -> str:
+    low, high = math.degrees(free.lower_rad), math.degrees(free.upper_rad)
+    return (
+        f"one-parameter family, {_elbow_name(free.elbow)}: last link {low:z.1f}° to {high:z.1f}° "
+        f"(yaw {math.degrees(free.yaw_rad):z.1f}°)"
+    )
+
+
+def _elbow_name(number: int) -> str:
+    """Return which way the elbow points; 0 bends counterclockwise after it."""
+    return "elbow-up" if number else "elbow-down"
+
+
+# Methods that walk from one start and may end beside a target that others reach.
+_ITERATIVE_METHODS = ("pseudo_inverse", "transpose", "ccd")
+
+
+def print_result(
+    model: Model,
+    target: Target,
+    result: Result,
+    *,
+    force_n: Vector | None = None,
+    json: bool,
+) -> None:
+    """Print the joints, how close they come, what holds them back, and how they stand there.
+
+    With a force (3,) at the tip also the torques that it has on the joints.
+    """
+    torques = None if force_n is None else joint_torques(model.chain, result.q, force_n)
+    if json:
+        print_json("solve", **_result_fields(model, result, torques))
+        return
+    print_lines([*_result_lines(model, target, result), *_posture_lines(result)])
+    if torques is not None:
+        print_lines(torque_lines(model.chain, torques))
+
+
+def _result_fields(model: Model, result: Result, torques: Vector | None) -> dict[str, object]:
+    found = result.solutions
+    fields: dict[str, object] = {} if torques is None else {"torques_nm": torques}
+    return fields | {
+        "reached": result.reached,
+        "q_rad": result.q,
+        "joints_rad": dict(zip(model.chain.names, result.q.tolist(), strict=True)),
+        "limit_from": limit_sources(model),
+        "position_error_m": result.position_error_m,
+        "orientation_error_rad": result.orientation_error_rad,
+        "method": result.method,
+        "iterations": result.iterations,
+        "nearest_m": result.nearest_m,
+        "binding": [describe_limit(model, limit) for limit in result.binding],
+        "solutions": {"kind": found.kind, "count": found.count, "freedom": found.freedom},
+        **result_fields(result),
+    }
+
+
+def _posture_lines(result: Result) -> list[str]:
+    """Return what to say of an answer besides: others like it, and how freely it moves."""
+    others = [f"solutions  {result.solutions}"] if result.reached else []
+    return [*others, *result_lines(result)]
+
+
+def _result_lines(model: Model, target: Target, result: Result) -> list[str]:
+    units = joint_units(model.chain)
+    joints = zip(model.chain.names, zip(result.q.tolist(), units, strict=True), strict=True)
+    lines = joint_lines(dict(joints))
+    lines.append(f"{result.method}, {result.iterations} iterations")
+    if result.reached:
+        return [*lines, f"error  {_format_error_left(target, result)}"]
+    held = ", ".join(describe_limit(model, limit) for limit in result.binding)
+    held = held or explain_unreachable(model.chain, target)
+    nearest = format_point(result.nearest_m.tolist())
+    walked = result.method in _ITERATIVE_METHODS
+    said = f"not reached by {result.method}" if walked else "out of reach"
+    lines.append(f"{said}: {held}")
+    return [*lines, f"nearest  {nearest}, {_format_error_left(target, result, 1)} away"]
+
+
+def _format_error_left(target: Target, result: Result, digits: int = 4) -> str:
+    gap = f"{result.position_error_m * 1000:.{digits}f} mm"
+    if target.only_position and result.orientation_error_rad == 0.0:
+        return gap
+    return f"{gap} and {math.degrees(result.orientation_error_rad):.{digits}f}°"
+
+
+# The quickest of several runs, as long as these take less than this.
+_RUNS, _ENOUGH_S = 5, 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MethodResult:
+    """What one method made of the target.
+
+    Attributes:
+        method: Its name.
+        result: Its answer, with the trace.
+        time_s: The quickest run without a trace, once everything is loaded and compiled.
+    """
+
+    method: str
+    result: Result
+    time_s: float
+
+
+def compare_methods(chain: Chain, target: Target, start: Vector) -> list[MethodResult]:
+    """Run every method that suits the arm from the same start (dof,)."""
+    names = [
+        name
+        for name in METHODS
+        if name != "closed_form" or recognise_structure(chain, target.frame)
+    ]
+    return [_run_method(chain, target, start, name) for name in names]
+
+
+def trace_errors(chain: Chain, target: Target, result: Result) -> list[tuple[float, float]]:
+    """Return position error [m] and orientation error [rad] at every iterate of a trace."""
+    poses = [chain.forward(q, target.frame, target.offset_m) for q in result.trace or (result.q,)]
+    return [
+        (math.dist(target.position, T[:3, 3]), math.hypot(*target.orientation_error(T[:3, :3])))
+        for T in poses
+    ]
+
+
+def print_comparison(
+    model: Model, entries: Sequence[MethodResult], target: Target, *, json: bool
+) -> None:
+    """Print one row a method: did it reach, in how many iterations, how fast, how close."""
+    if json:
+        print_json(
+            "compare",
+            target_m=target.position,
+            limit_from=limit_sources(model),
+            methods=[_comparison_fields(model, entry) for entry in entries],
+        )
+        return
+    columns = ["method", "reached", "iterations", "time", "error"]
+    rows = [_comparison_row(entry) for entry in entries]
+    if not target.only_position:
+        columns.append("angle")
+        for row, entry in zip(rows, entries, strict=True):
+            row.append(f"{math.degrees(entry.result.orientation_error_rad):.3f}°")
+    print_table(columns, rows)
+
+
+def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Result]]) -> None:
+    """Print one JSON object a line for every iterate of every method."""
+    for method, result in results:
+        trace = result.trace or (result.q,)
+        left = trace_errors(chain, target, result)
+        for i, (q, (gap_m, turn_rad)) in enumerate(zip(trace, left, strict=True)):
+            print_json(
+                "trace",
+                method=method,
+                iteration=i,
+                q_rad=q,
+                position_error_m=gap_m,
+                orientation_error_rad=turn_rad,
+            )
+
+
+def _run_method(chain: Chain, target: Target, start: Vector, method: str) -> MethodResult:
+    result = solve(chain, target, start, method, trace=True)
+    return MethodResult(
+        method, result, _min_duration_s(lambda: solve(chain, target, start, method))
+    )
+
+
+def _min_duration_s(run: Callable[[], object]) -> float:
+    taken_s: list[float] = []
+    while len(taken_s) < _RUNS and sum(taken_s) < _ENOUGH_S:
+        began_s = time.perf_counter()
+        run()
+        taken_s.append(time.perf_counter() - began_s)
+    return min(taken_s)
+
+
+def _comparison_row(entry: MethodResult) -> list[str]:
+    result = entry.result
+    return [
+        _method_label(entry),
+        "yes" if result.reached else "no",
+        str(result.iterations),
+        f"{entry.time_s * 1000:.3f} ms",
+        f"{result.position_error_m * 1000:.4f} mm",
+    ]
+
+
+def _method_label(entry: MethodResult) -> str:
+    """Return the method's name, and who answered where it handed the question on."""
+    other = entry.result.method
+    return entry.method if other == entry.method else f"{entry.method} (by {other})"
+
+
+def _comparison_fields(model: Model, entry: MethodResult) -> dict[str, object]:
+    result = entry.result
+    return {
+        "method": entry.method,
+        "answered_by": result.method,
+        "reached": result.reached,
+        "iterations": result.iterations,
+        "time_s": entry.time_s,
+        "position_error_m": result.position_error_m,
+        "orientation_error_rad": result.orientation_error_rad,
+        "q_rad": result.q,
+        "nearest_m": result.nearest_m,
+        "binding": [describe_limit(model, limit) for limit in result.binding],
+    }

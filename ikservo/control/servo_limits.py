@@ -1,0 +1,247 @@
+"""Limits in servo RAM: profile, torque, watchdog; restored after a servo was reset.
+
+All of them are RAM: they are gone after a servo's reset, which is how a reset is noticed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+from ikservo.control.feedback import with_retries
+from ikservo.errors import BusError, HeldUpError, RegisterAccessError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.servo import ServoSpec
+from ikservo.registers import Family, OperatingMode, Register, RegisterName
+
+__all__ = ["ServoRamLimits", "limit_torque", "torque_limit_registers"]
+
+
+def limit_torque(bus: ServoBus, servo_id: int, share: float) -> None:
+    """Limit a servo's torque to a share (0 to 1) of what its own settings allow at most.
+
+    Raises:
+        RegisterAccessError: The model has no such limit.
+        BusError: It does not take it.
+    """
+    registers = torque_limit_registers(bus, servo_id)
+    if registers is None:
+        servo = str(bus.servos[servo_id])
+        raise RegisterAccessError(servo, "its torque limit", "there is none in RAM")
+    limit, most = registers
+    top = bus.read(servo_id, most, raw=True)
+    bus.write(servo_id, limit, max(1, round(share * top)), raw=True)
+
+
+def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Register] | None:
+    """Return the RAM register that limits a servo's torque, and the one with the most it may hold.
+
+    Feetech STS and older Dynamixel have a torque limit in RAM. Dynamixel X limits its current by
+    the goal current where it is in current-based position mode, else its duty by the goal PWM.
+    None where the model has no such register.
+
+    Raises:
+        BusError: The servo does not say which mode it is in.
+    """
+    registers = bus.servos[servo_id].table.registers
+    if "torque_limit" in registers:
+        return registers["torque_limit"], registers["max_torque"]
+    if "goal_current" in registers:
+        mode = bus.read(servo_id, RegisterName.OPERATING_MODE, raw=True)
+        if mode == OperatingMode.CURRENT_BASED_POSITION:
+            return registers["goal_current"], registers["current_limit"]
+    if "goal_pwm" in registers:
+        return registers["goal_pwm"], registers["pwm_limit"]
+    return None
+
+
+_TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
+_COARSE_SPEED = 50  # ticks a second in one count, where bit 2 of a Feetech's phase is clear
+_FINE_SPEED_BIT = 0b100
+
+# The servo's own ramps: from its speed to a stop in this time. They must be steeper than those of
+# the motion, or the servo could not follow it.
+_RAMP_S = 0.03
+_SPEED_MARGIN = 1.2  # a joint that is behind may catch up
+
+_WATCHDOG_COUNTS = 5  # of 20 ms
+_WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
+
+
+class ServoRamLimits:
+    """Speed, acceleration and torque limits in RAM, and the watchdog where there is one.
+
+    Args:
+        bus: The line.
+        servo_ids: The servos that are told goals.
+    """
+
+    def __init__(self, bus: ServoBus, servo_ids: Sequence[int]) -> None:
+        self._bus, self._ids = bus, list(servo_ids)
+        self._expected: dict[int, dict[Register, int]] = {i: {} for i in servo_ids}
+        self._time_based: dict[int, bool] = {}
+        self._speed_rad_s: float | None = None
+        self._armed = False
+
+    @property
+    def watchdog_ids(self) -> list[int]:
+        """Return the servos that have a bus watchdog."""
+        return [i for i in self._ids if "bus_watchdog" in self._limit_registers(i)]
+
+    def invalidate(self) -> None:
+        """Take nothing for granted any more: the servos may have lost their RAM."""
+        self._speed_rad_s = None
+
+    def prepare(self, servo_id: int, *, keep_torque: bool = False) -> None:
+        """Make a servo ready to take goals and let it have its torque: once, before it is on.
+
+        A watchdog that has tripped keeps goals from being written until it is cleared.
+
+        Args:
+            servo_id: Which.
+            keep_torque: Whether a torque limit stays that stands there.
+
+        Raises:
+            BusError: It does not answer.
+        """
+        registers = self._limit_registers(servo_id)
+        if "bus_watchdog" in registers:
+            self._bus.write(servo_id, registers["bus_watchdog"], 0, raw=True)
+        self._time_based[servo_id] = self._read_time_based(servo_id)
+        limit = None if keep_torque else torque_limit_registers(self._bus, servo_id)
+        if limit is not None:
+            own, most = limit
+            self._bus.write(servo_id, own, self._bus.read(servo_id, most, raw=True), raw=True)
+
+    def set_speed(self, speed_rad_s: float) -> None:
+        """Limit how fast every servo turns towards its goal by itself.
+
+        Args:
+            speed_rad_s: The top speed of the motions that follow, at the horn.
+
+        Raises:
+            BusError: A servo does not take it.
+        """
+        if speed_rad_s == self._speed_rad_s:
+            return
+        for servo_id in self._ids:
+            with_retries(
+                self._bus.clock, partial(self._limit_speed, servo_id, _SPEED_MARGIN * speed_rad_s)
+            )
+        self._speed_rad_s = speed_rad_s
+
+    def arm_watchdog(self) -> None:
+        """Let servos stop by themselves once nobody has spoken on the bus for a tenth second.
+
+        Raises:
+            BusError: A servo does not take it.
+        """
+        self._armed = bool(self.watchdog_ids)
+        self._write_watchdogs(_WATCHDOG_COUNTS)
+
+    def disarm_watchdog(self) -> None:
+        """Let servos hold without being talked to.
+
+        Raises:
+            BusError: A servo does not take it.
+        """
+        self._write_watchdogs(0)
+        self._armed = False
+
+    def broadcast_watchdog_off(self) -> None:
+        """Disarm it in an emergency: one packet to all, no answer needed."""
+        for servo_id in self.watchdog_ids[:1]:
+            register = self._limit_registers(servo_id)["bus_watchdog"]
+            self._bus.sync_write(register, dict.fromkeys(self.watchdog_ids, 0), raw=True)
+        self._armed = False
+
+    def check_watchdog_gap(self, elapsed_s: float) -> None:
+        """Ask the servos where so long a time has gone that their watchdogs may have tripped.
+
+        Raises:
+            HeldUpError: One has, or does not say; the servos stand where they were.
+        """
+        if self._armed and elapsed_s > _WATCHDOG_S:
+            for servo_id in self.watchdog_ids:
+                if self._read_tripped(servo_id) is not False:
+                    raise _pause_error()
+
+    def check_watchdog(self, servo_id: int) -> None:
+        """Ask a servo whether its watchdog has tripped.
+
+        Raises:
+            HeldUpError: It has; the servo stands where it was.
+        """
+        if self._read_tripped(servo_id):
+            raise _pause_error()
+
+    def reset_markers(self, servo_id: int) -> Mapping[Register, int]:
+        """Return what must stand in the RAM of a servo that is told goals, unless it was reset."""
+        if servo_id not in self._expected:
+            return {}
+        registers, expected = self._limit_registers(servo_id), self._expected[servo_id]
+        if self._armed and "bus_watchdog" in registers:
+            return expected | {registers["bus_watchdog"]: _WATCHDOG_COUNTS}
+        return expected
+
+    def _read_tripped(self, servo_id: int) -> bool | None:
+        """Return whether a servo's watchdog has tripped; None where it does not answer."""
+        watchdog = self._limit_registers(servo_id).get("bus_watchdog")
+        if watchdog is None:
+            return False
+        try:
+            return self._bus.read(servo_id, watchdog, raw=True) not in (0, _WATCHDOG_COUNTS)
+        except BusError:
+            return None
+
+    def _write_watchdogs(self, counts: int) -> None:
+        """Write it to each and hear that it was taken: a lost one would look like a reset later."""
+        for servo_id in self.watchdog_ids:
+            register = self._limit_registers(servo_id)["bus_watchdog"]
+            write = partial(self._bus.write, servo_id, register, counts, raw=True)
+            with_retries(self._bus.clock, write)
+
+    def _limit_speed(self, servo_id: int, speed_rad_s: float) -> None:
+        table = self._servo_spec(servo_id).table
+        speed = table.find(RegisterName.PROFILE_VELOCITY)
+        if self._time_based[servo_id]:  # it is told how long a step takes; 0 leaves it to us
+            self._write_limit(servo_id, speed, 0)
+            return
+        self._write_limit(servo_id, speed, self._read_speed_counts(servo_id, speed, speed_rad_s))
+        if RegisterName.PROFILE_ACCELERATION not in table.missing:
+            ramp = table.find(RegisterName.PROFILE_ACCELERATION)
+            counts = min(max(1, ramp.to_raw(speed_rad_s / _RAMP_S)), ramp.range[1])
+            self._write_limit(servo_id, ramp, counts)
+
+    def _write_limit(self, servo_id: int, register: Register, counts: int) -> None:
+        """Write a limit; the one written last is the canary."""
+        self._bus.write(servo_id, register, counts, raw=True)
+        self._expected[servo_id] = {register: counts}
+
+    def _read_speed_counts(self, servo_id: int, register: Register, speed_rad_s: float) -> int:
+        counts = register.to_raw(speed_rad_s)
+        phase = self._limit_registers(servo_id).get("phase")
+        if self._servo_spec(servo_id).table.family is Family.FEETECH_STS and phase is not None:
+            fine = self._bus.read(servo_id, phase, raw=True) & _FINE_SPEED_BIT
+            counts = counts if fine else -(-counts // _COARSE_SPEED)
+        return min(max(1, counts), register.range[1])
+
+    def _read_time_based(self, servo_id: int) -> bool:
+        """Read whether a servo's profile is a time instead of a speed."""
+        mode = self._limit_registers(servo_id).get("drive_mode")
+        if mode is None:
+            return False
+        return self._bus.read(servo_id, mode, raw=True) & _TIME_BASED_PROFILE != 0
+
+    def _limit_registers(self, servo_id: int) -> Mapping[str, Register]:
+        return self._servo_spec(servo_id).table.registers
+
+    def _servo_spec(self, servo_id: int) -> ServoSpec:
+        return self._bus.servos[servo_id]
+
+
+def _pause_error() -> HeldUpError:
+    return HeldUpError(
+        "The program was delayed, so the servos' watchdog stopped them.",
+        "Reduce the computer's load, then move again.",
+    )

@@ -1,0 +1,284 @@
+"""Stop requests: their reason, signal handlers, and stopping all servos where they are."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+from ikservo.clock import Clock
+from ikservo.errors import StoppedError
+from ikservo.guard import CommandLimits, Gate, StopKind, StopReason
+from ikservo.hardware.bus import ServoBus
+from ikservo.registers import RegisterName
+
+__all__ = [
+    "CTRL_C",
+    "RELAX_HINT",
+    "STOPPED_BY_PROGRAM",
+    "StopKind",
+    "StopOutcome",
+    "StopReason",
+    "StopRequest",
+    "exit_exception",
+    "handle_signals",
+    "hold_servos",
+    "stop_on_signals",
+]
+
+
+CTRL_C = StopReason(StopKind.CTRL_C, "Stopped; torque stays on.")
+STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped; torque stays on.")
+RELAX_HINT = "Switch torque off with: ikservo relax"
+
+
+class StopRequest:
+    """Remembers that the arm shall stop, why, and how often that was requested.
+
+    To set it is a few assignments: a signal or another thread may do it at any time. The control
+    loop looks at it in every cycle.
+
+    Attributes:
+        times: How often a stop was requested.
+        acknowledged: Whether the stop was acknowledged before the motion that it ends has ended.
+        signal: The signal that requested first; 0 where none did.
+    """
+
+    def __init__(self) -> None:
+        self._reason: StopReason | None = None
+        self.times = self.signal = 0
+        self.acknowledged = self._motion_running = False
+        self._without_braking, self._hint = False, RELAX_HINT
+
+    def __bool__(self) -> bool:
+        """Return whether a stop was requested."""
+        return self.times > 0
+
+    @property
+    def reason(self) -> StopReason | None:
+        """Why, as first requested; None where no stop was."""
+        return self._reason
+
+    @property
+    def motion_running(self) -> bool:
+        """Whether a motion runs, of one control loop or several: see ``motion``."""
+        return self._motion_running
+
+    def set(self, reason: StopReason, signal: int = 0) -> None:
+        """Request that the motion ends; says which signal requests it, if one does."""
+        self.signal = self.signal or signal
+        self._reason = self._reason or reason
+        self.acknowledged = False
+        self.times += 1
+
+    def set_without_braking(self, reason: StopReason, hint: str) -> None:
+        """Request that the motion ends at once: nothing more can or shall be sent."""
+        self._without_braking, self._hint = True, hint
+        self.set(reason)
+
+    @contextmanager
+    def motion(self) -> Generator[None]:
+        """Note that a motion runs while the block does: a stop of it cannot be taken back."""
+        before, self._motion_running = self._motion_running, True
+        try:
+            yield
+        finally:
+            self._motion_running = before
+
+    def raise_if_without_braking(self) -> None:
+        """Raise where the motion must end without braking.
+
+        Raises:
+            StoppedError: It must; says why.
+        """
+        if self._without_braking:
+            self.raise_if_set()
+
+    def raise_if_set(self) -> None:
+        """Raise where a stop was requested.
+
+        Raises:
+            StoppedError: It was; says why.
+        """
+        if self:
+            raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, self._hint)
+
+    def clear(self) -> None:
+        """Forget it: the arm holds, or shall be moved again."""
+        self._reason, self.times, self.signal = None, 0, 0
+        self._without_braking, self._hint, self.acknowledged = False, RELAX_HINT, False
+
+
+_REASONS = {
+    "SIGINT": CTRL_C,
+    "SIGTERM": StopReason(StopKind.TERMINATED, "Stopped by SIGTERM; torque stays on."),
+    "SIGHUP": StopReason(
+        StopKind.HANGUP, "Stopped because the terminal was closed; torque stays on."
+    ),
+}
+_DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
+
+
+def exit_exception(number: int, words: str) -> BaseException:
+    """Return what ends the program after a signal has stopped the arm; see decision 19.
+
+    No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
+    pressed Ctrl-C does not go on to its next motion.
+
+    Args:
+        number: The signal; 0 where the program raised ``KeyboardInterrupt`` itself.
+        words: What was done about the arm.
+    """
+    if number in (0, signal.SIGINT):
+        return KeyboardInterrupt(words)
+    return SystemExit(128 + number)  # what a shell says of a process that a signal ended
+
+
+_watched_stops: list[tuple[StopRequest, Callable[[], bool]]] = []
+
+
+def stop_on_signals(stop_request: StopRequest, running: Callable[[], bool]) -> None:
+    """Let Ctrl-C, SIGTERM and SIGHUP stop a motion of another thread, wherever this thread is.
+
+    The program is ended besides, see ``ending``. Once nothing runs any more, signals do again what
+    they did. Handlers that a program has set itself stay; only the main thread can set any.
+
+    Args:
+        stop_request: Set by the signal.
+        running: Whether the motion still runs.
+    """
+    _watched_stops[:] = [each for each in _watched_stops if each[1]()]
+    _watched_stops.append((stop_request, running))
+    if threading.current_thread() is threading.main_thread():
+        for number in _signal_numbers():
+            if signal.getsignal(number) in _DEFAULTS:
+                signal.signal(number, _on_signal)
+
+
+def _on_signal(number: int, _: FrameType | None) -> None:
+    if _request_watched(number):
+        raise exit_exception(number, _reason_of(number).text)
+    signal.signal(number, _DEFAULTS[number == signal.SIGINT])
+    signal.raise_signal(number)
+
+
+def _request_watched(number: int) -> bool:
+    """Stop every motion of the background that still runs; return whether there was one."""
+    requests = [request for request, running in _watched_stops if running()]
+    for request in requests:
+        request.set(_reason_of(number), number)
+    return bool(requests)
+
+
+def _reason_of(number: int) -> StopReason:
+    return _REASONS[signal.Signals(number).name]
+
+
+def _signal_numbers() -> list[int]:
+    return [getattr(signal, name) for name in _REASONS if hasattr(signal, name)]
+
+
+@contextmanager
+def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) -> Generator[None]:
+    """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request, while the block runs.
+
+    Where no control loop runs, the arm holds: ``KeyboardInterrupt`` ends the waiting at once.
+    Handlers that a program has set itself stay, and threads other than the main one, to which
+    Python gives no signals, are left alone.
+
+    Args:
+        stop_request: Set by the signal.
+        loop_running: Whether a control loop will see the request in its next cycle.
+    """
+
+    def request_stop(number: int, _: FrameType | None) -> None:
+        stop_request.set(_reason_of(number), number)
+        _request_watched(number)
+        if not loop_running():
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ours = (*_DEFAULTS, _on_signal)
+    before = {n: signal.getsignal(n) for n in _signal_numbers() if signal.getsignal(n) in ours}
+    try:
+        for number in before:
+            signal.signal(number, request_stop)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+# A joint that moves by more in this time was on its way; one that rests keeps its goal, for its
+# load has pulled it below, and a goal where it is would let it sink further at every stop.
+_POLL_PERIOD_S = 0.06
+_MOVED_TICKS = 2
+_ATTEMPTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class StopOutcome:
+    """What became of each joint.
+
+    Attributes:
+        held: Those that hold now.
+        limp: Those without torque; nothing was changed there.
+        silent: Those that did not answer; nobody knows.
+    """
+
+    held: tuple[str, ...]
+    limp: tuple[str, ...]
+    silent: tuple[str, ...]
+
+
+def hold_servos(bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) -> StopOutcome:
+    """Let every joint that has torque stay where it is; switches no torque."""
+    ids = {fence.servo_id: fence for fence in fences}
+    torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).values
+    on = [i for i, value in torque.items() if value]
+    before = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
+    clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
+    present = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
+    goals = bus.sync_read(on, RegisterName.GOAL_POSITION, raw=True).values
+    moving = {
+        ids[i].joint: tick
+        for i, tick in present.items()
+        if _is_approaching(ids[i], before.get(i), tick, goals.get(i))
+    }
+    _send_goals(bus, fences, clock, moving)
+    names = {i: fence.joint for i, fence in ids.items()}
+    return StopOutcome(
+        held=tuple(names[i] for i in present),
+        limp=tuple(names[i] for i, value in torque.items() if not value),
+        silent=tuple(
+            name for i, name in names.items() if i not in torque or (i in on and i not in present)
+        ),
+    )
+
+
+def _is_approaching(fence: CommandLimits, before: int | None, tick: int, goal: int | None) -> bool:
+    if before is None or goal is None or abs(tick - before) > _MOVED_TICKS:
+        return True
+    return abs(goal - tick) > fence.max_lead_ticks(0.0)
+
+
+def _send_goals(
+    bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock, ticks: Mapping[str, int]
+) -> None:
+    def send(goals: Mapping[int, int]) -> None:
+        bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
+
+    ids = {fence.joint: fence.servo_id for fence in fences}
+    left = dict(ticks)
+    for _ in range(_ATTEMPTS):  # no servo answers to a sync write: it is read back
+        if left:
+            Gate(fences, send, clock).reset_goals(left)
+            goals = bus.sync_read(
+                [ids[name] for name in left], RegisterName.GOAL_POSITION, raw=True
+            ).values
+            left = {name: tick for name, tick in left.items() if goals.get(ids[name]) != tick}

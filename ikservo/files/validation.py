@@ -1,0 +1,133 @@
+"""Turn validation errors into one readable message that names the key."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from ikservo.errors import FileFormatError
+from ikservo.files.reading import quote
+
+__all__ = [
+    "Location",
+    "StrictModel",
+    "ValidationIssue",
+    "first_issue",
+    "format_key_path",
+    "validation_issues",
+]
+
+
+Location = tuple[int | str, ...]
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+class ValidationIssue(NamedTuple):
+    """One thing that is wrong, and where."""
+
+    location: Location
+    found: str
+    expected: str
+
+
+def first_issue(complaints: Sequence[ValidationIssue], path: Path) -> FileFormatError:
+    """Return the first complaint as an error about the file; it says how many more there are."""
+    first, more = complaints[0], len(complaints) - 1
+    rest = f" (and {more} more to correct)" if more else ""
+    return FileFormatError(
+        path, format_key_path(first.location), first.found + rest, first.expected
+    )
+
+
+def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[ValidationIssue]:
+    """Return what pydantic found, unknown keys first: a misspelled key is missing as well."""
+    details = error.errors(include_url=False, include_context=False)
+    details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
+    return [_make_issue(detail, model) for detail in details]
+
+
+def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue:
+    location, kind = detail["loc"], detail["type"]
+    if kind == "extra_forbidden":
+        return _unknown_key_issue(location, model)
+    expected = _resolve_location(location, model)[1]
+    if location[-1] == "[key]":
+        return ValidationIssue(
+            location[:-2], f"has the key {_format_value(location[-2])}", expected
+        )
+    found = "is missing" if kind == "missing" else f"is {_format_value(detail['input'])}"
+    return ValidationIssue(location, found, expected)
+
+
+def _unknown_key_issue(location: Location, model: type[BaseModel]) -> ValidationIssue:
+    known = list(_resolve_location(location[:-1], model)[0].model_fields)
+    close = difflib.get_close_matches(str(location[-1]), known, n=1)
+    listing = ", ".join(known)
+    expected = f"{close[0]} (known here: {listing})" if close else f"one of {listing}"
+    return ValidationIssue(location, "is not a known key", expected)
+
+
+def _resolve_location(location: Location, model: type[BaseModel]) -> tuple[type[BaseModel], str]:
+    """Follow a location down; return the last model on the way and the last description."""
+    expected, keys = "", iter(location)
+    for key in keys:
+        field = model.model_fields.get(str(key))
+        if field is None:
+            break
+        expected = field.description or ""
+        inner = _model_of_annotation(field.annotation)
+        if inner is None:
+            break
+        model = inner
+        if field.annotation is not inner:
+            next(keys, None)  # the index in a list of tables, or the name of a table
+    return model, expected
+
+
+def _model_of_annotation(annotation: object) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(_model_of_annotation, get_args(annotation))), None)
+
+
+def _format_value(value: object) -> str:
+    """Return a value as TOML would write it, cut short."""
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return quote(value)
+        case int() if value.bit_length() > 64:
+            return "a huge number"
+        case Mapping():
+            return "a table"
+        case list():
+            return "a list"
+        case _:
+            return str(value)
+
+
+def format_key_path(location: Location) -> str:
+    """Return ``joints[2].servo.id``; keys that are not bare are quoted."""
+    steps = [f"[{key}]" if isinstance(key, int) else f".{_format_key(key)}" for key in location]
+    return "".join(steps).removeprefix(".")
+
+
+def _format_key(key: str) -> str:
+    return key if _BARE_KEY.fullmatch(key) and len(key) <= 64 else quote(key)
+
+
+class StrictModel(BaseModel):
+    """A table that is refused where a key is unknown, or a value not of the type that it must be.
+
+    No float is infinite or NaN. It is never changed.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)

@@ -1,0 +1,246 @@
+"""The collision checker: links, table and keep-out boxes along a path, with sag."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.errors import BadValueError, RefusedError
+from ikservo.guard.sag import Sag
+from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
+from ikservo.kinematics.collision import CollisionBody
+
+__all__ = [
+    "MAX_SAMPLE_STEP_RAD",
+    "CollisionChecker",
+    "KeepOutBox",
+    "sample_line",
+    "sample_path",
+    "thin_path",
+]
+
+MAX_SAMPLE_STEP_RAD = 0.05
+"""No joint turns further than this between two samples of a path that is checked for collisions."""
+
+_CHUNK = 8192  # postures at a time: each takes a number for every pair
+_TOUCH_M = 1e-9
+# Between two looks a gap may change by this much unseen; what is deeper is seen.
+_MAX_UNCHECKED_M = 0.001
+_MAX_HALVINGS = 12
+# No deeper than it began, but for what round bodies differ from real ones: an arm that turns a
+# joint on the table it lies on, or holds a little lower there than it lay.
+_SAME_M = 5e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeepOutBox:
+    """An upright box that the arm keeps out of.
+
+    Attributes:
+        name: As a person calls it: ``the cup``.
+        low_m: Its lowest corner (3,), metres, base frame.
+        high_m: Its highest corner (3,).
+
+    Raises:
+        BadValueError: A corner is not finite, or low_m is not below high_m.
+    """
+
+    name: str
+    low_m: Vector
+    high_m: Vector
+
+    def __post_init__(self) -> None:
+        corners = np.array([self.low_m, self.high_m], dtype=np.float64)
+        if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
+            raise BadValueError(f"The box {self.name}", corners.tolist(), "low < high, finite")
+
+
+def sample_path(
+    positions_at: Callable[[float], Vector], duration_s: float, top_speed_rad_s: float
+) -> Matrix:
+    """Return joints (k, n) along a path in time, close enough for collision checks.
+
+    Args:
+        positions_at: The joints (n,) at a time.
+        duration_s: How long the path takes; both its ends are sampled.
+        top_speed_rad_s: No joint is faster than this.
+    """
+    times_s = np.linspace(0.0, duration_s, _sample_count(duration_s * top_speed_rad_s))
+    return np.array([positions_at(time_s) for time_s in times_s])
+
+
+def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0) -> Matrix:
+    """Return joints (k, n) on the straight line from a start to a goal, both included.
+
+    Args:
+        start: Where it begins (n,), rad or m.
+        goal: Where it ends (n,).
+        unit_per_rad: How far a radian of its servo's horn moves each joint: 1 rad, or metres.
+    """
+    distance_rad = float(np.abs((goal - start) / unit_per_rad).max())
+    return np.linspace(start, goal, _sample_count(distance_rad))
+
+
+def thin_path(joints: Matrix) -> Matrix:
+    """Return those rows of a densely sampled path (k, n) that collision checks need.
+
+    The first and the last are among them. Rows stay further apart than the sampling step only
+    where the given ones are, by no more than the distance of two of those.
+    """
+    travelled = np.abs(np.diff(joints, axis=0)).max(axis=1)
+    travelled_rad = np.concatenate([[0.0], np.cumsum(travelled)])
+    marks_rad = np.arange(0.0, travelled_rad[-1], MAX_SAMPLE_STEP_RAD)
+    return joints[np.unique(np.append(np.searchsorted(travelled_rad, marks_rad), len(joints) - 1))]
+
+
+def _sample_count(distance_rad: float) -> int:
+    return max(2, 1 + math.ceil(distance_rad / MAX_SAMPLE_STEP_RAD))
+
+
+class CollisionChecker:
+    """Looks at where the body goes before it moves.
+
+    Args:
+        body: The arm's capsules; where its vectors end with the gripper's joint, the jaws are
+            looked at where they are.
+        floor_m: Height of the table in the base frame; None for none.
+        boxes: What else to keep out of.
+        sag: How far the arm's own weight pulls its joints from their goals in motion: ways are
+            looked at with and without it. None for an arm that does not yield.
+
+    Attributes:
+        pairs: What comes near what: a link, and another link or the name of a thing.
+    """
+
+    def __init__(
+        self,
+        body: CollisionBody,
+        floor_m: float | None = 0.0,
+        boxes: Sequence[KeepOutBox] = (),
+        sag: Sag | None = None,
+    ) -> None:
+        self._body = packed = body.pack()
+        self._sag = sag
+        self._floor_m = -math.inf if floor_m is None else floor_m
+        self._boxes = np.array([[*box.low_m, *box.high_m] for box in boxes]).reshape(len(boxes), 6)
+        things = ["the floor", *(box.name for box in boxes)]
+        around = [(link, thing) for thing in things for link in packed.names]
+        self.pairs = (*packed.pairs, *around)
+        self._overlap_m = np.zeros(len(self.pairs))
+        self._overlap_m[: len(packed.pairs)] = packed.overlap_m
+        # What stands on the table touches it.
+        self._watched = np.array([link != packed.base for link, _ in self.pairs])
+        self._watched[: len(packed.pairs)] = True
+        self._reach_m = np.vstack([packed.pair_reach_m, *[packed.reach_m] * len(things)])
+
+    @property
+    def dof(self) -> int:
+        """Return the length of the joint vectors."""
+        return self._body.dof
+
+    def check_path(self, way: Sequence[Vector], load: float = 1.0) -> None:
+        """Check joint vectors (dof,) along a way, the first being where the arm is.
+
+        An arm that lies on the table, or on itself, may get up: what touches at the start is
+        looked at only from where it is free. It must not end deeper than it began. A stream
+        looks at a way of two: where it is, and where it would stop. Between the vectors, joints
+        go straight; where something could be touched there, further places are looked at.
+
+        Args:
+            way: The joint vectors.
+            load: How many times its weight pulls the arm down: more than 1 where it brakes.
+
+        Raises:
+            RefusedError: Something would be touched; says what, and how far along the way.
+            BadValueError: A joint is no number.
+        """
+        shares, gap_m = self._sample_path(finite_vectors(np.array(way), self._body.dof, "q"), load)
+        looks, pairs = np.nonzero(_touching_pairs(gap_m))
+        if len(looks):
+            where = f", at {shares[looks[0]] * 100:.0f} % of the path"
+            raise self._collision_error(where, gap_m[looks[0]], int(pairs[0]))
+
+    def check_pose(self, q: Vector) -> None:
+        """Check one posture (dof,), wherever the arm is now.
+
+        Raises:
+            RefusedError: Something would be touched; says what.
+            BadValueError: A joint is no number.
+        """
+        (gap_m,) = self.distances([q])
+        nearest = int(np.argmin(gap_m))
+        if not gap_m[nearest] >= -_TOUCH_M:
+            raise self._collision_error("", gap_m, nearest)
+
+    def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
+        """Return for each posture (n, dof) whether nothing is touched in it (n,)."""
+        found = np.empty(len(postures), dtype=np.bool_)
+        for first in range(0, len(postures), _CHUNK):
+            rows = slice(first, first + _CHUNK)
+            found[rows] = self.distances(postures[rows]).min(axis=1) >= -_TOUCH_M
+        return found
+
+    def distances(self, way: Sequence[Vector] | Matrix) -> Matrix:
+        """Return how near each pair of things comes (n, pairs) [m] in postures (n, dof)."""
+        from ikservo.guard.collision_kernel import min_distances  # noqa: PLC0415  # imports numba
+
+        body, q = self._body, finite_vectors(np.array(way), self._body.dof, "q")
+        found = np.full((len(q), len(self.pairs)), np.inf)
+        places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))
+        min_distances(
+            body.links, body.capsules, body.rows, self._floor_m, self._boxes, q, places, ends, found
+        )
+        found += self._overlap_m
+        found[:, ~self._watched] = np.inf
+        return found
+
+    def _sample_path(self, way: Matrix, load: float) -> tuple[Vector, Matrix]:
+        """Return where on a way was looked (n,), 0 to 1, and the gaps there (n, pairs) [m]."""
+        shares, gap_m = np.linspace(0.0, 1.0, len(way)), self._distances_with_sag(way, load)
+        for _ in range(_MAX_HALVINGS):
+            unsure = self._unresolved_intervals(way, gap_m)
+            if not len(unsure) or _touching_pairs(gap_m).any():
+                break
+            between = 0.5 * (way[unsure] + way[unsure + 1])
+            middle = 0.5 * (shares[unsure] + shares[unsure + 1])
+            way = np.insert(way, unsure + 1, between, axis=0)
+            shares = np.insert(shares, unsure + 1, middle)
+            gap_m = np.insert(gap_m, unsure + 1, self._distances_with_sag(between, load), axis=0)
+        return shares, gap_m
+
+    def _unresolved_intervals(self, way: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
+        """Return the looks after which something may be touched before the next look."""
+        nearer_m = np.abs(np.diff(way, axis=0)) @ self._reach_m.T
+        free = np.minimum(gap_m[:-1], gap_m[1:]) >= -_TOUCH_M
+        may_touch = gap_m[:-1] + gap_m[1:] < nearer_m
+        return np.flatnonzero((free & may_touch & (nearer_m > 2 * _MAX_UNCHECKED_M)).any(axis=1))
+
+    def _distances_with_sag(self, way: Matrix, load: float) -> Matrix:
+        """Return the gaps (n, pairs) [m] at goals (n, dof); to things around also where it sags."""
+        gap_m = self.distances(way)
+        if self._sag is None:
+            return gap_m
+        things = slice(len(self._body.pairs), None)
+        sagged_m = self.distances(way + load * self._sag(way))
+        gap_m[:, things] = np.minimum(gap_m[:, things], sagged_m[:, things])
+        return gap_m
+
+    def _collision_error(self, where: str, gap_m: Vector, pair: int) -> RefusedError:
+        link, other = self.pairs[pair]
+        return RefusedError(
+            f"Collision {link}-{other}, {-gap_m[pair] * 1e3:.1f} mm{where}.",
+            "Use --via, correct the obstacles in the arm file, or --no-collision if you can see "
+            "that the path is clear.",
+        )
+
+
+def _touching_pairs(gap_m: Matrix) -> NDArray[np.bool_]:
+    """Return (looks, pairs) where a pair touches that need not."""
+    been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
+    touching = ~(gap_m >= -_TOUCH_M) & been_free
+    touching[-1] |= ~(gap_m[-1] >= np.minimum(gap_m[0], 0.0) - _SAME_M)
+    return touching

@@ -1,0 +1,249 @@
+"""Compiled minimum distances between the capsules of an arm and its surroundings.
+
+Scalar arithmetic on arrays laid out before: a look at one posture takes some hundredths of a
+millisecond, so that a stream of goals can be looked at as it comes. The same distances as in
+``kinematics.body``, which a test compares.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ikservo.ik.kernel.jit import jit, jit_entry
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.packed import (
+    AXIS,
+    END,
+    IS_PRISMATIC,
+    LINK,
+    LINK_POSE,
+    MIMIC_COLUMN,
+    MIMIC_OFFSET,
+    MIMIC_SCALE,
+    ORIGIN,
+    PARENT,
+    RADIUS,
+    START,
+)
+
+__all__ = ["gravity_torques_kernel", "min_distances"]
+
+_NOTHING = 1e-30
+_GOLDEN = (5**0.5 - 1) / 2
+_SECTIONS = 40  # the rest of a segment of one metre is then 4 nm
+
+
+@jit_entry
+def min_distances(
+    links: Matrix,
+    capsules: Matrix,
+    pairs: Matrix,
+    floor_m: float,
+    boxes: Matrix,
+    ways: Matrix,
+    places: Matrix,
+    ends: Matrix,
+    found: Matrix,
+) -> None:
+    """Fill the gaps [m] for every posture of a way.
+
+    Args:
+        links: One row a link, parents first; see ``kinematics.packed_body``.
+        capsules: One row each.
+        pairs: (m, 3) rows of two capsules, and the column of ``found`` that they count for.
+        floor_m: The height of the table; minus infinity where there is none.
+        boxes: (k, 6) lowest and highest corners.
+        ways: Joint vectors (n, dof).
+        places: (links, 12), memory: the pose of each link.
+        ends: (capsules, 6), memory: where the segments end.
+        found: (n, pairs of links + links * (1 + k)); set to infinity before.
+    """
+    between = found.shape[1] - len(links) * (1 + len(boxes))
+    for n in range(len(ways)):
+        _place_links(links, ways[n], places)
+        _place_capsules(capsules, places, ends)
+        for k in range(len(pairs)):
+            i, j, column = int(pairs[k, 0]), int(pairs[k, 1]), int(pairs[k, 2])
+            radii_m = capsules[i, RADIUS] + capsules[j, RADIUS]
+            found[n, column] = min(found[n, column], _segment_distance(ends, i, j) - radii_m)
+        for i in range(len(capsules)):
+            column = between + int(capsules[i, LINK])
+            gap_m = min(ends[i, 2], ends[i, 5]) - capsules[i, RADIUS] - floor_m
+            found[n, column] = min(found[n, column], gap_m)
+            for b in range(len(boxes)):
+                gap_m = _segment_box_distance(ends, i, boxes, b) - capsules[i, RADIUS]
+                at = column + len(links) * (1 + b)
+                found[n, at] = min(found[n, at], gap_m)
+
+
+@jit_entry
+def gravity_torques_kernel(
+    links: Matrix, masses: Matrix, ways: Matrix, places: Matrix, found: Matrix
+) -> None:
+    """Fill the torques of gravity on the joints (n, dof) [N m], for g = 1 m/s².
+
+    Args:
+        links: One row a link, parents first; see ``kinematics.packed_body``.
+        masses: (links, 4) mass [kg] and centre in the link's frame [m].
+        ways: Joint vectors (n, dof).
+        places: (links, 12), memory: the pose of each link.
+        found: (n, dof); set to zero before.
+    """
+    for n in range(len(ways)):
+        _place_links(links, ways[n], places)
+        for i in range(len(links)):
+            if masses[i, 0] > 0.0:
+                x, y = _mass_centre_xy(places, i, masses)
+                j = i
+                while links[j, PARENT] >= 0.0:
+                    if links[j, MIMIC_SCALE] != 0.0:
+                        rise = (
+                            masses[i, 0]
+                            * links[j, MIMIC_SCALE]
+                            * _height_derivative(links, places, j, x, y)
+                        )
+                        found[n, int(links[j, MIMIC_COLUMN])] -= rise
+                    j = int(links[j, PARENT])
+
+
+@jit
+def _mass_centre_xy(places: Matrix, i: int, masses: Matrix) -> tuple[float, float]:
+    """Return x and y of a link's centre of mass in the base frame."""
+    x, y = places[i, 9], places[i, 10]
+    for k in range(3):
+        x += places[i, k] * masses[i, 1 + k]
+        y += places[i, 3 + k] * masses[i, 1 + k]
+    return x, y
+
+
+@jit
+def _height_derivative(links: Matrix, places: Matrix, j: int, x: float, y: float) -> float:
+    """Return by how much a point rises per rad or m of the joint of link ``j``."""
+    ax = ay = az = 0.0
+    for k in range(3):
+        ax += places[j, k] * links[j, AXIS + k]
+        ay += places[j, 3 + k] * links[j, AXIS + k]
+        az += places[j, 6 + k] * links[j, AXIS + k]
+    if links[j, IS_PRISMATIC] == 1.0:
+        return az
+    return ax * (y - places[j, 10]) - ay * (x - places[j, 9])
+
+
+@jit
+def _place_links(links: Matrix, q: Vector, places: Matrix) -> None:
+    """Fill R_world_link row by row, then p, of each link: parent, origin, motion."""
+    for i in range(len(links)):
+        parent = int(links[i, PARENT])
+        if parent < 0:
+            for k in range(12):
+                places[i, k] = 1.0 if k in (0, 4, 8) else 0.0
+            continue
+        _compose_pose(places, parent, links, i, places, i)
+        _apply_joint_motion(
+            places,
+            i,
+            links,
+            links[i, MIMIC_SCALE] * q[int(links[i, MIMIC_COLUMN])] + links[i, MIMIC_OFFSET],
+        )
+
+
+@jit
+def _compose_pose(a: Matrix, i: int, links: Matrix, j: int, out: Matrix, k: int) -> None:
+    """Write row ``i`` of ``a`` times the origin of link ``j`` to row ``k`` of ``out``."""
+    for r in range(3):
+        x, y, z = a[i, 3 * r], a[i, 3 * r + 1], a[i, 3 * r + 2]
+        for c in range(3):
+            out[k, 3 * r + c] = (
+                x * links[j, ORIGIN + c]
+                + y * links[j, ORIGIN + 3 + c]
+                + z * links[j, ORIGIN + 6 + c]
+            )
+        out[k, 9 + r] = (
+            a[i, 9 + r]
+            + x * links[j, LINK_POSE]
+            + y * links[j, LINK_POSE + 1]
+            + z * links[j, LINK_POSE + 2]
+        )
+
+
+@jit
+def _apply_joint_motion(places: Matrix, i: int, links: Matrix, value: float) -> None:
+    """Turn or slide row ``i`` by its joint's value, in its own axes (Rodrigues)."""
+    ax, ay, az = links[i, AXIS], links[i, AXIS + 1], links[i, AXIS + 2]
+    if links[i, IS_PRISMATIC] == 1.0:
+        for r in range(3):
+            along = places[i, 3 * r] * ax + places[i, 3 * r + 1] * ay + places[i, 3 * r + 2] * az
+            places[i, 9 + r] += value * along
+        return
+    s, v = math.sin(value), 1.0 - math.cos(value)
+    for r in range(3):
+        x, y, z = places[i, 3 * r], places[i, 3 * r + 1], places[i, 3 * r + 2]
+        along = x * ax + y * ay + z * az
+        # row times (I + s W + v W²), with row W = row x axis and row W² = (row . a) a - row
+        places[i, 3 * r] = x + s * (y * az - z * ay) + v * (along * ax - x)
+        places[i, 3 * r + 1] = y + s * (z * ax - x * az) + v * (along * ay - y)
+        places[i, 3 * r + 2] = z + s * (x * ay - y * ax) + v * (along * az - z)
+
+
+@jit
+def _place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
+    for i in range(len(capsules)):
+        link = int(capsules[i, LINK])
+        for r in range(3):
+            x, y, z = places[link, 3 * r], places[link, 3 * r + 1], places[link, 3 * r + 2]
+            for end, at in ((0, START), (3, END)):
+                ends[i, end + r] = (
+                    places[link, 9 + r]
+                    + x * capsules[i, at]
+                    + y * capsules[i, at + 1]
+                    + z * capsules[i, at + 2]
+                )
+
+
+@jit
+def _segment_distance(ends: Matrix, i: int, j: int) -> float:
+    """Return how far two segments are apart; see ``kinematics.capsules.segment_distance``."""
+    a = e = b = c = f = 0.0
+    for k in range(3):
+        d1, d2 = ends[i, 3 + k] - ends[i, k], ends[j, 3 + k] - ends[j, k]
+        r = ends[i, k] - ends[j, k]
+        a, e, b, c, f = a + d1 * d1, e + d2 * d2, b + d1 * d2, c + d1 * r, f + d2 * r
+    # Parallel segments have no single closest pair, and a point has no way along itself: any s and
+    # t will do to begin with. Each is then the best for the other.
+    s = _clamp_unit_interval((b * f - c * e) / max(a * e - b * b, _NOTHING))
+    t = _clamp_unit_interval((b * s + f) / max(e, _NOTHING))
+    s = _clamp_unit_interval((b * t - c) / max(a, _NOTHING))
+    gap2 = 0.0
+    for k in range(3):
+        d1, d2 = ends[i, 3 + k] - ends[i, k], ends[j, 3 + k] - ends[j, k]
+        gap = ends[i, k] - ends[j, k] + s * d1 - t * d2
+        gap2 += gap * gap
+    return math.sqrt(gap2)
+
+
+@jit
+def _segment_box_distance(ends: Matrix, i: int, boxes: Matrix, b: int) -> float:
+    """Return how far a segment is from a box; 0 inside. The distance is convex along it."""
+    low, high = 0.0, 1.0
+    for _ in range(_SECTIONS):
+        s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        if _box_distance_at(ends, i, s, boxes, b) <= _box_distance_at(ends, i, t, boxes, b):
+            high = t
+        else:
+            low = s
+    return math.sqrt(_box_distance_at(ends, i, 0.5 * (low + high), boxes, b))
+
+
+@jit
+def _box_distance_at(ends: Matrix, i: int, share: float, boxes: Matrix, b: int) -> float:
+    total = 0.0
+    for k in range(3):
+        at = ends[i, k] + share * (ends[i, 3 + k] - ends[i, k])
+        outside = max(boxes[b, k] - at, at - boxes[b, 3 + k], 0.0)
+        total += outside * outside
+    return total
+
+
+@jit
+def _clamp_unit_interval(x: float) -> float:
+    return min(max(x, 0.0), 1.0)

@@ -1,0 +1,56 @@
+"""Sag of the joints under the arm's own weight, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.dynamics import GRAVITY_M_S2, LinkMass
+
+__all__ = ["Sag", "Weight", "sag_of"]
+
+Sag = Callable[[Matrix], Matrix]
+"""Returns how far load pulls the joints (n, dof) from goals (n, dof), rad or m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weight:
+    """What pulls, and what holds.
+
+    Attributes:
+        masses: Of the links.
+        yields: How far each joint (dof,) yields, rad for each N m (m for each N).
+        lower: Where each joint's stop is (dof,), rad or m; -inf where there is none.
+        upper: Likewise.
+    """
+
+    masses: Sequence[LinkMass]
+    yields: Vector
+    lower: Vector
+    upper: Vector
+
+
+def sag_of(body: CollisionBody, weight: Weight) -> Sag:
+    """Return the sag of an arm's joints: gravity's torque times what they yield.
+
+    A joint is not pulled past its stops.
+    """
+    packed = body.pack()
+    masses = np.zeros((len(packed.names), 4))
+    for mass in weight.masses:
+        masses[packed.names.index(mass.link)] = (mass.mass_kg, *mass.centre_m)
+
+    def sag(q: Matrix) -> Matrix:
+        from ikservo.guard.collision_kernel import gravity_torques_kernel  # noqa: PLC0415  # imports numba
+
+        q = np.ascontiguousarray(q, dtype=np.float64)
+        torque, places = np.zeros(q.shape), np.empty((len(packed.names), 12))
+        gravity_torques_kernel(packed.links, masses, q, places, torque)
+        pulled = q + GRAVITY_M_S2 * torque * weight.yields
+        return np.clip(pulled, np.minimum(weight.lower, q), np.maximum(weight.upper, q)) - q
+
+    return sag

@@ -1,0 +1,122 @@
+"""List and choose serial ports, and scan one for servos."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from ikservo.errors import InputError, NoPortError
+from ikservo.hardware.port import open_port
+from ikservo.hardware.remembered_port import remember_serial_number, remembered_serial_number
+from ikservo.hardware.scan import FoundServo, OnScanStep, ScanProgress, candidate_baud_rates, scan
+from ikservo.hardware.serial_ports import (
+    AdapterEvent,
+    SerialAdapter,
+    find_adapter,
+    list_adapters,
+    watch_adapters,
+)
+
+__all__ = [
+    "AdapterEvent",
+    "FoundServo",
+    "OnScanStep",
+    "ScanProgress",
+    "SerialAdapter",
+    "candidate_baud_rates",
+    "choose_port",
+    "list_adapters",
+    "list_ports",
+    "remember_port",
+    "scan_port",
+    "simulated_port_url",
+    "watch_adapters",
+]
+
+_VARIABLE = "IKSERVO_PORT"
+_SIMULATED = "sim"
+
+
+def list_ports() -> list[str]:
+    """Return the serial ports with a USB adapter behind them, by device name."""
+    return [adapter.device for adapter in list_adapters()]
+
+
+def choose_port(name: str | None, arm: str = "") -> str:
+    """Return the port that is meant.
+
+    In this order: the named one, ``IKSERVO_PORT``, the one on which this arm was last found, by
+    its USB serial number, the only one there is.
+
+    Args:
+        name: What the person said, if anything.
+        arm: The arm's name, if one is meant.
+
+    Raises:
+        NoPortError: There is none or more than one to choose.
+    """
+    named = name or os.environ.get(_VARIABLE)
+    if named:
+        return named
+    found = list_adapters()
+    own = _find_remembered_adapter(arm, found) if arm else None
+    if own or len(found) == 1:
+        return (own or found[0]).device
+    why = "several adapters are plugged in" if found else ""
+    raise NoPortError("", [adapter.device for adapter in found], why)
+
+
+def remember_port(arm: str, port: str) -> None:
+    """Remember on which adapter an arm answered; one without a serial number cannot be."""
+    adapter = find_adapter(port)
+    if adapter is not None:
+        remember_serial_number(arm, adapter.serial_number)
+
+
+def simulated_port_url(name: str, arm_file: Path | None) -> str:
+    """Tell the simulated bus which arm is on it; ``sim:?seed=3`` passes options on.
+
+    Raises:
+        InputError: A bus is to be simulated, but no arm is named, or the wrong way.
+    """
+    scheme, _, options = name.partition(":")
+    if scheme != _SIMULATED or options.startswith("/"):
+        return name
+    if arm_file is None:
+        raise InputError("No arm given for the simulator.", "Give --arm, as in --arm so101.")
+    if options and not options.startswith("?"):
+        raise InputError(
+            f"{name!r} is not a port.",
+            "Use --port sim, or sim:?seed=3, and name the arm with --arm.",
+        )
+    return f"{_SIMULATED}:{arm_file.resolve()}{options}"
+
+
+def scan_port(
+    name: str,
+    rates: Sequence[int],
+    *,
+    every: bool = False,
+    on_step: OnScanStep | None = None,
+) -> list[FoundServo]:
+    """Open a port, return the servos that answer on it, and close it.
+
+    Args:
+        name: The port.
+        rates: Baud rates, tried in this order.
+        every: Go on after the first rate at which servos answer.
+        on_step: Told how far it is.
+
+    Raises:
+        PortError: It cannot be opened, or is lost.
+    """
+    with open_port(name, rates[0]) as port:
+        return scan(port, rates, every=every, on_step=on_step)
+
+
+def _find_remembered_adapter(arm: str, found: Iterable[SerialAdapter]) -> SerialAdapter | None:
+    serial_number = remembered_serial_number(arm)
+    if not serial_number:
+        return None
+    return next((adapter for adapter in found if adapter.serial_number == serial_number), None)

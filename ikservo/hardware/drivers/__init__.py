@@ -1,1 +1,0 @@
-"""Which vendor's SDK speaks: one driver a dialect, all with the same shape."""

@@ -1,0 +1,288 @@
+"""Dynamixel drivers for protocols 1.0 and 2.0, on the vendor's SDK.
+
+The SDK builds and sends every packet through ``txPacket``, which is the same in 3.7.31 and in
+4.1.0 (D11). Corrected on the way out: byte stuffing, which it computes and then forgets (D1).
+Its reception is not used: it loses a byte of some stuffed answers (D2), returns the CRC as data
+where a servo refused (D3), and drops what servos say about themselves in sync reads (D4, D5).
+
+The SDK builds and sends every packet through ``Protocol1PacketHandler.txPacket``. Its reception
+shares the defects of its protocol 2.0 sister: it returns the checksum as data where a servo
+refused (D3), and waits by the wall clock, spinning (D7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+from dynamixel_sdk.protocol1_packet_handler import Protocol1PacketHandler
+from dynamixel_sdk.robotis_def import COMM_TX_ERROR
+
+from ikservo.hardware.driver import BroadcastPingResult, broadcast_ping
+from ikservo.hardware.packets import (
+    BROADCAST_ID,
+    FaultKind,
+    MemoryRange,
+    Reply,
+    ReplyFault,
+    Status,
+    StatusPacket,
+)
+from ikservo.hardware.port import Port
+from ikservo.hardware.protocol1 import Protocol1Codec, Protocol1Driver
+from ikservo.hardware.protocol2 import (
+    FastSyncCodec,
+    FixedPacketHandler,
+    Protocol2Codec,
+    fast_sync_size,
+    split_fast_sync,
+)
+from ikservo.hardware.transceiver import PacketCache, Transceiver
+
+__all__ = ["Dynamixel1Driver", "DynamixelDriver"]
+
+
+_PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
+_SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
+_BULK_READ, _BULK_WRITE = 0x92, 0x93
+_REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
+_PING_SIZE = 3  # model number and firmware
+_FAST_FAILURES = 2  # in a row; then the firmware is too old, a servo is absent, or the line bad
+_RETRY_FAST_AFTER = 200  # readings, after which the fast way gets another chance
+
+
+class DynamixelDriver:
+    """X-series servos and everything else that speaks protocol 2.0.
+
+    Many servos are asked by fast sync read, which saves a third of the wire time, until it fails
+    twice in a row for the same servos (D5: a missing one takes all answers with it); then, and
+    whenever it fails, they are asked by sync read.
+    """
+
+    can_sync_read = can_bulk_write = True
+
+    def __init__(self, port: Port, *, fast: bool = True) -> None:
+        self._port, self._handler = port, FixedPacketHandler()
+        self._send = PacketCache(port, self._send_packet, _REQUEST_INSTRUCTIONS).send
+        self._dialect = Protocol2Codec(COMM_TX_ERROR)
+        self.transceiver = Transceiver(port, self._dialect)
+        self._combined = Transceiver(port, FastSyncCodec(COMM_TX_ERROR))
+        self._fast, self._fast_failures = fast, dict[tuple[int, ...], int]()
+        self.already_retried = False
+
+    def set_return_delay(self, return_delay_s: float) -> None:
+        """Wait no longer than this before each answer, seconds."""
+        for exchange in (self.transceiver, self._combined):
+            exchange.set_return_delay(return_delay_s)
+
+    def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
+        """Whether one question can be put to these servos, each for its own bytes."""
+        return True
+
+    def ping(self, servo_id: int) -> Reply:
+        """Ask whether a servo is there; the data are model number (2 bytes) and firmware."""
+        return self._request_packet(servo_id, _PING, b"", _PING_SIZE)
+
+    def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:
+        """Ask everybody up to an id whether they are there."""
+        return broadcast_ping(
+            self.transceiver, lambda: self._send(BROADCAST_ID, _PING, b""), _PING_SIZE, highest_id
+        )
+
+    def read(self, servo_id: int, address: int, size: int) -> Reply:
+        """Ask one servo for ``size`` bytes."""
+        span = MemoryRange(address, size)
+        with self._port.lock:
+            window = self.transceiver.choose_window((servo_id,), span)
+            parameters = _crc_words(window.address, window.size)
+            reply = self._request_packet(servo_id, _READ, parameters, window.size, window)
+        return span.extract(reply, window)
+
+    def write(self, servo_id: int, address: int, data: bytes) -> Reply:
+        """Write to one servo and hear whether it took it."""
+        self._port.ghosts.invalidate((servo_id,))
+        return self._request_packet(servo_id, _WRITE, _crc_words(address) + data)
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        """Ask many servos for the same bytes; each has its own reply."""
+        span, ids = MemoryRange(address, size), tuple(servo_ids)
+        with self._port.lock:
+            self.already_retried = self._is_fast(ids)
+            replies = self._fast_sync_read(ids, span) if self._is_fast(ids) else {}
+            if replies:
+                self._fast_failures.pop(ids, None)
+                self.already_retried = False
+                return replies
+            self._fast_failures[ids] = self._fast_failures.get(ids, 0) + 1
+            return self._plain_sync_read(ids, span)
+
+    def _is_fast(self, servo_ids: tuple[int, ...]) -> bool:
+        failures = self._fast_failures.get(servo_ids, 0)
+        worth_it = failures < _FAST_FAILURES or failures % _RETRY_FAST_AFTER == 0
+        return self._fast and len(servo_ids) > 1 and worth_it
+
+    def _plain_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
+        window = self.transceiver.choose_window(servo_ids, span)
+        parameters = _crc_words(window.address, window.size) + bytes(servo_ids)
+        replies = self.transceiver.transact(
+            lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
+            dict.fromkeys(servo_ids, window.size),
+            window,
+        )
+        return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
+
+    def _fast_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
+        """Return every servo's reply, or nothing if they could not be had this way."""
+        count = len(servo_ids)
+        window = self._combined.choose_window(
+            (BROADCAST_ID,), span, lambda size: fast_sync_size(count, size)
+        )
+        parameters = _crc_words(window.address, window.size) + bytes(servo_ids)
+        reply = self._combined.transact(
+            lambda: self._send(BROADCAST_ID, _FAST_SYNC_READ, parameters),
+            {BROADCAST_ID: fast_sync_size(count, window.size)},
+            window,
+        )[BROADCAST_ID]
+        frames = (
+            []
+            if isinstance(reply, ReplyFault)
+            else split_fast_sync(reply.data, servo_ids, window.size)
+        )
+        judged = {frame.servo_id: self._dialect.interpret(frame, window.size) for frame in frames}
+        return {i: span.extract(reply, window) for i, reply in judged.items() if reply}
+
+    def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
+        """Ask many servos, each for its own bytes."""
+        with self._port.lock:
+            windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
+            rows = (bytes((i,)) + _crc_words(w.address, w.size) for i, w in windows.items())
+            parameters = b"".join(rows)
+            replies = self.transceiver.transact(
+                lambda: self._send(BROADCAST_ID, _BULK_READ, parameters),
+                {i: window.size for i, window in windows.items()},
+                windows,
+            )
+        return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
+
+    def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
+        """Write to many servos at once; there is no answer to this."""
+        size = len(next(iter(data.values())))
+        rows = b"".join(bytes((servo_id, *row)) for servo_id, row in data.items())
+        parameters = _crc_words(address, size) + rows
+        self._port.ghosts.invalidate(data, MemoryRange(address, size))
+        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _SYNC_WRITE, parameters))
+
+    def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
+        """Write to many servos at once, each to its own address; there is no answer to this."""
+        parameters = b""
+        for servo_id, (address, data) in rows.items():
+            parameters += bytes((servo_id,)) + _crc_words(address, len(data)) + data
+            self._port.ghosts.invalidate((servo_id,), MemoryRange(address, len(data)))
+        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _BULK_WRITE, parameters))
+
+    def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
+        """Lay a write ready that ``action`` sets off."""
+        return self._request_packet(servo_id, _REG_WRITE, _crc_words(address) + data)
+
+    def action(self) -> None:
+        """Set off what ``reg_write`` laid ready; always to all, for one would answer (D10)."""
+        self._port.ghosts.invalidate(range(BROADCAST_ID))
+        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _ACTION, b""))
+
+    def reboot(self, servo_id: int) -> Reply:
+        """Restart one servo; its torque is lost."""
+        self._port.ghosts.invalidate((servo_id,))
+        return self._request_packet(servo_id, _REBOOT, b"")
+
+    def _request_packet(
+        self,
+        servo_id: int,
+        instruction: int,
+        parameters: bytes,
+        size: int = 0,
+        window: MemoryRange | None = None,
+    ) -> Reply:
+        replies = self.transceiver.transact(
+            lambda: self._send(servo_id, instruction, parameters), {servo_id: size}, window
+        )
+        return replies[servo_id]
+
+    def _send_packet(self, servo_id: int, instruction: int, parameters: bytes) -> int:
+        """Hand a packet to the SDK, which puts header and CRC around it and sends it."""
+        length = (len(parameters) + 3).to_bytes(2, "little")
+        packet = [0, 0, 0, 0, servo_id, *length, instruction, *parameters, 0, 0]
+        return self._handler.txPacket(self._port, packet)
+
+
+def _crc_words(*words: int) -> bytes:
+    return b"".join(word.to_bytes(2, "little") for word in words)
+
+
+_REBOOT_1, _BULK_READ_1 = 0x08, 0x92
+
+# Bits of the error byte that blame the question; the others are alarms of the servo itself.
+_DAMAGED = 0x10
+_REFUSALS = {
+    0x02: "reports a goal outside its angle limits",
+    0x08: "reports a value or address out of range",
+    0x40: "does not support the instruction",
+}
+_ALARMS = 0xFF & ~sum(_REFUSALS, _DAMAGED)
+
+
+class _Dynamixel1Codec(Protocol1Codec):
+    """How servos of protocol 1.0 answer: some error bits are refusals, some are alarms."""
+
+    def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
+        alarms = frame.error & _ALARMS
+        if frame.error & _DAMAGED and not frame.data:
+            found = "received a damaged instruction packet"
+            return ReplyFault(frame.servo_id, FaultKind.GARBLED, found, alarms)
+        refusals = [words for bit, words in _REFUSALS.items() if frame.error & bit]
+        if refusals and not frame.data:
+            return ReplyFault(frame.servo_id, FaultKind.REFUSED, " and ".join(refusals), alarms)
+        return Status(frame.servo_id, frame.data, alarms) if len(frame.data) == size else None
+
+
+class Dynamixel1Driver(Protocol1Driver):
+    """AX and MX servos; there is no sync read, and only the MX know bulk read.
+
+    Args:
+        port: The line.
+        bulk_ids: The servos that know bulk read.
+    """
+
+    def __init__(self, port: Port, bulk_ids: Collection[int] = ()) -> None:
+        super().__init__(port, Protocol1PacketHandler().txPacket, _Dynamixel1Codec(COMM_TX_ERROR))
+        self._bulk_ids = frozenset(bulk_ids)
+
+    def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
+        """Whether one question can be put to these servos, each for its own bytes."""
+        return self._bulk_ids.issuperset(servo_ids)
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        """Ask many servos for the same bytes; those that know bulk read with one question."""
+        return self.bulk_read(dict.fromkeys(servo_ids, MemoryRange(address, size)))
+
+    def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
+        """Ask many servos, each for its own bytes; those that cannot, one after the other."""
+        together = {i: span for i, span in spans.items() if i in self._bulk_ids}
+        if len(together) < 2:
+            return super().bulk_read(spans)
+        alone = {i: span for i, span in spans.items() if i not in together}
+        return self._bulk_read(together) | super().bulk_read(alone)
+
+    def _bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
+        with self._port.lock:
+            windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
+            rows = b"".join(bytes((w.size, i, w.address)) for i, w in windows.items())
+            replies = self.transceiver.transact(
+                lambda: self._send(BROADCAST_ID, _BULK_READ_1, b"\0" + rows),
+                {i: window.size for i, window in windows.items()},
+                windows,
+            )
+        return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
+
+    def reboot(self, servo_id: int) -> Reply:
+        """Restart one servo; its torque is lost. Old AX do not know the instruction."""
+        self._port.ghosts.invalidate((servo_id,))
+        return self._request_packet(servo_id, _REBOOT_1, b"")

@@ -1,0 +1,288 @@
+"""Read, compare and write servo EEPROM, and the backup file of its values.
+
+``backups/<owner>/id_003_STS3215.toml`` in the user's configuration folder::
+
+    format = 1
+    model = "STS3215"
+    id = 3
+
+    [eeprom]
+    homing_offset = -100
+
+The first copy is never overwritten: it holds what the servo was before anybody changed it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Generator, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from ikservo.errors import FileFormatError, RegisterAccessError, ServoRejectedError
+from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
+from ikservo.files.writing import write_atomic
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.read_plan import RegisterRef, resolve_register
+from ikservo.hardware.remembered_port import config_dir
+from ikservo.hardware.servo import ServoSpec
+from ikservo.registers import MODELS, Area, ControlTable, Register, RegisterName
+
+__all__ = [
+    "Backup",
+    "RegisterDifference",
+    "back_up_once",
+    "backup_path",
+    "eeprom_registers",
+    "read_backup",
+    "read_eeprom",
+    "refuse_under_torque",
+    "register_differences",
+    "update_eeprom",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterDifference:
+    """A register that does not hold what it should.
+
+    Attributes:
+        register: Which.
+        found: The raw number it holds.
+        wanted: The raw number it should hold.
+    """
+
+    register: Register
+    found: int
+    wanted: int
+
+
+def eeprom_registers(table: type[ControlTable]) -> list[Register]:
+    """Return the registers of a model that survive loss of power."""
+    return [r for r in table.registers.values() if r.area is Area.EEPROM]
+
+
+def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
+    """Return every EEPROM register of a servo by name, raw: a backup.
+
+    Raises:
+        BusError: The servo does not answer.
+    """
+    rows = eeprom_registers(bus.servos[servo_id].table)
+    readings = bus.sync_read_many([servo_id], rows, raw=True).require_all()[servo_id]
+    return {register.name: readings[register] for register in rows}
+
+
+def register_differences(
+    bus: ServoBus, servo_id: int, wanted: Mapping[RegisterRef, int]
+) -> list[RegisterDifference]:
+    """Return the registers that do not hold the wanted raw numbers.
+
+    Raises:
+        BusError: The servo does not answer.
+    """
+    servo = bus.servos[servo_id]
+    rows = {resolve_register(servo, key): number for key, number in wanted.items()}
+    found = bus.sync_read_many([servo_id], list(rows), raw=True).require_all()[servo_id]
+    return [
+        RegisterDifference(r, found[r], number) for r, number in rows.items() if found[r] != number
+    ]
+
+
+def update_eeprom(
+    bus: ServoBus, servo_id: int, wanted: Mapping[RegisterRef, int]
+) -> list[RegisterDifference]:
+    """Make EEPROM registers hold raw numbers, and return what had to be changed.
+
+    Nothing is written where everything holds already, for EEPROM wears out. Afterwards every
+    number is read back and the memory is locked, also after a failure, and where an earlier run
+    died just before it would have locked it.
+
+    Raises:
+        RegisterAccessError: A register is no EEPROM, forbids its number, or torque is on.
+        ServoRefusedError: A number did not last.
+        BusError: The servo does not answer.
+    """
+    servo = bus.servos[servo_id]
+    for key in wanted:
+        _check_register_owner(servo, resolve_register(servo, key))
+    changes = register_differences(bus, servo_id, wanted)
+    if changes:
+        refuse_under_torque(bus, servo_id, changes[0].register)
+        with _unlocked_eeprom(bus, servo_id):
+            for change in changes:
+                bus.write(servo_id, change.register, change.wanted, raw=True)
+            _verify_registers(bus, servo_id, wanted)
+    else:
+        _lock_if_unlocked(bus, servo_id)
+    return changes
+
+
+def _check_register_owner(servo: ServoSpec, register: Register) -> None:
+    if register.area is not Area.EEPROM:
+        raise RegisterAccessError(str(servo), register.name, "it is not in EEPROM")
+    if register in (servo.table.id, servo.table.baud_rate):
+        reason = "the servo would no longer answer on this bus"
+        raise RegisterAccessError(str(servo), register.name, reason, "Use: ikservo setup")
+
+
+def refuse_under_torque(bus: ServoBus, servo_id: int, register: Register) -> None:
+    """Check that an EEPROM register can be written.
+
+    Raises:
+        RegisterAccessError: Torque is on.
+        BusError: The servo does not answer.
+    """
+    if bus.read(servo_id, RegisterName.TORQUE_ENABLE, raw=True):
+        raise RegisterAccessError(
+            str(bus.servos[servo_id]),
+            register.name,
+            "it is in EEPROM and torque is on",
+            "Switch torque off.",
+        )
+
+
+@contextlib.contextmanager
+def _unlocked_eeprom(bus: ServoBus, servo_id: int) -> Generator[None]:
+    lock = bus.servos[servo_id].table.eeprom_lock
+    if lock is None:
+        yield
+        return
+    bus.write(servo_id, lock, 0, raw=True)
+    try:
+        yield
+    finally:
+        bus.write(servo_id, lock, 1, raw=True)
+
+
+def _lock_if_unlocked(bus: ServoBus, servo_id: int) -> None:
+    lock = bus.servos[servo_id].table.eeprom_lock
+    if lock is not None and bus.read(servo_id, lock, raw=True) == 0:
+        bus.write(servo_id, lock, 1, raw=True)
+
+
+def _verify_registers(bus: ServoBus, servo_id: int, wanted: Mapping[RegisterRef, int]) -> None:
+    for left in register_differences(bus, servo_id, wanted):
+        raise ServoRejectedError(
+            f"holds {left.register} = {left.found} after {left.wanted} was written",
+            "Its EEPROM may be worn out or locked.",
+            servo=str(bus.servos[servo_id]),
+            servo_id=servo_id,
+            port=bus.port.name,
+        )
+
+
+_FORMAT = 1
+_HIGHEST_ID = 253
+
+
+@dataclass(frozen=True, slots=True)
+class Backup:
+    """A copy of a servo's EEPROM.
+
+    Attributes:
+        path: The file.
+        table: The model that it was made of.
+        servo_id: The id that it had.
+        eeprom: The raw number of every EEPROM register by name.
+    """
+
+    path: Path
+    table: type[ControlTable]
+    servo_id: int
+    eeprom: Mapping[str, int]
+
+
+def backup_path(owner: str, servo: ServoSpec) -> Path:
+    """Return the file of a servo's first EEPROM copy.
+
+    Args:
+        owner: The arm's name, or the serial number of the adapter.
+        servo: Which servo; another model at the same id has a file of its own.
+    """
+    folder = re.sub(r"[^A-Za-z0-9_-]", "_", owner) or "_"
+    return config_dir() / "backups" / folder / f"id_{servo.id:03}_{servo.table.model_name}.toml"
+
+
+def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = None) -> list[Path]:
+    """Write a copy of the EEPROM of each servo that has none yet; return the new files.
+
+    Args:
+        bus: The line.
+        owner: The arm's name, or the serial number of the adapter.
+        servo_ids: Whom; all of the line if None.
+
+    Raises:
+        BusError: A servo does not answer; those before it have their copies.
+        FileWriteError: A file cannot be written.
+    """
+    made: list[Path] = []
+    for servo_id in bus.servos if servo_ids is None else servo_ids:
+        path = backup_path(owner, bus.servos[servo_id])
+        if not path.exists():
+            write_atomic(path, _format_backup(bus.servos[servo_id], read_eeprom(bus, servo_id)))
+            made.append(path)
+    return made
+
+
+def read_backup(path: Path) -> Backup:
+    """Return what stands in a copy.
+
+    Raises:
+        FileFormatError: It is no such file, or damaged.
+    """
+    tables = parse_toml(path, read_text(path, MAX_BYTES))
+    model, servo_id = tables.get("model"), tables.get("id")
+    rows: object = tables.get("eeprom")
+    if tables.get("format") != _FORMAT or not isinstance(rows, dict):
+        raise FileFormatError(path, "", "is not an EEPROM backup of a servo", f"format = {_FORMAT}")
+    if not isinstance(model, str) or model not in MODELS:
+        raise FileFormatError(path, "model", f"is {model!r}", f"one of {', '.join(MODELS)}")
+    if type(servo_id) is not int or not 0 <= servo_id <= _HIGHEST_ID:
+        raise FileFormatError(path, "id", f"is {servo_id!r}", f"an integer from 0 to {_HIGHEST_ID}")
+    return Backup(
+        path,
+        MODELS[model],
+        servo_id,
+        _checked(path, MODELS[model], cast("dict[str, object]", rows)),
+    )
+
+
+def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) -> dict[str, int]:
+    """Return the numbers of a copy, which must be those of the model's whole EEPROM."""
+    registers = eeprom_registers(table)
+    names = {register.name for register in registers}
+    for name in rows.keys() - names:
+        found = f"is no EEPROM register of {table.model_name}"
+        raise FileFormatError(path, f"eeprom.{name}", found)
+    for register in registers:
+        if register.name not in rows:
+            raise FileFormatError(path, "eeprom", f"lacks {register}", "every EEPROM register")
+    eeprom: dict[str, int] = {}
+    for register in registers:
+        number = rows[register.name]
+        if type(number) is not int or not _fits(register, number):
+            where = f"eeprom.{register}"
+            raise FileFormatError(path, where, f"is {number!r}", "a number that the register holds")
+        eeprom[register.name] = number
+    return eeprom
+
+
+def _fits(register: Register, number: int) -> bool:
+    """Return whether a register can hold a number; servos may hold more than may be written."""
+    least, most = register.codec.span(register.size)
+    return least <= number <= most
+
+
+def _format_backup(servo: ServoSpec, eeprom: Mapping[str, int]) -> str:
+    lines = [
+        f"format = {_FORMAT}",
+        f'model = "{servo.table.model_name}"',
+        f"id = {servo.id}",
+        "",
+        "[eeprom]",
+        *(f"{name} = {number}" for name, number in eeprom.items()),
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,71 @@
+"""Feetech driver, on the vendor's SDK.
+
+The SDK builds and sends every packet. Its reception is not used: it takes late, foreign and
+short packets for answers (F1, F7, F13), stops at false headers (F11) and at error bytes above
+0x7F (F18), and gives up a whole sync read for one silent servo (F10). Words are packed by the
+registers, so the SDK's global byte order (F9) is never consulted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from scservo_sdk.protocol_packet_handler import protocol_packet_handler
+from scservo_sdk.scservo_def import COMM_TX_ERROR
+
+from ikservo.hardware.packets import (
+    BROADCAST_ID,
+    FaultKind,
+    MemoryRange,
+    Reply,
+    ReplyFault,
+    Status,
+    StatusPacket,
+)
+from ikservo.hardware.port import Port
+from ikservo.hardware.protocol1 import Protocol1Codec, Protocol1Driver
+
+__all__ = ["FeetechDriver"]
+
+_SYNC_READ = 0x82
+
+
+class _FeetechCodec(Protocol1Codec):
+    """How Feetech servos answer: the error byte is an alarm, the data beside it are valid."""
+
+    def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
+        if len(frame.data) == size:
+            return Status(frame.servo_id, frame.data, frame.error)
+        if frame.data or not frame.error:
+            return None  # an answer to some other question
+        return ReplyFault(frame.servo_id, FaultKind.REFUSED, "answered without data", frame.error)
+
+
+class FeetechDriver(Protocol1Driver):
+    """STS, SMS and HLS servos; SCS servos with ``can_sync_read=False`` (F16)."""
+
+    def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
+        super().__init__(port, protocol_packet_handler().txPacket, _FeetechCodec(COMM_TX_ERROR))
+        self.can_sync_read = can_sync_read
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        """Ask many servos for the same bytes; each has its own reply."""
+        if not self.can_sync_read:
+            return super().sync_read(servo_ids, address, size)
+        span = MemoryRange(address, size)
+        with self._port.lock:
+            window = self.transceiver.choose_window(tuple(servo_ids), span)
+            parameters = bytes((window.address, window.size, *servo_ids))
+            replies = self.transceiver.transact(
+                lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
+                dict.fromkeys(servo_ids, window.size),
+                window,
+            )
+        if window is span:
+            return replies
+        return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
+
+    def reboot(self, servo_id: int) -> Reply:
+        """Say that this family has no such instruction."""
+        found = "does not support reboot; switch its power off and on instead"
+        return ReplyFault(servo_id, FaultKind.REFUSED, found)

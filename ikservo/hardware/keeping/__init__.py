@@ -1,1 +1,0 @@
-"""What survives loss of power: EEPROM, its copies, new ids."""

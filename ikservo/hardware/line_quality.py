@@ -1,0 +1,159 @@
+"""Measure error rate and round-trip time of a serial line."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import cycle, islice
+from typing import Any
+
+from ikservo.errors import BusError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.transport import Transport
+from ikservo.registers import RegisterName
+
+__all__ = ["LineQuality", "MeteredTransport", "measure_line_quality"]
+
+
+@dataclass(frozen=True, slots=True)
+class LineQuality:
+    """What became of many reads that were not repeated.
+
+    Attributes:
+        asked: How many reads.
+        lost: How many brought no usable answer, by servo id.
+        round_trips_s: How long each answered read took, in ascending order.
+    """
+
+    asked: int
+    lost: dict[int, int]
+    round_trips_s: tuple[float, ...]
+
+    @property
+    def lost_fraction(self) -> float:
+        """Return lost reads over all reads."""
+        return sum(self.lost.values()) / self.asked
+
+    def round_trip_s(self, quantile: float) -> float:
+        """Return the time that a share of the answered reads did not exceed."""
+        last = len(self.round_trips_s) - 1
+        return self.round_trips_s[min(int(quantile * (last + 1)), last)]
+
+
+def measure_line_quality(
+    bus: ServoBus,
+    servo_ids: Sequence[int],
+    reads: int = 1000,
+    on_read: Callable[[int], None] | None = None,
+) -> LineQuality:
+    """Read positions of servos in turn.
+
+    Args:
+        bus: The line; should not repeat questions, or repeats hide losses.
+        servo_ids: Whom to ask.
+        reads: How often.
+        on_read: Called with the number of reads so far.
+
+    Raises:
+        PortLostError: The line is gone.
+    """
+    lost = dict.fromkeys(servo_ids, 0)
+    took_s: list[float] = []
+    for count, servo_id in enumerate(islice(cycle(servo_ids), reads), start=1):
+        started_s = bus.clock.now_s()
+        try:
+            bus.read(servo_id, RegisterName.PRESENT_POSITION, raw=True)
+            took_s.append(bus.clock.now_s() - started_s)
+        except BusError:
+            lost[servo_id] += 1
+        if on_read:
+            on_read(count)
+    return LineQuality(reads, {i: n for i, n in lost.items() if n}, tuple(sorted(took_s)))
+
+
+class MeteredTransport:
+    """Stands between a port and its transport.
+
+    Attributes:
+        inside_s: Processor time spent in the transport so far, seconds; waiting costs none.
+        sent: Bytes written so far.
+        received: Bytes read so far.
+        heard: The bytes read, while ``listen`` is set.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self.inside_s = 0.0
+        self.sent = self.received = 0
+        self.listen = False
+        self.heard = bytearray()
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # clock, line: what else it has
+        return getattr(self._transport, name)
+
+    @property
+    def baudrate(self) -> int:
+        """Return bits a second."""
+        return self._transport.baudrate
+
+    @baudrate.setter
+    def baudrate(self, rate: int) -> None:
+        self._transport.baudrate = rate
+
+    @property
+    def timeout(self) -> float | None:
+        """Return the seconds that ``read`` waits."""
+        return self._transport.timeout
+
+    @timeout.setter
+    def timeout(self, timeout_s: float | None) -> None:
+        with self._timed_transfer():
+            self._transport.timeout = timeout_s
+
+    @property
+    def in_waiting(self) -> int:
+        """Return how many bytes wait."""
+        with self._timed_transfer():
+            return self._transport.in_waiting
+
+    def read(self, size: int = 1, /) -> bytes:
+        """Return up to ``size`` bytes."""
+        started_s = time.thread_time()
+        data = self._transport.read(size)
+        self.inside_s += time.thread_time() - started_s
+        self.received += len(data)
+        if self.listen:
+            self.heard += data
+        return data
+
+    def write(self, data: bytes, /) -> int | None:
+        """Send bytes."""
+        started_s = time.thread_time()
+        written = self._transport.write(data)
+        self.inside_s += time.thread_time() - started_s
+        self.sent += len(data)
+        return written
+
+    def reset_input_buffer(self) -> None:
+        """Forget what has arrived."""
+        with self._timed_transfer():
+            self._transport.reset_input_buffer()
+
+    def flush(self) -> None:
+        """Return once everything is on the line."""
+        with self._timed_transfer():
+            self._transport.flush()
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._transport.close()
+
+    @contextmanager
+    def _timed_transfer(self) -> Generator[None]:
+        started_s = time.thread_time()
+        try:
+            yield
+        finally:
+            self.inside_s += time.thread_time() - started_s

@@ -1,0 +1,266 @@
+"""Protocol 2.0 packets: CRC, byte stuffing, fast sync read.
+
+``FF FF FD 00 FE LEN 55 | ERR ID data CRC | ERR ID data CRC | …`` is, seen from outside, one
+status packet of id 0xFE whose data hold the inner checksums; nothing in it is stuffed.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Collection, Mapping, Sequence
+from functools import cache
+from struct import unpack
+from typing import cast
+
+from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
+
+from ikservo.hardware.packets import FaultKind, Reply, ReplyFault, ScanResult, Status, StatusPacket
+
+__all__ = [
+    "FastSyncCodec",
+    "FixedPacketHandler",
+    "Protocol2Codec",
+    "crc",
+    "fast_sync_size",
+    "split_fast_sync",
+    "stuff",
+    "unstuff",
+]
+
+
+_STUFFED_HEADER = b"\xff\xff\xfd"
+_MARK = 0xFD
+
+
+def stuff(inside: bytes) -> bytes:
+    """Put an FD behind each FF FF FD between the length field and the CRC."""
+    return inside.replace(_STUFFED_HEADER, _STUFFED_HEADER + bytes((_MARK,)))
+
+
+def unstuff(inside: bytes) -> bytes:
+    """Take away the one FD behind each FF FF FD.
+
+    The SDK's own ``removeStuffing`` looks for FF FF FD FD in what it has not yet unstuffed and
+    loses a byte of ``FF FF FD FF FD FD`` and its like (D2).
+    """
+    return inside.replace(_STUFFED_HEADER + bytes((_MARK,)), _STUFFED_HEADER)
+
+
+_HEADER = b"\xff\xff\xfd\x00"
+_LEN, _INSIDE = 5, 7  # where the length field and the instruction stand
+_STATUS = 0x55
+_STUFFED = b"\xff\xff\xfd"
+_MAX_PACKET_BYTES = 1024
+
+_ALERT = 0x80
+_CRC_ERROR = 3
+_REFUSALS = {
+    1: "could not execute it",
+    2: "does not support the instruction",
+    _CRC_ERROR: "received a damaged instruction packet",
+    4: "reports a value out of range",
+    5: "reports data of the wrong length",
+    6: "reports a value beyond one of its limits",
+    7: "denies access (read-only, no such address, or EEPROM while torque is on)",
+}
+
+
+def _byte_crc(byte: int) -> int:
+    value = byte << 8
+    for _ in range(8):
+        value = value << 1 ^ (_POLYNOMIAL if value & 0x8000 else 0)
+    return value & 0xFFFF
+
+
+_POLYNOMIAL = 0x8005
+_CRCS = tuple(map(_byte_crc, range(256)))
+
+
+@cache
+def _word_crc_table() -> Sequence[int]:
+    """Return the CRC of every two bytes, so that two cost one look; made when first needed."""
+    with_zero_behind = [(crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS]
+    return array("H", [before ^ last for before in with_zero_behind for last in _CRCS])
+
+
+def crc(start: int, packet: Sequence[int], count: int) -> int:
+    """Return the CRC-16 of a packet's first bytes: highest bit first, nothing reflected."""
+    value, crcs = start, _word_crc_table()
+    words = unpack(f">{count // 2}H", bytes(packet[: count & ~1]))
+    for word in cast("Sequence[int]", words):
+        value = crcs[value ^ word]
+    if count % 2:
+        value = (value << 8 & 0xFF00) ^ _CRCS[value >> 8 ^ packet[count - 1]]
+    return value
+
+
+class Protocol2Codec:
+    """How servos of protocol 2.0 answer a question.
+
+    Args:
+        too_long: The SDK's code for a packet that is too long to send.
+    """
+
+    highest_id = 0xFC
+
+    def __init__(self, too_long: int) -> None:
+        self.too_long = too_long
+
+    def frame_size(self, size: int) -> int:
+        """Return the bytes of a status packet with ``size`` bytes of data, unstuffed."""
+        return size + 11
+
+    def scan(self, heard: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
+        """Find the status packets; a false header does not hide a packet behind it."""
+        frames: list[StatusPacket] = []
+        at = junk = 0
+        while at < len(heard):
+            end = at + self._packet_length(heard, at)
+            if end > len(heard) and not final and self._may_continue(heard, at, sizes):
+                return ScanResult(tuple(frames), len(heard) - at, junk)
+            if at < end <= len(heard) and self._crc_is_right(heard[at:end]):
+                frames += self._status_frames(heard[at:end])
+                at = end
+            else:
+                at, junk = at + 1, junk + 1
+        return ScanResult(tuple(frames), 0, junk)
+
+    def parse_in_order(self, heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+        """Return the answers, if the bytes are those of healthy servos in order, nothing else."""
+        answers: dict[int, Reply] = {}
+        at = 0
+        for servo_id, size in sizes.items():
+            packet = heard[at : at + self.frame_size(size)]
+            reply = self._parse_plain_status(packet, servo_id, size)
+            if reply is None:
+                return None
+            answers[servo_id] = reply
+            at += len(packet)
+        return answers
+
+    def _parse_plain_status(self, packet: bytes, servo_id: int, size: int) -> Status | None:
+        """Return what a packet says that is neither stuffed nor complains, None for others."""
+        expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS, 0))
+        if packet[: _INSIDE + 2] != expected or _STUFFED in packet[_INSIDE:]:
+            return None
+        if not self._crc_is_right(packet):
+            return None
+        return Status(servo_id, packet[_INSIDE + 2 : -2])
+
+    def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
+        """Return data with the alert beside them, a refusal in words, or None if no answer."""
+        number, alert = frame.error & ~_ALERT, frame.error & _ALERT
+        if number:
+            kind = FaultKind.GARBLED if number == _CRC_ERROR else FaultKind.REFUSED
+            found = _REFUSALS.get(number, f"answered with unknown error {number}")
+            return ReplyFault(frame.servo_id, kind, found, alert)
+        if len(frame.data) != size:
+            return None  # an answer to some other question
+        return Status(frame.servo_id, frame.data, alert)
+
+    def _packet_length(self, heard: bytes, at: int) -> int:
+        """Return the length of the packet that begins here: 0 if none does, a lot if unknown."""
+        start = heard[at : at + _INSIDE]
+        if start[:4] != _HEADER[: len(start)]:
+            return 0
+        if len(start) < _INSIDE:
+            return _MAX_PACKET_BYTES
+        length = int.from_bytes(start[_LEN:], "little")
+        return length + _INSIDE if 3 <= length <= _MAX_PACKET_BYTES else 0
+
+    def _crc_is_right(self, packet: bytes) -> bool:
+        return crc(0, packet, len(packet) - 2) == int.from_bytes(packet[-2:], "little")
+
+    def _may_continue(self, heard: bytes, at: int, sizes: Collection[int]) -> bool:
+        """Return whether the bytes from here on may become a hoped-for packet."""
+        start = heard[at : at + _INSIDE + 1]
+        if len(start) > 4 and start[4] > self.highest_id:
+            return False
+        if len(start) >= _INSIDE:
+            data = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
+            if data != 0 and not any(size <= data <= _max_stuffed_size(size) for size in sizes):
+                return False
+        return len(start) <= _INSIDE or start[_INSIDE] == _STATUS
+
+    def _status_frames(self, packet: bytes) -> list[StatusPacket]:
+        """Return the status frame of a packet; an instruction, such as our own echo, is none."""
+        if packet[_INSIDE] != _STATUS or packet[4] > self.highest_id or len(packet) < 11:
+            return []
+        inside = self._unstuff_body(packet[_INSIDE:-2])
+        return [StatusPacket(packet[4], inside[1], inside[2:])]
+
+    def _unstuff_body(self, inside: bytes) -> bytes:
+        return unstuff(inside)
+
+
+def _max_stuffed_size(size: int) -> int:
+    return size + (size + 1) // 3 + 1
+
+
+class FastSyncCodec(Protocol2Codec):
+    """The one packet of a fast sync read: never stuffed, its error byte is the first servo's."""
+
+    highest_id = 0xFE
+
+    def _parse_plain_status(self, packet: bytes, servo_id: int, size: int) -> Status | None:
+        expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS))
+        if packet[: _INSIDE + 1] != expected or not self._crc_is_right(packet):
+            return None
+        return Status(servo_id, packet[_INSIDE + 1 : -2])
+
+    def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
+        """Return everything from the first servo's error byte on, if it is complete."""
+        complete = len(frame.data) == size
+        return Status(frame.servo_id, bytes((frame.error, *frame.data))) if complete else None
+
+    def _unstuff_body(self, inside: bytes) -> bytes:
+        return inside
+
+
+# The camelCase names are the SDK's: it calls them.
+# ruff: noqa: N802
+
+
+_SDK_LENGTH_INDEX, _SDK_BODY_START = 5, 7  # where the length field and the instruction stand
+
+
+class FixedPacketHandler(Protocol2PacketHandler):
+    """The SDK's packet handler with its stuffing put right (D1, D2)."""
+
+    def addStuffing(self, packet: list[int]) -> list[int]:
+        """Stuff in place: ``txPacket`` does not look at what this returns."""
+        inside = stuff(bytes(packet[_SDK_BODY_START:-2]))
+        packet[_SDK_LENGTH_INDEX:] = [*(len(inside) + 2).to_bytes(2, "little"), *inside, 0, 0]
+        return packet
+
+    def removeStuffing(self, packet: list[int]) -> list[int]:
+        """Unstuff in place."""
+        inside = unstuff(bytes(packet[_SDK_BODY_START:-2]))
+        packet[_SDK_LENGTH_INDEX:-2] = [*(len(inside) + 2).to_bytes(2, "little"), *inside]
+        return packet
+
+    def updateCRC(self, crc_accum: int, data_blk_ptr: Sequence[int], data_blk_size: int) -> int:
+        """Return the SDK's own CRC, which it computes with a table made anew for each packet."""
+        return crc(crc_accum, data_blk_ptr, data_blk_size)
+
+
+_OVERHEAD_BYTES = 4  # ERR, ID and CRC around each servo's data
+
+
+def fast_sync_size(count: int, size: int) -> int:
+    """Return the data bytes of the combined packet: without its first ERR and its last CRC."""
+    return count * (size + _OVERHEAD_BYTES) - 3
+
+
+def split_fast_sync(said: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
+    """Return what each servo said; nothing, if they did not speak in the order they were asked.
+
+    Args:
+        said: From the first ERR to the last data byte; one checksum covers all of it.
+        servo_ids: Who was asked, in order.
+        size: Bytes of each servo's data.
+    """
+    parts = [said[at : at + size + 2] for at in range(0, len(said), size + _OVERHEAD_BYTES)]
+    if [part[1] for part in parts] != list(servo_ids):
+        return []
+    return [StatusPacket(part[1], part[0], part[2:]) for part in parts]

@@ -1,0 +1,339 @@
+"""Group registers into as few sync and bulk reads and writes as possible."""
+
+from __future__ import annotations
+
+import operator
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import isfinite
+from struct import Struct
+from typing import Any
+
+from ikservo.errors import BadValueError, RegisterAccessError, UnknownNameError
+from ikservo.hardware.driver import ProtocolDriver
+from ikservo.hardware.packets import MemoryRange, Reply
+from ikservo.hardware.servo import ServoSpec
+from ikservo.registers import Access, Area, Family, Register, RegisterName, TwosComplement, Unsigned
+
+__all__ = [
+    "MAX_GAP_BYTES",
+    "ReadBatch",
+    "ReadPlan",
+    "RegisterRef",
+    "ReplyLayout",
+    "WriteTarget",
+    "batch_read",
+    "batch_write",
+    "batches",
+    "contiguous_runs",
+    "encode_value",
+    "join_bytes",
+    "plan_reads",
+    "plan_writes",
+    "resolve_register",
+    "tracks_state",
+]
+
+
+MAX_GAP_BYTES = 8
+"""Bytes between two registers that cost no more than a second question to six servos."""
+
+
+def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Register]]:
+    """Return the registers in runs, each of which one read covers.
+
+    Args:
+        registers: Of one servo.
+        gap: How many bytes that nobody wants may lie between two of a run. What may change by
+            itself and what may not are kept apart then, for the one is read twice on a bad line.
+    """
+    rows = list(registers)
+    if len(rows) == 1:
+        return [rows]
+    runs: list[list[Register]] = []
+    for register in sorted(set(rows), key=lambda r: r.address):
+        if runs and _extends_run(runs[-1][-1], register, gap):
+            runs[-1].append(register)
+        else:
+            runs.append([register])
+    return runs
+
+
+def _extends_run(last: Register, register: Register, gap: int) -> bool:
+    between = register.address - last.end
+    return between == 0 or (0 < between <= gap and last.steady is register.steady)
+
+
+def batches(
+    own: Mapping[int, Collection[Register]], gap: int = 0
+) -> Iterator[dict[int, list[Register]]]:
+    """Yield for each round of questions the run of neighbours that each servo is asked for.
+
+    Args:
+        own: The registers of each servo that are wanted, by id.
+        gap: See ``neighbours``.
+    """
+    runs = {servo_id: contiguous_runs(registers, gap) for servo_id, registers in own.items()}
+    for k in range(max((len(r) for r in runs.values()), default=0)):
+        yield {servo_id: r[k] for servo_id, r in runs.items() if k < len(r)}
+
+
+def join_bytes(data: Mapping[Register, bytes], run: Sequence[Register]) -> bytes:
+    """Return the bytes that one write to a run of neighbours carries."""
+    return b"".join(data[register] for register in run)
+
+
+RegisterRef = Register | RegisterName
+"""A register of any table, or a role that every table fills."""
+
+
+def resolve_register(servo: ServoSpec, wanted: RegisterRef) -> Register:
+    """Return the servo's own register for what is wanted.
+
+    Raises:
+        UnknownNameError: Its table has none of that name.
+    """
+    try:
+        return servo.table.find(wanted)
+    except UnknownNameError as error:
+        error.add_note(f"while talking to {servo}")
+        raise
+
+
+def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: bool) -> bytes:
+    """Return the bytes that write a value.
+
+    Args:
+        servo: Whose register it is, for messages.
+        register: The servo's own register.
+        value: In the register's unit, or its integer.
+        raw: The value is the integer.
+
+    Raises:
+        RegisterAccessError: The register is read-only or the value does not fit.
+    """
+    if register.access is Access.RO:
+        raise RegisterAccessError(str(servo), register.name, "it is read-only")
+    number = (
+        _to_raw_integer(servo, register, value) if raw else _require_count(servo, register, value)
+    )
+    lower, upper = register.range
+    if not lower <= number <= upper:
+        raise RegisterAccessError(
+            str(servo), register.name, f"{number} is outside {lower} to {upper}"
+        )
+    return register.encode(number)
+
+
+def _to_raw_integer(servo: ServoSpec, register: Register, value: float) -> int:
+    try:
+        return operator.index(value)  # pyright: ignore[reportArgumentType] (that is the question)
+    except TypeError:
+        raise BadValueError(f"The raw {register} of {servo}", value, "an integer") from None
+
+
+def _require_count(servo: ServoSpec, register: Register, value: float) -> int:
+    if not isfinite(value):
+        raise RegisterAccessError(str(servo), register.name, f"{value} is not a number")
+    return register.to_raw(value)
+
+
+_LETTERS = {1: "B", 2: "H", 4: "I"}
+
+
+class ReplyLayout:
+    """How one servo's wanted registers stand in the bytes of one answer.
+
+    Args:
+        servo: Whose they are.
+        wanted: Its own register for each key of the caller.
+        run: Those of one answer, by address; it begins with the first and ends with the last.
+
+    Attributes:
+        registers: The register behind each key.
+        telling: Those of them that say something about torque or alarms.
+    """
+
+    def __init__(
+        self, servo: ServoSpec, wanted: Mapping[RegisterRef, Register], run: Sequence[Register]
+    ) -> None:
+        self.registers = {key: register for key, register in wanted.items() if register in run}
+        self.telling = {k: r for k, r in self.registers.items() if tracks_state(servo, r)}
+        self._places = [(key, run.index(register)) for key, register in self.registers.items()]
+        self._unpack = Struct(_struct_format(run)).unpack
+        self._coded = [(at, register) for at, register in enumerate(run) if _needs_codec(register)]
+
+    def decode_raw(self, block: bytes) -> dict[Any, int]:
+        """Return the raw number of each key in an answer."""
+        words = list(self._unpack(block))
+        for at, register in self._coded:
+            words[at] = register.codec.to_number(words[at], register.size)
+        return {key: words[at] for key, at in self._places}
+
+
+def tracks_state(servo: ServoSpec, register: Register) -> bool:
+    """Return whether a register says something about torque or alarms."""
+    table = servo.table
+    if register is table.torque_enable:
+        return True
+    return RegisterName.ALARMS not in table.missing and register is table.alarms
+
+
+def _struct_format(run: Sequence[Register]) -> str:
+    """Return what ``struct`` calls these registers; the bytes between them are passed over."""
+    at, letters = run[0].address, ">" if run[0].byte_order == "big" else "<"
+    for register in run:
+        letter = _LETTERS[register.size]
+        signed = isinstance(register.codec, TwosComplement)
+        letters += f"{register.address - at}x{letter.lower() if signed else letter}"
+        at = register.end
+    return letters
+
+
+def _needs_codec(register: Register) -> bool:
+    """Return whether a number is written in a way that ``struct`` does not know."""
+    return not isinstance(register.codec, Unsigned | TwosComplement)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadBatch:
+    """What can be asked at one time.
+
+    Attributes:
+        servos: Whom.
+        spans: What memory, by id.
+        layouts: Where in it stands what, by id.
+        asked: The same in words.
+        steady: Nothing of it changes by itself.
+        groups: The spans of each family, which has its own questions.
+    """
+
+    servos: Sequence[ServoSpec]
+    spans: Mapping[int, MemoryRange]
+    layouts: Mapping[int, ReplyLayout]
+    asked: str
+    is_static: bool
+    groups: Mapping[Family, Mapping[int, MemoryRange]]
+
+    def restricted_to(self, servos: Sequence[ServoSpec]) -> ReadBatch:
+        """Return the same for some of the servos."""
+        groups = _group_by_family(servos, self.spans)
+        return ReadBatch(servos, self.spans, self.layouts, self.asked, self.is_static, groups)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadPlan:
+    """All rounds of a reading, and whom it concerns."""
+
+    servo_ids: Sequence[int]
+    rounds: Sequence[ReadBatch]
+
+
+@dataclass(frozen=True, slots=True)
+class WriteTarget:
+    """One servo's own register of a writing.
+
+    Attributes:
+        telling: See ``is_telling``.
+        plain: Any integer in its range may be written at any time.
+    """
+
+    servo: ServoSpec
+    register: Register
+    tracks_state: bool
+    plain: bool
+
+
+def plan_writes(servos: Iterable[ServoSpec], wanted: RegisterRef) -> list[WriteTarget]:
+    """Return the servos' own registers for what is to be written.
+
+    Raises:
+        UnknownNameError: A servo has no such register.
+    """
+    own = [(servo, resolve_register(servo, wanted)) for servo in servos]
+    return [WriteTarget(servo, r, tracks_state(servo, r), _is_fixed_width(r)) for servo, r in own]
+
+
+def _is_fixed_width(register: Register) -> bool:
+    return register.access is Access.RW and register.area is Area.RAM
+
+
+def plan_reads(wanted: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
+    """Return how to read of each servo its own registers.
+
+    Raises:
+        UnknownNameError: A servo has no such register.
+    """
+    own = {
+        servo.id: {key: resolve_register(servo, key) for key in keys}
+        for servo, keys in wanted.items()
+    }
+    servos = {servo.id: servo for servo in wanted}
+    runs_of_rounds = batches({i: row.values() for i, row in own.items()}, MAX_GAP_BYTES)
+    return ReadPlan(tuple(servos), [_make_batch(servos, own, runs) for runs in runs_of_rounds])
+
+
+def _make_batch(
+    servos: Mapping[int, ServoSpec],
+    own: Mapping[int, Mapping[RegisterRef, Register]],
+    runs: Mapping[int, Sequence[Register]],
+) -> ReadBatch:
+    first, asked = next(iter(runs.values())), [servos[i] for i in runs]
+    spans = {i: _cached_range(run[0].address, run[-1].end) for i, run in runs.items()}
+    return ReadBatch(
+        servos=asked,
+        spans=spans,
+        layouts={i: ReplyLayout(servos[i], own[i], run) for i, run in runs.items()},
+        asked=f"read {', '.join(register.name for register in first)}",
+        is_static=all(register.steady for run in runs.values() for register in run),
+        groups=_group_by_family(asked, spans),
+    )
+
+
+@cache
+def _cached_range(address: int, end: int) -> MemoryRange:
+    """Return the same object for equal stretches: it is compared every cycle."""
+    return MemoryRange(address, end - address)
+
+
+def _group_by_family(
+    servos: Iterable[ServoSpec], spans: Mapping[int, MemoryRange]
+) -> Mapping[Family, Mapping[int, MemoryRange]]:
+    groups: dict[Family, dict[int, MemoryRange]] = {}
+    for servo in servos:
+        groups.setdefault(servo.table.family, {})[servo.id] = spans[servo.id]
+    return groups
+
+
+def batch_read(driver: ProtocolDriver, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
+    """Ask each servo for its own stretch of memory.
+
+    One sync read where all want the same bytes, else one bulk read where the family has it, else
+    a sync read for each kind of bytes, or one servo after the other.
+    """
+    first = next(iter(spans.values()))
+    if driver.can_sync_read and all(s is first or s == first for s in spans.values()):
+        return driver.sync_read(tuple(spans), first.address, first.size)
+    groups: dict[MemoryRange, list[int]] = defaultdict(list)
+    for servo_id, span in spans.items():
+        groups[span].append(servo_id)
+    if len(groups) > 1 and (driver.can_bulk_read(spans) or not driver.can_sync_read):
+        return driver.bulk_read(spans)
+    replies: dict[int, Reply] = {}
+    for span, servo_ids in groups.items():
+        replies |= driver.sync_read(servo_ids, span.address, span.size)
+    return replies
+
+
+def batch_write(driver: ProtocolDriver, rows: Mapping[int, tuple[int, bytes]]) -> None:
+    """Write to each servo at its own address, all at once where that can be said in one packet."""
+    groups: dict[tuple[int, int], dict[int, bytes]] = defaultdict(dict)
+    for servo_id, (address, data) in rows.items():
+        groups[address, len(data)][servo_id] = data
+    if len(groups) > 1 and driver.can_bulk_write:
+        driver.bulk_write(rows)
+        return
+    for (address, _), data_by_id in groups.items():
+        driver.sync_write(address, data_by_id)

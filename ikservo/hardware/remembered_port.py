@@ -1,0 +1,131 @@
+"""Which USB adapter belongs to an arm, and opening it again after it was unplugged.
+
+``ports.toml`` in the user's configuration folder::
+
+    format = 1
+
+    [serial_numbers]
+    so101 = "58FA0834561"
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import cast
+
+from ikservo.clock import Clock, RealClock
+from ikservo.errors import PortError, PortLostError
+from ikservo.hardware.port import Port
+from ikservo.hardware.serial_ports import find_adapter, list_adapters
+from ikservo.hardware.transport import open_transport
+
+__all__ = [
+    "config_dir",
+    "reconnect",
+    "remember_serial_number",
+    "remembered_serial_number",
+    "serial_number_of",
+]
+
+
+_FILE = "ports.toml"
+_FORMAT = 1
+
+
+def config_dir() -> Path:
+    """Return the folder of the user's own files: ``IKSERVO_HOME``, or where the system has it."""
+    own = os.environ.get("IKSERVO_HOME")
+    if own:
+        return Path(own)
+    from platformdirs import user_config_path  # noqa: PLC0415  # only where it is needed
+
+    return user_config_path("ikservo", appauthor=False)
+
+
+def remembered_serial_number(arm: str) -> str:
+    """Return the serial number of the adapter an arm was last found on, or nothing."""
+    return _read_serial_numbers().get(arm, "")
+
+
+def remember_serial_number(arm: str, serial_number: str) -> None:
+    """Remember an arm's adapter; where the folder cannot be written, nothing is remembered."""
+    known = _read_serial_numbers()
+    if serial_number and known.get(arm) != serial_number:
+        with contextlib.suppress(OSError):  # a comfort must not stop an arm
+            _write_serial_numbers({**known, arm: serial_number})
+
+
+def _read_serial_numbers() -> dict[str, str]:
+    try:
+        tables = tomllib.loads((config_dir() / _FILE).read_text("utf-8"))
+    except (OSError, ValueError):  # not there, or spoiled: as good as new
+        return {}
+    found = tables.get("serial_numbers")
+    if tables.get("format") != _FORMAT or not isinstance(found, dict):
+        return {}
+    rows = cast("dict[str, object]", found)
+    return {arm: number for arm, number in rows.items() if isinstance(number, str)}
+
+
+def _write_serial_numbers(numbers: Mapping[str, str]) -> None:
+    """Replace the file in one step, so that no reader meets half of it."""
+    folder = config_dir()
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = [f"{json.dumps(arm)} = {json.dumps(number)}" for arm, number in sorted(numbers.items())]
+    text = "\n".join([f"format = {_FORMAT}", "", "[serial_numbers]", *rows, ""])
+    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8") as file:
+        file.write(text)
+    Path(file.name).replace(folder / _FILE)
+
+
+_POLL_PERIOD_S = 0.1
+
+
+def serial_number_of(name: str) -> str:
+    """Return the USB serial number of the adapter behind a port's name, or nothing.
+
+    To be asked while the adapter is plugged in, so that it is known when it comes back.
+    """
+    adapter = find_adapter(name)
+    return adapter.serial_number if adapter else ""
+
+
+def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | None = None) -> None:
+    """Open a lost port again as soon as its adapter is back; nothing is sent, nothing moves.
+
+    An adapter without a serial number is taken back under its old name only.
+
+    Args:
+        port: The port that was lost.
+        serial_number: From ``serial_number_of``, before the loss.
+        within_s: How long to wait for it.
+        clock: By which to wait; the real one if None.
+
+    Raises:
+        PortLostError: It did not come back in time.
+    """
+    clock = clock or RealClock()
+    give_up_s = clock.now_s() + within_s
+    port.close()
+    while not _try_reopen(port, serial_number):
+        if clock.now_s() >= give_up_s:
+            raise PortLostError(port.name, f"not reconnected within {within_s:.0f} s")
+        clock.sleep_until(min(clock.now_s() + _POLL_PERIOD_S, give_up_s))
+
+
+def _try_reopen(port: Port, serial_number: str) -> bool:
+    here = list_adapters()
+    names = [a.device for a in here if a.serial_number == serial_number] if serial_number else []
+    for name in names or ([] if serial_number else [port.name]):
+        try:
+            port.connect(open_transport(name, port.baudrate), name, port.baudrate)
+        except PortError:  # it is there, but its device node is not ready, or another was quicker
+            continue
+        return True
+    return False

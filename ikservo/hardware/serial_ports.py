@@ -1,0 +1,301 @@
+"""Serial ports of this machine: USB identity, the process that uses one, why it does not open."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import stat
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+from urllib.parse import urlsplit
+
+from serial.tools import list_ports
+
+from ikservo.clock import Clock, RealClock
+from ikservo.errors import NoPortError, PortBusyError, PortError
+
+__all__ = [
+    "RULES_FILE",
+    "AdapterEvent",
+    "SerialAdapter",
+    "chip_name",
+    "find_adapter",
+    "has_udev",
+    "installed_rules",
+    "is_pseudo_terminal",
+    "list_adapters",
+    "list_devices",
+    "open_error",
+    "process_using",
+    "read_rules",
+    "watch_adapters",
+]
+
+
+_PROCESSES = Path("/proc")  # Linux only; elsewhere nobody is named
+
+
+def process_using(device: str) -> str:
+    """Return ``command (process 123)`` of a process that has the device open, or empty."""
+    wanted = Path(device).resolve()
+    for process in _PROCESSES.glob("[0-9]*"):
+        if _has_open(process, wanted):
+            return f"{_process_command(process)} (process {process.name})"
+    return ""
+
+
+def _has_open(process: Path, device: Path) -> bool:
+    try:
+        return any(link.readlink() == device for link in (process / "fd").iterdir())
+    except OSError:  # another user's process, or it has just ended
+        return False
+
+
+def _process_command(process: Path) -> str:
+    try:
+        words = (process / "cmdline").read_bytes().split(b"\0")
+    except OSError:
+        return "a program"
+    return b" ".join(words).decode(errors="replace").strip()[:80]
+
+
+_BY_ID = Path("/dev/serial/by-id")  # Linux: links named after maker, product and serial number
+
+# fmt: off
+#        vendor  product  chip, and the boards it is known from
+_CHIPS = {
+    (0x1A86, 0x55D3): "CH343 (Feetech, Waveshare)",
+    (0x1A86, 0x55D4): "CH9102",
+    (0x1A86, 0x7523): "CH340",
+    (0x0403, 0x6001): "FT232R",
+    (0x0403, 0x6010): "FT2232H",
+    (0x0403, 0x6011): "FT4232H",
+    (0x0403, 0x6014): "FT232H (U2D2)",
+    (0x0403, 0x6015): "FT-X",
+    (0x10C4, 0xEA60): "CP210x",
+}
+_MAKERS = {0x0403: "FTDI", 0x10C4: "Silicon Labs", 0x1A86: "WCH", 0x2F5D: "ROBOTIS"}
+# fmt: on
+
+
+@dataclass(frozen=True, slots=True)
+class SerialAdapter:
+    """A serial port with USB behind it.
+
+    Attributes:
+        device: What ``--port`` takes: ``/dev/ttyACM0``, ``COM3``.
+        by_id: The name that stays the same wherever it is plugged in; empty where there is none.
+        vid: USB vendor id.
+        pid: USB product id.
+        serial_number: By which an arm's adapter is remembered; empty where it has none.
+        description: As the adapter describes itself.
+    """
+
+    device: str
+    by_id: str
+    vid: int
+    pid: int
+    serial_number: str
+    description: str = ""
+
+    @property
+    def chip(self) -> str:
+        """Return the chip by vendor and product, or what the adapter says it is."""
+        return chip_name(self.vid, self.pid) or self.description or "unknown"
+
+    @property
+    def usb(self) -> str:
+        """Return vendor and product as ``lsusb`` writes them."""
+        return f"{self.vid:04x}:{self.pid:04x}"
+
+    @property
+    def used_by(self) -> str:
+        """Return who has it open right now, as far as the system tells."""
+        return process_using(self.device)
+
+
+@dataclass(frozen=True, slots=True)
+class AdapterEvent:
+    """An adapter came or went."""
+
+    event: Literal["plugged", "unplugged"]
+    adapter: SerialAdapter
+
+
+def list_adapters() -> list[SerialAdapter]:
+    """Return the adapters that are plugged in, by device name."""
+    from serial.tools import list_ports  # noqa: PLC0415  # slow on some systems
+
+    links = _list_by_id_links()
+    found = [
+        SerialAdapter(
+            device=port.device,
+            by_id=links.get(str(Path(port.device).resolve()), ""),
+            vid=port.vid,
+            pid=port.pid or 0,
+            serial_number=port.serial_number or "",
+            description=port.product or "",
+        )
+        for port in list_ports.comports()
+        if port.vid is not None
+    ]
+    return sorted(found, key=lambda adapter: adapter.device)
+
+
+def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> SerialAdapter | None:
+    """Return the adapter behind a port's name, which may be a link to it; None if there is none."""
+    if ":" in name and not name.upper().startswith("COM"):
+        return None  # a URL or the simulator
+    device = str(Path(name).resolve()) if name.startswith("/") else name
+    found = list_adapters() if among is None else among
+    return next((a for a in found if device in (a.device, str(Path(a.device).resolve()))), None)
+
+
+def watch_adapters(clock: Clock | None = None, every_s: float = 0.2) -> Iterator[AdapterEvent]:
+    """Yield adapters as they come and go, from now on and without end.
+
+    Args:
+        clock: By which to look; the real one if None.
+        every_s: Between two looks.
+    """
+    clock, before = clock or RealClock(), list_adapters()
+    while True:
+        clock.sleep_until(clock.now_s() + every_s)
+        now = list_adapters()
+        yield from (AdapterEvent("unplugged", adapter) for adapter in before if adapter not in now)
+        yield from (AdapterEvent("plugged", adapter) for adapter in now if adapter not in before)
+        before = now
+
+
+def chip_name(vid: int, pid: int) -> str:
+    """Return the chip of a USB vendor and product id, the maker alone, or nothing."""
+    return _CHIPS.get((vid, pid)) or _MAKERS.get(vid, "")
+
+
+def _list_by_id_links() -> dict[str, str]:
+    """Return the by-id name of every device that has one."""
+    try:
+        return {str(link.resolve()): str(link) for link in _BY_ID.iterdir()}
+    except OSError:  # no such folder: no adapter, or not Linux
+        return {}
+
+
+RULES_FILE = "60-ikservo.rules"
+_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/run/udev/rules.d"))
+
+
+def read_rules() -> str:
+    """Return the rules: ``tools/60-ikservo.rules`` of the source, which the wheel carries too."""
+    package = Path(__file__).absolute().parents[1]
+    shipped = package / "_rules"
+    folder = shipped if shipped.is_dir() else package.parent / "tools"
+    return (folder / RULES_FILE).read_text("utf-8")
+
+
+def installed_rules() -> Path | None:
+    """Return where the rules are installed, None if they are not."""
+    return next((f / RULES_FILE for f in _FOLDERS if (f / RULES_FILE).exists()), None)
+
+
+def has_udev() -> bool:
+    """Return whether this system uses such rules at all."""
+    return sys.platform == "linux"
+
+
+_LINUX_MAJORS = range(136, 144)  # Documentation/admin-guide/devices.txt: Unix98 PTY slaves
+_MACOS_NAME = re.compile(r"/dev/ttys\d+")
+
+
+def is_pseudo_terminal(port_name: str) -> bool:
+    """Return whether a port's name, links followed, is one end of a pseudo-terminal."""
+    path = Path(port_name)
+    try:
+        device, mode = path.stat().st_rdev, path.stat().st_mode
+        if sys.platform == "linux":
+            return stat.S_ISCHR(mode) and os.major(device) in _LINUX_MAJORS
+        return _MACOS_NAME.fullmatch(str(path.resolve())) is not None
+    except (OSError, ValueError):
+        return False
+
+
+_BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
+_NO_TERMINAL = {errno.EISDIR, errno.ENOTTY, errno.EINVAL, errno.ENXIO, errno.ENODEV}
+_URL_FORMATS = "a network port is written like socket://192.168.1.5:4000"
+
+
+def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
+    """Return the error that tells a person why a port did not open, and what to do.
+
+    Args:
+        name: As the person gave it.
+        baud_rate: At which it was to talk.
+        error: What the system or pyserial said.
+    """
+    code = error.errno if isinstance(error, OSError) else None
+    if code in _BUSY:
+        return PortBusyError(name, process_using(name))
+    if code in {errno.EACCES, errno.EPERM} or "PermissionError" in str(error):
+        return PortError(f"No permission to open {name}.", _permission_hint(name))
+    if isinstance(error, OverflowError) or "baud" in str(error).lower():
+        return PortError(
+            f"{name} does not support {baud_rate} baud.", "Choose a rate that the adapter supports."
+        )
+    if "://" in name:
+        return NoPortError(
+            name, list_devices(), _system_error_text(error) if _is_address(name) else _URL_FORMATS
+        )
+    if not Path(name).exists():
+        return NoPortError(
+            name, list_devices(), "" if code == errno.ENOENT else _system_error_text(error)
+        )
+    why = (
+        "not a serial port"
+        if _system_error_number(error) in _NO_TERMINAL
+        else _system_error_text(error)
+    )
+    return NoPortError(name, list_devices(), why)
+
+
+def _is_address(name: str) -> bool:
+    """Return whether a URL is of a kind that is known, and names host and port where it must."""
+    scheme = name.partition("://")[0]
+    try:
+        parts = urlsplit(name)
+        return scheme not in {"socket", "rfc2217"} or bool(parts.hostname and parts.port)
+    except ValueError:  # a port beyond 65535, or no number
+        return False
+
+
+def _system_error_number(error: BaseException) -> object:
+    """Return the system's number of an error; pyserial drops it where it wraps one."""
+    inner = error.__context__ or error
+    return inner.errno if isinstance(inner, OSError) else next(iter(inner.args), None)
+
+
+def _system_error_text(error: BaseException) -> str:
+    """Return why in the system's own words, without what pyserial puts around them."""
+    inner = error.__context__ or error
+    words = inner.strerror if isinstance(inner, OSError) else next(reversed(inner.args), None)
+    return words.lower() if isinstance(words, str) else str(error)
+
+
+def _permission_hint(name: str) -> str:
+    if sys.platform != "linux":
+        return "Another program may use it; end that program, or plug the adapter in again."
+    group = "dialout"
+    with contextlib.suppress(OSError, KeyError):
+        group = Path(name).group()
+    return (
+        f"Add yourself to its group, then log in again: sudo usermod -aG {group} $USER "
+        '(or a udev rule with TAG+="uaccess").'
+    )
+
+
+def list_devices() -> list[str]:
+    """Return the serial ports that the system knows of."""
+    return sorted(port.device for port in list_ports.comports())

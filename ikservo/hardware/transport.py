@@ -1,0 +1,351 @@
+"""Byte transports: serial device, pyserial URL, entry point; the exclusive port lock.
+
+pyserial asks the system twice where once would do, before each read and behind each write, for
+a way to be woken by another thread that nobody here uses. With six servos that answer one after
+the other, this is a third of what a cycle costs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+from select import select
+from time import monotonic
+from types import TracebackType
+from typing import Any, NoReturn, Protocol, cast
+
+import serial
+from serial import rfc2217
+
+from ikservo.errors import NoPortError, PortBusyError
+from ikservo.hardware.process_local_files import abandon_in_forked_children
+from ikservo.hardware.serial_ports import list_devices, open_error
+
+__all__ = [
+    "ENTRY_POINT_GROUP",
+    "FileDescriptorPort",
+    "PortLock",
+    "Transport",
+    "acquire_lock",
+    "has_descriptor",
+    "open_transport",
+]
+
+
+class _PosixSerial(Protocol):
+    """What of pyserial's POSIX port is used."""
+
+    fd: int
+    write: Callable[[bytes], int | None]
+
+
+def has_descriptor(port: object) -> bool:
+    """Return whether a pyserial port is a file of the system, not of Windows or a network."""
+    return os.name == "posix" and isinstance(getattr(port, "fd", None), int)
+
+
+class FileDescriptorPort:
+    """The bytes of one port; opening, rates and closing stay with pyserial.
+
+    Attributes:
+        timeout: How long ``read`` waits, seconds.
+    """
+
+    def __init__(self, port: _PosixSerial) -> None:
+        self._port = port
+        self.timeout: float | None = 0.0
+
+    def read(self, size: int = 1, /) -> bytes:
+        """Return up to ``size`` bytes; fewer only once ``timeout`` has passed."""
+        left_s = self.timeout or 0.0
+        give_up_s = monotonic() + left_s
+        data = b""
+        while len(data) < size and select((self._port.fd,), (), (), left_s)[0]:
+            data += self._wait_readable(size - len(data))
+            left_s = max(0.0, give_up_s - monotonic())
+        return data
+
+    def _wait_readable(self, size: int) -> bytes:
+        chunk = os.read(self._port.fd, size)
+        if not chunk:
+            raise serial.SerialException("device unplugged")
+        return chunk
+
+    def write(self, data: bytes, /) -> int:
+        """Send bytes; pyserial waits for those that the line does not take at once."""
+        sent = os.write(self._port.fd, data)
+        if sent < len(data):
+            self._port.write(data[sent:])
+        return len(data)
+
+
+_MAX_COMMAND_CHARS = 80  # characters that fit into a message
+_MAX_LOCK_BYTES = 4096
+
+
+class PortLock:
+    """A locked file that says who holds a device.
+
+    The kernel releases the lock when the process ends, however it ends; the file stays and does
+    no harm. All names of one device lead to one file. Where the system has no such locks
+    (Windows) the device itself can be opened only once anyway.
+    """
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        self._descriptor = descriptor
+
+    def release(self) -> None:
+        """Let others have the device."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def __enter__(self) -> PortLock:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        self.release()
+
+
+def acquire_lock(device: str) -> PortLock:
+    """Take the lock of a device.
+
+    Raises:
+        PortBusyError: Another process, or another part of this one, has it; it is named.
+    """
+    if sys.platform == "win32":
+        return PortLock()
+    import fcntl  # noqa: PLC0415  # there is none on Windows
+
+    descriptor = _open_lock_file(_lock_file_path(device))
+    if descriptor is None:
+        return PortLock()  # another user's file that we may not even read: the device will tell
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        holder = os.pread(descriptor, _MAX_LOCK_BYTES, 0).decode(errors="replace").strip()
+        os.close(descriptor)
+        raise PortBusyError(device, holder) from None
+    _write_lock_holder(descriptor)
+    return PortLock(descriptor)
+
+
+def _lock_file_path(device: str) -> Path:
+    """Return the lock file of a device: the same for every link to it."""
+    name = str(Path(device).resolve()).replace(os.sep, "-").strip("-")
+    return Path(tempfile.gettempdir()) / f"ikservo-{name}.lock"
+
+
+def _open_lock_file(path: Path) -> int | None:
+    """Open the lock file, for writing where it is ours, for reading where it is another's."""
+    for flags in (os.O_RDWR | os.O_CREAT, os.O_RDWR, os.O_RDONLY):
+        with contextlib.suppress(OSError):
+            return os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+    return None
+
+
+def _write_lock_holder(descriptor: int) -> None:
+    """Write who we are into the file we hold."""
+    program, *words = sys.orig_argv
+    command = " ".join(" ".join([Path(program).name, *words]).split())[:_MAX_COMMAND_CHARS]
+    with contextlib.suppress(OSError):  # opened for reading only
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{command} (process {os.getpid()})\n".encode(), 0)
+
+
+ENTRY_POINT_GROUP = "ikservo.ports"
+"""Entry point group: ``name:anything`` is opened by the plug-in called ``name``."""
+
+_WRITE_TIMEOUT_S = 1.0  # a line that takes no bytes for so long is gone
+
+
+class Transport(Protocol):
+    """The part of pyserial's ``Serial`` that a port needs."""
+
+    baudrate: int
+    timeout: float | None
+
+    @property
+    def in_waiting(self) -> int:
+        """Return how many bytes have arrived and wait."""
+        ...
+
+    def read(self, size: int = 1, /) -> bytes:
+        """Return up to ``size`` bytes; fewer only once ``timeout`` seconds have passed."""
+        ...
+
+    def write(self, data: bytes, /) -> int | None:
+        """Send bytes; return how many went out."""
+        ...
+
+    def reset_input_buffer(self) -> None:
+        """Forget what has arrived."""
+        ...
+
+    def flush(self) -> None:
+        """Return once everything written is on the line."""
+        ...
+
+    def close(self) -> None:
+        """Give the port back."""
+        ...
+
+
+def open_transport(name: str, baud_rate: int) -> Transport:
+    """Open a port.
+
+    Args:
+        name: A device (``/dev/ttyACM0``, ``COM3``), a pyserial URL (``socket://host:port``,
+            ``rfc2217://…``), or ``plug-in:anything`` for an installed plug-in such as ``sim:``.
+        baud_rate: Bits a second.
+
+    Raises:
+        NoPortError: There is no such port.
+        PortBusyError: Another program holds it.
+        PortError: It may not be opened.
+    """
+    if not name:
+        raise NoPortError("", list_devices())
+    for plug_in in entry_points(group=ENTRY_POINT_GROUP, name=name.partition(":")[0]):
+        return _open_plug_in(plug_in.load(), name, baud_rate)
+    lock = PortLock() if "://" in name else acquire_lock(name)
+    try:
+        return cast("Transport", _LockedTransport(_open_serial(name, baud_rate), lock))
+    except (OSError, ValueError, OverflowError) as error:
+        lock.release()
+        raise open_error(name, baud_rate, error) from error
+
+
+def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int) -> Transport:
+    try:
+        transport = opener(name)
+    except Exception as error:  # a plug-in has errors of its own; all mean that there is no port
+        raise NoPortError(name, list_devices(), why=str(error)) from error
+    transport.baudrate = baud_rate
+    return transport
+
+
+def _open_serial(name: str, baud_rate: int) -> serial.Serial:
+    opener = rfc2217.Serial if name.startswith("rfc2217://") else serial.serial_for_url
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # pyserial's own, in its RFC 2217
+        port = opener(
+            name,
+            baudrate=baud_rate,
+            timeout=0,
+            write_timeout=None if "://" in name else _WRITE_TIMEOUT_S,
+            exclusive=None if "://" in name else True,  # a URL's other end may not know of locks
+        )
+    _lower_latency(port)
+    _disable_nagle(port)
+    return cast("serial.Serial", port)
+
+
+class _LockedTransport:
+    """A pyserial port, and the lock that is given back with it.
+
+    Both belong to the process that opened them; see ``forking``. ``abandoned`` says that this
+    process is a fork of it.
+
+    Setting pyserial's ``timeout`` reconfigures the device, over the network where it stands
+    there, although only ``read`` looks at it; so where that is possible it is set past pyserial.
+    """
+
+    def __init__(self, port: serial.Serial, lock: PortLock) -> None:
+        self._port, self._lock = port, lock
+        self.read, self.write, self.flush = port.read, port.write, port.flush
+        self.reset_input_buffer = port.reset_input_buffer
+        self._files = FileDescriptorPort(cast("Any", port)) if has_descriptor(port) else None
+        if self._files:
+            self.read, self.write = self._files.read, self._files.write
+        if isinstance(port, rfc2217.Serial):
+            self.reset_input_buffer = self._drop_lock  # pyserial would wait for the server to agree
+        self.abandoned = False
+        abandon_in_forked_children(self)
+
+    @property
+    def in_waiting(self) -> int:
+        return self._port.in_waiting
+
+    @property
+    def baudrate(self) -> int:
+        return self._port.baudrate
+
+    @baudrate.setter
+    def baudrate(self, baud_rate: int) -> None:
+        self._port.baudrate = baud_rate
+
+    @property
+    def timeout(self) -> float | None:
+        return self._files.timeout if self._files else self._port.timeout
+
+    @timeout.setter
+    def timeout(self, timeout_s: float | None) -> None:
+        if self._files:
+            self._files.timeout = timeout_s
+        elif sys.platform == "win32" and "://" not in str(self._port.port):
+            self._port.timeout = timeout_s
+        else:
+            vars(self._port)["_timeout"] = timeout_s
+
+    def _drop_lock(self) -> None:
+        while waiting := self._port.in_waiting:
+            self._port.read(waiting)
+
+    def abandon(self) -> None:
+        connection = vars(self._port).get("_socket")
+        with contextlib.suppress(OSError):
+            if connection is not None:  # pyserial's own close would shut the parent's down, too
+                connection.close()
+            elif self._files:
+                self._port.close()
+        self._lock.release()
+        self.read = self.write = self.flush = self.reset_input_buffer = _raise_foreign_port
+        self.abandoned = True
+
+    def close(self) -> None:
+        if self.abandoned:
+            return
+        connection = vars(self._port).get("_socket")
+        try:
+            self._port.close()
+        finally:
+            if connection is not None:  # pyserial forgets it where the other end was quicker
+                connection.close()
+            self._lock.release()
+
+
+def _lower_latency(port: serial.SerialBase) -> None:
+    """Ask an FTDI adapter to answer within 1 ms instead of 16; others have no such knob."""
+    ask = cast("Callable[[bool], None] | None", getattr(port, "set_low_latency_mode", None))
+    if ask:
+        with contextlib.suppress(ValueError, OSError, NotImplementedError):
+            ask(True)
+
+
+def _disable_nagle(port: serial.SerialBase) -> None:
+    """Let a network port send each packet when it is written (TCP_NODELAY).
+
+    TCP would otherwise hold a goal back until the answer to the question before is confirmed, up
+    to 40 ms later; pyserial sets this for ``rfc2217://`` only.
+    """
+    connection = vars(port).get("_socket")
+    if isinstance(connection, socket.socket):
+        with contextlib.suppress(OSError):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
+def _raise_foreign_port(*_: object) -> NoReturn:
+    raise serial.SerialException("another process opened it")

@@ -1,0 +1,342 @@
+"""Jacobian methods: pseudo-inverse and transpose, and their step rules.
+
+Close to a solution this is Newton's method and each step doubles the digits. It does not ask
+whether a step was good: the error may grow on the way, and at the edge of the reach the joints
+may swing back and forth by the 2° they are allowed. The answer is the best iterate.
+
+A force F at the tip and the torques τ of joints that give way to it do the same virtual work,
+``Fᵀ J dq = τᵀ dq``, hence ``τ = Jᵀ F``. Let the error pull: ``Δ = α Jᵀ E`` is steepest descent on
+``|E|²``. It is cheap, never ends further from the target than it began, and slow, because it goes
+as if all joints had the same lever.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.errors import BadValueError
+from ikservo.ik.evaluation import evaluate
+from ikservo.ik.problem import Options, Posture, Target, Tolerance
+from ikservo.ik.result import Result
+from ikservo.kinematics import Chain, finite_vector
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import skew
+
+__all__ = [
+    "EPSILON",
+    "MAX_STEP_RAD",
+    "ORIENTATION_LEVER_M",
+    "Linearisation",
+    "ResidualFunction",
+    "Step",
+    "active_limits",
+    "backtrack",
+    "gradient_torque",
+    "iterate",
+    "limited_step",
+    "nullspace_step",
+    "pinv",
+    "pseudo_inverse",
+    "scale_step",
+    "step_length",
+    "transpose",
+]
+
+
+ORIENTATION_LEVER_M = 0.1
+"""One radian weighs like this many metres, about half of a small arm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearisation:
+    """The error at one q, and how each joint changes it.
+
+    Attributes:
+        q: Joints (dof,), rad or m.
+        E: What is left, M - f(q) (m,), metres.
+        J: df/dq (m, dof), metres per rad or m (lecture L6).
+        axes: What each joint turns the frame about (3, dof), rad per rad; 0 for a slide.
+    """
+
+    q: Vector
+    E: Vector
+    J: Matrix
+    axes: Matrix
+
+    @property
+    def cost(self) -> float:
+        """Return ``|E|²`` [m²], which every method brings down (lecture L13)."""
+        return float(self.E @ self.E)
+
+
+class ResidualFunction:
+    """A target, asked of a chain.
+
+    f(q) stacks the point and, where a direction or an orientation is wanted, the tips of the
+    tool's axes a lever's length away: one axis for a direction, all three for an orientation. So
+    every row is in metres, and a position and an orientation can be weighed against each other.
+    """
+
+    def __init__(self, chain: Chain, target: Target) -> None:
+        self.chain, self.target = chain, target
+        self._axes_tool, wanted = _watched_axes(target)
+        self._M = np.concatenate([target.position, wanted.ravel()])
+
+    def linearise(self, q: Vector) -> Linearisation:
+        """Return the error and its derivatives at joints (dof,)."""
+        T, J = self.chain.forward_and_jacobian(q, self.target.frame, self.target.offset_m)
+        axes = self._axes_tool @ T[:3, :3].T
+        f = np.concatenate([T[:3, 3], axes.ravel()])
+        swings = [-skew(axis) @ J[3:] for axis in axes]  # ω × a = -a × ω
+        return Linearisation(q, self._M - f, np.vstack([J[:3], *swings]), J[3:])
+
+    def is_met(self, here: Linearisation, tolerance: Tolerance) -> bool:
+        """Return whether what is left is at most half the tolerance.
+
+        Half, so that no rounding between here and the answer makes a miss of it.
+        """
+        gap_m, turn_rad = (
+            _vector_length(here.E[:3]),
+            _vector_length(here.E[3:]) / ORIENTATION_LEVER_M,
+        )
+        return gap_m <= 0.5 * tolerance.position_m and turn_rad <= 0.5 * tolerance.orientation_rad
+
+
+def active_limits(chain: Chain, q: Vector, tau: Vector) -> NDArray[np.bool_]:
+    """Return the joints (dof,) that stand on a limit and that tau (dof,) pulls against it."""
+    return ((q <= chain.lower_rad) & (tau < 0.0)) | ((q >= chain.upper_rad) & (tau > 0.0))
+
+
+def _watched_axes(target: Target) -> tuple[Matrix, Matrix]:
+    """Return the axes (k, 3) to watch, in the tool's coordinates, and where they shall point."""
+    if target.rotation is not None:
+        # A small turn moves two of three axes: each has its share of the weight.
+        share_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
+        return share_m * np.eye(3), share_m * target.rotation.T
+    if target.wanted_axis is not None:
+        return ORIENTATION_LEVER_M * target.axis[None, :], ORIENTATION_LEVER_M * target.wanted_axis[
+            None, :
+        ]
+    return np.zeros((0, 3)), np.zeros((0, 3))
+
+
+def _vector_length(v: Vector) -> float:
+    return math.sqrt(float(v @ v))
+
+
+MAX_STEP_RAD = math.radians(2.0)
+"""The longest step of a joint: 2°, and for a slide as many metres (35 mm)."""
+
+# A step this small moves the tool by less than a nanometre.
+_STEP_END = 1e-9
+# A walk that has come neither a thousandth nor a micrometre closer for so long goes in circles.
+_MAX_STALLED_STEPS, _PROGRESS, _PROGRESS_M = 50, 0.999, 1e-6
+# A step halved so often is lost in the rounding of the error.
+_HALVINGS = 40
+
+Step = Callable[[Linearisation], Linearisation]
+"""One iteration of a method: from the error here to the error where it steps."""
+
+
+def scale_step(step: Vector) -> Vector:
+    """Return the step (dof,), scaled as a whole so that no joint goes further than 2° (L7)."""
+    largest = float(np.abs(step).max(initial=0.0))
+    return step if largest <= MAX_STEP_RAD else step * (MAX_STEP_RAD / largest)
+
+
+def backtrack(task: ResidualFunction, here: Linearisation, step: Vector) -> Linearisation:
+    """Go the step (dof,) or the longest half, quarter, … of it that makes nothing worse."""
+    for _ in range(_HALVINGS):
+        there = task.linearise(task.chain.clip(here.q + step))
+        if there.cost <= here.cost:
+            return there
+        step = 0.5 * step
+    return here
+
+
+def iterate(
+    method: str,
+    step: Step,
+    task: ResidualFunction,
+    q0: Vector,
+    options: Options,
+    max_iterations: int,
+    *,
+    settle: bool = False,
+) -> Result:
+    """Step from ``q0`` until the target is met, nothing moves any more or patience ends (L7).
+
+    One walk without restarts: as in the lecture it goes on from where the arm is, and where it
+    gets stuck it says so. The answer is the best iterate.
+
+    Args:
+        method: The method's name, for the result.
+        step: What the method does in one iteration.
+        task: What is wanted of which chain.
+        q0: Start (dof,), rad or m; one outside the limits is first put onto them.
+        options: Tolerance, iterations at most, whether to keep them.
+        max_iterations: Iterations at most where the options leave it to the method.
+        settle: Whether to go on after the target is met, until nothing moves.
+    """
+    walk = _Iteration(task, options.tolerance, task.linearise(task.chain.clip(q0)))
+    for _ in range(options.max_iterations or max_iterations):
+        if walk.is_finished(settle=settle):
+            break
+        walk.move_to(step(walk.here))
+    return evaluate(
+        task.chain,
+        task.target,
+        walk.best.q,
+        options.tolerance,
+        method=method,
+        iterations=len(walk.trace) - 1,
+        trace=tuple(walk.trace) if options.trace else (),
+    )
+
+
+class _Iteration:
+    """Where a walk is, where it was best, and how long it has not come closer."""
+
+    def __init__(self, task: ResidualFunction, tolerance: Tolerance, start: Linearisation) -> None:
+        self.here = self.best = start
+        self.trace = [start.q]
+        self._task, self._tolerance = task, tolerance
+        self._met = task.is_met(start, tolerance)
+        self._still, self._mark_m, self._since = False, math.sqrt(start.cost), 0
+
+    def is_finished(self, *, settle: bool) -> bool:
+        return self._still or self._since > _MAX_STALLED_STEPS or (self._met and not settle)
+
+    def move_to(self, there: Linearisation) -> None:
+        self._still = float(np.abs(there.q - self.here.q).max()) <= _STEP_END
+        self._met = self._task.is_met(there, self._tolerance)
+        if self._met or there.cost < self.best.cost:
+            self.best = there
+        left_m = math.sqrt(there.cost)
+        if self._met or left_m < max(_PROGRESS * self._mark_m, self._mark_m - _PROGRESS_M):
+            self._mark_m, self._since = left_m, 0
+        else:
+            self._since += 1
+        self.here = there
+        self.trace.append(there.q)
+
+
+EPSILON = 5e-3
+"""Singular values below this part of the largest count as zero (lecture L8).
+
+About what the arm has left of the way outwards one degree before it is stretched. With less it
+would swing through the stretched pose, 2° back and forth, for ever; with more it would stop early.
+"""
+
+_PINV_MAX_ITERATIONS = 500
+
+
+def pseudo_inverse(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
+    """Walk from ``q0`` in small steps that solve the linearised problem (lecture L7).
+
+    With a posture in the options the walk leans towards it as far as the target leaves freedom,
+    and ends when both have come to rest (lecture L10).
+
+    Raises:
+        BadValueError: The posture has the wrong shape, is not finite, or a weight is negative.
+    """
+    task = ResidualFunction(chain, target)
+    wish, weights = _posture_gradient(chain, options.posture)
+
+    def step(here: Linearisation) -> Linearisation:
+        C = weights * (here.q - wish)
+        return task.linearise(chain.clip(here.q + limited_step(here, chain, C)))
+
+    settle = options.posture is not None
+    return iterate("pseudo_inverse", step, task, q0, options, _PINV_MAX_ITERATIONS, settle=settle)
+
+
+_NOTHING = 1e-150  # below it even the reciprocal is no number
+
+
+def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
+    """Return the pseudo-inverse (n, m) of J (m, n) by truncated SVD (lecture L8).
+
+    ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` where ``s < ε s_max``. ``Δ = J⁺ E`` is the
+    least-squares solution of ``J Δ = E`` where there is none, the least norm where there are many.
+    """
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    kept = s > max(epsilon * s.max(initial=0.0), _NOTHING)
+    return (Vt[kept].T / s[kept]) @ U[:, kept].T
+
+
+def nullspace_step(J: Matrix, E: Vector, C: Vector) -> Vector:
+    """Return ``Δ = J⁺ E + (J⁺ J - I) C`` (dof,) (lecture L10).
+
+    The second part goes along ``-C`` only as far as the tip does not feel it: ``J (J⁺ J - I) = 0``.
+    """
+    J_plus = pinv(J)
+    return J_plus @ (E + J @ C) - C
+
+
+def limited_step(here: Linearisation, chain: Chain, C: Vector) -> Vector:
+    """Return the step (dof,): no joint over 2° (lecture L7), none beyond its limits (L9).
+
+    The step of a joint that would leave its range ends on the limit. Its column is struck out, and
+    the others are solved again for what it leaves to them, until no joint leaves. A joint that
+    stands on its limit and that the error pulls against it is struck out from the start, else the
+    walk could end where the others still had a way down. Every iteration begins anew, so that a
+    joint may come back off its limit.
+    """
+    to_lower, to_upper = chain.lower_rad - here.q, chain.upper_rad - here.q
+    step, free = np.zeros(chain.dof), ~active_limits(chain, here.q, here.J.T @ here.E - C)
+    while free.any():
+        left = here.E - here.J[:, ~free] @ step[~free]
+        step[free] = scale_step(nullspace_step(here.J[:, free], left, C[free]))
+        leaves = free & ((step < to_lower) | (step > to_upper))
+        if not leaves.any():
+            break
+        step[leaves] = np.clip(step[leaves], to_lower[leaves], to_upper[leaves])
+        free &= ~leaves
+    return step
+
+
+def _posture_gradient(chain: Chain, posture: Posture | None) -> tuple[Vector, Vector]:
+    """Return ``q_pref`` and ``w`` of ``C_i = w_i (q_i - q_pref,i)``, both (dof,)."""
+    if posture is None:
+        return np.zeros(chain.dof), np.zeros(chain.dof)
+    weights = finite_vector(posture.weights, chain.dof, "The posture's weights")
+    if (weights < 0.0).any():
+        raise BadValueError("A posture's weight", float(weights.min()), "0 or more")
+    # A weight of 1 goes all the way in one step; one of 2 would swing for ever.
+    return finite_vector(posture.q, chain.dof, "The posture"), weights / max(1.0, weights.max())
+
+
+_MAX_TRANSPOSE_ITERATIONS = 2000
+
+
+def transpose(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
+    """Follow the pull of the error from ``q0``, downhill all the way (lecture L11)."""
+    task = ResidualFunction(chain, target)
+
+    def step(here: Linearisation) -> Linearisation:
+        tau = gradient_torque(here, chain)
+        return backtrack(task, here, scale_step(step_length(here.J, here.E, tau) * tau))
+
+    return iterate("transpose", step, task, q0, options, _MAX_TRANSPOSE_ITERATIONS)
+
+
+def gradient_torque(here: Linearisation, chain: Chain) -> Vector:
+    """Return ``τ = Jᵀ E`` (dof,); a joint that is pulled against its limit stays there."""
+    tau = here.J.T @ here.E
+    return np.where(active_limits(chain, here.q, tau), 0.0, tau)
+
+
+def step_length(J: Matrix, E: Vector, tau: Vector) -> float:
+    """Return the α that makes the linearised error ``|E - α J τ|`` smallest.
+
+    ``α = (E · J τ) / |J τ|²``; zero where τ does not move the tip.
+    """
+    lift = J @ tau
+    size = float(lift @ lift)
+    return float(E @ lift) / size if size > 0.0 else 0.0

@@ -1,0 +1,373 @@
+"""Planar chains with two or three joints, and the intervals of their tool direction.
+
+Points of the plane are complex numbers, so that a turn by θ is a factor e^{iθ}. A link ``l`` is
+the vector to the next joint, or to the tip, while all joints are zero: it may be bent, as the
+upper arm of most real arms is. The tip stands at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^{iθ3} l3))``.
+
+With the direction free, the solutions of a point are intervals. Their ends are known in closed
+form: there the two first links are stretched or folded, or a joint stands at a limit, which leaves
+two links. Between neighbouring ends nothing changes, so that one look in the middle is enough.
+
+Along an arc the joints slide through the null space of the planar arm: the tip stays, the last
+link turns. Steps along it towards the start are the lecture's L10 with one free parameter.
+
+At the nearest point every joint stands at a limit or cannot help: its pivot, the tip and the wanted
+point lie on one line. Each joint is therefore at its lower limit, at its upper one, or free, and
+the free ones stretch or fold the links along the line: a handful of candidates, all exact.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+from ikservo.ik.subproblems import FULL_TURN_RAD, clamped_acos, nearest_equivalent_angle, wrap_angle
+
+__all__ = [
+    "Angles",
+    "DirectionArc",
+    "Limits",
+    "allowed_arcs",
+    "elbow_solutions",
+    "nearest_direction",
+    "nearest_on_direction_arcs",
+    "nearest_planar_angles",
+    "planar_tip",
+    "solve_planar_2r",
+    "solve_planar_3r",
+    "within_limits",
+]
+
+
+Angles = tuple[float, ...]
+Limits = Sequence[tuple[float, float]]
+
+# A link shorter than this [m] is none: its joint does not move the tip.
+_NO_LENGTH_M = 1e-9
+
+
+def planar_tip(links: Sequence[complex], angles: Sequence[float]) -> complex:
+    """Return where the tip of n links stands (lecture L2)."""
+    tip, heading = 0j, 1.0 + 0j
+    for link, angle in zip(links, angles, strict=True):
+        heading *= cmath.rect(1.0, angle)
+        tip += heading * link
+    return tip
+
+
+def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
+    """Return both elbows (θ1, θ2) that bring the tip to ``m``, none outside the annulus.
+
+    With L1 = |l1|, L2 = |l2|, d = |m| (lecture L3):
+    ``cos φ2 = (d² - L1² - L2²) / (2 L1 L2)`` and
+    ``φ1 = arg m - atan2(L2 sin φ2, L1 + L2 cos φ2)``,
+    counted from straight links: φ1 = θ1 + arg l1, φ2 = θ2 + arg l2 - arg l1. The first elbow has
+    φ2 >= 0, the second φ2 <= 0; on the boundary of the annulus they are one.
+    """
+    L1, L2, d = abs(l1), abs(l2), abs(m)
+    if min(L1, L2) < _NO_LENGTH_M:
+        return ()
+    bend = clamped_acos((d * d - L1 * L1 - L2 * L2) / (2.0 * L1 * L2))
+    if bend is None:
+        return ()
+    lean = math.atan2(L2 * math.sin(bend), L1 + L2 * math.cos(bend))
+    a1, a2, heading = cmath.phase(l1), cmath.phase(l2), cmath.phase(m)
+    return (
+        (heading - lean - a1, bend - a2 + a1),
+        (heading + lean - a1, -bend - a2 + a1),
+    )
+
+
+def solve_planar_3r(
+    l1: complex, l2: complex, l3: complex, m: complex, alpha_rad: float
+) -> tuple[Angles, ...]:
+    """Return both elbows (θ1, θ2, θ3) that bring the tip to ``m`` with the last link turned by α.
+
+    The direction of the last link is the parameter that three links have more than two
+    (lecture L4): it puts the third joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.
+    """
+    wrist = m - cmath.rect(1.0, alpha_rad) * l3
+    return tuple((a, b, alpha_rad - a - b) for a, b in solve_planar_2r(l1, l2, wrist))
+
+
+def within_limits(angles: Angles, limits: Limits, start: Angles) -> Angles | None:
+    """Return the turns of the angles inside the limits, nearest the start, or None."""
+    turns: list[float] = []
+    for angle, (lower, upper), near in zip(angles, limits, start, strict=True):
+        turn = nearest_equivalent_angle(angle, lower, upper, near)
+        if turn is None:
+            return None
+        turns.append(turn)
+    return tuple(turns)
+
+
+# Ends of an arc are computed, not exact: a choice stays this far inside [rad].
+_MARGIN_RAD = 1e-9
+_ANYWHERE = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DirectionArc:
+    """The directions from ``lower_rad`` to ``upper_rad``, at most a full turn further."""
+
+    lower_rad: float
+    upper_rad: float
+
+    def clamp_direction(self, alpha_rad: float) -> float:
+        """Return the direction inside that is nearest α on the circle."""
+        margin = min(_MARGIN_RAD, 0.5 * (self.upper_rad - self.lower_rad))
+        low, high = self.lower_rad + margin, self.upper_rad - margin
+        if (turn := nearest_equivalent_angle(alpha_rad, low, high, alpha_rad)) is not None:
+            return turn
+        return min(low, high, key=lambda end: abs(wrap_angle(end - alpha_rad)))
+
+
+def nearest_direction(
+    links: Sequence[complex], limits: Limits, m: complex, alpha_rad: float, start: Angles
+) -> Iterator[Angles]:
+    """Yield, for each elbow and each arc, the angles whose direction is nearest the wanted α.
+
+    Where an elbow can have the wanted direction itself, that is its only answer.
+    """
+    wanted = elbow_solutions(links, limits, m, alpha_rad, start)
+    yield from (angles for angles in wanted if angles is not None)
+    if None not in wanted:
+        return
+    for elbow, arcs in enumerate(allowed_arcs(links, limits, m)):
+        for arc in arcs if wanted[elbow] is None else ():
+            found = elbow_solutions(links, limits, m, arc.clamp_direction(alpha_rad), start)[elbow]
+            if found is not None:
+                yield found
+
+
+def allowed_arcs(
+    links: Sequence[complex], limits: Limits, m: complex
+) -> tuple[tuple[DirectionArc, ...], tuple[DirectionArc, ...]]:
+    """Return the directions of the last link with which each elbow reaches ``m``.
+
+    Args:
+        links: The three links while all angles are zero.
+        limits: Lower and upper limit of each angle.
+        m: The wanted point, from the first joint.
+
+    Returns:
+        The arcs of the elbow with φ2 >= 0, and those of the elbow with φ2 <= 0.
+    """
+    # Where no end is known, any direction is as good as 0 to look from: all are open, or none.
+    ends = sorted({wrap_angle(alpha) for alpha in _possible_ends(links, limits, m)}) or [0.0]
+    following = [*ends[1:], ends[0] + FULL_TURN_RAD]
+    middles = [0.5 * (a + b) for a, b in zip(ends, following, strict=True)]
+    at_ends = [_allowed_elbows(links, limits, m, alpha) for alpha in ends]
+    between = [_allowed_elbows(links, limits, m, alpha) for alpha in middles]
+    first, second = (
+        _open_arcs(ends, [looks[elbow] for looks in at_ends], [looks[elbow] for looks in between])
+        for elbow in (0, 1)
+    )
+    return first, second
+
+
+def _open_arcs(
+    ends: list[float], at_end: list[bool], after: list[bool]
+) -> tuple[DirectionArc, ...]:
+    """Return the open pieces of the circle, and the open ends between closed pieces."""
+    alone = (
+        DirectionArc(end, end)
+        for i, end in enumerate(ends)
+        if at_end[i] and not (after[i] or after[i - 1])
+    )
+    return (*_join_arcs(ends, after), *alone)
+
+
+def _join_arcs(ends: list[float], after: list[bool]) -> Iterator[DirectionArc]:
+    """Join neighbouring open pieces of the circle into arcs."""
+    count = len(ends)
+    if all(after):
+        yield DirectionArc(ends[0], ends[0] + FULL_TURN_RAD)
+        return
+    for first in range(count):
+        if not after[first] or after[first - 1]:
+            continue
+        last = first
+        while after[last % count]:
+            last += 1
+        yield DirectionArc(
+            ends[first], ends[last % count] + (FULL_TURN_RAD if last >= count else 0.0)
+        )
+
+
+def _possible_ends(links: Sequence[complex], limits: Limits, m: complex) -> Iterator[float]:
+    """Yield every direction at which an arc can end."""
+    l1, l2, l3 = links
+    stretched, folded = abs(l1) + abs(l2), abs(abs(l1) - abs(l2))
+    bent = (abs(l1 + cmath.rect(1.0, b) * l2) for b in limits[1] if math.isfinite(b))
+    for reach in (stretched, folded, *bent):
+        yield from _third_joint_at(reach, l3, m)
+    for a in filter(math.isfinite, limits[0]):
+        elbow = m * cmath.rect(1.0, -a) - l1
+        yield from (a + b + c for b, c in solve_planar_2r(l2, l3, elbow))
+    for c in filter(math.isfinite, limits[2]):
+        yield from (a + b + c for a, b in solve_planar_2r(l1, l2 + cmath.rect(1.0, c) * l3, m))
+
+
+def _third_joint_at(reach: float, l3: complex, m: complex) -> tuple[float, ...]:
+    """Return the directions that put the third joint at a distance from the first."""
+    d, L3 = abs(m), abs(l3)
+    if d * L3 == 0.0:
+        return ()
+    spread = clamped_acos((d * d + L3 * L3 - reach * reach) / (2.0 * d * L3))
+    middle = cmath.phase(m) - cmath.phase(l3)
+    return () if spread is None else (middle + spread, middle - spread)
+
+
+def _allowed_elbows(
+    links: Sequence[complex], limits: Limits, m: complex, alpha_rad: float
+) -> tuple[bool, bool]:
+    first, second = elbow_solutions(links, limits, m, alpha_rad, _ANYWHERE)
+    return first is not None, second is not None
+
+
+def elbow_solutions(
+    links: Sequence[complex], limits: Limits, m: complex, alpha_rad: float, start: Angles
+) -> tuple[Angles | None, Angles | None]:
+    """Return both elbows with the last link turned by α, each None where limits forbid it."""
+    l1, l2, l3 = links
+    found = solve_planar_3r(l1, l2, l3, m, alpha_rad)
+    if not found:
+        return None, None
+    return within_limits(found[0], limits, start), within_limits(found[1], limits, start)
+
+
+_STEPS = 20
+_STEP_END_RAD = 1e-6
+# Where to look first beside the start's own direction, as parts of the arc.
+_SAMPLES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
+
+
+def nearest_on_direction_arcs(
+    links: Sequence[complex], limits: Limits, m: complex, start: Angles
+) -> Iterator[Angles]:
+    """Yield, for each elbow and each arc of directions, the angles nearest the start."""
+    for elbow, arcs in enumerate(allowed_arcs(links, limits, m)):
+        for arc in arcs:
+            yield from _nearest_on_arc(links, limits, m, elbow, arc, start)
+
+
+def _nearest_on_arc(
+    links: Sequence[complex],
+    limits: Limits,
+    m: complex,
+    elbow: int,
+    arc: DirectionArc,
+    start: Angles,
+) -> Iterator[Angles]:
+    """Yield the angles that minimise ``|θ(α) - θ_start|²`` on one arc, from the best look."""
+
+    def at(alpha_rad: float) -> Angles | None:
+        return elbow_solutions(links, limits, m, arc.clamp_direction(alpha_rad), start)[elbow]
+
+    span = arc.upper_rad - arc.lower_rad
+    looks = (sum(start), *(arc.lower_rad + part * span for part in _SAMPLES))
+    found = [angles for angles in map(at, looks) if angles is not None]
+    if not found:
+        return
+    best, scale = min(found, key=lambda angles: _squared_distance(angles, start)), 1.0
+    for _ in range(_STEPS):
+        step = scale * _step_towards(links, best, start)
+        if abs(step) < _STEP_END_RAD:
+            break
+        tried = at(sum(best) + step)
+        if tried is not None and _squared_distance(tried, start) < _squared_distance(best, start):
+            best, scale = tried, 1.0
+        else:
+            scale *= 0.5
+    yield best
+
+
+def _step_towards(links: Sequence[complex], angles: Angles, start: Angles) -> float:
+    """Return the change of α that brings the angles nearest the start, to first order.
+
+    The links v1, v2, v3 as they stand close with the wanted point; keeping it, the angles change
+    along ``t = (v2×v3, -v1×v3 - v2×v3, v1×v2 + v1×v3)``, and α with the sum of t, v1×v2.
+    """
+    heading, v = 1.0 + 0j, list[complex]()
+    for link, angle in zip(links, angles, strict=True):
+        heading *= cmath.rect(1.0, angle)
+        v.append(heading * link)
+    c12, c13, c23 = _cross_2d(v[0], v[1]), _cross_2d(v[0], v[2]), _cross_2d(v[1], v[2])
+    t = (c23, -c13 - c23, c12 + c13)
+    length2 = sum(x * x for x in t)
+    towards = sum((s - a) * x for s, a, x in zip(start, angles, t, strict=True))
+    return c12 * towards / length2 if length2 else 0.0
+
+
+def _cross_2d(a: complex, b: complex) -> float:
+    return (a.conjugate() * b).imag
+
+
+def _squared_distance(angles: Angles, start: Angles) -> float:
+    return sum((a - s) ** 2 for a, s in zip(angles, start, strict=True))
+
+
+def nearest_planar_angles(
+    links: Sequence[complex], limits: Limits, m: complex, start: Angles
+) -> tuple[Angles, ...]:
+    """Return the angles inside the limits, best first, whose tip may be the nearest to ``m``.
+
+    Args:
+        links: The links while all angles are zero.
+        limits: Lower and upper limit of each angle.
+        m: A point out of reach, from the first joint.
+        start: Which turn of an angle to prefer.
+    """
+    candidates = (
+        within_limits(angles, limits, start)
+        for held in product(*(_fixed_positions(limit) for limit in limits))
+        for angles in _aligned_angles(links, held, m)
+    )
+    found = [angles for angles in candidates if angles is not None]
+    return tuple(sorted(found, key=lambda angles: abs(planar_tip(links, angles) - m)))
+
+
+def _fixed_positions(limit: tuple[float, float]) -> tuple[float | None, ...]:
+    """Return where a joint may stand: free (None), or at one of its limits."""
+    return (None, *filter(math.isfinite, limit))
+
+
+def _aligned_angles(
+    links: Sequence[complex], held: Sequence[float | None], m: complex
+) -> Iterator[Angles]:
+    """Yield the angles that put every piece between free joints along the line to ``m``."""
+    pieces = _rigid_pieces(links, held)
+    anchor, rest = pieces[0], pieces[1:]
+    line = cmath.phase(m - anchor)
+    for flips in product((0.0, math.pi), repeat=len(rest)):
+        headings = [line + flip - cmath.phase(p) for flip, p in zip(flips, rest, strict=True)]
+        yield _complete_angles(held, headings)
+
+
+def _rigid_pieces(links: Sequence[complex], held: Sequence[float | None]) -> list[complex]:
+    """Return the vectors between free joints, each in the coordinates of the joint before it.
+
+    The first piece is held by limits alone, in the coordinates of the base.
+    """
+    pieces, turned = [0j], 0.0
+    for link, angle in zip(links, held, strict=True):
+        if angle is None:
+            pieces.append(0j)
+            turned = 0.0
+        else:
+            turned += angle
+        pieces[-1] += cmath.rect(1.0, turned) * link
+    return pieces
+
+
+def _complete_angles(held: Sequence[float | None], headings: Sequence[float]) -> Angles:
+    """Return all angles, the free ones from the headings [rad, base] behind them."""
+    angles: list[float] = []
+    coming = iter(headings)
+    for angle in held:
+        angles.append(next(coming) - sum(angles) if angle is None else angle)
+    return tuple(angles)

@@ -1,0 +1,292 @@
+"""Prepare a solve: pack chain and options for the kernel, choose start configurations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cache
+from typing import Literal
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.ik.idle_joints import IdleJoint, idle_joints
+from ikservo.ik.kernel.layout import (
+    SEED_COS_Q1,
+    SEED_POSITION,
+    SEED_Q1,
+    SEED_RADIUS2,
+    SEED_ROTATION,
+    SEED_SIN_Q1,
+    SEED_SIZE,
+)
+from ikservo.ik.problem import Options
+from ikservo.kinematics import Chain, JointType, pack_chain
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.packed import COLUMN, FIRST_INDEPENDENT, POSITION, ROTATION, rotation_z_to
+
+__all__ = [
+    "HOMOGENEOUS_ROW",
+    "PackedProblem",
+    "SolverBuffers",
+    "TargetKind",
+    "TargetKindName",
+    "check_chain",
+    "check_homogeneous_row",
+    "check_options",
+    "load_kernel",
+    "pack_problem",
+    "pack_settings",
+    "prepare_seeds",
+    "seeds",
+    "target_kind",
+]
+
+
+def prepare_seeds(
+    chain: Chain,
+    arm: Matrix,
+    q: Matrix,
+    frame: str | None,
+    offset_m: Vector | None,
+    turn: Matrix,
+    *,
+    swinging: bool,
+) -> Matrix:
+    """Return joints (m, dof) as columns (dof + SEED_SIZE, m).
+
+    Args:
+        chain: The arm.
+        arm: The arm, packed.
+        q: Starting points inside the limits (m, dof).
+        frame: The link that shall go there.
+        offset_m: The point of it.
+        turn: R_frame_tool (3, 3).
+        swinging: Whether the search may swing the first joint to where the tool comes nearest.
+    """
+    n, first = chain.dof, int(arm[1, COLUMN])
+    half_rad, stood = 0.0, q.copy()
+    if swinging and arm[0, FIRST_INDEPENDENT] == 1.0:
+        middle, half_rad = _half_range(float(chain.lower_rad[first]), float(chain.upper_rad[first]))
+        stood[:, first] = middle
+    T = chain.forward(stood, frame, offset_m)
+    base = arm[1, ROTATION : ROTATION + 9].reshape(3, 3)
+    p = (T[:, :3, 3] - arm[1, POSITION : POSITION + 3]) @ base
+    columns = np.zeros((n + SEED_SIZE, len(q)))
+    columns[:n], marks = q.T, columns[n:]
+    marks[SEED_ROTATION : SEED_ROTATION + 9] = (base.T @ T[:, :3, :3] @ turn).reshape(-1, 9).T
+    marks[SEED_POSITION : SEED_POSITION + 3], marks[SEED_RADIUS2] = p.T, np.sum(p * p, axis=1)
+    marks[SEED_Q1] = stood[:, first]
+    marks[SEED_COS_Q1], marks[SEED_SIN_Q1] = math.cos(half_rad), math.sin(half_rad)
+    return columns
+
+
+def _half_range(lower_rad: float, upper_rad: float) -> tuple[float, float]:
+    """Return the middle of a joint's swing and how far it goes to either side, at most a turn."""
+    if upper_rad - lower_rad >= 2.0 * math.pi:
+        return min(max(0.0, lower_rad + math.pi), upper_rad - math.pi), math.pi
+    return 0.5 * (lower_rad + upper_rad), 0.5 * (upper_rad - lower_rad)
+
+
+def seeds(chain: Chain, count: int) -> Matrix:
+    """Return (count, dof) joint vectors inside the limits: the middle, then an even filling.
+
+    The sequence is the same every time: the same question gets the same answer.
+
+    Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: point i is
+    ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dof + 1) = φ + 1``.
+    """
+    low, high = _sampling_limits(chain)
+    points = chain.clip(low + (high - low) * _quasi_random_points(count, chain.dof))
+    points[:1] = chain.mid_range()
+    return points
+
+
+def _sampling_limits(chain: Chain) -> tuple[Vector, Vector]:
+    """Return the limits (dof,) each, of more than a turn the one that is nearest to zero."""
+    low, high = chain.lower_rad.copy(), chain.upper_rad.copy()
+    wide = (high - low > math.tau) & [kind is not JointType.PRISMATIC for kind in chain.kinds]
+    wide |= ~np.isfinite(low) | ~np.isfinite(high)
+    first = np.clip(-math.pi, low[wide], high[wide] - math.tau)
+    low[wide], high[wide] = first, first + math.tau
+    return low, high
+
+
+def _quasi_random_points(count: int, dimensions: int) -> Matrix:
+    steps: Vector = _generalised_golden_ratio(dimensions) ** -np.arange(1.0, dimensions + 1)
+    return (0.5 + np.outer(np.arange(count), steps)) % 1.0
+
+
+def _generalised_golden_ratio(dimensions: int) -> float:
+    """Return φ: the golden ratio for one dimension, and its like for more."""
+    root = 2.0
+    for _ in range(64):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    return root
+
+
+TargetKindName = Literal["position", "direction", "pose"]
+
+HOMOGENEOUS_ROW = [0.0, 0.0, 0.0, 1.0]
+"""The last row of every pose."""
+
+_BUDGET = 60
+_EXTRA_RESTARTS = 1
+_MAX_PREPARED = 16
+
+
+class TargetKind(IntEnum):
+    """What a target asks for; the numbers are the kernels'."""
+
+    POSITION = 0
+    DIRECTION = 1
+    POSE = 2
+
+
+def check_chain(chain: object) -> None:
+    """Raise BadValueError where something else is given for a chain."""
+    if not isinstance(chain, Chain):
+        raise BadValueError("The chain", repr(chain), 'a Chain, as in load_model("so101").chain')
+
+
+def check_options(options: object) -> None:
+    """Raise BadValueError where something else is given for options."""
+    if not isinstance(options, Options):
+        raise BadValueError("The options", repr(options), "Options, as in Options(restarts=20)")
+
+
+def check_homogeneous_row(poses: Matrix, what: str) -> None:
+    """Raise BadValueError where the last row of a pose (4, 4), or of many, is not 0 0 0 1."""
+    if not np.allclose(poses[..., 3, :], HOMOGENEOUS_ROW, rtol=0.0, atol=1e-9):
+        raise BadValueError(f"The last row of {what}", "another", "[0, 0, 0, 1]: is it transposed?")
+
+
+def target_kind(name: str) -> TargetKind:
+    """Return the kind of target of that name.
+
+    Raises:
+        UnknownNameError: There is none.
+    """
+    if str(name).upper() not in TargetKind.__members__:
+        raise UnknownNameError("kind of target", name, [kind.name.lower() for kind in TargetKind])
+    return TargetKind[name.upper()]
+
+
+@cache
+def load_kernel() -> Callable[..., int]:
+    """Return the compiled search; numba is imported here and nowhere before."""
+    from ikservo.ik.kernel.search import solve_all  # noqa: PLC0415  # see above
+
+    return solve_all
+
+
+class SolverBuffers:
+    """The memory in which one question at a time is worked on; one for each thread.
+
+    Attributes:
+        question: (m, 12) wanted position, then rotation row by row.
+        start: (m, dof) where to start.
+        answer: (m, 2 dof + 9), see ``kernel.layout``.
+        trace: (t, dof) iterates.
+    """
+
+    def __init__(self, dof: int, restarts: int, questions: int = 1, traced: int = 0) -> None:
+        from ikservo.ik.kernel.layout import (  # noqa: PLC0415
+            PROBLEM_SIZE,
+            RESULT_TAIL,
+            work_shape,  # imports nothing
+        )
+
+        self.desk: Matrix = np.zeros(work_shape(dof, restarts))
+        self.question: Matrix = np.zeros((questions, PROBLEM_SIZE))
+        self.start: Matrix = np.zeros((questions, dof))
+        self.answer: Matrix = np.zeros((questions, 2 * dof + RESULT_TAIL))
+        self.trace: Matrix = np.zeros((traced, dof))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PackedProblem:
+    """An arm with one point of it, as the kernels read them.
+
+    It must not hold the chain, which is the key that it is kept under: neither would ever go.
+
+    Attributes:
+        arm: The packed chain.
+        seeds: Starting points beside the caller's (dof + SEED_SIZE, m).
+        idle: The joints that stay where they are, by the kind of target.
+    """
+
+    frame: str | None
+    offset_m: Vector | None
+    tool_axis: Vector | None
+    arm: Matrix
+    seeds: Matrix
+    idle: Mapping[TargetKind, tuple[IdleJoint, ...]]
+
+    def make_seeds(self, chain: Chain, q: Matrix, *, swinging: bool = True) -> Matrix:
+        """Return joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernel.layout``."""
+        turn = np.eye(3) if self.tool_axis is None else rotation_z_to(self.tool_axis)
+        return prepare_seeds(chain, self.arm, q, self.frame, self.offset_m, turn, swinging=swinging)
+
+
+def pack_problem(
+    chain: Chain,
+    frame: str | None,
+    offset_m: Vector | None,
+    tool_axis: Vector | None,
+    restarts: int,
+) -> PackedProblem:
+    """Return the arm made ready for so many starting points; the last few are kept."""
+    key = (None if frame is None else str(frame), _array_bytes(offset_m), _array_bytes(tool_axis))
+    kept = _prepared.setdefault(chain, {})
+    ready = kept.get(key)
+    if ready is None:
+        while len(kept) >= _MAX_PREPARED:
+            kept.pop(next(iter(kept)), None)
+        arm, none = pack_chain(chain, frame, offset_m, tool_axis), np.zeros((0, 0))
+        idle = _find_idle_joints(chain, frame, offset_m, tool_axis)
+        ready = kept[key] = PackedProblem(frame, offset_m, tool_axis, arm, none, idle)
+    if ready.seeds.shape[1] < restarts - 1:
+        more = ready.make_seeds(chain, seeds(chain, restarts - 1))
+        ready = kept[key] = replace(ready, seeds=more)
+    return ready
+
+
+def _find_idle_joints(
+    chain: Chain, frame: str | None, offset_m: Vector | None, tool_axis: Vector | None
+) -> Mapping[TargetKind, tuple[IdleJoint, ...]]:
+    return {
+        TargetKind.POSITION: idle_joints(chain, frame, offset_m, None, whole=False),
+        TargetKind.DIRECTION: idle_joints(chain, frame, offset_m, tool_axis, whole=False),
+        TargetKind.POSE: idle_joints(chain, frame, offset_m, None, whole=True),
+    }
+
+
+def pack_settings(kind: TargetKind, dof: int, options: Options) -> Vector:
+    """Return the rules of a search as the kernels read them, see ``kernel.layout``."""
+    tolerance = options.tolerance
+    return np.array(
+        [
+            float(kind),
+            tolerance.position_m,
+            2.0 * math.sin(0.5 * min(tolerance.orientation_rad, math.pi)),
+            options.turn_weight_m_rad,
+            float(options.puts_position_first(dof)),
+            float(options.track),
+            1.0 if options.track else float(options.restarts),
+            float(_EXTRA_RESTARTS),
+            float(options.max_iterations or _BUDGET),
+        ]
+    )
+
+
+def _array_bytes(vector: Vector | None) -> bytes:
+    return b"" if vector is None else vector.tobytes()
+
+
+_prepared: WeakKeyDictionary[Chain, dict[tuple[str | None, bytes, bytes], PackedProblem]] = (
+    WeakKeyDictionary()
+)

@@ -1,0 +1,252 @@
+"""An inverse kinematics problem: target, options, tolerance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import BadValueError
+from ikservo.ik.kernel.layout import MAX_POSITION_M
+from ikservo.kinematics import finite_array, finite_vector
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import log_so3
+
+__all__ = [
+    "DEFAULT_RESTARTS",
+    "Options",
+    "Posture",
+    "Target",
+    "Tolerance",
+    "check_position",
+    "normalise",
+]
+
+
+_ROTATION_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A position for a point of the arm, with a direction or an orientation if wanted.
+
+    Attributes:
+        position_m: Where the point shall be (3,), metres, arm's base frame.
+        direction: Where the tool axis shall point (3,), base frame; any length but zero.
+        orientation: The whole orientation R_world_tool (3, 3); not together with direction.
+        frame: The link the point belongs to; the tip if None.
+        offset_m: The point in that link's coordinates (3,), metres; its origin if None.
+        tool_axis: The axis (3,) in the link's coordinates that ``direction`` speaks of.
+
+    Raises:
+        BadValueError: A number is not finite, a shape is wrong, an axis has no length, the
+            orientation is no rotation, or both direction and orientation are given.
+    """
+
+    position_m: ArrayLike
+    direction: ArrayLike | None = None
+    orientation: ArrayLike | None = None
+    frame: str | None = None
+    offset_m: ArrayLike | None = None
+    tool_axis: ArrayLike = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if self.direction is not None and self.orientation is not None:
+            raise BadValueError("The target", "over-determined", "a direction or an orientation")
+        _ = self.position, self.wanted_axis, self.rotation, self.axis
+        _check_frame(self.frame)
+        if self.offset_m is not None:
+            check_position(self.offset_m, "offset_m")
+
+    @cached_property
+    def position(self) -> Vector:
+        """Return the wanted position (3,) [m]."""
+        return check_position(self.position_m, "The target position")
+
+    @cached_property
+    def wanted_axis(self) -> Vector | None:
+        """Return the wanted direction of the tool axis as a unit vector (3,), or None."""
+        return None if self.direction is None else normalise(self.direction, "The wanted direction")
+
+    @cached_property
+    def axis(self) -> Vector:
+        """Return the tool axis as a unit vector (3,) in the frame's coordinates."""
+        return normalise(self.tool_axis, "The tool axis")
+
+    @cached_property
+    def rotation(self) -> Matrix | None:
+        """Return the wanted orientation (3, 3), or None."""
+        return None if self.orientation is None else _check_rotation(self.orientation)
+
+    @property
+    def only_position(self) -> bool:
+        """Return True when any orientation of the tool will do."""
+        return self.direction is None and self.orientation is None
+
+    def orientation_error(self, R_world_tool: Matrix) -> Vector:
+        """Return the rotation vector (3,) [rad] from the tool's pose to the wanted one."""
+        if self.rotation is not None:
+            return log_so3(self.rotation @ R_world_tool.T)
+        if self.wanted_axis is not None:
+            return _turn_between(R_world_tool @ self.axis, self.wanted_axis)
+        return np.zeros(3)
+
+
+def _turn_between(a: Vector, b: Vector) -> Vector:
+    """Return the shortest rotation vector (3,) that takes unit vector a to unit vector b."""
+    normal = np.cross(a, b)
+    sin, cos = math.sqrt(float(normal @ normal)), float(a @ b)
+    if sin < 1e-12:
+        # Parallel: nothing to do. Opposite: any axis across a is as short as another.
+        return np.zeros(3) if cos > 0 else math.pi * _perpendicular_vector(a)
+    turn: Vector = normal * (math.atan2(sin, cos) / sin)
+    return turn
+
+
+def _perpendicular_vector(a: Vector) -> Vector:
+    helper = np.zeros(3)
+    helper[int(np.argmin(np.abs(a)))] = 1.0
+    return normalise(np.cross(a, helper), "axis")
+
+
+def _check_frame(frame: object) -> None:
+    if frame is not None and not isinstance(frame, str):
+        raise BadValueError("The frame", repr(frame), "the name of a link, or None for the tip")
+
+
+def check_position(v: ArrayLike, what: str) -> Vector:
+    """Return a point (3,) [m] of one's own; BadValueError where it is none or beyond 1 km."""
+    point = finite_vector(v, 3, what)
+    if float(np.abs(point).max()) > MAX_POSITION_M:
+        raise BadValueError(what, point.tolist(), "metres, within 1 km")
+    return point.copy()  # what the caller does with theirs later is no part of the question
+
+
+def normalise(v: ArrayLike, what: str) -> Vector:
+    """Return a direction (3,) with length one; BadValueError where it has none."""
+    vector = finite_vector(v, 3, what)
+    length = math.hypot(*vector.tolist())
+    if length < 1e-12:
+        raise BadValueError(what, "zero", "a direction")
+    if math.isinf(length):
+        raise BadValueError(what, vector.tolist(), "a direction of a length that is a number")
+    return vector / length
+
+
+def _check_rotation(R: ArrayLike) -> Matrix:
+    matrix = finite_array(R, (3, 3), "The orientation")
+    largest = float(np.abs(matrix).max())
+    off = largest if largest > 2.0 else float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    if off > _ROTATION_TOLERANCE or float(np.linalg.det(matrix)) < 0.0:
+        raise BadValueError("The orientation", "no rotation matrix", "R Rᵀ = 1 and det R = 1")
+    return matrix.copy()
+
+
+DEFAULT_RESTARTS = 400
+"""How many starting points a search tries at most, if nobody says otherwise."""
+
+_FULL_POSE_DOF = 6
+# More starting points than this are a slip of the pen: their table would fill the memory.
+_MAX_COUNT = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How close counts as reached.
+
+    Raises:
+        BadValueError: No number above 0.
+    """
+
+    position_m: float = 1e-5
+    orientation_rad: float = 1e-4
+
+    def __post_init__(self) -> None:
+        _check_above_0("A tolerance in metres", self.position_m)
+        _check_above_0("A tolerance in radians", self.orientation_rad)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posture:
+    """A configuration to lean towards where the target leaves freedom (lecture L10).
+
+    Attributes:
+        q: The preferred joints (dof,), rad or m.
+        weights: How strongly each leans (dof,); 0 leaves a joint alone.
+    """
+
+    q: ArrayLike
+    weights: ArrayLike
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Options:
+    """What every method is given beside the question.
+
+    Attributes:
+        tolerance: How close counts as reached.
+        restarts: How many starting points to try at most, the given one first; the lecture's
+            methods know no other than that.
+        max_iterations: How many steps from one start; None for the method's own.
+        posture: What to lean towards; methods without a null space ignore it.
+        trace: Whether the result shall carry every iterate.
+        position_first: Whether the position is met exactly, and the orientation as well as what
+            remains allows, rather than both weighed; None for arms with fewer than six joints.
+        turn_weight_m_rad: How many metres of position error a radian is worth (``bounded``).
+        track: One walk from the start, never past a limit, never to another branch (``bounded``).
+        nearest: Whether to look for the solution nearest the start where there are several
+            (``auto``); without, the first that is found is the answer.
+    """
+
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    restarts: int = DEFAULT_RESTARTS
+    max_iterations: int | None = None
+    posture: Posture | None = None
+    trace: bool = False
+    position_first: bool | None = None
+    turn_weight_m_rad: float = 0.2
+    track: bool = False
+    nearest: bool = True
+
+    def __post_init__(self) -> None:
+        _check_count("restarts", self.restarts)
+        if self.max_iterations is not None:
+            _check_count("max_iterations", self.max_iterations)
+        _check_above_0("turn_weight_m_rad", self.turn_weight_m_rad)
+        if math.isinf(self.turn_weight_m_rad):
+            raise BadValueError("turn_weight_m_rad", self.turn_weight_m_rad, "a finite number")
+        for what, value in (
+            ("track", self.track),
+            ("trace", self.trace),
+            ("nearest", self.nearest),
+        ):
+            _check_kind(what, value, bool)
+        if self.position_first is not None:
+            _check_kind("position_first", self.position_first, bool)
+        _check_kind("The tolerance", self.tolerance, Tolerance)
+        if self.posture is not None:
+            _check_kind("The posture", self.posture, Posture)
+
+    def puts_position_first(self, dof: int) -> bool:
+        """Return whether an arm with so many joints meets the position before all else."""
+        return dof < _FULL_POSE_DOF if self.position_first is None else self.position_first
+
+
+def _check_above_0(what: str, value: float) -> None:
+    array = np.asarray(value)
+    if array.shape or array.dtype.kind not in "iuf" or not value > 0.0:
+        raise BadValueError(what, repr(value), "a number above 0")
+
+
+def _check_count(what: str, value: int) -> None:
+    array = np.asarray(value)
+    if array.shape or array.dtype.kind not in "iu" or not 1 <= value <= _MAX_COUNT:
+        raise BadValueError(what, repr(value), f"a whole number, at least 1, at most {_MAX_COUNT}")
+
+
+def _check_kind(what: str, value: object, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise BadValueError(what, repr(value), f"a {kind.__name__}")

@@ -1,0 +1,166 @@
+"""``solve``: one target with a method chosen by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.ik.bounded import bounded
+from ikservo.ik.ccd import ccd
+from ikservo.ik.closed_form import closed_form
+from ikservo.ik.closed_form_structure import recognise_structure
+from ikservo.ik.evaluation import is_closer
+from ikservo.ik.jacobian_methods import pseudo_inverse, transpose
+from ikservo.ik.kernel.layout import MAX_ANGLE_RAD
+from ikservo.ik.nearest import nearest_solution
+from ikservo.ik.prepare import check_chain
+from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
+from ikservo.ik.result import Result, SolvedProblem
+from ikservo.kinematics import Chain, finite_vector
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["METHODS", "Method", "get_method", "in_millimetres", "solve"]
+
+
+Method = Callable[[Chain, Target, Vector, Options], Result]
+"""Chain, target, start (dof,) anywhere, options: an answer inside the limits."""
+
+METHODS: Mapping[str, Method] = {
+    "bounded": bounded,
+    "closed_form": closed_form,
+    "pseudo_inverse": pseudo_inverse,
+    "transpose": transpose,
+    "ccd": ccd,
+}
+
+
+def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
+    """Ask ``bounded``, which is compiled; where it finds no way, ask the closed form besides.
+
+    What it finds is exchanged for a solution nearer to the start, where one is known or found.
+
+    A search that may not restart or leave its branch is ``bounded``'s alone. Towards a posture
+    ``pseudo_inverse`` goes on from the solution.
+    """
+    found = bounded(chain, target, q0, options)
+    if found.reached and options.posture is not None and not options.track:
+        leaning = pseudo_inverse(chain, target, found.q, options)
+        return leaning if leaning.reached else found
+    alone = options.track or options.restarts == 1
+    if found.reached and options.nearest and not alone:
+        return nearest_solution(chain, target, q0, options, found)
+    if found.reached or alone or recognise_structure(chain, target.frame) is None:
+        return found
+    formula = closed_form(chain, target, q0, options)
+    return formula if is_closer(formula, found, options.tolerance) else found
+
+
+def get_method(name: str) -> Method:
+    """Return the method of that name; ``auto`` is the one that suits the arm.
+
+    Raises:
+        UnknownNameError: There is none; those that there are, are listed.
+    """
+    if name == "auto":
+        return auto
+    if str(name) not in METHODS:
+        raise UnknownNameError("method", name, ("auto", *METHODS))
+    return METHODS[name]
+
+
+def solve(
+    chain: Chain,
+    target: Target,
+    q0: ArrayLike | None = None,
+    method: str = "auto",
+    *,
+    tolerance: Tolerance | None = None,
+    restarts: int = DEFAULT_RESTARTS,
+    max_iterations: int | None = None,
+    posture: Posture | None = None,
+    trace: bool = False,
+    position_first: bool | None = None,
+    turn_weight_m_rad: float = 0.2,
+    track: bool = False,
+    nearest: bool = True,
+) -> Result:
+    """Find joints inside the limits that bring the point to the target (lecture L5, L13).
+
+    With fewer than six joints the position comes first: it is met exactly where the limits
+    allow, and the orientation as well as what remains allows.
+
+    Args:
+        chain: The arm; its limits are never left, not even by one ulp.
+        target: What is wanted.
+        q0: Where to start (dof,), rad or m; may lie outside the limits. The middle if None.
+        method: ``auto`` or one of ``METHODS``.
+        tolerance: How close counts as reached.
+        restarts: How many starting points to try at most, the given one first.
+        max_iterations: How many steps from one start; the method's own number if None.
+        posture: A configuration to lean towards where the target leaves freedom (``auto`` and
+            ``pseudo_inverse``; the other methods have no null space and ignore it).
+        trace: Whether the result shall carry every iterate.
+        position_first: Whether the position is met exactly, and the orientation as well as what
+            remains allows; if None for arms with fewer than six joints. Else both are weighed.
+        turn_weight_m_rad: How many metres of position error a radian is worth (``bounded``).
+        track: Follow a path: one walk from ``q0``, never to another branch (``bounded``).
+        nearest: Look for the solution nearest to ``q0`` where there are several (``auto``): among
+            those of the closed form where the arm has one, else from some starts around ``q0``.
+            ``False`` takes the first that is found, in a twentieth of the time.
+
+    Returns:
+        The solution, or the nearest point that was found and the limits that bind there.
+
+    Raises:
+        BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or there is
+            no chain or no target.
+        UnknownNameError: No such method, or the target's frame is no link of the arm.
+    """
+    options = Options(
+        tolerance or Tolerance(),
+        restarts,
+        max_iterations,
+        posture,
+        trace,
+        position_first,
+        turn_weight_m_rad,
+        track,
+        nearest,
+    )
+    check_chain(chain)
+    _check_target(target)
+    start = chain.mid_range() if q0 is None else finite_vector(q0, chain.dof, "q0")
+    if float(np.abs(start).max()) > MAX_ANGLE_RAD:
+        raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
+    result = get_method(method)(chain, target, start, options)
+    return replace(result, question=SolvedProblem(chain, target))
+
+
+def _check_target(target: object) -> None:
+    if not isinstance(target, Target):
+        raise BadValueError("The target", repr(target), "a Target, as in Target((0.25, 0, 0.15))")
+
+
+_MM_PER_M = 1000.0
+_FAR_M = 10.0  # further than any arm with servos reaches
+
+
+def in_millimetres(chain: Chain, position_m: Sequence[float]) -> str:
+    """Return a point with its numbers as millimetres, ``250mm 50mm 150mm``, if the arm reaches it.
+
+    Args:
+        chain: The arm.
+        position_m: A point (3,) that the arm does not reach as metres.
+
+    Returns:
+        Nothing where the arm does not reach it as millimetres either.
+    """
+    point = np.asarray(position_m, dtype=float)
+    if float(np.abs(point).max()) < _FAR_M:
+        return ""
+    reached = solve(chain, Target(point / _MM_PER_M)).reached
+    return " ".join(f"{x:g}mm" for x in point) if reached else ""

@@ -1,0 +1,297 @@
+"""Geometric subproblems: a cos + b sin = c, circles, rotations about two and three axes.
+
+The plane is a (3, 3) ``frame`` with rows e1, e2, n: a vector is e1 + i e2 *along* the plane and n
+*across* it. Turning the parallel joints of the arm never changes what is across, which is why yaw
+and roll can be found before them.
+
+With the yaw φ and the roll ψ two equations must hold together::
+
+    M(φ) = w(ψ)     the wanted point and the tool point are equally far across the plane
+    d(φ) = a(ψ)     the wanted direction and the tool axis lean equally far out of it
+
+Both sides are linear in cos and sin, so that eliminating φ leaves an equation of fourth degree
+in e^{iψ}.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import exp_so3, skew
+
+__all__ = [
+    "FULL_TURN_RAD",
+    "NO_FREEDOM",
+    "ROUNDED",
+    "SLACK",
+    "AxisRotation",
+    "CircleTrace",
+    "EulerAngles",
+    "clamped_acos",
+    "nearest_equivalent_angle",
+    "plane_frame",
+    "refine_angle_pair",
+    "solve_acos_bsin",
+    "solve_yaw_roll",
+    "wrap_angle",
+]
+
+
+FULL_TURN_RAD = 2.0 * math.pi
+# Rounding may push a solution that stands on a limit past it by this much [rad]; it is put back,
+# which moves the tool by less than a nanometre.
+SLACK = 1e-9
+# A cosine this far past one is a point on the boundary, met by rounding.
+_EDGE = 1e-10
+# An amplitude [m or 1] this small means that the angle does not matter.
+_NEAR_ZERO = 1e-9
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """Return the same angle between -π and π."""
+    return math.remainder(angle_rad, FULL_TURN_RAD)
+
+
+def clamped_acos(cosine: float) -> float | None:
+    """Return acos, also just past ±1 where rounding put it; None where there is no angle."""
+    if not abs(cosine) <= 1.0 + _EDGE:
+        return None
+    return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+def nearest_equivalent_angle(
+    angle_rad: float, lower: float, upper: float, near_rad: float
+) -> float | None:
+    """Return the turn of an angle, angle + 2πk, inside the limits and nearest ``near_rad``.
+
+    None where no turn of it is inside.
+    """
+    turn = angle_rad + FULL_TURN_RAD * round((near_rad - angle_rad) / FULL_TURN_RAD)
+    if turn > upper:
+        turn -= FULL_TURN_RAD * math.ceil((turn - upper - SLACK) / FULL_TURN_RAD)
+    elif turn < lower:
+        turn += FULL_TURN_RAD * math.ceil((lower - turn - SLACK) / FULL_TURN_RAD)
+    if lower - SLACK <= turn <= upper + SLACK:
+        return min(max(turn, lower), upper)
+    return None
+
+
+def solve_acos_bsin(a: float, b: float, c: float) -> tuple[float, ...] | None:
+    """Return the angles θ with ``a cos θ + b sin θ = c``: two, none, or None where any will do."""
+    amplitude = math.hypot(a, b)
+    if amplitude < _NEAR_ZERO:
+        return None if abs(c) < _NEAR_ZERO else ()
+    spread = clamped_acos(c / amplitude)
+    if spread is None:
+        return ()
+    middle = math.atan2(b, a)
+    return (middle + spread, middle - spread)
+
+
+@dataclass(frozen=True, slots=True)
+class CircleTrace:
+    """A circle: ``along(θ) = A0 + A1 cos θ + A2 sin θ``, across likewise with a0, a1, a2."""
+
+    A0: complex
+    A1: complex
+    A2: complex
+    a0: float
+    a1: float
+    a2: float
+
+    def in_plane_part(self, theta_rad: float) -> complex:
+        """Return the part in the plane, e1 + i e2."""
+        return self.A0 + self.A1 * math.cos(theta_rad) + self.A2 * math.sin(theta_rad)
+
+    def normal_part(self, theta_rad: float) -> float:
+        """Return the part along the plane's normal."""
+        return self.a0 + self.a1 * math.cos(theta_rad) + self.a2 * math.sin(theta_rad)
+
+    def slope(self, theta_rad: float) -> float:
+        """Return how fast ``across`` changes with θ."""
+        return self.a2 * math.cos(theta_rad) - self.a1 * math.sin(theta_rad)
+
+    def angles_at_normal(self, value: float) -> tuple[float, ...] | None:
+        """Return the angles at which ``across`` has the value; None where every angle has it."""
+        return solve_acos_bsin(self.a1, self.a2, value - self.a0)
+
+    @property
+    def amplitude(self) -> float:
+        """Return how far the circle leaves its middle across the plane."""
+        return math.hypot(self.a1, self.a2)
+
+
+class AxisRotation:
+    """Turns about one axis, prepared: ``R(θ) x = a (a·x) + cos θ (x - a (a·x)) + sin θ a × x``.
+
+    Without an axis nothing moves.
+    """
+
+    __slots__ = ("_map", "_shift")
+
+    def __init__(
+        self, frame: Matrix, axis: Vector | None = None, point: Vector | None = None
+    ) -> None:
+        a = np.zeros(3) if axis is None else axis
+        kept = np.eye(3) if axis is None else np.outer(a, a)
+        self._map = np.vstack([frame @ kept, frame @ (np.eye(3) - kept), frame @ skew(a)])
+        self._shift = np.zeros(9)
+        if point is not None:
+            self._shift -= self._map @ point
+            self._shift[:3] += frame @ point
+
+    def trace_point(self, x: Vector) -> CircleTrace:
+        """Return the orbit of a point (3,), m."""
+        return _make_trace(self._map @ x + self._shift)
+
+    def trace_vector(self, v: Vector) -> CircleTrace:
+        """Return the orbit of a vector (3,)."""
+        return _make_trace(self._map @ v)
+
+
+def plane_frame(n: Vector) -> Matrix:
+    """Return rows e1, e2, n: e1 as near as possible to x, or to z where n is x."""
+    forward = np.array([0.0, 0.0, 1.0] if abs(n[0]) > 0.9 else [1.0, 0.0, 0.0])
+    e1 = forward - n * float(forward @ n)
+    e1 /= np.sqrt(e1 @ e1)
+    return np.vstack([e1, np.cross(n, e1), n])
+
+
+def _make_trace(rows: Vector) -> CircleTrace:
+    x0, y0, z0, x1, y1, z1, x2, y2, z2 = rows.tolist()
+    return CircleTrace(complex(x0, y0), complex(x1, y1), complex(x2, y2), z0, z1, z2)
+
+
+# Circles this small [m or 1] are no freedom that an arm can use.
+NO_FREEDOM = 1e-6
+# Published axes are rounded to about 1e-5 rad: straight down is straight down for every yaw.
+ROUNDED = 1e-5
+# A root of the quartic may stand this far beside the unit circle where two roots nearly agree.
+_BESIDE_CIRCLE = 1e-3
+_NEWTON_STEPS = 4
+_RESIDUAL = 1e-11
+_ONE_PAIR = 1e-6
+
+
+def solve_yaw_roll(
+    M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, held_rad: tuple[float, float]
+) -> Iterator[tuple[float, float]]:
+    """Yield every (φ, ψ) with ``M(φ) = w(ψ)`` and ``d(φ) = a(ψ)`` across the plane.
+
+    Where one of them does not matter it stays as held (φ, ψ). A direction that matters little
+    beside its tolerance, or a roll that moves nothing, leaves one equation.
+    """
+    roll_matters = max(w.amplitude, a.amplitude) > NO_FREEDOM
+    direction_matters = max(d.amplitude, a.amplitude) > ROUNDED
+    if not roll_matters or not direction_matters:
+        yield from _solve_with_fixed_roll(M, w, d, a, held_rad)
+        return
+    found: list[tuple[float, float]] = []
+    for psi in _quartic_rolls(M, w, d, a):
+        for phi in _yaws_for_roll(M, w, d, a, psi):
+            pair = refine_angle_pair(M, w, d, a, phi, psi)
+            if pair is not None and not any(_is_same_pair(pair, other) for other in found):
+                found.append(pair)
+    yield from found
+
+
+def _solve_with_fixed_roll(
+    M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, held_rad: tuple[float, float]
+) -> Iterator[tuple[float, float]]:
+    phi, psi = held_rad
+    angles = M.angles_at_normal(w.normal_part(psi))
+    if angles is None:  # the point is on the axis of yaw: only the direction can tell
+        angles = d.angles_at_normal(a.normal_part(psi))
+    yield from ((angle, psi) for angle in ((phi,) if angles is None else angles))
+
+
+def _quartic_rolls(
+    M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace
+) -> Iterator[float]:
+    """Yield the angles ψ of the quartic's roots on the unit circle.
+
+    With u = (cos φ, sin φ) and v = (cos ψ, sin ψ) the equations are ``A u = B v + b``. The
+    adjugate of A gives ``det A u = C v + c``, and u has length one: ``|C v + c|² = det² A``. With
+    y = e^{iψ} and ``C v = h y + h̄ / y`` that is a polynomial in y.
+    """
+    adjugate = np.array([[d.a2, -M.a2], [-d.a1, M.a1]])
+    C = adjugate @ np.array([[w.a1, w.a2], [a.a1, a.a2]])
+    c = adjugate @ np.array([w.a0 - M.a0, a.a0 - d.a0])
+    det = M.a1 * d.a2 - M.a2 * d.a1
+    h = 0.5 * (C[:, 0] - 1j * C[:, 1])
+    middle = 2.0 * (h @ h.conj()) + c @ c - det * det
+    for y in np.roots([h @ h, 2.0 * (h @ c), middle, 2.0 * (h.conj() @ c), (h @ h).conj()]):
+        if abs(abs(y) - 1.0) < _BESIDE_CIRCLE:
+            yield cmath.phase(complex(y))
+
+
+def _yaws_for_roll(
+    M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, psi: float
+) -> tuple[float, ...]:
+    """Return the yaws that the stronger of the two equations gives for a roll."""
+    if d.amplitude > M.amplitude:
+        return d.angles_at_normal(a.normal_part(psi)) or ()
+    return M.angles_at_normal(w.normal_part(psi)) or ()
+
+
+def refine_angle_pair(
+    M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, phi: float, psi: float
+) -> tuple[float, float] | None:
+    """Return the pair after Newton steps on both equations, or None if they do not hold there."""
+    for _ in range(_NEWTON_STEPS):
+        e, f = w.normal_part(psi) - M.normal_part(phi), a.normal_part(psi) - d.normal_part(phi)
+        if math.hypot(e, f) < _RESIDUAL:
+            return phi, psi
+        m1, w1, d1, a1 = M.slope(phi), -w.slope(psi), d.slope(phi), -a.slope(psi)
+        det = m1 * a1 - w1 * d1
+        if det == 0.0:
+            return None
+        phi += (e * a1 - f * w1) / det
+        psi += (f * m1 - e * d1) / det
+    return None
+
+
+def _is_same_pair(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return all(abs(wrap_angle(p - q)) < _ONE_PAIR for p, q in zip(one, other, strict=True))
+
+
+# A vector this close to its axis of turning has no angle about it.
+_NO_EULER_ANGLE = 1e-9
+
+
+class EulerAngles:
+    """Finds α, β, γ with ``R = Ra(α) Rb(β) Rc(γ)`` for unit axes a, b, c (3,) at zero."""
+
+    def __init__(self, a: Vector, b: Vector, c: Vector) -> None:
+        self._a, self._b, self._c = a, b, c
+        self._across_a, self._across_c = plane_frame(a), plane_frame(c)
+        self._c_by_b = AxisRotation(self._across_a, b).trace_vector(c)
+        self._a_by_b = AxisRotation(self._across_c, -b).trace_vector(a)
+
+    def __call__(self, R: Matrix, near_alpha_rad: float) -> Iterator[tuple[float, float, float]]:
+        """Yield both ways to turn by R (3, 3), none where the axes do not allow it.
+
+        ``a·R c = a·Rb(β) c`` gives β; what R c and R⁻¹ a then lack about a and c gives α and γ.
+        Where c ends along a only α + γ (or α - γ) is determined, and α stays as near.
+        """
+        Rc, Ra = self._across_a @ (R @ self._c), self._across_c @ (R.T @ self._a)
+        for beta in self._c_by_b.angles_at_normal(float(Rc[2])) or ():
+            before = self._c_by_b.in_plane_part(beta)
+            if abs(before) < _NO_EULER_ANGLE:
+                yield near_alpha_rad, beta, self._last(R, near_alpha_rad, beta)
+                continue
+            alpha = cmath.phase(complex(Rc[0], Rc[1]) / before)
+            yield alpha, beta, cmath.phase(self._a_by_b.in_plane_part(beta) / complex(Ra[0], Ra[1]))
+
+    def _last(self, R: Matrix, alpha: float, beta: float) -> float:
+        """Return γ: by how much Rc(γ) = Rb(β)⁻¹ Ra(α)⁻¹ R turns a vector across c."""
+        u = self._across_c[0]
+        turned = exp_so3(-beta * self._b) @ exp_so3(-alpha * self._a) @ R @ u
+        e1, e2, _ = self._across_c @ turned
+        return float(np.arctan2(e2, e1))

@@ -1,0 +1,198 @@
+"""The workspace: reachable points sampled inside the joint limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ikservo.ik.batch import solve_batch
+from ikservo.ik.problem import Options
+from ikservo.ik.workspace_grid import Cells, VoxelGrid, boundary_polygons, grid_around, slice_around
+from ikservo.kinematics import Chain, finite_vector
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = ["Clear", "Workspace", "quasi_random_joints", "tip_positions", "workspace"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Workspace:
+    """The reachable cells of a slice or a volume.
+
+    A cell counts as reachable when a tip was found in it, or when the reachable point nearest
+    its middle is in it; so the true border runs through the outermost cells.
+
+    Attributes:
+        grid: The cells.
+        reachable: Whether the tip can be in each cell; the grid's shape.
+        is_slice: Whether the grid is one sheet of cells in a plane.
+    """
+
+    grid: VoxelGrid
+    reachable: NDArray[np.bool_]
+    is_slice: bool
+
+    @property
+    def count(self) -> int:
+        """Return how many cells are reachable."""
+        return int(self.reachable.sum())
+
+    @property
+    def size(self) -> float:
+        """Return the area [m²] of a slice or the volume [m³], all reachable cells in full."""
+        return self.count * self.grid.cell_m ** (2 if self.is_slice else 3)
+
+    @property
+    def extent_m(self) -> tuple[Vector, Vector] | None:
+        """Return the corners (3,) of the box around the reachable cells, in the grid's frame.
+
+        None where no cell is reachable.
+        """
+        cells = np.argwhere(self.reachable)
+        if not len(cells):
+            return None
+        corner, cell_m = self.grid.first_m, self.grid.cell_m
+        return corner + cells.min(axis=0) * cell_m, corner + (cells.max(axis=0) + 1) * cell_m
+
+    def contains(self, point_m: ArrayLike) -> bool:
+        """Return whether a point (3,) of the base frame lies in a reachable cell.
+
+        A point farther than half a cell from the plane of a slice lies in no cell of it.
+        """
+        return bool(self.contains_many([finite_vector(point_m, 3, "point_m")])[0])
+
+    def contains_many(self, points_m: ArrayLike) -> NDArray[np.bool_]:
+        """Return for each point (n, 3) of the base frame whether it is in a reachable cell."""
+        cells, exist = self.grid.cells_of(points_m)
+        return np.logical_and(exist, self.reachable[tuple(cells.T)])
+
+    def mask(self, along: int = 2) -> NDArray[np.bool_]:
+        """Return what is reachable as seen along a grid axis; of a volume that is its shadow."""
+        return np.any(self.reachable, axis=along)
+
+    def outline(self, along: int = 2) -> tuple[Matrix, ...]:
+        """Return the borders of ``mask`` as closed polygons (k, 2) along its axes, metres.
+
+        Islands run counterclockwise, holes clockwise.
+        """
+        corner = np.delete(self.grid.first_m, along)
+        return tuple(
+            corner + self.grid.cell_m * loop for loop in boundary_polygons(self.mask(along))
+        )
+
+
+def quasi_random_joints(chain: Chain, count: int) -> Matrix:
+    """Return ``count`` joint vectors (count, dof) inside the limits; full turns where free.
+
+    An additive recurrence: point k is the fraction of ``k / g^j`` in joint j, with the root g of
+    ``g^(dof+1) = g + 1``, the generalised golden ratio (Roberts 2018), which leaves no clusters.
+    """
+    steps = _golden_ratio(chain.dof) ** -np.arange(1.0, chain.dof + 1)
+    evenly = (0.5 + np.outer(np.arange(1.0, count + 1), steps)) % 1.0
+    low = np.maximum(chain.lower_rad, -math.pi)
+    high = np.minimum(chain.upper_rad, math.pi)
+    return chain.clip(low + (high - low) * evenly)
+
+
+def tip_positions(chain: Chain, q: Matrix) -> Matrix:
+    """Return where the tip is (n, 3), metres, at each of the joint vectors (n, dof)."""
+    return chain.forward(q)[:, :3, 3]
+
+
+def _golden_ratio(dimensions: int) -> float:
+    ratio = 2.0
+    for _ in range(64):
+        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
+    return ratio
+
+
+Clear = Callable[[Matrix], NDArray[np.bool_]]
+"""From joint vectors (n, dof) to whether each may be taken (n,)."""
+
+_SLICE_CELL_M, _VOLUME_CELL_M = 0.005, 0.025
+_SAMPLES = 2**16
+# The start is a neighbouring cell's; a few others find the way round a limit. A volume has so
+# many cells on its border, each with several neighbours, that fewer will do.
+_SLICE_RESTARTS, _VOLUME_RESTARTS = 8, 2
+_NEIGHBOURS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+
+
+def workspace(
+    chain: Chain,
+    T_world_plane: Matrix | None = None,
+    cell_m: float | None = None,
+    samples: int = _SAMPLES,
+    clear: Clear | None = None,
+) -> Workspace:
+    """Find the cells that the tip can be in, inside the chain's limits.
+
+    Joint vectors that fill the limits evenly say where the tip can be at all; from those cells
+    the solver goes outwards: it is asked for the middle of every cell beside a reachable one.
+    An island of reach that holds no sample is missed.
+
+    Args:
+        chain: The arm; its limits are the limits.
+        T_world_plane: The frame (4, 4) in whose plane w = 0 to cut; None for the whole volume.
+        cell_m: Edge of the cells; 5 mm for a slice and 25 mm for a volume if None.
+        samples: How many joint vectors to try first.
+        clear: From joint vectors (n, dof) to whether each may be taken (n,), for example because
+            it is free of collisions; all may if None.
+
+    Raises:
+        BadValueError: The cells have no size, or would be too many.
+    """
+    q = quasi_random_joints(chain, samples)
+    tip_m = tip_positions(chain, q)
+    if T_world_plane is None:
+        grid = grid_around(tip_m, _VOLUME_CELL_M if cell_m is None else cell_m)
+        filling = _FloodFill(chain, grid, _VOLUME_RESTARTS, clear)
+    else:
+        grid = slice_around(tip_m, T_world_plane, _SLICE_CELL_M if cell_m is None else cell_m)
+        filling = _FloodFill(chain, grid, _SLICE_RESTARTS, clear)
+    filling.spread(filling.mark_reached(q, tip_m))
+    return Workspace(grid, filling.reached, is_slice=T_world_plane is not None)
+
+
+class _FloodFill:
+    """What is known of each cell so far: whether it is reached, and with which joints."""
+
+    def __init__(self, chain: Chain, grid: VoxelGrid, restarts: int, clear: Clear | None) -> None:
+        self._chain, self._grid, self._options = chain, grid, Options(restarts=restarts)
+        self._clear = clear
+        self.reached = np.zeros(grid.shape, dtype=np.bool_)
+        self._joints = np.zeros((*grid.shape, chain.dof))
+
+    def mark_reached(self, q: Matrix, tip_m: Matrix) -> Cells:
+        """Mark the cells that tips (n, 3) at joints (n, dof) are in; return those new (m, 3)."""
+        cells, exist = self._grid.cells_of(tip_m)
+        cells, q = cells[exist], q[exist]
+        fresh = ~self.reached[tuple(cells.T)]
+        if self._clear is not None and fresh.any():
+            fresh[fresh] = self._clear(q[fresh])
+        places = tuple(cells[fresh].T)
+        self.reached[places] = True
+        self._joints[places] = q[fresh]
+        return np.unique(cells[fresh], axis=0)
+
+    def spread(self, cells: Cells) -> None:
+        """Ask for the cells around newly reached ones (n, 3) until no more are reached.
+
+        A cell on the border is asked for from each of its neighbours: their joints differ.
+        """
+        while len(cells):
+            around, starts = self._open_neighbours(cells)
+            middles = self._grid.centres(around)
+            q = solve_batch(self._chain, middles, starts, options=self._options).q
+            cells = self.mark_reached(q, tip_positions(self._chain, q))
+
+    def _open_neighbours(self, cells: Cells) -> tuple[Cells, Matrix]:
+        """Return the open cells (m, 3) beside the given (n, 3), and the joints of those."""
+        around = (cells[:, None, :] + _NEIGHBOURS).reshape(-1, 3)
+        origin = np.repeat(cells, len(_NEIGHBOURS), axis=0)
+        exist = np.all((around >= 0) & (around < self._grid.shape), axis=1)
+        around, origin = around[exist], origin[exist]
+        is_open = ~self.reached[tuple(around.T)]
+        return around[is_open], self._joints[tuple(origin[is_open].T)]

@@ -1,0 +1,151 @@
+"""Collision bodies: which capsule pairs are checked and how far apart they are."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.capsules import Capsule, segment_box_distance, segment_distance
+from ikservo.kinematics.chain import Chain
+from ikservo.kinematics.joints import JointType
+from ikservo.kinematics.motion_bounds import LinkTravelBounds
+from ikservo.kinematics.packed import PackedBody, pack_capsules, pack_links
+
+__all__ = ["CollisionBody", "PairDistances"]
+
+# An arm never stands in a named pose to the tick.
+_MARGIN_M = 0.004
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairDistances:
+    """How close pairs of things come along a way.
+
+    Attributes:
+        pairs: What comes near what: a link, and another link or the name of a thing.
+        gap_m: Between their surfaces (n, pairs), metres; negative where they overlap.
+    """
+
+    pairs: tuple[tuple[str, str], ...]
+    gap_m: Matrix
+
+
+class CollisionBody:
+    """The capsules of all links, and the pairs of links that may come near each other.
+
+    Links that are joined to each other touch by nature and are left out. Capsules are thicker
+    than what they cover: pairs that overlap in a posture known to be free may come as near as
+    they are there, and their gap is counted from there.
+
+    Args:
+        chain: The arm; ``q`` (dof,) places its links.
+        capsules: Any number for each link.
+        postures: Joint vectors (dof,) that are known to be free of collision.
+    """
+
+    def __init__(
+        self, chain: Chain, capsules: Sequence[Capsule], postures: Sequence[ArrayLike] = ()
+    ) -> None:
+        self._chain = chain
+        self._capsules = sorted(capsules, key=lambda capsule: capsule.link)
+        self._radii_m = np.array([capsule.radius_m for capsule in self._capsules])
+        self._links = list(dict.fromkeys(capsule.link for capsule in self._capsules))
+        pairs = itertools.combinations(self._links, 2)
+        self.pairs = tuple(pair for pair in pairs if not _are_neighbours(chain, *pair))
+        self._ones, self._others, self._first = self._capsule_pairs()
+        self._overlap_m = np.zeros(len(self.pairs))
+        if len(postures):
+            nearest_m = self.link_distances(np.array(postures)).gap_m.min(axis=0)
+            self._overlap_m = np.maximum(_MARGIN_M - nearest_m, 0.0)
+
+    @property
+    def chain(self) -> Chain:
+        """Return the chain whose joint vectors place the capsules."""
+        return self._chain
+
+    def link_distances(self, q: ArrayLike) -> PairDistances:
+        """Return how close each watched pair of links comes, for q (n, dof)."""
+        starts, ends = self._capsule_ends(q)
+        i, j = self._ones, self._others
+        distance = segment_distance(starts[:, i], ends[:, i], starts[:, j], ends[:, j])
+        gap_m = np.minimum.reduceat(
+            distance - self._radii_m[i] - self._radii_m[j], self._first, axis=1
+        )
+        return PairDistances(self.pairs, gap_m + self._overlap_m)
+
+    def floor_distances(self, q: ArrayLike, height_m: float) -> PairDistances:
+        """Return how far each link stays above a table, for q (n, dof); the root is left out."""
+        starts, ends = self._capsule_ends(q)
+        lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
+        return self._min_by_link(lowest, "the floor")
+
+    def box_distances(
+        self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str
+    ) -> PairDistances:
+        """Return how far each link stays from an upright box (3,) (3,), for q (n, dof)."""
+        starts, ends = self._capsule_ends(q)
+        return self._min_by_link(
+            segment_box_distance(starts, ends, low_m, high_m) - self._radii_m, name
+        )
+
+    def pack(self) -> PackedBody:
+        """Return the body as arrays of numbers."""
+        names, links = pack_links(self._chain)
+        reach = LinkTravelBounds(self._chain, self._capsules)
+        pair = np.searchsorted(self._first, np.arange(len(self._ones)), side="right") - 1
+        return PackedBody(
+            base=self._chain.base,
+            dof=self._chain.dof,
+            names=names,
+            links=links,
+            capsules=pack_capsules(self._capsules, names),
+            pairs=self.pairs,
+            rows=np.stack([self._ones, self._others, pair], axis=1).astype(np.float64),
+            overlap_m=self._overlap_m,
+            reach_m=np.array([reach.bound_of(name) for name in names]),
+            pair_reach_m=np.array([reach.relative_bound(a, b) for a, b in self.pairs]).reshape(
+                len(self.pairs), self._chain.dof
+            ),
+        )
+
+    def _capsule_ends(self, q: ArrayLike) -> tuple[Matrix, Matrix]:
+        """Return both ends (n, capsules, 3) of every capsule in world coordinates."""
+        poses = {link: self._chain.forward(q, link) for link in self._links}
+        ends = [capsule.ends(poses[capsule.link]) for capsule in self._capsules]
+        return np.stack([a for a, _ in ends], axis=1), np.stack([b for _, b in ends], axis=1)
+
+    def _min_by_link(self, gap_m: Matrix, other: str) -> PairDistances:
+        """Return the least gap of each link's capsules, the root left out."""
+        owners = [capsule.link for capsule in self._capsules]
+        first = [owners.index(link) for link in self._links]
+        per_link = np.minimum.reduceat(gap_m, first, axis=1)
+        moving = [i for i, link in enumerate(self._links) if link != self._chain.base]
+        return PairDistances(tuple((self._links[i], other) for i in moving), per_link[:, moving])
+
+    def _capsule_pairs(self) -> tuple[list[int], list[int], list[int]]:
+        """Return the capsules to compare, pair of links after pair, and where each begins."""
+        own: dict[str, list[int]] = {}
+        for i, capsule in enumerate(self._capsules):
+            own.setdefault(capsule.link, []).append(i)
+        ones: list[int] = []
+        others: list[int] = []
+        first: list[int] = []
+        for a, b in self.pairs:
+            first.append(len(ones))
+            for i, j in itertools.product(own[a], own[b]):
+                ones.append(i)
+                others.append(j)
+        return ones, others, first
+
+
+def _are_neighbours(chain: Chain, a: str, b: str) -> bool:
+    """Return whether at most one moving joint lies between two links."""
+    ways = [{step.joint.name: step.joint for step in chain.joints_to(link)} for link in (a, b)]
+    between = [*(ways[0].keys() ^ ways[1].keys())]
+    joints = ways[0] | ways[1]
+    return sum(joints[name].kind is not JointType.FIXED for name in between) <= 1

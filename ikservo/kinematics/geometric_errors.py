@@ -1,0 +1,115 @@
+"""Geometric errors of a chain and their Jacobian, for kinematic calibration.
+
+No two arms are alike by a millimetre: printed links, screws with play, a base that stands a
+little askew. ``GeometricErrors`` says so in numbers; ``corrected`` builds the chain of that arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.chain import Chain
+from ikservo.kinematics.joints import JointType
+from ikservo.kinematics.se3 import exp_so3, make_pose, skew
+
+__all__ = [
+    "GeometricErrors",
+    "apply_geometric_errors",
+    "calibration_jacobian",
+    "identifiable_origins",
+]
+
+
+def _no_correction() -> Vector:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GeometricErrors:
+    """Small moves of an arm's parts against its description.
+
+    Attributes:
+        base_m: Where the described base truly stands (3,), metres, world coordinates.
+        base_rad: How it is turned there: a rotation vector (3,).
+        origins_m: How far a joint's origin lies from where it is described (3,), metres, in its
+            parent's coordinates; the fixed joint in front of the tip stands for the tool.
+    """
+
+    base_m: Vector = field(default_factory=_no_correction)
+    base_rad: Vector = field(default_factory=_no_correction)
+    origins_m: Mapping[str, Vector] = field(default_factory=dict[str, Vector])
+
+    @property
+    def T_world_base(self) -> Matrix:  # noqa: N802  # the name is the mathematics
+        """Return the pose (4, 4) of the described base."""
+        return make_pose(self.base_m, exp_so3(self.base_rad))
+
+
+def apply_geometric_errors(chain: Chain, geometry: GeometricErrors) -> Chain:
+    """Return the chain of an arm that differs from its description."""
+    joints = {
+        step.joint.name: step.joint for link in chain.frames for step in chain.joints_to(link)
+    }
+    origins: dict[str, Matrix] = {}
+    for name, joint in joints.items():
+        origin = joint.origin.copy()
+        origin[:3, 3] += geometry.origins_m.get(name, 0.0)
+        if joint.parent == chain.base:
+            origin = geometry.T_world_base @ origin
+        origins[name] = origin
+    return chain.with_origins(origins)
+
+
+def identifiable_origins(chain: Chain) -> tuple[str, ...]:
+    """Return the joints whose origins can be told from the base: all moving ones but the first.
+
+    Where a fixed joint ends the way to the tip it comes last: it places the tool.
+    """
+    way = [step for step in chain.joints_to() if step.scale]
+    names = [after.joint.name for _, after in pairwise(way)]
+    last = chain.joints_to()[-1].joint
+    return (*names, last.name) if last.kind is JointType.FIXED else tuple(names)
+
+
+def calibration_jacobian(
+    chain: Chain, q: Matrix, geometry: GeometricErrors, origins: Sequence[str]
+) -> tuple[Matrix, Matrix]:
+    """Return the tips of a corrected chain and how they move with joints, base and origins.
+
+    Args:
+        chain: As described.
+        q: Joint vectors (n, dof).
+        geometry: How the arm differs.
+        origins: The joints whose origins count, see ``movable_origins``.
+
+    Returns:
+        The tips (n, 3), metres, and J (n, 3, dof + 6 + 3 len(origins)): columns of the joints,
+        the base's position and rotation vector, and each origin.
+    """
+    own = apply_geometric_errors(chain, geometry)
+    T, jacobian = own.forward_and_jacobian(q)
+    tips: Matrix = T[:, :3, 3]
+    rotations = _parent_rotations(own, q, origins)
+    eye = np.broadcast_to(np.eye(3), (len(q), 3, 3))
+    turns = _rotation_derivatives(tips - geometry.base_m, geometry.base_rad)
+    columns = [jacobian[:, :3, :], eye, turns, *(rotations[name] for name in origins)]
+    return tips, np.concatenate(columns, axis=2)
+
+
+def _parent_rotations(chain: Chain, q: Matrix, names: Sequence[str]) -> dict[str, Matrix]:
+    """Return the rotation (n, 3, 3) of each joint's parent link."""
+    parents = {step.joint.name: step.joint.parent for step in chain.joints_to()}
+    links = chain.link_poses(q)
+    return {name: links[parents[name]][:, :3, :3] for name in names}
+
+
+def _rotation_derivatives(arms_m: Matrix, base_rad: Vector) -> Matrix:
+    """Return how points (n, 3), seen from the base, move with its rotation vector (n, 3, 3)."""
+    W = skew(base_rad)
+    left = np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0  # the base is turned by little
+    return np.array([-skew(arm) @ left for arm in arms_m])

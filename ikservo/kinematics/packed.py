@@ -1,0 +1,225 @@
+"""Chains and collision bodies as flat arrays for the compiled kernels.
+
+Row 0 is a header, then comes one row a moving joint, one for the tool, one a limit. Fixed joints
+are folded into their neighbours, and every joint frame is turned so that its axis is z: then a
+turn mixes two columns of the pose, and nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.chain import Chain
+from ikservo.kinematics.joints import ChainJoint, JointType
+from ikservo.kinematics.se3 import make_pose, skew
+
+__all__ = [
+    "AXIS",
+    "COLUMN",
+    "DOF",
+    "END",
+    "FIRST_INDEPENDENT",
+    "FULL_TURN",
+    "IS_PRISMATIC",
+    "IS_REVOLUTE",
+    "LINK",
+    "LINK_POSE",
+    "LOWER",
+    "MIMIC_COLUMN",
+    "MIMIC_OFFSET",
+    "MIMIC_SCALE",
+    "ORIGIN",
+    "PARENT",
+    "POSITION",
+    "RADIUS",
+    "ROTATION",
+    "SCALE",
+    "SHIFT",
+    "START",
+    "STEPS",
+    "UPPER",
+    "WIDTH",
+    "PackedBody",
+    "pack_capsules",
+    "pack_chain",
+    "pack_links",
+    "rotation_z_to",
+]
+
+
+WIDTH = 16
+# fmt: off
+STEPS, DOF, FIRST_INDEPENDENT = 0, 1, 2  # header: how many joint rows and limit rows; 1 where q of
+                                         # the first joint turns it, and nothing else
+ROTATION, POSITION       = 0, 9          # joint and tool: R row by row (9), then p (3)
+IS_REVOLUTE, COLUMN = 12, 13  # joint: 1 turns or 0 slides; which entry of q moves it
+SCALE, SHIFT             = 14, 15        # joint: value = SCALE * q[COLUMN] + SHIFT
+LOWER, UPPER, FULL_TURN  = 0, 1, 2       # limit: the range; 1 where every direction is inside it
+# fmt: on
+
+# Ranges from -3.14 to 3.14 in files are meant as full turns.
+_FULL_TURN_RAD = 2.0 * math.pi - 1e-2
+
+
+def pack_chain(
+    chain: Chain,
+    frame: str | None = None,
+    offset_m: Vector | None = None,
+    tool_axis: Vector | None = None,
+) -> Matrix:
+    """Return the way to a point of a link as one array (2 + joints + dof, WIDTH).
+
+    Args:
+        chain: The arm.
+        frame: Name of a link; the tip if None.
+        offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
+        tool_axis: A unit vector (3,) in that link's coordinates; the packed tool's z points
+            along it. The link's own z if None.
+
+    Raises:
+        UnknownNameError: No link is named ``frame``.
+    """
+    way = chain.joints_to(frame)
+    rows, rest = _joint_rows(way)
+    if offset_m is not None:
+        rest = rest @ make_pose(offset_m)
+    if tool_axis is not None:
+        rest = rest @ make_pose(np.zeros(3), rotation_z_to(tool_axis))
+    header = np.zeros(WIDTH)
+    header[STEPS], header[DOF] = len(rows), chain.dof
+    header[FIRST_INDEPENDENT] = bool(rows) and _is_first_revolute(chain, rows[0])
+    return np.array([header, *rows, _flatten_pose(rest), *_limit_rows(chain)])
+
+
+def rotation_z_to(axis: Vector) -> Matrix:
+    """Return a rotation (3, 3) whose third column is the unit vector ``axis`` (3,)."""
+    z = np.asarray(axis, dtype=np.float64)
+    helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
+    y = skew(z) @ helper
+    y /= math.sqrt(float(y @ y))
+    return np.array([skew(y) @ z, y, z]).T
+
+
+def _joint_rows(way: tuple[ChainJoint, ...]) -> tuple[list[Vector], Matrix]:
+    """Return a row for each joint that q moves, and what lies behind the last (4, 4)."""
+    rows: list[Vector] = []
+    rest = make_pose(np.zeros(3))
+    for step in way:
+        rest = rest @ step.joint.origin
+        if not step.scale or step.joint.kind is JointType.FIXED:
+            rest = rest @ step.motion_at(step.shift)
+            continue
+        turn = rotation_z_to(step.joint.axis)
+        row = _flatten_pose(rest @ make_pose(np.zeros(3), turn))
+        row[IS_REVOLUTE] = step.joint.kind is JointType.REVOLUTE
+        row[COLUMN], row[SCALE], row[SHIFT] = step.column, step.scale, step.shift
+        rows.append(row)
+        rest = make_pose(np.zeros(3), turn.T)
+    return rows, rest
+
+
+def _is_first_revolute(chain: Chain, first: Vector) -> bool:
+    plain = first[IS_REVOLUTE] == 1.0 and first[SCALE] == 1.0 and first[SHIFT] == 0.0
+    return bool(plain) and not _has_mimics(chain, int(first[COLUMN]))
+
+
+def _flatten_pose(T: Matrix) -> Vector:
+    row = np.zeros(WIDTH)
+    row[ROTATION : ROTATION + 9] = T[:3, :3].ravel()
+    row[POSITION : POSITION + 3] = T[:3, 3]
+    return row
+
+
+def _limit_rows(chain: Chain) -> list[Vector]:
+    rows: list[Vector] = []
+    for i, kind in enumerate(chain.kinds):
+        row = np.zeros(WIDTH)
+        row[LOWER], row[UPPER] = chain.lower_rad[i], chain.upper_rad[i]
+        wide = chain.upper_rad[i] - chain.lower_rad[i] >= _FULL_TURN_RAD
+        row[FULL_TURN] = wide and kind is JointType.REVOLUTE and not _has_mimics(chain, i)
+        rows.append(row)
+    return rows
+
+
+def _has_mimics(chain: Chain, column: int) -> bool:
+    """Return whether other joints mimic this one: then a full turn of it is no identity."""
+    followers = {
+        step.joint.name
+        for frame in chain.frames
+        for step in chain.joints_to(frame)
+        if step.scale and step.column == column and step.joint.mimic is not None
+    }
+    return bool(followers)
+
+
+# fmt: off
+ORIGIN, LINK_POSE, AXIS = 0, 9, 12  # link: R row by row (9), p (3); axis (3)
+# link: value = MIMIC_SCALE * q[MIMIC_COLUMN] + MIMIC_OFFSET
+PARENT, IS_PRISMATIC, MIMIC_COLUMN, MIMIC_SCALE, MIMIC_OFFSET = 15, 16, 17, 18, 19
+START, END, RADIUS, LINK             = 0, 3, 6, 7          # capsule: both ends (3), in its link
+# fmt: on
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PackedBody:
+    """The links and capsules of an arm, and which of them to compare.
+
+    Attributes:
+        base: The name of the link that stands still.
+        dof: The length of a joint vector.
+        names: The links, parents first.
+        links: A row for each (links, 20).
+        capsules: A row for each (capsules, 8).
+        pairs: What comes near what.
+        rows: Two capsules and their pair (m, 3).
+        overlap_m: By how much each pair may overlap (pairs,).
+        reach_m: By how much a point of each link's capsules moves at most (links, dof) for each
+            unit of a joint, m/rad or m/m.
+        pair_reach_m: By how much each pair may come nearer (pairs, dof), likewise.
+    """
+
+    base: str
+    dof: int
+    names: tuple[str, ...]
+    links: Matrix
+    capsules: Matrix
+    pairs: tuple[tuple[str, str], ...]
+    rows: Matrix
+    overlap_m: Vector
+    reach_m: Matrix
+    pair_reach_m: Matrix
+
+
+def pack_links(chain: Chain) -> tuple[tuple[str, ...], Matrix]:
+    """Return the names of all links, parents first, and a row for each (links, 20)."""
+    names = chain.frames
+    rows = np.zeros((len(names), 20))
+    for row, name in zip(rows, names, strict=True):
+        way = chain.joints_to(name)
+        row[PARENT] = names.index(way[-1].joint.parent) if way else -1
+        if way:
+            _fill_link_row(row, way[-1])
+    return names, rows
+
+
+def pack_capsules(capsules: Sequence[Capsule], links: Sequence[str]) -> Matrix:
+    """Return a row for each capsule (n, 8)."""
+    rows = [[*c.start_m, *c.end_m, c.radius_m, links.index(c.link)] for c in capsules]
+    return np.array(rows, dtype=np.float64).reshape(len(rows), 8)
+
+
+def _fill_link_row(row: Matrix, step: ChainJoint) -> None:
+    joint = step.joint
+    row[ORIGIN : ORIGIN + 9] = joint.origin[:3, :3].ravel()
+    row[LINK_POSE : LINK_POSE + 3] = joint.origin[:3, 3]
+    if joint.kind is JointType.FIXED:
+        return
+    row[AXIS : AXIS + 3] = joint.axis
+    row[IS_PRISMATIC] = joint.kind is JointType.PRISMATIC
+    row[MIMIC_COLUMN], row[MIMIC_SCALE], row[MIMIC_OFFSET] = step.column, step.scale, step.shift

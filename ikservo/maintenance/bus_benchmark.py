@@ -1,0 +1,176 @@
+"""Time the bus: reads and writes per second, host time, jitter."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+from ikservo.arm.opening import resolve_port, servo_specs
+from ikservo.errors import BusError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.diagnostics import detecting_duplicate_ids
+from ikservo.hardware.line_quality import MeteredTransport
+from ikservo.hardware.port import Port
+from ikservo.hardware.transport import Transport, open_transport
+from ikservo.model import Model
+from ikservo.registers import Family, RegisterName
+
+__all__ = ["CYCLES", "BusTiming", "benchmark_bus"]
+
+CYCLES = 1000
+_WARM_UP = 50  # cycles in which the line is learned
+
+OnProgress = Callable[[str, int], None]
+
+# fmt: off
+POSITIONS = (RegisterName.PRESENT_POSITION,)
+TELEMETRY = (RegisterName.PRESENT_POSITION,    RegisterName.PRESENT_VELOCITY,
+             RegisterName.PRESENT_LOAD,        RegisterName.PRESENT_VOLTAGE,
+             RegisterName.PRESENT_TEMPERATURE, RegisterName.ALARMS)
+# fmt: on
+_TASKS = {"positions + goals": POSITIONS, "full telemetry + goals": TELEMETRY}
+
+
+@dataclass(frozen=True, slots=True)
+class BusTiming:
+    """How long cycles of one kind took.
+
+    Attributes:
+        what: What a cycle does.
+        cycles_s: Each cycle's duration, ascending, seconds.
+        host_s: What of it was our own work, median, seconds.
+        wire_s: What the bytes and return delays of one cycle need, seconds.
+        sent_bytes: Of one cycle.
+        received_bytes: Of one cycle.
+        lost: Answers that did not come.
+    """
+
+    what: str
+    cycles_s: tuple[float, ...]
+    host_s: float
+    wire_s: float
+    sent_bytes: int
+    received_bytes: int
+    lost: int
+
+    @property
+    def rate_hz(self) -> float:
+        """Return cycles a second."""
+        return len(self.cycles_s) / sum(self.cycles_s)
+
+    @property
+    def limit_hz(self) -> float:
+        """Return the cycles a second that the wire allows."""
+        return 1.0 / self.wire_s
+
+    def cycle_s(self, quantile: float) -> float:
+        """Return the time that a share of the cycles did not exceed."""
+        return _sorted_quantile(self.cycles_s, quantile)
+
+
+def benchmark_bus(
+    model: Model,
+    port: str | None = None,
+    cycles: int = CYCLES,
+    on_cycle: OnProgress | None = None,
+) -> list[BusTiming]:
+    """Measure an arm's line; nothing moves, and torque stays as it is.
+
+    On a simulated line time is virtual; to what passes there the host's own time is added.
+
+    Args:
+        model: The arm.
+        port: See ``choose_port``.
+        cycles: Of each kind.
+        on_cycle: Told what is measured and how many cycles are done.
+
+    Raises:
+        PortError: No port, or it is lost.
+        ServoSilentError: A servo does not answer; names all that do not.
+        BadReplyError: Two servos share an id.
+    """
+    name = resolve_port(model, port)
+    meter = MeteredTransport(open_transport(name, model.baud_rate))
+    line = Port(cast("Transport", meter), name, model.baud_rate)
+    with ServoBus(line, servo_specs(model)) as bus:
+        with detecting_duplicate_ids(bus):
+            bus.load_return_delays()
+        bench = _Benchmark(bus, meter, [joint.servo.id for joint in model.joints])
+        return [
+            bench.measure(what, roles, cycles, on_cycle or _ignore_progress)
+            for what, roles in _TASKS.items()
+        ]
+
+
+class _Benchmark:
+    def __init__(self, bus: ServoBus, meter: MeteredTransport, servo_ids: Sequence[int]) -> None:
+        self._bus, self._meter, self._ids = bus, meter, servo_ids
+        present = bus.sync_read(servo_ids, RegisterName.PRESENT_POSITION, raw=True).require_all()
+        self._goals: Mapping[int, int] = dict(present)
+        self._virtual = hasattr(meter, "clock")
+        self.lost = 0
+
+    def measure(
+        self, what: str, roles: Sequence[RegisterName], cycles: int, tell: OnProgress
+    ) -> BusTiming:
+        for _ in range(_WARM_UP):
+            self._run_cycle(roles)
+        sent, received, wire_s = self._count_wire_traffic(roles)
+        self.lost = 0
+        took: list[tuple[float, float]] = []
+        for count in range(1, cycles + 1):
+            took.append(self._time_cycle(roles))
+            tell(what, count)
+        cycles_s = tuple(sorted(cycle_s for cycle_s, _ in took))
+        host_s = _sorted_quantile(sorted(host_s for _, host_s in took), 0.5)
+        return BusTiming(what, cycles_s, host_s, wire_s, sent, received, self.lost)
+
+    def _run_cycle(self, roles: Sequence[RegisterName]) -> None:
+        readings = self._bus.sync_read_many(self._ids, roles, raw=True)
+        self.lost += len(readings.errors)
+        self._bus.sync_write(RegisterName.GOAL_POSITION, self._goals, raw=True)
+
+    def _time_cycle(self, roles: Sequence[RegisterName]) -> tuple[float, float]:
+        """Return how long a cycle takes, and how much of it is our own work."""
+        inside_s, busy_s = self._meter.inside_s, time.thread_time()
+        line_s = self._bus.clock.now_s()
+        self._run_cycle(roles)
+        line_s = self._bus.clock.now_s() - line_s
+        host_s = time.thread_time() - busy_s - (self._meter.inside_s - inside_s)
+        return (line_s + host_s if self._virtual else line_s), host_s
+
+    def _count_wire_traffic(self, roles: Sequence[RegisterName]) -> tuple[int, int, float]:
+        """Return bytes out, bytes in, and the least time that one cycle needs."""
+        sent, received = self._meter.sent, self._meter.received
+        self._meter.listen, self._meter.heard = True, bytearray()
+        self._run_cycle(roles)
+        self._meter.listen = False
+        sent, received = self._meter.sent - sent, self._meter.received - received
+        wire_s = self._bus.port.wire_s(sent + received)
+        return sent, received, wire_s + self._delays_s(bytes(self._meter.heard))
+
+    def _delays_s(self, heard: bytes) -> float:
+        """Return the return delays of one cycle: one for each packet that was heard."""
+        ids = [
+            i
+            for i in self._ids
+            if RegisterName.RETURN_DELAY not in self._bus.servos[i].table.missing
+        ]
+        try:
+            delays = self._bus.sync_read(ids, RegisterName.RETURN_DELAY).require_all()
+        except BusError:
+            return 0.0
+        mean_s = sum(delays.values()) / max(1, len(delays))
+        families = {self._bus.servos[i].table.family for i in self._ids}
+        header = b"\xff\xff\xfd\x00" if families == {Family.DYNAMIXEL_2} else b"\xff\xff"
+        return heard.count(header) * mean_s
+
+
+def _ignore_progress(_: str, __: int) -> None:
+    """Nobody wants to know."""
+
+
+def _sorted_quantile(ascending: Sequence[float], quantile: float) -> float:
+    return ascending[min(int(quantile * len(ascending)), len(ascending) - 1)]

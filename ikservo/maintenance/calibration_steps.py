@@ -1,0 +1,79 @@
+"""The numbered steps of a calibration by hand, with the request of each as text.
+
+Step 1 is the pose, then comes one step for each joint's direction, then the sweep, then the
+review. A skipped joint leaves a gap, so that the numbers stay what they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ikservo.calibration.procedure import CalibrationStage, CalibrationState
+from ikservo.calibration.range_tracker import JointUnderCalibration
+from ikservo.model import Model
+from ikservo.model.tool import describe_direction
+
+__all__ = ["CalibrationStep", "current_step"]
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationStep:
+    """One step of a calibration.
+
+    Attributes:
+        number: From 1.
+        count: How many steps there are.
+        request: What the person is to do.
+    """
+
+    number: int
+    count: int
+    request: str
+
+    def __str__(self) -> str:
+        return f"Step {self.number} of {self.count}: {self.request}"
+
+
+def current_step(model: Model, pose: str, wizard: CalibrationState) -> CalibrationStep:
+    """Return the step that a calibration from a named pose is at."""
+    count = len(wizard.subjects) + 3
+    if wizard.stage is CalibrationStage.REFERENCE_POSE:
+        return CalibrationStep(1, count, _pose_request(model, pose, wizard))
+    if wizard.current_joint:
+        place = [subject.name for subject in wizard.subjects].index(wizard.current_joint.name)
+        return CalibrationStep(
+            place + 2, count, _direction_request(model, pose, wizard, wizard.current_joint)
+        )
+    if wizard.stage is CalibrationStage.SWEEP:
+        return CalibrationStep(
+            count - 1, count, f"Move {_describe_moved(model, wizard)} gently to both end stops."
+        )
+    return CalibrationStep(count, count, "Review and save.")
+
+
+def _pose_request(model: Model, pose: str, wizard: CalibrationState) -> str:
+    what = f'Put the arm in the pose "{pose}"'
+    if len(wizard.subjects) < len(model.joints):
+        places = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in wizard.subjects]
+        what = f'Put {", ".join(places)} (pose "{pose}")'
+    return f"{what}: {'held still, press Enter.' if wizard.is_at_rest else 'hold it still …'}"
+
+
+def _direction_request(
+    model: Model, pose: str, wizard: CalibrationState, subject: JointUnderCalibration
+) -> str:
+    way = describe_direction(model, model.joint(subject.name), pose, subject.free_direction)
+    if not wizard.is_second_trial:
+        return f"Move {subject.name} {way}."
+    if wizard.returned:
+        return f"Move {subject.name} again {way}."
+    return (
+        f"{subject.name}: sign is opposite to the arm file. Was it first moved the wrong way? "
+        "Move it back to where it was."
+    )
+
+
+def _describe_moved(model: Model, wizard: CalibrationState) -> str:
+    if len(wizard.subjects) < len(model.joints):
+        return ", ".join(subject.name for subject in wizard.subjects)
+    return "every joint"

@@ -1,0 +1,134 @@
+"""Set up new servos: ids, baud rate, first settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from ikservo.arm.opening import resolve_port
+from ikservo.errors import IkservoError, UnknownNameError
+from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.provisioning import (
+    ServoSettings,
+    check_model,
+    provision,
+    wait_for_servo,
+    wait_until_unplugged,
+)
+from ikservo.hardware.scan import FoundServo
+from ikservo.hardware.servo import ServoSpec
+from ikservo.model import Model
+from ikservo.registers import control_table
+
+__all__ = ["ConfiguredServo", "ServoSettings", "SetupPrompt", "commission", "planned_settings"]
+
+
+@dataclass(frozen=True, slots=True)
+class ConfiguredServo:
+    """A servo that is what it shall be.
+
+    Attributes:
+        servo: Its id, table and joint.
+        found: As it was.
+        written: What was changed, in words; nothing where all was right.
+    """
+
+    servo: ServoSpec
+    found: FoundServo
+    written: tuple[str, ...]
+
+
+class SetupPrompt(Protocol):
+    """Who talks to the person."""
+
+    def request_servo(self, wish: ServoSettings) -> None:
+        """Ask that only this servo be plugged in."""
+        ...
+
+    def show_found(self, found: Sequence[FoundServo]) -> None:
+        """Say who answers; called each time that changes."""
+        ...
+
+    def show_search(self, baud_rate: int) -> None:
+        """Say at which rate a servo is looked for; called before each is tried."""
+        ...
+
+    def confirm_write(self, wish: ServoSettings, found: FoundServo) -> bool:
+        """Return whether this servo may be written."""
+        ...
+
+    def report(self, settled: ConfiguredServo, *, last: bool) -> None:
+        """Say that a servo is done; unless it is the last, that it be pulled out."""
+        ...
+
+
+def planned_settings(model: Model) -> list[ServoSettings]:
+    """Return what each servo of an arm shall be, in the arm file's order."""
+    return [
+        ServoSettings(
+            ServoSpec(servo.id, control_table(servo.model), joint.name),
+            model.baud_rate,
+            servo.eeprom,
+        )
+        for joint in model.joints
+        for servo in (joint.servo, *joint.shadows)
+    ]
+
+
+def commission(
+    model: Model, port: str | None, helper: SetupPrompt, *, start: str | None, wait_s: float
+) -> list[ConfiguredServo]:
+    """Give each servo of an arm its id, baud rate and settings.
+
+    Args:
+        model: The arm.
+        port: See ``choose_port``.
+        helper: Who talks to the person.
+        start: The joint to begin with; the first if None.
+        wait_s: How long to wait for each servo to be plugged in or out.
+
+    Raises:
+        UnknownNameError: The arm has no joint ``start``.
+        PortError: No port, or it is lost.
+        ServoSilentError: No servo came, or several stayed plugged in.
+        CalibrationError: A servo is of another model.
+        BusError: A servo did not keep what was written.
+    """
+    todo = _remaining_from(planned_settings(model), start)
+    done: list[ConfiguredServo] = []
+    with open_port(resolve_port(model, port), model.baud_rate) as line:
+        for wish in todo:
+            settled = _configure_servo(line, wish, helper, wait_s)
+            last = wish is todo[-1]
+            done.append(settled)
+            helper.report(settled, last=last)
+            if not last:
+                wait_until_unplugged(line, _wait_for_place(wish, settled.found), wait_s)
+    return done
+
+
+def _configure_servo(
+    line: Port, wish: ServoSettings, helper: SetupPrompt, wait_s: float
+) -> ConfiguredServo:
+    helper.request_servo(wish)
+    found = wait_for_servo(
+        line, wish.servo.table, wish.baud_rate, wait_s, helper.show_found, helper.show_search
+    )
+    check_model(found, wish)
+    if not helper.confirm_write(wish, found):
+        raise IkservoError("Cancelled; this servo was not changed.")
+    return ConfiguredServo(wish.servo, found, provision(line, found, wish))
+
+
+def _remaining_from(todo: Sequence[ServoSettings], start: str | None) -> Sequence[ServoSettings]:
+    names = [wish.servo.name for wish in todo]
+    if start is None:
+        return todo
+    if start not in names:
+        raise UnknownNameError("joint", start, names)
+    return todo[names.index(start) :]
+
+
+def _wait_for_place(wish: ServoSettings, found: FoundServo) -> FoundServo:
+    return FoundServo(wish.servo.id, wish.baud_rate, found.protocol, found.table)

@@ -1,0 +1,288 @@
+"""Checks of single servos and their EEPROM."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+from ikservo.arm.calibrated_arm import serial_number_of
+from ikservo.calibration.calibration_file import load_calibration
+from ikservo.calibration.servo_config import calibration_registers
+from ikservo.errors import BusError, FileFormatError, UnknownNameError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.eeprom import RegisterDifference, register_differences, update_eeprom
+from ikservo.hardware.read_plan import RegisterRef
+from ikservo.hardware.scan import firmware_version
+from ikservo.hardware.servo import ServoSpec
+from ikservo.maintenance.findings import Finding, failure, ok, warning
+from ikservo.model import Model, ModelServo
+from ikservo.model.model import HealthLimits
+from ikservo.registers import RegisterName, control_table_for_number
+
+__all__ = [
+    "all_servos",
+    "check_eeprom",
+    "check_servos",
+    "expected_eeprom",
+    "write_eeprom",
+    "zero_return_delay",
+]
+
+
+_CALIBRATED_REGISTERS = {
+    "homing_offset",
+    "min_position_limit",
+    "max_position_limit",
+}  # may be this arm's
+
+
+def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
+    """Yield where servos hold other numbers than the arm file says.
+
+    Args:
+        bus: The line, with the servos that answer.
+        model: The arm they should be.
+    """
+    own_numbers = _has_calibrated_registers(bus, model)
+    compared, alike = 0, True
+    for own in all_servos(model):
+        if own.id not in bus.servos or not own.eeprom:
+            continue
+        compared += len(own.eeprom)
+        for finding in _differing_registers(bus, own, own_numbers):
+            alike = False
+            yield finding
+    if compared and alike:
+        yield ok("eeprom", f"{compared} values match the arm file")
+
+
+def _differing_registers(bus: ServoBus, own: ModelServo, own_numbers: bool) -> Iterator[Finding]:
+    servo = bus.servos[own.id]
+    try:
+        left = register_differences(bus, own.id, _expected_registers(servo, own, own_numbers))
+    except (BusError, UnknownNameError) as error:
+        yield failure("eeprom", f"{servo}: {error.message}", error.command_hint)
+        return
+    for one in left:
+        kind = warning if one.register.name in _CALIBRATED_REGISTERS else failure
+        yield kind(
+            "eeprom",
+            f"{servo}: {one.register} is {one.found}, {one.wanted} in the arm file",
+            "Write the values of the arm file: ikservo doctor --write-eeprom",
+        )
+
+
+def _has_calibrated_registers(bus: ServoBus, model: Model) -> bool:
+    """Return whether some of the servos' numbers are this very arm's and not the arm file's."""
+    try:
+        return load_calibration(model.name, serial_number_of(bus.port.name)) is not None
+    except FileFormatError:
+        return True  # a spoiled calibration is still one
+
+
+def _expected_registers(
+    servo: ServoSpec, own: ModelServo, own_numbers: bool
+) -> dict[RegisterRef, int]:
+    """Return what the arm file says, but for what a calibration of this arm rests on."""
+    wanted = expected_eeprom(servo, own.eeprom)
+    kept = calibration_registers(servo.table) if own_numbers else ()
+    return {register: number for register, number in wanted.items() if register not in kept}
+
+
+def all_servos(model: Model) -> list[ModelServo]:
+    """Return every servo of the arm file, shadows behind the servo they follow."""
+    return [servo for joint in model.joints for servo in (joint.servo, *joint.shadows)]
+
+
+def expected_eeprom(servo: ServoSpec, values: Mapping[str, int]) -> dict[RegisterRef, int]:
+    """Return the arm file's raw values by the servo's own registers.
+
+    Raises:
+        UnknownNameError: The servo has no such register.
+    """
+    registers = servo.table.registers
+    unknown = [name for name in values if name not in registers]
+    if unknown:
+        raise UnknownNameError(f"{servo.table.model_name} register", unknown[0], registers)
+    return {registers[name]: number for name, number in values.items()}
+
+
+def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDifference]]:
+    """Make every servo hold what the arm file says, and answer at once; return what changed.
+
+    What a calibration of this arm rests on is left alone: the calibration says what belongs there.
+
+    Raises:
+        RegisterAccessError: Torque is on, or a register forbids its number; servos before it
+            are written.
+        ServoRefusedError: A number did not last.
+        BusError: A servo does not answer.
+    """
+    changed: dict[ServoSpec, list[RegisterDifference]] = {}
+    own_numbers = _has_calibrated_registers(bus, model)
+    for own in all_servos(model):
+        servo = bus.servos[own.id]
+        changes = update_eeprom(
+            bus, own.id, zero_return_delay(servo) | _expected_registers(servo, own, own_numbers)
+        )
+        if changes:
+            changed[servo] = changes
+    return changed
+
+
+def zero_return_delay(servo: ServoSpec) -> dict[RegisterRef, int]:
+    """Return the return delay as it should be, where the servo has one."""
+    has_delay = RegisterName.RETURN_DELAY not in servo.table.missing
+    return {servo.table.return_delay: 0} if has_delay else {}
+
+
+_USUAL_HEALTH = HealthLimits()
+_LONG_DELAY_S = 1e-4  # of all servos together
+
+
+def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
+    """Yield what is found about servos that answer; nothing is changed.
+
+    Args:
+        bus: The line, with those servos.
+        model: The arm they should be, if one is meant.
+    """
+    limits = model.health if model else _USUAL_HEALTH
+    checks: dict[str, Callable[[], Iterator[Finding]]] = {
+        "models": lambda: _check_models(bus),
+        "supply": lambda: _check_supply(bus),
+        "heat": lambda: _check_temperature(bus, limits),
+        "firmware": lambda: _check_firmware(bus),
+        "alarms": lambda: _check_alarms(bus),
+        "delay": lambda: _check_return_delay(bus),
+        "lock": lambda: _check_locks(bus),
+    }
+    for name, check in checks.items():
+        try:
+            yield from check()
+        except BusError as error:
+            yield failure(name, error.message, error.command_hint)
+    if model:
+        yield from check_eeprom(bus, model)
+
+
+def _check_models(bus: ServoBus) -> Iterator[Finding]:
+    numbers = bus.sync_read(bus.servos, RegisterName.MODEL_NUMBER, raw=True).require_all()
+    wrong = [s for s in bus.servos.values() if numbers[s.id] != s.table.number]
+    for servo in wrong:
+        other = control_table_for_number(servo.table.family, numbers[servo.id])
+        name = other.model_name if other else f"servo of unknown model {numbers[servo.id]}"
+        yield failure(
+            "models",
+            f"{servo} is a {name}, not a {servo.table.model_name}",
+            "Another arm (choose it with --arm), or two swapped ids.",
+        )
+    if not wrong:
+        yield ok("models", _format_names(s.table.model_name for s in bus.servos.values()))
+
+
+def _check_supply(bus: ServoBus) -> Iterator[Finding]:
+    wanted = (
+        RegisterName.PRESENT_VOLTAGE,
+        RegisterName.MIN_VOLTAGE_LIMIT,
+        RegisterName.MAX_VOLTAGE_LIMIT,
+    )
+    rows = bus.sync_read_many(bus.servos, wanted).require_all()
+    fed = True
+    for servo in bus.servos.values():
+        volts, lower, upper = (rows[servo.id][role] for role in wanted)
+        if not lower <= volts <= upper:
+            fed = False
+            yield failure(
+                "supply",
+                f"{servo} has a supply of {volts:.1f} V; allowed are {lower:.1f} to {upper:.1f} V",
+                "Check that the power supply is the right one; torque cannot be switched on.",
+            )
+    if fed:
+        volts = [row[RegisterName.PRESENT_VOLTAGE] for row in rows.values()]
+        yield ok("supply", f"{_format_range(volts, '.1f')} V, inside every servo's limits")
+
+
+def _check_temperature(bus: ServoBus, limits: HealthLimits) -> Iterator[Finding]:
+    degrees = bus.sync_read(bus.servos, RegisterName.PRESENT_TEMPERATURE).require_all()
+    cool = True
+    for servo_id, celsius in degrees.items():
+        if celsius >= limits.warn_c:
+            cool = False
+            kind = failure if celsius >= limits.hold_c else warning
+            yield kind(
+                "heat", f"{bus.servos[servo_id]} is at {celsius:.0f} °C", "Let it cool down."
+            )
+    if cool:
+        yield ok("heat", f"{_format_range(degrees.values(), '.0f')} °C")
+
+
+def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
+    versions: dict[str, dict[str, list[ServoSpec]]] = defaultdict(lambda: defaultdict(list))
+    for servo in bus.servos.values():
+        versions[servo.table.model_name][firmware_version(bus, servo.id)].append(servo)
+    for name, groups in versions.items():
+        if len(groups) > 1:
+            text = "; ".join(f"{v}: {', '.join(map(str, s))}" for v, s in sorted(groups.items()))
+            yield warning(
+                "firmware",
+                f"{name} servos differ: {text}",
+                "Bring all to the newest with the vendor's tool (FD, Dynamixel Wizard).",
+            )
+    if all(len(groups) == 1 for groups in versions.values()):
+        texts = [f"{name} {next(iter(groups))}" for name, groups in versions.items()]
+        yield ok("firmware", ", ".join(texts))
+
+
+def _check_alarms(bus: ServoBus) -> Iterator[Finding]:
+    complaints = {i: bus.read_alarms(i) for i in bus.servos}
+    for servo_id, alarms in complaints.items():
+        if alarms:
+            text = ", ".join(sorted(str(alarm) for alarm in alarms))
+            yield failure(
+                "alarms",
+                f"{bus.servos[servo_id]}: {text}",
+                "Remove the load, then: ikservo recover",
+            )
+    if not any(complaints.values()):
+        yield ok("alarms", "none")
+
+
+def _check_return_delay(bus: ServoBus) -> Iterator[Finding]:
+    ids = [i for i, s in bus.servos.items() if RegisterName.RETURN_DELAY not in s.table.missing]
+    if not ids:
+        return
+    delays_s = bus.sync_read(ids, RegisterName.RETURN_DELAY).require_all()
+    total_s = sum(delays_s.values())
+    if total_s <= _LONG_DELAY_S:
+        yield ok("delay", "servos answer without delay")
+        return
+    late = ", ".join(str(bus.servos[i]) for i, delay_s in delays_s.items() if delay_s)
+    yield warning(
+        "delay",
+        f"return delays take {1000 * total_s:.1f} ms in each round ({late})",
+        "Set them to 0: ikservo doctor --write-eeprom, or ikservo setup ARM",
+    )
+
+
+def _check_locks(bus: ServoBus) -> Iterator[Finding]:
+    for servo in bus.servos.values():
+        lock = servo.table.eeprom_lock
+        if lock and not bus.read(servo.id, lock, raw=True):
+            yield warning(
+                "lock",
+                f"{servo} has its EEPROM unlocked",
+                "Every write wears it; lock it again: ikservo doctor --write-eeprom",
+            )
+
+
+def _format_names(names: Iterable[str]) -> str:
+    counts = Counter(names)
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def _format_range(values: Iterable[float], form: str) -> str:
+    """Return ``11.9 to 12.1``, or one number where all are alike."""
+    ordered = sorted(values)
+    ends = dict.fromkeys((f"{ordered[0]:{form}}", f"{ordered[-1]:{form}}"))
+    return " to ".join(ends)

@@ -1,0 +1,132 @@
+"""The collision capsules of an arm with its gripper."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ikservo.errors import InputError
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.se3 import rotation_rpy
+from ikservo.model.loading import build_chain
+from ikservo.model.meshes import capsules_around_mesh, capsules_around_surface
+from ikservo.model.model import Model
+from ikservo.model.urdf_types import Box, Cylinder, Mesh, Shape, Sphere, Surface
+
+__all__ = ["bounding_capsules", "capsules_of", "collision_body", "collision_body_with_gripper"]
+
+
+def collision_body(model: Model) -> CollisionBody:
+    """Return the arm's capsules and the pairs of links that its named poses keep apart."""
+    postures = [model.chain_pose(name) for name in model.poses]
+    return CollisionBody(model.chain, _require_capsules(model), postures)
+
+
+def collision_body_with_gripper(model: Model) -> CollisionBody:
+    """Return the body whose joint vectors end with the gripper's joint, where the arm has one.
+
+    In ``body_of`` jaws stand still: closed, or as near to that as zero is. Here they are where the
+    vector says; those of jaws that do not hang behind the chain's last joint stand still, too.
+    """
+    chain, gripper = _chain_with_gripper(model), model.gripper
+    if chain is None or gripper is None:
+        return collision_body(model)
+    poses = [np.array([pose[name] for name in chain.names]) for pose in model.poses.values()]
+    closed = [np.append(q[:-1], gripper.closed) for q in poses]  # jaws may touch each other
+    return CollisionBody(chain, _require_capsules(model), poses + closed)
+
+
+def _chain_with_gripper(model: Model) -> Chain | None:
+    jaws = [joint.child for joint in model.urdf.joints
+            if model.gripper is not None and joint.name == model.gripper.joint]  # fmt: skip
+    for jaw in jaws:
+        chain = build_chain(model.urdf, jaw)
+        if chain.names[:-1] == model.chain.names:
+            return chain
+    return None
+
+
+def capsules_of(model: Model) -> list[Capsule]:
+    """Return the capsules around every link's collision shapes, or what is drawn of it.
+
+    Raises:
+        FileFormatError: A mesh cannot be used; names the link.
+    """
+    return [
+        capsule
+        for link in model.urdf.links
+        for shape in link.collisions or link.visuals
+        for capsule in bounding_capsules(link.name, shape)
+    ]
+
+
+def _require_capsules(model: Model) -> list[Capsule]:
+    capsules = capsules_of(model)
+    if not capsules:
+        raise InputError(
+            f"Contact cannot be checked: no link of {model.name} has a shape.",
+            "Add <collision> shapes to its description, or use --no-collision "
+            "(collisions=False) where you see that the way is free.",
+        )
+    return capsules
+
+
+def bounding_capsules(link: str, shape: Shape) -> list[Capsule]:
+    """Return capsules that cover a shape.
+
+    A box is covered along its longest edge: one capsule through the middle of each of as many
+    strips as the middle edge is wider than the shortest.
+
+    Raises:
+        FileFormatError: A mesh cannot be used; names the link.
+        InputError: A mesh needs the extra ``mesh``, which is not installed.
+    """
+    if isinstance(shape, Mesh):
+        return capsules_around_mesh(link, shape)
+    if isinstance(shape, Surface):
+        return capsules_around_surface(link, shape)
+    if isinstance(shape, Sphere):
+        centre = np.array(shape.xyz_m)
+        return [Capsule(link, centre, centre, shape.radius_m)]
+    if isinstance(shape, Cylinder):
+        return [
+            _axial_capsule(link, shape, np.array([0.0, 0.0, shape.length_m / 2]), shape.radius_m)
+        ]
+    return _cover_box(link, shape)
+
+
+def _cover_box(link: str, box: Box) -> list[Capsule]:
+    """Cover a box by parallel capsules through the middles of strips about as wide as thick."""
+    half = np.array(box.size_m) / 2
+    thin, middle, long = np.argsort(half)
+    strips = max(1, math.ceil(half[middle] / max(half[thin], 1e-6) - 0.25))
+    strips = min(strips, _MAX_STRIPS)
+    strip = half[middle] / strips
+    radius_m = math.hypot(strip, half[thin])
+    capsules: list[Capsule] = []
+    for i in range(strips):
+        aside, ahead = np.zeros(3), np.zeros(3)
+        aside[middle] = (2 * i + 1) * strip - half[middle]
+        ahead[long] = half[long]
+        capsules.append(_axial_capsule(link, box, ahead, radius_m, aside))
+    return capsules
+
+
+_MAX_STRIPS = 4
+
+
+def _axial_capsule(
+    link: str,
+    shape: Box | Cylinder,
+    half_m: Vector,
+    radius_m: float,
+    aside_m: Vector | None = None,
+) -> Capsule:
+    """Return the capsule from -half to +half in a shape's own axes, as link coordinates."""
+    R, centre = rotation_rpy(*shape.rpy_rad), np.array(shape.xyz_m)
+    middle = centre if aside_m is None else centre + R @ aside_m
+    return Capsule(link, middle - R @ half_m, middle + R @ half_m, radius_m)

@@ -1,0 +1,392 @@
+"""Kinematic calibration: fit geometric errors to touched points by least squares.
+
+Minimises ``Σ ρ(|f(q_i + δ; g) - p_i|² / σ²) + Σ (x_k / σ_k)²`` over the vector x of zero errors δ,
+geometry g and unmeasured points, where ρ grows like a logarithm for touches that went astray.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.errors import CalibrationError
+from ikservo.kinematics import Chain, JointType
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.geometric_errors import (
+    GeometricErrors,
+    calibration_jacobian,
+    identifiable_origins,
+)
+
+__all__ = [
+    "TOUCH_M",
+    "CalibrationFit",
+    "LeastSquaresProblem",
+    "Mask",
+    "Parameter",
+    "ParameterSet",
+    "ParameterVector",
+    "TouchPoint",
+    "fit_parameters",
+    "fit_robustly",
+    "joint_matrix",
+    "unknown_points",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TouchPoint:
+    """The tip on a point.
+
+    Attributes:
+        q: The joints (dof,) as the arm says at present, rad or m.
+        point: The point's name.
+        position_m: Where it is (3,), metres, in the frame that the arm's base shall have; None
+            for a point that nobody has measured and that is touched several times.
+    """
+
+    q: Vector
+    point: str
+    position_m: Vector | None = None
+
+
+def joint_matrix(touches: Sequence[TouchPoint]) -> Matrix:
+    """Return the joint vectors (n, dof)."""
+    return np.array([touch.q for touch in touches])
+
+
+def unknown_points(touches: Sequence[TouchPoint]) -> tuple[str, ...]:
+    """Return the names of the points that nobody has measured, each once."""
+    return tuple(dict.fromkeys(touch.point for touch in touches if touch.position_m is None))
+
+
+# Standard deviations before the first touch: a zero that was held by eye, printed links, a sheet
+# that was laid before the arm by its edge.
+ZERO_RAD, ZERO_M = math.radians(3.0), 0.002
+BASE_M, BASE_RAD = 0.004, math.radians(1.0)
+ORIGIN_M = 0.0012
+POINT_M = 0.1
+
+
+class ParameterSet(Enum):
+    """How much of the arm is estimated."""
+
+    NONE = "nothing"
+    ZEROS = "zeros"
+    BASE = "zeros and base"
+    LINKS = "zeros and links"
+    EVERYTHING = "zeros, base and links"
+
+    @property
+    def includes_base(self) -> bool:
+        """Return whether the base may stand elsewhere."""
+        return self in (ParameterSet.BASE, ParameterSet.EVERYTHING)
+
+    @property
+    def includes_links(self) -> bool:
+        """Return whether links may have other lengths."""
+        return self in (ParameterSet.LINKS, ParameterSet.EVERYTHING)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number of a touch-off.
+
+    Attributes:
+        name: ``elbow_flex zero``, ``base x``, ``elbow_flex origin z``.
+        unit: rad or m.
+        prior: Its standard deviation before any touch, rad or m.
+        free: Whether it is estimated at all.
+    """
+
+    name: str
+    unit: str
+    prior: float
+    free: bool
+
+
+class ParameterVector:
+    """The vector (k,) of a touch-off: zeros, base, origins, then points nobody has measured.
+
+    Args:
+        chain: The arm as described.
+        extent: What of it is estimated; the rest stays zero.
+        points: Names of the points that nobody has measured.
+    """
+
+    def __init__(self, chain: Chain, extent: ParameterSet, points: tuple[str, ...] = ()) -> None:
+        self.chain, self.extent, self.points = chain, extent, points
+        self.origins = identifiable_origins(chain)
+        self.parameters = (
+            *self._zero_parameters(),
+            *self._base_parameters(),
+            *self._origin_parameters(),
+            *self._point_parameters(),
+        )
+        self.prior = np.array([p.prior for p in self.parameters])
+        self.free = np.array([p.free for p in self.parameters])
+
+    @property
+    def geometry_columns(self) -> slice:
+        """Return where in the vector zeros, base and origins are, in the order of ``slopes``."""
+        return slice(0, self.chain.dof + 6 + 3 * len(self.origins))
+
+    def zeros(self, values: Vector) -> Vector:
+        """Return what must be added to the joints (dof,)."""
+        return values[: self.chain.dof]
+
+    def geometry(self, values: Vector) -> GeometricErrors:
+        """Return how base and links differ."""
+        n = self.chain.dof
+        moves = values[n + 6 : n + 6 + 3 * len(self.origins)].reshape(-1, 3)
+        origins = dict(zip(self.origins, moves, strict=True))
+        return GeometricErrors(values[n : n + 3], values[n + 3 : n + 6], origins)
+
+    def point_columns(self) -> Mapping[str, slice]:
+        """Return where in the vector each point that nobody has measured stands."""
+        first = self.geometry_columns.stop
+        return {p: slice(first + 3 * i, first + 3 * i + 3) for i, p in enumerate(self.points)}
+
+    def _zero_parameters(self) -> list[Parameter]:
+        free = self.extent is not ParameterSet.NONE
+        turns = [kind is JointType.REVOLUTE for kind in self.chain.kinds]
+        return [
+            Parameter(f"{name} zero", "rad", ZERO_RAD, free)
+            if turn
+            else Parameter(f"{name} zero", "m", ZERO_M, free)
+            for name, turn in zip(self.chain.names, turns, strict=True)
+        ]
+
+    def _base_parameters(self) -> list[Parameter]:
+        free = self.extent.includes_base
+        places = [Parameter(f"base {axis}", "m", BASE_M, free) for axis in "xyz"]
+        return places + [Parameter(f"base about {a}", "rad", BASE_RAD, free) for a in "xyz"]
+
+    def _origin_parameters(self) -> list[Parameter]:
+        free = self.extent.includes_links
+        return [
+            Parameter(f"{name} origin {axis}", "m", ORIGIN_M, free)
+            for name in self.origins
+            for axis in "xyz"
+        ]
+
+    def _point_parameters(self) -> list[Parameter]:
+        names = (f"{point} {axis}" for point in self.points for axis in "xyz")
+        return [Parameter(name, "m", POINT_M, True) for name in names]
+
+
+TOUCH_M = 0.0006
+"""How far a careful hand is off a point, each axis, one standard deviation; a tick included."""
+
+Mask = NDArray[np.bool_]
+
+
+class LeastSquaresProblem:
+    """Touches against the vector of a layout, of which ``x`` is what is free.
+
+    Attributes:
+        layout: What the vector means.
+        prior: Standard deviations (x,) of what is free, before any touch.
+        start: Where the search for x begins: unmeasured points in the middle of their touches.
+    """
+
+    def __init__(self, chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet) -> None:
+        self.layout = ParameterVector(chain, extent, unknown_points(touches))
+        self.prior: Vector = self.layout.prior[self.layout.free]
+        self._touches, self._q = touches, joint_matrix(touches)
+        columns = self.layout.point_columns()
+        self._columns = [columns[t.point] if t.position_m is None else None for t in touches]
+        here = [np.zeros(3) if t.position_m is None else t.position_m for t in touches]
+        self._known = np.array(here)
+        self._middle = self._touched_points()
+        self.start: Vector = self._middle[self.layout.free]
+
+    def values(self, x: Vector) -> Vector:
+        """Return the whole vector (k,)."""
+        values = np.zeros(len(self.layout.free))
+        values[self.layout.free] = x
+        return values
+
+    def residuals(self, x: Vector, kept: Mask) -> Vector:
+        """Return the gaps of the kept touches, then x against its prior, in deviations."""
+        gaps = self.tip_errors(self.values(x))[0][kept].ravel() / TOUCH_M
+        return np.concatenate([gaps, (x - self.start) / self.prior])
+
+    def jacobian(self, x: Vector, kept: Mask) -> Matrix:
+        """Return how the residuals move with x."""
+        J = self.tip_errors(self.values(x))[1][kept][:, :, self.layout.free] / TOUCH_M
+        return np.vstack([J.reshape(3 * len(J), len(x)), np.diag(1.0 / self.prior)])
+
+    def tip_errors(self, values: Vector) -> tuple[Matrix, Matrix]:
+        """Return tip less point (n, 3), metres, and how that moves with the vector (n, 3, k)."""
+        layout = self.layout
+        q, geometry = self._q + layout.zeros(values), layout.geometry(values)
+        tips, moving = calibration_jacobian(layout.chain, q, geometry, layout.origins)
+        J = np.zeros((len(q), 3, len(values)))
+        J[:, :, layout.geometry_columns] = moving
+        gaps = tips - self._known
+        for i, column in enumerate(self._columns):
+            if column is not None:
+                gaps[i] -= values[column]
+                J[i, :, column] = -np.eye(3)
+        return gaps, J
+
+    def _touched_points(self) -> Vector:
+        vector = np.zeros(len(self.layout.free))
+        tips = self.layout.chain.forward(self._q)[:, :3, 3]
+        for point, column in self.layout.point_columns().items():
+            mine = [touch.point == point for touch in self._touches]
+            vector[column] = tips[mine].mean(axis=0)
+        return vector
+
+
+_MEDIAN_OF_CHI3 = 1.538  # the median length of three normal numbers
+_OUTLIER_DEVIATIONS = 4.5  # such lengths further than a touch may be: one in a thousand good ones
+_MAX_OUTLIER_FRACTION = 1.0 / 3.0
+_MAX_ITERATIONS = 5
+_MAX_OUTLIER_M = 0.005
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationFit:
+    """An arm that fits some touches.
+
+    Attributes:
+        layout: What the numbers mean.
+        values: The vector (k,).
+        covariance: How well it is known (k, k); zero for what was not estimated.
+        scaled: Singular values, falling, of how the touches move with all that was estimated,
+            each counted in its prior: above 1 the touches say more than was known before.
+        kept: The touches (n,) that were believed.
+        residuals_m: How far the tip was from each point (n,), left out ones included.
+    """
+
+    layout: ParameterVector
+    values: Vector
+    covariance: Matrix
+    scaled: Vector
+    kept: Mask
+    residuals_m: Vector
+
+    def tips(self, q: Matrix) -> Matrix:
+        """Return where the tip is (n, 3), metres, for joints (n, dof) as the arm says them."""
+        geometry = self.layout.geometry(self.values)
+        return calibration_jacobian(
+            self.layout.chain, q + self.layout.zeros(self.values), geometry, ()
+        )[0]
+
+    def errors_m(self, touches: Sequence[TouchPoint]) -> Vector:
+        """Return how far the tip is from each touch's point (n,)."""
+        return np.linalg.norm(
+            self.tips(joint_matrix(touches)) - self._touched_points(touches), axis=1
+        )
+
+    def deviation_m(self, q: Matrix) -> Vector:
+        """Return how well the tip is known (n,) at joints (n, dof): one standard deviation."""
+        layout, geometry = self.layout, self.layout.geometry(self.values)
+        J = calibration_jacobian(layout.chain, q, geometry, layout.origins)[1]
+        C = self.covariance[layout.geometry_columns, layout.geometry_columns]
+        variance = np.einsum("nik,kl,nil->n", J, C, J)
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def _touched_points(self, touches: Sequence[TouchPoint]) -> Matrix:
+        columns = self.layout.point_columns()
+        return np.array(
+            [
+                self.values[columns[t.point]] if t.position_m is None else t.position_m
+                for t in touches
+            ]
+        )
+
+
+def fit_parameters(
+    chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet, kept: Mask
+) -> CalibrationFit:
+    """Return the arm that fits the kept touches."""
+    return _solve_parameters(LeastSquaresProblem(chain, touches, extent), kept, robust=False)
+
+
+def fit_robustly(
+    chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet
+) -> CalibrationFit:
+    """Return the arm that fits what most touches agree on, the others left out.
+
+    Raises:
+        CalibrationError: More than a third of the touches contradict the others, or all do.
+    """
+    problem = LeastSquaresProblem(chain, touches, extent)
+    everyone = np.ones(len(touches), dtype=np.bool_)
+    found = _solve_parameters(problem, everyone, robust=True)
+    for _ in range(_MAX_ITERATIONS):
+        kept = _inlier_mask(found)
+        if np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(touches):
+            raise _contradiction_error(touches, kept)
+        found = _solve_parameters(problem, kept, robust=False)
+    _check_scatter(found)
+    return found
+
+
+def _solve_parameters(problem: LeastSquaresProblem, kept: Mask, *, robust: bool) -> CalibrationFit:
+    from scipy.optimize import least_squares  # noqa: PLC0415  # slow to import, seldom needed
+
+    x = problem.start
+    if problem.layout.free.any():
+        answer = least_squares(
+            lambda x: problem.residuals(x, kept),
+            x,
+            lambda x: problem.jacobian(x, kept),
+            x_scale=problem.prior,
+            loss=partial(_cauchy_loss, 3 * int(np.count_nonzero(kept))) if robust else "linear",
+        )
+        x = np.asarray(answer.x, dtype=np.float64)
+    return _make_fit(problem, x, kept)
+
+
+def _cauchy_loss(rows: int, squares: Vector, cost_only: bool | None = None) -> Matrix:
+    """Return ρ, ρ' and ρ'' (3, m) of squared residuals (m,): log(1 + z) for the first ``rows``."""
+    rho = np.array([squares, np.ones_like(squares), np.zeros_like(squares)])
+    near = 1.0 / (1.0 + squares[:rows])
+    rho[:, :rows] = -np.log(near), near, -(near**2)
+    return rho
+
+
+def _make_fit(problem: LeastSquaresProblem, x: Vector, kept: Mask) -> CalibrationFit:
+    layout, J = problem.layout, problem.jacobian(x, kept)
+    covariance = np.zeros((len(layout.free), len(layout.free)))
+    if layout.free.any():
+        covariance[np.ix_(layout.free, layout.free)] = np.linalg.inv(J.T @ J)
+    told = J[: 3 * np.count_nonzero(kept)] * problem.prior
+    scaled: Vector = np.linalg.svd(told, compute_uv=False).astype(np.float64)
+    values = problem.values(x)
+    residuals_m = np.linalg.norm(problem.tip_errors(values)[0], axis=1)
+    return CalibrationFit(layout, values, covariance, scaled, kept, residuals_m)
+
+
+def _inlier_mask(found: CalibrationFit) -> Mask:
+    """Return the touches that are no further off than chance explains."""
+    spread = float(np.median(found.residuals_m[found.kept])) / _MEDIAN_OF_CHI3
+    return found.residuals_m <= _OUTLIER_DEVIATIONS * max(spread, TOUCH_M)
+
+
+def _check_scatter(found: CalibrationFit) -> None:
+    spread_m = float(np.median(found.residuals_m[found.kept]))
+    if spread_m > _MAX_OUTLIER_M:
+        raise CalibrationError(
+            f"The touches do not fit this arm: median residual {1000 * spread_m:.0f} mm.",
+            "Check the place of the sheet, its print scale (100 %) and the order of the points. "
+            "Nothing was saved.",
+        )
+
+
+def _contradiction_error(touches: Sequence[TouchPoint], kept: Mask) -> CalibrationError:
+    names = ", ".join(t.point for t, good in zip(touches, kept, strict=True) if not good)
+    return CalibrationError(
+        f"{np.count_nonzero(~kept)} of {len(touches)} touches are outliers: {names}.",
+        "Check the place of the sheet and its print scale (100 %). Nothing was saved.",
+    )

@@ -1,0 +1,358 @@
+"""MJCF descriptions, compiled by MuJoCo: links, joints, shapes."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import posixpath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import FileFormatError, InputError
+from ikservo.files.reading import path_inside, quote, read_text
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import exp_so3, make_pose
+from ikservo.model.urdf_types import (
+    Box,
+    Cylinder,
+    JointType,
+    Mimic,
+    Shape,
+    Sphere,
+    Surface,
+    Urdf,
+    UrdfJoint,
+    UrdfLink,
+)
+from ikservo.model.urdf_xml import XmlElement, parse_xml
+
+__all__ = [
+    "body_shapes",
+    "check_files",
+    "pose_origin",
+    "pose_rpy",
+    "quaternion_to_matrix",
+    "read_mjcf",
+]
+
+
+_MAX_BYTES = 4 * 1024 * 1024
+_MAX_INCLUDES = 32
+_FOLDERS = ("meshdir", "assetdir", "texturedir")
+
+
+def check_files(path: Path, folder: Path) -> None:
+    """Check every file name of an MJCF and of what it includes; opens only the XML files.
+
+    Raises:
+        FileFormatError: One leads out of the folder, or the XML cannot be used; says where.
+    """
+    waiting, seen = [path], set[Path]()
+    while waiting:
+        each = waiting.pop()
+        if each in seen:
+            continue
+        seen.add(each)
+        if len(seen) > _MAX_INCLUDES:
+            raise FileFormatError(path, "", "it includes too many files", f"{_MAX_INCLUDES}")
+        root = parse_xml(each, read_text(each, _MAX_BYTES))
+        waiting.extend(_included_files(root, path, folder))
+
+
+def _included_files(root: XmlElement, path: Path, folder: Path) -> list[Path]:
+    """Return the files that an XML includes, after all names in it were checked."""
+    elements, bases = _all_elements(root), [""]
+    for element in elements:
+        bases += [element.attributes[key] for key in _FOLDERS if key in element.attributes]
+    included: list[Path] = []
+    for element in elements:
+        for key, name in element.attributes.items():
+            if not key.startswith("file"):
+                continue
+            for base in bases:
+                _resolve_inside(element, path.parent, folder, posixpath.join(base, name))
+            if element.tag == "include":
+                included.append(_resolve_inside(element, path.parent, folder, name))
+    return included
+
+
+def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -> Path:
+    home = folder.resolve()
+    if place.resolve().is_relative_to(home) and not posixpath.isabs(name):
+        way = posixpath.join(place.resolve().relative_to(home).as_posix(), name)
+        found = path_inside(home, posixpath.normpath(way))
+        if found is not None:
+            return found
+    raise element.error(
+        f"<{element.tag}> names {quote(name)}, outside the model's folder", "a file under it"
+    )
+
+
+def _all_elements(root: XmlElement) -> list[XmlElement]:
+    found = [root]
+    for element in found:
+        found.extend(element.children)
+    return found
+
+
+def quaternion_to_matrix(quaternion: ArrayLike) -> Matrix:
+    """Return the rotation (3, 3) of a unit quaternion w, x, y, z."""
+    w, x, y, z = np.asarray(quaternion, dtype=np.float64)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def pose_rpy(T: Matrix) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw of a pose (4, 4): R = Rz(yaw) @ Ry(pitch) @ Rx(roll)."""
+    level = math.hypot(T[0, 0], T[1, 0])
+    pitch = math.atan2(-T[2, 0], level)
+    if level < 1e-9:  # roll and yaw turn about one axis
+        return math.atan2(-T[1, 2], T[1, 1]), pitch, 0.0
+    return math.atan2(T[2, 1], T[2, 2]), pitch, math.atan2(T[1, 0], T[0, 0])
+
+
+def pose_origin(T: Matrix) -> tuple[float, float, float]:
+    """Return the origin of a pose (4, 4)."""
+    x, y, z = (float(value) for value in T[:3, 3])
+    return x, y, z
+
+
+def body_shapes(mujoco: Any, model: Any, body: int, shift_m: Vector) -> tuple[list[Shape], ...]:  # noqa: ANN401  # no types
+    """Return the shapes of a body that collide, and those that are only drawn.
+
+    Planes and height fields stand for the surroundings and are left out.
+
+    Args:
+        mujoco: The module.
+        model: A compiled model.
+        body: Its number.
+        shift_m: Origin of the link's frame in the body's (3,).
+    """
+    collide, drawn = list[Shape](), list[Shape]()
+    first = int(model.body_geomadr[body])
+    for geom in range(first, first + int(model.body_geomnum[body])):
+        T = make_pose(model.geom_pos[geom] - shift_m, quaternion_to_matrix(model.geom_quat[geom]))
+        collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        (collide if collides else drawn).extend(_geom_shapes(mujoco, model, geom, T))
+    return collide, drawn
+
+
+def _geom_shapes(mujoco: Any, model: Any, geom: int, T: Matrix) -> list[Shape]:  # noqa: ANN401
+    kinds, size = mujoco.mjtGeom, [float(x) for x in model.geom_size[geom]]
+    at, rpy = pose_origin(T), pose_rpy(T)
+    match kinds(int(model.geom_type[geom])):
+        case kinds.mjGEOM_SPHERE:
+            return [Sphere(size[0], at, rpy)]
+        case kinds.mjGEOM_CAPSULE:
+            ends = (T @ make_pose((0.0, 0.0, side * size[1])) for side in (-1, 1))
+            caps = [Sphere(size[0], pose_origin(end), rpy) for end in ends]
+            return [Cylinder(size[0], 2 * size[1], at, rpy), *caps]
+        case kinds.mjGEOM_CYLINDER:
+            return [Cylinder(size[0], 2 * size[1], at, rpy)]
+        case kinds.mjGEOM_BOX | kinds.mjGEOM_ELLIPSOID:
+            return [Box((2 * size[0], 2 * size[1], 2 * size[2]), at, rpy)]
+        case kinds.mjGEOM_MESH:
+            return [Surface(_mesh_triangles(model, int(model.geom_dataid[geom])), at, rpy)]
+        case _:
+            return []
+
+
+def _mesh_triangles(model: Any, mesh: int) -> Matrix:  # noqa: ANN401
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    corners = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+    first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+    return corners[np.array(model.mesh_face[first : first + count])]
+
+
+_NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
+    """Read bodies, hinges, slides, geoms and sites of an MJCF.
+
+    Bodies and sites are links; a body with several joints has one more link for each. The files
+    that it names are judged first: none outside the model's folder is opened.
+
+    Args:
+        path: The file.
+        folder: Under which its files may lie; its own if None.
+
+    Raises:
+        FileFormatError: A file leads out of the folder, MuJoCo refuses the model, or it has a
+            joint that no servo turns.
+        InputError: The extra ``physics`` is not installed.
+    """
+    check_files(path, path.parent if folder is None else folder)
+    mujoco = _import_mujoco(path)
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, OSError) as error:
+        why = " ".join(str(error).split())[:200]
+        raise FileFormatError(path, "", f"MuJoCo refuses it: {why}", "an MJCF") from error
+    return _BodyTreeReader(path, mujoco, model).build_urdf()
+
+
+def _import_mujoco(path: Path) -> Any:  # noqa: ANN401  # no types
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError:
+        raise InputError(
+            f"{path} is an MJCF; reading it needs mujoco, which is not installed.",
+            "Install it: pip install 'ikservo[physics]'",
+        ) from None
+
+
+class _BodyTreeReader:
+    """Makes links and joints of the bodies of a compiled model, parents first."""
+
+    def __init__(self, path: Path, mujoco: Any, model: Any) -> None:  # noqa: ANN401
+        self._path, self._mujoco, self._model = path, mujoco, model
+        self._links: list[UrdfLink] = []
+        self._joints: list[UrdfJoint] = []
+        # Where each body's link frame is in the body's own frame: at its last joint.
+        self._shift_m: list[Vector] = []
+        self._names: list[str] = []
+
+    def build_urdf(self) -> Urdf:
+        model = self._model
+        for body in range(model.nbody):
+            self._names.append(model.body(body).name or f"body_{body}")
+            self._shift_m.append(self._add_joints(body) if body else np.zeros(3))
+            self._add_link(body)
+        for site in range(model.nsite):
+            self._add_site(site)
+        return Urdf("", tuple(self._links), tuple(self._joints), self._names[0])
+
+    def _add_joints(self, body: int) -> Vector:
+        """Add the joints of a body and return where its link's frame is in the body's."""
+        model, parent = self._model, int(self._model.body_parentid[body])
+        at = make_pose(-self._shift_m[parent]) @ make_pose(
+            model.body_pos[body], quaternion_to_matrix(model.body_quat[body])
+        )
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        above, shift_m = self._names[parent], np.zeros(3)
+        for joint in range(first, first + count):
+            anchor_m = np.array(model.jnt_pos[joint])
+            last = joint == first + count - 1
+            child = self._names[body] if last else f"{self._names[body]}_{joint - first + 1}"
+            self._joints.append(
+                self._make_moving_joint(joint, above, child, at @ make_pose(anchor_m - shift_m))
+            )
+            if not last:
+                self._links.append(_empty_link(child))
+            above, at, shift_m = child, np.eye(4), anchor_m
+        if not count:
+            name = f"{self._names[body]}_mount"
+            self._joints.append(_fixed_joint(name, above, self._names[body], at))
+        return shift_m
+
+    def _make_moving_joint(self, joint: int, parent: str, child: str, T: Matrix) -> UrdfJoint:
+        model, kinds = self._model, self._mujoco.mjtJoint
+        name = model.joint(joint).name or f"joint_{joint}"
+        kind, axis = kinds(int(model.jnt_type[joint])), np.array(model.jnt_axis[joint])
+        if kind not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
+            raise FileFormatError(
+                self._path, f"joint {name}", "is free or a ball", "hinge or slide"
+            )
+        slides, limited = kind == kinds.mjJNT_SLIDE, bool(model.jnt_limited[joint])
+        if slides and not limited:
+            raise FileFormatError(self._path, f"joint {name}", "slides without a range", "a range")
+        zero = float(model.qpos0[model.jnt_qposadr[joint]])
+        T = T @ (
+            make_pose(-zero * axis) if slides else make_pose(np.zeros(3), exp_so3(-zero * axis))
+        )
+        low, high = (float(x) for x in model.jnt_range[joint]) if limited else (-math.inf, math.inf)
+        turning = JointType.REVOLUTE if limited else JointType.CONTINUOUS
+        return UrdfJoint(
+            name=name,
+            kind=JointType.PRISMATIC if slides else turning,
+            parent=parent,
+            child=child,
+            xyz_m=pose_origin(T),
+            rpy_rad=pose_rpy(T),
+            axis=(float(axis[0]), float(axis[1]), float(axis[2])),
+            lower=low,
+            upper=high,
+            effort=math.inf,
+            velocity=math.inf,
+            mimic=self._find_mimic(joint),
+            line=0,
+        )
+
+    def _find_mimic(self, joint: int) -> Mimic | None:
+        """Return the joint that an equality makes this one follow, if any."""
+        model, kinds = self._model, self._mujoco.mjtEq
+        for i in range(model.neq):
+            ties_joints = kinds(int(model.eq_type[i])) == kinds.mjEQ_JOINT
+            led = ties_joints and model.eq_active0[i] and model.eq_obj1id[i] == joint
+            if led and int(model.eq_obj2id[i]) >= 0:
+                leader = int(model.eq_obj2id[i])
+                zero, zero_leader = (
+                    float(model.qpos0[model.jnt_qposadr[j]]) for j in (joint, leader)
+                )
+                offset, slope = (float(x) for x in model.eq_data[i][:2])
+                name = model.joint(leader).name or f"joint_{leader}"
+                return Mimic(name, slope, zero + offset - slope * zero_leader)
+        return None
+
+    def _add_link(self, body: int) -> None:
+        model, shift_m = self._model, self._shift_m[body]
+        collide, drawn = body_shapes(self._mujoco, model, body, shift_m)
+        com = make_pose(
+            model.body_ipos[body] - shift_m, quaternion_to_matrix(model.body_iquat[body])
+        )
+        ixx, iyy, izz = (float(x) for x in model.body_inertia[body])
+        self._links.append(
+            UrdfLink(
+                name=self._names[body],
+                mass_kg=float(model.body_mass[body]) if body else 0.0,
+                com_m=pose_origin(com),
+                inertia_rpy_rad=pose_rpy(com),
+                inertia_kg_m2=(ixx, 0.0, 0.0, iyy, 0.0, izz),
+                collisions=tuple(collide),
+                visuals=tuple(drawn),
+                line=0,
+            )
+        )
+
+    def _add_site(self, site: int) -> None:
+        model, body = self._model, int(self._model.site_bodyid[site])
+        name = model.site(site).name or f"site_{site}"
+        if name in {link.name for link in self._links}:
+            name = f"{name}_site"
+        T = make_pose(
+            model.site_pos[site] - self._shift_m[body], quaternion_to_matrix(model.site_quat[site])
+        )
+        self._links.append(_empty_link(name))
+        self._joints.append(_fixed_joint(f"{name}_mount", self._names[body], name, T))
+
+
+def _empty_link(name: str) -> UrdfLink:
+    zero = (0.0, 0.0, 0.0)
+    return UrdfLink(name, 0.0, zero, zero, _NO_INERTIA, (), (), 0)
+
+
+def _fixed_joint(name: str, parent: str, child: str, T: Matrix) -> UrdfJoint:
+    return UrdfJoint(
+        name=name,
+        kind=JointType.FIXED,
+        parent=parent,
+        child=child,
+        xyz_m=pose_origin(T),
+        rpy_rad=pose_rpy(T),
+        axis=(1.0, 0.0, 0.0),
+        lower=0.0,
+        upper=0.0,
+        effort=math.inf,
+        velocity=math.inf,
+        mimic=None,
+        line=0,
+    )

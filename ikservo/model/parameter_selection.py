@@ -1,0 +1,166 @@
+"""Which geometric parameters the data identify, and cross-validation of the fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.errors import CalibrationError
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.geometric_errors import GeometricErrors
+from ikservo.model.kinematic_calibration import (
+    CalibrationFit,
+    Mask,
+    ParameterSet,
+    TouchPoint,
+    fit_parameters,
+    fit_robustly,
+    unknown_points,
+)
+
+__all__ = ["MIN_TOUCHES", "CalibrationEstimate", "select_and_fit"]
+
+MIN_TOUCHES = 5
+_FOLDS = 5
+_BETTER = 0.95  # more of the arm is changed only where that takes a twentieth off the error
+_MIN_IMPROVEMENT = 0.9  # and nothing at all where it takes off less than a tenth
+_SAMPLES = 200  # postures at which it is asked how well the tip is known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationEstimate:
+    """What a touch-off found.
+
+    Attributes:
+        fit: The arm that fits all touches that were believed.
+        aside_m: By extent, the root mean square error on touches while they were kept aside.
+        deviation_m: How well the tip is known all over the joints' ranges: one standard
+            deviation at the middle posture and at the nineteenth of twenty.
+    """
+
+    fit: CalibrationFit
+    cross_validation_rms_m: dict[ParameterSet, float]
+    deviation_m: tuple[float, float]
+
+    @property
+    def extent(self) -> ParameterSet:
+        """Return what of the arm is changed."""
+        return self.fit.layout.extent
+
+    @property
+    def before_m(self) -> float:
+        """Return the error on touches kept aside if nothing is changed."""
+        return self.cross_validation_rms_m[ParameterSet.NONE]
+
+    @property
+    def after_m(self) -> float:
+        """Return the error on touches while they were kept aside."""
+        return self.cross_validation_rms_m[self.extent]
+
+    @property
+    def improves(self) -> bool:
+        """Return whether there is anything to save."""
+        return self.extent is not ParameterSet.NONE
+
+    @property
+    def zeros(self) -> Vector:
+        """Return what must be added to the joints (dof,), rad or m."""
+        return self.fit.layout.zeros(self.fit.values)
+
+    @property
+    def geometry(self) -> GeometricErrors:
+        """Return how base and links differ."""
+        return self.fit.layout.geometry(self.fit.values)
+
+
+def select_and_fit(
+    chain: Chain, touches: Sequence[TouchPoint], present: Chain | None = None
+) -> CalibrationEstimate:
+    """Work out what some touches say about an arm.
+
+    Every touch is kept aside once while the others are fitted; from zeros alone to the whole arm,
+    the extent is taken whose errors there are smallest, then all touches are fitted together.
+
+    Args:
+        chain: The arm as described.
+        touches: What was touched.
+        present: The arm as it is believed at present, if that is not as described: what has to
+            be bettered.
+
+    Raises:
+        CalibrationError: Too few touches, or a third of them contradicts the others.
+    """
+    if len(touches) < MIN_TOUCHES:
+        raise CalibrationError(
+            f"Too few touches: {len(touches)}; at least {MIN_TOUCHES} are needed.",
+            "Touch about 15 points, in different postures.",
+        )
+    extents = _candidate_sets(touches)
+    kept = fit_robustly(chain, touches, extents[-1]).kept
+    aside = {extent: _held_out_error_m(chain, touches, extent, kept) for extent in extents}
+    aside[ParameterSet.NONE] = _held_out_error_m(present or chain, touches, ParameterSet.NONE, kept)
+    chosen = _choose_set(aside)
+    found = fit_parameters(chain, touches, chosen, kept)
+    return CalibrationEstimate(found, aside, _max_deviation(found, chain))
+
+
+def _candidate_sets(touches: Sequence[TouchPoint]) -> list[ParameterSet]:
+    """Return what can be estimated at all, the least first: unmeasured points place no base."""
+    if all(touch.position_m is None for touch in touches):
+        return [ParameterSet.NONE, ParameterSet.ZEROS, ParameterSet.LINKS]
+    return [
+        ParameterSet.NONE,
+        ParameterSet.ZEROS,
+        ParameterSet.BASE,
+        ParameterSet.LINKS,
+        ParameterSet.EVERYTHING,
+    ]
+
+
+def _choose_set(aside: dict[ParameterSet, float]) -> ParameterSet:
+    best, *others = aside
+    for extent in others:
+        share = _MIN_IMPROVEMENT if best is ParameterSet.NONE else _BETTER
+        if aside[extent] < share * aside[best]:
+            best = extent
+    return best
+
+
+def _held_out_error_m(
+    chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet, kept: Mask
+) -> float:
+    """Return the root mean square error on touches while they were kept aside."""
+    folds = _assign_folds(touches)
+    squares: list[float] = []
+    for fold in range(_FOLDS):
+        rest = kept & (folds != fold)
+        tested = [t for t, k, f in zip(touches, kept, folds, strict=True) if k and f == fold]
+        if tested and rest.any():
+            errors = fit_parameters(chain, touches, extent, rest).errors_m(tested)
+            squares += (errors**2).tolist()
+    return math.sqrt(sum(squares) / len(squares))
+
+
+def _assign_folds(touches: Sequence[TouchPoint]) -> Vector:
+    """Return which fifth (n,) each touch belongs to; a measured point's touches stay together."""
+    unknown = unknown_points(touches)
+    names = list(dict.fromkeys(touch.point for touch in touches))
+    return np.array(
+        [
+            (i if touch.point in unknown else names.index(touch.point)) % _FOLDS
+            for i, touch in enumerate(touches)
+        ]
+    )
+
+
+def _max_deviation(found: CalibrationFit, chain: Chain) -> tuple[float, float]:
+    chance = np.random.default_rng(0)
+    low, high = np.maximum(chain.lower_rad, -math.pi), np.minimum(chain.upper_rad, math.pi)
+    middle, most = np.percentile(
+        found.deviation_m(chance.uniform(low, high, (_SAMPLES, chain.dof))), [50, 95]
+    )
+    return float(middle), float(most)

@@ -1,0 +1,442 @@
+"""Read a URDF: links, joints, tree, mesh paths, common mistakes."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import posixpath
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import unquote, urlsplit
+
+from ikservo.errors import FileFormatError
+from ikservo.files.reading import path_inside, quote, read_text
+from ikservo.model.urdf_types import (
+    Box,
+    Cylinder,
+    JointType,
+    Mesh,
+    Mimic,
+    Shape,
+    Sphere,
+    Triple,
+    Urdf,
+    UrdfJoint,
+    UrdfLink,
+)
+from ikservo.model.urdf_xml import XmlElement, expand_xacro, parse_origin, parse_xml
+
+__all__ = ["find_root", "lint_urdf", "parse_joint", "parse_link", "read_urdf", "resolve_mesh_path"]
+
+
+_MIN_AXIS_LENGTH = 1e-6
+
+
+class _LimitTag(NamedTuple):
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+
+
+def parse_joint(element: XmlElement) -> UrdfJoint:
+    """Return one joint; whether its links and mimicked joint exist is checked with the tree."""
+    name, kind = element.name(), _read_kind(element)
+    xyz_m, rpy_rad = parse_origin(element)
+    limits = _read_limits(element, kind, name)
+    return UrdfJoint(
+        name=name,
+        kind=kind,
+        parent=element.required("parent").name("link"),
+        child=element.required("child").name("link"),
+        xyz_m=xyz_m,
+        rpy_rad=rpy_rad,
+        axis=_read_axis(element, kind),
+        lower=limits.lower,
+        upper=limits.upper,
+        effort=limits.effort,
+        velocity=limits.velocity,
+        mimic=_read_mimic(element),
+        line=element.line,
+    )
+
+
+def _read_kind(element: XmlElement) -> JointType:
+    kinds = {kind.value: kind for kind in JointType}
+    text = element.text("type")
+    if text not in kinds:
+        found = f"joint {quote(element.name())} is of type {quote(text)}"
+        raise element.error(found, f"one of {', '.join(kinds)}")
+    return kinds[text]
+
+
+def _read_axis(element: XmlElement, kind: JointType) -> Triple:
+    axis = element.optional("axis")
+    if axis is None:
+        return (1.0, 0.0, 0.0)
+    x, y, z = axis.vector("xyz", default=None)
+    if not kind.is_movable:  # exporters write 0 0 0 here, and it means nothing
+        return (1.0, 0.0, 0.0)
+    largest = max(abs(x), abs(y), abs(z))
+    if largest < _MIN_AXIS_LENGTH:
+        found = f"joint {quote(element.name())} moves about an axis of zero length"
+        raise axis.error(found, 'a direction, such as xyz="0 0 1"')
+    x, y, z = x / largest, y / largest, z / largest  # first, so that no square overflows
+    length = math.hypot(x, y, z)
+    return (x / length, y / length, z / length)
+
+
+def _read_limits(element: XmlElement, kind: JointType, name: str) -> _LimitTag:
+    if kind is JointType.FIXED:
+        return _LimitTag(0.0, 0.0, math.inf, math.inf)
+    if kind is JointType.CONTINUOUS:
+        limit = element.optional("limit")
+        lower, upper = -math.inf, math.inf
+    else:
+        limit = element.required("limit")
+        lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
+        _check_range(limit, name, lower, upper)
+    if limit is None:
+        return _LimitTag(lower, upper, math.inf, math.inf)
+    return _LimitTag(
+        lower, upper, _parse_strength(limit, "effort"), _parse_strength(limit, "velocity")
+    )
+
+
+def _check_range(limit: XmlElement, name: str, lower: float, upper: float) -> None:
+    if lower > upper:
+        found = f"joint {quote(name)} has lower {lower:g} above upper {upper:g}"
+        raise limit.error(found, "lower below upper")
+    if lower == upper:
+        found = f"joint {quote(name)} has lower = upper = {lower:g}, so it cannot move"
+        raise limit.error(found, 'its real range, or type="fixed"')
+
+
+def _parse_strength(limit: XmlElement, attribute: str) -> float:
+    if attribute not in limit.attributes:
+        return math.inf
+    value = limit.number(attribute)
+    if value < 0:
+        raise limit.error(f"<limit> has {attribute} {value:g}", "no negative number")
+    return value
+
+
+def _read_mimic(element: XmlElement) -> Mimic | None:
+    mimic = element.optional("mimic")
+    if mimic is None:
+        return None
+    return Mimic(
+        joint=mimic.name("joint"),
+        multiplier=mimic.number("multiplier", 1.0),
+        offset=mimic.number("offset", 0.0),
+    )
+
+
+_PACKAGE, _FILE = "package://", "file://"
+
+
+def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
+    """Return the file that a mesh's name means if it lies under the model's folder, else None.
+
+    A relative name counts from the URDF; ``package://NAME/REST`` is REST, or NAME/REST, in the
+    model's folder or in the URDF's; ``file://`` is an absolute path. The spelling is judged first:
+    nothing outside is looked at.
+
+    Args:
+        filename: As the URDF has it.
+        urdf: The file it stands in.
+        folder: The model's folder, under which the URDF lies.
+    """
+    if filename.startswith(_PACKAGE):
+        return _resolve_package_path(filename.removeprefix(_PACKAGE), (folder, urdf.parent))
+    if filename.startswith(_FILE):
+        return _resolve_file_url(filename, folder)
+    return path_inside(urdf.parent, filename) or _resolve_relative_path(filename, urdf, folder)
+
+
+def _resolve_package_path(name: str, folders: tuple[Path, ...]) -> Path | None:
+    package, _, rest = name.partition("/")
+    if package in ("", ".", ".."):
+        return None
+    found = [path_inside(folder, each) for folder in folders for each in (name, rest)]
+    inside = [path for path in found if path is not None]
+    return next((path for path in inside if path.is_file()), inside[1] if inside[1:] else None)
+
+
+def _resolve_file_url(url: str, folder: Path) -> Path | None:
+    """Return the file of a file:// name: only as a path from the model's folder."""
+    parts = urlsplit(url)
+    path, home = posixpath.normpath(unquote(parts.path)), folder.resolve()
+    if parts.netloc not in ("", "localhost"):
+        return None
+    for base in (home, folder.absolute()):
+        if path.startswith(f"{base.as_posix()}/"):
+            return path_inside(home, posixpath.relpath(path, base.as_posix()))
+    return None
+
+
+def _resolve_relative_path(filename: str, urdf: Path, folder: Path) -> Path | None:
+    """Return the file of a name that leads out of the URDF's folder, not out of the model's."""
+    home, place = folder.resolve(), urdf.parent.resolve()
+    if not filename.startswith("../") or not place.is_relative_to(home):
+        return None
+    name = posixpath.normpath(posixpath.join(place.relative_to(home).as_posix(), filename))
+    return path_inside(home, name)
+
+
+_SHAPES = ("box", "cylinder", "sphere", "mesh")
+_NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def parse_link(element: XmlElement, folder: Path) -> UrdfLink:
+    """Return one link; its meshes are files under a folder."""
+    name = element.name()
+    collisions = tuple(_read_shape(each, folder) for each in element.child_elements("collision"))
+    visuals = tuple(_read_shape(each, folder) for each in element.child_elements("visual"))
+    inertial = element.optional("inertial")
+    if inertial is None:
+        zero = (0.0, 0.0, 0.0)
+        return UrdfLink(name, 0.0, zero, zero, _NO_INERTIA, collisions, visuals, element.line)
+    com_m, rpy_rad = parse_origin(inertial)
+    mass_kg, inertia = _read_mass(inertial), _read_inertia(inertial)
+    return UrdfLink(name, mass_kg, com_m, rpy_rad, inertia, collisions, visuals, element.line)
+
+
+def _read_mass(inertial: XmlElement) -> float:
+    mass = inertial.required("mass")
+    mass_kg = mass.number("value")
+    if mass_kg < 0:
+        raise mass.error(f"a mass of {mass_kg:g} kg", "zero or more")
+    return mass_kg
+
+
+def _read_inertia(inertial: XmlElement) -> tuple[float, float, float, float, float, float]:
+    inertia = inertial.optional("inertia")
+    if inertia is None:
+        return _NO_INERTIA
+    ixx, ixy, ixz = (inertia.number(key, 0.0) for key in ("ixx", "ixy", "ixz"))
+    iyy, iyz, izz = (inertia.number(key, 0.0) for key in ("iyy", "iyz", "izz"))
+    return ixx, ixy, ixz, iyy, iyz, izz
+
+
+def _read_shape(element: XmlElement, folder: Path) -> Shape:
+    xyz_m, rpy_rad = parse_origin(element)
+    geometry = element.required("geometry")
+    shape = _only_shape(geometry)
+    match shape.tag:
+        case "box":
+            size_m = _positive_vector(shape, "size", shape.vector("size"))
+            return Box(size_m, xyz_m, rpy_rad)
+        case "cylinder":
+            return Cylinder(
+                _positive_length(shape, "radius"), _positive_length(shape, "length"), xyz_m, rpy_rad
+            )
+        case "sphere":
+            return Sphere(_positive_length(shape, "radius"), xyz_m, rpy_rad)
+        case _:
+            return _read_mesh(shape, folder, xyz_m, rpy_rad)
+
+
+def _only_shape(geometry: XmlElement) -> XmlElement:
+    if len(geometry.children) != 1 or geometry.children[0].tag not in _SHAPES:
+        tags = ", ".join(f"<{child.tag}>" for child in geometry.children[:3]) or "nothing"
+        raise geometry.error(f"<geometry> holds {tags}", f"one of {', '.join(_SHAPES)}")
+    return geometry.children[0]
+
+
+def _read_mesh(mesh: XmlElement, folder: Path, xyz_m: Triple, rpy_rad: Triple) -> Mesh:
+    filename = mesh.text("filename")
+    path = resolve_mesh_path(filename, mesh.path, folder)
+    return Mesh(filename, path, mesh.vector("scale", default=1.0), xyz_m, rpy_rad)
+
+
+def _positive_length(shape: XmlElement, attribute: str) -> float:
+    length_m = shape.number(attribute)
+    _positive_vector(shape, attribute, (length_m, 1.0, 1.0))
+    return length_m
+
+
+def _positive_vector(shape: XmlElement, attribute: str, size_m: Triple) -> Triple:
+    if min(size_m) <= 0:
+        found = f"<{shape.tag}> has {attribute}={quote(shape.text(attribute))}"
+        raise shape.error(found, "more than zero metres")
+    return size_m
+
+
+_Part = UrdfLink | UrdfJoint
+
+
+def find_root(path: Path, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]) -> str:
+    """Return the name of the one link that no joint carries.
+
+    Raises:
+        FileFormatError: Names occur twice, links are missing, or the links form no single tree.
+    """
+    if not links:
+        raise FileFormatError(path, "", "the robot has no links", "at least one <link>")
+    _check_unique_names(path, "link", links)
+    _check_unique_names(path, "joint", joints)
+    _check_link_names(path, {link.name for link in links}, joints)
+    _check_mimics(path, joints)
+    carriers = _parent_joints(path, joints)
+    _check_acyclic(path, carriers)
+    return _require_single_root(path, [link for link in links if link.name not in carriers])
+
+
+def _tree_error(path: Path, part: _Part, found: str, expected: str) -> FileFormatError:
+    return FileFormatError(path, f"line {part.line}", found, expected)
+
+
+def _check_unique_names(path: Path, kind: str, parts: Sequence[_Part]) -> None:
+    lines: dict[str, int] = {}
+    for part in parts:
+        if part.name in lines:
+            found = f"{kind} {quote(part.name)} is already defined in line {lines[part.name]}"
+            raise _tree_error(path, part, found, "each name once")
+        lines[part.name] = part.line
+
+
+def _check_link_names(path: Path, names: Collection[str], joints: Sequence[UrdfJoint]) -> None:
+    for joint in joints:
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in names:
+                found = (
+                    f"joint {quote(joint.name)} has the {role} {quote(link)}, which is not a link"
+                )
+                raise _tree_error(path, joint, found, _format_choices(link, names))
+
+
+def _check_mimics(path: Path, joints: Sequence[UrdfJoint]) -> None:
+    leaders = {joint.name for joint in joints if joint.kind.is_movable and joint.mimic is None}
+    for joint in joints:
+        if joint.mimic is not None and joint.mimic.joint not in leaders:
+            followed = quote(joint.mimic.joint)
+            found = f"joint {quote(joint.name)} mimics {followed}, which cannot be mimicked"
+            raise _tree_error(path, joint, found, "a joint that moves and mimics no other")
+
+
+def _parent_joints(path: Path, joints: Sequence[UrdfJoint]) -> Mapping[str, UrdfJoint]:
+    carriers: dict[str, UrdfJoint] = {}
+    for joint in joints:
+        other = carriers.setdefault(joint.child, joint)
+        if other is not joint:
+            found = f"joint {quote(joint.name)} has the child {quote(joint.child)}"
+            already = f"which is already the child of {quote(other.name)} in line {other.line}"
+            raise _tree_error(path, joint, f"{found}, {already}", "one parent for each link")
+    return carriers
+
+
+def _check_acyclic(path: Path, carriers: Mapping[str, UrdfJoint]) -> None:
+    grounded: set[str] = set()
+    for start in carriers:
+        trail: dict[str, UrdfJoint] = {}
+        at = start
+        while at in carriers and at not in grounded:
+            if at in trail:
+                found = f"joint {quote(carriers[at].name)} closes a cycle of links"
+                raise _tree_error(path, carriers[at], found, "a tree without cycles")
+            trail[at] = carriers[at]
+            at = carriers[at].parent
+        grounded.update(trail)
+
+
+def _require_single_root(path: Path, roots: Sequence[UrdfLink]) -> str:
+    if len(roots) > 1:
+        both = f"neither link {quote(roots[0].name)} nor {quote(roots[1].name)}"
+        found = f"{both} is the child of a joint"
+        raise _tree_error(path, roots[1], found, "exactly one root link")
+    return roots[0].name
+
+
+def _format_choices(name: str, names: Collection[str]) -> str:
+    close = difflib.get_close_matches(name, names, n=1)
+    return f"the name of a <link>, perhaps {quote(close[0])}" if close else "the name of a <link>"
+
+
+# A little more than a turn, since some arms round 2*pi up.
+_FULL_TURN_RAD = 2 * math.pi + 1e-3
+
+
+def lint_urdf(
+    root: XmlElement, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]
+) -> tuple[str, ...]:
+    """Return one line for each thing that is allowed but looks like a slip."""
+    return (*_find_degree_limits(joints), *_find_ignored_limits(root), *_find_outside_meshes(links))
+
+
+def _find_degree_limits(joints: Sequence[UrdfJoint]) -> Iterator[str]:
+    for joint in joints:
+        place = f"line {joint.line}: joint {quote(joint.name)}"
+        for side, value in (("lower", joint.lower), ("upper", joint.upper)):
+            if joint.kind is JointType.REVOLUTE and abs(value) > _FULL_TURN_RAD:
+                hint = _in_degrees_hint(value)
+                yield f"{place} has {side} {value:g} rad, more than a turn; {hint}"
+        for value in joint.rpy_rad:
+            if abs(value) > _FULL_TURN_RAD:
+                yield f"{place} has {value:g} rad in its rpy; {_in_degrees_hint(value)}"
+
+
+def _in_degrees_hint(value: float) -> str:
+    return f"if these are degrees, write {math.radians(value):.6g}"
+
+
+def _find_ignored_limits(root: XmlElement) -> Iterator[str]:
+    for joint in root.child_elements("joint"):
+        limit = joint.optional("limit")
+        continuous = joint.text("type") == JointType.CONTINUOUS.value
+        if continuous and limit and {"lower", "upper"} & limit.attributes.keys():
+            place = f"line {limit.line}: joint {quote(joint.name())}"
+            yield f'{place} is continuous and ignores its limits; type="revolute" keeps them'
+
+
+def _find_outside_meshes(links: Sequence[UrdfLink]) -> Iterator[str]:
+    shapes = [shape for link in links for shape in (*link.collisions, *link.visuals)]
+    outside = [shape for shape in shapes if isinstance(shape, Mesh) and shape.path is None]
+    if outside:
+        first = quote(outside[0].filename)
+        yield f"meshes outside the model's folder cannot be used: {len(outside)}, first {first}"
+
+
+LARGEST_BYTES = 4 * 1024 * 1024
+
+_XACRO = "xacro}"  # how its namespace ends; files spell the rest in several ways
+_EXPAND = "plain URDF; run: xacro arm.urdf.xacro > arm.urdf"
+
+
+def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
+    """Read the links, joints and simple shapes of a URDF; anything else in it is passed over.
+
+    Nothing but the file itself is opened: no meshes, no includes, no document types.
+
+    Args:
+        path: The file; macros of one that ends in .xacro are expanded, where xacro is installed.
+        folder: Under which its meshes may lie; its own if None.
+
+    Source: the URDF XML specification, http://wiki.ros.org/urdf/XML
+
+    Raises:
+        FileFormatError: The file cannot be read or is not a usable URDF; ``where`` is the line.
+    """
+    path = Path(path)
+    root = parse_xml(path, _read_urdf_text(path))
+    _check_root_element(root)
+    home = path.parent if folder is None else folder
+    links = tuple(parse_link(each, home) for each in root.child_elements("link"))
+    joints = tuple(parse_joint(each) for each in root.child_elements("joint"))
+    base = find_root(path, links, joints)
+    name = root.name() if root.attributes.get("name") else ""
+    return Urdf(name, links, joints, base, lint_urdf(root, links, joints))
+
+
+def _read_urdf_text(path: Path) -> str:
+    text = read_text(path, LARGEST_BYTES)
+    return expand_xacro(path) if path.suffix == ".xacro" else text
+
+
+def _check_root_element(root: XmlElement) -> None:
+    if root.tag != "robot":
+        raise root.error(f"the outermost element is <{root.tag}>", "<robot>, as in a URDF")
+    macros = [child for child in root.children if _XACRO in child.tag]
+    if macros:
+        raise macros[0].error("the macros are not expanded", _EXPAND)

@@ -1,0 +1,217 @@
+"""The parts of a URDF as values: links, joints, shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ikservo.errors import UnknownNameError
+
+if TYPE_CHECKING:  # reading a URDF needs no numpy
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = [
+    "Box",
+    "Cylinder",
+    "JointType",
+    "Mesh",
+    "Mimic",
+    "Shape",
+    "Sphere",
+    "Surface",
+    "Triple",
+    "Urdf",
+    "UrdfJoint",
+    "UrdfLink",
+]
+
+Triple = tuple[float, float, float]
+
+
+class JointType(Enum):
+    """How a joint moves; ``floating`` and ``planar`` are refused by the reader."""
+
+    FIXED = "fixed"
+    REVOLUTE = "revolute"
+    CONTINUOUS = "continuous"
+    PRISMATIC = "prismatic"
+
+    @property
+    def is_movable(self) -> bool:
+        """Whether the joint has a coordinate at all."""
+        return self is not JointType.FIXED
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """A joint that follows another one: ``q = multiplier * q_joint + offset``."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfJoint:
+    """One ``<joint>``: where the child frame sits in the parent frame, and how it moves there.
+
+    Attributes:
+        name: Unique in the file.
+        kind: How it moves.
+        parent: Name of the link it sits on.
+        child: Name of the link it carries.
+        xyz_m: Origin of the child frame in the parent frame.
+        rpy_rad: Orientation of the child frame, fixed axes: ``Rz(yaw) @ Ry(pitch) @ Rx(roll)``.
+        axis: Unit vector in the child frame; without meaning, and (1, 0, 0), on a fixed joint.
+        lower: Radians or metres; -inf when continuous, 0 when fixed.
+        upper: Radians or metres; +inf when continuous, 0 when fixed.
+        effort: N·m or N; +inf where the file gives none.
+        velocity: rad/s or m/s; +inf where the file gives none.
+        mimic: The joint it follows, if any.
+        line: Where the element starts in the file, from 1.
+    """
+
+    name: str
+    kind: JointType
+    parent: str
+    child: str
+    xyz_m: Triple
+    rpy_rad: Triple
+    axis: Triple
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+    mimic: Mimic | None
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A box centred on its origin; ``size_m`` are the full edge lengths."""
+
+    size_m: Triple
+    xyz_m: Triple
+    rpy_rad: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """A cylinder centred on its origin, along its z axis."""
+
+    radius_m: float
+    length_m: float
+    xyz_m: Triple
+    rpy_rad: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """A ball centred on its origin."""
+
+    radius_m: float
+    xyz_m: Triple
+    rpy_rad: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """A reference to a mesh; the reader never opens it.
+
+    Attributes:
+        filename: What the file says.
+        path: The resolved file if it lies under the model's own folder, else None.
+        scale: Factor along each axis.
+        xyz_m: Origin in the link frame.
+        rpy_rad: Orientation in the link frame.
+    """
+
+    filename: str
+    path: Path | None
+    scale: Triple
+    xyz_m: Triple
+    rpy_rad: Triple
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """A mesh that is already in memory; ``triangles_m`` are corners (n, 3, 3) in its own frame."""
+
+    triangles_m: NDArray[np.float64]
+    xyz_m: Triple
+    rpy_rad: Triple
+
+
+Shape = Box | Cylinder | Sphere | Mesh | Surface
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfLink:
+    """One ``<link>``: a rigid body with its mass and shapes, all in the link frame.
+
+    Attributes:
+        name: Unique in the file.
+        mass_kg: 0 where the file gives no ``<inertial>``.
+        com_m: Centre of mass, which is also the origin of the inertia frame.
+        inertia_rpy_rad: Orientation of the inertia frame, as in `UrdfJoint.rpy_rad`.
+        inertia_kg_m2: ixx, ixy, ixz, iyy, iyz, izz about the centre of mass.
+        collisions: Shapes to keep clear of.
+        visuals: Shapes to draw.
+        line: Where the element starts in the file, from 1.
+    """
+
+    name: str
+    mass_kg: float
+    com_m: Triple
+    inertia_rpy_rad: Triple
+    inertia_kg_m2: tuple[float, float, float, float, float, float]
+    collisions: tuple[Shape, ...]
+    visuals: tuple[Shape, ...]
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class Urdf:
+    """A whole robot: one tree of links, held together by joints.
+
+    Attributes:
+        name: The robot's name; empty where the file gives none.
+        links: In file order.
+        joints: In file order, which need not be the order of the tree.
+        root: Name of the one link that nothing carries.
+        warnings: Things that are allowed but look like a slip, one line each.
+    """
+
+    name: str
+    links: tuple[UrdfLink, ...]
+    joints: tuple[UrdfJoint, ...]
+    root: str
+    warnings: tuple[str, ...] = ()
+
+    def link(self, name: str) -> UrdfLink:
+        """Return the link of that name.
+
+        Raises:
+            UnknownNameError: There is none; the closest name is offered.
+        """
+        links = {link.name: link for link in self.links}
+        if name not in links:
+            raise UnknownNameError("link", name, links)
+        return links[name]
+
+    def joints_to(self, link: str) -> tuple[UrdfJoint, ...]:
+        """Return the joints between the root and a link, root first, fixed ones included.
+
+        Raises:
+            UnknownNameError: There is no such link.
+        """
+        carrier = {joint.child: joint for joint in self.joints}
+        path: list[UrdfJoint] = []
+        at = self.link(link).name
+        while at != self.root:
+            path.append(carrier[at])
+            at = carrier[at].parent
+        return tuple(reversed(path))

@@ -1,0 +1,273 @@
+"""Paths in space: splines, blended corners, orientation interpolation, the plane of an arm."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from ikservo.errors import BadValueError
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import exp_so3, log_so3
+
+__all__ = ["ArmPlane", "BlendedPath", "OrientationInterpolation", "Path", "SplinePath"]
+
+
+class Path(Protocol):
+    """A smooth curve of n values over a distance, which may be metres, radians or any measure."""
+
+    @property
+    def length(self) -> float:
+        """Return the distance at its end; it begins at 0."""
+        ...
+
+    def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
+        """Return the point, its slope and its bend (n,): the curve and two derivatives."""
+        ...
+
+    def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
+        """Return what slope, bend and twist (n,) are at most, as magnitudes, in a stretch of it.
+
+        The twist is the third derivative.
+        """
+        ...
+
+
+# Nearer than this two points are one.
+_SAME_POINT_M = 1e-9
+
+
+class BlendedPath:
+    """Straight lines through points in n dimensions, with a blend instead of each corner.
+
+    In a blend the slope goes over from one line's direction to the other's by the polynomial
+    3x² - 2x³, so that slope and bend are continuous. The curve then passes each corner at no more
+    than 3/8 of the blend, stays inside the box of its points, and is never longer than the lines.
+
+    Args:
+        points: The points (k, n).
+        blends: At which distance before each of the k - 2 inner points the line is left; half of
+            a line at most is used.
+        order: The norm that measures distances: 2 for metres in space, inf for joints.
+
+    Raises:
+        BadValueError: A blend is not positive.
+    """
+
+    def __init__(self, points: Matrix, blends: Sequence[float], order: float = 2) -> None:
+        if not all(0.0 < blend < np.inf for blend in blends):
+            raise BadValueError("The blend", list(blends), "a positive distance")
+        points, blends = _drop_repeated_points(points, blends, order)
+        self._pieces = list(_make_segments(points, blends, order))
+        self._begins = [piece.begin for piece in self._pieces]
+        self.length = self._pieces[-1].end if self._pieces else 0.0
+        self._start = points[0]
+
+    @property
+    def breakpoints(self) -> list[float]:
+        """Return the distances at which blends begin and end, and both ends."""
+        return [*self._begins, self.length]
+
+    def path_length(self) -> float:
+        """Return how long the curve itself is: corners that are cut make it shorter."""
+        looks = np.linspace(0.0, self.length, 2 + 64 * len(self._pieces))
+        points = np.array([self.at(distance)[0] for distance in looks.tolist()])
+        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+    def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
+        """Return the point, its slope and its bend (n,) at a distance."""
+        if not self._pieces:
+            return self._start, np.zeros_like(self._start), np.zeros_like(self._start)
+        inside = min(max(distance, 0.0), self.length)
+        return self._pieces[max(bisect_right(self._begins, inside) - 1, 0)].at(inside)
+
+    def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
+        """Return what slope, bend and twist (n,) are at most between two distances."""
+        inside = [p.max_derivatives() for p in self._pieces if p.begin < end and p.end > begin]
+        slopes, bends, twists = zip(*inside, strict=True)
+        return np.max(slopes, axis=0), np.max(bends, axis=0), np.max(twists, axis=0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _BlendSegment:
+    """A line, or a blend of two: its slope goes from one direction (n,) to the other."""
+
+    begin: float
+    end: float
+    point: Vector
+    slope: Vector
+    next_slope: Vector
+
+    def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
+        width, turn = self.end - self.begin, self.next_slope - self.slope
+        x = (distance - self.begin) / width
+        return (
+            self.point + width * (x * self.slope + x**3 * (1.0 - 0.5 * x) * turn),
+            self.slope + x * x * (3.0 - 2.0 * x) * turn,
+            6.0 * x * (1.0 - x) / width * turn,
+        )
+
+    def max_derivatives(self) -> tuple[Vector, Vector, Vector]:
+        width, turn = self.end - self.begin, np.abs(self.next_slope - self.slope)
+        slope = np.maximum(np.abs(self.slope), np.abs(self.next_slope))
+        return slope, 1.5 / width * turn, 6.0 / width**2 * turn
+
+
+def _drop_repeated_points(
+    points: Matrix, blends: Sequence[float], order: float
+) -> tuple[Matrix, list[float]]:
+    """Leave out points that are where the one before is, and their blends."""
+    kept, kept_blends = [points[0]], list[float]()
+    radii = [0.0, *blends, 0.0]
+    for point, blend in zip(points[1:], radii[1:], strict=True):
+        if float(np.linalg.norm(point - kept[-1], order)) > _SAME_POINT_M:
+            kept.append(point)
+            kept_blends.append(blend)
+    return np.array(kept), kept_blends[:-1]
+
+
+def _make_segments(points: Matrix, blends: Sequence[float], order: float) -> list[_BlendSegment]:
+    legs = [b - a for a, b in pairwise(points)]
+    lengths = [float(np.linalg.norm(leg, order)) for leg in legs]
+    slopes = [leg / length for leg, length in zip(legs, lengths, strict=True)]
+    cuts = [min(r, 0.5 * a, 0.5 * b) for r, (a, b) in zip(blends, pairwise(lengths), strict=True)]
+    pieces: list[_BlendSegment] = []
+    gone = 0.0
+    for i, (slope, length) in enumerate(zip(slopes, lengths, strict=True)):
+        before, after = (0.0, *cuts)[i], (*cuts, 0.0)[i]
+        straight = length - before - after
+        if straight > _SAME_POINT_M:
+            pieces.append(
+                _BlendSegment(gone, gone + straight, points[i] + before * slope, slope, slope)
+            )
+            gone += straight
+        if after > 0.0:
+            entry = points[i + 1] - after * slope
+            pieces.append(_BlendSegment(gone, gone + 2.0 * after, entry, slope, slopes[i + 1]))
+            gone += 2.0 * after
+    return pieces
+
+
+_NEGLIGIBLE = 1e-300
+
+
+class SplinePath:
+    """The cubic spline through points at even distances (scipy's, not-a-knot ends).
+
+    Args:
+        distances: Where the points stand (k,), increasing from 0; at least four.
+        points: The points (k, n).
+
+    Attributes:
+        distances: Where its points stand.
+        length: Where the last one stands.
+    """
+
+    def __init__(self, distances: Vector, points: Matrix) -> None:
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415  # half a second to import
+
+        self.length = float(distances[-1])
+        self.distances = distances
+        self._curve = CubicSpline(distances, points)
+        self._slopes, self._bends, self._twists = _max_cubic_derivatives(
+            np.asarray(self._curve.c, dtype=np.float64), np.diff(distances)[:, None]
+        )
+
+    def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
+        """Return the point, its slope and its bend (n,) at a distance."""
+        inside = min(max(distance, 0.0), self.length)
+        q, slope, bend = (np.asarray(self._curve(inside, order)) for order in (0, 1, 2))
+        return q, slope, bend
+
+    def points(self, distances: Vector) -> Matrix:
+        """Return the points (k, n) at distances (k,)."""
+        return np.asarray(self._curve(distances), dtype=np.float64)
+
+    def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
+        """Return what slope, bend and twist (n,) are at most between two distances."""
+        first = max(int(np.searchsorted(self.distances, begin, side="right")) - 1, 0)
+        last = max(int(np.searchsorted(self.distances, end, side="left")), first + 1)
+        pieces = slice(first, last)
+        return (
+            self._slopes[pieces].max(axis=0),
+            self._bends[pieces].max(axis=0),
+            self._twists[pieces].max(axis=0),
+        )
+
+
+def _max_cubic_derivatives(c: Matrix, width: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+    """Return the largest slope, bend and twist (k - 1, n) of cubics c₀t³ + c₁t² + c₂t + c₃."""
+    summit = np.clip(-c[1] / (3.0 * np.where(c[0] == 0.0, _NEGLIGIBLE, c[0])), 0.0, width)
+    slopes = [np.abs((3.0 * c[0] * t + 2.0 * c[1]) * t + c[2]) for t in (0.0, summit, width)]
+    bends = [np.abs(6.0 * c[0] * t + 2.0 * c[1]) for t in (0.0, width)]
+    return np.max(slopes, axis=0), np.max(bends, axis=0), np.abs(6.0 * c[0])
+
+
+_FREE_WRIST_DOF = 6
+_PARALLEL = 0.99
+
+
+class ArmPlane:
+    """How far the plane of an arm is turned about the vertical.
+
+    An arm of four or five joints turns its tool's heading with its first joint, whether one wants
+    it or not; in the plane, what is left to it is pitch and roll. Arms with six joints or more,
+    and such that lie flat, have no plane: they keep an orientation in the world.
+
+    Args:
+        chain: The arm.
+        in_world: Whether orientations count in the world all the same.
+    """
+
+    def __init__(self, chain: Chain, *, in_world: bool = False) -> None:
+        axes = chain.jacobian(chain.mid_range())[3:, :2].T
+        upright = abs(float(axes[0, 2])) > _PARALLEL
+        swings = chain.dof > 1 and abs(float(axes[0] @ axes[-1])) < 1.0 - _PARALLEL
+        self.turns = not in_world and chain.dof < _FREE_WRIST_DOF and upright and swings
+        self._axis: Vector = np.sign(axes[0, 2]) * np.array([0.0, 0.0, 1.0])
+
+    def angle_rad(self, q: Vector) -> float:
+        """Return how far the plane is turned at joints (dof,); 0 for arms without one."""
+        return float(self._axis[2] * q[0]) if self.turns else 0.0
+
+    def rotation(self, q: Vector) -> Matrix:
+        """Return the rotation R_world_plane (3, 3) at joints (dof,)."""
+        return exp_so3(np.array([0.0, 0.0, self.angle_rad(q)]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientationInterpolation:
+    """An orientation that goes evenly from one to another about one axis, in the arm's plane.
+
+    Attributes:
+        plane: What carries the orientation along.
+        start: The orientation R_plane_tool (3, 3) at the beginning.
+        turn_rad: The rotation vector (3,) of the whole turn, in the plane.
+    """
+
+    plane: ArmPlane
+    start: Matrix
+    turn_rad: Vector
+
+    @classmethod
+    def between(
+        cls, plane: ArmPlane, start: tuple[Matrix, Vector], end: tuple[Matrix, Vector]
+    ) -> OrientationInterpolation:
+        """Return the shortest turn between orientations R_world_tool at their joints (dof,)."""
+        first = plane.rotation(start[1]).T @ start[0]
+        last = plane.rotation(end[1]).T @ end[0]
+        return cls(plane, first, log_so3(last @ first.T))
+
+    @classmethod
+    def constant(cls, plane: ArmPlane, R_world_tool: Matrix, q: Vector) -> OrientationInterpolation:
+        """Return the orientation at joints (dof,), kept."""
+        return cls.between(plane, (R_world_tool, q), (R_world_tool, q))
+
+    def at(self, share: float, q: Vector) -> Matrix:
+        """Return the orientation R_world_tool (3, 3) wanted at joints (dof,), a share along."""
+        return self.plane.rotation(q) @ exp_so3(share * self.turn_rad) @ self.start

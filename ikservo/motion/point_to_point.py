@@ -1,0 +1,224 @@
+"""Point-to-point joint motions, jerk-limited and synchronised, and the stop from any state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ruckig import (
+    ControlInterface,
+    InputParameter,
+    Profile,
+    Result,
+    Ruckig,
+    RuckigError,
+    Synchronization,
+    Trajectory,
+)
+
+from ikservo.errors import RefusedError
+from ikservo.kinematics import finite_vector
+from ikservo.kinematics.arrays import Vector
+from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
+
+__all__ = ["JointMove", "RuckigMotion", "position_bounds", "stop_trajectory"]
+
+
+def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
+    """Return the lowest and the highest positions (n,) of a trajectory.
+
+    ruckig's own ``position_extrema`` knows only where its jerk changes, and a joint that turns
+    round does so between two such instants.
+    """
+    (profiles,) = trajectory.profiles
+    reached = [list(_extreme_candidates(profile)) for profile in profiles]
+    return np.array([min(each) for each in reached]), np.array([max(each) for each in reached])
+
+
+def _extreme_candidates(profile: Profile) -> Iterator[float]:
+    """Yield the positions where the jerk changes, and those where the joint stands."""
+    brake = profile.brake
+    yield from _segment_extremes(brake.t, brake.p, brake.v, brake.a, brake.j)
+    yield from _segment_extremes(profile.t, profile.p, profile.v, profile.a, profile.j)
+    yield profile.p[-1]
+
+
+def _segment_extremes(
+    times_s: Sequence[float],
+    p: Sequence[float],
+    v: Sequence[float],
+    a: Sequence[float],
+    j: Sequence[float],
+) -> Iterator[float]:
+    for i, time_s in enumerate(times_s):
+        if time_s > 0.0:
+            for at_s in (0.0, time_s, *_zero_velocity_times(v[i], a[i], j[i], time_s)):
+                yield p[i] + at_s * (v[i] + at_s * (a[i] / 2.0 + at_s * j[i] / 6.0))
+
+
+def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[float]:
+    """Return when ``v + a t + j t² / 2`` is 0, between 0 and a time."""
+    root = a * a - 2.0 * j * v
+    if root < 0.0:
+        return []
+    # The larger root first, then the other by their product: exact also where j is next to 0.
+    sum_ = -(a + math.copysign(math.sqrt(root), a))
+    found = [sum_ / j if j else math.inf, 2.0 * v / sum_ if sum_ else math.inf]
+    return [at_s for at_s in found if 0.0 < at_s < time_s]
+
+
+_MAX_REASON_CHARS = 120
+
+
+class RuckigMotion:
+    """A motion of n joints that has been computed; ready to be sampled at any time.
+
+    Args:
+        start: The state in which it begins.
+        end: The state in which it ends, and stays.
+        trajectory: The computed motion.
+        top_speeds: The speed that each joint never exceeds, rad/s or m/s.
+
+    Attributes:
+        start: The state in which it begins.
+        goal: Where it ends (n,), rad or m.
+    """
+
+    def __init__(
+        self,
+        start: TrajectoryPoint,
+        end: TrajectoryPoint,
+        trajectory: Trajectory,
+        top_speeds: Sequence[float],
+    ) -> None:
+        self.start, self._end, self.goal = start, end, end.position
+        self._trajectory, self._top_speeds = trajectory, list(top_speeds)
+
+    @property
+    def duration_s(self) -> float:
+        """Return how long the motion takes."""
+        return float(self._trajectory.duration)
+
+    @property
+    def extent(self) -> tuple[Vector, Vector]:
+        """Return the lowest and the highest positions (n,) on the way."""
+        return position_bounds(self._trajectory)
+
+    @property
+    def top_speed(self) -> float:
+        """Return the speed that no joint exceeds, rad/s or m/s."""
+        return max(abs(speed) for speed in self._top_speeds)
+
+    def at(self, time_s: float) -> Vector:
+        """Return the joints (n,) at a time; the start before it begins, the goal after it ends."""
+        return self.state(time_s).position
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        """Return position, velocity and acceleration (n,) at a time."""
+        if time_s <= 0.0:
+            return self.start
+        if time_s >= self.duration_s:
+            return self._end
+        return TrajectoryPoint(*(np.array(part) for part in self._trajectory.at_time(time_s)))
+
+
+class JointMove(RuckigMotion):
+    """A motion of n joints to a goal, ready to be asked for any instant.
+
+    It may begin in the middle of another motion: a new goal is then reached without a stop and
+    without a jump in position, velocity or acceleration.
+
+    Args:
+        start: Where it begins: joints at rest (n,), rad or m, or the state of a running motion.
+        goal: Where it ends: joints at rest (n,), or the state in which another motion goes on.
+        paces: The pace of each joint.
+        together: Whether all joints arrive at once; else each as soon as it can.
+
+    Raises:
+        BadValueError: A shape is wrong or a number is not finite.
+        RefusedError: No motion was found.
+    """
+
+    def __init__(
+        self,
+        start: ArrayLike | TrajectoryPoint,
+        goal: ArrayLike | TrajectoryPoint,
+        paces: Sequence[KinematicLimits],
+        *,
+        together: bool = True,
+    ) -> None:
+        n = len(paces)
+        begin, end = _check_state(start, n, "start"), _check_state(goal, n, "goal")
+        wanted = _make_ruckig_input(begin, paces)
+        wanted.target_position = end.position.tolist()
+        wanted.target_velocity = end.velocity.tolist()
+        wanted.target_acceleration = end.acceleration.tolist()
+        # Joints in phase go straight from start to goal, where their paces and motion allow it.
+        wanted.synchronization = Synchronization.Phase if together else Synchronization.No
+        super().__init__(
+            begin, end, _calculate_trajectory(wanted, n), [pace.speed_rad_s for pace in paces]
+        )
+
+
+def stop_trajectory(moving: TrajectoryPoint, paces: Sequence[KinematicLimits]) -> RuckigMotion:
+    """Return the motion that brings moving joints to rest as soon as their paces allow.
+
+    Raises:
+        BadValueError: A shape is wrong or a number is not finite.
+        RefusedError: No motion was found.
+    """
+    wanted = _make_ruckig_input(_check_state(moving, len(paces), "start"), paces)
+    wanted.control_interface = ControlInterface.Velocity
+    wanted.synchronization = Synchronization.No
+    stop = _calculate_trajectory(wanted, len(paces))
+    rest, _, _ = stop.at_time(stop.duration)
+    return RuckigMotion(moving, TrajectoryPoint.at_rest(np.array(rest)), stop, wanted.max_velocity)
+
+
+def _check_state(at: ArrayLike | TrajectoryPoint, n: int, which: str) -> TrajectoryPoint:
+    """Return a state of n joints; at rest, where only their positions are given."""
+    if not isinstance(at, TrajectoryPoint):
+        return TrajectoryPoint.at_rest(finite_vector(at, n, f"The {which} of the motion"))
+    finite_vector(at.position, n, f"The {which} of the motion")
+    finite_vector(at.velocity, n, f"The velocity at the {which} of the motion")
+    finite_vector(at.acceleration, n, f"The acceleration at the {which} of the motion")
+    return at
+
+
+def _make_ruckig_input(start: TrajectoryPoint, paces: Sequence[KinematicLimits]) -> InputParameter:
+    wanted = InputParameter(len(paces))
+    wanted.current_position = start.position.tolist()
+    wanted.current_velocity = start.velocity.tolist()
+    wanted.current_acceleration = start.acceleration.tolist()
+    wanted.max_velocity = [pace.speed_rad_s for pace in paces]
+    wanted.max_acceleration = [pace.acceleration_rad_s2 for pace in paces]
+    wanted.max_jerk = [pace.jerk_rad_s3 for pace in paces]
+    return wanted
+
+
+def _calculate_trajectory(wanted: InputParameter, n: int) -> Trajectory:
+    """Return the fastest trajectory.
+
+    ruckig tells most failures by an exception and the others by its result; none may pass, for
+    a trajectory that was not found is one to anywhere.
+    """
+    trajectory = Trajectory(n)
+    try:
+        result = Ruckig(n).calculate(wanted, trajectory)
+    except RuckigError as error:
+        raise _ruckig_error(str(error)) from None
+    if result not in (Result.Working, Result.Finished):
+        raise _ruckig_error(result.name)
+    if not math.isfinite(trajectory.duration):
+        raise _ruckig_error("a duration without end")
+    return trajectory
+
+
+def _ruckig_error(why: str) -> RefusedError:
+    reason = " ".join(why.replace("[ruckig]", "").split())[:_MAX_REASON_CHARS]
+    return RefusedError(
+        f"No motion to the goal was found ({reason}).",
+        "Nothing was sent. Wait until the arm is at rest, then choose a nearer target.",
+    )

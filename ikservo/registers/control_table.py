@@ -1,0 +1,190 @@
+"""Control tables: facts of a servo model, register names shared by all families, alarms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum, StrEnum
+from typing import ClassVar
+
+from ikservo.errors import UnknownNameError
+from ikservo.registers.register import ByteOrder, Register
+
+__all__ = [
+    "Alarm",
+    "ControlTable",
+    "Family",
+    "FeetechMode",
+    "OperatingMode",
+    "RegisterName",
+    "decode_alarms",
+]
+
+
+class Alarm(StrEnum):
+    """Something a servo reports about itself; the value is what a person reads."""
+
+    VOLTAGE = "supply voltage outside its limits"
+    ENCODER = "position sensor fault"
+    HEAT = "too hot"
+    CURRENT = "too much current"
+    SHOCK = "electrical shock or too little power for the motor"
+    OVERLOAD = "overload"
+    UNKNOWN = "hardware alert, see its error register"
+
+
+def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
+    """Return the alarms that a status byte reports.
+
+    Args:
+        bits: The byte as the servo gives it.
+        meaning: Bit number to alarm, from the servo's table. A bit that the sheet does not
+            name is reported as ``Alarm.UNKNOWN`` rather than passed over.
+    """
+    if not bits:
+        return frozenset()
+    set_bits = (bit for bit in range(8) if bits >> bit & 1)
+    return frozenset(meaning.get(bit, Alarm.UNKNOWN) for bit in set_bits)
+
+
+class Family(StrEnum):
+    """The dialect a servo speaks; the value is what arm.toml says."""
+
+    FEETECH_STS = "feetech_sts"
+    FEETECH_SCS = "feetech_scs"
+    DYNAMIXEL_1 = "dynamixel_1"
+    DYNAMIXEL_2 = "dynamixel_2"
+
+
+class OperatingMode(IntEnum):
+    """What a Dynamixel X controls: its register ``operating_mode`` (e-manual, address 11)."""
+
+    CURRENT = 0
+    VELOCITY = 1
+    POSITION = 3
+    EXTENDED_POSITION = 4
+    CURRENT_BASED_POSITION = 5
+    PWM = 16
+
+
+class FeetechMode(IntEnum):
+    """What a Feetech STS controls: its register ``operating_mode`` (memory table, address 33)."""
+
+    POSITION = 0
+    SPEED = 1
+    PWM = 2
+    STEP = 3
+
+
+class RegisterName(StrEnum):
+    """Registers that most families have, whatever their vendors call them.
+
+    ``bus.read(3, Role.PRESENT_VOLTAGE)`` finds ``present_voltage`` in a Feetech servo and
+    ``present_input_voltage`` in a Dynamixel.
+    """
+
+    MODEL_NUMBER = "model_number"
+    ID = "id"
+    BAUD_RATE = "baud_rate"
+    RETURN_DELAY = "return_delay"
+    OPERATING_MODE = "operating_mode"
+    HOMING_OFFSET = "homing_offset"
+    MIN_POSITION_LIMIT = "min_position_limit"
+    MAX_POSITION_LIMIT = "max_position_limit"
+    MAX_TEMPERATURE_LIMIT = "max_temperature_limit"
+    MIN_VOLTAGE_LIMIT = "min_voltage_limit"
+    MAX_VOLTAGE_LIMIT = "max_voltage_limit"
+    TORQUE_ENABLE = "torque_enable"
+    PROFILE_ACCELERATION = "profile_acceleration"
+    PROFILE_VELOCITY = "profile_velocity"
+    GOAL_POSITION = "goal_position"
+    PRESENT_POSITION = "present_position"
+    PRESENT_VELOCITY = "present_velocity"
+    PRESENT_LOAD = "present_load"
+    PRESENT_VOLTAGE = "present_voltage"
+    PRESENT_TEMPERATURE = "present_temperature"
+    MOVING = "moving"
+    ALARMS = "alarms"
+
+
+class ControlTable:
+    """The memory of one servo model; never instantiated.
+
+    Attributes:
+        model_name: As on the case and in arm.toml.
+        number: What the servo's own model register says.
+        family: The dialect.
+        byte_order: Of words on the line.
+        ticks_per_turn: Counts of the present position in one whole turn of the horn; no whole
+            number where the sensor sees less than a turn.
+        baud_rates: Code in the baud rate register to bits a second.
+        alarm_bits: Bit of the alarm register to its meaning.
+        eeprom_lock: The register that must be 0 for EEPROM writes to last, where the family has
+            one that can be opened again.
+        bulk_read: Protocol 1.0 only: the model knows the instruction.
+        missing: Roles that no register of the model fills.
+        non_idempotent: Raw writes never to be repeated after a lost answer, as (name, number).
+        registers: Every register by its vendor's name, by address.
+    """
+
+    model_name: ClassVar[str] = ""
+    number: ClassVar[int]
+    family: ClassVar[Family]
+    byte_order: ClassVar[ByteOrder] = "little"
+    ticks_per_turn: ClassVar[float]
+    baud_rates: ClassVar[Mapping[int, int]]
+    alarm_bits: ClassVar[Mapping[int, Alarm]]
+    eeprom_lock: ClassVar[Register | None] = None
+    bulk_read: ClassVar[bool] = False
+    missing: ClassVar[frozenset[RegisterName]] = frozenset()
+    non_idempotent: ClassVar[frozenset[tuple[str, int]]] = frozenset()
+    registers: ClassVar[Mapping[str, Register]] = {}
+
+    model_number: ClassVar[Register]
+    id: ClassVar[Register]
+    baud_rate: ClassVar[Register]
+    return_delay: ClassVar[Register]
+    operating_mode: ClassVar[Register]
+    homing_offset: ClassVar[Register]
+    min_position_limit: ClassVar[Register]
+    max_position_limit: ClassVar[Register]
+    max_temperature_limit: ClassVar[Register]
+    min_voltage_limit: ClassVar[Register]
+    max_voltage_limit: ClassVar[Register]
+    torque_enable: ClassVar[Register]
+    profile_acceleration: ClassVar[Register]
+    profile_velocity: ClassVar[Register]
+    goal_position: ClassVar[Register]
+    present_position: ClassVar[Register]
+    present_velocity: ClassVar[Register]
+    present_load: ClassVar[Register]
+    present_voltage: ClassVar[Register]
+    present_temperature: ClassVar[Register]
+    moving: ClassVar[Register]
+    alarms: ClassVar[Register]
+
+    def __init_subclass__(cls) -> None:
+        """List the registers of the table, its ancestors' included."""
+        own = [entry for entry in vars(cls).values() if isinstance(entry, Register)]
+        merged = {**cls.registers, **{register.name: register for register in own}}
+        cls.registers = dict(sorted(merged.items(), key=lambda item: item[1].address))
+
+    @classmethod
+    def find(cls, wanted: Register | RegisterName) -> Register:
+        """Return this model's own register for a role, or of the same name as a register.
+
+        Raises:
+            UnknownNameError: This model has no such register.
+        """
+        found: Register | None
+        if isinstance(wanted, RegisterName):
+            found, name = getattr(cls, wanted, None), wanted.value
+        else:
+            found, name = cls.registers.get(wanted.name), wanted.name
+        if found is None:
+            raise UnknownNameError(f"{cls.model_name} register", name, cls.registers)
+        return found
+
+    @classmethod
+    def decode_alarms(cls, bits: int) -> frozenset[Alarm]:
+        """Return what the bits of the alarm register mean."""
+        return decode_alarms(bits, cls.alarm_bits)

@@ -1,0 +1,165 @@
+"""One client's connection: order, age and rate of its messages, the control lease."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+from ikservo.view.auth import Permission
+from ikservo.view.camera import Viewport
+from ikservo.view.messages import (
+    BadMessageError,
+    Heartbeat,
+    Message,
+    SetViewport,
+    Stop,
+    read_message,
+)
+from ikservo.view.viewpoints import Viewpoint
+
+__all__ = [
+    "MAX_MESSAGE_AGE_S",
+    "Client",
+    "ControlLease",
+    "MessageFilter",
+    "RateLimitError",
+    "StaleMessageError",
+]
+
+
+MAX_MESSAGE_AGE_S = 1.0
+"""A command that was given while the page showed a scene older than this is none."""
+
+_RATE_HZ = 400.0
+_BURST = 200.0
+_MAX_BAD_MESSAGES = 20
+_MAX_REMEMBERED = 256
+
+
+class StaleMessageError(BadMessageError):
+    """A command that is too old to act on, as from a page that was hidden; no attack."""
+
+
+class RateLimitError(BadMessageError):
+    """A connection that says too much, or too much that is none; it is closed."""
+
+
+class MessageFilter:
+    """Reads the messages of one connection, in order."""
+
+    def __init__(self, now_s: float) -> None:
+        self._last_seq = 0
+        self._tokens, self._filled_s = _BURST, now_s
+        self._bad = 0
+        self._sent: OrderedDict[int, float] = OrderedDict({0: now_s})
+        self._scene = self.seen = 0
+
+    @property
+    def frames_in_flight(self) -> int:
+        """Return how many scenes were sent that nobody has drawn yet."""
+        return self._scene - self.seen
+
+    def record_sent(self, now_s: float) -> int:
+        """Remember when a scene left, which dates what is said in answer to it; return which."""
+        self._scene += 1
+        self._sent[self._scene] = now_s
+        while len(self._sent) > _MAX_REMEMBERED:
+            self._sent.popitem(last=False)
+        return self._scene
+
+    def accept(self, text: str, now_s: float) -> Message:
+        """Return a message that may act.
+
+        Raises:
+            BadMessageError: It is malformed or was there before; nothing changes.
+            StaleError: It is too old; nothing changes.
+            TooManyError: The connection is to be closed.
+        """
+        self._consume_token(now_s)
+        try:
+            message = read_message(text)
+            self._check_sequence(message)
+        except BadMessageError as error:
+            self._bad += 1
+            if self._bad > _MAX_BAD_MESSAGES:
+                raise RateLimitError("Too many invalid messages.") from error
+            raise
+        if (
+            not _is_always_accepted(message)
+            and self._age_s(message.seen, now_s) > MAX_MESSAGE_AGE_S
+        ):
+            raise StaleMessageError("The message is too old to act on.", "Nothing has changed.")
+        return message
+
+    def _consume_token(self, now_s: float) -> None:
+        self._tokens = min(_BURST, self._tokens + (now_s - self._filled_s) * _RATE_HZ)
+        self._filled_s = now_s
+        if self._tokens < 1.0:
+            raise RateLimitError("Too many messages.", f"At most {_RATE_HZ:.0f} a second.")
+        self._tokens -= 1.0
+
+    def _check_sequence(self, message: Message) -> None:
+        if message.seq <= self._last_seq:
+            raise BadMessageError(
+                f"Message {message.seq} was received before.", "Number it higher."
+            )
+        if message.seen < self.seen or message.seen not in self._sent:
+            raise BadMessageError(f"Scene {message.seen} was never sent, or long ago.")
+        self._last_seq, self.seen = message.seq, message.seen
+
+    def _age_s(self, scene: int, now_s: float) -> float:
+        """Return how long the scene that came after the drawn one has been on its way."""
+        after = next((at_s for seq, at_s in self._sent.items() if seq > scene), now_s)
+        return now_s - after
+
+
+def _is_always_accepted(message: Message) -> bool:
+    """Return whether it moves nothing, or only makes the arm hold.
+
+    A page says once how large its drawing is, often in the second in which it is laid out.
+    """
+    holds = isinstance(message, Stop) or (isinstance(message, Heartbeat) and not message.visible)
+    return holds or isinstance(message, SetViewport)
+
+
+class ControlLease:
+    """Who may move the arm.
+
+    Attributes:
+        holder: The number of the visitor in control, None while nobody is.
+    """
+
+    def __init__(self) -> None:
+        self.holder: int | None = None
+
+    def acquire(self, visitor: int) -> None:
+        """Give control to a visitor, whoever had it before."""
+        self.holder = visitor
+
+    def release(self, visitor: int) -> bool:
+        """Take control back from a visitor; return whether it had it."""
+        held = self.holder == visitor
+        if held:
+            self.holder = None
+        return held
+
+
+@dataclass(slots=True)
+class Client:
+    """One page that is open.
+
+    Attributes:
+        number: Which.
+        right: What its key lets it do.
+        view: From where it looks.
+        viewport: What it draws on; None until it has said so.
+        told: What it was last told of each kind, so that nothing is told twice.
+        told_s: When it was last told a scene and a status.
+    """
+
+    number: int
+    right: Permission
+    view: Viewpoint
+    viewport: Viewport | None = None
+    sent: dict[str, object] = field(default_factory=dict[str, object])
+    told_s: dict[str, float] = field(default_factory=dict[str, float])

@@ -1,0 +1,153 @@
+"""Drawing primitives as JSON-ready dicts, the target marker, link poses.
+
+Every item has ``kind`` and ``style``; the order of a list is the order of painting::
+
+    {"kind": "polygon",  "style": "measured", "rings": [[[x, y], …], …], …}   fill by non-zero rule
+    {"kind": "polyline", "style": "floor",    "points": [[x, y], …]}
+    {"kind": "circle",   "style": "tip",      "at": [x, y], "r": 4.0}
+    {"kind": "cross",    "style": "target",   "at": [x, y], "r": 8.0}
+    {"kind": "text",     "style": "scale",    "at": [x, y], "text": "10 cm"}
+
+Rings of one polygon may overlap: filled together they are one shape; to outline it, stroke twice
+the width first and fill over it. Items of a link carry ``link``, those of a joint ``joint``,
+and its arc ``says`` in words where the joint is and who limits it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.ik import ActiveLimit
+from ikservo.kinematics import Chain, Joint
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.view.camera import Camera
+
+__all__ = [
+    "DrawItem",
+    "TargetMarker",
+    "circle",
+    "cross",
+    "draw_target",
+    "link_poses",
+    "polygon",
+    "polyline",
+    "polylines",
+    "text",
+    "to_pixels",
+]
+
+
+DrawItem = dict[str, object]
+
+
+def polygon(style: str, rings_px: Matrix | Sequence[ArrayLike], **names: str) -> DrawItem:
+    """Return closed outlines (k, 2), or equally long ones (n, k, 2), that are filled together."""
+    even = isinstance(rings_px, np.ndarray)  # all rings at once are ten times as fast
+    rings = to_pixels(rings_px) if even else [to_pixels(ring) for ring in rings_px]
+    return {"kind": "polygon", "style": style, "rings": rings, **names}
+
+
+def polyline(style: str, points_px: ArrayLike, **names: str) -> DrawItem:
+    """Return an open line through pixels (k, 2)."""
+    return {"kind": "polyline", "style": style, "points": to_pixels(points_px), **names}
+
+
+def polylines(style: str, lines_px: Matrix) -> list[DrawItem]:
+    """Return many lines (n, k, 2)."""
+    return [{"kind": "polyline", "style": style, "points": line} for line in to_pixels(lines_px)]
+
+
+def circle(style: str, at_px: ArrayLike, r_px: float, **names: str) -> DrawItem:
+    """Return a circle about a pixel (2,)."""
+    return {"kind": "circle", "style": style, "at": to_pixels(at_px), "r": r_px, **names}
+
+
+def cross(style: str, at_px: ArrayLike, r_px: float) -> DrawItem:
+    """Return a cross about a pixel (2,)."""
+    return {"kind": "cross", "style": style, "at": to_pixels(at_px), "r": r_px}
+
+
+def text(style: str, at_px: ArrayLike, words: str, **names: str) -> DrawItem:
+    """Return words whose left lower corner is at a pixel (2,)."""
+    return {"kind": "text", "style": style, "at": to_pixels(at_px), "text": words, **names}
+
+
+def to_pixels(points_px: ArrayLike) -> list[object]:
+    """Return pixels (…, 2) as nested lists, to a tenth and never so far out that drawing fails."""
+    px = np.asarray(points_px, dtype=np.float64)
+    rounded: list[object] = (
+        np.rint(np.minimum(np.maximum(px, -_FAR_PX), _FAR_PX) * 10) / 10
+    ).tolist()
+    return rounded
+
+
+_FAR_PX = 1e5
+
+
+_CROSS_PX, _RING_PX = 9.0, 5.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetMarker:
+    """A target, and what the solver made of it.
+
+    Attributes:
+        target_m: Where the point shall be (3,), metres, base frame.
+        nearest_m: Where the goal puts it (3,).
+        reached: Whether these are the same.
+        binding: The limits that hold the arm back.
+        frame: The link that was grabbed; None for the tip.
+    """
+
+    target_m: Vector
+    nearest_m: Vector
+    reached: bool
+    binding: tuple[ActiveLimit, ...] = ()
+    frame: str | None = None
+
+    @property
+    def gap_m(self) -> float:
+        """Return how far the nearest point is from the target."""
+        return float(np.linalg.norm(self.target_m - self.nearest_m))
+
+
+def draw_target(aim: TargetMarker, camera: Camera) -> list[DrawItem]:
+    """Return a green cross, or a red one with the nearest point and the way that is missing."""
+    ends, _ = camera.project(np.array([aim.target_m, aim.nearest_m]))
+    if aim.reached:
+        return [cross("target", ends[0], _CROSS_PX)]
+    return [
+        polyline("gap", ends),
+        circle("nearest", ends[1], _RING_PX),
+        cross("target_far", ends[0], _CROSS_PX),
+    ]
+
+
+def link_poses(chain: Chain, q: Vector, beside: Mapping[str, float]) -> dict[str, Matrix]:
+    """Return T_world_link (4, 4) of every link.
+
+    Args:
+        chain: The arm.
+        q: Joints (dof,).
+        beside: Positions of joints that q does not move, rad or m; the others stand still.
+    """
+    poses = {chain.base: np.eye(4)}
+    for link in chain.frames:
+        if link == chain.base:
+            continue
+        step = chain.joints_to(link)[-1]
+        value = None if step.scale else _joint_position(step.joint, beside)
+        motion = step.motion(q) if value is None else step.motion_at(value)
+        poses[link] = poses[step.joint.parent] @ step.joint.origin @ motion
+    return poses
+
+
+def _joint_position(joint: Joint, beside: Mapping[str, float]) -> float | None:
+    if joint.mimic is None:
+        return beside.get(joint.name)
+    leader = beside.get(joint.mimic.joint)
+    return None if leader is None else joint.mimic.multiplier * leader + joint.mimic.offset

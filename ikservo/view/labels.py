@@ -1,0 +1,172 @@
+"""Texts of the page, in the words of the command line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ikservo.calibration import format_position
+from ikservo.kinematics import Chain, JointType
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.conditioning import conditioning
+from ikservo.view.draw_items import TargetMarker
+from ikservo.view.picking import PickCandidate
+from ikservo.view.posture_insights import PostureAnalysis
+from ikservo.view.visibility import LinkVisibility
+
+if TYPE_CHECKING:
+    from ikservo.arm import JointState
+    from ikservo.model.model import HealthLimits
+
+__all__ = [
+    "candidate_rows",
+    "describe_range",
+    "describe_target",
+    "format_point",
+    "format_solve_time",
+    "format_supply",
+    "health_rows",
+    "insight_rows",
+]
+
+
+_LOADED_PERCENT = 80.0
+
+
+def format_point(at_m: Vector) -> str:
+    """Return ``(0.250, 0.000, 0.150) m``."""
+    return f"({', '.join(f'{float(x):z.3f}' for x in at_m)}) m"
+
+
+def describe_target(aim: TargetMarker, method: str | None = None) -> str:
+    """Return what became of the target: reached, or how near and what holds the arm back.
+
+    Args:
+        aim: The target.
+        method: The iteration that ended there, which need not be the nearest point that there is.
+    """
+    if aim.reached:
+        return f"target {format_point(aim.target_m)}"
+    if method is not None:
+        return f"{method} ended {aim.gap_m * 1000:.1f} mm from {format_point(aim.target_m)}."
+    held = f" ({', '.join(map(str, aim.binding))})" if aim.binding else ""
+    return (
+        f"{format_point(aim.target_m)} cannot be reached{held}. Nearest reachable point: "
+        f"{format_point(aim.nearest_m)}, {aim.gap_m * 1000:.1f} mm away."
+    )
+
+
+def format_solve_time(solve_s: float) -> str:
+    """Return ``0.04 ms``."""
+    return f"{solve_s * 1000:.2f} ms"
+
+
+def format_supply(volts: Sequence[float]) -> str:
+    """Return ``7.4 V``, or ``11.8 – 12.1 V`` where servos see different voltages."""
+    low, high = f"{min(volts):.1f}", f"{max(volts):.1f}"
+    return f"{low} V" if low == high else f"{low} – {high} V"
+
+
+def describe_range(chain: Chain, column: int, position: float, limit_from: str) -> str:
+    """Return ``elbow_flex 12.3°, -96.8° to 96.8° (arm file)``."""
+    unit = "m" if chain.kinds[column] is JointType.PRISMATIC else "rad"
+    low, high = float(chain.lower_rad[column]), float(chain.upper_rad[column])
+    at = f"{chain.names[column]} {format_position(position, unit)}"
+    if not math.isfinite(high - low):
+        return f"{at}, turns freely"
+    return f"{at}, {format_position(low, unit)} to {format_position(high, unit)} ({limit_from})"
+
+
+def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict[str, object]]:
+    """Return a row for each servo: temperature, voltage, load, torque, alarms, how bad it is.
+
+    Args:
+        states: The servos.
+        limits: From which temperatures on the arm warns and holds.
+    """
+    return [
+        {
+            "name": state.name,
+            "temperature": f"{state.temperature_c:.0f} °C",
+            "voltage": f"{state.voltage_v:.1f} V",
+            "load": "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+            "torque": "on" if state.torque else "off",
+            "alarms": ", ".join(state.alarms),
+            "level": _warning_level(state, limits),
+        }
+        for state in states
+    ]
+
+
+def _warning_level(state: JointState, limits: HealthLimits) -> str:
+    if state.alarms or state.temperature_c >= limits.hold_c:
+        return "red"
+    loaded = abs(state.load_percent or 0.0) >= _LOADED_PERCENT
+    return "amber" if state.temperature_c >= limits.warn_c or loaded else "good"
+
+
+_NEAR_RAD = math.radians(10.0)
+_UNITS = {1: "m", 2: "m²", 3: "m³"}
+
+
+def insight_rows(
+    chain: Chain, q: Vector, insight: PostureAnalysis | None
+) -> list[tuple[str, str, str]]:
+    """Return rows of name, words and level: manipulability, nearest singularity, hidden links.
+
+    Args:
+        chain: The arm.
+        q: Joints (dof,).
+        insight: What is known of them besides; None for nothing yet.
+    """
+    measured = conditioning(chain, q)
+    unit = _UNITS.get(len(measured.moves_m_rad), "")
+    value = f"{measured.manipulability:.2g} {unit}, "
+    rows = [("manipulability", f"{value}at worst {measured.slowest_m_rad * 1000:.0f} mm/rad", "")]
+    if insight is None:
+        return rows
+    rows.append(("singularity", *_describe_singularity(insight)))
+    hidden = [_describe_hidden(each) for each in insight.seen if not each.is_visible]
+    return [*rows, ("hidden here", ", ".join(hidden), "")] if hidden else rows
+
+
+def _describe_singularity(insight: PostureAnalysis) -> tuple[str, str]:
+    found = insight.singularity
+    if found is None:
+        return "none inside the limits", ""
+    words = f"{math.degrees(found.distance_rad):.1f}° away, mostly by {found.joint}"
+    return words, "bad" if found.distance_rad < _NEAR_RAD else ""
+
+
+def _describe_hidden(seen: LinkVisibility) -> str:
+    return f"{seen.link} (by {seen.hidden_by[0]})" if seen.hidden_by else seen.link
+
+
+_KIND_NAMES = {"link": "", "fixed": "does not move", "object": "object"}
+_TIP = {"name": "the tip comes here", "what": "", "at": "", "depth": "", "depth_m": None}
+
+
+def candidate_rows(options: Sequence[PickCandidate | None], chosen: int) -> list[dict[str, object]]:
+    """Return a row for each thing under the pointer: name, where it is hit, how far behind.
+
+    Args:
+        options: As ``Drag.under`` returns them; None is the plane where the tip would go.
+        chosen: Which of them a press means.
+    """
+    first_m = min((found.hit.depth_m for found in options if found is not None), default=0.0)
+    return [
+        {**(_TIP if found is None else _candidate_row(found, first_m)), "chosen": index == chosen}
+        for index, found in enumerate(options)
+    ]
+
+
+def _candidate_row(found: PickCandidate, first_m: float) -> dict[str, object]:
+    behind_m = found.hit.depth_m - first_m
+    return {
+        "name": found.hit.link,
+        "what": _KIND_NAMES[found.kind],
+        "at": format_point(found.hit.point_m),
+        "depth": "nearest" if behind_m <= 0.0 else f"{behind_m * 1000:.0f} mm behind",
+        "depth_m": round(found.hit.depth_m, 6),
+    }

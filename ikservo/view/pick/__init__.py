@@ -1,1 +1,0 @@
-"""What is under the pointer: boxes over links, shapes in link coordinates (lecture L16 to L18)."""

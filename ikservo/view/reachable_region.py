@@ -1,0 +1,171 @@
+"""The reachable region in the plane of the view, computed in the background and cached.
+
+Finding it takes a tenth of a second to a second (``ikservo.ik.workspace``), so it is found once
+for each ``key`` and kept::
+
+    plane = shown_plane(stage, view, q)           # None: this view shows no region
+    reach = kept.get(plane.key) or find_reach(chain, plane)
+    shown = reach.moved_to(plane)                 # the arm's own plane turns with the arm
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ikservo.ik.workspace import workspace
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import make_pose
+from ikservo.view.camera import Camera
+from ikservo.view.draw_items import DrawItem, polygon
+from ikservo.view.viewpoints import ArmExtent, ViewName
+
+__all__ = [
+    "ReachableRegion",
+    "ReachableRegionCache",
+    "SlicePlane",
+    "compute_region",
+    "draw_region",
+    "slice_plane",
+]
+
+
+_CELLS, _SAMPLES = 110, 2**14
+_WINDOW, _SAMPLING_STEP = range(-2, 3), 2
+_ROUNDED_M = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlicePlane:
+    """The plane that a view shows.
+
+    Attributes:
+        key: Equal for planes in which the same region is reached.
+        T_world_plane: Where it is (4, 4); what is shown is at w = 0.
+        cell_m: How fine the region is worth finding.
+    """
+
+    key: tuple[str, float]
+    T_world_plane: Matrix
+    cell_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReachableRegion:
+    """The outlines of a region in a plane.
+
+    Attributes:
+        rings: Closed outlines (k, 2) [m] along u and v; holes run clockwise.
+        T_world_plane: Where the plane is (4, 4).
+    """
+
+    rings: tuple[Matrix, ...]
+    T_world_plane: Matrix
+
+    @property
+    def fingerprint(self) -> tuple[object, ...]:
+        """Return what differs where another region, or another place of it, is shown."""
+        return id(self.rings), self.T_world_plane.tobytes()
+
+    def move_to_plane(self, plane: SlicePlane) -> ReachableRegion:
+        """Return the same region where the plane is now."""
+        return replace(self, T_world_plane=plane.T_world_plane)
+
+
+def slice_plane(stage: ArmExtent, name: ViewName, q: Vector, tip_m: Vector) -> SlicePlane | None:
+    """Return the plane a view shows while the tip is at (3,); None for a view of no plane.
+
+    From above and from the front it is the plane that the tip is in, to a centimetre.
+    """
+    if name == "orbit":
+        return None
+    if name == "side":
+        return _make_plane(stage, (name, 0.0), stage.plane(stage.yaw_rad(q)))
+    if name == "front":
+        T = stage.plane(stage.home_yaw_rad)
+        away = _round_metres(float((tip_m - stage.pivot_m) @ T[:3, 0]))
+        R = np.column_stack([-T[:3, 2], T[:3, 1], T[:3, 0]])
+        return _make_plane(stage, (name, away), make_pose(T[:3, 3] + away * T[:3, 0], R))
+    if stage.across is not None and abs(stage.across[2]) < 0.5:
+        return _make_plane(stage, (name, 0.0), stage.plane(stage.home_yaw_rad))
+    height = float(tip_m[2]) if stage.across is not None else _round_metres(float(tip_m[2]))
+    return _make_plane(stage, (name, round(height, 6)), make_pose((0.0, 0.0, height)))
+
+
+def compute_region(chain: Chain, plane: SlicePlane) -> ReachableRegion:
+    """Find what the tip can reach in a plane, inside the chain's limits."""
+    region = workspace(chain, plane.T_world_plane, plane.cell_m, _SAMPLES)
+    rings = tuple(_smooth_ring(ring, plane.cell_m) for ring in region.outline())
+    return ReachableRegion(rings, plane.T_world_plane)
+
+
+def draw_region(reach: ReachableRegion, camera: Camera) -> DrawItem:
+    """Return the region as a shape with holes."""
+    T = reach.T_world_plane
+    rings = [ring @ T[:3, :2].T + T[:3, 3] for ring in reach.rings]
+    return polygon("reach", [camera.project(ring)[0] for ring in rings])
+
+
+def _smooth_ring(ring: Matrix, cell_m: float) -> Matrix:
+    """Walk along a ring from cell to cell and take means: nobody shall see the cells."""
+    ends = np.vstack([ring, ring[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(ends, axis=0)).sum(axis=1))])
+    at = (np.arange(round(along[-1] / cell_m)) + 0.5) * cell_m  # sides run along u or v
+    middles = np.column_stack([np.interp(at, along, ends[:, k]) for k in (0, 1)])
+    mean: Matrix = np.mean([np.roll(middles, k, axis=0) for k in _WINDOW], axis=0)
+    return mean[::_SAMPLING_STEP]
+
+
+def _make_plane(stage: ArmExtent, key: tuple[str, float], T_world_plane: Matrix) -> SlicePlane:
+    size_m = float((stage.box_m[1] - stage.box_m[0]).max())
+    return SlicePlane(key, T_world_plane, size_m / _CELLS)
+
+
+def _round_metres(metres: float) -> float:
+    return round(metres / _ROUNDED_M) * _ROUNDED_M
+
+
+_MAX_CACHED = 64
+
+
+class ReachableRegionCache:
+    """Finds one region at a time; whoever asks for another meanwhile asks again later.
+
+    Args:
+        chain: The arm inside its own limits.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        self._chain = chain
+        self._known: dict[tuple[str, float], ReachableRegion] = {}
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo reach")
+        self._busy: tuple[tuple[str, float], Future[ReachableRegion]] | None = None
+
+    def get(self, plane: SlicePlane, *, idle: bool = True) -> ReachableRegion | None:
+        """Return the region in a plane, where it is known; if not, it soon is.
+
+        Args:
+            plane: Which.
+            idle: Whether there is time to look for it now.
+        """
+        self._collect_result()
+        found = self._known.get(plane.key)
+        if found is None and self._busy is None and idle:
+            self._busy = (plane.key, self._worker.submit(compute_region, self._chain, plane))
+        return None if found is None else found.move_to_plane(plane)
+
+    def close(self) -> None:
+        """Leave the one that is being looked for."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _collect_result(self) -> None:
+        if self._busy is None or not self._busy[1].done():
+            return
+        key, future = self._busy
+        self._busy = None
+        if len(self._known) >= _MAX_CACHED:
+            self._known.pop(next(iter(self._known)))
+        self._known[key] = future.result()

@@ -1,1 +1,0 @@
-"""What is drawn: the arm, its ghost, dials, the reachable region, the lesson."""

@@ -1,0 +1,187 @@
+"""Which links are visible from a point, and what hides the others.
+
+The question is the picker's, asked the other way round: lines of sight go from the eye through
+points all over a link, and what they meet first is what is seen there::
+
+    seen = visible_from(model, arm.where().positions, (0.6, 0.3, 0.4))   # a camera, or a marker
+    hidden = [each.link for each in seen if not each.visible]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import UnknownNameError
+from ikservo.kinematics import finite_vector
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model import Model
+from ikservo.model.collision_model import capsules_of
+from ikservo.view.bvh import bounding_boxes, link_primitives, object_primitives, triangle_rows
+from ikservo.view.camera import Camera, Viewport, view_rotation
+from ikservo.view.draw_items import link_poses
+from ikservo.view.picking import Picker
+
+__all__ = ["TABLE", "LinkVisibility", "VisibilityChecker", "visible_from"]
+
+TABLE = "the table"
+
+_TABLE_M = 3.0
+_VISIBLE_FRACTION = 0.01
+_LINES = 48  # of sight, along each side of a link's frame in the picture
+_MIN_RAYS = 16
+_MAX_FIELD_RAD = math.tan(math.radians(80.0))
+_EYE = Viewport(2.0, 2.0)
+_UP, _FORWARD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class LinkVisibility:
+    """How much of a link, or of an object of the scene, is seen.
+
+    Attributes:
+        link: Its name.
+        share: Which part of its picture is in sight, 0 to 1, to about 0.05.
+        hidden_by: What is before the rest, what hides most first.
+    """
+
+    link: str
+    share: float
+    hidden_by: tuple[str, ...] = ()
+
+    @property
+    def is_visible(self) -> bool:
+        """Return whether more than a hundredth of it is in sight."""
+        return self.share > _VISIBLE_FRACTION
+
+
+class VisibilityChecker:
+    """Answers for one arm, whatever its posture and the eye.
+
+    Args:
+        model: The arm; its boxes and the table hide what is behind them.
+    """
+
+    def __init__(self, model: Model) -> None:
+        links, self._floor_m = link_primitives(capsules_of(model)), model.floor_m
+        self._things = {
+            f"{name} (object)" if name in links else name: rows
+            for name, rows in object_primitives(model).items()
+        }
+        if model.floor_m is not None:
+            self._things[TABLE] = _table_triangles(model.floor_m)
+        self._picker = Picker({**links, **self._things})
+        self._ends = {link: rows[:, 1:7].reshape(-1, 3) for link, rows in links.items()}
+        self._corners = {
+            link: _bounding_corners(bounding_boxes(rows)) for link, rows in links.items()
+        }
+
+    def from_point(
+        self, poses: Mapping[str, Matrix], eye_m: ArrayLike
+    ) -> tuple[LinkVisibility, ...]:
+        """Return what is seen of each link from a point (3,), metres, base frame.
+
+        Args:
+            poses: T_world_link (4, 4) of each link.
+            eye_m: The point; a link around it hides nothing, and under the table nothing is seen.
+        """
+        eye = finite_vector(eye_m, 3, "The point to look from")
+        if self._floor_m is not None and eye[2] < self._floor_m:
+            return tuple(LinkVisibility(link, 0.0, (TABLE,)) for link in self._ends)
+
+        return tuple(
+            self._link_visibility(
+                link,
+                poses,
+                _camera_looking_at(eye, _transform_points(self._corners[link], poses[link])),
+            )
+            for link in self._ends
+        )
+
+    def from_camera(
+        self, poses: Mapping[str, Matrix], camera: Camera
+    ) -> tuple[LinkVisibility, ...]:
+        """Return what is seen of each link in a picture, as if it had no edges."""
+        return tuple(self._link_visibility(link, poses, camera) for link in self._ends)
+
+    def _link_visibility(
+        self, link: str, poses: Mapping[str, Matrix], camera: Camera
+    ) -> LinkVisibility:
+        everything = {**poses, **dict.fromkeys(self._things, np.eye(4))}
+        names = self._picker.names
+        own = names.index(link)
+        corners_px, _ = camera.project(_transform_points(self._corners[link], poses[link]))
+        ways, _ = self._picker.cast(*camera.rays(_pixel_grid(corners_px, camera)), everything)
+        ways = ways[np.isfinite(ways[:, own])]
+        if len(ways) < _MIN_RAYS:  # a wire between the lines of sight
+            ends_px, _ = camera.project(_transform_points(self._ends[link], poses[link]))
+            ways, _ = self._picker.cast(*camera.rays(ends_px), everything)
+        counts = np.bincount(np.argmin(ways, axis=1), minlength=len(names)) / len(ways)
+        before = [(-float(share), i) for i, share in enumerate(counts) if i != own and share > 0.0]
+        return LinkVisibility(link, float(counts[own]), tuple(names[i] for _, i in sorted(before)))
+
+
+def _camera_looking_at(eye_m: Vector, corners_m: Matrix) -> Camera:
+    """Return a camera at a point that looks at the middle of a box."""
+    away = corners_m.mean(axis=0) - eye_m
+    length_m = float(np.linalg.norm(away))
+    forward = away / length_m if length_m > 1e-6 else _FORWARD
+    up = _UP if abs(float(forward[2])) < 0.99 else _FORWARD
+    return Camera(_EYE, eye_m, view_rotation(forward, up), 1.0, perspective=True)
+
+
+def _transform_points(points_m: Matrix, T_world_link: Matrix) -> Matrix:
+    return points_m @ T_world_link[:3, :3].T + T_world_link[:3, 3]
+
+
+def _bounding_corners(boxes: Matrix) -> Matrix:
+    """Return the corners (8, 3) of the box around boxes (n, 6)."""
+    low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+    return low + np.array(list(np.ndindex(2, 2, 2))) * (high - low)
+
+
+def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
+    """Return pixels (n, 2) all over the frame around others; no line of sight is past 80°."""
+    widest = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
+    middle = camera.viewport.centre_px
+    low = np.maximum(corners_px.min(axis=0), middle - widest)
+    high = np.minimum(corners_px.max(axis=0), middle + widest)
+    shares = (np.arange(_LINES) + 0.5) / _LINES
+    steps = low + shares[:, None] * (high - low)
+    return np.stack(np.meshgrid(steps[:, 0], steps[:, 1]), axis=-1).reshape(-1, 2)
+
+
+def _table_triangles(floor_m: float) -> Matrix:
+    """Return the table as two triangles (2, WIDTH)."""
+    a, b, c, d = [(_TABLE_M * x, _TABLE_M * y, floor_m) for x, y in _ROUND]
+    return triangle_rows(np.array([[a, b, c], [a, c, d]]))
+
+
+_ROUND = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+
+
+def visible_from(
+    model: Model, joints: Mapping[str, float], eye_m: ArrayLike
+) -> tuple[LinkVisibility, ...]:
+    """Return which links of an arm a camera, or a marker, at a point sees.
+
+    Args:
+        model: The arm; its keep-out boxes and the table hide what is behind them.
+        joints: Positions by name, rad or m, as ``ArmState.positions``; joints of the chain that
+            are missing are an error, others stand still.
+        eye_m: The point (3,), metres, base frame.
+
+    Raises:
+        BadValueError: The point is not finite.
+        UnknownNameError: A joint of the chain is missing.
+    """
+    chain = model.chain
+    missing = [name for name in chain.names if name not in joints]
+    if missing:
+        raise UnknownNameError("position", missing[0], joints)
+    q = finite_vector([joints[name] for name in chain.names], chain.dof, "The joints")
+    return VisibilityChecker(model).from_point(link_poses(chain, q, joints), eye_m)

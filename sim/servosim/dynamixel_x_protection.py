@@ -1,0 +1,234 @@
+"""Dynamixel X access rules, shutdown, bus watchdog, control table backup."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from servosim.register import SimulatedArea, SimulatedRegister
+from servosim.servo import InstructionError
+
+if TYPE_CHECKING:
+    from servosim.dynamixel_x import SimulatedDynamixelX
+
+__all__ = ["AccessRules", "ControlTableBackup", "DynamixelXProtections"]
+
+
+_LIMIT_OF = {
+    "goal_pwm": "pwm_limit",
+    "goal_current": "current_limit",
+    "goal_velocity": "velocity_limit",
+}
+_GOALS = frozenset((*_LIMIT_OF, "goal_position"))
+
+
+class AccessRules:
+    """Judges writes to one servo's memory.
+
+    Attributes:
+        first_data: Where indirect data begin; below it no address is indirect.
+    """
+
+    def __init__(self, servo: SimulatedDynamixelX) -> None:
+        self.servo = servo
+        self.memory, self.table = servo.memory, servo.table
+        names = self.table.by_name
+        self._data = {
+            row.address: names[
+                "indirect_address_" + row.name.removeprefix("indirect_data_")
+            ].address
+            for row in self.table.registers
+            if row.name.startswith("indirect_data_")
+        }
+        self.first_data = min(self._data)
+
+    def check_write(self, address: int, data: bytes) -> InstructionError | None:
+        """Return why a write is refused; runs through indirect data are judged where they land."""
+        if address + len(data) <= self.first_data:
+            return self._check_direct_write(address, data)
+        for start, part in self._split_runs(address, data):
+            refusal = self._check_direct_write(start, part)
+            if refusal is not None:
+                return refusal
+        return None
+
+    def read(self, address: int, length: int, read: Callable[[int, int], bytes]) -> bytes:
+        """Read, following indirect addresses."""
+        return b"".join(
+            read(self._target_address(at), 1) for at in range(address, address + length)
+        )
+
+    def store(self, address: int, data: bytes, store: Callable[[int, bytes], None]) -> None:
+        """Store, following indirect addresses."""
+        for start, part in self._split_runs(address, data):
+            store(start, part)
+
+    def _target_address(self, address: int) -> int:
+        at = self._data.get(address)
+        if at is None:
+            return address
+        return int.from_bytes(self.memory.image[at : at + 2], "little")
+
+    def _split_runs(self, address: int, data: bytes) -> list[tuple[int, bytes]]:
+        """Split a write into runs of neighbouring bytes, indirect addresses followed."""
+        runs: list[tuple[int, bytes]] = []
+        for k in range(len(data)):
+            target = self._target_address(address + k)
+            if runs and runs[-1][0] + len(runs[-1][1]) == target:
+                runs[-1] = (runs[-1][0], runs[-1][1] + data[k : k + 1])
+            else:
+                runs.append((target, data[k : k + 1]))
+        return runs
+
+    def _check_direct_write(self, address: int, data: bytes) -> InstructionError | None:
+        end = address + len(data)
+        if not self.table.is_gapless(address, len(data)):
+            return InstructionError.ACCESS
+        rows = self.table.registers_in(address, len(data))
+        if rows[0].address < address or rows[-1].end > end:
+            return InstructionError.LENGTH
+        for row in rows:
+            value = row.decode(data[row.address - address : row.end - address])
+            refusal = self._check_access(row) or self._check_value(row, value)
+            if refusal is not None:
+                return refusal
+        return None
+
+    def _check_access(self, row: SimulatedRegister) -> InstructionError | None:
+        if not row.writable or (
+            row.area is SimulatedArea.EEPROM and self.memory.get("torque_enable")
+        ):
+            return InstructionError.ACCESS
+        if row.name in _GOALS and self.memory.get("bus_watchdog") == -1:
+            return InstructionError.RANGE
+        if row.name == "torque_enable" and self.servo.watch.shut_down:
+            return InstructionError.RESULT_FAIL
+        return None
+
+    def _check_value(self, row: SimulatedRegister, value: int) -> InstructionError | None:
+        lower, upper = self._value_range(row)
+        if row.name == "operating_mode":
+            return None if value in self.servo.modes else InstructionError.RANGE
+        return None if lower <= value <= upper else InstructionError.RANGE
+
+    def _value_range(self, row: SimulatedRegister) -> tuple[int, int]:
+        get = self.memory.get
+        if row.name == "goal_position" and self.servo.mode == 3:
+            return get("min_position_limit"), get("max_position_limit")
+        limit = _LIMIT_OF.get(row.name)
+        return (-get(limit), get(limit)) if limit else (row.lower, row.upper)
+
+
+VOLTAGE, HEAT, ENCODER, SHOCK, OVERLOAD = 0x01, 0x04, 0x08, 0x10, 0x20
+OVERLOAD_AFTER_S = 2.0  # assumed: the sheets say "persistent"
+OVERLOAD_FRACTION = 0.9  # assumed share of the largest output that counts as overload
+IN_POSITION_TICK = 8  # assumed
+FOLLOWING_TICK = 200  # assumed
+
+
+class DynamixelXProtections:
+    """Protections and status bits of one servo."""
+
+    def __init__(self, servo: SimulatedDynamixelX) -> None:
+        self.servo = servo
+        self.shut_down = False
+        self._overload_s = 0.0
+        self._injected = 0
+
+    def start(self) -> None:
+        """Begin anew after power-up; only this clears a shutdown."""
+        self.shut_down = False
+        self._overload_s = 0.0
+        self._injected = 0
+
+    def raise_alarm(self, bits: int) -> None:
+        """Set hardware error bits; those in the shutdown register drop the torque."""
+        servo = self.servo
+        servo.memory.put("hardware_error_status", servo.memory.get("hardware_error_status") | bits)
+        if bits & servo.memory.get("shutdown"):
+            self.shut_down = True
+            servo.memory.put("torque_enable", 0)
+            servo.cut_torque()
+
+    def check(self, dt_s: float) -> None:
+        """Check everything once; ``dt_s`` is the time since the last look."""
+        get, servo = self.servo.memory.get, self.servo
+        if servo.motor.temperature_c > get("temperature_limit"):
+            self.raise_alarm(HEAT)
+        if not get("min_voltage_limit") <= round(servo.supply_v * 10) <= get("max_voltage_limit"):
+            self.raise_alarm(VOLTAGE)
+        self._check_load(dt_s)
+        self._check_bus_watchdog()
+
+    def start_watchdog(self) -> None:
+        """Bus watchdog written: the interval counts from now."""
+        self.servo.heard_s = self.servo.time_s
+
+    def moving_status(self) -> int:
+        """Return the moving status register: arrival, running profile and its kind, lag."""
+        servo, motor = self.servo, self.servo.motor
+        if servo.mode not in (3, 4, 5):
+            return 0
+        unit = servo.shaft.rad_per_tick
+        arrived = abs(servo.drive.goal_rad - motor.encoder_rad) <= IN_POSITION_TICK * unit
+        lagging = abs(motor.reference_rad - motor.encoder_rad) > FOLLOWING_TICK * unit
+        return arrived | motor.profile_running << 1 | lagging << 3 | self._profile_kind()
+
+    def _profile_kind(self) -> int:
+        drive = self.servo.drive
+        if drive.velocity_limit_rad_s == 0 and drive.profile_time_s == 0:
+            return 0x00
+        ramps = drive.acceleration_rad_s2 > 0 or drive.acceleration_time_s > 0
+        return 0x30 if ramps else 0x10
+
+    def _check_load(self, dt_s: float) -> None:
+        servo, motor = self.servo, self.servo.motor
+        heavy = abs(motor.torque_nm) > OVERLOAD_FRACTION * motor.parameters.stall_torque_nm
+        self._overload_s = self._overload_s + dt_s if heavy and servo.drive.torque_on else 0.0
+        if self._overload_s > OVERLOAD_AFTER_S:
+            self.raise_alarm(OVERLOAD)
+
+    def _check_bus_watchdog(self) -> None:
+        servo = self.servo
+        steps = servo.memory.get("bus_watchdog")
+        late = servo.time_s - servo.heard_s > steps * 0.020
+        if steps > 0 and servo.drive.torque_on and late:
+            servo.memory.put("bus_watchdog", -1)
+            servo.hold_position()
+
+
+class ControlTableBackup:
+    """The kept copy of one servo's writable RAM; goals and torque are not part of it."""
+
+    def __init__(self, servo: SimulatedDynamixelX) -> None:
+        self.servo = servo
+        self._rows = [
+            row
+            for row in servo.table.registers
+            if row.area is SimulatedArea.RAM
+            and row.writable
+            and not row.name.startswith(("goal_", "torque_", "indirect_data_"))
+        ]
+        self._kept: dict[str, int] | None = None
+
+    @property
+    def is_available(self) -> bool:
+        """Whether there is something to restore."""
+        return self._kept is not None
+
+    def store(self) -> InstructionError | None:
+        """Keep the present values."""
+        if self.servo.drive.torque_on:
+            return InstructionError.RESULT_FAIL
+        self._kept = {row.name: self.servo.memory.get(row.name) for row in self._rows}
+        return None
+
+    def restore(self) -> InstructionError | None:
+        """Put the kept values back."""
+        if self._kept is None or self.servo.drive.torque_on:
+            return InstructionError.RESULT_FAIL
+        for name, value in self._kept.items():
+            self.servo.memory.put(name, value)
+        self.servo.orders.set_gains()
+        self.servo.orders.update_profile()
+        return None

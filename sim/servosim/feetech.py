@@ -1,0 +1,281 @@
+"""Feetech firmware common to STS and SCS: clipping, lock, alarms, protections."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from servosim.control import ControlMode
+from servosim.frames import Dynamixel1Reader
+from servosim.motor import Motor
+from servosim.register import ServoTable, SimulatedArea
+from servosim.servo import BusProtocol, HornMounting, InstructionError, Servo
+
+__all__ = ["BAUDS", "Feetech", "FeetechProtections"]
+
+
+VOLTAGE, ENCODER, HEAT, CURRENT, OVERLOAD = 0x01, 0x02, 0x04, 0x08, 0x20
+CURRENT_UNIT_A = 0.0065
+AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not blocked
+
+
+class FeetechProtections:
+    """Protections of one servo; a bit goes away with its cause, an overload with a new torque."""
+
+    def __init__(self, servo: Feetech) -> None:
+        self.servo = servo
+        self._has_current = "protection_current" in servo.table.by_name
+        self.start()
+
+    def start(self) -> None:
+        """Begin anew after power-up."""
+        self.bits = 0
+        self.injected = 0
+        self._overload_s = 0.0
+        self._over_current_s = 0.0
+
+    def inject_alarm(self, bits: int) -> None:
+        """Raise alarm bits without a cause, or take back those that were raised so."""
+        self.bits = self.bits & ~self.injected | bits
+        self.injected = bits
+
+    def clear_overload(self) -> None:
+        """Torque or goal written: an overload gets another chance."""
+        self.bits &= ~(OVERLOAD | CURRENT)
+        self._overload_s = self._over_current_s = 0.0
+        self.servo.drive.torque_limit = self.torque_limit()
+
+    def torque_limit(self) -> float:
+        """Return the limit in force, 0..1: protective torque after an overload."""
+        get = self.servo.memory.get
+        name = "torque_limit" if self._has_current else "max_torque"
+        limit = min(1.0, get(name) / 1000)
+        return min(limit, get("protective_torque") / 100) if self.bits & OVERLOAD else limit
+
+    def check(self, dt_s: float) -> None:
+        """Check everything once; ``dt_s`` is the time since the last look."""
+        get, servo, motor = self.servo.memory.get, self.servo, self.servo.motor
+        volts = round(servo.supply_v * 10)
+        self._set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
+        self._set_alarm(HEAT, motor.temperature_c > get("max_temperature_limit"))
+        self._check_load(dt_s)
+        if self._has_current:
+            self._check_current(dt_s)
+        self._disable_output()
+
+    def _set_alarm(self, bit: int, present: bool) -> None:
+        self.bits = self.bits | bit if present else self.bits & ~bit
+        self.bits |= self.injected
+
+    def _check_load(self, dt_s: float) -> None:
+        get, motor = self.servo.memory.get, self.servo.motor
+        heavy = abs(motor.pwm) * 100 > get("overload_torque")
+        blocked = abs(motor.velocity_rad_s) < AT_REST_RAD_S
+        self._overload_s = self._overload_s + dt_s if heavy and blocked else 0.0
+        if self._overload_s > get("protection_time") * 0.010 and not self.bits & OVERLOAD:
+            self.bits |= OVERLOAD
+            self.servo.drive.torque_limit = self.torque_limit()
+            self.servo.changed()
+
+    def _check_current(self, dt_s: float) -> None:
+        get = self.servo.memory.get
+        limit_a = get("protection_current") * CURRENT_UNIT_A
+        high = abs(self.servo.motor.current_a) > limit_a > 0
+        self._over_current_s = self._over_current_s + dt_s if high else 0.0
+        if self._over_current_s > get("over_current_time") * 0.010:
+            self.bits |= CURRENT
+
+    def _disable_output(self) -> None:
+        """Switch the output off for alarms that the unload condition names."""
+        off = self.bits & self.servo.memory.get("unload_condition") & ~OVERLOAD
+        if off and self.servo.drive.torque_on:
+            self.servo.memory.put("torque_enable", 0)
+            self.servo.cut_torque()
+
+
+# fmt: off
+BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400,
+         19_200, 14_400, 9_600, 4_800)
+# fmt: on
+DAMPING = 2  # written to torque_enable: the shaft turns heavily
+PHASE_ZERO_IS_MAX = 0x08  # goal speed 0 means the greatest speed
+
+
+class Feetech(Servo):
+    """A Feetech servo; the series add their units and modes."""
+
+    protocol = BusProtocol.FEETECH
+    framing = Dynamixel1Reader
+    registered_flag = "async_write"
+    kept_by_recovery = ("id",)
+    kp_per_gain = 5.3 / 32  # duty for each radian and each step of the P gain (SO-101 MJCF)
+    kd_per_gain = 0.001  # assumed [s/rad]
+    ki_per_gain = 0.05  # assumed [1/(rad s)]
+
+    def __init__(
+        self,
+        table: ServoTable,
+        motor: Motor,
+        shaft: HornMounting,
+        delivered: Mapping[str, int] | None = None,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(table, motor, shaft, delivered, seed)
+        self.watch = FeetechProtections(self)
+        self.list_live()
+        self.list_effects()
+        self.start()
+
+    # The line's questions.
+
+    @property
+    def return_delay_s(self) -> float:
+        """The return delay register, 2 µs a step."""
+        return self.memory.get("return_delay") * 2e-6
+
+    @property
+    def status_level(self) -> int:
+        """The response level: 1 answers everything, 0 only pings and reads."""
+        return 2 if self.memory.get("response_level") else 1
+
+    @property
+    def alarm(self) -> int:
+        """The status register."""
+        return self.watch.bits
+
+    @property
+    def is_eeprom_unlocked(self) -> bool:
+        """The lock register: 0 lets EEPROM writes survive the power."""
+        return self.memory.get("lock") == 0
+
+    def check_write(self, address: int, data: bytes) -> InstructionError | None:
+        """Refuse what lies outside the memory; the rest is the register's own business."""
+        return None if data and address + len(data) <= self.table.size else InstructionError.RANGE
+
+    def store(self, address: int, data: bytes) -> None:
+        """Store what is writable, each value clipped to its range; ignore the rest."""
+        end, image, opened = address + len(data), self.memory.image, self.is_eeprom_unlocked
+        for row in self.table.registers_in(address, len(data)):
+            if row.address >= address and row.end <= end:
+                raw = data[row.address - address : row.end - address]
+            else:
+                asked = bytearray(image)
+                asked[address:end] = data
+                raw = bytes(asked[row.address : row.end])
+            value = row.decode(raw)
+            if not row.accepts(value):
+                raw = row.encode(max(row.lower, min(row.upper, value)))
+            if row.writable:
+                self.memory.write(
+                    row.address, raw, persist=opened and row.area is SimulatedArea.EEPROM
+                )
+        self.apply_write_effects(address, len(data))
+
+    def run_protections(self, dt_s: float) -> None:
+        """Look after heat, load and voltage."""
+        self.watch.check(dt_s)
+
+    def inject_alarm(self, bits: int) -> None:
+        """Raise alarm bits without a cause, or take them back."""
+        self.watch.inject_alarm(bits)
+
+    def is_goal_allowed(self, goal: int) -> bool:
+        """Say whether a goal position lies inside the limits; both zero are none."""
+        lower, upper = self.memory.get("min_position_limit"), self.memory.get("max_position_limit")
+        return lower == upper == 0 or lower <= goal <= upper
+
+    # Position.
+
+    def present_tick(self) -> int:
+        """Return the present position register's number."""
+        return self.shaft.tick_at(self.motor.encoder_rad)
+
+    def angle_at(self, position_tick: int) -> float:
+        """Return the joint angle [rad] of a position register's number."""
+        return self.shaft.angle_at(position_tick)
+
+    def hold_position(self) -> None:
+        """Make the present position the goal."""
+        self.memory.put("goal_position", self.present_tick())
+        self.set_goal()
+
+    # From memory to drive.
+
+    def start(self) -> None:
+        """Set everything from the memory after power-up; the goal is where the servo is."""
+        self.drive.torque_on = False
+        self.watch.start()
+        self.memory.put("goal_position", self.present_tick())
+        for effect in (self.set_gains, self.set_limits, self.set_mode):
+            effect()
+
+    def set_torque(self) -> None:
+        """Torque enable written: 0 off, 1 on, 2 damping."""
+        self.watch.clear_overload()
+        self.drive.torque_on = self.memory.get("torque_enable") != 0
+        self.set_mode()
+
+    def set_mode(self) -> None:
+        """Operating mode or torque written."""
+        damping = self.memory.get("torque_enable") == DAMPING
+        self.drive.mode = ControlMode.PWM if damping else self.requested_mode()
+        self.set_goal()
+        if damping:
+            self.drive.goal_pwm = 0.0
+
+    def set_goal(self) -> None:
+        """A goal register was written: hand goal and profile over together."""
+        raise NotImplementedError
+
+    def requested_mode(self) -> ControlMode:
+        """Return the mode that the memory asks for."""
+        raise NotImplementedError
+
+    def set_gains(self) -> None:
+        """Hand the gains over in SI."""
+        drive, get = self.drive, self.memory.get
+        drive.kp = get("p_gain") * self.kp_per_gain
+        drive.kd = get("d_gain") * self.kd_per_gain
+        drive.ki = get("i_gain") * self.ki_per_gain
+        drive.minimum_pwm = get("min_startup_force") / 1000
+        drive.dead_zone_rad = get("cw_dead_zone") * self.shaft.rad_per_tick
+
+    def set_limits(self) -> None:
+        """Hand the limits over; an overload keeps its own torque limit."""
+        self.drive.torque_limit = self.watch.torque_limit()
+
+    def clamped_goal(self) -> int:
+        """Return the goal position inside the limits; limits both 0 are none."""
+        get = self.memory.get
+        lower, upper = get("min_position_limit"), get("max_position_limit")
+        goal = get("goal_position")
+        return goal if lower == upper == 0 else max(lower, min(upper, goal))
+
+    def profile_speed(self, speed_rad_s: float) -> float:
+        """Return the speed limit for a goal speed: 0 means the greatest, or to stand still."""
+        stands = speed_rad_s == 0.0 and not self.memory.get("phase") & PHASE_ZERO_IS_MAX
+        return 1e-6 if stands else speed_rad_s
+
+    # Tables of what is measured and what is set off.
+
+    def list_live(self) -> None:
+        """Fill ``live``; the series add their own."""
+        motor = self.motor
+        self.live = {
+            "present_position": self.present_tick,
+            "present_load": lambda: round(self.shaft.sign * motor.pwm * 1000),
+            "present_voltage": lambda: round(self.supply_v * 10),
+            "present_temperature": lambda: int(motor.temperature_c),
+            "status": lambda: self.watch.bits,
+            "moving": lambda: int(motor.moving),
+        }
+
+    def list_effects(self) -> None:
+        """Fill ``effects``; the series add their own."""
+        gains = ("p_gain", "d_gain", "i_gain", "min_startup_force", "cw_dead_zone")
+        goals = ("goal_time", "goal_speed", "phase", "min_position_limit", "max_position_limit")
+        self.effects = {
+            "torque_enable": self.set_torque,
+            "goal_position": self.set_goal,
+            **dict.fromkeys(gains, self.set_gains),
+            **dict.fromkeys(goals, self.set_goal),
+        }

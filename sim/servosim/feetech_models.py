@@ -1,0 +1,195 @@
+"""Feetech STS and SCS firmware (memory tables)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from servosim.control import ControlMode
+from servosim.feetech import BAUDS, Feetech
+from servosim.motor import Motor
+from servosim.register import ServoTable
+from servosim.servo import HornMounting
+
+__all__ = ["FeetechScs", "FeetechSts"]
+
+
+CURRENT_UNIT_A = 0.0065
+CALIBRATE = 128  # written to torque_enable: here is tick 2048
+STEP = 3  # operating mode: goals are added to each other
+PHASE_FINE_SPEED, PHASE_TURNS = 0x04, 0x10
+
+
+class FeetechSts(Feetech):
+    """An STS servo."""
+
+    bauds = MappingProxyType(dict(enumerate(BAUDS)))
+    instructions = frozenset((1, 2, 3, 4, 5, 6, 0x0A, 0x0B, 0x82, 0x83))
+    answers_broadcast_ping = True
+
+    def __init__(
+        self,
+        table: ServoTable,
+        motor: Motor,
+        shaft: HornMounting,
+        delivered: Mapping[str, int] | None = None,
+        seed: int = 0,
+    ) -> None:
+        offset = (delivered or {}).get("homing_offset", 0)
+        self.turn_base_tick = 0
+        self.step_goal_tick = 0
+        self.speed_unit_rad_s = shaft.rad_per_tick
+        bare = HornMounting(shaft.sign, shaft.zero_tick + offset, shaft.ticks)
+        super().__init__(table, motor, bare, delivered, seed)
+
+    # Position.
+
+    def actual_tick(self) -> int:
+        """Return the sensor's tick, turns counted since power-up."""
+        return self.shaft.tick_at(self.motor.encoder_rad) - self.turn_base_tick
+
+    def present_tick(self) -> int:
+        """Return the present position: wrapped into one turn unless phase bit 4 is set."""
+        tick = self.actual_tick() - self.memory.get("homing_offset")
+        return tick if self.memory.get("phase") & PHASE_TURNS else tick % 4096
+
+    def angle_at(self, position_tick: int) -> float:
+        """Return the joint angle [rad] that a position register's number means now.
+
+        The firmware compares goal and present inside one turn, so it never crosses the seam.
+        """
+        actual = self.actual_tick()
+        return self.shaft.angle_at(
+            actual + position_tick - self.present_tick() + self.turn_base_tick
+        )
+
+    def calibrate(self) -> None:
+        """Make the present position tick 2048 by choosing the homing offset."""
+        offset = self.actual_tick() % 4096 - 2048
+        self.memory.put("homing_offset", max(-2047, offset))
+        self.memory.persist_value("homing_offset")
+        self.hold_position()
+
+    def reset_turns(self) -> None:
+        """Count turns from the present one again."""
+        self.turn_base_tick = self.shaft.tick_at(self.motor.encoder_rad) // 4096 * 4096
+        self.set_goal()
+
+    # From memory to drive.
+
+    def start(self) -> None:
+        """Set everything from the memory after power-up."""
+        self.turn_base_tick = self.shaft.tick_at(self.motor.encoder_rad) // 4096 * 4096
+        self.memory.put("torque_limit", self.memory.get("max_torque"))
+        self.set_phase()
+        super().start()
+
+    def run_protections(self, dt_s: float) -> None:
+        """Look after heat, load and voltage; behind the seam the same goal lies elsewhere."""
+        super().run_protections(dt_s)
+        if self.drive.torque_on and self.memory.get("operating_mode") == 0:
+            self.drive.goal_rad = self.angle_at(self.clamped_goal())
+
+    def requested_mode(self) -> ControlMode:
+        """Return the mode of the operating mode register; step mode starts where the servo is."""
+        self.step_goal_tick = self.actual_tick()
+        return (ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.PWM, ControlMode.POSITION)[
+            self.memory.get("operating_mode")
+        ]
+
+    def set_torque(self) -> None:
+        """Torque enable written: 128 calibrates and leaves the torque as it was."""
+        if self.memory.get("torque_enable") == CALIBRATE:
+            self.memory.put("torque_enable", int(self.drive.torque_on))
+            self.calibrate()
+        else:
+            super().set_torque()
+
+    def set_phase(self) -> None:
+        """Phase written: bit 2 is the unit of speeds, 1 or 50 steps a second."""
+        steps = 1 if self.memory.get("phase") & PHASE_FINE_SPEED else 50
+        self.speed_unit_rad_s = steps * self.shaft.rad_per_tick
+        threshold = self.memory.get("moving_threshold")
+        self.drive.moving_threshold_rad_s = threshold * self.speed_unit_rad_s
+
+    def set_goal(self) -> None:
+        """A goal register was written: hand goal, speed and acceleration over together."""
+        drive, get, sign = self.drive, self.memory.get, self.shaft.sign
+        speed_rad_s = get("goal_speed") * self.speed_unit_rad_s
+        drive.acceleration_rad_s2 = get("acceleration") * 100 * self.shaft.rad_per_tick
+        drive.velocity_limit_rad_s = self.profile_speed(abs(speed_rad_s))
+        drive.goal_velocity_rad_s = sign * speed_rad_s
+        drive.goal_pwm = sign * get("goal_time") / 1000
+        if get("operating_mode") == STEP:
+            drive.goal_rad = self.shaft.angle_at(self.step_goal_tick + self.turn_base_tick)
+        else:
+            drive.goal_rad = self.angle_at(self.clamped_goal())
+
+    def set_position_goal(self) -> None:
+        """Goal position written; in step mode it is added to where the servo was to go."""
+        if self.memory.get("operating_mode") == STEP:
+            self.step_goal_tick += self.memory.get("goal_position")
+        self.set_goal()
+
+    def set_gains(self) -> None:
+        """Hand the gains over in SI."""
+        super().set_gains()
+        self.drive.integral_limit = self.memory.get("integral_limit") * 4 / 1000 or 1.0
+
+    # Tables of what is measured and what is set off.
+
+    def list_live(self) -> None:
+        """Fill ``live``."""
+        super().list_live()
+        motor, sign = self.motor, self.shaft.sign
+        self.live |= {
+            "present_speed": lambda: round(sign * motor.velocity_rad_s / self.speed_unit_rad_s),
+            "present_current": lambda: round(abs(motor.current_a) / CURRENT_UNIT_A),
+            "target_position": lambda: self.memory.get("goal_position"),
+        }
+
+    def list_effects(self) -> None:
+        """Fill ``effects``."""
+        super().list_effects()
+        self.effects |= {
+            "operating_mode": self.set_mode,
+            "goal_position": self.set_position_goal,
+            "torque_limit": self.set_limits,
+            "integral_limit": self.set_gains,
+            "moving_threshold": self.set_phase,
+            "phase": self.set_phase,
+            "acceleration": self.set_goal,
+            "homing_offset": self.set_goal,
+        }
+
+
+class FeetechScs(Feetech):
+    """An SCS servo."""
+
+    bauds = MappingProxyType(dict(enumerate(BAUDS[:8])))
+    instructions = frozenset((1, 2, 3, 4, 5, 6, 0x83))
+
+    def requested_mode(self) -> ControlMode:
+        """Return motor mode when both position limits are zero, else position mode."""
+        lower, upper = self.memory.get("min_position_limit"), self.memory.get("max_position_limit")
+        return ControlMode.PWM if lower == upper == 0 else ControlMode.POSITION
+
+    def set_goal(self) -> None:
+        """A goal register was written: the time counts only without a speed."""
+        drive, get, sign = self.drive, self.memory.get, self.shaft.sign
+        speed_rad_s = get("goal_speed") * self.shaft.rad_per_tick
+        time_s = get("goal_time") / 1000
+        timed = speed_rad_s == 0.0 and time_s > 0.0
+        drive.mode = self.requested_mode()
+        drive.profile_time_s = time_s if timed and drive.mode is ControlMode.POSITION else 0.0
+        drive.velocity_limit_rad_s = 0.0 if timed else self.profile_speed(abs(speed_rad_s))
+        drive.goal_pwm = sign * time_s
+        drive.goal_rad = self.angle_at(self.clamped_goal())
+
+    def list_live(self) -> None:
+        """Fill ``live``."""
+        super().list_live()
+        motor, shaft = self.motor, self.shaft
+        self.live |= {
+            "present_speed": lambda: round(shaft.sign * motor.velocity_rad_s / shaft.rad_per_tick),
+        }

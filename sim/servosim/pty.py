@@ -1,0 +1,184 @@
+"""The line behind a pseudo-terminal in real time, for any client software."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import select
+import struct
+import sys
+import termios
+import time
+import tty
+from collections.abc import Sequence
+from pathlib import Path
+
+from servosim.errors import SimulatorError
+from servosim.line import Line
+
+__all__ = ["PtyBus", "line_speed", "point_link", "remove_link"]
+
+
+def point_link(link: Path, port: Path) -> None:
+    """Make a symbolic link to a port; an older link gives way, anything else does not.
+
+    Raises:
+        SimulatorError: Something else has that name.
+    """
+    if link.is_symlink():
+        link.unlink()
+    elif link.exists():
+        raise SimulatorError(f"{link} is there already and is no link; choose another name")
+    link.symlink_to(port)
+
+
+def remove_link(link: Path, port: Path) -> None:
+    """Remove the link, unless somebody else has pointed it to another port."""
+    if link.is_symlink() and link.readlink() == port:
+        link.unlink()
+
+
+_TCGETS2 = 0x802C542A  # Linux, asm-generic/ioctls.h
+_TERMIOS2 = struct.Struct("4IB19s2I")  # four flag words, discipline, characters, both speeds
+_NAMED = {
+    getattr(termios, name): int(name[1:])
+    for name in dir(termios)
+    if name.startswith("B") and name[1:].isdigit()
+}
+
+
+def line_speed(fd: int) -> int | None:
+    """Return the output speed of the terminal's slave end [bit/s], or None if it cannot be told."""
+    try:
+        if sys.platform == "linux":
+            raw = fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size))
+            return int(_TERMIOS2.unpack(raw)[-1]) or None
+        speed = termios.tcgetattr(fd)[5]
+    except (OSError, termios.error):
+        return None
+    return _NAMED.get(speed, speed) or None
+
+
+SPIN_S = 100e-6  # the kernel wakes us about this late: the rest is waited for awake
+ACTIVE_STEP_S = 0.002  # a world in motion is kept up to date in small steps
+IDLE_STEP_S = 0.050
+NO_CLIENT_STEP_S = 0.010  # between two looks whether somebody has opened the terminal
+
+
+class PtyBus:
+    """A pseudo-terminal whose master end is the line.
+
+    Answers are written at the moment at which their last byte is due: the simulator's own work
+    hides in the time that the bytes take. Nobody holds the slave end but the client, so that
+    exclusive opening and hanging up work as on a real port.
+
+    Attributes:
+        path: The slave's device file.
+        link: A symbolic link to it, or None.
+        follow_baud: Whether the line goes at the rate that the client has set.
+    """
+
+    def __init__(self, line: Line, link: Path | None = None) -> None:
+        self.line, self.link = line, link
+        self.follow_baud = True
+        self._start_s = time.monotonic()
+        self._master = -1
+        self.path = Path()
+        self.plug()
+
+    def plug(self) -> None:
+        """Open a new pseudo-terminal and point the link at it."""
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        self.path = Path(os.ttyname(slave))
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        if self.link is not None:
+            point_link(self.link, self.path)
+
+    def unplug(self) -> None:
+        """Close the terminal: the client sees what a pulled USB cable gives."""
+        if self._master >= 0:
+            os.close(self._master)
+            self._master = -1
+        if self.link is not None:
+            remove_link(self.link, self.path)
+
+    def now_s(self) -> float:
+        """Return the line's time: real seconds since the start."""
+        return time.monotonic() - self._start_s
+
+    def process_events(self, also: Sequence[int] = ()) -> list[int]:
+        """Do what is due and wait for more; return those of ``also`` that can be read."""
+        self._update_cable()
+        due_s = self._next_due_s()
+        ready = self._wait_for_events(due_s, also)
+        if self._master in ready:
+            self._receive_bytes()
+        else:
+            self.line.run_until(self.now_s())
+        self._send_replies()
+        return [fd for fd in ready if fd != self._master]
+
+    def _next_due_s(self) -> float:
+        now_s = self.now_s()
+        idle_s = IDLE_STEP_S if self.line.world.is_idle else ACTIVE_STEP_S
+        due = [now_s + idle_s, self.line.next_event_s, self.line.inbox.next_end_s()]
+        return min(at_s for at_s in due if at_s is not None)
+
+    def _update_cable(self) -> None:
+        """A fault may pull the cable and plug it in again."""
+        if self.line.plugged and self._master < 0:
+            self.plug()
+        elif not self.line.plugged and self._master >= 0:
+            self.unplug()
+
+    def _wait_for_events(self, due_s: float, also: Sequence[int]) -> list[int]:
+        watched = [fd for fd in (self._master, *also) if fd >= 0]
+        sleep_s = max(0.0, due_s - self.now_s() - SPIN_S)
+        ready = select.select(watched, [], [], sleep_s)[0]
+        while not ready and self.now_s() < due_s:
+            pass
+        return ready
+
+    def _receive_bytes(self) -> None:
+        data = self._read_terminal()
+        if not data:
+            return
+        now_s = self.now_s()
+        if self.follow_baud:
+            self.line.set_baud(line_speed(self._master) or self.line.baud)
+        self.line.host_write(data, now_s)
+        self.line.run_until(self.line.all_received_s)
+
+    def _read_terminal(self) -> bytes:
+        try:
+            return os.read(self._master, 4096)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            self._handle_no_client()
+            return b""
+
+    def _handle_no_client(self) -> None:
+        """No client has the terminal open: forget its answers and look again a little later."""
+        time.sleep(NO_CLIENT_STEP_S)
+        now_s, world = self.now_s(), self.line.world
+        if not world.is_idle or now_s - world.time_s > IDLE_STEP_S:
+            self.line.run_until(now_s)
+        self.line.inbox.clear(now_s)
+
+    def _send_replies(self) -> None:
+        data = self.line.inbox.take(1 << 16, self.now_s())
+        if not data or self._master < 0:
+            return
+        try:
+            os.write(self._master, data)
+        except BlockingIOError:
+            pass  # the client does not read; a real adapter's buffer overflows just so
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise

@@ -1,0 +1,160 @@
+"""A row of a datasheet's control table, and how its bytes encode a number."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+__all__ = ["Order", "ServoTable", "Sign", "SimulatedArea", "SimulatedFamily", "SimulatedRegister"]
+
+Order = Literal["little", "big"]
+
+
+class SimulatedArea(Enum):
+    """EEPROM survives the power; RAM does not."""
+
+    EEPROM = "E"
+    RAM = "M"
+
+
+class Sign(Enum):
+    """How a register spells negative numbers; the value is the sign bit's number."""
+
+    NONE = -1
+    TWOS = 0
+    BIT10 = 10
+    BIT11 = 11
+    BIT15 = 15
+
+
+class SimulatedFamily(Enum):
+    """Servos that share a protocol and the behaviour of their registers."""
+
+    DYNAMIXEL_X = "dynamixel_2"
+    DYNAMIXEL_1 = "dynamixel_1"
+    FEETECH_STS = "feetech_sts"
+    FEETECH_SCS = "feetech_scs"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedRegister:
+    """One row of a control table.
+
+    Attributes:
+        address: Its first byte.
+        size: Bytes.
+        name: The vendor's English, snake_case.
+        writable: Whether an instruction may write it.
+        area: EEPROM or RAM.
+        default: Value of a servo fresh from the factory, or after power-up for RAM.
+        lower: Smallest value a write may carry.
+        upper: Largest value a write may carry.
+        sign: How negative numbers are spelled.
+        order: Byte order.
+        end: First byte behind it.
+        sign_bit: The bit that makes a sign-magnitude number negative, or 0.
+        twos: Whether negative numbers are two's complements.
+        mask: All its bits.
+    """
+
+    address: int
+    size: int
+    name: str
+    writable: bool
+    area: SimulatedArea
+    default: int
+    lower: int
+    upper: int
+    sign: Sign = Sign.NONE
+    order: Order = "little"
+    end: int = field(init=False)
+    sign_bit: int = field(init=False)
+    twos: bool = field(init=False)
+    mask: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        bit = self.sign.value
+        object.__setattr__(self, "end", self.address + self.size)
+        object.__setattr__(self, "sign_bit", 1 << bit if bit > 0 else 0)
+        object.__setattr__(self, "twos", self.sign is Sign.TWOS)
+        object.__setattr__(self, "mask", (1 << 8 * self.size) - 1)
+
+    def decode(self, raw: bytes | bytearray) -> int:
+        """Return the number that ``raw`` spells."""
+        value = int.from_bytes(raw, self.order, signed=self.twos)
+        bit = self.sign_bit
+        if not bit:
+            return value
+        magnitude = value & (bit - 1)
+        return -magnitude if value & bit else magnitude
+
+    def encode(self, value: int) -> bytes:
+        """Return the bytes of ``value``; what does not fit is cut off as the servo's RAM would."""
+        bit = self.sign_bit
+        if bit:
+            value = abs(value) & (bit - 1) | (bit if value < 0 else 0)
+        return (value & self.mask).to_bytes(self.size, self.order)
+
+    def accepts(self, value: int) -> bool:
+        """Say whether the datasheet's range holds ``value``."""
+        return self.lower <= value <= self.upper
+
+
+@dataclass(frozen=True, slots=True)
+class ServoTable:
+    """The whole control table of one model.
+
+    Attributes:
+        model: The model's name.
+        family: Which servos it behaves like.
+        number: The model number in its memory.
+        firmware: The firmware version that the defaults belong to.
+        registers: Rows in the order of their addresses.
+        ticks_per_turn: Steps of the sensor in one turn.
+        middle_tick: The tick in the middle of the travel.
+        travel_rad: How far the shaft turns; infinite when nothing stops it.
+        size: First address behind the table.
+    """
+
+    model: str
+    family: SimulatedFamily
+    number: int
+    firmware: int
+    registers: tuple[SimulatedRegister, ...]
+    ticks_per_turn: float = 4096
+    middle_tick: int = 2048
+    travel_rad: float = math.inf
+    size: int = field(init=False)
+    by_name: dict[str, SimulatedRegister] = field(init=False)
+    by_byte: tuple[SimulatedRegister | None, ...] = field(init=False)
+    _covered: dict[tuple[int, int], tuple[SimulatedRegister, ...]] = field(
+        init=False, default_factory=dict[tuple[int, int], tuple["SimulatedRegister", ...]]
+    )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", max(row.end for row in self.registers))
+        object.__setattr__(self, "by_name", {row.name: row for row in self.registers})
+        bytes_: list[SimulatedRegister | None] = [None] * self.size
+        for row in self.registers:
+            bytes_[row.address : row.end] = [row] * row.size
+        object.__setattr__(self, "by_byte", tuple(bytes_))
+
+    def is_gapless(self, address: int, length: int) -> bool:
+        """Say whether every byte of a range belongs to a register."""
+        return (
+            length > 0
+            and None not in self.by_byte[address : address + length]
+            and (address + length <= self.size)
+        )
+
+    def registers_in(self, address: int, length: int) -> tuple[SimulatedRegister, ...]:
+        """Return the registers that a range of bytes touches, in order."""
+        found = self._covered.get((address, length))
+        if found is None:
+            touched = {id(row): row for row in self.by_byte[address : address + length] if row}
+            found = tuple(touched.values())
+            if address + length <= self.size:
+                self._covered[address, length] = found
+        return found

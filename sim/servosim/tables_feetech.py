@@ -1,0 +1,203 @@
+"""Control tables of Feetech SCS and STS servos (Feetech memory tables).
+
+Columns that differ between models hold one number a model, in the order of ``_MODELS``.
+
+Columns that differ between models hold one number a model, in the order of ``_MODELS``.
+"""
+
+from __future__ import annotations
+
+import math
+
+from servosim.register import ServoTable, Sign, SimulatedArea, SimulatedFamily, SimulatedRegister
+
+__all__ = ["FEETECH_SCS", "FEETECH_STS"]
+
+
+_SCS_EEPROM, _SCS_RAM = SimulatedArea.EEPROM, SimulatedArea.RAM
+_SCS_U, _SCS_B10, _SCS_B15 = Sign.NONE, Sign.BIT10, Sign.BIT15
+_ScsColumn = int | tuple[int, ...]
+
+# fmt: off
+_SCS_MODELS     = ("SCS0009", "SCS15")
+_SCS_NUMBER     = (1284, 1295)          # SCS15: assumed, no sheet gives it
+_TRAVEL_DEG = (300.0, 200.0)        # of 1024 steps
+_LIMITS     = ((20, 0), (1003, 1023))
+
+_SCS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _ScsColumn, int, int, Sign], ...] = (
+    # address size name            access area  default     min     max   sign
+    ( 0, 1, "firmware_major",        "R",  _SCS_EEPROM, 3,            0,    255,   _SCS_U),
+    ( 1, 1, "firmware_minor",        "R",  _SCS_EEPROM, 1,            0,    255,   _SCS_U),
+    ( 2, 1, "end",                   "R",  _SCS_EEPROM, 1,            0,      1,   _SCS_U),
+    ( 3, 2, "model_number",          "R",  _SCS_EEPROM, _SCS_NUMBER,      0,  65535,   _SCS_U),
+    ( 5, 1, "id",                    "RW", _SCS_EEPROM, 1,            0,    253,   _SCS_U),
+    ( 6, 1, "baud_rate",             "RW", _SCS_EEPROM, 0,            0,      7,   _SCS_U),
+    ( 7, 1, "return_delay",          "RW", _SCS_EEPROM, 0,            0,    254,   _SCS_U),
+    ( 8, 1, "response_level",        "RW", _SCS_EEPROM, 1,            0,      1,   _SCS_U),
+    ( 9, 2, "min_position_limit",    "RW", _SCS_EEPROM, _LIMITS[0],   0,   1023,   _SCS_U),
+    (11, 2, "max_position_limit",    "RW", _SCS_EEPROM, _LIMITS[1],   0,   1023,   _SCS_U),
+    (13, 1, "max_temperature_limit", "RW", _SCS_EEPROM, (70, 80),     0,    100,   _SCS_U),
+    (14, 1, "max_voltage_limit",     "RW", _SCS_EEPROM, (80, 250),    0,    254,   _SCS_U),
+    (15, 1, "min_voltage_limit",     "RW", _SCS_EEPROM, (40, 50),     0,    254,   _SCS_U),
+    (16, 2, "max_torque",            "RW", _SCS_EEPROM, (1000, 1023), 0,   1023,   _SCS_U),
+    (18, 1, "phase",                 "RW", _SCS_EEPROM, 8,            0,    254,   _SCS_U),
+    (19, 1, "unload_condition",      "RW", _SCS_EEPROM, 37,           0,    254,   _SCS_U),
+    (20, 1, "led_alarm",             "RW", _SCS_EEPROM, 37,           0,    254,   _SCS_U),
+    (21, 1, "p_gain",                "RW", _SCS_EEPROM, 15,           0,    254,   _SCS_U),
+    (22, 1, "d_gain",                "RW", _SCS_EEPROM, 0,            0,    254,   _SCS_U),
+    (23, 1, "i_gain",                "RW", _SCS_EEPROM, 0,            0,    254,   _SCS_U),
+    (24, 2, "min_startup_force",     "RW", _SCS_EEPROM, 0,            0,   1000,   _SCS_U),
+    (26, 1, "cw_dead_zone",          "RW", _SCS_EEPROM, (1, 2),       0,     32,   _SCS_U),
+    (27, 1, "ccw_dead_zone",         "RW", _SCS_EEPROM, (1, 2),       0,     32,   _SCS_U),
+    (37, 1, "protective_torque",     "RW", _SCS_EEPROM, 20,           0,    254,   _SCS_U),
+    (38, 1, "protection_time",       "RW", _SCS_EEPROM, 200,          0,    254,   _SCS_U),
+    (39, 1, "overload_torque",       "RW", _SCS_EEPROM, 80,           0,    254,   _SCS_U),
+    (40, 1, "torque_enable",         "RW", _SCS_RAM, 0,            0,      2,   _SCS_U),
+    (42, 2, "goal_position",         "RW", _SCS_RAM, 0,            0,   1023,   _SCS_U),
+    (44, 2, "goal_time",             "RW", _SCS_RAM, 0,        -1023,   9999, _SCS_B10),
+    (46, 2, "goal_speed",            "RW", _SCS_RAM, 0,            0,   1000,   _SCS_U),
+    (48, 1, "lock",                  "RW", _SCS_RAM, 1,            0,      1,   _SCS_U),
+    (56, 2, "present_position",      "R",  _SCS_RAM, 0,            0,   1023,   _SCS_U),
+    (58, 2, "present_speed",         "R",  _SCS_RAM, 0,       -32767,  32767, _SCS_B15),
+    (60, 2, "present_load",          "R",  _SCS_RAM, 0,        -1023,   1023, _SCS_B10),
+    (62, 1, "present_voltage",       "R",  _SCS_RAM, 0,            0,    255,   _SCS_U),
+    (63, 1, "present_temperature",   "R",  _SCS_RAM, 0,            0,    255,   _SCS_U),
+    (64, 1, "async_write",           "R",  _SCS_RAM, 0,            0,      1,   _SCS_U),
+    (65, 1, "status",                "R",  _SCS_RAM, 0,            0,    255,   _SCS_U),
+    (66, 1, "moving",                "R",  _SCS_RAM, 0,            0,      1,   _SCS_U),
+)
+# fmt: on
+
+
+def _scs_model_value(column: _ScsColumn, model: int) -> int:
+    return column if isinstance(column, int) else column[model]
+
+
+def _make_scs_register(
+    row: tuple[int, int, str, str, SimulatedArea, _ScsColumn, int, int, Sign], k: int
+) -> SimulatedRegister:
+    address, size, name, access, area, default, low, high, sign = row
+    at_first = _scs_model_value(default, k)
+    return SimulatedRegister(
+        address, size, name, access == "RW", area, at_first, low, high, sign, "big"
+    )
+
+
+def _scs_table(k: int) -> ServoTable:
+    return ServoTable(
+        model=_SCS_MODELS[k],
+        family=SimulatedFamily.FEETECH_SCS,
+        number=_SCS_NUMBER[k],
+        firmware=301,
+        registers=tuple(_make_scs_register(row, k) for row in _SCS_ROWS),
+        ticks_per_turn=1024 * 360.0 / _TRAVEL_DEG[k],
+        middle_tick=512,
+        travel_rad=math.radians(_TRAVEL_DEG[k]),
+    )
+
+
+FEETECH_SCS = tuple(_scs_table(k) for k in range(len(_SCS_MODELS)))
+
+
+_STS_EEPROM, _STS_RAM = SimulatedArea.EEPROM, SimulatedArea.RAM
+_STS_U, _STS_SIGN_BIT_10, _B11, _STS_SIGN_BIT_15 = (
+    Sign.NONE,
+    Sign.BIT10,
+    Sign.BIT11,
+    Sign.BIT15,
+)
+_StsColumn = int | tuple[int, ...]
+
+# fmt: off
+_STS_MODELS = ("STS3215", "STS3250")
+_STS_NUMBER = (777, 2825)
+
+_STS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _StsColumn, int, int, Sign], ...] = (
+    # address size name            access area  default     min     max   sign
+    ( 0, 1, "firmware_major",        "R",  _STS_EEPROM, 3,            0,    255,   _STS_U),
+    ( 1, 1, "firmware_minor",        "R",  _STS_EEPROM, 10,           0,    255,   _STS_U),
+    ( 2, 1, "end",                   "R",  _STS_EEPROM, 0,            0,      1,   _STS_U),
+    ( 3, 2, "model_number",          "R",  _STS_EEPROM, _STS_NUMBER,      0,  65535,   _STS_U),
+    ( 5, 1, "id",                    "RW", _STS_EEPROM, 1,            0,    253,   _STS_U),
+    ( 6, 1, "baud_rate",             "RW", _STS_EEPROM, 0,            0,     11,   _STS_U),
+    ( 7, 1, "return_delay",          "RW", _STS_EEPROM, 0,            0,    254,   _STS_U),
+    ( 8, 1, "response_level",        "RW", _STS_EEPROM, 1,            0,      1,   _STS_U),
+    ( 9, 2, "min_position_limit",    "RW", _STS_EEPROM, 0,            0,   4094,   _STS_U),
+    (11, 2, "max_position_limit",    "RW", _STS_EEPROM, 4095,         0,   4095,   _STS_U),
+    (13, 1, "max_temperature_limit", "RW", _STS_EEPROM, 70,           0,    100,   _STS_U),
+    (14, 1, "max_voltage_limit",     "RW", _STS_EEPROM, (80, 140),       0,    254,   _STS_U),
+    (15, 1, "min_voltage_limit",     "RW", _STS_EEPROM, 40,           0,    254,   _STS_U),
+    (16, 2, "max_torque",            "RW", _STS_EEPROM, 1000,         0,   1000,   _STS_U),
+    (18, 1, "phase",                 "RW", _STS_EEPROM, 12,           0,    254,   _STS_U),
+    (19, 1, "unload_condition",      "RW", _STS_EEPROM, 37,           0,    254,   _STS_U),
+    (20, 1, "led_alarm",             "RW", _STS_EEPROM, 37,           0,    254,   _STS_U),
+    (21, 1, "p_gain",                "RW", _STS_EEPROM, 32,           0,    254,   _STS_U),
+    (22, 1, "d_gain",                "RW", _STS_EEPROM, 32,           0,    254,   _STS_U),
+    (23, 1, "i_gain",                "RW", _STS_EEPROM, 0,            0,    254,   _STS_U),
+    (24, 1, "min_startup_force",     "RW", _STS_EEPROM, 16,           0,    254,   _STS_U),
+    (25, 1, "integral_limit",        "RW", _STS_EEPROM, 0,            0,    254,   _STS_U),
+    (26, 1, "cw_dead_zone",          "RW", _STS_EEPROM, 1,            0,     16,   _STS_U),
+    (27, 1, "ccw_dead_zone",         "RW", _STS_EEPROM, 1,            0,     16,   _STS_U),
+    (28, 2, "protection_current",    "RW", _STS_EEPROM, 511,          0,   2047,   _STS_U),
+    (30, 1, "angular_resolution",    "RW", _STS_EEPROM, 1,            1,    128,   _STS_U),
+    (31, 2, "homing_offset",         "RW", _STS_EEPROM, 0,        -2047,   2047, _B11),
+    (33, 1, "operating_mode",        "RW", _STS_EEPROM, 0,            0,      3,   _STS_U),
+    (34, 1, "protective_torque",     "RW", _STS_EEPROM, 20,           0,    254,   _STS_U),
+    (35, 1, "protection_time",       "RW", _STS_EEPROM, 200,          0,    254,   _STS_U),
+    (36, 1, "overload_torque",       "RW", _STS_EEPROM, 80,           0,    254,   _STS_U),
+    (37, 1, "speed_p_gain",          "RW", _STS_EEPROM, 10,           0,    254,   _STS_U),
+    (38, 1, "over_current_time",     "RW", _STS_EEPROM, 200,          0,    254,   _STS_U),
+    (39, 1, "speed_i_gain",          "RW", _STS_EEPROM, 10,           0,    254,   _STS_U),
+    (40, 1, "torque_enable",         "RW", _STS_RAM, 0,            0,    128,   _STS_U),
+    (41, 1, "acceleration",          "RW", _STS_RAM, 0,            0,    254,   _STS_U),
+    (42, 2, "goal_position",         "RW", _STS_RAM, 0,       -32767,  32767, _STS_SIGN_BIT_15),
+    (44, 2, "goal_time",             "RW", _STS_RAM, 0,        -1023,   1023, _STS_SIGN_BIT_10),
+    (46, 2, "goal_speed",            "RW", _STS_RAM, 0,       -32767,  32767, _STS_SIGN_BIT_15),
+    (48, 2, "torque_limit",          "RW", _STS_RAM, 1000,         0,   1000,   _STS_U),
+    (55, 1, "lock",                  "RW", _STS_RAM, 1,            0,      1,   _STS_U),
+    (56, 2, "present_position",      "R",  _STS_RAM, 0,       -32767,  32767, _STS_SIGN_BIT_15),
+    (58, 2, "present_speed",         "R",  _STS_RAM, 0,       -32767,  32767, _STS_SIGN_BIT_15),
+    (60, 2, "present_load",          "R",  _STS_RAM, 0,        -1023,   1023, _STS_SIGN_BIT_10),
+    (62, 1, "present_voltage",       "R",  _STS_RAM, 0,            0,    255,   _STS_U),
+    (63, 1, "present_temperature",   "R",  _STS_RAM, 0,            0,    255,   _STS_U),
+    (64, 1, "async_write",           "R",  _STS_RAM, 0,            0,      1,   _STS_U),
+    (65, 1, "status",                "R",  _STS_RAM, 0,            0,    255,   _STS_U),
+    (66, 1, "moving",                "R",  _STS_RAM, 0,            0,      1,   _STS_U),
+    (67, 2, "target_position",       "R",  _STS_RAM, 0,       -32767,  32767, _STS_SIGN_BIT_15),
+    (69, 2, "present_current",       "R",  _STS_RAM, 0,            0,  32767,   _STS_U),
+    (80, 1, "moving_threshold",      "RW", _STS_EEPROM, 5,            0,    254,   _STS_U),
+    (81, 1, "dts",                   "RW", _STS_EEPROM, 10,           0,    254,   _STS_U),
+    (82, 1, "speed_unit",            "RW", _STS_EEPROM, 1,            0,    254,   _STS_U),
+    (83, 1, "hts",                   "RW", _STS_EEPROM, 0,            0,    254,   _STS_U),
+    (84, 1, "max_speed_limit",       "RW", _STS_EEPROM, (66, 90),     0,    254,   _STS_U),
+    (85, 1, "acceleration_limit",    "RW", _STS_EEPROM, 254,          0,    254,   _STS_U),
+    (86, 1, "acceleration_multiple", "RW", _STS_EEPROM, 1,            0,    254,   _STS_U),
+)
+# fmt: on
+
+
+def _sts_model_value(column: _StsColumn, model: int) -> int:
+    return column if isinstance(column, int) else column[model]
+
+
+def _make_sts_table(model: int) -> ServoTable:
+    rows = tuple(
+        SimulatedRegister(
+            address,
+            size,
+            name,
+            access == "RW",
+            area,
+            _sts_model_value(default, model),
+            low,
+            high,
+            sign,
+        )
+        for address, size, name, access, area, default, low, high, sign in _STS_ROWS
+    )
+    return ServoTable(
+        _STS_MODELS[model], SimulatedFamily.FEETECH_STS, _STS_NUMBER[model], 310, rows
+    )
+
+
+FEETECH_STS = tuple(_make_sts_table(model) for model in range(len(_STS_MODELS)))

@@ -1,0 +1,172 @@
+"""Bus traffic: listeners, log, and audit report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from servosim.frames import Dynamixel2Reader, Frame, FrameReader
+from servosim.servo import BusProtocol, Servo
+
+__all__ = ["Audit", "FrameListener", "TrafficLog"]
+
+
+@dataclass(slots=True)
+class ServoAudit:
+    """What was asked of one servo; positions in ticks of its registers.
+
+    Attributes:
+        id: At the time of the report.
+        model: Of the servo.
+        goals: Goal positions written.
+        goals_outside_limits: Of these, outside the servo's own position limits.
+        largest_goal_step: Between two goals that followed each other.
+        largest_goal_distance: From a goal to the present position when it was written.
+        eeprom_writes: Registers of the EEPROM that were written for good.
+    """
+
+    id: int
+    model: str
+    goals: int = 0
+    goals_outside_limits: int = 0
+    largest_goal_step: int = 0
+    largest_goal_distance: int = 0
+    eeprom_writes: int = 0
+
+
+class Audit:
+    """Counts frames and watches the goals that the host writes."""
+
+    def __init__(self, servos: tuple[Servo, ...]) -> None:
+        self.frames = self.replies = self.collisions = 0
+        self._servos = servos
+        self._records = [ServoAudit(servo.id, servo.table.model) for servo in servos]
+        self._last: list[int | None] = [None] * len(servos)
+        for place, servo in enumerate(servos):
+            servo.asked = self._register_watcher(place)
+            servo.memory.eeprom_writes = 0
+
+    def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
+        """Count a frame of the host."""
+        self.frames += 1
+
+    def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
+        """Count an answer."""
+        self.replies += 1
+        self.collisions += servo is None
+
+    def report(self, readers: list[FrameReader]) -> dict[str, Any]:
+        """Return everything as plain data."""
+        for record, servo in zip(self._records, self._servos, strict=True):
+            record.id, record.eeprom_writes = servo.id, servo.memory.eeprom_writes
+        return {
+            "schema": "servosim/audit/1",
+            "frames": self.frames,
+            "replies": self.replies,
+            "collisions": self.collisions,
+            "bad_checksums": sum(reader.bad_checksums for reader in readers),
+            "junk_bytes": sum(reader.junk_bytes for reader in readers),
+            "servos": [asdict(record) for record in self._records],
+        }
+
+    def _register_watcher(self, place: int) -> Callable[[int, bytes], None]:
+        servo = self._servos[place]
+        goal = servo.table.by_name["goal_position"]
+
+        def watch(address: int, data: bytes) -> None:
+            start = goal.address - address
+            if start >= 0 and start + goal.size <= len(data):
+                self._record_goal(place, goal.decode(data[start : start + goal.size]))
+
+        return watch
+
+    def _record_goal(self, place: int, goal: int) -> None:
+        servo, record, last = self._servos[place], self._records[place], self._last[place]
+        record.goals += 1
+        record.goals_outside_limits += not servo.is_goal_allowed(goal)
+        distance = abs(goal - servo.read("present_position"))
+        record.largest_goal_distance = max(record.largest_goal_distance, distance)
+        if last is not None:
+            record.largest_goal_step = max(record.largest_goal_step, abs(goal - last))
+        self._last[place] = goal
+
+
+_INSTRUCTIONS = {
+    0x01: "ping",
+    0x02: "read",
+    0x03: "write",
+    0x04: "registered write",
+    0x05: "action",
+    0x06: "factory reset",
+    0x08: "reboot",
+    0x0A: "reset turns",
+    0x0B: "calibrate",
+    0x10: "clear",
+    0x20: "backup",
+    0x82: "sync read",
+    0x83: "sync write",
+    0x8A: "fast sync read",
+    0x92: "bulk read",
+    0x93: "bulk write",
+    0x9A: "fast bulk read",
+}
+_ADDRESSED = {0x02, 0x03, 0x04, 0x82, 0x83, 0x8A}
+
+
+class TrafficLog:
+    """Writes each frame to a file: ``seconds  > or <  bytes  meaning``."""
+
+    def __init__(self, path: Path, servos: tuple[Servo, ...]) -> None:
+        self._file = path.open("w", encoding="utf-8", buffering=1)
+        self._servos = servos
+
+    def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
+        """Write down what the host says."""
+        wide = framing is Dynamixel2Reader
+        name = _INSTRUCTIONS.get(frame.instruction, f"instruction 0x{frame.instruction:02X}")
+        to = "all" if frame.id == 0xFE else str(frame.id)
+        self._write_line(
+            at_s, ">", frame.raw, f"{name} {to}{self._describe_register(frame, wide=wide)}"
+        )
+
+    def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
+        """Write down what a servo answers."""
+        if servo is None:
+            meaning = "collision"
+        else:
+            error = data[8] if servo.protocol is BusProtocol.DYNAMIXEL_2 else data[4]
+            meaning = f"status {servo.id}" + (f" error 0x{error:02X}" if error else "")
+        self._write_line(at_s, "<", data, meaning)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _write_line(self, at_s: float, arrow: str, raw: bytes, meaning: str) -> None:
+        self._file.write(f"{at_s:12.6f} {arrow} {raw.hex(' ').upper()}  {meaning}\n")
+
+    def _describe_register(self, frame: Frame, *, wide: bool) -> str:
+        """Say which register an instruction is about."""
+        size = 2 if wide else 1
+        if frame.instruction not in _ADDRESSED or len(frame.params) < size:
+            return ""
+        address = int.from_bytes(frame.params[:size], "little")
+        for servo in self._servos:
+            if frame.id in (servo.id, 0xFE) and address < servo.table.size:
+                row = servo.table.by_byte[address]
+                return f" {row.name} ({address})" if row else f" ({address})"
+        return f" ({address})"
+
+
+class FrameListener(Protocol):
+    """Somebody who listens to the line without taking part."""
+
+    def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
+        """The host's frame has come through."""
+        ...
+
+    def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
+        """A servo starts to answer; None when several speak at once."""
+        ...
