@@ -1,0 +1,202 @@
+"""Figures of the source tree: sizes, names, packages, inheritance; ``--check`` fails on drift.
+
+    python tools/style_figures.py [--check]
+
+The check fails on a class name that is defined twice in a package, on a class that inherits
+through more than two classes of the project, and on a private word in a new name: words that
+mean something else in robotics, control, serial protocols or the web, or nothing at all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+import statistics
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+TREES = {"ikservo": ROOT / "ikservo", "servosim": ROOT / "sim" / "servosim"}
+MAX_DEPTH = 2
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_OUTSIDE = frozenset({"Exception", "BaseModel", "StrictModel", "Enum", "IntEnum", "StrEnum"})
+_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A class or a function of the tree."""
+
+    path: Path
+    node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+    @property
+    def name(self) -> str:
+        """Return its name without leading underscores."""
+        return self.node.name.strip("_")
+
+    @property
+    def lines(self) -> int:
+        """Return how many lines its body has, docstring and blank lines aside."""
+        body = self.node.body
+        if isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
+            body = body[1:]
+        taken = {line for part in body for line in range(part.lineno, (part.end_lineno or 0) + 1)}
+        return len(taken)
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The parsed modules below one root."""
+
+    name: str
+    modules: dict[Path, ast.Module]
+
+    @classmethod
+    def read(cls, name: str) -> Tree:
+        """Return a tree with all its modules parsed."""
+        paths = sorted(TREES[name].rglob("*.py"))
+        return cls(name, {path: ast.parse(path.read_text("utf-8")) for path in paths})
+
+    @property
+    def classes(self) -> list[Definition]:
+        """Return all classes."""
+        return list(self._definitions((ast.ClassDef,)))
+
+    @property
+    def functions(self) -> list[Definition]:
+        """Return all functions and methods but ``__dunder__`` ones."""
+        found = self._definitions(_FUNCTIONS)
+        return [each for each in found if not each.node.name.startswith("__")]
+
+    @property
+    def lengths(self) -> list[int]:
+        """Return the lines of each module that is no ``__init__``."""
+        paths = [path for path in self.modules if path.name != "__init__.py"]
+        return [len(path.read_text("utf-8").splitlines()) for path in paths]
+
+    def _definitions(self, kinds: tuple[type[ast.AST], ...]) -> Iterator[Definition]:
+        for path, module in self.modules.items():
+            for node in ast.walk(module):
+                if isinstance(node, kinds):
+                    yield Definition(path, node)  # pyright: ignore[reportArgumentType]
+
+
+def one_word_fraction(names: Sequence[str]) -> float:
+    """Return the fraction of names that are a single word."""
+    return sum(len(_WORD.findall(name)) <= 1 for name in names) / max(1, len(names))
+
+
+def repeated_names(tree: Tree) -> dict[str, list[Path]]:
+    """Return class names that are defined more than once, with their files."""
+    places: dict[str, list[Path]] = defaultdict(list)
+    for each in tree.classes:
+        places[each.name].append(each.path)
+    return {name: paths for name, paths in places.items() if len(paths) > 1}
+
+
+def depths(tree: Tree) -> dict[str, int]:
+    """Return through how many classes of the project each class inherits, itself included."""
+    bases = {each.name: _bases(each.node) for each in tree.classes}
+    return {name: _depth(name, bases) for name in bases}
+
+
+def _bases(node: ast.AST) -> list[str]:
+    assert isinstance(node, ast.ClassDef)
+    return [ast.unparse(base).split("[")[0].split(".")[-1].strip("_") for base in node.bases]
+
+
+def _depth(name: str, bases: dict[str, list[str]]) -> int:
+    above = [_depth(base, bases) for base in bases.get(name, []) if base in bases]
+    return 1 + max(above, default=0)
+
+
+def _is_outside(name: str, bases: dict[str, list[str]]) -> bool:
+    """Return whether a class is an exception, an enum or a pydantic model."""
+    if name in _OUTSIDE or name.endswith(("Error", "Exception")):
+        return True
+    return any(_is_outside(base, bases) for base in bases.get(name, []))
+
+
+def too_deep(tree: Tree) -> list[str]:
+    """Return classes that inherit through more than two, exceptions, enums and schemas aside."""
+    bases = {each.name: _bases(each.node) for each in tree.classes}
+    found = depths(tree).items()
+    return [name for name, depth in found if depth > MAX_DEPTH and not _is_outside(name, bases)]
+
+
+def private_words(tree: Tree, forbidden: frozenset[str]) -> list[str]:
+    """Return ``file: name`` of every definition whose name contains a forbidden word."""
+    return [
+        f"{each.path.relative_to(ROOT)}: {each.node.name}"
+        for each in (*tree.classes, *tree.functions)
+        if forbidden & {word.lower() for word in _WORD.findall(each.name)}
+    ]
+
+
+def figures(tree: Tree) -> list[tuple[str, str]]:
+    """Return the rows of the table: what, and how much."""
+    lengths = tree.lengths
+    bodies = [each.lines for each in tree.functions]
+    packages = sum(path.name == "__init__.py" for path in tree.modules)
+    return [
+        ("modules", f"{len(tree.modules)}"),
+        ("packages", f"{packages}"),
+        ("lines of a module: median, 90 %, most", _spread(lengths)),
+        ("lines of a function: median, 90 %, most", _spread(bodies)),
+        ("function names of one word", f"{one_word_fraction(_names(tree.functions)):.0%}"),
+        ("class names of one word", f"{one_word_fraction(_names(tree.classes)):.0%}"),
+        ("class names used twice", f"{len(repeated_names(tree))}"),
+        ("depth of inheritance, most", f"{len(too_deep(tree))} over {MAX_DEPTH}"),
+    ]
+
+
+def _names(definitions: Sequence[Definition]) -> list[str]:
+    return [each.name for each in definitions]
+
+
+def _spread(values: Sequence[int]) -> str:
+    ordered = sorted(values)
+    return f"{statistics.median(ordered):.0f}, {ordered[int(0.9 * len(ordered))]}, {ordered[-1]}"
+
+
+def drift(tree: Tree, forbidden: frozenset[str]) -> list[str]:
+    """Return what has drifted, one line each."""
+    twice = repeated_names(tree).items()
+    return [
+        *(f"class {name} is defined in {_listed(paths)}" for name, paths in twice),
+        *(f"class {name} inherits through more than {MAX_DEPTH}" for name in too_deep(tree)),
+        *(f"private word in {place}" for place in private_words(tree, forbidden)),
+    ]
+
+
+def _listed(paths: Sequence[Path]) -> str:
+    return ", ".join(f"{path.relative_to(ROOT)}" for path, _ in Counter(paths).items())
+
+
+def forbidden_words() -> frozenset[str]:
+    """Return the words of ``tools/private_words.txt``, one a line, comments aside."""
+    lines = (ROOT / "tools" / "private_words.txt").read_text("utf-8").splitlines()
+    return frozenset(word for line in lines if (word := line.partition("#")[0].strip()))
+
+
+def main() -> int:
+    """Print the figures, or what has drifted; return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="fail on drift")
+    trees = [Tree.read(name) for name in TREES]
+    if parser.parse_args().check:
+        found = [line for tree in trees for line in drift(tree, forbidden_words())]
+        print(*found, sep="\n") if found else None
+        return 1 if found else 0
+    for tree in trees:
+        print(tree.name, *(f"  {what:<42}{how_much}" for what, how_much in figures(tree)), sep="\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
