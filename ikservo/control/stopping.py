@@ -123,7 +123,7 @@ _DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
 
 
 def exit_exception(number: int, words: str) -> BaseException:
-    """Return what ends the program after a signal has stopped the arm; see decision 19.
+    """Return what ends the program after a signal has stopped the arm; see decision 15.
 
     No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
     pressed Ctrl-C does not go on to its next motion.
