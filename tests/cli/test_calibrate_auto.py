@@ -209,7 +209,7 @@ def letting_go_when_it_holds(arm):
 
     def look():
         for joint in arm.world.joints:
-            if not joint.free and joint.name in arm.world.hands:
+            if not joint.is_free and joint.name in arm.world.hands:
                 arm.world.release(joint.name)
         arm.world.schedule(arm.world.time_s + 0.05, look)
 
