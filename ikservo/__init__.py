@@ -149,25 +149,15 @@ _RENAMED = {
 }
 
 
-def _renamed(name: str) -> str:
-    """Return today's name of a public name that has changed, with a warning."""
-    import warnings  # noqa: PLC0415  # only who uses an old name pays for it
-
-    new = _RENAMED[name]
-    words = f"ikservo.{name} is deprecated: use ikservo.{new}."
-    warnings.warn(words, DeprecationWarning, stacklevel=3)
-    return new
-
-
 def __getattr__(name: str) -> object:
-    if name in _RENAMED:
-        name = _renamed(name)
     if name == "__version__":
         from importlib.metadata import version  # noqa: PLC0415  # takes longer than --help may
 
         return version("ikservo")
     if name not in _HOMES:
-        raise AttributeError(f"module 'ikservo' has no attribute {name!r}")
+        from ikservo.deprecation import current_name  # noqa: PLC0415  # only old names pay for it
+
+        name = current_name("ikservo", _RENAMED, name)
     return getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
 
 

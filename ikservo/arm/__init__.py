@@ -1,7 +1,5 @@
 """An arm on its servos: open it, move it, read its state, switch its torque off."""
 
-import warnings
-
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.background_motion import Motion
 from ikservo.arm.opening import open_arm
@@ -13,6 +11,7 @@ from ikservo.arm.setpoint_stream import SetpointStream
 from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.arm.zeros import ZeroSource
 from ikservo.control.feedback import JointState
+from ikservo.deprecation import current_name
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason
 
 __all__ = [
@@ -50,8 +49,4 @@ _RENAMED = {
 
 
 def __getattr__(name: str) -> object:
-    if name not in _RENAMED:
-        raise AttributeError(f"module 'ikservo.arm' has no attribute {name!r}")
-    words = f"ikservo.arm.{name} is deprecated: use ikservo.arm.{_RENAMED[name]}."
-    warnings.warn(words, DeprecationWarning, stacklevel=2)
-    return globals()[_RENAMED[name]]
+    return globals()[current_name("ikservo.arm", _RENAMED, name)]

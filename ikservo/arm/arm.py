@@ -25,6 +25,7 @@ from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, chec
 from ikservo.arm.zeros import ZeroSource
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.control.servo_group import ServoGroup
+from ikservo.deprecation import current_name
 from ikservo.errors import (
     BadValueError,
     IkservoError,
@@ -138,11 +139,7 @@ class Arm(Foreseeing):
 
         def __getattr__(self, name: str) -> object:
             """Return what an old name stands for, for one version more; it warns."""
-            if name not in _RENAMED:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            words = f"Arm.{name} is deprecated: use Arm.{_RENAMED[name]}."
-            warnings.warn(words, DeprecationWarning, stacklevel=2)
-            return getattr(self, _RENAMED[name])
+            return getattr(self, current_name("Arm", _RENAMED, name))
 
     def go(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> SettlingResult:
         """Execute a plan. Deprecated: use ``execute``, whose report says more."""

@@ -16,19 +16,16 @@ from ikservo.arm.context import ArmContext
 from ikservo.arm.following import CartesianOrJointTarget, FollowResult, follow, leader_positions
 from ikservo.arm.gripper import GraspResult, GripperCommand, move_gripper
 from ikservo.arm.jogging import JogResult, KeepGoing, jog
-from ikservo.arm.motion_options import JointOptions
+from ikservo.arm.motion_options import JointOptions, OnProgress
 from ikservo.arm.plan import Inside
 from ikservo.arm.poses import PoseLibrary
 from ikservo.arm.recording import RecordResult, record, recording_header
 from ikservo.arm.replay import ReplayResult, replay
-from ikservo.arm.reports import JointMoveResult, MotionProgress
+from ikservo.arm.reports import JointMoveResult
 from ikservo.arm.setpoint_stream import SetpointStream
 from ikservo.errors import BadValueError
 
-__all__ = ["ProgressCallback", "Skills", "Steered"]
-
-
-ProgressCallback = Callable[[MotionProgress], None]
+__all__ = ["Skills", "Steered"]
 
 
 class Steered:
@@ -98,7 +95,7 @@ class Steered:
         wishes: Iterable[CartesianOrJointTarget | None],
         *,
         speed: str = "normal",
-        on_progress: ProgressCallback | None = None,
+        on_progress: OnProgress | None = None,
     ) -> FollowResult:
         """Follow a stream of wishes, one at each beat, until it ends or falls silent.
 
@@ -133,7 +130,7 @@ class Steered:
         *,
         speed: str = "normal",
         until: Callable[[], bool] | None = None,
-        on_progress: ProgressCallback | None = None,
+        on_progress: OnProgress | None = None,
     ) -> FollowResult:
         """Follow another arm that a person leads by hand, joint by joint of the same name.
 
@@ -194,7 +191,7 @@ class Skills(Steered, ABC):
         positions: Mapping[str, float] | ArrayLike,
         *,
         speed: str = "normal",
-        on_progress: ProgressCallback | None = None,
+        on_progress: OnProgress | None = None,
         wait: bool = True,
     ) -> JointMoveResult | Motion[JointMoveResult]:
         """Move some joints; see ``Arm``."""
@@ -208,7 +205,7 @@ class Skills(Steered, ABC):
         """Hold; see ``Arm``."""
 
     @abstractmethod
-    def relax(self, on_progress: ProgressCallback | None = None) -> JointMoveResult:
+    def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
         """Lower and let go; see ``Arm``."""
 
     @overload
@@ -224,7 +221,7 @@ class Skills(Steered, ABC):
         name: str,
         *,
         speed: str = "normal",
-        on_progress: ProgressCallback | None = None,
+        on_progress: OnProgress | None = None,
         wait: bool = True,
     ) -> JointMoveResult | Motion[JointMoveResult]:
         """Go to a pose of the arm file, or to one that was taught.
@@ -287,7 +284,7 @@ class Skills(Steered, ABC):
         *,
         width_m: float | None = None,
         force: float | None = None,
-        on_progress: ProgressCallback | None = None,
+        on_progress: OnProgress | None = None,
         wait: Literal[True] = True,
     ) -> GraspResult: ...
     @overload
@@ -297,7 +294,7 @@ class Skills(Steered, ABC):
         *,
         width_m: float | None = None,
         force: float | None = None,
-        on_progress: ProgressCallback | None = None,
+        on_progress: OnProgress | None = None,
         wait: Literal[False],
     ) -> Motion[GraspResult]: ...
     def gripper(
@@ -306,7 +303,7 @@ class Skills(Steered, ABC):
         *,
         width_m: float | None = None,
         force: float | None = None,
-        on_progress: ProgressCallback | None = None,
+        on_progress: OnProgress | None = None,
         wait: bool = True,
     ) -> GraspResult | Motion[GraspResult]:
         """Open or close the gripper, or bring its jaws to a width.
@@ -380,7 +377,7 @@ class Skills(Steered, ABC):
         path: Path | str,
         *,
         speed: str = "normal",
-        on_progress: ProgressCallback | None = None,
+        on_progress: OnProgress | None = None,
         wait: bool = True,
     ) -> ReplayResult | Motion[ReplayResult]:
         """Go to the first pose of a recording of this arm, then along it.

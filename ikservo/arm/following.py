@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import repeat
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from ikservo.arm.online_control import follow_goals, measured_with_held_gripper
 from ikservo.arm.reports import MotionProgress
 from ikservo.arm.settling import settle_at
 from ikservo.control.loop import ControlCycle
+from ikservo.deprecation import current_name
 from ikservo.errors import BadValueError, BusError, InputError, RefusedError, UnknownNameError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
 from ikservo.ik import Solver, Target
@@ -123,7 +125,7 @@ class FollowResult:
     """How a stream of wishes was followed.
 
     Attributes:
-        wishes: How many there were.
+        setpoints: How many there were.
         unreached: How many of them were out of reach; the arm went as near as it could.
         refused: How often the guard would not have a new one; the arm stayed with the one before.
         reason: Why the last of those was refused.
@@ -141,6 +143,12 @@ class FollowResult:
     measured_rad: dict[str, float]
     measured_tip_m: Vector
     duration_s: float
+
+    if not TYPE_CHECKING:  # a type checker knows today's names only
+
+        def __getattr__(self, name: str) -> object:
+            """Return what an old name of a field stands for; it warns."""
+            return getattr(self, current_name("FollowResult", {"wishes": "setpoints"}, name))
 
 
 class _SetpointFollower:

@@ -6,11 +6,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ikservo.arm.arguments import parse_number
 from ikservo.arm.sampled_trajectory import SampledTrajectory, sample_trajectory
+from ikservo.deprecation import current_name
 from ikservo.errors import RefusedError
 from ikservo.guard import CommandLimits
 from ikservo.ik import Result
@@ -53,6 +55,16 @@ class NearLimit:
     unit: str
 
 
+_RENAMED = {
+    "by": "via_pose",
+    "left_rad": "orientation_error_rad",
+    "near": "near_limits",
+    "setters": "time_limiting_joints",
+    "slowed": "speed_reduced",
+    "straight": "is_cartesian",
+}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionPlan:
     """A motion that could start now.
@@ -65,15 +77,16 @@ class MotionPlan:
         path_m: The way of the tip.
         duration_s: How long it takes.
         speed: slow, normal or fast.
-        setters: The joints that set the time, at their top speed or acceleration, in words.
-        near: The joints that come close to a limit on the way, the closest first.
+        time_limiting_joints: The joints that set the time, at their top speed or acceleration,
+            in words.
+        near_limits: The joints that come close to a limit on the way, the closest first.
         target_m: The point it goes to (3,); None for a motion of joints.
         solution: What the solver answered; None for a motion of joints.
-        left_rad: How far the tool will be from how it should stand, at worst.
+        orientation_error_rad: How far the tool will be from how it should stand, at worst.
         orientation_requested: Whether an orientation of the tool was requested.
-        slowed: Whether it goes slower than asked, for it is the first after torque comes on.
-        straight: Whether the tip goes along straight lines.
-        by: The pose by way of which it goes; empty where it goes straight.
+        speed_reduced: Whether it goes slower than asked, for it is the first after torque comes on.
+        is_cartesian: Whether the tip goes along straight lines.
+        via_pose: The pose by way of which it goes; empty where it goes straight.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
         again: Makes the same plan from where the arm is when it is called, None for another arm
@@ -100,6 +113,12 @@ class MotionPlan:
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     again: Callable[[object], MotionPlan | None] | None = None
+
+    if not TYPE_CHECKING:  # a type checker knows today's names only
+
+        def __getattr__(self, name: str) -> object:
+            """Return what an old name of a field stands for; it warns."""
+            return getattr(self, current_name("MotionPlan", _RENAMED, name))
 
     def sample(self, dt_s: float = 0.01) -> SampledTrajectory:
         """Return the motion as arrays: times (k,), positions and velocities (k, n).

@@ -87,6 +87,20 @@ def test_an_old_public_name_warns_and_is_the_new_one(module, old, new):
     assert warned[0].filename == __file__
 
 
+def test_an_old_field_of_a_plan_warns_and_is_the_new_one(arm):
+    plan = arm.plan_to(NEAR)
+    for old, new in (("setters", "time_limiting_joints"), ("near", "near_limits")):
+        with pytest.warns(DeprecationWarning, match=f"use MotionPlan.{new}") as warned:
+            assert getattr(plan, old) is getattr(plan, new)
+        assert warned[0].filename == __file__
+
+
+def test_what_was_never_a_name_is_none(arm):
+    for owner in (ikservo, ikservo.arm, arm, arm.plan_to(NEAR)):
+        with pytest.raises(AttributeError, match="no attribute 'wobble'"):
+            owner.wobble  # noqa: B018
+
+
 @pytest.mark.parametrize(("old", "new"), [("release", "disable_torque"), ("glimpse", "last_state")])
 def test_an_old_method_of_an_arm_warns_and_is_the_new_one(arm, old, new):
     with pytest.warns(DeprecationWarning, match=f"use Arm.{new}") as warned:
