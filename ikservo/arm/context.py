@@ -58,7 +58,7 @@ class ArmContext:
         drive: Switches torque on where it is off, streams a course, and hears Ctrl-C meanwhile;
             takes what begins it, who looks at each beat, and slow, normal or fast. Returns the
             joints (n,) at the last beat.
-        allowed: The speed a motion may have that was asked for at one: the first is slow.
+        allowed_speed: The speed a motion may have that was asked for at one: the first is slow.
     """
 
     model: Model

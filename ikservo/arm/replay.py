@@ -45,7 +45,7 @@ class RecordedTrajectory:
         upper: The highest.
 
     Attributes:
-        slower: How many times slower than recorded it goes, 1 where it need not.
+        slowdown: How many times slower than recorded it goes, 1 where it need not.
     """
 
     def __init__(

@@ -253,7 +253,7 @@ class SettlingResult:
 
     Attributes:
         measured: Where the joints are (n,), rad or m.
-        short: Which joints did not arrive, by how much and why, in words.
+        residuals: Which joints did not arrive, by how much and why, in words.
         motion_s: How long the motion took up to its planned end.
         settling_s: How long it took from there until all joints stood where they belong.
     """
@@ -289,7 +289,7 @@ def settle(
         paces: How fast each may go.
         speed_rad_s: The motion's top speed at the horns.
         motion_s: How long the motion took up to here.
-        below: Goals (n,) to which joints with known play go first, see ``drawn_back``.
+        below: Goals (n,) to which joints with known play go first, see ``backlash_approach``.
 
     Raises:
         NotSettledError: Some joint still moves after three seconds.

@@ -42,9 +42,10 @@ def round_to_ticks(
 
     Every joint's rounding moves the tool a little; a few ticks more in one joint make up for
     another's. The search is for the whole numbers d with the least ``|E - A d|²``, where A is how
-    the tool moves with a tick of each joint: three rows for its place, three for its turn away
-    from how it stands at ``q``, these weighted by ``TURN_WORTH_M``. All combinations within some
-    ticks are tried but for the joint that moves the tool most: its best tick follows from theirs.
+    the tool moves with a tick of each joint: three rows for its position, three for its
+    rotation away from the one at ``q``, these weighted by ``ROTATION_WEIGHT_M``. All combinations
+    within some ticks are tried but for the joint that moves the tool most: its best tick follows
+    from theirs.
 
     Args:
         chain: Base to tool.

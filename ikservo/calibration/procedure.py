@@ -199,7 +199,7 @@ class CalibrationState:
         stage: Where the conversation is.
         tracks: Where each servo is and has been, by id; shadows included.
         stillness: What was read in the last half second.
-        anchor: The tick of each servo in the anchor pose, by id.
+        reference_ticks: The tick of each servo in the anchor pose, by id.
         signs: Directions found so far, by joint.
         doubted: Directions found once that are opposite to the arm file's, by joint; such a joint
             is asked for again.
@@ -208,7 +208,7 @@ class CalibrationState:
         reasons: Why a joint is left out that a program could not measure, by joint.
         free: Joints that the person says nothing stops.
         trusted: Joints whose sign is believed as the arm file has it.
-        driven: Whether the servos move the joints, not a hand.
+        motor_driven: Whether the servos move the joints, not a hand.
         asked_from: The tick from which the joint that is asked for shall move.
         before: The state before the person's last answer.
     """

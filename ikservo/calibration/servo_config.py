@@ -66,7 +66,7 @@ class ServoConfig:
         id: Its bus id.
         table: Its control table.
         firmware: What it says, in words; empty where it does not.
-        held: Raw numbers of the registers that a calibration rests on, by name.
+        registers: Raw numbers of the registers that a calibration rests on, by name.
     """
 
     id: int

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The real-time part of an arm: servo group, feedback, control loop, stop requests."""

@@ -120,7 +120,7 @@ def clamp_goal(fence: CommandLimits, tick: int, taken: tuple[int, int]) -> int:
     Args:
         fence: Of the joint.
         tick: Where it stands.
-        taken: See ``goals_taken``.
+        taken: See ``accepted_goal_range``.
 
     Raises:
         RefusedError: The joint stands far outside what its servo allows; torque stays off.

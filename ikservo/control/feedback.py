@@ -92,7 +92,7 @@ class Feedback:
         fences: One for each joint.
 
     Attributes:
-        fresh: The ticks of the joints that answered last, by joint.
+        latest: The ticks of the joints that answered last, by joint.
     """
 
     def __init__(self, bus: ServoBus, fences: Sequence[CommandLimits]) -> None:

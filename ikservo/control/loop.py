@@ -119,7 +119,7 @@ _RETURN_S = 0.5
 class SetpointSampler:
     """Turns the time that a motion may go on into positions of its course.
 
-    After `lead_back` the course stands still, and setpoints go straight from where the joints
+    After `restart_from` the course stands still, and setpoints go straight from where the joints
     were stopped to where the course is; then it goes on.
 
     Args:

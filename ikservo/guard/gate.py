@@ -131,7 +131,7 @@ class Gate:
     goal is inside the joint's limits, none moves faster than its fence allows, and none leads the
     measured joint by more than its look-ahead. Where a joint stands outside its limits it may be
     walked back, never further out. Once `latch_stop` was called only `hold` passes, until somebody
-    calls `acknowledge` and `start_from`.
+    calls `acknowledge` and `reset_goals`.
 
     Args:
         fences: One for each joint.
@@ -279,7 +279,7 @@ class Gate:
     def acknowledge(self) -> StopReason | None:
         """End a stop and return its reason; goals start anew from where the joints are measured.
 
-        What stood before is forgotten: `start_from` comes before the next goal.
+        What stood before is forgotten: `reset_goals` comes before the next goal.
         """
         if self._latch.reason is not None:
             self._goals.clear()

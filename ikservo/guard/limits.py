@@ -122,8 +122,8 @@ _EASE_FROM = 0.75
 class LeadLimiter:
     """Keeps goals near where the joints were last seen.
 
-    A goal further ahead than `CommandLimits.lead_ticks` is refused, unless it is the one that is
-    already or on the way back from it; and so is one for a joint that was not seen lately.
+    A goal further ahead than `CommandLimits.max_lead_ticks` is refused, unless it is the present
+    goal or on the way back from it; and so is one for a joint that was not seen lately.
 
     Args:
         fences: One for each joint.
@@ -206,7 +206,7 @@ class LeadLimiter:
     def allowed_advance_s(self, goals: Mapping[str, int], elapsed_s: float) -> float:
         """Return by how much a motion may go on in a time: less where a joint lags behind.
 
-        Goals that move no faster than `run_at` says stay inside the look-ahead.
+        Goals that move no faster than `set_speeds` says stay inside the look-ahead.
 
         Args:
             goals: The goals that stand.

@@ -49,7 +49,7 @@ class TrackingMonitor:
 
         Args:
             fences: Of the joints, in the order of the vectors (n,).
-            speeds: Top speeds of the motion by joint, rad/s or m/s, as `Gate.run_at` takes them.
+            speeds: Top speeds of the motion by joint, rad/s or m/s, as for `Gate.set_speeds`.
         """
         given = speeds or {}
         most = [
@@ -149,7 +149,7 @@ class ServoTelemetry:
         voltage_v: Its supply.
         load_percent: Its load as a share of the most there is, signed; None where it tells none.
         torque: Whether its torque is on.
-        canary: Whether its RAM still holds what was written there.
+        settings_intact: Whether its RAM still holds what was written there.
         alarms: What it complains about, in words.
     """
 

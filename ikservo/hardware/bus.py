@@ -208,7 +208,7 @@ class ServoBus(Conversation):
     is used, so that one call serves a line with several models. Values are in the register's
     unit; ``raw=True`` gives and takes its integer, for positions the tick.
 
-    Programs may use it without an arm; ``bulk_write``, ``roll_call``, ``reg_write`` and
+    Programs may use it without an arm; ``bulk_write``, ``broadcast_ping``, ``reg_write`` and
     ``action`` are there for them, nothing in ikservo calls these.
 
     Args:

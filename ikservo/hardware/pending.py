@@ -34,9 +34,9 @@ class LineHealth:
         doubts: How many clean questions it takes until the line is believed.
 
     Attributes:
-        wary: The line is not believed yet, or not any more: what does not change by itself is
+        suspect: The line is not believed yet, or not any more: what does not change by itself is
             read twice.
-        sick: Something odd came of late: besides, nothing is asked twice in the same shape.
+        degraded: Something odd came of late: besides, nothing is asked twice in the same shape.
     """
 
     def __init__(self, doubts: int = _AT_FIRST) -> None:
@@ -200,7 +200,7 @@ class PendingReplies:
             servo_ids: Who is asked.
             span: What is wanted.
             now_s: The present.
-            trust: As in ``clash``.
+            trust: As in ``is_ambiguous``.
             size_of: Data bytes of the answer to a window of so many bytes.
 
         Returns:

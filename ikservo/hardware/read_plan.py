@@ -206,7 +206,7 @@ class ReadBatch:
         spans: What memory, by id.
         layouts: Where in it stands what, by id.
         asked: The same in words.
-        steady: Nothing of it changes by itself.
+        is_static: Nothing of it changes by itself.
         groups: The spans of each family, which has its own questions.
     """
 
@@ -236,7 +236,7 @@ class WriteTarget:
     """One servo's own register of a writing.
 
     Attributes:
-        telling: See ``is_telling``.
+        tracks_state: See ``tracks_state``.
         plain: Any integer in its range may be written at any time.
     """
 

@@ -46,7 +46,7 @@ class FoundServo:
         voltage_v: At its plug.
         temperature_c: Inside.
         alarms: What it complains about.
-        crowded: More than one servo answers at this id; what they are cannot be told.
+        shares_id: More than one servo answers at this id; what they are cannot be told.
     """
 
     id: int

@@ -98,9 +98,9 @@ class ArmStructure:
         yaw_back: Takes points of the base back by the yaw.
         roll: Turns points by the wrist's first joint.
         orient: The last three turns, where they meet in the centre.
-        zeroed: The column of a joint that this structure asks to stand at zero, or None.
-        straight: The same arm with the wrist's first joint at zero, where that makes a third
-            parallel link; None elsewhere.
+        locked_joint: The column of a joint that this structure asks to stand at zero, or None.
+        with_wrist_locked: The same arm with the wrist's first joint at zero, where that makes a
+            third parallel link; None elsewhere.
     """
 
     yaw: RevoluteAxis | None

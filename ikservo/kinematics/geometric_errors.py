@@ -1,7 +1,8 @@
 """Geometric errors of a chain and their Jacobian, for kinematic calibration.
 
 No two arms are alike by a millimetre: printed links, screws with play, a base that stands a
-little askew. ``GeometricErrors`` says so in numbers; ``corrected`` builds the chain of that arm.
+little askew. ``GeometricErrors`` says so in numbers; ``apply_geometric_errors`` builds the chain
+of that arm.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def calibration_jacobian(
         chain: As described.
         q: Joint vectors (n, dof).
         geometry: How the arm differs.
-        origins: The joints whose origins count, see ``movable_origins``.
+        origins: The joints whose origins count, see ``identifiable_origins``.
 
     Returns:
         The tips (n, 3), metres, and J (n, 3, dof + 6 + 3 len(origins)): columns of the joints,

@@ -76,7 +76,7 @@ def configure_encoders(
 ) -> CalibrationResult:
     """Let every servo count so that no seam lies where its stop is looked for; torque is off.
 
-    The calibration file is left as it is; see ``counts_set_back``.
+    The calibration file is left as it is; see ``restore_encoders``.
 
     Returns:
         The arm as it is known from its pose alone.

@@ -73,7 +73,7 @@ _MAX_FAILURES = 25
 
 
 class TorqueOffArm:
-    """The servos of an arm while it is calibrated; see ``loose_arm``.
+    """The servos of an arm while it is calibrated; see ``open_torque_off``.
 
     Attributes:
         model: What the arm file says.

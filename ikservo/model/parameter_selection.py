@@ -37,7 +37,8 @@ class CalibrationEstimate:
 
     Attributes:
         fit: The arm that fits all touches that were believed.
-        aside_m: By extent, the root mean square error on touches while they were kept aside.
+        cross_validation_rms_m: By extent, the root mean square error on touches that were
+            left out of the fit.
         deviation_m: How well the tip is known all over the joints' ranges: one standard
             deviation at the middle posture and at the nineteenth of twenty.
     """

@@ -153,7 +153,7 @@ class Client:
         right: What its key lets it do.
         view: From where it looks.
         viewport: What it draws on; None until it has said so.
-        told: What it was last told of each kind, so that nothing is told twice.
+        sent: What it was last told of each kind, so that nothing is told twice.
         told_s: When it was last told a scene and a status.
     """
 

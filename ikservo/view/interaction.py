@@ -196,9 +196,9 @@ class Interaction:
         solve_s: How long the last answer took.
         solver_words: What the lecture's method has done in the drag so far.
         preference: The posture to lean towards.
-        lesson: What a method of the lecture did on the last click, to be drawn step by step.
-        complaints: What became of targets that are out of reach, the oldest first.
-        stamp: Changes whenever the picture has to.
+        solver_trace: What a method of the lecture did on the last click, to be drawn step by step.
+        messages: What became of targets that are out of reach, the oldest first.
+        revision: Changes whenever the picture has to.
     """
 
     def __init__(self, arm: Arm) -> None:

@@ -284,7 +284,7 @@ class DragTarget:
 
     Attributes:
         target: The point, fixed to the tip or to the link that was grabbed, and where to.
-        jump: Whether the arm may fold differently to get there: after a click, not in a drag.
+        is_click: Whether the arm may fold differently to get there: after a click, not in a drag.
     """
 
     target: Target

@@ -50,7 +50,7 @@ def find_in_square(
         T_view_link: Rotation, row by row, and origin of each link (links, 12), view coordinates.
         eye: Right and up of the pointer in the image, and 1 with perspective, 0 without (3,).
         half: Half the side of the square, in the image.
-        roots: See ``boxes.Forest``, as the three that follow.
+        roots: See ``bvh.BvhForest``, as the three that follow.
         boxes: (nodes, 6).
         nodes: (nodes, 4).
         rows: (n, WIDTH).

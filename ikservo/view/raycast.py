@@ -45,7 +45,7 @@ def raycast(
         rotations: R_world_link of each link (links, 9), row by row.
         places: Origins of the links (links, 3), world.
         around: The box (links, 6) around each link where it is now, world.
-        roots: See ``boxes.Forest``, as the four that follow.
+        roots: See ``bvh.BvhForest``, as the four that follow.
         boxes: (nodes, 6).
         nodes: (nodes, 4).
         rows: (n, WIDTH).

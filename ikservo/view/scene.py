@@ -51,7 +51,7 @@ class SceneState:
         grabbed: The link that is being pulled.
         behind: Whether the hovered link was chosen behind others: its outline is drawn over them.
         picked: The object of the scene under the pointer.
-        beside: Positions of joints beside the way to the tip, as the gripper's.
+        other_joints: Positions of joints beside the way to the tip, as the gripper's.
     """
 
     camera: Camera

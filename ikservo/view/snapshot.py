@@ -20,10 +20,10 @@ class ArmCommand:
 
     Attributes:
         live: Whether the arm shall follow at all.
-        flight: Counts how often Live was thrown; a flight that has ended is not begun again.
+        session_id: Counts how often Live was thrown; a flight that has ended is not begun again.
         goal: Where all joints shall be (n,), rad or m; None where they are.
         speed: slow, normal or fast.
-        fresh_s: When the page last showed that somebody is there.
+        heartbeat_s: When the page last showed that somebody is there.
     """
 
     live: bool = False
@@ -72,7 +72,7 @@ class ArmSnapshot:
         goals: Where the servos were told to go (n,); None while they follow nobody.
         states: What the servos report, a little older.
         trouble: Why the arm holds, if it does.
-        ended: The last flight that is over.
+        ended_session: The last flight that is over.
         notes: What the arm said besides, the oldest first.
         talk: The calibration under way, if any.
     """

@@ -106,7 +106,7 @@ def trace_method(
         chain: The arm.
         target_m: Where the tip shall be (3,), metres.
         q0: Where it starts (dof,).
-        method: One of ``CHOICES``.
+        method: One of ``SOLVERS``.
         posture: What to lean towards (lecture L10), where the method has a null space.
 
     Raises:

@@ -1,6 +1,7 @@
 """Viewpoints: side, top, front, orbit, fitted to the extent of an arm.
 
-A ``Viewpoint`` is what the person has chosen; with the ``Stage`` of the arm it gives the camera::
+A ``Viewpoint`` is what the user has chosen; with the ``ArmExtent`` of the arm it gives the
+camera::
 
     stage = stage_of(model)
     view = View(views_of(stage)[0])               # "side", or "plane" for a flat arm

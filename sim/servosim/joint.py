@@ -39,7 +39,7 @@ class Ratio:
 
     Attributes:
         per_rad: How far the joint goes for one radian of the horn, rad or m.
-        slides: Whether the joint is prismatic.
+        is_prismatic: Whether the joint is prismatic.
     """
 
     per_rad: float = 1.0

@@ -209,7 +209,7 @@ def solve_all(
         settings: (SETTINGS_SIZE,).
         starts: (m, dof).
         seeds: (dof + SEED_SIZE, RESTARTS - 1) further starting points.
-        desk: ``desk_shape(dof, RESTARTS)``, memory.
+        desk: ``work_shape(dof, RESTARTS)``, memory.
         trace: (t, dof), its second half for the iterates of the best attempt; may have no rows.
         answers: (m, 2 * dof + ANSWER_TAIL), filled.
 
