@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.terminal import print_json, print_status, print_table, progress_bar
 from ikservo.maintenance.bus_benchmark import CYCLES, BusTiming, benchmark_bus

@@ -12,8 +12,8 @@ import typer
 from ikservo.cli.calibrate_auto import calibrate_auto
 from ikservo.cli.calibrate_by_hand import CalibrationOptions, calibrate_by_hand, parse_limits
 from ikservo.cli.calibrate_touch import TouchOffOptions, run_touch_off
-from ikservo.cli.choosing import model_from_option
 from ikservo.cli.direction_check import check_directions
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     JsonOption,
     PortOption,

@@ -17,8 +17,12 @@ from ikservo.cli.calibrate_by_hand import (
     review,
     run_calibration,
 )
-from ikservo.cli.calibrate_screen import calibration_display
-from ikservo.cli.calibration_prompts import confirm_start, disable_torque, print_servos
+from ikservo.cli.calibrate_screen import (
+    calibration_display,
+    confirm_start,
+    disable_torque,
+    print_servos,
+)
 from ikservo.cli.session import second_interrupt_lowers
 from ikservo.cli.terminal import print_status
 from ikservo.errors import CalibrationError, IkservoError, InputError, RefusedError

@@ -23,8 +23,9 @@ from ikservo.calibration.procedure import (
 from ikservo.calibration.records import Calibration
 from ikservo.calibration.result import CalibrationResult
 from ikservo.calibration.script import ScriptedAnswers, apply_answer, read_script
-from ikservo.cli.calibrate_screen import CalibrationDisplay, calibration_display
-from ikservo.cli.calibration_prompts import (
+from ikservo.cli.calibrate_screen import (
+    CalibrationDisplay,
+    calibration_display,
     confirm_start,
     disable_torque,
     print_servos,

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 import typer
 
-from ikservo.cli.calibration_prompts import (
+from ikservo.cli.calibrate_screen import (
     confirm_start,
     disable_torque,
     print_servos,

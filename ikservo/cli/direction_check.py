@@ -6,9 +6,9 @@ import sys
 from collections.abc import Sequence
 
 from ikservo.arm import Arm, ZeroSource
-from ikservo.cli.calibration_prompts import confirm_start
-from ikservo.cli.prompts import confirm as confirm_by_key
+from ikservo.cli.calibrate_screen import confirm_start
 from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import confirm as confirm_by_key
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import CalibrationError, InputError
 from ikservo.maintenance.direction_check import (

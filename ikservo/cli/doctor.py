@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.opening import open_bus
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.terminal import print_json, print_lines, print_status, progress_bar
 from ikservo.errors import ExitCode

@@ -11,7 +11,7 @@ from ikservo.arm import read_recording
 from ikservo.arm.calibrated_arm import serial_number_of
 from ikservo.calibration.calibration_file import calibration_path, calibrations_of, read_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, PortOption
 from ikservo.cli.terminal import print_status
 from ikservo.errors import CalibrationError, InputError, UnknownNameError

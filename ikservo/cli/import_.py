@@ -23,14 +23,14 @@ from ikservo.cli.calibrate_by_hand import (
     print_result,
     run_calibration,
 )
-from ikservo.cli.calibrate_screen import calibration_display
-from ikservo.cli.calibration_prompts import (
+from ikservo.cli.calibrate_screen import (
+    calibration_display,
     confirm_start,
     disable_torque,
     print_servos,
     reporting_unchanged_state,
 )
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, YesOption
 from ikservo.cli.terminal import print_status
 from ikservo.errors import IkservoError, UnknownNameError

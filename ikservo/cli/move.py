@@ -10,6 +10,12 @@ import typer
 from ikservo.arm import Arm, MotionPlan, MoveResult
 from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.model_options import (
+    PreferOption,
+    WeightOption,
+    posture_from_options,
+    report_missing_freedom,
+)
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -31,12 +37,6 @@ from ikservo.cli.options import (
     parse_point_m,
 )
 from ikservo.cli.plan_report import describe_orientation_error, print_plan
-from ikservo.cli.posture_options import (
-    PreferOption,
-    WeightOption,
-    posture_from_options,
-    report_missing_freedom,
-)
 from ikservo.cli.session import announce, open_from_options, progress_bar
 from ikservo.cli.terminal import format_point, print_json, print_lines
 from ikservo.errors import ExitCode

@@ -12,11 +12,10 @@ import typer
 from ikservo.arm import Arm
 from ikservo.arm.recording import RecordResult
 from ikservo.arm.remote import record_remote
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, parse_time_s
-from ikservo.cli.prompts import confirm
 from ikservo.cli.session import open_from_options
-from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import InputError
 
 __all__ = ["command"]

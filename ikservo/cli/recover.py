@@ -8,10 +8,9 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.opening import open_bus
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
-from ikservo.cli.prompts import confirm
-from ikservo.cli.terminal import print_json, print_status, print_table
+from ikservo.cli.terminal import confirm, print_json, print_status, print_table
 from ikservo.errors import ExitCode, IkservoError, InputError
 from ikservo.maintenance.recovery import RecoveryResult, recover
 

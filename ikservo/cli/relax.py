@@ -6,8 +6,8 @@ import sys
 
 from ikservo.arm import Arm
 from ikservo.arm.remote import request_relax
-from ikservo.cli.choosing import model_from_option
 from ikservo.cli.joints import print_report
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -16,9 +16,8 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.prompts import confirm
 from ikservo.cli.session import announce_lowering, open_from_options, progress_bar
-from ikservo.cli.terminal import print_status
+from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import IkservoError
 
 __all__ = ["command"]

@@ -9,9 +9,8 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 from ikservo.arm import Arm, MotionPlan, MotionProgress, StopKind, ZeroSource, open_arm
-from ikservo.cli.choosing import model_from_option
-from ikservo.cli.prompts import confirm
-from ikservo.cli.terminal import format_point, format_port, print_status
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.terminal import confirm, format_point, format_port, print_status
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stopping import RELAX_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError

@@ -1,4 +1,4 @@
-"""``ikservo setup``: a box of servos gets ids and baud rates, one servo at a time."""
+"""``ikservo setup``: servos get ids and baud rates one at a time, or an EEPROM backup back."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.eeprom_restore import restore_backup
+from ikservo.arm.opening import open_bus
 from ikservo.cli.options import JsonOption, PortOption, parse_time_s
-from ikservo.cli.prompts import confirm
-from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import IkservoError, InputError
+from ikservo.hardware.eeprom import read_backup
 from ikservo.hardware.provisioning import ServoSettings
 from ikservo.hardware.scan import FoundServo
 from ikservo.maintenance.arm_sketch import ascii_sketch
 from ikservo.maintenance.commissioning import ConfiguredServo, commission, planned_settings
+from ikservo.maintenance.eeprom_restore import Restoration, plan_restoration, restore
 from ikservo.model import Model, load_model
 
 __all__ = ["command"]
@@ -50,6 +51,65 @@ OtherModel = Annotated[
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before a servo is written.")]
 
 
+def _restore_backup(
+    model: Model,
+    port: str | None,
+    path: Path,
+    *,
+    target: str | None,
+    other_model: bool,
+    yes: bool,
+    json: bool,
+) -> None:
+    """Write an EEPROM backup to its servo, after a question."""
+    backup = read_backup(path)
+    with open_bus(model, port) as bus:
+        plan = plan_restoration(bus, backup, target, other_model=other_model)
+        _print_restoration(plan)
+        if plan.changes and not (yes or _confirm_restoration(plan)):
+            raise IkservoError("Cancelled; the servo was not changed.")
+        restore(bus, plan)
+    written = [_format_change(each.register.name, each.found, each.wanted) for each in plan.changes]
+    if json:
+        _print_json(plan, written)
+    else:
+        print_lines([f"✓ {plan.servo}: {', '.join(written) or 'nothing to change'}"])
+    if written:
+        print_status("A calibration may rest on what was changed. Check the arm: ikservo doctor")
+
+
+def _print_restoration(plan: Restoration) -> None:
+    count = len(plan.changes)
+    print_status(f"{plan.servo}: {count or 'no'} register{'s' * (count != 1)} to restore.")
+    for each in plan.changes:
+        print_status(f"    {_format_change(each.register.name, each.found, each.wanted)}")
+    for each in plan.kept:
+        print_status(f"    {each.register} stays {each.found}; the backup has {each.wanted}")
+
+
+def _format_change(register: str, found: int, wanted: int) -> str:
+    return f"{register} {found} → {wanted}"
+
+
+def _confirm_restoration(plan: Restoration) -> bool:
+    asked = f"Write these to {plan.servo}?"
+    if not sys.stdin.isatty():
+        raise InputError(f"{asked} Cannot ask: input is not a terminal.", "Give --yes.")
+    return confirm(asked)
+
+
+def _print_json(plan: Restoration, written: list[str]) -> None:
+    print_json(
+        "setup",
+        joint=plan.servo.name,
+        id=plan.servo.id,
+        model=plan.servo.table.model_name,
+        backup=str(plan.backup.path),
+        written=written,
+        kept=[each.register.name for each in plan.kept],
+    )
+
+
 def command(
     arm: ArmName = None,
     *,
@@ -78,7 +138,7 @@ def command(
     if not model.joints:
         raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
     if restore:
-        restore_backup(
+        _restore_backup(
             model, port, restore, target=servo, other_model=other_model, yes=yes, json=json
         )
         return

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from ikservo.cli.choosing import calibrated_model_from_option, initial_joints
+from ikservo.cli.model_options import (
+    LEANING,
+    PreferOption,
+    WeightOption,
+    calibrated_model_from_option,
+    initial_joints,
+    posture_from_options,
+    report_missing_freedom,
+)
 from ikservo.cli.options import (
     ArmOption,
     DirectionOption,
@@ -24,15 +32,12 @@ from ikservo.cli.options import (
     parse_axis,
     parse_force_n,
 )
-from ikservo.cli.posture_options import (
-    LEANING,
-    PreferOption,
-    WeightOption,
-    posture_from_options,
-    report_missing_freedom,
+from ikservo.cli.solve_reports import (
+    all_solutions,
+    ask_about_millimetres,
+    print_result,
+    print_solutions,
 )
-from ikservo.cli.reach_report import ask_about_millimetres
-from ikservo.cli.solve_reports import all_solutions, print_result, print_solutions
 from ikservo.cli.terminal import print_status
 from ikservo.errors import ExitCode, InputError
 from ikservo.ik import Result, Target, solve
@@ -172,7 +177,7 @@ def _check_options(
         other = "--all" if everything else "--compare"
         raise InputError(f"{other} chooses the method itself.", "Omit --method.")
     if plot is not None:
-        from ikservo.cli.plot_solve import check_plot_file  # noqa: PLC0415  # few draw
+        from ikservo.cli.plots import check_plot_file  # noqa: PLC0415  # few draw
 
         check_plot_file(plot)
 
@@ -256,7 +261,7 @@ def _print_one(
 def _plot_answers(
     file: Path, model: Model, target: Target, start: Vector, answers: list[tuple[str, Result]]
 ) -> None:
-    from ikservo.cli.plot_solve import plot_solution  # noqa: PLC0415  # matplotlib takes a second
+    from ikservo.cli.plots import plot_solution  # noqa: PLC0415  # matplotlib takes a second
 
     plot_solution(file, model, target, start, answers)
     print_status(f"Picture: {file}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from ikservo.arm.remote import StopResult, stop_all_arms, stop_arm
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
 from ikservo.cli.terminal import format_port, print_json, print_lines
 from ikservo.errors import ExitCode, InputError

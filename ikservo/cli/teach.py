@@ -11,9 +11,8 @@ from ikservo.arm import Arm
 from ikservo.calibration import JointUnit
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
 from ikservo.cli.posture_reports import joint_lines
-from ikservo.cli.prompts import wait_for_enter
 from ikservo.cli.session import announce_lowering, open_from_options
-from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
 from ikservo.errors import InputError
 
 __all__ = ["command"]

@@ -1,21 +1,28 @@
-"""Terminal output and input: JSON, tables, progress bars, single keys."""
+"""Terminal output and input: JSON, tables, folded lines, progress bars, keys and questions.
+
+A question discards whatever was typed before it was printed: a key that was meant for an earlier
+one must not let an arm move or go limp. For the same reason no question has a default answer.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
+import shutil
 import sys
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
-from typing import Any
-
-from ikservo.cli.text_wrapping import fold_for_stream, terminal_width
+from typing import Any, TextIO
 
 __all__ = [
     "Keys",
     "Show",
+    "confirm",
+    "fold",
+    "fold_for_stream",
     "format_point",
     "format_port",
     "print_json",
@@ -23,13 +30,89 @@ __all__ = [
     "print_status",
     "print_table",
     "progress_bar",
+    "read_answer",
     "read_keys",
+    "terminal_width",
+    "wait_for_enter",
 ]
 
+# A command begins at `ikservo` or another program's name and ends at punctuation.
+_COMMAND = re.compile(r"(?:ikservo|sudo|pip|xacro)\s")
+_ENDS = (".", ",", ";", ":", ")", "?")
 
 _QUANTITY = re.compile(r"[-+]?[\d.]+( ?[°%]| mm| ms)?")
 # Off a terminal a row stays one line, however long it is.
 _WIDE = 1000
+
+_ANSWERS = {"y": True, "yes": True, "n": False, "no": False}
+_MAX_ANSWER_BYTES = 4096
+
+
+def terminal_width(stream: TextIO) -> int | None:
+    """Return the columns of a terminal; None where the stream is none, for no line is folded."""
+    if not stream.isatty():
+        return None
+    columns = os.environ.get("COLUMNS", "")
+    if columns.isdigit() and int(columns):
+        return int(columns)
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or None
+    except (OSError, ValueError):
+        return shutil.get_terminal_size().columns
+
+
+def fold_for_stream(text: str, stream: TextIO = sys.stderr, indent: int = 0) -> str:
+    """Return text folded for a stream, see `fold`; unchanged where that is no terminal."""
+    width = terminal_width(stream)
+    if width is None:
+        return text
+    return "\n".join("\n".join(fold(line, width, indent)) for line in text.split("\n"))
+
+
+def fold(line: str, width: int, indent: int = 0) -> list[str]:
+    """Return one line as lines of at most ``width`` columns.
+
+    Args:
+        line: What to fold; spaces at its start are kept.
+        width: Columns of the terminal.
+        indent: Columns by which all lines but the first are indented.
+
+    A word that is longer than a line, such as a path, gets a line of its own and is left whole.
+    """
+    if len(line) <= width:
+        return [line]
+    lead = line[: len(line) - len(line.lstrip())]
+    lines, current = list[str](), lead
+    for chunk in _split_words(line[len(lead) :], width - max(indent, len(lead))):
+        joined = f"{current} {chunk}" if current.strip() else f"{current}{chunk}"
+        if len(joined) > width and current.strip():
+            lines.append(current)
+            joined = " " * max(indent, len(lead)) + chunk
+        current = joined
+    return [*lines, current]
+
+
+def _split_words(text: str, width: int) -> Iterator[str]:
+    """Yield words, a command that fits a line as one of them; runs of spaces stay inside words."""
+    words = re.findall(r"\S+(?:\s+(?=\s))?", text)
+    at = 0
+    while at < len(words):
+        end = _end_of_command(words, at)
+        chunk = " ".join(words[at:end])
+        if len(chunk) > width:
+            chunk, end = words[at], at + 1
+        yield chunk.rstrip() if end == len(words) else chunk
+        at = end
+
+
+def _end_of_command(words: list[str], start: int) -> int:
+    """Return behind which word a command that begins at ``start`` ends; one word if none does."""
+    if not _COMMAND.match(words[start].lstrip("('") + " "):
+        return start + 1
+    for at in range(start, len(words)):
+        if words[at].rstrip().endswith(_ENDS):
+            return at + 1
+    return len(words)
 
 
 def print_json(schema: str, **fields: object) -> None:
@@ -186,3 +269,75 @@ def _windows_keys() -> str:
         key: str = msvcrt.getwch()  # pyright: ignore[reportUnknownMemberType, reportAttributeAccessIssue, reportUnknownVariableType]
         typed = f"{typed}{key}"
     return typed
+
+
+def confirm(question: str) -> bool:
+    """Ask a question and return yes or no; anything else typed, Enter too, asks again.
+
+    Raises:
+        typer.Abort: The input ended (Ctrl-D, or the terminal was closed).
+    """
+    while True:
+        answer = read_answer(f"{question} [y/n]: ").strip().lower()
+        if answer in _ANSWERS:
+            return _ANSWERS[answer]
+        print_status("Type y or n, then Enter.")
+
+
+def wait_for_enter(request: str) -> None:
+    """Print a request and return once Enter is pressed.
+
+    Raises:
+        typer.Abort: The input ended.
+    """
+    read_answer(f"{request} ")
+
+
+def read_answer(prompt: str) -> str:
+    """Discard what was typed so far, print a prompt on stderr and return the line typed then.
+
+    Raises:
+        typer.Abort: The input ended.
+    """
+    _discard_input()
+    print(fold_for_stream(prompt.rstrip(), sys.stderr), end=" ", file=sys.stderr, flush=True)  # noqa: T201
+    try:
+        line = _read_line()
+    except OSError:  # the terminal was closed
+        line = ""
+    except KeyboardInterrupt:
+        print_status("")
+        raise
+    if not line:
+        print_status("")
+        import typer  # noqa: PLC0415  # `--version` needs no typer
+
+        raise typer.Abort
+    return line.rstrip("\r\n")
+
+
+def _discard_input() -> None:
+    if sys.platform == "win32":
+        import msvcrt  # noqa: PLC0415
+
+        while msvcrt.kbhit():  # pyright: ignore[reportUnknownMemberType, reportAttributeAccessIssue]
+            msvcrt.getwch()  # pyright: ignore[reportUnknownMemberType, reportAttributeAccessIssue]
+        return
+    import termios  # noqa: PLC0415  # there is none on Windows
+
+    with contextlib.suppress(termios.error):  # a closed terminal holds no input
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+
+
+def _read_line() -> str:
+    """Return a line with its end; empty at the end of the input."""
+    if sys.platform == "win32":
+        return sys.stdin.readline()
+    # Read from the descriptor itself: `sys.stdin` would keep a second typed line for later.
+    typed = b""
+    while not typed.endswith(b"\n"):
+        more = os.read(sys.stdin.fileno(), _MAX_ANSWER_BYTES)
+        if not more:
+            break
+        typed += more
+    return typed.decode("utf-8", "replace")

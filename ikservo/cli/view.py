@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, CollisionOption, PortOption, UncalibratedOption
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.errors import InputError

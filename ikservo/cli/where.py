@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import math
 import sys
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +20,7 @@ from rich.text import Text
 from ikservo.arm import ArmState, JointState
 from ikservo.arm.remote import query_state
 from ikservo.calibration import source_words
-from ikservo.cli.choosing import model_from_option
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmOption,
     JsonOption,
@@ -40,7 +40,7 @@ from ikservo.model.joint_limits import limit_distance, near_limit
 from ikservo.model.model import HealthLimits
 
 if TYPE_CHECKING:
-    from ikservo.cli.where_report import VisibilityReport
+    from ikservo.view.visibility import LinkVisibility
 
 __all__ = ["command", "heat_colour", "limit_colour", "position_bar", "watch_arm"]
 
@@ -82,31 +82,49 @@ def command(
     if watch and eye_m is not None:
         raise InputError("--visible-from cannot be combined with --watch.", "Omit --watch.")
     if watch:
-        pass  # import dropped
-
         watch_arm(model, port, interval, times, uncalibrated=uncalibrated, json=json)
         return
     here = query_state(model, port)
     if here is None:
         with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
             here = machine.where()
-    sights = None if eye_m is None else _visibility_report(model, here, eye_m)
+    links = () if eye_m is None else _find_visible_links(model, here, eye_m)
     if json:
         more = posture_fields(model.chain, _chain_joints(here, model))
-        more |= {} if sights is None else {"visible_from": sights.fields()}
+        more |= {} if eye_m is None else {"visible_from": _visibility_fields(eye_m, links)}
         print_json("where", tip_m=here.tip_m, joints=here.joints, **more)
         return
     _print_arm_state(here, model)
-    if sights is not None:
-        sights.print_table()
+    if eye_m is not None:
+        _print_visibility(eye_m, links)
 
 
-def _visibility_report(
+def _find_visible_links(
     model: Model, here: ArmState, eye_m: tuple[float, float, float]
-) -> VisibilityReport:
-    from ikservo.cli.where_report import VisibilityReport  # noqa: PLC0415  # few ask, numba loads
+) -> tuple[LinkVisibility, ...]:
+    from ikservo.view.visibility import visible_from  # noqa: PLC0415  # few ask, numba loads
 
-    return VisibilityReport.from_point(model, here.positions, eye_m)
+    return visible_from(model, here.positions, eye_m)
+
+
+def _visibility_fields(
+    eye_m: tuple[float, float, float], links: Sequence[LinkVisibility]
+) -> dict[str, object]:
+    listed = [
+        {"link": each.link, "visible_share": round(each.share, 3), "hidden_by": each.hidden_by}
+        for each in links
+    ]
+    return {"eye_m": eye_m, "links": listed}
+
+
+def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[LinkVisibility]) -> None:
+    print_lines(["", f"seen from {format_point(eye_m)}"])
+    print_table(["link", "visible", "hidden by"], [_visibility_row(each) for each in links])
+
+
+def _visibility_row(seen: LinkVisibility) -> list[str]:
+    share = f"{seen.share:.0%}" if seen.is_visible else "hidden"
+    return [seen.link, share, ", ".join(seen.hidden_by)]
 
 
 def _print_arm_state(here: ArmState, model: Model) -> None:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.choosing import calibrated_model_from_option, describe_limit, initial_joints
+from ikservo.cli.model_options import calibrated_model_from_option, describe_limit, initial_joints
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -20,9 +20,8 @@ from ikservo.cli.options import (
     parse_angle_rad,
     parse_length_m,
 )
-from ikservo.cli.plot_solve import check_plot_file
-from ikservo.cli.plot_workspace import axis_names, draw
-from ikservo.cli.reach_report import ask_about_millimetres, explain_unreachable
+from ikservo.cli.plots import axis_names, check_plot_file, plot_workspace
+from ikservo.cli.solve_reports import ask_about_millimetres, explain_unreachable
 from ikservo.cli.terminal import format_point as say_point
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import ExitCode, InputError
@@ -196,7 +195,7 @@ def command(
             model.chain, _slice_plane(model, home, cut, height, yaw), cell, clear=clear
         )
     if region is not None and plot is not None:
-        draw(region, model, home, workspace_title(model, cut, region), plot, asked)
+        plot_workspace(region, model, home, workspace_title(model, cut, region), plot, asked)
     if json:
         print_json("workspace", **point_fields(model, asked, found), **region_fields(cut, region))
     else:

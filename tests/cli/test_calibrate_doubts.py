@@ -56,7 +56,7 @@ def answering(monkeypatch, **answers):
         asked.append(prompt)
         return answers.get(prompt.split()[0], "y")
 
-    monkeypatch.setattr("ikservo.cli.prompts.read_answer", read_answer)
+    monkeypatch.setattr("ikservo.cli.terminal.read_answer", read_answer)
     return asked
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from ikservo.cli import main
 from ikservo.cli.app import COMMANDS
-from ikservo.cli.text_wrapping import fold
+from ikservo.cli.terminal import fold
 from tests.cli.desk import Comport, plug_in
 
 SIM = "--port sim:?pose=home"

@@ -10,9 +10,8 @@ import pytest
 import typer
 
 import ikservo.cli
-from ikservo.cli.prompts import confirm, wait_for_enter
 from ikservo.cli.session import confirm_motion
-from ikservo.cli.terminal import read_keys
+from ikservo.cli.terminal import confirm, read_keys, wait_for_enter
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
 
@@ -29,7 +28,7 @@ class Terminal:
 
     def print(self, prompt, **how):
         print(prompt, **how)  # noqa: T201
-        if self.texts:
+        if self.texts and how.get("end") == " ":  # a prompt
             self.type(self.texts.pop(0))
 
 
@@ -39,7 +38,7 @@ def terminal(monkeypatch):
     stdin = os.fdopen(slave, "r")
     terminal = Terminal(master)
     monkeypatch.setattr(sys, "stdin", stdin)
-    monkeypatch.setattr("ikservo.cli.prompts.print", terminal.print, raising=False)
+    monkeypatch.setattr("ikservo.cli.terminal.print", terminal.print, raising=False)
     yield terminal
     stdin.close()
     os.close(master)
@@ -117,4 +116,4 @@ def test_every_question_of_the_command_line_is_asked_in_this_way():
     elsewhere = re.compile(r"typer\.(confirm|prompt)|\binput\(|stdin\.read")
     sources = Path(ikservo.cli.__file__).parent.rglob("*.py")
     found = [path.name for path in sources if elsewhere.search(path.read_text("utf-8"))]
-    assert found == ["prompts.py"]  # which reads lines itself where there are no descriptors
+    assert found == ["terminal.py"]  # which reads lines itself where there are no descriptors

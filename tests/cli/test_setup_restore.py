@@ -115,9 +115,7 @@ def test_it_is_written_only_after_a_yes(monkeypatch, answer):
     path, desk = backup_of("so101"), Desk(monkeypatch, "so101")
     asked = []
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr(
-        "ikservo.cli.eeprom_restore.confirm", lambda q: (asked.append(q), answer)[1]
-    )
+    monkeypatch.setattr("ikservo.cli.setup.confirm", lambda q: (asked.append(q), answer)[1])
     said = desk.restore(path)
     assert asked == ["Write these to elbow_flex (id 3)?"]
     assert (said.code == 0) is answer

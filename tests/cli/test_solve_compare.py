@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from ikservo.cli.plot_solve import arm_polyline
+from ikservo.cli.plots import arm_polyline
 from ikservo.model import load_model
 from tests.oracle import ARMS, tip_from_joints
 
@@ -227,7 +227,7 @@ def test_what_makes_no_sense_is_refused_before_any_work(say, words, message):
 
 
 def test_without_matplotlib_the_extra_is_named(say, monkeypatch, tmp_path):
-    monkeypatch.setattr("ikservo.cli.plot_solve.find_spec", lambda _: None)
+    monkeypatch.setattr("ikservo.cli.plots.find_spec", lambda _: None)
     said = say(f"{FLAT} --plot {tmp_path}/arm.svg")
     assert said.code == 1
     assert "pip install 'ikservo[plot]'" in said.err

@@ -189,7 +189,7 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
     key.ready_s = arm.world.time_s + 1.5
     monkeypatch.setattr("ikservo.cli.calibrate_touch.read_keys", lambda: nullcontext(key))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    monkeypatch.setattr("ikservo.cli.prompts.read_answer", lambda _: "y")
+    monkeypatch.setattr("ikservo.cli.terminal.read_answer", lambda _: "y")
     done = say(f"{WORDS} --points {points} --json")
     assert "Enter   s skip   u undo" in done.err
     assert "8 points touched.  a evaluate" in done.err

@@ -57,7 +57,7 @@ def watcher(monkeypatch):
 
         monkeypatch.setattr(calibrate_wiggle, "run_direction_check", wiggle)
         monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-        monkeypatch.setattr("ikservo.cli.prompts.read_answer", answer(seen))
+        monkeypatch.setattr("ikservo.cli.terminal.read_answer", answer(seen))
         return seen
 
     return watch

@@ -1,4 +1,4 @@
-"""Figures of a solve: the arm before and after, error over iterations."""
+"""Figures: of a solve, the arm before and after and its errors; of the workspace, its area."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ikservo.cli.solve_reports import trace_errors
 from ikservo.cli.terminal import format_point
 from ikservo.errors import IkservoError, InputError
 from ikservo.ik import METHODS, Result, Target, Tolerance
+from ikservo.ik.workspace import Workspace
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
@@ -26,16 +27,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "arm_polyline",
+    "axis_names",
     "check_plot_file",
     "label_length_axes",
     "line_styles",
     "new_figure",
     "plot_error_curves",
     "plot_solution",
+    "plot_workspace",
     "save_figure",
     "square_axes",
 ]
-
 
 # matplotlib leaves the types of its keywords open.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -44,6 +46,8 @@ __all__ = [
 # Told apart by colour-blind people, too (Okabe and Ito, Color Universal Design, 2008).
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _DASHES = ("-", "--", "-.", ":")
+
+_FILL, _EDGE, _ARM, _POINT = "#cfe8e4", "#2a7f74", "#3c4043", "#c0392b"
 
 
 def check_plot_file(file: Path) -> None:
@@ -331,3 +335,70 @@ def _draw_view(
     axes.set_title(view.title)
     square_axes(axes, view.project_points(poses, target_m), side_m)
     label_length_axes(axes, view.across, view.up)
+
+
+def plot_workspace(
+    region: Workspace,
+    model: Model,
+    home: Vector,
+    title: str,
+    file: Path,
+    point_m: Sequence[float] | None = None,
+) -> None:
+    """Draw a slice as one picture, or a volume as its shadows from three sides.
+
+    Args:
+        region: What is reachable.
+        model: The arm.
+        home: The joints (dof,) in which the arm is drawn.
+        title: What stands above.
+        file: Where to; ``.svg`` or ``.png``.
+        point_m: A point (3,) of the base frame to mark, if any.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    views = [2] if region.is_slice else [2, 1, 0]
+    figure = new_figure(6.0 * len(views), 6.0)
+    arm_m, _ = arm_polyline(model, home)
+    for place, along in enumerate(views):
+        axes = figure.add_subplot(1, len(views), place + 1)
+        _draw_reach(axes, region, along)
+        _draw_arm(axes, np.delete(region.grid.to_grid(arm_m), along, axis=1))
+        if point_m is not None:
+            _mark_point(axes, np.delete(region.grid.to_grid([point_m])[0], along))
+        label_length_axes(axes, *np.delete(axis_names(region), along))
+    figure.suptitle(title)
+    save_figure(figure, file)
+
+
+def axis_names(region: Workspace) -> tuple[str, str, str]:
+    """Name each axis of the grid after the base axis it runs along, or say that it leads out."""
+    names = ("x", "y", "z")
+    along = np.abs(region.grid.T_world_grid[:3, :3])
+    u, v, w = (
+        names[int(column.argmax())] if column.max() > 1 - 1e-9 else "out" for column in along.T
+    )
+    return u, v, w
+
+
+def _draw_reach(axes: Axes, region: Workspace, along: int) -> None:
+    from matplotlib.patches import PathPatch  # noqa: PLC0415
+    from matplotlib.path import Path as Shape  # noqa: PLC0415
+
+    loops = [Shape(loop, closed=False) for loop in map(_close_loop, region.outline(along))]
+    if loops:
+        whole = Shape.make_compound_path(*loops)
+        axes.add_patch(PathPatch(whole, facecolor=_FILL, edgecolor=_EDGE, linewidth=1.0))
+
+
+def _close_loop(loop: Matrix) -> Matrix:
+    return np.vstack([loop, loop[:1]])
+
+
+def _draw_arm(axes: Axes, joints_m: Matrix) -> None:
+    axes.plot(*joints_m.T, "o-", color=_ARM, linewidth=3.0, markersize=5.0)
+
+
+def _mark_point(axes: Axes, at_m: Vector) -> None:
+    axes.plot(*at_m, "x", color=_POINT, markersize=10.0, markeredgewidth=2.0)
