@@ -213,9 +213,9 @@ class BusError(IkservoError):
         servo: Joint name and id, for example ``elbow_flex (id 3)``.
         servo_id: The id alone, where one servo is meant.
         port: The port's name.
-        asked: What the servo was asked to do.
+        request: What was requested of the servo.
         found: What happened instead.
-        sent: The bytes of the question, for bug reports.
+        sent: The bytes of the request, for bug reports.
         received: The bytes that came back.
     """
 
@@ -229,16 +229,16 @@ class BusError(IkservoError):
         servo: str = "",
         servo_id: int | None = None,
         port: str = "",
-        asked: str = "",
+        request: str = "",
         sent: bytes = b"",
         received: bytes = b"",
     ) -> None:
-        self.servo, self.servo_id, self.port, self.asked = servo, servo_id, port, asked
+        self.servo, self.servo_id, self.port, self.request = servo, servo_id, port, request
         self.found, self.sent, self.received = found, sent, received
         place = f"{servo} on {port}" if servo and port else servo or port
-        question = f" when asked to {asked}" if asked else ""
+        purpose = f" when asked to {request}" if request else ""
         subject = f"{place} " if place else ""
-        super().__init__(f"{subject}{found}{question}.", hint or self._hint())
+        super().__init__(f"{subject}{found}{purpose}.", hint or self._hint())
 
     @property
     def detail(self) -> str:

@@ -43,7 +43,7 @@ def command(
     where = simulated_port_url(choose_port(name or port, arm or ""), _find_arm_file(arm))
     wanted = list(dict.fromkeys(rates or candidate_baud_rates()))
     with _scan_progress() as draw:
-        found = scan_port(where, wanted, every=every or bool(rates), on_step=draw)
+        found = scan_port(where, wanted, all_rates=every or bool(rates), on_step=draw)
     if not found:
         raise ServoSilentError(
             f"No servo found on {format_port(where)} {_silence_message(wanted)}", _HINT
@@ -111,7 +111,7 @@ def _servo_fields(servo: FoundServo) -> dict[str, object]:
 @contextmanager
 def _scan_progress() -> Generator[OnScanStep | None]:
     with progress_bar() as show:
-        yield show and (lambda step: show(_format_step(step), step.asked, step.ids))
+        yield show and (lambda step: show(_format_step(step), step.pinged, step.ids))
 
 
 def _format_step(step: ScanProgress) -> str:

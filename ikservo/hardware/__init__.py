@@ -1,4 +1,4 @@
-"""The servos as they are: a port, the vendors' packets, and typed registers on a line."""
+"""Serial port, vendor packets, and typed registers of the servos on a bus."""
 
 from __future__ import annotations
 

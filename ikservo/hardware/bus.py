@@ -34,14 +34,14 @@ __all__ = ["Conversation", "ServoBus"]
 
 
 class Conversation:
-    """Reads and writes registers of single servos; ``ServoBus`` adds what concerns many."""
+    """Read and write registers of single servos; ``ServoBus`` adds group operations."""
 
     def __init__(
         self, port: Port, servos: Sequence[ServoSpec], *, retries: int = 2, fast: bool = True
     ) -> None:
         self.port = port
         self.servos: Mapping[int, ServoSpec] = {servo.id: servo for servo in servos}
-        self._questions = Requester(port, servos, retries, fast=fast)
+        self._requester = Requester(port, servos, retries, fast=fast)
         self._torque_on: set[int] = set()
 
     @property
@@ -51,23 +51,23 @@ class Conversation:
 
     @property
     def statistics(self) -> Mapping[int, ServoStatistics]:
-        """Return how well each servo answers."""
-        return self._questions.statistics
+        """Return the reply statistics of each servo."""
+        return self._requester.statistics
 
     @property
     def alarms(self) -> Mapping[int, frozenset[Alarm]]:
-        """Return what each servo complained about in its latest answer, if it ever spoke."""
-        return self._questions.alarms
+        """Return the alarms in the latest reply of each servo that has replied."""
+        return self._requester.alarms
 
     def ping(self, servo_id: int) -> PingResult:
-        """Return what the servo says it is.
+        """Return the identity that a servo reports.
 
         Raises:
-            BusError: It is silent or unintelligible.
+            BusError: It does not reply, or its reply is invalid.
         """
         servo = self._require_servo(servo_id)
-        driver = self._questions.driver_of(servo)
-        data = self._questions.request(servo, "identify itself", lambda: driver.ping(servo_id))
+        driver = self._requester.driver_of(servo)
+        data = self._requester.request(servo, "identify itself", lambda: driver.ping(servo_id))
         if data:
             return PingResult(servo_id, int.from_bytes(data[:2], "little"), data[2])
         return PingResult(servo_id, self.read(servo_id, RegisterName.MODEL_NUMBER, raw=True))
@@ -80,63 +80,63 @@ class Conversation:
         """Return a register of one servo.
 
         Raises:
-            BusError: No usable answer, after repeats.
+            BusError: No usable reply, after retries.
         """
         servo = self._require_servo(servo_id)
-        register, driver = resolve_register(servo, wanted), self._questions.driver_of(servo)
+        register, driver = resolve_register(servo, wanted), self._requester.driver_of(servo)
 
-        def question() -> Reply:
+        def exchange() -> Reply:
             return driver.read(servo_id, register.address, register.size)
 
-        def holds(answer: Status) -> bool:
-            again = question()
-            return isinstance(again, Status) and again.data == answer.data
+        def confirm_read(reply: Status) -> bool:
+            second = exchange()
+            return isinstance(second, Status) and second.data == reply.data
 
-        confirm = holds if register.steady else None
-        data = self._questions.request(servo, f"read {register}", question, confirm=confirm)
+        confirm = confirm_read if register.steady else None
+        data = self._requester.request(servo, f"read {register}", exchange, confirm=confirm)
         number = register.decode(data)
         self._track_state(servo, register, number)
         return number if raw else register.to_value(number)
 
     def write(self, servo_id: int, wanted: RegisterRef, value: float, *, raw: bool = False) -> None:
-        """Write a register of one servo and hear that it was taken.
+        """Write a register of one servo and check its reply.
 
         Raises:
             RegisterAccessError: The register forbids it; nothing was sent.
-            BusError: The servo refused, or gave no usable answer after repeats.
+            BusError: The servo refused, or sent no usable reply after retries.
         """
         servo = self._require_servo(servo_id)
-        register, driver = resolve_register(servo, wanted), self._questions.driver_of(servo)
+        register, driver = resolve_register(servo, wanted), self._requester.driver_of(servo)
         data = self._check_write(servo, register, value, raw=raw)
         number = register.decode(data)
 
-        def took(_: Status) -> bool:
+        def was_written(_: Status) -> bool:
             now = driver.read(servo_id, register.address, register.size)
             return isinstance(now, Status) and now.data == data
 
-        elsewhere = register in (servo.table.id, servo.table.baud_rate)
-        self._questions.request(
+        moves_servo = register in (servo.table.id, servo.table.baud_rate)
+        self._requester.request(
             servo,
             f"write {register} = {number}",
             lambda: driver.write(servo_id, register.address, data),
-            repeat=not elsewhere and (register.name, number) not in servo.table.non_idempotent,
-            confirm=None if elsewhere else took,
+            repeat=not moves_servo and (register.name, number) not in servo.table.non_idempotent,
+            confirm=None if moves_servo else was_written,
         )
         self._track_state(servo, register, number)
 
     def reg_write(
         self, servo_id: int, wanted: RegisterRef, value: float, *, raw: bool = False
     ) -> None:
-        """Lay a write ready that ``action`` sets off; never repeated after a lost answer.
+        """Prepare a write that ``action`` executes; never repeated after a lost reply.
 
         Raises:
             RegisterAccessError: The register forbids it; nothing was sent.
-            BusError: The servo refused, or gave no usable answer.
+            BusError: The servo refused, or sent no usable reply.
         """
         servo = self._require_servo(servo_id)
-        register, driver = resolve_register(servo, wanted), self._questions.driver_of(servo)
+        register, driver = resolve_register(servo, wanted), self._requester.driver_of(servo)
         data = self._check_write(servo, register, value, raw=raw)
-        self._questions.request(
+        self._requester.request(
             servo,
             f"register a write of {register}",
             lambda: driver.reg_write(servo_id, register.address, data),
@@ -144,26 +144,26 @@ class Conversation:
         )
 
     def action(self) -> None:
-        """Set off what was laid ready, on all servos at the same moment."""
-        for driver in self._questions.drivers.values():
+        """Execute the prepared writes of all servos at the same time."""
+        for driver in self._requester.drivers.values():
             driver.action()
 
     def reboot(self, servo_id: int) -> None:
-        """Restart a servo; its torque is lost.
+        """Restart a servo; its torque is off afterwards.
 
         Raises:
-            BusError: It refused or its family knows no reboot.
+            BusError: It refused or its family does not support reboot.
         """
         servo = self._require_servo(servo_id)
-        driver = self._questions.driver_of(servo)
-        self._questions.request(servo, "reboot", lambda: driver.reboot(servo_id), repeat=False)
+        driver = self._requester.driver_of(servo)
+        self._requester.request(servo, "reboot", lambda: driver.reboot(servo_id), repeat=False)
         self._torque_on.discard(servo_id)
 
     def read_alarms(self, servo_id: int) -> frozenset[Alarm]:
-        """Return what the servo complains about: its own register, or beside its answers.
+        """Return a servo's alarms, from its alarm register or from its status packet.
 
         Raises:
-            BusError: No usable answer, after repeats.
+            BusError: No usable reply, after retries.
         """
         if RegisterName.ALARMS in self._require_servo(servo_id).table.missing:
             self.ping(servo_id)
@@ -187,11 +187,11 @@ class Conversation:
         return encode_value(servo, register, value, raw=raw)
 
     def _track_state(self, servo: ServoSpec, register: Register, number: int) -> None:
-        """Remember what a register tells about torque and alarms."""
+        """Update the known torque state or alarms from a register value."""
         if register is servo.table.torque_enable:
             (self._torque_on.add if number == 1 else self._torque_on.discard)(servo.id)
         elif RegisterName.ALARMS not in servo.table.missing and register is servo.table.alarms:
-            self._questions.alarms[servo.id] = servo.table.decode_alarms(number)
+            self._requester.alarms[servo.id] = servo.table.decode_alarms(number)
 
 
 _MAX_CACHED_PLANS = (
@@ -202,23 +202,23 @@ _Key = TypeVar("_Key", bound=RegisterRef)
 
 
 class ServoBus(Conversation):
-    """Reads and writes registers of the servos on one port.
+    """Read and write registers of the servos on one port.
 
     Registers may come from any table, or be a ``RegisterName``: each servo's own register so named
     is used, so that one call serves a line with several models. Values are in the register's
-    unit; ``raw=True`` gives and takes its integer, for positions the tick.
+    unit; ``raw=True`` uses its integer, for positions the tick.
 
     Programs may use it without an arm; ``bulk_write``, ``broadcast_ping``, ``reg_write`` and
-    ``action`` are there for them, nothing in ikservo calls these.
+    ``action`` are part of this interface, though ikservo does not call them.
 
     Args:
-        port: The line.
-        servos: Who should be on it, in the order of the cable.
-        retries: How often a question is put again whose answer is lost.
-        fast: Whether fast sync read is tried where the family has it.
+        port: The port.
+        servos: The expected servos, in the order of the cable.
+        retries: How often a request is repeated after a lost reply.
+        fast: Whether fast sync read is tried where the family supports it.
 
     Attributes:
-        port: The line.
+        port: The port.
         servos: By id.
     """
 
@@ -274,11 +274,11 @@ class ServoBus(Conversation):
     def bulk_read(
         self, wanted: Mapping[int, Sequence[_Key]], *, raw: bool = False
     ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
-        """Return of each servo its own registers, with as few questions as the family allows.
+        """Read each servo's own registers, with as few requests as the family allows.
 
-        Neighbouring registers share one question. Raises only where the port is lost. A servo
-        that does not answer stands among ``errors``, after one repeat for all such together; one
-        that has been deaf for long is asked only every so often.
+        Neighbouring registers are read together. Raises only if the port is lost. A servo that does
+        not reply is in ``errors``, after one common retry of all such; one that has been silent for
+        long is polled at a reduced rate.
         """
         key = tuple((servo_id, tuple(keys)) for servo_id, keys in wanted.items())
         return self._execute_plan(self._plans.get(key) or self._read_plan(key, wanted), raw=raw)
@@ -293,8 +293,8 @@ class ServoBus(Conversation):
     def _execute_plan(self, plan: ReadPlan, *, raw: bool) -> Readings[Mapping[Any, Any]]:
         values: dict[int, dict[RegisterRef, float]] = {servo_id: {} for servo_id in plan.servo_ids}
         errors: dict[int, BusError] = {}
-        for step in plan.rounds:
-            data, missing = self._questions.request_many(step)
+        for step in plan.batches:
+            data, missing = self._requester.request_many(step)
             errors |= missing
             for servo_id, block in data.items():
                 values[servo_id] |= self._decode_reply(
@@ -309,9 +309,9 @@ class ServoBus(Conversation):
     def _decode_reply(
         self, servo_id: int, block: bytes, layout: ReplyLayout, *, raw: bool
     ) -> Mapping[RegisterRef, float]:
-        """Return what an answer says, and remember what of it is about torque or alarms."""
+        """Return the values of a reply; update the known torque state and alarms."""
         numbers = layout.decode_raw(block)
-        for key, register in layout.telling.items():
+        for key, register in layout.state_registers.items():
             self._track_state(self.servos[servo_id], register, numbers[key])
         if raw:
             return numbers
@@ -320,7 +320,7 @@ class ServoBus(Conversation):
     def sync_write(
         self, wanted: RegisterRef, values: Mapping[int, float], *, raw: bool = False
     ) -> None:
-        """Write a register of many servos at once; the protocols give no answer to this.
+        """Write a register of many servos with one packet; the protocols have no reply to it.
 
         Raises:
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
@@ -335,7 +335,7 @@ class ServoBus(Conversation):
             own = packets[cell.servo.table.family]
             own[cell.servo.id] = (cell.register.address, rows[cell.servo.id])
         for family, packet in packets.items():
-            batch_write(self._questions.drivers[family], packet)
+            batch_write(self._requester.drivers[family], packet)
         for cell in cells:
             if cell.tracks_state:
                 self._track_state(
@@ -343,7 +343,7 @@ class ServoBus(Conversation):
                 )
 
     def _encode_cell(self, cell: WriteTarget, value: float, *, raw: bool) -> bytes:
-        """Return the bytes of a value; the quick way is that of goals, cycle after cycle."""
+        """Return the bytes of a value; the short path is for the goals of every cycle."""
         register = cell.register
         if raw and cell.plain and type(value) is int:
             lower, upper = register.range
@@ -360,9 +360,9 @@ class ServoBus(Conversation):
         return self._writings[key]
 
     def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:
-        """Write of each servo its own registers; the protocols give no answer to this.
+        """Write each servo's own registers; the protocols have no reply to it.
 
-        Neighbouring registers share a packet, and so do servos as far as the family allows.
+        Neighbouring registers use one packet, and so do servos as far as the family allows.
 
         Raises:
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
@@ -378,38 +378,38 @@ class ServoBus(Conversation):
                 family = self.servos[servo_id].table.family
                 packets[family][servo_id] = (run[0].address, join_bytes(own[servo_id], run))
             for family, rows in packets.items():
-                batch_write(self._questions.drivers[family], rows)
+                batch_write(self._requester.drivers[family], rows)
         for servo_id, row in own.items():
             for register, data in row.items():
                 self._track_state(self.servos[servo_id], register, register.decode(data))
 
     def broadcast_ping(self, family: Family, highest_id: int | None = None) -> BroadcastPingResult:
-        """Ask everybody of a family on the line, known or not, whether they are there.
+        """Ping all servos of a family on the bus, also unknown ones.
 
         Args:
-            family: The dialect to ask in.
-            highest_id: Up to which id to wait for; the highest known one if not given.
+            family: The protocol family.
+            highest_id: Up to which id to wait; the highest known one if None.
 
         Raises:
-            PortLostError: The line is gone.
+            PortLostError: The port is lost.
         """
         last = max(self.servos) if highest_id is None else highest_id
-        return self._questions.drivers[family].broadcast_ping(last)
+        return self._requester.drivers[family].broadcast_ping(last)
 
     def load_return_delays(self) -> None:
-        """Wait no longer for answers than these servos' own return delay registers demand.
+        """Shorten reply timeouts to these servos' own return delays.
 
-        Until then the longest delay that the registers can hold is assumed of each servo. Where
-        one does not tell, that stays so.
+        Until then the longest delay that the registers can hold is assumed of each servo. If one
+        does not reply, the assumption stays.
         """
         readings = self.sync_read(self.servos, RegisterName.RETURN_DELAY)
-        for family, driver in self._questions.drivers.items():
+        for family, driver in self._requester.drivers.items():
             ids = [i for i, servo in self.servos.items() if servo.table.family is family]
             if readings.errors.keys().isdisjoint(ids):
                 driver.set_return_delay(max(readings.values[i] for i in ids))
 
     def reconnect(self, serial_number: str, within_s: float) -> None:
-        """Go on after the adapter was pulled and plugged in again; nothing moves.
+        """Reconnect after the adapter was unplugged and plugged in again; nothing moves.
 
         Args:
             serial_number: Of the adapter, from ``serial_number_of`` before the loss.
@@ -425,7 +425,7 @@ class ServoBus(Conversation):
         )  # the servos may have been without power
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self.port.close()
 
     def __enter__(self) -> Self:

@@ -24,8 +24,8 @@ __all__ = [
     "detecting_duplicate_ids",
     "explaining_silence",
     "find_duplicate_ids",
+    "find_unexpected_servos",
     "raise_on_duplicate_ids",
-    "strangers",
 ]
 
 
@@ -33,97 +33,97 @@ DUPLICATE_ID_HINT = (
     "Several servos may share one id. Give each its own, one at a time: ikservo setup ARM"
 )
 
-_PINGS = 6  # of each id; the answers of two servos fit over each other by chance now and then
-_SAMPLES = 24  # pings of an id that is looked at more closely
-_ODD_FAULTS = 8  # of them that two servos spoil at least, and that a bad line does not
+_PINGS = 6  # of each id; replies of two servos overlap by chance now and then
+_SAMPLES = 24  # pings of an id that is checked more closely
+_ODD_FAULTS = 8  # minimum number of them that two servos spoil, and that a bad line does not
 
 
 @contextlib.contextmanager
 def detecting_duplicate_ids(bus: ServoBus) -> Generator[None]:
-    """Ask servos something, and say so if two with one id spoilt it.
+    """Run requests; on failure report ids that two servos have.
 
-    Two that share an id damage or double each other's answers, or contradict the arm file. Where
-    nothing of this happened nothing more is asked, so that a healthy line loses no time.
+    Two servos with one id damage or double each other's replies, or contradict the arm file.
+    On a healthy line nothing is sent in addition.
 
     Raises:
-        BadReplyError: More than one servo answers at an id; names all such.
-        PortLostError: The line is gone.
+        BadReplyError: More than one servo replies at an id; names all such.
+        PortLostError: The port is lost.
     """
     try:
         yield
     except (BusError, CalibrationError):
         raise_on_duplicate_ids(bus)
         raise
-    if bus.port.trust.degraded:
+    if bus.port.health.degraded:
         raise_on_duplicate_ids(bus)
 
 
 def raise_on_duplicate_ids(bus: ServoBus) -> None:
-    """Find out whether two servos share an id; see ``crowded``.
+    """Raise if two servos have the same id; see ``find_duplicate_ids``.
 
     Raises:
-        BadReplyError: More than one servo answers at an id; names all such.
-        PortLostError: The line is gone.
+        BadReplyError: More than one servo replies at an id; names all such.
+        PortLostError: The port is lost.
     """
-    crowds = find_duplicate_ids(bus)
-    if crowds:
-        named = ", ".join(map(str, crowds))
+    duplicates = find_duplicate_ids(bus)
+    if duplicates:
+        names = ", ".join(map(str, duplicates))
         raise BadReplyError(
-            "answers like several servos", DUPLICATE_ID_HINT, servo=named, port=bus.port.name
+            "answers like several servos", DUPLICATE_ID_HINT, servo=names, port=bus.port.name
         )
 
 
 def find_duplicate_ids(bus: ServoBus) -> list[ServoSpec]:
-    """Return the servos at whose ids more than one answers.
+    """Return the servos at whose ids more than one replies.
 
-    Each is pinged a few times, and more often where an answer is damaged or doubled. This takes
+    Each is pinged a few times, and more often if a reply is damaged or doubled. This takes
     about 10 ms a servo, whatever the adapter's latency, and writes nothing.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is lost.
     """
-    crowds: list[int] = []
+    duplicates: list[int] = []
     for framing in FRAMINGS:
         ids = [i for i, servo in bus.servos.items() if servo.table.family in framing.families]
-        crowds += _duplicate_ids(bus.port, framing, ids) if ids else ()
-    return [servo for servo in bus.servos.values() if servo.id in crowds]
+        duplicates += _duplicate_ids(bus.port, framing, ids) if ids else ()
+    return [servo for servo in bus.servos.values() if servo.id in duplicates]
 
 
 def _duplicate_ids(port: Port, framing: Framing, ids: Collection[int]) -> Iterator[int]:
-    absent = next(i for i in framing.ids if i not in ids)  # an echo of what nobody answers tells
-    heard = ping_ids(port, framing, [absent, *(_PINGS * [*ids])])
+    unused_id = next(i for i in framing.ids if i not in ids)  # a reply for an unused id is an echo
+    pings = ping_ids(port, framing, [unused_id, *(_PINGS * [*ids])])
     for servo_id in ids:
-        odd = heard.junk or len(heard.frames.get(servo_id, ())) > _PINGS
-        if odd and _is_duplicate_id(port, framing, servo_id, echoes=heard.echoes):
+        odd = pings.junk or len(pings.frames.get(servo_id, ())) > _PINGS
+        if odd and _is_duplicate_id(port, framing, servo_id, echoes=pings.echoes):
             yield servo_id
 
 
 def _is_duplicate_id(port: Port, framing: Framing, servo_id: int, *, echoes: bool) -> bool:
-    heard = ping_ids(port, framing, _SAMPLES * [servo_id], echoes=echoes, calm=True)
-    surplus = len(heard.frames.get(servo_id, ())) - _SAMPLES
-    return surplus >= _ODD_FAULTS or bool(heard.junk and surplus <= -_ODD_FAULTS)
+    pings = ping_ids(port, framing, _SAMPLES * [servo_id], echoes=echoes, one_by_one=True)
+    surplus = len(pings.frames.get(servo_id, ())) - _SAMPLES
+    return surplus >= _ODD_FAULTS or bool(pings.junk and surplus <= -_ODD_FAULTS)
 
 
-_NO_REPLY = 251  # an id that nobody has: only an adapter that hears itself brings something for it
+_NO_REPLY = 251  # an unused id: only an adapter that echoes returns something for it
 _NEW_IDS = (1,)  # as delivered
-_MAX_FOUND = 3  # servos looked at closely; more would say the same
+_MAX_FOUND = 3  # servos checked closely; more would not change the message
 
 
 @contextlib.contextmanager
 def explaining_silence(bus: ServoBus) -> Generator[None]:
-    """Ask servos something; where some are silent, say who is on the line instead.
+    """Run requests; where servos are silent, report the servos found on the line instead.
 
-    Only pings and reads are sent. It takes up to two seconds, after a failure alone.
+    Only pings and reads are sent. It takes up to two seconds, and only after a failure.
 
     Raises:
-        ServoSilentError: As it was, and who answers in their place.
-        PortLostError: The line is gone.
+        ServoSilentError: The original one, with the servos found instead.
+        PortLostError: The port is lost.
     """
     try:
         yield
     except ServoSilentError as error:
         silent = [s for i, s in bus.servos.items() if bus.statistics[i].lost_in_a_row]
-        found = strangers(bus.port, silent, bus.servos)
+        found = find_unexpected_servos(bus.port, silent, bus.servos)
         if not found:
             raise
         listed = "; ".join(map(str, found))
@@ -138,22 +138,24 @@ def explaining_silence(bus: ServoBus) -> Generator[None]:
         ) from error
 
 
-def strangers(port: Port, silent: Sequence[ServoSpec], known: Collection[int]) -> list[FoundServo]:
-    """Return some of those who may be the silent servos: at their ids first, then at any.
+def find_unexpected_servos(
+    port: Port, silent: Sequence[ServoSpec], known: Collection[int]
+) -> list[FoundServo]:
+    """Return some servos that may be the silent ones: at their ids first, then at any.
 
     Args:
-        port: The line; it is left at the rate at which it was.
-        silent: Who does not answer.
+        port: The port; its rate is restored.
+        silent: The servos that do not reply.
         known: The ids of all servos that should be on the line.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is lost.
     """
     rate, ids = port.baudrate, {servo.id for servo in silent}
     try:
         for other_rate in [rate, *(r for r in candidate_baud_rates() if r != rate)]:
-            asked = ids if other_rate == rate else ids | set(_NEW_IDS)
-            found = list(_responding_servos(port, other_rate, asked))
+            candidates = ids if other_rate == rate else ids | set(_NEW_IDS)
+            found = list(_responding_servos(port, other_rate, candidates))
             if found:
                 return found
         return list(_responding_servos(port, rate, set(range(_NO_REPLY)) - set(known)))
@@ -162,7 +164,7 @@ def strangers(port: Port, silent: Sequence[ServoSpec], known: Collection[int]) -
 
 
 def _responding_servos(port: Port, rate: int, ids: Iterable[int]) -> Iterator[FoundServo]:
-    """Yield those of some ids who answer at a rate, in either framing."""
+    """Yield those of some ids that reply at a rate, in either framing."""
     if not _is_set(port, rate):
         return
     for framing in FRAMINGS:
@@ -173,9 +175,9 @@ def _responding_servos(port: Port, rate: int, ids: Iterable[int]) -> Iterator[Fo
 def _responding_in_framing(
     port: Port, framing: Framing, ids: Sequence[int]
 ) -> Iterator[FoundServo]:
-    heard = ping_ids(port, framing, [*ids, _NO_REPLY])
-    for servo_id in sorted(heard.suspects | heard.frames.keys() - {_NO_REPLY})[:_MAX_FOUND]:
-        found = identify(port, framing, servo_id, echoes=heard.echoes)
+    pings = ping_ids(port, framing, [*ids, _NO_REPLY])
+    for servo_id in sorted(pings.suspects | pings.frames.keys() - {_NO_REPLY})[:_MAX_FOUND]:
+        found = identify(port, framing, servo_id, echoes=pings.echoes)
         if found:
             yield found
 

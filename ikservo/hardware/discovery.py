@@ -44,14 +44,14 @@ def list_ports() -> list[str]:
 
 
 def choose_port(name: str | None, arm: str = "") -> str:
-    """Return the port that is meant.
+    """Return the port to use.
 
     In this order: the named one, ``IKSERVO_PORT``, the one on which this arm was last found, by
     its USB serial number, the only one there is.
 
     Args:
-        name: What the person said, if anything.
-        arm: The arm's name, if one is meant.
+        name: The port given by the user, if any.
+        arm: The arm's name, if one is given.
 
     Raises:
         NoPortError: There is none or more than one to choose.
@@ -68,17 +68,17 @@ def choose_port(name: str | None, arm: str = "") -> str:
 
 
 def remember_port(arm: str, port: str) -> None:
-    """Remember on which adapter an arm answered; one without a serial number cannot be."""
+    """Remember the adapter on which an arm replied; one without a serial number cannot be."""
     adapter = find_adapter(port)
     if adapter is not None:
         remember_serial_number(arm, adapter.serial_number)
 
 
 def simulated_port_url(name: str, arm_file: Path | None) -> str:
-    """Tell the simulated bus which arm is on it; ``sim:?seed=3`` passes options on.
+    """Return the simulator's URL with the arm on it; ``sim:?seed=3`` passes options on.
 
     Raises:
-        InputError: A bus is to be simulated, but no arm is named, or the wrong way.
+        InputError: A bus is to be simulated, but no arm is named, or the options are invalid.
     """
     scheme, _, options = name.partition(":")
     if scheme != _SIMULATED or options.startswith("/"):
@@ -97,22 +97,22 @@ def scan_port(
     name: str,
     rates: Sequence[int],
     *,
-    every: bool = False,
+    all_rates: bool = False,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Open a port, return the servos that answer on it, and close it.
+    """Open a port, return the servos that reply on it, and close it.
 
     Args:
         name: The port.
         rates: Baud rates, tried in this order.
-        every: Go on after the first rate at which servos answer.
-        on_step: Told how far it is.
+        all_rates: Continue after the first rate at which servos reply.
+        on_step: Called with the progress.
 
     Raises:
         PortError: It cannot be opened, or is lost.
     """
     with open_port(name, rates[0]) as port:
-        return scan(port, rates, every=every, on_step=on_step)
+        return scan(port, rates, all_rates=all_rates, on_step=on_step)
 
 
 def _find_remembered_adapter(arm: str, found: Iterable[SerialAdapter]) -> SerialAdapter | None:

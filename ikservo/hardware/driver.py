@@ -12,146 +12,148 @@ from ikservo.hardware.transceiver import Transceiver
 __all__ = ["BroadcastPingResult", "ProtocolDriver", "broadcast_ping"]
 
 
-_SLOT_BYTES = 14  # the longest answer to a ping
-_MAX_PAUSE_S = 0.003  # the most that a servo keeps from the one before it
-_MARGIN = 2.0  # times the pace at which servos have answered so far
+_SLOT_BYTES = 14  # the longest ping reply
+_MAX_PAUSE_S = 0.003  # maximum delay of a servo after the one before it
+_MARGIN = 2.0  # times the measured time per slot
 
 
 @dataclass(frozen=True, slots=True)
 class BroadcastPingResult:
-    """Who answered.
+    """The replies to a broadcast ping.
 
     Attributes:
-        answers: Every answer by id; two of one id are two servos, or one answer doubled.
-        junk: Bytes that belong to no answer: noise, or several servos speaking at once.
+        replies: All replies by id; two of one id are two servos, or one reply doubled.
+        junk: Bytes that belong to no reply: noise, or several servos sending at once.
     """
 
-    answers: Mapping[int, tuple[Status, ...]]
+    replies: Mapping[int, tuple[Status, ...]]
     junk: int
 
 
 def broadcast_ping(
     exchange: Transceiver, send: Callable[[], int], size: int, highest_id: int
 ) -> BroadcastPingResult:
-    """Send a broadcast ping and listen until nobody up to an id can still answer.
+    """Send a broadcast ping and receive until no servo up to an id can still reply.
 
-    Servos answer in the order of their ids, each in its slot. The SDK's own always waits for 253
-    slots of 3 ms, busily (D13). Here the wait ends with the slot of the highest id, and the first
-    answers tell how long a slot is.
+    Servos reply in the order of their ids, each in its slot. The SDK always waits for 253 slots
+    of 3 ms, busily (docs/sdk-defects.md D13). Here the wait ends with the slot of the highest id,
+    and the first replies show how long a slot is.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is lost.
     """
     port = exchange.port
-    raw, heard = bytearray(), ScanResult((), 0, 0)
+    raw, scan = bytearray(), ScanResult((), 0, 0)
     with port.exchange():
         exchange.send(send)
         started_s = port.clock.now_s()
         slot_s = port.wire_s(_SLOT_BYTES) + _MAX_PAUSE_S
         while True:
             end_s = started_s + exchange.return_delay_s + (highest_id + 1) * slot_s
-            chunk = port.read_until(1 + port.getBytesAvailable(), end_s + port.patience.timeout_s)
+            chunk = port.read_until(
+                1 + port.getBytesAvailable(), end_s + port.reply_timeout.timeout_s
+            )
             if not chunk:
                 break
             raw += chunk
-            heard = _scan_replies(exchange, raw, size, final=False)
-            if heard.frames:
+            scan = _scan_replies(exchange, raw, size, final=False)
+            if scan.frames:
                 took_s = port.clock.now_s() - started_s
-                slot_s = min(slot_s, _MARGIN * took_s / (heard.frames[-1].servo_id + 1))
-    heard = _scan_replies(exchange, raw, size, final=True)
-    return BroadcastPingResult(_collect_statuses(exchange, heard.frames, size), heard.junk)
+                slot_s = min(slot_s, _MARGIN * took_s / (scan.frames[-1].servo_id + 1))
+    scan = _scan_replies(exchange, raw, size, final=True)
+    return BroadcastPingResult(_collect_statuses(exchange, scan.frames, size), scan.junk)
 
 
 def _scan_replies(exchange: Transceiver, raw: bytearray, size: int, *, final: bool) -> ScanResult:
-    return exchange.dialect.scan(bytes(raw).removeprefix(exchange.port.sent), (size,), final=final)
+    return exchange.codec.scan(bytes(raw).removeprefix(exchange.port.sent), (size,), final=final)
 
 
 def _collect_statuses(
     exchange: Transceiver, frames: Iterable[StatusPacket], size: int
 ) -> dict[int, tuple[Status, ...]]:
-    answers: dict[int, tuple[Status, ...]] = {}
+    replies: dict[int, tuple[Status, ...]] = {}
     for frame in frames:
-        reply = exchange.dialect.interpret(frame, size)
+        reply = exchange.codec.interpret(frame, size)
         if isinstance(reply, Status):
-            answers[reply.servo_id] = (*answers.get(reply.servo_id, ()), reply)
-    return answers
+            replies[reply.servo_id] = (*replies.get(reply.servo_id, ()), reply)
+    return replies
 
 
 class ProtocolDriver(Protocol):
     """One protocol on one port.
 
-    Addresses and bytes go in, replies come out. A servo that does not answer is a ``Fault``
+    Addresses and bytes go in, replies come out. A servo that does not reply is a ``ReplyFault``
     among the replies; only a lost port raises.
     """
 
     @property
     def transceiver(self) -> Transceiver:
-        """Return how questions are put and heard out; it knows the servos' return delay."""
+        """The transceiver of requests and replies; it has the servos' return delay."""
         ...
 
     def set_return_delay(self, return_delay_s: float) -> None:
-        """Wait no longer than this before each answer, seconds."""
+        """Set the maximum return delay before each reply, seconds."""
         ...
 
     @property
     def can_sync_read(self) -> bool:
-        """Whether one question can be put to many servos for the same bytes."""
+        """Whether one request can read the same bytes of many servos."""
         ...
 
     def can_bulk_read(self, servo_ids: Iterable[int], /) -> bool:
-        """Whether one question can be put to these servos, each for its own bytes."""
+        """Whether one request can read these servos, each its own bytes."""
         ...
 
     @property
     def already_retried(self) -> bool:
-        """Whether the latest reading of many was put a second time already, in another way."""
+        """Whether the latest group read was already repeated, with another instruction."""
         ...
 
     @property
     def can_bulk_write(self) -> bool:
-        """Whether one packet can tell many servos, each at its own address."""
+        """Whether one packet can write to many servos, each at its own address."""
         ...
 
     def ping(self, servo_id: int) -> Reply:
-        """Ask whether a servo is there; the data are what the protocol's ping tells."""
+        """Ping a servo; the data are those of the protocol's ping reply."""
         ...
 
     def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:
-        """Ask everybody up to an id whether they are there."""
+        """Ping all ids up to the highest."""
         ...
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
-        """Ask one servo for ``size`` bytes."""
+        """Read ``size`` bytes of one servo."""
         ...
 
     def write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Write to one servo and hear whether it took it."""
+        """Write to one servo and check its reply."""
         ...
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Ask many servos for the same bytes; each has its own reply."""
+        """Read the same bytes of many servos; each has its own reply."""
         ...
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Ask many servos, each for its own bytes."""
+        """Read many servos, each its own bytes."""
         ...
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
-        """Write to many servos at once; the protocols give no answer to this."""
+        """Write to many servos with one packet; the protocols have no reply to it."""
         ...
 
     def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
-        """Write to many servos at once, each to its own address; without an answer."""
+        """Write to many servos with one packet, each at its own address; without a reply."""
         ...
 
     def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Lay a write ready that ``action`` sets off."""
+        """Prepare a write that ``action`` executes."""
         ...
 
     def action(self) -> None:
-        """Set off what ``reg_write`` laid ready, on every servo at the same moment."""
+        """Execute the prepared writes of all servos at the same time."""
         ...
 
     def reboot(self, servo_id: int) -> Reply:
-        """Restart one servo; its torque is lost."""
+        """Restart one servo; its torque is off afterwards."""
         ...

@@ -1,13 +1,14 @@
 """Dynamixel drivers for protocols 1.0 and 2.0, on the vendor's SDK.
 
 The SDK builds and sends every packet through ``txPacket``, which is the same in 3.7.31 and in
-4.1.0 (D11). Corrected on the way out: byte stuffing, which it computes and then forgets (D1).
-Its reception is not used: it loses a byte of some stuffed answers (D2), returns the CRC as data
-where a servo refused (D3), and drops what servos say about themselves in sync reads (D4, D5).
+4.1.0. Defects are numbered as in docs/sdk-defects.md (D11). Corrected on sending: byte stuffing,
+which the SDK computes and then discards (D1). Its reception is not used: it loses a byte of some
+stuffed replies (D2), returns the CRC as data when a servo refused (D3), and drops the alarms of
+servos in sync reads (D4, D5).
 
-The SDK builds and sends every packet through ``Protocol1PacketHandler.txPacket``. Its reception
-shares the defects of its protocol 2.0 sister: it returns the checksum as data where a servo
-refused (D3), and waits by the wall clock, spinning (D7).
+Packets of protocol 1.0 go through ``Protocol1PacketHandler.txPacket``. Its reception has the same
+defects: it returns the checksum as data when a servo refused (D3), and waits by the wall clock,
+spinning (D7).
 """
 
 from __future__ import annotations
@@ -46,16 +47,16 @@ _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _BULK_READ, _BULK_WRITE = 0x92, 0x93
 _REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
 _PING_SIZE = 3  # model number and firmware
-_FAST_FAILURES = 2  # in a row; then the firmware is too old, a servo is absent, or the line bad
-_RETRY_FAST_AFTER = 200  # readings, after which the fast way gets another chance
+_FAST_FAILURES = 2  # in a row; then the firmware is too old, a servo is missing, or the line is bad
+_RETRY_FAST_AFTER = 200  # readings, after which fast sync read is tried again
 
 
 class DynamixelDriver:
     """X-series servos and everything else that speaks protocol 2.0.
 
-    Many servos are asked by fast sync read, which saves a third of the wire time, until it fails
-    twice in a row for the same servos (D5: a missing one takes all answers with it); then, and
-    whenever it fails, they are asked by sync read.
+    Groups are read by fast sync read, which saves a third of the wire time, until it fails twice
+    in a row for the same servos (D5: a missing one suppresses all replies); then, and whenever it
+    fails, they are read by sync read.
     """
 
     can_sync_read = can_bulk_write = True
@@ -63,47 +64,47 @@ class DynamixelDriver:
     def __init__(self, port: Port, *, fast: bool = True) -> None:
         self._port, self._handler = port, FixedPacketHandler()
         self._send = PacketCache(port, self._send_packet, _REQUEST_INSTRUCTIONS).send
-        self._dialect = Protocol2Codec(COMM_TX_ERROR)
-        self.transceiver = Transceiver(port, self._dialect)
+        self._codec = Protocol2Codec(COMM_TX_ERROR)
+        self.transceiver = Transceiver(port, self._codec)
         self._combined = Transceiver(port, FastSyncCodec(COMM_TX_ERROR))
         self._fast, self._fast_failures = fast, dict[tuple[int, ...], int]()
         self.already_retried = False
 
     def set_return_delay(self, return_delay_s: float) -> None:
-        """Wait no longer than this before each answer, seconds."""
+        """Set the maximum return delay before each reply, seconds."""
         for exchange in (self.transceiver, self._combined):
             exchange.set_return_delay(return_delay_s)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one question can be put to these servos, each for its own bytes."""
+        """Whether one request can read these servos, each its own bytes."""
         return True
 
     def ping(self, servo_id: int) -> Reply:
-        """Ask whether a servo is there; the data are model number (2 bytes) and firmware."""
+        """Ping a servo; the data are model number (2 bytes) and firmware."""
         return self._request_packet(servo_id, _PING, b"", _PING_SIZE)
 
     def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:
-        """Ask everybody up to an id whether they are there."""
+        """Ping all ids up to the highest."""
         return broadcast_ping(
             self.transceiver, lambda: self._send(BROADCAST_ID, _PING, b""), _PING_SIZE, highest_id
         )
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
-        """Ask one servo for ``size`` bytes."""
+        """Read ``size`` bytes of one servo."""
         span = MemoryRange(address, size)
         with self._port.lock:
             window = self.transceiver.choose_window((servo_id,), span)
-            parameters = _crc_words(window.address, window.size)
+            parameters = _two_byte_words(window.address, window.size)
             reply = self._request_packet(servo_id, _READ, parameters, window.size, window)
         return span.extract(reply, window)
 
     def write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Write to one servo and hear whether it took it."""
-        self._port.ghosts.invalidate((servo_id,))
-        return self._request_packet(servo_id, _WRITE, _crc_words(address) + data)
+        """Write to one servo and check its reply."""
+        self._port.pending.invalidate((servo_id,))
+        return self._request_packet(servo_id, _WRITE, _two_byte_words(address) + data)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Ask many servos for the same bytes; each has its own reply."""
+        """Read the same bytes of many servos; each has its own reply."""
         span, ids = MemoryRange(address, size), tuple(servo_ids)
         with self._port.lock:
             self.already_retried = self._is_fast(ids)
@@ -122,7 +123,7 @@ class DynamixelDriver:
 
     def _plain_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
         window = self.transceiver.choose_window(servo_ids, span)
-        parameters = _crc_words(window.address, window.size) + bytes(servo_ids)
+        parameters = _two_byte_words(window.address, window.size) + bytes(servo_ids)
         replies = self.transceiver.transact(
             lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
             dict.fromkeys(servo_ids, window.size),
@@ -131,12 +132,12 @@ class DynamixelDriver:
         return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
 
     def _fast_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
-        """Return every servo's reply, or nothing if they could not be had this way."""
+        """Return every servo's reply, or nothing if fast sync read failed."""
         count = len(servo_ids)
         window = self._combined.choose_window(
             (BROADCAST_ID,), span, lambda size: fast_sync_size(count, size)
         )
-        parameters = _crc_words(window.address, window.size) + bytes(servo_ids)
+        parameters = _two_byte_words(window.address, window.size) + bytes(servo_ids)
         reply = self._combined.transact(
             lambda: self._send(BROADCAST_ID, _FAST_SYNC_READ, parameters),
             {BROADCAST_ID: fast_sync_size(count, window.size)},
@@ -147,14 +148,14 @@ class DynamixelDriver:
             if isinstance(reply, ReplyFault)
             else split_fast_sync(reply.data, servo_ids, window.size)
         )
-        judged = {frame.servo_id: self._dialect.interpret(frame, window.size) for frame in frames}
-        return {i: span.extract(reply, window) for i, reply in judged.items() if reply}
+        replies = {frame.servo_id: self._codec.interpret(frame, window.size) for frame in frames}
+        return {i: span.extract(reply, window) for i, reply in replies.items() if reply}
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Ask many servos, each for its own bytes."""
+        """Read many servos, each its own bytes."""
         with self._port.lock:
             windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
-            rows = (bytes((i,)) + _crc_words(w.address, w.size) for i, w in windows.items())
+            rows = (bytes((i,)) + _two_byte_words(w.address, w.size) for i, w in windows.items())
             parameters = b"".join(rows)
             replies = self.transceiver.transact(
                 lambda: self._send(BROADCAST_ID, _BULK_READ, parameters),
@@ -164,33 +165,33 @@ class DynamixelDriver:
         return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
-        """Write to many servos at once; there is no answer to this."""
+        """Write to many servos with one packet; there is no reply."""
         size = len(next(iter(data.values())))
         rows = b"".join(bytes((servo_id, *row)) for servo_id, row in data.items())
-        parameters = _crc_words(address, size) + rows
-        self._port.ghosts.invalidate(data, MemoryRange(address, size))
+        parameters = _two_byte_words(address, size) + rows
+        self._port.pending.invalidate(data, MemoryRange(address, size))
         self.transceiver.transact(lambda: self._send(BROADCAST_ID, _SYNC_WRITE, parameters))
 
     def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
-        """Write to many servos at once, each to its own address; there is no answer to this."""
+        """Write to many servos with one packet, each at its own address; there is no reply."""
         parameters = b""
         for servo_id, (address, data) in rows.items():
-            parameters += bytes((servo_id,)) + _crc_words(address, len(data)) + data
-            self._port.ghosts.invalidate((servo_id,), MemoryRange(address, len(data)))
+            parameters += bytes((servo_id,)) + _two_byte_words(address, len(data)) + data
+            self._port.pending.invalidate((servo_id,), MemoryRange(address, len(data)))
         self.transceiver.transact(lambda: self._send(BROADCAST_ID, _BULK_WRITE, parameters))
 
     def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Lay a write ready that ``action`` sets off."""
-        return self._request_packet(servo_id, _REG_WRITE, _crc_words(address) + data)
+        """Prepare a write that ``action`` executes."""
+        return self._request_packet(servo_id, _REG_WRITE, _two_byte_words(address) + data)
 
     def action(self) -> None:
-        """Set off what ``reg_write`` laid ready; always to all, for one would answer (D10)."""
-        self._port.ghosts.invalidate(range(BROADCAST_ID))
+        """Execute the prepared writes of all servos; a single servo would reply (D10)."""
+        self._port.pending.invalidate(range(BROADCAST_ID))
         self.transceiver.transact(lambda: self._send(BROADCAST_ID, _ACTION, b""))
 
     def reboot(self, servo_id: int) -> Reply:
-        """Restart one servo; its torque is lost."""
-        self._port.ghosts.invalidate((servo_id,))
+        """Restart one servo; its torque is off afterwards."""
+        self._port.pending.invalidate((servo_id,))
         return self._request_packet(servo_id, _REBOOT, b"")
 
     def _request_packet(
@@ -207,19 +208,19 @@ class DynamixelDriver:
         return replies[servo_id]
 
     def _send_packet(self, servo_id: int, instruction: int, parameters: bytes) -> int:
-        """Hand a packet to the SDK, which puts header and CRC around it and sends it."""
+        """Pass a packet to the SDK, which adds header and CRC and sends it."""
         length = (len(parameters) + 3).to_bytes(2, "little")
         packet = [0, 0, 0, 0, servo_id, *length, instruction, *parameters, 0, 0]
         return self._handler.txPacket(self._port, packet)
 
 
-def _crc_words(*words: int) -> bytes:
-    return b"".join(word.to_bytes(2, "little") for word in words)
+def _two_byte_words(*numbers: int) -> bytes:
+    return b"".join(word.to_bytes(2, "little") for word in numbers)
 
 
 _REBOOT_1, _BULK_READ_1 = 0x08, 0x92
 
-# Bits of the error byte that blame the question; the others are alarms of the servo itself.
+# Error bits about the request; the others are alarms of the servo itself.
 _DAMAGED = 0x10
 _REFUSALS = {
     0x02: "reports a goal outside its angle limits",
@@ -230,25 +231,25 @@ _ALARMS = 0xFF & ~sum(_REFUSALS, _DAMAGED)
 
 
 class _Dynamixel1Codec(Protocol1Codec):
-    """How servos of protocol 1.0 answer: some error bits are refusals, some are alarms."""
+    """Codec of protocol 1.0: some error bits are refusals, some are alarms."""
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
         alarms = frame.error & _ALARMS
         if frame.error & _DAMAGED and not frame.data:
             found = "received a damaged instruction packet"
             return ReplyFault(frame.servo_id, FaultKind.GARBLED, found, alarms)
-        refusals = [words for bit, words in _REFUSALS.items() if frame.error & bit]
+        refusals = [text for bit, text in _REFUSALS.items() if frame.error & bit]
         if refusals and not frame.data:
             return ReplyFault(frame.servo_id, FaultKind.REFUSED, " and ".join(refusals), alarms)
         return Status(frame.servo_id, frame.data, alarms) if len(frame.data) == size else None
 
 
 class Dynamixel1Driver(Protocol1Driver):
-    """AX and MX servos; there is no sync read, and only the MX know bulk read.
+    """AX and MX servos; there is no sync read, and only MX support bulk read.
 
     Args:
-        port: The line.
-        bulk_ids: The servos that know bulk read.
+        port: The port.
+        bulk_ids: The servos that support bulk read.
     """
 
     def __init__(self, port: Port, bulk_ids: Collection[int] = ()) -> None:
@@ -256,15 +257,15 @@ class Dynamixel1Driver(Protocol1Driver):
         self._bulk_ids = frozenset(bulk_ids)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one question can be put to these servos, each for its own bytes."""
+        """Whether one request can read these servos, each its own bytes."""
         return self._bulk_ids.issuperset(servo_ids)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Ask many servos for the same bytes; those that know bulk read with one question."""
+        """Read the same bytes of many servos; those that support it with one bulk read."""
         return self.bulk_read(dict.fromkeys(servo_ids, MemoryRange(address, size)))
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Ask many servos, each for its own bytes; those that cannot, one after the other."""
+        """Read many servos, each its own bytes; those without bulk read one after the other."""
         together = {i: span for i, span in spans.items() if i in self._bulk_ids}
         if len(together) < 2:
             return super().bulk_read(spans)
@@ -283,6 +284,6 @@ class Dynamixel1Driver(Protocol1Driver):
         return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
 
     def reboot(self, servo_id: int) -> Reply:
-        """Restart one servo; its torque is lost. Old AX do not know the instruction."""
-        self._port.ghosts.invalidate((servo_id,))
+        """Restart one servo; its torque is off afterwards. Old AX do not support it."""
+        self._port.pending.invalidate((servo_id,))
         return self._request_packet(servo_id, _REBOOT_1, b"")

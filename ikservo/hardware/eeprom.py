@@ -9,7 +9,7 @@
     [eeprom]
     homing_offset = -100
 
-The first copy is never overwritten: it holds what the servo was before anybody changed it.
+The first copy is never overwritten: it holds the servo's values before any change by ikservo.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
     """Return every EEPROM register of a servo by name, raw: a backup.
 
     Raises:
-        BusError: The servo does not answer.
+        BusError: The servo does not reply.
     """
     rows = eeprom_registers(bus.servos[servo_id].table)
     readings = bus.sync_read_many([servo_id], rows, raw=True).require_all()[servo_id]
@@ -81,7 +81,7 @@ def register_differences(
     """Return the registers that do not hold the wanted raw numbers.
 
     Raises:
-        BusError: The servo does not answer.
+        BusError: The servo does not reply.
     """
     servo = bus.servos[servo_id]
     rows = {resolve_register(servo, key): number for key, number in wanted.items()}
@@ -94,16 +94,16 @@ def register_differences(
 def update_eeprom(
     bus: ServoBus, servo_id: int, wanted: Mapping[RegisterRef, int]
 ) -> list[RegisterDifference]:
-    """Make EEPROM registers hold raw numbers, and return what had to be changed.
+    """Write EEPROM registers that differ from the given raw numbers; return the changes.
 
-    Nothing is written where everything holds already, for EEPROM wears out. Afterwards every
-    number is read back and the memory is locked, also after a failure, and where an earlier run
-    died just before it would have locked it.
+    Nothing is written if all are equal already, for EEPROM wears out. Afterwards every number is
+    read back and the memory is locked, also after a failure, and where an earlier run was killed
+    before it locked it.
 
     Raises:
         RegisterAccessError: A register is no EEPROM, forbids its number, or torque is on.
-        ServoRefusedError: A number did not last.
-        BusError: The servo does not answer.
+        ServoRejectedError: A number was not stored.
+        BusError: The servo does not reply.
     """
     servo = bus.servos[servo_id]
     for key in wanted:
@@ -133,7 +133,7 @@ def refuse_under_torque(bus: ServoBus, servo_id: int, register: Register) -> Non
 
     Raises:
         RegisterAccessError: Torque is on.
-        BusError: The servo does not answer.
+        BusError: The servo does not reply.
     """
     if bus.read(servo_id, RegisterName.TORQUE_ENABLE, raw=True):
         raise RegisterAccessError(
@@ -164,9 +164,9 @@ def _lock_if_unlocked(bus: ServoBus, servo_id: int) -> None:
 
 
 def _verify_registers(bus: ServoBus, servo_id: int, wanted: Mapping[RegisterRef, int]) -> None:
-    for left in register_differences(bus, servo_id, wanted):
+    for changed in register_differences(bus, servo_id, wanted):
         raise ServoRejectedError(
-            f"holds {left.register} = {left.found} after {left.wanted} was written",
+            f"holds {changed.register} = {changed.found} after {changed.wanted} was written",
             "Its EEPROM may be worn out or locked.",
             servo=str(bus.servos[servo_id]),
             servo_id=servo_id,
@@ -184,8 +184,8 @@ class Backup:
 
     Attributes:
         path: The file.
-        table: The model that it was made of.
-        servo_id: The id that it had.
+        table: The model of the servo.
+        servo_id: Its id at the time.
         eeprom: The raw number of every EEPROM register by name.
     """
 
@@ -200,7 +200,7 @@ def backup_path(owner: str, servo: ServoSpec) -> Path:
 
     Args:
         owner: The arm's name, or the serial number of the adapter.
-        servo: Which servo; another model at the same id has a file of its own.
+        servo: The servo; another model at the same id has a file of its own.
     """
     folder = re.sub(r"[^A-Za-z0-9_-]", "_", owner) or "_"
     return config_dir() / "backups" / folder / f"id_{servo.id:03}_{servo.table.model_name}.toml"
@@ -210,25 +210,25 @@ def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = No
     """Write a copy of the EEPROM of each servo that has none yet; return the new files.
 
     Args:
-        bus: The line.
+        bus: The bus.
         owner: The arm's name, or the serial number of the adapter.
-        servo_ids: Whom; all of the line if None.
+        servo_ids: The servos; all of the bus if None.
 
     Raises:
-        BusError: A servo does not answer; those before it have their copies.
+        BusError: A servo does not reply; those before it have their copies.
         FileWriteError: A file cannot be written.
     """
-    made: list[Path] = []
+    written: list[Path] = []
     for servo_id in bus.servos if servo_ids is None else servo_ids:
         path = backup_path(owner, bus.servos[servo_id])
         if not path.exists():
             write_atomic(path, _format_backup(bus.servos[servo_id], read_eeprom(bus, servo_id)))
-            made.append(path)
-    return made
+            written.append(path)
+    return written
 
 
 def read_backup(path: Path) -> Backup:
-    """Return what stands in a copy.
+    """Return the contents of a copy.
 
     Raises:
         FileFormatError: It is no such file, or damaged.
@@ -272,8 +272,8 @@ def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) 
 
 def _fits(register: Register, number: int) -> bool:
     """Return whether a register can hold a number; servos may hold more than may be written."""
-    least, most = register.codec.span(register.size)
-    return least <= number <= most
+    lower, upper = register.codec.span(register.size)
+    return lower <= number <= upper
 
 
 def _format_backup(servo: ServoSpec, eeprom: Mapping[str, int]) -> str:

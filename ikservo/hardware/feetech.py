@@ -1,9 +1,9 @@
 """Feetech driver, on the vendor's SDK.
 
 The SDK builds and sends every packet. Its reception is not used: it takes late, foreign and
-short packets for answers (F1, F7, F13), stops at false headers (F11) and at error bytes above
-0x7F (F18), and gives up a whole sync read for one silent servo (F10). Words are packed by the
-registers, so the SDK's global byte order (F9) is never consulted.
+short packets for replies, stops at false headers and at error bytes above 0x7F, and gives up a
+whole sync read for one silent servo (docs/sdk-defects.md F1, F7, F13, F11, F18, F10). 16-bit values
+are packed by the registers, so the SDK's global byte order (F9) is never used.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _SYNC_READ = 0x82
 
 
 class _FeetechCodec(Protocol1Codec):
-    """How Feetech servos answer: the error byte is an alarm, the data beside it are valid."""
+    """Feetech codec: the error byte is an alarm, the data beside it are valid."""
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
         if len(frame.data) == size:
             return Status(frame.servo_id, frame.data, frame.error)
         if frame.data or not frame.error:
-            return None  # an answer to some other question
+            return None  # a reply to some other request
         return ReplyFault(frame.servo_id, FaultKind.REFUSED, "answered without data", frame.error)
 
 
@@ -49,7 +49,7 @@ class FeetechDriver(Protocol1Driver):
         self.can_sync_read = can_sync_read
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Ask many servos for the same bytes; each has its own reply."""
+        """Read the same bytes of many servos; each has its own reply."""
         if not self.can_sync_read:
             return super().sync_read(servo_ids, address, size)
         span = MemoryRange(address, size)
@@ -66,6 +66,6 @@ class FeetechDriver(Protocol1Driver):
         return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
 
     def reboot(self, servo_id: int) -> Reply:
-        """Say that this family has no such instruction."""
+        """Return a fault: this family has no such instruction."""
         found = "does not support reboot; switch its power off and on instead"
         return ReplyFault(servo_id, FaultKind.REFUSED, found)

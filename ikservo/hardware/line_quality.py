@@ -19,25 +19,25 @@ __all__ = ["LineQuality", "MeteredTransport", "measure_line_quality"]
 
 @dataclass(frozen=True, slots=True)
 class LineQuality:
-    """What became of many reads that were not repeated.
+    """The outcome of many reads without retries.
 
     Attributes:
-        asked: How many reads.
-        lost: How many brought no usable answer, by servo id.
-        round_trips_s: How long each answered read took, in ascending order.
+        reads: Number of reads.
+        lost: Number of reads without a usable reply, by servo id.
+        round_trips_s: Durations of the reads with a reply, ascending.
     """
 
-    asked: int
+    reads: int
     lost: dict[int, int]
     round_trips_s: tuple[float, ...]
 
     @property
     def lost_fraction(self) -> float:
         """Return lost reads over all reads."""
-        return sum(self.lost.values()) / self.asked
+        return sum(self.lost.values()) / self.reads
 
     def round_trip_s(self, quantile: float) -> float:
-        """Return the time that a share of the answered reads did not exceed."""
+        """Return the quantile of the round trips, seconds."""
         last = len(self.round_trips_s) - 1
         return self.round_trips_s[min(int(quantile * (last + 1)), last)]
 
@@ -48,16 +48,16 @@ def measure_line_quality(
     reads: int = 1000,
     on_read: Callable[[int], None] | None = None,
 ) -> LineQuality:
-    """Read positions of servos in turn.
+    """Read positions of servos round robin.
 
     Args:
-        bus: The line; should not repeat questions, or repeats hide losses.
-        servo_ids: Whom to ask.
-        reads: How often.
+        bus: The bus; must not retry, or retries hide losses.
+        servo_ids: The servos to read.
+        reads: Number of reads.
         on_read: Called with the number of reads so far.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is lost.
     """
     lost = dict.fromkeys(servo_ids, 0)
     took_s: list[float] = []
@@ -74,23 +74,23 @@ def measure_line_quality(
 
 
 class MeteredTransport:
-    """Stands between a port and its transport.
+    """Transport wrapper that meters bytes and processor time.
 
     Attributes:
         inside_s: Processor time spent in the transport so far, seconds; waiting costs none.
         sent: Bytes written so far.
         received: Bytes read so far.
-        heard: The bytes read, while ``listen`` is set.
+        captured: The bytes read, while ``capture`` is set.
     """
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
         self.inside_s = 0.0
         self.sent = self.received = 0
-        self.listen = False
-        self.heard = bytearray()
+        self.capture = False
+        self.captured = bytearray()
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # clock, line: what else it has
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # clock, line
         return getattr(self._transport, name)
 
     @property
@@ -124,8 +124,8 @@ class MeteredTransport:
         data = self._transport.read(size)
         self.inside_s += time.thread_time() - started_s
         self.received += len(data)
-        if self.listen:
-            self.heard += data
+        if self.capture:
+            self.captured += data
         return data
 
     def write(self, data: bytes, /) -> int | None:
@@ -137,7 +137,7 @@ class MeteredTransport:
         return written
 
     def reset_input_buffer(self) -> None:
-        """Forget what has arrived."""
+        """Discard received bytes."""
         with self._timed_transfer():
             self._transport.reset_input_buffer()
 
@@ -147,7 +147,7 @@ class MeteredTransport:
             self._transport.flush()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the transport."""
         self._transport.close()
 
     @contextmanager

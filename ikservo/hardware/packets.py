@@ -26,20 +26,20 @@ class Status:
     """A valid status packet.
 
     Attributes:
-        servo_id: Who answered.
-        data: The parameters, exactly as many bytes as were asked for.
-        alarm_bits: The servo's complaint about itself; the data are valid all the same.
-        doubtful: It cannot be told from the answer to an earlier question.
+        servo_id: The sender.
+        data: The parameters, exactly the requested number of bytes.
+        alarm_bits: The alarms that the servo reports; the data are valid all the same.
+        ambiguous: It cannot be distinguished from the reply to an earlier request.
     """
 
     servo_id: int
     data: bytes = b""
     alarm_bits: int = 0
-    doubtful: bool = False
+    ambiguous: bool = False
 
 
 class FaultKind(Enum):
-    """Why a question has no answer."""
+    """Why a request has no reply."""
 
     SILENT = "silent"
     GARBLED = "garbled"
@@ -48,15 +48,15 @@ class FaultKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ReplyFault:
-    """The reason why a servo's answer is missing.
+    """The reason why a servo's reply is missing.
 
     Attributes:
-        servo_id: Who was asked.
+        servo_id: The receiver of the request.
         kind: Silent, garbled or refused.
-        found: What happened, to stand behind the servo's name: "does not answer".
-        alarm_bits: What a refusing servo complained about besides.
-        sent: The question.
-        received: Everything that was heard.
+        found: What happened, as a predicate of the servo's name: "does not answer".
+        alarm_bits: Alarms reported by a refusing servo.
+        sent: The request.
+        received: Everything that was received.
     """
 
     servo_id: int
@@ -72,7 +72,7 @@ Reply = Status | ReplyFault
 
 @dataclass(frozen=True, slots=True)
 class MemoryRange:
-    """A stretch of a servo's memory.
+    """A range of a servo's memory.
 
     Attributes:
         address: First byte.
@@ -84,7 +84,7 @@ class MemoryRange:
 
     @property
     def end(self) -> int:
-        """Return the first address behind it."""
+        """Return the first address after it."""
         return self.address + self.size
 
     def overlaps(self, other: MemoryRange) -> bool:
@@ -101,7 +101,7 @@ class MemoryRange:
         return MemoryRange(self.address - below, self.size + by)
 
     def extract(self, reply: Reply, window: MemoryRange) -> Reply:
-        """Return what the answer for a window says about this stretch."""
+        """Return this range's part of the reply for a window."""
         if window == self or isinstance(reply, ReplyFault):
             return reply
         start = self.address - window.address
@@ -109,10 +109,10 @@ class MemoryRange:
 
 
 BROADCAST_ID = 0xFE
-"""The id that every servo listens to, of both vendors and in both protocols."""
+"""The broadcast id, the same for both vendors and both protocols."""
 
 LONGEST_RETURN_DELAY_S = 254 * 2e-6
-"""The longest delay before an answer that any servo's register can hold."""
+"""The longest delay before a reply that any servo's register can hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ class StatusPacket:
     """A status packet whose checksum is right.
 
     Attributes:
-        servo_id: Who says it.
+        servo_id: The sender.
         error: The error byte.
         data: The parameters.
     """
@@ -132,7 +132,7 @@ class StatusPacket:
 
 @dataclass(frozen=True, slots=True)
 class ScanResult:
-    """What a dialect makes of the bytes so far.
+    """Result of scanning the bytes received so far.
 
     Attributes:
         frames: Status packets whose checksums are right, in order.
@@ -146,38 +146,38 @@ class ScanResult:
 
 
 class PacketCodec(Protocol):
-    """How one protocol writes a status packet."""
+    """Encoding of status packets in one protocol."""
 
     @property
     def too_long(self) -> int:
-        """Return the code by which the vendor's SDK says that a packet is too long to send."""
+        """Return the vendor SDK's result code for a packet that is too long to send."""
         ...
 
     def frame_size(self, size: int) -> int:
         """Return the bytes of a status packet with ``size`` bytes of data."""
         ...
 
-    def scan(self, heard: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
+    def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
         """Find the status packets.
 
         Args:
-            heard: The bytes so far.
-            sizes: Bytes of data in the answers that are hoped for.
+            data: The bytes so far.
+            sizes: Bytes of data in the expected replies.
             final: No more bytes will come.
         """
         ...
 
-    def parse_in_order(self, heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Return the answers, if the bytes are those of healthy servos in order and nothing else.
+    def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+        """Return the replies, if the bytes are those of healthy servos in order and nothing else.
 
-        This is the quick way for a line on which all is well; ``scan`` makes sense of the rest.
+        This is the fast path for a healthy line; ``scan`` handles everything else.
 
         Args:
-            heard: As many bytes as the answers have.
-            sizes: Who answers, in order, and how many bytes of data each.
+            data: As many bytes as the replies have.
+            sizes: Bytes of data of each reply, by servo id in the order of the replies.
         """
         ...
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Return what a frame says to a question for ``size`` bytes; None if it is no answer."""
+        """Return the reply in a frame to a request for ``size`` bytes; None if it is none."""
         ...

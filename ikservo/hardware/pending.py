@@ -1,9 +1,9 @@
 """Pending replies, line health and adaptive timeout: which late bytes may still arrive.
 
-A status packet says who speaks and how many bytes follow; it does not say which question it
-answers. Whoever asks again while an answer is overdue may therefore hear the old answer to the
-new question. Nobody can wait 200 ms after each loss, but a question can be put so that its
-answer has another length than every answer that is still owed.
+A status packet contains its sender and its length; it does not identify the request that it
+replies to. A request repeated while a reply is overdue may therefore receive the old reply.
+Waiting 200 ms after each loss is too long, but a request can be formed so that its reply has
+another length than every reply that is still pending.
 """
 
 from __future__ import annotations
@@ -21,168 +21,168 @@ _AT_FIRST, _PER_EVENT, _MAX_SUSPICION = (
     50,
     300,
     3000,
-)  # clean questions that it takes to be believed
+)  # clean requests until the line is trusted
 
-_LEARNED_CHUNKS = 16  # answers that came no sooner than the wire allows
+_LEARNED_CHUNKS = 16  # replies that came no sooner than the wire allows
 _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at most
 
 
 class LineHealth:
-    """A line is believed once it has been clean for a while; anything odd costs it that.
+    """Health of the line: healthy after a number of clean requests; any anomaly resets it.
 
     Args:
-        doubts: How many clean questions it takes until the line is believed.
+        clean_requests: How many clean requests it takes until the line is healthy.
 
     Attributes:
-        suspect: The line is not believed yet, or not any more: what does not change by itself is
-            read twice.
-        degraded: Something odd came of late: besides, nothing is asked twice in the same shape.
+        suspect: The line is not known to be healthy: static registers are read twice.
+        degraded: An anomaly occurred recently: in addition, no request is repeated with the same
+            reply length.
     """
 
-    def __init__(self, doubts: int = _AT_FIRST) -> None:
-        self._doubts = doubts
-        self.suspect, self.degraded = doubts > 0, False
+    def __init__(self, clean_requests: int = _AT_FIRST) -> None:
+        self._clean_requests_left = clean_requests
+        self.suspect, self.degraded = clean_requests > 0, False
 
     def record(self, *, odd: bool) -> None:
-        """Count one question: whether something came that should not have."""
+        """Count one request and whether an anomaly occurred in its replies."""
         if odd:
-            self._doubts = min(self._doubts + _PER_EVENT, _MAX_SUSPICION)
+            self._clean_requests_left = min(self._clean_requests_left + _PER_EVENT, _MAX_SUSPICION)
             self.suspect = self.degraded = True
         elif self.suspect:
-            self._doubts -= 1
-            self.suspect = self._doubts > 0
+            self._clean_requests_left -= 1
+            self.suspect = self._clean_requests_left > 0
             self.degraded = self.degraded and self.suspect
 
 
 class ByteRateCheck:
-    """Knows how many bytes of an answer can have come so far; any more are older than the question.
+    """Compute how many bytes of a reply can have come so far; more are older than the request.
 
-    Some lines are faster than their baud rate says (a socket, a bridge, a pseudo-terminal), so
-    the limit counts only once answers have kept to it for a while, and no longer when keeping to
-    it has cost an answer.
+    Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal), so the
+    limit applies only once replies have met it for a while, and no longer when applying it has
+    lost a reply.
     """
 
     def __init__(self) -> None:
-        self._kept = 0
+        self._on_time = 0
 
     def excess_bytes(self, count: int, since_s: float, byte_s: float) -> int:
-        """Return how many of the bytes heard are older than the question.
+        """Return how many of the received bytes are older than the request.
 
         Args:
-            count: Bytes heard.
-            since_s: Time since the question's last byte left.
+            count: Bytes received.
+            since_s: Time since the request's last byte was sent.
             byte_s: Time of a byte on the wire.
         """
-        if self._kept < _LEARNED_CHUNKS:
+        if self._on_time < _LEARNED_CHUNKS:
             return 0
         return max(0, count - int(since_s / byte_s * _MARGIN_BYTES + 1))
 
     def on_reply(self, count: int, since_s: float, byte_s: float) -> None:
-        """Remember whether a whole answer came no sooner than it could."""
-        self._kept = self._kept + 1 if count <= since_s / byte_s * _MARGIN_BYTES + 1 else 0
+        """Record whether a whole reply came no sooner than the wire allows."""
+        self._on_time = self._on_time + 1 if count <= since_s / byte_s * _MARGIN_BYTES + 1 else 0
 
     def reset(self) -> None:
-        """Forget everything: bytes were called stale and then no answer came."""
-        self._kept = 0
+        """Reset; called when bytes were discarded as stale and no reply came."""
+        self._on_time = 0
 
 
 MAX_REPLY_DELAY_S = 0.25
-"""An answer that is later than this is not expected any more, seconds."""
+"""A reply later than this is not expected any more, seconds."""
 
 _DUPLICATE_WINDOW_S = (
-    0.020  # an adapter that delivers an answer twice does so within a few USB frames
+    0.020  # an adapter that delivers a reply twice does so within a few USB frames
 )
 _CLEAN_DUPLICATES, _SUSPECT_DUPLICATES = (
     3,
     6,
-)  # latest questions whose answers may come a second time
-_MAX_WINDOW_BYTES = 64  # bytes more than were asked for
+)  # latest requests whose replies may come a second time
+_MAX_WINDOW_BYTES = 64  # bytes more than requested
 
 _Ids = tuple[int, ...]
 
 
 @dataclass(slots=True)
 class _ReceivedReply:
-    """A question that was answered; the answer may have a twin."""
+    """A request with a reply, which may arrive a second time."""
 
     size: int
-    asked: object  # None once a write has made the answer untrue
+    request: object  # None once a write has made the reply stale
     at_s: float
 
 
 class PendingReplies:
-    """Remembers what may still come from each servo on one line."""
+    """The replies that may still come from each servo on one line."""
 
     def __init__(self) -> None:
-        self._owed: dict[int, list[tuple[int, float]]] = {}  # size, until when
-        self._answered: dict[_Ids, deque[_ReceivedReply]] = {}
-        self._kin: dict[_Ids, list[deque[_ReceivedReply]]] = {}
+        self._pending: dict[int, list[tuple[int, float]]] = {}  # size, until when
+        self._received: dict[_Ids, deque[_ReceivedReply]] = {}
+        self._overlapping: dict[_Ids, list[deque[_ReceivedReply]]] = {}
 
     def add_pending(self, servo_id: int, size: int, now_s: float) -> None:
-        """Remember that an answer of ``size`` data bytes is overdue."""
-        self._owed.setdefault(servo_id, []).append((size, now_s + MAX_REPLY_DELAY_S))
+        """Record that a reply of ``size`` data bytes is overdue."""
+        self._pending.setdefault(servo_id, []).append((size, now_s + MAX_REPLY_DELAY_S))
 
-    def record_received(self, servo_ids: _Ids, size: int, asked: object, now_s: float) -> None:
-        """Remember that servos answered, so that a second copy is not taken for something else."""
-        past = self._answered.get(servo_ids)
+    def record_received(self, servo_ids: _Ids, size: int, request: object, now_s: float) -> None:
+        """Record replies, so that a second copy is not taken for another reply."""
+        past = self._received.get(servo_ids)
         if past is None:
-            past = self._answered[servo_ids] = deque(maxlen=_SUSPECT_DUPLICATES)
-            self._kin.clear()
-        for question in past:
-            if question.size == size and question.asked == asked:
-                question.at_s = now_s
+            past = self._received[servo_ids] = deque(maxlen=_SUSPECT_DUPLICATES)
+            self._overlapping.clear()
+        for reply in past:
+            if reply.size == size and reply.request == request:
+                reply.at_s = now_s
                 return
-        past.append(_ReceivedReply(size, asked, now_s))
+        past.append(_ReceivedReply(size, request, now_s))
 
     def invalidate(self, servo_ids: Iterable[int], written: MemoryRange | None = None) -> None:
-        """Remember that what servos said before a write is no longer true."""
+        """Mark earlier replies of servos as stale after a write."""
         for past in self._received_of(tuple(servo_ids)):
-            for question in past:
-                asked = question.asked
-                if not written or not isinstance(asked, MemoryRange) or written.overlaps(asked):
-                    question.asked = None
+            for reply in past:
+                request = reply.request
+                if not written or not isinstance(request, MemoryRange) or written.overlaps(request):
+                    reply.request = None
 
     @property
     def any_pending(self) -> bool:
-        """Whether an answer may be overdue; some that cannot come any more count, too."""
-        return bool(self._owed)
+        """Whether a reply may be overdue; some that cannot come any more count, too."""
+        return bool(self._pending)
 
     def pending_until_s(self, servo_ids: _Ids, now_s: float) -> float | None:
-        """Return when nothing is owed any more by any of them, None if nothing is."""
-        owed = (entry for servo_id in servo_ids for entry in self._pending_of(servo_id, now_s))
-        return max((until_s for _, until_s in owed), default=None)
+        """Return until when a reply of any of them is pending, None if none is."""
+        pending = (entry for servo_id in servo_ids for entry in self._pending_of(servo_id, now_s))
+        return max((until_s for _, until_s in pending), default=None)
 
-    def clear_from_s(self, servo_ids: _Ids, now_s: float, trust: LineHealth) -> float:
-        """Return when no older answer can come any more, neither overdue nor doubled."""
-        owed_s = self.pending_until_s(servo_ids, now_s) or now_s
-        if not trust.degraded:
-            return owed_s
-        answered = (question.at_s for past in self._received_of(servo_ids) for question in past)
-        return max(owed_s, max(answered, default=now_s - MAX_REPLY_DELAY_S) + MAX_REPLY_DELAY_S)
+    def clear_from_s(self, servo_ids: _Ids, now_s: float, health: LineHealth) -> float:
+        """Return from when no older reply can come any more, neither overdue nor doubled."""
+        pending_s = self.pending_until_s(servo_ids, now_s) or now_s
+        if not health.degraded:
+            return pending_s
+        received = (reply.at_s for past in self._received_of(servo_ids) for reply in past)
+        return max(pending_s, max(received, default=now_s - MAX_REPLY_DELAY_S) + MAX_REPLY_DELAY_S)
 
     def is_pending(self, servo_id: int, size: int, now_s: float) -> bool:
-        """Return whether an answer of this length is owed by a servo."""
-        return any(size == owed for owed, _ in self._pending_of(servo_id, now_s))
+        """Return whether a reply of this length is pending from a servo."""
+        return any(size == pending for pending, _ in self._pending_of(servo_id, now_s))
 
     def is_ambiguous(
-        self, servo_ids: _Ids, size: int, asked: object, now_s: float, trust: LineHealth
+        self, servo_ids: _Ids, size: int, request: object, now_s: float, health: LineHealth
     ) -> bool:
-        """Return whether an older answer could pass for the answer to this question.
+        """Return whether an older reply could be taken for the reply to this request.
 
         Args:
-            servo_ids: Who is asked.
-            size: Bytes of data in the answer.
-            asked: What is asked; the twin of an answer to the very same question does no harm on
-                a healthy line.
-            now_s: The present.
-            trust: How far the line is believed: on a wary line answers may be doubled for longer,
-                on a sick line not even the very same question is put in the same shape.
+            servo_ids: The servos that will reply.
+            size: Bytes of data in the reply.
+            request: What is requested; a second copy of the reply to the same request does no harm
+                on a healthy line.
+            now_s: The current time.
+            health: The health of the line: on a suspect line replies may be doubled for longer, on
+                a degraded line even the same request must have another reply length.
         """
-        if self._owed and any(self.is_pending(servo_id, size, now_s) for servo_id in servo_ids):
+        if self._pending and any(self.is_pending(servo_id, size, now_s) for servo_id in servo_ids):
             return True
         for past in self._received_of(servo_ids):
-            for question in _possible_duplicates(past, now_s, wary=trust.suspect):
-                if question.size == size and (trust.degraded or question.asked != asked):
+            for reply in _possible_duplicates(past, now_s, suspect=health.suspect):
+                if reply.size == size and (health.degraded or reply.request != request):
                     return True
         return False
 
@@ -191,101 +191,103 @@ class PendingReplies:
         servo_ids: _Ids,
         span: MemoryRange,
         now_s: float,
-        trust: LineHealth,
+        health: LineHealth,
         size_of: Callable[[int], int] = int,
     ) -> MemoryRange | None:
-        """Return the narrowest window around a span whose answer is like none that may come.
+        """Return the smallest window around a span whose reply length differs from all pending.
 
         Args:
-            servo_ids: Who is asked.
-            span: What is wanted.
-            now_s: The present.
-            trust: As in ``is_ambiguous``.
-            size_of: Data bytes of the answer to a window of so many bytes.
+            servo_ids: The servos that will reply.
+            span: The required range.
+            now_s: The current time.
+            health: As in ``is_ambiguous``.
+            size_of: Data bytes of the reply to a window of so many bytes.
 
         Returns:
-            The window, or None if answers of every length are owed.
+            The window, or None if replies of every length are pending.
         """
         for by in range(_MAX_WINDOW_BYTES + 1):
             wider = span.grown(by) if by else span
-            if not self.is_ambiguous(servo_ids, size_of(wider.size), wider, now_s, trust):
+            if not self.is_ambiguous(servo_ids, size_of(wider.size), wider, now_s, health):
                 return wider
         return None
 
     def _pending_of(self, servo_id: int, now_s: float) -> list[tuple[int, float]]:
-        if servo_id not in self._owed:
+        if servo_id not in self._pending:
             return []
-        owed = [entry for entry in self._owed[servo_id] if entry[1] > now_s]
-        if owed:
-            self._owed[servo_id] = owed
+        pending = [entry for entry in self._pending[servo_id] if entry[1] > now_s]
+        if pending:
+            self._pending[servo_id] = pending
         else:
-            del self._owed[servo_id]
-        return owed
+            del self._pending[servo_id]
+        return pending
 
     def _received_of(self, servo_ids: _Ids) -> list[deque[_ReceivedReply]]:
-        """Return what was asked of these servos, alone or in company."""
-        kin = self._kin.get(servo_ids)
-        if kin is None:
+        """Return the requests to these servos, alone or in a group."""
+        overlapping = self._overlapping.get(servo_ids)
+        if overlapping is None:
             members = set(servo_ids)
-            kin = [past for ids, past in self._answered.items() if not members.isdisjoint(ids)]
-            self._kin[servo_ids] = kin
-        return kin
+            overlapping = [
+                past for ids, past in self._received.items() if not members.isdisjoint(ids)
+            ]
+            self._overlapping[servo_ids] = overlapping
+        return overlapping
 
 
 def _possible_duplicates(
-    past: deque[_ReceivedReply], now_s: float, *, wary: bool
+    past: deque[_ReceivedReply], now_s: float, *, suspect: bool
 ) -> Iterator[_ReceivedReply]:
-    recent_s, most = (
+    recent_s, count = (
         (MAX_REPLY_DELAY_S, _SUSPECT_DUPLICATES)
-        if wary
+        if suspect
         else (_DUPLICATE_WINDOW_S, _CLEAN_DUPLICATES)
     )
-    latest = sorted(past, key=_request_time_s, reverse=True)[:most] if len(past) > 1 else past
-    return (question for question in latest if now_s - question.at_s < recent_s)
+    latest = sorted(past, key=_request_time_s, reverse=True)[:count] if len(past) > 1 else past
+    return (reply for reply in latest if now_s - reply.at_s < recent_s)
 
 
-def _request_time_s(question: _ReceivedReply) -> float:
-    return question.at_s
+def _request_time_s(reply: _ReceivedReply) -> float:
+    return reply.at_s
 
 
-_LEARNED_REPLIES = 16  # answers before their times are trusted
-_HISTORY_LENGTH = 32  # answers of late, and as many before them, whose slowest counts
-_MARGIN = 1.5  # times the slowest answer of late
+_LEARNED_REPLIES = 16  # replies before their times are used
+_HISTORY_LENGTH = 32  # recent replies, and as many before them, whose slowest counts
+_MARGIN = 1.5  # times the slowest recent reply
 _MAX_DOUBLINGS = 6
-_MAX_OWN_MISSES = 2  # silences in a row that are rather a servo's than the adapter's
+_MAX_OWN_MISSES = 2  # timeouts in a row that are rather a servo's fault than the adapter's
 
 
 class AdaptiveTimeout:
-    """Learns from the answers that came how long to wait for one that may not come.
+    """Estimate from past replies how long to wait for one that may not come.
 
     USB adapters hold bytes back for 1 to 16 ms and every one differs, so the wait starts long
-    and shrinks to a multiple of the slowest recent answer. It grows again while nobody answers.
+    and shrinks to a multiple of the slowest recent reply. It grows again while no servo replies.
     """
 
-    def __init__(self, least_s: float, most_s: float) -> None:
-        self.least_s, self.most_s = least_s, most_s
-        self._learned = self._silences = 0
+    def __init__(self, min_s: float, max_s: float) -> None:
+        self.min_s, self.max_s = min_s, max_s
+        self._learned = self._timeouts = 0
         self._slowest_s = self._slowest_before_s = 0.0
 
     @property
     def typical_s(self) -> float:
-        """Return within what time beyond wire time and return delays answers came of late."""
+        """Return the recent maximum delay of replies beyond wire time and return delays."""
         if self._learned < _LEARNED_REPLIES:
-            return self.most_s
-        return min(max(self._slowest_s, self._slowest_before_s), self.most_s)
+            return self.max_s
+        return min(max(self._slowest_s, self._slowest_before_s), self.max_s)
 
     @property
     def timeout_s(self) -> float:
         """Return how long to wait beyond wire time and return delays, seconds."""
         if self._learned < _LEARNED_REPLIES:
-            return self.most_s
-        learned_s = max(self.least_s, _MARGIN * self.typical_s)
-        factor = 2.0 ** min(max(self._silences - _MAX_OWN_MISSES, 0), _MAX_DOUBLINGS)
-        return min(learned_s * factor, self.most_s)
+            return self.max_s
+        learned_s = max(self.min_s, _MARGIN * self.typical_s)
+        factor = 2.0 ** min(max(self._timeouts - _MAX_OWN_MISSES, 0), _MAX_DOUBLINGS)
+        return min(learned_s * factor, self.max_s)
 
     def on_reply(self, overhead_s: float) -> None:
-        """Remember by how much an answer exceeded its time on the wire."""
-        self._silences = 0
+        """Record by how much a reply exceeded its time on the wire."""
+        self._timeouts = 0
         self._learned += 1
         if self._learned % _HISTORY_LENGTH == 0:
             self._slowest_before_s, self._slowest_s = self._slowest_s, overhead_s
@@ -293,14 +295,14 @@ class AdaptiveTimeout:
             self._slowest_s = overhead_s
 
     def on_timeout(self, *, many: bool = False) -> None:
-        """Wait twice as long, from the third time in a row on which nobody answers at all.
+        """Double the timeout, from the third time in a row without any reply.
 
         Args:
-            many: Several were asked: that is the adapter, or this machine, and four times as
-                long is waited at once.
+            many: A group was requested: then the adapter or this machine is slow, and the
+                timeout is four times as long at once.
         """
-        self._silences = max(self._silences + 1, _MAX_OWN_MISSES + 2 if many else 0)
+        self._timeouts = max(self._timeouts + 1, _MAX_OWN_MISSES + 2 if many else 0)
 
     def use_longest(self) -> None:
-        """Wait for the next answer as long as for any: who is asked alone has earned it."""
-        self._silences = _MAX_OWN_MISSES + _MAX_DOUBLINGS
+        """Use the longest timeout for the next reply: for the last retry of a single servo."""
+        self._timeouts = _MAX_OWN_MISSES + _MAX_DOUBLINGS

@@ -1,10 +1,10 @@
 """Ping all ids at one baud rate, in every known framing.
 
-Feetech servos and Dynamixel protocol 1.0 share one framing, so that one ping finds both; protocol
-2.0 has its own.
+Feetech servos and Dynamixel protocol 1.0 use the same framing, so that one ping finds both;
+protocol 2.0 has its own.
 
-An answer names the servo that gives it, so the next question may go out as soon as the wire is
-free; what a slow adapter holds back arrives later and is understood all the same.
+A reply contains the servo's id, so the next ping can be sent as soon as the wire is free; a reply
+that a slow adapter holds back arrives later and is assigned correctly.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ _PING = 0x01
 
 
 class _PacketScanner(Protocol):
-    """How one framing is written and read."""
+    """Encodes pings and decodes replies of one framing."""
 
     def ping(self, servo_id: int) -> bytes: ...
-    def scan(self, heard: bytes, *, final: bool) -> ScanResult: ...
+    def scan(self, data: bytes, *, final: bool) -> ScanResult: ...
 
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """One way to write packets.
+    """A packet framing.
 
     Attributes:
         name: For messages.
-        families: The dialects that use it.
-        ids: Which ids a servo can have.
-        ping_bytes: Length of the question.
-        answer_bytes: Length of the answer.
+        families: The protocol families that use it.
+        ids: The ids that a servo can have.
+        ping_bytes: Length of the ping.
+        reply_bytes: Length of the reply.
     """
 
     name: str
     families: tuple[Family, ...]
     ids: range
     ping_bytes: int
-    answer_bytes: int
+    reply_bytes: int
 
     @property
     def baud_rates(self) -> frozenset[int]:
@@ -57,7 +57,7 @@ class Framing:
         return frozenset(rate for table in tables for rate in table.baud_rates.values())
 
     def make_scanner(self) -> _PacketScanner:
-        """Return what writes and reads it; the vendor's SDK is imported only now."""
+        """Return its encoder and decoder; the vendor's SDK is imported only now."""
         return _Protocol2Framing() if Family.DYNAMIXEL_2 in self.families else _Protocol1Framing()
 
 
@@ -67,9 +67,9 @@ FRAMINGS = (
         (Family.FEETECH_STS, Family.FEETECH_SCS, Family.DYNAMIXEL_1),
         ids=range(254),
         ping_bytes=6,
-        answer_bytes=6,
+        reply_bytes=6,
     ),
-    Framing("Dynamixel 2.0", (Family.DYNAMIXEL_2,), ids=range(253), ping_bytes=10, answer_bytes=14),
+    Framing("Dynamixel 2.0", (Family.DYNAMIXEL_2,), ids=range(253), ping_bytes=10, reply_bytes=14),
 )
 
 
@@ -79,10 +79,10 @@ def framing_of(family: Family) -> Framing:
 
 
 class _PacketRecorder:
-    """Takes a packet down where the vendors' handlers think they send it.
+    """Records a packet where the vendors' handlers would send it.
 
-    Really sending it through them would discard what earlier servos have just answered (they
-    clear the input first), and pings are sent while answers to others are still under way.
+    Sending through them would discard replies of earlier servos (they clear the input first), and
+    pings are sent while replies to others are still on the line.
     """
 
     is_using = False
@@ -103,12 +103,12 @@ class _Protocol1Framing:
         self._handler = protocol_packet_handler()
 
     def ping(self, servo_id: int) -> bytes:
-        sheet = _PacketRecorder()
-        self._handler.txPacket(sheet, [0, 0, servo_id, 2, _PING, 0])
-        return sheet.packet
+        recorder = _PacketRecorder()
+        self._handler.txPacket(recorder, [0, 0, servo_id, 2, _PING, 0])
+        return recorder.packet
 
-    def scan(self, heard: bytes, *, final: bool) -> ScanResult:
-        return protocol_1.scan_packets(heard, (0,), final=final)
+    def scan(self, data: bytes, *, final: bool) -> ScanResult:
+        return protocol_1.scan_packets(data, (0,), final=final)
 
 
 class _Protocol2Framing:
@@ -119,34 +119,34 @@ class _Protocol2Framing:
         from ikservo.hardware.protocol2 import Protocol2Codec  # noqa: PLC0415
 
         self._handler = Protocol2PacketHandler()
-        self._answers = Protocol2Codec(COMM_TX_ERROR)
+        self._codec = Protocol2Codec(COMM_TX_ERROR)
 
     def ping(self, servo_id: int) -> bytes:
-        sheet = _PacketRecorder()
-        self._handler.txPacket(sheet, [0, 0, 0, 0, servo_id, 3, 0, _PING, 0, 0])
-        return sheet.packet
+        recorder = _PacketRecorder()
+        self._handler.txPacket(recorder, [0, 0, 0, 0, servo_id, 3, 0, _PING, 0, 0])
+        return recorder.packet
 
-    def scan(self, heard: bytes, *, final: bool) -> ScanResult:
-        return self._answers.scan(heard, (3,), final=final)
+    def scan(self, data: bytes, *, final: bool) -> ScanResult:
+        return self._codec.scan(data, (3,), final=final)
 
 
 _USB_FRAME_S = 0.001  # two packets may leave the adapter so much closer than they were written
-_ECHO_ERROR = 1  # a ping of protocol 1 reads like an answer with this error byte
+_ECHO_ERROR = 1  # a ping of protocol 1 parses as a reply with this error byte
 _ADAPTER_DELAY_S = 0.040  # adapters keep bytes for up to 16 ms, busy machines for longer
-_QUIET_S = 3  # pings of one id in vain that are enough
-_RECENT_PINGS = 20  # pings that an adapter may hold the answer back for
+_QUIET_S = 3  # pings of one id without any reply after which it is given up
+_RECENT_PINGS = 20  # pings whose replies an adapter may hold back
 _READ_CHUNK_BYTES = 4096  # bytes; more than any slot brings
 
 
 @dataclass(slots=True)
 class PingResults:
-    """Who spoke.
+    """The replies to pings.
 
     Attributes:
-        frames: Every answer by id, in the order in which they came.
-        suspects: Ids in whose time bytes came that are no answer: two servos at once, or noise.
-        junk: How many such bytes.
-        echoes: Whether the adapter hears itself.
+        frames: Every reply by id, in the order of arrival.
+        suspects: Ids in whose slot invalid bytes came: two servos at once, or noise.
+        junk: The number of such bytes.
+        echoes: Whether the adapter echoes.
     """
 
     frames: dict[int, list[StatusPacket]] = field(default_factory=dict[int, "list[StatusPacket]"])
@@ -162,42 +162,42 @@ def ping_ids(
     on_ping: Callable[[int], None] | None = None,
     *,
     echoes: bool | None = None,
-    calm: bool = False,
+    one_by_one: bool = False,
 ) -> PingResults:
     """Ping ids one after the other at the port's baud rate.
 
     Args:
-        port: The line.
-        framing: How to write.
-        servo_ids: Whom to ask; an id may come several times.
+        port: The port.
+        framing: The packet framing.
+        servo_ids: The ids to ping; an id may occur several times.
         on_ping: Called with the number of pings sent so far.
-        echoes: Whether the adapter hears itself; None finds out, which takes several ids.
-        calm: Wait for each answer, and a while longer for a second one; gives up where the first
-            pings bring nothing.
+        echoes: Whether the adapter echoes; None detects it, which takes several ids.
+        one_by_one: Wait for each reply, and a while longer for a second one; stop if the first
+            pings have no reply.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is lost.
     """
     ids = list(servo_ids)
-    ear = _ScanReceiver(framing)
+    receiver = _ScanReceiver(framing)
     with port.exchange():
         port.clearPort()
         for count, servo_id in enumerate(ids, start=1):
-            port.writePort(ear.ping_packet(servo_id))
-            ear.feed(_receive_until_slot_end(port, framing, calm=calm))
+            port.writePort(receiver.ping_packet(servo_id))
+            receiver.feed(_receive_until_slot_end(port, framing, one_by_one=one_by_one))
             if on_ping:
                 on_ping(count)
-            if calm and count == _QUIET_S and not ear.has_received:
+            if one_by_one and count == _QUIET_S and not receiver.has_received:
                 break
-        tail_s = 0.0 if calm else _ADAPTER_DELAY_S
-        ear.feed(port.read_until(_READ_CHUNK_BYTES, port.clock.now_s() + tail_s), final=True)
-    return ear.make_results(ids, echoes)
+        tail_s = 0.0 if one_by_one else _ADAPTER_DELAY_S
+        receiver.feed(port.read_until(_READ_CHUNK_BYTES, port.clock.now_s() + tail_s), final=True)
+    return receiver.make_results(ids, echoes)
 
 
-def _receive_until_slot_end(port: Port, framing: Framing, *, calm: bool) -> bytes:
-    """Return what comes until the next ping may go out."""
+def _receive_until_slot_end(port: Port, framing: Framing, *, one_by_one: bool) -> bytes:
+    """Return what is received until the next ping may be sent."""
     first = b""
-    if calm:
+    if one_by_one:
         first = port.read_until(1, port.clock.now_s() + _ADAPTER_DELAY_S)
     return first + port.read_until(
         _READ_CHUNK_BYTES, port.clock.now_s() + ping_slot_s(port, framing)
@@ -205,61 +205,61 @@ def _receive_until_slot_end(port: Port, framing: Framing, *, calm: bool) -> byte
 
 
 def ping_slot_s(port: Port, framing: Framing) -> float:
-    """Return after what time the next ping cannot run into the answer to this one."""
-    on_wire_s = port.wire_s(framing.ping_bytes + framing.answer_bytes)
+    """Return after what time the next ping cannot collide with the reply to this one."""
+    on_wire_s = port.wire_s(framing.ping_bytes + framing.reply_bytes)
     return on_wire_s + LONGEST_RETURN_DELAY_S + _USB_FRAME_S
 
 
 class _ScanReceiver:
-    """Finds the answers in what comes, and remembers whose turn it was when rubbish came."""
+    """Finds the replies in the received bytes; assigns invalid bytes to the pinged ids."""
 
     def __init__(self, framing: Framing) -> None:
-        self._dialect = framing.make_scanner()
+        self._codec = framing.make_scanner()
         self._pending = b""
-        self._lately: list[int] = []
-        self._sweep = PingResults()
+        self._recent_ids: list[int] = []
+        self._results = PingResults()
 
     @property
     def has_received(self) -> bool:
         """Whether any byte came."""
-        return bool(self._pending or self._sweep.frames or self._sweep.junk)
+        return bool(self._pending or self._results.frames or self._results.junk)
 
     def ping_packet(self, servo_id: int) -> bytes:
-        """Return the packet that asks an id."""
-        self._lately = [*self._lately[-_RECENT_PINGS:], servo_id]
-        return self._dialect.ping(servo_id)
+        """Return the packet that pings an id."""
+        self._recent_ids = [*self._recent_ids[-_RECENT_PINGS:], servo_id]
+        return self._codec.ping(servo_id)
 
     def feed(self, data: bytes, *, final: bool = False) -> None:
-        """Take down what came since the last call."""
-        said = self._pending + data
-        heard = self._dialect.scan(said, final=final)
-        self._pending = said[len(said) - heard.pending :]
-        for frame in heard.frames:
-            self._sweep.frames.setdefault(frame.servo_id, []).append(frame)
-        if heard.junk:
-            self._sweep.junk += heard.junk
-            self._sweep.suspects.update(self._lately)
+        """Add the bytes received since the last call."""
+        unread = self._pending + data
+        scanned = self._codec.scan(unread, final=final)
+        self._pending = unread[len(unread) - scanned.pending :]
+        for frame in scanned.frames:
+            self._results.frames.setdefault(frame.servo_id, []).append(frame)
+        if scanned.junk:
+            self._results.junk += scanned.junk
+            self._results.suspects.update(self._recent_ids)
 
     def make_results(self, ids: list[int], echoes: bool | None) -> PingResults:
-        """Return who spoke besides ourselves."""
-        asked, said = Counter(ids), self._sweep
-        said.echoes = self._echoes_own_pings(asked) if echoes is None else echoes
-        if said.echoes:
-            for servo_id, count in asked.items():
+        """Return the replies, without our own echoes."""
+        pinged, results = Counter(ids), self._results
+        results.echoes = self._echoes_own_pings(pinged) if echoes is None else echoes
+        if results.echoes:
+            for servo_id, count in pinged.items():
                 self._drop_echoes(servo_id, count)
-        said.frames = {i: rows for i, rows in said.frames.items() if rows and i in asked}
-        return said
+        results.frames = {i: rows for i, rows in results.frames.items() if rows and i in pinged}
+        return results
 
-    def _echoes_own_pings(self, asked: Counter[int]) -> bool:
-        """An adapter that hears itself repeats every ping; a servo can do so with its own only."""
-        return len(asked) > 1 and all(len(self._echo_frames(i)) >= asked[i] for i in asked)
+    def _echoes_own_pings(self, pinged: Counter[int]) -> bool:
+        """An adapter that echoes repeats every ping; a servo can do so with its own only."""
+        return len(pinged) > 1 and all(len(self._echo_frames(i)) >= pinged[i] for i in pinged)
 
     def _drop_echoes(self, servo_id: int, count: int) -> None:
         for echo in self._echo_frames(servo_id)[:count]:
-            self._sweep.frames[servo_id].remove(echo)
+            self._results.frames[servo_id].remove(echo)
 
     def _echo_frames(self, servo_id: int) -> list[StatusPacket]:
-        return [f for f in self._sweep.frames.get(servo_id, ()) if _is_ping_frame(f)]
+        return [f for f in self._results.frames.get(servo_id, ()) if _is_ping_frame(f)]
 
 
 def _is_ping_frame(frame: StatusPacket) -> bool:

@@ -28,12 +28,12 @@ _REAL_S = (0.002, 0.040)
 _VIRTUAL_S = (0.001, 0.020)
 
 
-_BUSY_WAIT_S = 0.000_15  # so much earlier than due: the kernel wakes us late, and clocks differ
-_MIN_SLEEP_S = 0.000_15  # shorter naps cost more than they save
+_BUSY_WAIT_S = 0.000_15  # wake up so much earlier: the kernel wakes us late, and clocks differ
+_MIN_SLEEP_S = 0.000_15  # shorter sleeps cost more than they save
 
 
 def _port_loss_exceptions() -> tuple[type[Exception], ...]:
-    """Return what pyserial lets through when the line is gone."""
+    """Return the exceptions that pyserial raises when the port is lost."""
     try:
         import termios  # noqa: PLC0415 (there is none on Windows)
     except ImportError:
@@ -45,7 +45,7 @@ _LINE_FAILS = _port_loss_exceptions()
 
 
 class SdkPort:
-    """Shaped like the vendors' ``PortHandler``, on a transport that is already open.
+    """Has the interface of the vendors' ``PortHandler``, on an open transport.
 
     Their packet handlers need all methods of that class to exist: ``readPort`` and the packet
     timeouts are there for them alone, since ``ReplyReader`` receives.
@@ -55,13 +55,13 @@ class SdkPort:
         self.connect(transport, name, baud_rate)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Talk through this transport from now on; what was learned of another is forgotten."""
+        """Use this transport from now on; reset what was measured of another."""
         self.transport = transport
         self.name, self.baudrate = name, baud_rate
         virtual: Clock | None = getattr(transport, "clock", None)
         self._virtual = virtual is not None
         self.clock: Clock = virtual or RealClock()
-        self.patience = AdaptiveTimeout(*(_VIRTUAL_S if virtual else _REAL_S))
+        self.reply_timeout = AdaptiveTimeout(*(_VIRTUAL_S if virtual else _REAL_S))
         self.sent = b""
         self.is_open, self.is_using = True, False
         self.sent_all_s = self._packet_deadline_s = 0.0
@@ -71,10 +71,10 @@ class SdkPort:
         return count * _BITS_PER_BYTE / self.baudrate
 
     def expected_at_s(self, expected: int, delays_s: float) -> float:
-        """Return when the answer to what was just sent is complete if nothing is late.
+        """Return when the reply to what was just sent is complete if nothing is late.
 
         Args:
-            expected: Bytes of the answer.
+            expected: Bytes of the reply.
             delays_s: Sum of the servos' return delays, seconds.
         """
         return max(self.sent_all_s, self.clock.now_s()) + self.wire_s(expected) + delays_s
@@ -83,7 +83,7 @@ class SdkPort:
         """Return up to ``size`` bytes; fewer only when the deadline has passed.
 
         Raises:
-            PortLostError: The line is gone.
+            PortLostError: The port is lost.
         """
         data = more = self._read_transport(size, deadline_s)
         while more and len(data) < size:  # a transport that does not wait for all of it
@@ -107,9 +107,9 @@ class SdkPort:
         return first + self.read_until(min(size - 1, self.getBytesAvailable()), 0.0)
 
     def sleep_until_due(self, expected: int) -> None:
-        """Sleep while the first of ``expected`` bytes cannot be all: one waking for many packets.
+        """Sleep until ``expected`` bytes can have arrived, to wake up once for many packets.
 
-        Servos that keep a return delay only take longer. In virtual time nobody is woken.
+        Servos that keep a return delay only take longer. In virtual time there is no sleep.
         """
         if self._virtual:
             return
@@ -122,14 +122,14 @@ class SdkPort:
         return self.is_open
 
     def closePort(self) -> None:
-        """Give the line back; a line that is already lost is no trouble."""
+        """Close the port; a port that is already lost is no error."""
         if self.is_open:
             self.is_open = False
             with contextlib.suppress(*_LINE_FAILS):
                 self.transport.close()
 
     def clearPort(self) -> None:
-        """Discard what has arrived: it answers some earlier question."""
+        """Discard received bytes: they reply to some earlier request."""
         try:
             self.transport.reset_input_buffer()
         except _LINE_FAILS as error:
@@ -144,11 +144,11 @@ class SdkPort:
         return self.name
 
     def setBaudRate(self, baudrate: int) -> bool:
-        """Talk at another rate without opening the port anew; any rate the adapter makes.
+        """Set another rate without opening the port again; any rate that the adapter supports.
 
         Raises:
-            PortError: The adapter cannot make this rate; the old one stays.
-            PortLostError: The line is gone.
+            PortError: The adapter does not support this rate; the old one stays.
+            PortLostError: The port is lost.
         """
         try:
             self.transport.baudrate = baudrate
@@ -190,11 +190,13 @@ class SdkPort:
         return len(self.sent) if written is None else written
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Expect a packet of so many bytes from now."""
-        self._packet_deadline_s = self.expected_at_s(packet_length, 0.0) + self.patience.timeout_s
+        """Set the deadline of a packet of so many bytes from now."""
+        self._packet_deadline_s = (
+            self.expected_at_s(packet_length, 0.0) + self.reply_timeout.timeout_s
+        )
 
     def setPacketTimeoutMillis(self, msec: float) -> None:
-        """Expect a packet within milliseconds from now."""
+        """Set the deadline of a packet, milliseconds from now."""
         self._packet_deadline_s = self.clock.now_s() + msec / 1000
 
     def isPacketTimeout(self) -> bool:
@@ -209,7 +211,7 @@ class SdkPort:
             self.transport.timeout = timeout_s
 
     def _port_lost_error(self, error: Exception) -> PortError:
-        """Return the error that names what happened to the line."""
+        """Return the error that names how the port was lost."""
         if not self.is_open:
             return PortError(f"{self.name} was closed.", "Open it again.")
         if getattr(self.transport, "abandoned", False):
@@ -240,22 +242,22 @@ def open_port(name: str, baud_rate: int) -> Port:
 class Port(SdkPort):
     """One serial line, used by one thread at a time.
 
-    What differs from the vendors' ``PortHandler``: stale input is really discarded (F1, D6),
-    waits are sized to the question (F2), time is monotonic (F3, D7), reads block instead of
-    spinning (F4), the port is exclusive (F5), every baud rate goes (F6, D8), and a lost line
-    is one named error.
+    What differs from the vendors' ``PortHandler``: stale input is really discarded (F1, D6 in
+    docs/sdk-defects.md), waits are sized to the request (F2), time is monotonic (F3, D7), reads
+    block instead of spinning (F4), the port is exclusive (F5), every baud rate is possible (F6,
+    D8), and a lost port is one named error.
 
     Attributes:
-        transport: What carries the bytes; nobody but the port reads or writes it.
-        name: As the person gave it.
+        transport: Carries the bytes; only the port reads and writes it.
+        name: As given by the user.
         clock: The transport's own virtual clock, or the machine's.
-        lock: Held during a question and its answer (F17, D14).
-        sent: The bytes of the latest question.
-        echoes: Whether the adapter hears itself; None while that is unknown.
-        patience: How long to wait beyond what the wire takes.
-        pace: How soon an answer can come at the earliest.
-        trust: Whether the line has shown that it repeats or damages packets.
-        ghosts: Which answers may still come.
+        lock: Held during a request and its reply (F17, D14).
+        sent: The bytes of the latest request.
+        echoes: Whether the adapter echoes; None while that is unknown.
+        reply_timeout: How long to wait beyond the wire time.
+        byte_rate: How soon a reply can come at the earliest.
+        health: Whether the line has repeated or damaged packets.
+        pending: The replies that may still come.
         is_using: The SDKs' own busy flag; ``exchange`` always clears it (F8, D9).
     """
 
@@ -264,14 +266,14 @@ class Port(SdkPort):
         super().__init__(transport, name, baud_rate)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Talk through another transport from now on; what was learned of the old is forgotten."""
+        """Use another transport from now on; reset what was measured of the old one."""
         super().connect(transport, name, baud_rate)
-        self.pace, self.trust, self.ghosts = ByteRateCheck(), LineHealth(), PendingReplies()
+        self.byte_rate, self.health, self.pending = ByteRateCheck(), LineHealth(), PendingReplies()
         self.echoes: bool | None = None
 
     @contextlib.contextmanager
     def exchange(self) -> Generator[None]:
-        """Hold the line for one question and its answer, and leave it usable whatever happens."""
+        """Hold the port for one request and its reply; always leave it usable."""
         with self.lock:
             try:
                 yield
@@ -279,37 +281,37 @@ class Port(SdkPort):
                 self.is_using = False
 
     def stale_bytes(self, count: int) -> int:
-        """Return how many of the bytes heard since the question are older than it."""
+        """Return how many of the bytes received since the request are older than it."""
         since_s = self.clock.now_s() - self.sent_all_s
-        return self.pace.excess_bytes(count - self._echo_bytes, since_s, self.wire_s(1))
+        return self.byte_rate.excess_bytes(count - self._echo_bytes, since_s, self.wire_s(1))
 
     @property
     def is_clean(self) -> bool:
-        """Whether all has been well of late, and nothing but the next answer can come."""
-        return not (self.trust.suspect or self.ghosts.any_pending)
+        """Whether the line is healthy and no other replies are pending."""
+        return not (self.health.suspect or self.pending.any_pending)
 
-    def on_reply(self, heard: bytes | bytearray, answered: int) -> None:
-        """Learn from a complete answer.
+    def on_reply(self, received: bytes | bytearray, reply_bytes: int) -> None:
+        """Update timing and echo detection from a complete reply.
 
         Args:
-            heard: Everything that came since the question.
-            answered: Bytes of the answers themselves.
+            received: Everything that came since the request.
+            reply_bytes: Bytes of the replies themselves.
         """
-        if self.sent in heard[: len(heard) - answered]:
+        if self.sent in received[: len(received) - reply_bytes]:
             self.echoes = True
-        elif len(heard) == answered:  # nothing else came, not even half an echo
+        elif len(received) == reply_bytes:  # nothing else came, not even half an echo
             self.echoes = False
         since_s = self.clock.now_s() - self.sent_all_s
-        self.patience.on_reply(since_s - self.wire_s(len(heard) - self._echo_bytes))
-        self.pace.on_reply(answered, since_s, self.wire_s(1))
+        self.reply_timeout.on_reply(since_s - self.wire_s(len(received) - self._echo_bytes))
+        self.byte_rate.on_reply(reply_bytes, since_s, self.wire_s(1))
 
     @property
     def _echo_bytes(self) -> int:
-        """Return how many bytes that come back may be our own."""
+        """Return how many of the received bytes may be our own."""
         return 0 if self.echoes is False else len(self.sent)
 
     def close(self) -> None:
-        """Give the line back; a line that is already lost is no trouble."""
+        """Close the port; a port that is already lost is no error."""
         self.closePort()
 
     def __enter__(self) -> Port:

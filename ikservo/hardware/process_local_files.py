@@ -1,7 +1,7 @@
 """Files that belong to one process: a forked child closes its copies at once.
 
 Python opens files so that programs started with ``exec`` do not inherit them. A child made by a
-bare ``fork`` (``os.fork``, ``multiprocessing`` with its method "fork") has a copy of every open
+plain ``fork`` (``os.fork``, ``multiprocessing`` with its method "fork") has a copy of every open
 file: it would keep the lock of a port after its parent was killed, and could write to the servos.
 """
 
@@ -15,7 +15,7 @@ __all__ = ["abandon_in_forked_children"]
 
 
 class _ForkAware(Protocol):
-    """What has open files that a forked child must not keep."""
+    """An object with open files that a forked child must not keep."""
 
     def abandon(self) -> None:
         """Close this process's copies of the files; the parent keeps its own unchanged."""

@@ -1,4 +1,4 @@
-"""Protocol 1.0 packets and the driver base that Feetech, MX and AX servos share."""
+"""Protocol 1.0 packets and the driver base of Feetech, MX and AX servos."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 
 
 _HEADER = b"\xff\xff"
-_LEN, _ERR, _DATA = 3, 4, 5  # where the bytes stand
+_LEN, _ERR, _DATA = 3, 4, 5  # offsets of the bytes
 _AROUND_LEN = 4  # header, id and the length byte itself are not counted in LEN
 _HIGHEST_ID = 0xFD
 
@@ -43,87 +43,87 @@ def checksum(body: bytes) -> int:
     return ~sum(body) & 0xFF
 
 
-def parse_in_order(heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-    """Return the answers, if the bytes are those of healthy servos in order and nothing else."""
-    answers: dict[int, Reply] = {}
+def parse_in_order(data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+    """Return the replies, if the bytes are those of healthy servos in order and nothing else."""
+    replies: dict[int, Reply] = {}
     at = 0
     for servo_id, size in sizes.items():
         end = at + size + 6
         # The sum of everything behind the header, its inverse included, has all bits set.
-        if sum(heard[at + 2 : end]) & 0xFF != 0xFF:
+        if sum(data[at + 2 : end]) & 0xFF != 0xFF:
             return None
-        if heard[at : at + _DATA] != bytes((0xFF, 0xFF, servo_id, size + 2, 0)):
+        if data[at : at + _DATA] != bytes((0xFF, 0xFF, servo_id, size + 2, 0)):
             return None
-        answers[servo_id] = Status(servo_id, heard[at + _DATA : end - 1])
+        replies[servo_id] = Status(servo_id, data[at + _DATA : end - 1])
         at = end
-    return answers
+    return replies
 
 
-def scan_packets(heard: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
-    """Find the status packets in what was heard.
+def scan_packets(data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
+    """Find the status packets in received bytes.
 
-    A false header does not hide a packet behind it (F11): where the checksum is wrong or the
-    length is not the one asked for, the search goes on at the next byte.
+    A false header does not hide a packet after it (docs/sdk-defects.md F11): if the checksum or the
+    length is wrong, the scan continues at the next byte.
 
     Args:
-        heard: The bytes so far.
-        sizes: Bytes of data in the answers that are hoped for.
+        data: The bytes so far.
+        sizes: Bytes of data in the expected replies.
         final: No more bytes will come.
     """
     frames: list[StatusPacket] = []
     at = junk = 0
-    while at < len(heard):
-        length = _packet_length(heard, at)
-        if length is None or at + length > len(heard):
-            if not final and _may_continue(heard, at, sizes):
-                return ScanResult(tuple(frames), len(heard) - at, junk)
-        elif _has_valid_checksum(heard, at, length) and not _is_spliced(
-            heard, at, at + length, sizes
+    while at < len(data):
+        length = _packet_length(data, at)
+        if length is None or at + length > len(data):
+            if not final and _may_continue(data, at, sizes):
+                return ScanResult(tuple(frames), len(data) - at, junk)
+        elif _has_valid_checksum(data, at, length) and not _is_spliced(
+            data, at, at + length, sizes
         ):
-            frames.append(_parse_frame(heard[at : at + length]))
+            frames.append(_parse_frame(data[at : at + length]))
             at += length
             continue
         at, junk = at + 1, junk + 1
     return ScanResult(tuple(frames), 0, junk)
 
 
-def _has_valid_checksum(heard: bytes, at: int, length: int) -> bool:
+def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
     end = at + length - 1
-    return end < len(heard) and heard[end] == checksum(heard[at + 2 : end])
+    return end < len(data) and data[end] == checksum(data[at + 2 : end])
 
 
-def _is_spliced(heard: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
-    """Return whether a hoped-for packet begins inside this one and goes on behind it.
+def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
+    """Return whether an expected packet begins inside this one and ends after it.
 
-    Then this is the beginning of a packet that broke off, and of the next: one checksum in 256 is
+    Then this is the beginning of a truncated packet, followed by the next: one checksum in 256 is
     right by chance.
     """
-    inner = heard.find(_HEADER, at + 1, end + 1)
+    inner = data.find(_HEADER, at + 1, end + 1)
     while inner >= 0:
-        length = _packet_length(heard, inner)
-        if length is not None and _continues_behind(heard, inner, length, end, sizes):
+        length = _packet_length(data, inner)
+        if length is not None and _continues_behind(data, inner, length, end, sizes):
             return True
-        inner = heard.find(_HEADER, inner + 1, end + 1)
+        inner = data.find(_HEADER, inner + 1, end + 1)
     return False
 
 
-def _continues_behind(heard: bytes, at: int, length: int, end: int, sizes: Collection[int]) -> bool:
+def _continues_behind(data: bytes, at: int, length: int, end: int, sizes: Collection[int]) -> bool:
     wanted = length - packet_size(0) in sizes and at + length > end
-    return wanted and _has_valid_checksum(heard, at, length)
+    return wanted and _has_valid_checksum(data, at, length)
 
 
-def _packet_length(heard: bytes, at: int) -> int | None:
+def _packet_length(data: bytes, at: int) -> int | None:
     """Return the length of the packet that seems to begin here, None if none does."""
-    if heard[at : at + 2] != _HEADER or len(heard) <= at + _LEN:
+    if data[at : at + 2] != _HEADER or len(data) <= at + _LEN:
         return None
-    if heard[at + 2] > _HIGHEST_ID or heard[at + _LEN] < 2:
+    if data[at + 2] > _HIGHEST_ID or data[at + _LEN] < 2:
         return None
-    return heard[at + _LEN] + _AROUND_LEN
+    return data[at + _LEN] + _AROUND_LEN
 
 
-def _may_continue(heard: bytes, at: int, sizes: Collection[int]) -> bool:
-    """Return whether the bytes from here on may become a hoped-for packet."""
-    start = heard[at : at + 4]
+def _may_continue(data: bytes, at: int, sizes: Collection[int]) -> bool:
+    """Return whether the bytes from here on may become an expected packet."""
+    start = data[at : at + 4]
     if start[:2] != _HEADER[: len(start[:2])]:
         return False
     if len(start) > 2 and start[2] > _HIGHEST_ID and start[2] != 0xFF:
@@ -148,7 +148,7 @@ SendPacket = Callable[[Port, list[int]], int]
 
 
 class Protocol1Codec:
-    """How status packets look; what they mean, each family says for itself."""
+    """Status packet format; each family interprets the error byte itself."""
 
     def __init__(self, too_long: int) -> None:
         self.too_long = too_long
@@ -157,55 +157,55 @@ class Protocol1Codec:
         """Return the bytes of a status packet with ``size`` bytes of data."""
         return packet_size(size)
 
-    def scan(self, heard: bytes, sizes: Iterable[int], *, final: bool) -> ScanResult:
+    def scan(self, data: bytes, sizes: Iterable[int], *, final: bool) -> ScanResult:
         """Find the status packets."""
-        return scan_packets(heard, tuple(sizes), final=final)
+        return scan_packets(data, tuple(sizes), final=final)
 
-    def parse_in_order(self, heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Return the answers, if the bytes are those of healthy servos in order, nothing else."""
-        return parse_in_order(heard, sizes)
+    def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+        """Return the replies, if the bytes are those of healthy servos in order, nothing else."""
+        return parse_in_order(data, sizes)
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Return what a frame says to a question for ``size`` bytes."""
+        """Return the reply in a frame to a request for ``size`` bytes; None if it is none."""
         raise NotImplementedError
 
 
 class Protocol1Driver:
-    """Instructions that both families know.
+    """Instructions that both families have.
 
     Args:
-        port: The line.
-        send: The vendor's ``txPacket``, which puts header and checksum around a packet.
-        dialect: How this family's servos answer.
+        port: The port.
+        send: The vendor's ``txPacket``, which adds header and checksum to a packet.
+        codec: The family's status packet codec.
     """
 
     can_sync_read = can_bulk_write = already_retried = False
 
-    def __init__(self, port: Port, send: SendPacket, dialect: PacketCodec) -> None:
+    def __init__(self, port: Port, send: SendPacket, codec: PacketCodec) -> None:
         self._port, self._tx_packet = port, send
         self._send = PacketCache(port, self._send_packet, _REQUEST_INSTRUCTIONS).send
-        self.transceiver = Transceiver(port, dialect)
+        self.transceiver = Transceiver(port, codec)
 
     def set_return_delay(self, return_delay_s: float) -> None:
-        """Wait no longer than this before each answer, seconds."""
+        """Set the maximum return delay before each reply, seconds."""
         self.transceiver.set_return_delay(return_delay_s)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one question can be put to these servos, each for its own bytes."""
+        """Whether one request can read these servos, each its own bytes."""
         return False
 
     def ping(self, servo_id: int) -> Reply:
-        """Ask whether a servo is there; a ping of this protocol tells nothing more (F14)."""
+        """Ping a servo; the reply of this protocol has no data (F14)."""
         return self._request_packet(servo_id, _PING, b"")
 
     def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:
-        """Ask everybody up to an id whether they are there."""
+        """Ping all ids up to the highest."""
         return broadcast_ping(
             self.transceiver, lambda: self._send(BROADCAST_ID, _PING, b""), _PING_SIZE, highest_id
         )
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
-        """Ask one servo for ``size`` bytes."""
+        """Read ``size`` bytes of one servo."""
         span = MemoryRange(address, size)
         with self._port.lock:
             window = self.transceiver.choose_window((servo_id,), span)
@@ -213,38 +213,38 @@ class Protocol1Driver:
             return span.extract(self._request_packet(servo_id, _READ, parameters, window), window)
 
     def write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Write to one servo and hear whether it took it."""
-        self._port.ghosts.invalidate((servo_id,))
+        """Write to one servo and check its reply."""
+        self._port.pending.invalidate((servo_id,))
         return self._request_packet(servo_id, _WRITE, bytes((address, *data)))
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Ask many servos for the same bytes, here one after the other."""
+        """Read the same bytes of many servos, here one after the other."""
         return {servo_id: self.read(servo_id, address, size) for servo_id in servo_ids}
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Ask many servos, each for its own bytes, here one after the other."""
+        """Read many servos, each its own bytes, here one after the other."""
         return {i: self.read(i, span.address, span.size) for i, span in spans.items()}
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
-        """Write to many servos at once; there is no answer to this."""
+        """Write to many servos with one packet; there is no reply."""
         size = len(next(iter(data.values())))
         rows = b"".join(bytes((servo_id, *row)) for servo_id, row in data.items())
-        self._port.ghosts.invalidate(data, MemoryRange(address, size))
+        self._port.pending.invalidate(data, MemoryRange(address, size))
         parameters = bytes((address, size)) + rows
         self.transceiver.transact(lambda: self._send(BROADCAST_ID, _SYNC_WRITE, parameters))
 
     def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
-        """Write to many servos, each to its own address, here one write after the other."""
+        """Write to many servos, each at its own address, here one write after the other."""
         for servo_id, (address, data) in rows.items():
             self.sync_write(address, {servo_id: data})
 
     def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Lay a write ready that ``action`` sets off."""
+        """Prepare a write that ``action`` executes."""
         return self._request_packet(servo_id, _REG_WRITE, bytes((address, *data)))
 
     def action(self) -> None:
-        """Set off what ``reg_write`` laid ready, on every servo at the same moment."""
-        self._port.ghosts.invalidate(range(BROADCAST_ID))
+        """Execute the prepared writes of all servos at the same time."""
+        self._port.pending.invalidate(range(BROADCAST_ID))
         self.transceiver.transact(lambda: self._send(BROADCAST_ID, _ACTION, b""))
 
     def _request_packet(

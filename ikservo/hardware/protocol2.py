@@ -1,6 +1,6 @@
 """Protocol 2.0 packets: CRC, byte stuffing, fast sync read.
 
-``FF FF FD 00 FE LEN 55 | ERR ID data CRC | ERR ID data CRC | …`` is, seen from outside, one
+``FF FF FD 00 FE LEN 55 | ERR ID data CRC | ERR ID data CRC | …`` is, on the outside, one
 status packet of id 0xFE whose data hold the inner checksums; nothing in it is stuffed.
 """
 
@@ -33,21 +33,21 @@ _MARK = 0xFD
 
 
 def stuff(inside: bytes) -> bytes:
-    """Put an FD behind each FF FF FD between the length field and the CRC."""
+    """Insert an FD after each FF FF FD between the length field and the CRC."""
     return inside.replace(_STUFFED_HEADER, _STUFFED_HEADER + bytes((_MARK,)))
 
 
 def unstuff(inside: bytes) -> bytes:
-    """Take away the one FD behind each FF FF FD.
+    """Remove the one FD after each FF FF FD.
 
-    The SDK's own ``removeStuffing`` looks for FF FF FD FD in what it has not yet unstuffed and
-    loses a byte of ``FF FF FD FF FD FD`` and its like (D2).
+    The SDK's own ``removeStuffing`` searches FF FF FD FD in data that is not yet unstuffed and
+    loses a byte of ``FF FF FD FF FD FD`` and its like (docs/sdk-defects.md D2).
     """
     return inside.replace(_STUFFED_HEADER + bytes((_MARK,)), _STUFFED_HEADER)
 
 
 _HEADER = b"\xff\xff\xfd\x00"
-_LEN, _INSIDE = 5, 7  # where the length field and the instruction stand
+_LEN, _INSIDE = 5, 7  # offsets of the length field and the instruction
 _STATUS = 0x55
 _STUFFED = b"\xff\xff\xfd"
 _MAX_PACKET_BYTES = 1024
@@ -78,7 +78,7 @@ _CRCS = tuple(map(_byte_crc, range(256)))
 
 @cache
 def _word_crc_table() -> Sequence[int]:
-    """Return the CRC of every two bytes, so that two cost one look; made when first needed."""
+    """Return the CRC of every two bytes, so that two need one lookup; built when first needed."""
     with_zero_behind = [(crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS]
     return array("H", [before ^ last for before in with_zero_behind for last in _CRCS])
 
@@ -95,7 +95,7 @@ def crc(start: int, packet: Sequence[int], count: int) -> int:
 
 
 class Protocol2Codec:
-    """How servos of protocol 2.0 answer a question.
+    """Codec of protocol 2.0.
 
     Args:
         too_long: The SDK's code for a packet that is too long to send.
@@ -110,36 +110,36 @@ class Protocol2Codec:
         """Return the bytes of a status packet with ``size`` bytes of data, unstuffed."""
         return size + 11
 
-    def scan(self, heard: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
-        """Find the status packets; a false header does not hide a packet behind it."""
+    def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
+        """Find the status packets; a false header does not hide a packet after it."""
         frames: list[StatusPacket] = []
         at = junk = 0
-        while at < len(heard):
-            end = at + self._packet_length(heard, at)
-            if end > len(heard) and not final and self._may_continue(heard, at, sizes):
-                return ScanResult(tuple(frames), len(heard) - at, junk)
-            if at < end <= len(heard) and self._crc_is_right(heard[at:end]):
-                frames += self._status_frames(heard[at:end])
+        while at < len(data):
+            end = at + self._packet_length(data, at)
+            if end > len(data) and not final and self._may_continue(data, at, sizes):
+                return ScanResult(tuple(frames), len(data) - at, junk)
+            if at < end <= len(data) and self._crc_is_right(data[at:end]):
+                frames += self._status_frames(data[at:end])
                 at = end
             else:
                 at, junk = at + 1, junk + 1
         return ScanResult(tuple(frames), 0, junk)
 
-    def parse_in_order(self, heard: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Return the answers, if the bytes are those of healthy servos in order, nothing else."""
-        answers: dict[int, Reply] = {}
+    def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
+        """Return the replies, if the bytes are those of healthy servos in order, nothing else."""
+        replies: dict[int, Reply] = {}
         at = 0
         for servo_id, size in sizes.items():
-            packet = heard[at : at + self.frame_size(size)]
+            packet = data[at : at + self.frame_size(size)]
             reply = self._parse_plain_status(packet, servo_id, size)
             if reply is None:
                 return None
-            answers[servo_id] = reply
+            replies[servo_id] = reply
             at += len(packet)
-        return answers
+        return replies
 
     def _parse_plain_status(self, packet: bytes, servo_id: int, size: int) -> Status | None:
-        """Return what a packet says that is neither stuffed nor complains, None for others."""
+        """Return the reply in a packet without stuffing and without error; None for others."""
         expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS, 0))
         if packet[: _INSIDE + 2] != expected or _STUFFED in packet[_INSIDE:]:
             return None
@@ -148,19 +148,19 @@ class Protocol2Codec:
         return Status(servo_id, packet[_INSIDE + 2 : -2])
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Return data with the alert beside them, a refusal in words, or None if no answer."""
+        """Return data with their alert, a refusal with its text, or None if it is no reply."""
         number, alert = frame.error & ~_ALERT, frame.error & _ALERT
         if number:
             kind = FaultKind.GARBLED if number == _CRC_ERROR else FaultKind.REFUSED
             found = _REFUSALS.get(number, f"answered with unknown error {number}")
             return ReplyFault(frame.servo_id, kind, found, alert)
         if len(frame.data) != size:
-            return None  # an answer to some other question
+            return None  # a reply to some other request
         return Status(frame.servo_id, frame.data, alert)
 
-    def _packet_length(self, heard: bytes, at: int) -> int:
+    def _packet_length(self, data: bytes, at: int) -> int:
         """Return the length of the packet that begins here: 0 if none does, a lot if unknown."""
-        start = heard[at : at + _INSIDE]
+        start = data[at : at + _INSIDE]
         if start[:4] != _HEADER[: len(start)]:
             return 0
         if len(start) < _INSIDE:
@@ -171,14 +171,14 @@ class Protocol2Codec:
     def _crc_is_right(self, packet: bytes) -> bool:
         return crc(0, packet, len(packet) - 2) == int.from_bytes(packet[-2:], "little")
 
-    def _may_continue(self, heard: bytes, at: int, sizes: Collection[int]) -> bool:
-        """Return whether the bytes from here on may become a hoped-for packet."""
-        start = heard[at : at + _INSIDE + 1]
+    def _may_continue(self, data: bytes, at: int, sizes: Collection[int]) -> bool:
+        """Return whether the bytes from here on may become an expected packet."""
+        start = data[at : at + _INSIDE + 1]
         if len(start) > 4 and start[4] > self.highest_id:
             return False
         if len(start) >= _INSIDE:
-            data = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
-            if data != 0 and not any(size <= data <= _max_stuffed_size(size) for size in sizes):
+            count = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
+            if count != 0 and not any(size <= count <= _max_stuffed_size(size) for size in sizes):
                 return False
         return len(start) <= _INSIDE or start[_INSIDE] == _STATUS
 
@@ -221,14 +221,14 @@ class FastSyncCodec(Protocol2Codec):
 # ruff: noqa: N802
 
 
-_SDK_LENGTH_INDEX, _SDK_BODY_START = 5, 7  # where the length field and the instruction stand
+_SDK_LENGTH_INDEX, _SDK_BODY_START = 5, 7  # offsets of the length field and the instruction
 
 
 class FixedPacketHandler(Protocol2PacketHandler):
-    """The SDK's packet handler with its stuffing put right (D1, D2)."""
+    """The SDK's packet handler with correct stuffing (D1, D2)."""
 
     def addStuffing(self, packet: list[int]) -> list[int]:
-        """Stuff in place: ``txPacket`` does not look at what this returns."""
+        """Stuff in place: ``txPacket`` ignores the return value."""
         inside = stuff(bytes(packet[_SDK_BODY_START:-2]))
         packet[_SDK_LENGTH_INDEX:] = [*(len(inside) + 2).to_bytes(2, "little"), *inside, 0, 0]
         return packet
@@ -240,7 +240,7 @@ class FixedPacketHandler(Protocol2PacketHandler):
         return packet
 
     def updateCRC(self, crc_accum: int, data_blk_ptr: Sequence[int], data_blk_size: int) -> int:
-        """Return the SDK's own CRC, which it computes with a table made anew for each packet."""
+        """Return the SDK's own CRC, for which it builds a table for each packet."""
         return crc(crc_accum, data_blk_ptr, data_blk_size)
 
 
@@ -252,15 +252,15 @@ def fast_sync_size(count: int, size: int) -> int:
     return count * (size + _OVERHEAD_BYTES) - 3
 
 
-def split_fast_sync(said: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
-    """Return what each servo said; nothing, if they did not speak in the order they were asked.
+def split_fast_sync(data: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
+    """Return each servo's reply; nothing, if they are not in the requested order.
 
     Args:
-        said: From the first ERR to the last data byte; one checksum covers all of it.
-        servo_ids: Who was asked, in order.
+        data: From the first ERR to the last data byte; one checksum covers all of it.
+        servo_ids: The requested servos, in order.
         size: Bytes of each servo's data.
     """
-    parts = [said[at : at + size + 2] for at in range(0, len(said), size + _OVERHEAD_BYTES)]
+    parts = [data[at : at + size + 2] for at in range(0, len(data), size + _OVERHEAD_BYTES)]
     if [part[1] for part in parts] != list(servo_ids):
         return []
     return [StatusPacket(part[1], part[0], part[2:]) for part in parts]

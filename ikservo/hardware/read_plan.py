@@ -38,7 +38,7 @@ __all__ = [
 
 
 MAX_GAP_BYTES = 8
-"""Bytes between two registers that cost no more than a second question to six servos."""
+"""Bytes between two registers that cost no more than a second request to six servos."""
 
 
 def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Register]]:
@@ -46,8 +46,8 @@ def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Re
 
     Args:
         registers: Of one servo.
-        gap: How many bytes that nobody wants may lie between two of a run. What may change by
-            itself and what may not are kept apart then, for the one is read twice on a bad line.
+        gap: Maximum number of unused bytes between two of a run. Static registers and others are
+            not combined then, for static ones are read twice on a bad line.
     """
     rows = list(registers)
     if len(rows) == 1:
@@ -69,11 +69,11 @@ def _extends_run(last: Register, register: Register, gap: int) -> bool:
 def batches(
     own: Mapping[int, Collection[Register]], gap: int = 0
 ) -> Iterator[dict[int, list[Register]]]:
-    """Yield for each round of questions the run of neighbours that each servo is asked for.
+    """Yield for each request the run of registers to read of each servo.
 
     Args:
-        own: The registers of each servo that are wanted, by id.
-        gap: See ``neighbours``.
+        own: The registers to read of each servo, by id.
+        gap: See ``contiguous_runs``.
     """
     runs = {servo_id: contiguous_runs(registers, gap) for servo_id, registers in own.items()}
     for k in range(max((len(r) for r in runs.values()), default=0)):
@@ -81,16 +81,16 @@ def batches(
 
 
 def join_bytes(data: Mapping[Register, bytes], run: Sequence[Register]) -> bytes:
-    """Return the bytes that one write to a run of neighbours carries."""
+    """Return the bytes of one write to a run of registers."""
     return b"".join(data[register] for register in run)
 
 
 RegisterRef = Register | RegisterName
-"""A register of any table, or a role that every table fills."""
+"""A register of any table, or a name that every table has."""
 
 
 def resolve_register(servo: ServoSpec, wanted: RegisterRef) -> Register:
-    """Return the servo's own register for what is wanted.
+    """Return the servo's own register.
 
     Raises:
         UnknownNameError: Its table has none of that name.
@@ -129,7 +129,7 @@ def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: boo
 
 def _to_raw_integer(servo: ServoSpec, register: Register, value: float) -> int:
     try:
-        return operator.index(value)  # pyright: ignore[reportArgumentType] (that is the question)
+        return operator.index(value)  # pyright: ignore[reportArgumentType] (checked here)
     except TypeError:
         raise BadValueError(f"The raw {register} of {servo}", value, "an integer") from None
 
@@ -144,37 +144,37 @@ _LETTERS = {1: "B", 2: "H", 4: "I"}
 
 
 class ReplyLayout:
-    """How one servo's wanted registers stand in the bytes of one answer.
+    """Position of one servo's registers in the bytes of one reply.
 
     Args:
-        servo: Whose they are.
+        servo: The servo.
         wanted: Its own register for each key of the caller.
-        run: Those of one answer, by address; it begins with the first and ends with the last.
+        run: Those in one reply, by address; the first at its beginning, the last at its end.
 
     Attributes:
-        registers: The register behind each key.
-        telling: Those of them that say something about torque or alarms.
+        registers: The register of each key.
+        state_registers: Those of them that contain torque state or alarms.
     """
 
     def __init__(
         self, servo: ServoSpec, wanted: Mapping[RegisterRef, Register], run: Sequence[Register]
     ) -> None:
         self.registers = {key: register for key, register in wanted.items() if register in run}
-        self.telling = {k: r for k, r in self.registers.items() if tracks_state(servo, r)}
+        self.state_registers = {k: r for k, r in self.registers.items() if tracks_state(servo, r)}
         self._places = [(key, run.index(register)) for key, register in self.registers.items()]
         self._unpack = Struct(_struct_format(run)).unpack
         self._coded = [(at, register) for at, register in enumerate(run) if _needs_codec(register)]
 
     def decode_raw(self, block: bytes) -> dict[Any, int]:
-        """Return the raw number of each key in an answer."""
-        words = list(self._unpack(block))
+        """Return the raw number of each key in a reply."""
+        numbers = list(self._unpack(block))
         for at, register in self._coded:
-            words[at] = register.codec.to_number(words[at], register.size)
-        return {key: words[at] for key, at in self._places}
+            numbers[at] = register.codec.to_number(numbers[at], register.size)
+        return {key: numbers[at] for key, at in self._places}
 
 
 def tracks_state(servo: ServoSpec, register: Register) -> bool:
-    """Return whether a register says something about torque or alarms."""
+    """Return whether a register contains torque state or alarms."""
     table = servo.table
     if register is table.torque_enable:
         return True
@@ -182,7 +182,7 @@ def tracks_state(servo: ServoSpec, register: Register) -> bool:
 
 
 def _struct_format(run: Sequence[Register]) -> str:
-    """Return what ``struct`` calls these registers; the bytes between them are passed over."""
+    """Return the ``struct`` format of these registers; the bytes between them are skipped."""
     at, letters = run[0].address, ">" if run[0].byte_order == "big" else "<"
     for register in run:
         letter = _LETTERS[register.size]
@@ -193,47 +193,47 @@ def _struct_format(run: Sequence[Register]) -> str:
 
 
 def _needs_codec(register: Register) -> bool:
-    """Return whether a number is written in a way that ``struct`` does not know."""
+    """Return whether ``struct`` does not support the register's encoding."""
     return not isinstance(register.codec, Unsigned | TwosComplement)
 
 
 @dataclass(frozen=True, slots=True)
 class ReadBatch:
-    """What can be asked at one time.
+    """What can be read with one request for each family.
 
     Attributes:
-        servos: Whom.
-        spans: What memory, by id.
-        layouts: Where in it stands what, by id.
-        asked: The same in words.
-        is_static: Nothing of it changes by itself.
-        groups: The spans of each family, which has its own questions.
+        servos: The servos to read.
+        spans: The memory range, by id.
+        layouts: The layout of the reply, by id.
+        description: For error messages.
+        is_static: No value changes by itself.
+        groups: The spans of each family, which has its own request.
     """
 
     servos: Sequence[ServoSpec]
     spans: Mapping[int, MemoryRange]
     layouts: Mapping[int, ReplyLayout]
-    asked: str
+    description: str
     is_static: bool
     groups: Mapping[Family, Mapping[int, MemoryRange]]
 
     def restricted_to(self, servos: Sequence[ServoSpec]) -> ReadBatch:
         """Return the same for some of the servos."""
         groups = _group_by_family(servos, self.spans)
-        return ReadBatch(servos, self.spans, self.layouts, self.asked, self.is_static, groups)
+        return ReadBatch(servos, self.spans, self.layouts, self.description, self.is_static, groups)
 
 
 @dataclass(frozen=True, slots=True)
 class ReadPlan:
-    """All rounds of a reading, and whom it concerns."""
+    """All batches of a reading, and its servos."""
 
     servo_ids: Sequence[int]
-    rounds: Sequence[ReadBatch]
+    batches: Sequence[ReadBatch]
 
 
 @dataclass(frozen=True, slots=True)
 class WriteTarget:
-    """One servo's own register of a writing.
+    """One servo's own register of a group write.
 
     Attributes:
         tracks_state: See ``tracks_state``.
@@ -247,7 +247,7 @@ class WriteTarget:
 
 
 def plan_writes(servos: Iterable[ServoSpec], wanted: RegisterRef) -> list[WriteTarget]:
-    """Return the servos' own registers for what is to be written.
+    """Return the servos' own registers for a group write.
 
     Raises:
         UnknownNameError: A servo has no such register.
@@ -261,7 +261,7 @@ def _is_fixed_width(register: Register) -> bool:
 
 
 def plan_reads(wanted: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
-    """Return how to read of each servo its own registers.
+    """Return how to read each servo's own registers.
 
     Raises:
         UnknownNameError: A servo has no such register.
@@ -271,8 +271,8 @@ def plan_reads(wanted: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
         for servo, keys in wanted.items()
     }
     servos = {servo.id: servo for servo in wanted}
-    runs_of_rounds = batches({i: row.values() for i, row in own.items()}, MAX_GAP_BYTES)
-    return ReadPlan(tuple(servos), [_make_batch(servos, own, runs) for runs in runs_of_rounds])
+    runs_of_batches = batches({i: row.values() for i, row in own.items()}, MAX_GAP_BYTES)
+    return ReadPlan(tuple(servos), [_make_batch(servos, own, runs) for runs in runs_of_batches])
 
 
 def _make_batch(
@@ -280,21 +280,21 @@ def _make_batch(
     own: Mapping[int, Mapping[RegisterRef, Register]],
     runs: Mapping[int, Sequence[Register]],
 ) -> ReadBatch:
-    first, asked = next(iter(runs.values())), [servos[i] for i in runs]
+    first, description = next(iter(runs.values())), [servos[i] for i in runs]
     spans = {i: _cached_range(run[0].address, run[-1].end) for i, run in runs.items()}
     return ReadBatch(
-        servos=asked,
+        servos=description,
         spans=spans,
         layouts={i: ReplyLayout(servos[i], own[i], run) for i, run in runs.items()},
-        asked=f"read {', '.join(register.name for register in first)}",
+        description=f"read {', '.join(register.name for register in first)}",
         is_static=all(register.steady for run in runs.values() for register in run),
-        groups=_group_by_family(asked, spans),
+        groups=_group_by_family(description, spans),
     )
 
 
 @cache
 def _cached_range(address: int, end: int) -> MemoryRange:
-    """Return the same object for equal stretches: it is compared every cycle."""
+    """Return the same object for equal ranges: they are compared every cycle."""
     return MemoryRange(address, end - address)
 
 
@@ -308,10 +308,10 @@ def _group_by_family(
 
 
 def batch_read(driver: ProtocolDriver, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-    """Ask each servo for its own stretch of memory.
+    """Read each servo's own range of memory.
 
-    One sync read where all want the same bytes, else one bulk read where the family has it, else
-    a sync read for each kind of bytes, or one servo after the other.
+    One sync read if all ranges are equal, else one bulk read if the family supports it, else a
+    sync read for each range, or one servo after the other.
     """
     first = next(iter(spans.values()))
     if driver.can_sync_read and all(s is first or s == first for s in spans.values()):
@@ -328,7 +328,7 @@ def batch_read(driver: ProtocolDriver, spans: Mapping[int, MemoryRange]) -> dict
 
 
 def batch_write(driver: ProtocolDriver, rows: Mapping[int, tuple[int, bytes]]) -> None:
-    """Write to each servo at its own address, all at once where that can be said in one packet."""
+    """Write to each servo at its own address, with one packet if possible."""
     groups: dict[tuple[int, int], dict[int, bytes]] = defaultdict(dict)
     for servo_id, (address, data) in rows.items():
         groups[address, len(data)][servo_id] = data

@@ -39,7 +39,7 @@ _FORMAT = 1
 
 
 def config_dir() -> Path:
-    """Return the folder of the user's own files: ``IKSERVO_HOME``, or where the system has it."""
+    """Return the folder of the user's own files: ``IKSERVO_HOME``, or the system's default."""
     own = os.environ.get("IKSERVO_HOME")
     if own:
         return Path(own)
@@ -57,14 +57,14 @@ def remember_serial_number(arm: str, serial_number: str) -> None:
     """Remember an arm's adapter; where the folder cannot be written, nothing is remembered."""
     known = _read_serial_numbers()
     if serial_number and known.get(arm) != serial_number:
-        with contextlib.suppress(OSError):  # a comfort must not stop an arm
+        with contextlib.suppress(OSError):  # convenience only; must not stop an arm
             _write_serial_numbers({**known, arm: serial_number})
 
 
 def _read_serial_numbers() -> dict[str, str]:
     try:
         tables = tomllib.loads((config_dir() / _FILE).read_text("utf-8"))
-    except (OSError, ValueError):  # not there, or spoiled: as good as new
+    except (OSError, ValueError):  # missing or damaged: start empty
         return {}
     found = tables.get("serial_numbers")
     if tables.get("format") != _FORMAT or not isinstance(found, dict):
@@ -74,7 +74,7 @@ def _read_serial_numbers() -> dict[str, str]:
 
 
 def _write_serial_numbers(numbers: Mapping[str, str]) -> None:
-    """Replace the file in one step, so that no reader meets half of it."""
+    """Replace the file atomically, so that no reader gets half of it."""
     folder = config_dir()
     folder.mkdir(parents=True, exist_ok=True)
     rows = [f"{json.dumps(arm)} = {json.dumps(number)}" for arm, number in sorted(numbers.items())]
@@ -90,7 +90,7 @@ _POLL_PERIOD_S = 0.1
 def serial_number_of(name: str) -> str:
     """Return the USB serial number of the adapter behind a port's name, or nothing.
 
-    To be asked while the adapter is plugged in, so that it is known when it comes back.
+    Call it while the adapter is plugged in, so that it is known when it comes back.
     """
     adapter = find_adapter(name)
     return adapter.serial_number if adapter else ""
@@ -99,7 +99,7 @@ def serial_number_of(name: str) -> str:
 def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | None = None) -> None:
     """Open a lost port again as soon as its adapter is back; nothing is sent, nothing moves.
 
-    An adapter without a serial number is taken back under its old name only.
+    An adapter without a serial number is reopened under its old name only.
 
     Args:
         port: The port that was lost.
@@ -120,12 +120,13 @@ def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | No
 
 
 def _try_reopen(port: Port, serial_number: str) -> bool:
-    here = list_adapters()
-    names = [a.device for a in here if a.serial_number == serial_number] if serial_number else []
+    names = [
+        a.device for a in list_adapters() if serial_number and a.serial_number == serial_number
+    ]
     for name in names or ([] if serial_number else [port.name]):
         try:
             port.connect(open_transport(name, port.baudrate), name, port.baudrate)
-        except PortError:  # it is there, but its device node is not ready, or another was quicker
+        except PortError:  # its device node is not ready, or another process was quicker
             continue
         return True
     return False

@@ -21,38 +21,38 @@ _PROBE_PERIOD_S = 0.25
 
 
 class SilenceBackoff:
-    """Decides whether a servo in a group is worth a question now.
+    """Decides whether a servo in a group is read now.
 
-    A servo that has lost three answers in a row is asked again every quarter of a second, until
-    it answers; in between it has the fault of the last time.
+    A servo that has lost three replies in a row is read again every quarter of a second, until
+    it replies; in between its last fault is repeated.
     """
 
     def __init__(self) -> None:
         self._lost: dict[int, int] = {}
         self._last: dict[int, ReplyFault] = {}
-        self._asked_s: dict[int, float] = {}
+        self._requested_s: dict[int, float] = {}
 
     def __bool__(self) -> bool:
-        """Return whether anybody has lost an answer of late."""
+        """Return whether any servo has lost a reply recently."""
         return bool(self._lost)
 
     def cached_fault(self, servo_id: int, now_s: float) -> ReplyFault | None:
-        """Return the fault of a servo that need not be asked now, or None if it is to be asked."""
+        """Return the last fault of a servo to skip now, or None if it is to be read."""
         if not self._lost or self._lost.get(servo_id, 0) < _UNRESPONSIVE_AFTER:
             return None
-        if now_s - self._asked_s[servo_id] >= _PROBE_PERIOD_S:
+        if now_s - self._requested_s[servo_id] >= _PROBE_PERIOD_S:
             return None
         return self._last[servo_id]
 
     def is_unresponsive(self, servo_id: int) -> bool:
-        """Return whether it has been silent for so long that a repeat is a waste of time."""
+        """Return whether it has been silent for so long that a retry is a waste of time."""
         return bool(self._lost) and self._lost.get(servo_id, 0) >= _UNRESPONSIVE_AFTER
 
     def record(self, reply: Reply, clock: Clock) -> None:
-        """Remember whether a servo answered."""
+        """Record whether a servo replied."""
         if isinstance(reply, ReplyFault) and reply.kind is not FaultKind.REFUSED:
             self._lost[reply.servo_id] = self._lost.get(reply.servo_id, 0) + 1
-            self._last[reply.servo_id], self._asked_s[reply.servo_id] = reply, clock.now_s()
+            self._last[reply.servo_id], self._requested_s[reply.servo_id] = reply, clock.now_s()
         elif self._lost:
             self._lost.pop(reply.servo_id, None)
 
@@ -63,10 +63,10 @@ def make_driver(
     """Return a driver for a family of servos; its vendor's SDK is imported only now.
 
     Args:
-        family: The dialect.
-        port: The line.
-        fast: Whether the family's fastest way to ask many servos is tried first.
-        bulk_ids: Servos of protocol 1.0 that know bulk read.
+        family: The protocol family.
+        port: The port.
+        fast: Whether the family's fastest group read is tried first.
+        bulk_ids: Servos of protocol 1.0 that support bulk read.
     """
     if family is Family.DYNAMIXEL_2:
         from ikservo.hardware.dynamixel import DynamixelDriver  # noqa: PLC0415
@@ -82,33 +82,35 @@ def make_driver(
 
 
 def silence_hint(
-    chain: Iterable[ServoSpec], answering: Collection[int], silent: Collection[int]
+    chain: Iterable[ServoSpec], replying: Collection[int], silent: Collection[int]
 ) -> str:
-    """Return what to look at, from who answers and who does not.
+    """Return what to check, from which servos reply and which do not.
 
     Args:
         chain: The servos in the order of the cable.
-        answering: Ids that gave an answer.
+        replying: Ids that replied.
         silent: Ids that did not.
     """
-    asked = [servo for servo in chain if servo.id in answering or servo.id in silent]
-    if not answering:
+    requested = [servo for servo in chain if servo.id in replying or servo.id in silent]
+    if not replying:
         return (
             "No servo answers. Check the power supply and the first cable; "
             "to try every baud rate: ikservo doctor"
         )
-    first = next(place for place, servo in enumerate(asked) if servo.id in silent)
-    mute = [servo.id for servo in asked if servo.id in silent]
-    if first and all(servo.id in silent for servo in asked[first:]):
-        heard = [servo.id for servo in asked if servo.id in answering]
+    first = next(place for place, servo in enumerate(requested) if servo.id in silent)
+    silent_ids = [servo.id for servo in requested if servo.id in silent]
+    if first and all(servo.id in silent for servo in requested[first:]):
+        replying_ids = [servo.id for servo in requested if servo.id in replying]
         return (
-            f"{_describe_silent(mute)}, {_format_ids(heard)} "
-            f"{'answers' if len(heard) == 1 else 'answer'}: "
-            f"check the cable from {_servo_label(asked[first - 1])} "
-            f"to {_servo_label(asked[first])}."
+            f"{_describe_silent(silent_ids)}, {_format_ids(replying_ids)} "
+            f"{'answers' if len(replying_ids) == 1 else 'answer'}: "
+            f"check the cable from {_servo_label(requested[first - 1])} "
+            f"to {_servo_label(requested[first])}."
         )
-    its = "its" if len(mute) == 1 else "their"
-    return f"{_describe_silent(mute)}, the others do. Check {its} connector, id and baud rate."
+    its = "its" if len(silent_ids) == 1 else "their"
+    return (
+        f"{_describe_silent(silent_ids)}, the others do. Check {its} connector, id and baud rate."
+    )
 
 
 def _describe_silent(servo_ids: Sequence[int]) -> str:
@@ -139,13 +141,13 @@ _NO_FAULT: frozenset[Alarm] = frozenset()
 
 
 class Requester:
-    """Asks the servos of one line, in whatever dialects they speak.
+    """Sends requests to the servos of one port, in their protocols.
 
     Attributes:
-        port: The line.
-        retries: How often a question is put again that may be repeated.
-        statistics: How well each servo answers.
-        alarms: What each complained about in its latest answer.
+        port: The port.
+        retries: How often a repeatable request is repeated.
+        statistics: The reply statistics of each servo.
+        alarms: The alarms in the latest reply of each.
     """
 
     def __init__(
@@ -154,7 +156,7 @@ class Requester:
         self.port, self.retries, self._chain = port, retries, tuple(servos)
         self.statistics = {servo.id: ServoStatistics() for servo in servos}
         self.alarms: dict[int, frozenset[Alarm]] = {}
-        self._absence = SilenceBackoff()
+        self._backoff = SilenceBackoff()
         self._tables = {servo.id: servo.table for servo in servos}
         bulk_ids = [servo.id for servo in servos if servo.table.bulk_read]
         self.drivers: dict[Family, ProtocolDriver] = {
@@ -163,52 +165,52 @@ class Requester:
         }
 
     def driver_of(self, servo: ServoSpec) -> ProtocolDriver:
-        """Return the driver that speaks the servo's dialect."""
+        """Return the driver of the servo's protocol."""
         return self.drivers[servo.table.family]
 
     def request(
         self,
         servo: ServoSpec,
-        asked: str,
-        question: Callable[[], Reply],
+        request: str,
+        exchange: Callable[[], Reply],
         *,
         repeat: bool = True,
         confirm: Callable[[Status], bool] | None = None,
     ) -> bytes:
-        """Put a question to one servo until it is answered.
+        """Send one request, with retries.
 
         Args:
-            servo: Whom.
-            asked: What, in words, for errors.
-            question: Puts it once.
-            repeat: It may be put again if the answer is lost. If not, it is put only when no
-                older answer can pass for its own.
-            confirm: Says whether an answer is true, where that is in doubt.
+            servo: The servo.
+            request: Description, for errors.
+            exchange: Sends it once and returns the reply.
+            repeat: It may be repeated if the reply is lost. If not, it is sent only when no older
+                reply can be taken for its own.
+            confirm: Checks a reply that is in doubt.
 
         Raises:
-            BusError: No usable answer, or a refusal.
+            BusError: No usable reply, or a refusal.
         """
         if not repeat:
             self.driver_of(servo).transceiver.wait_for_pending((servo.id,))
-            return self._require_reply(servo, self._request_once(servo, question), asked)
-        reply = self._request_confirmed(servo, question, confirm)
-        for left in reversed(range(self.retries)):
+            return self._require_reply(servo, self._request_once(servo, exchange), request)
+        reply = self._request_confirmed(servo, exchange, confirm)
+        for remaining in reversed(range(self.retries)):
             if not _is_lost(reply):
                 break
             self.statistics[servo.id].retried += 1
-            if left == 0:
-                self.port.patience.use_longest()
-            reply = self._request_confirmed(servo, question, confirm)
-        return self._require_reply(servo, reply, asked)
+            if remaining == 0:
+                self.port.reply_timeout.use_longest()
+            reply = self._request_confirmed(servo, exchange, confirm)
+        return self._require_reply(servo, reply, request)
 
     def request_many(self, step: ReadBatch) -> tuple[dict[int, bytes], dict[int, BusError]]:
-        """Read a span of each of many servos' memories, with as few questions as can be.
+        """Read a span of each of many servos' memories, with as few requests as possible.
 
-        Those whose answers are lost are asked once more together; those that have been deaf for
-        long are asked only every so often.
+        Lost replies are requested once more together; servos that have been silent for long are
+        polled at a reduced rate.
 
         Returns:
-            The bytes of those who answered and the errors of those who did not.
+            The bytes of each servo that replied, and the errors of the others.
         """
         replies = self._request_all_confirmed(step)
         if any(isinstance(reply, ReplyFault) for reply in replies.values()):
@@ -218,22 +220,22 @@ class Requester:
         for servo in step.servos:
             reply = replies[servo.id]
             if isinstance(reply, ReplyFault):
-                errors[servo.id] = self.make_error(servo, reply, step.asked)
+                errors[servo.id] = self.make_error(servo, reply, step.description)
             else:
                 data[servo.id] = reply.data
         return data, errors
 
     def _retry_lost(self, step: ReadBatch, replies: Mapping[int, Reply]) -> dict[int, Reply]:
-        """Ask those once more who gave no answer, where there is hope."""
-        again = [servo for servo in step.servos if self._should_retry(servo, replies[servo.id])]
-        if not (again and self.retries):
+        """Retry servos that did not reply and are not in back-off."""
+        retried = [servo for servo in step.servos if self._should_retry(servo, replies[servo.id])]
+        if not (retried and self.retries):
             return {}
-        for servo in again:
+        for servo in retried:
             self.statistics[servo.id].retried += 1
-        return self._request_all_confirmed(step.restricted_to(again))
+        return self._request_all_confirmed(step.restricted_to(retried))
 
-    def make_error(self, servo: ServoSpec, fault: ReplyFault, asked: str) -> BusError:
-        """Return the error that says who failed at what, and how."""
+    def make_error(self, servo: ServoSpec, fault: ReplyFault, request: str) -> BusError:
+        """Return the error that names servo, request and fault."""
         silent = fault.kind is FaultKind.SILENT
         return _ERRORS[fault.kind](
             fault.found,
@@ -241,80 +243,80 @@ class Requester:
             servo=str(servo),
             servo_id=servo.id,
             port=self.port.name,
-            asked=asked,
+            request=request,
             sent=fault.sent,
             received=fault.received,
         )
 
     def _diagnose_silence(self) -> str:
-        """Return where to look, from who else on the chain has answered when last asked."""
-        asked = {i: counts for i, counts in self.statistics.items() if counts.asked}
-        silent = [i for i, counts in asked.items() if counts.lost_in_a_row]
-        answering = [i for i, counts in asked.items() if not counts.lost_in_a_row]
-        return silence_hint(self._chain, answering, silent) if answering else ""
+        """Return what to check, from the latest replies of the other servos on the chain."""
+        requested = {i: counts for i, counts in self.statistics.items() if counts.requests}
+        silent = [i for i, counts in requested.items() if counts.lost_in_a_row]
+        replying = [i for i, counts in requested.items() if not counts.lost_in_a_row]
+        return silence_hint(self._chain, replying, silent) if replying else ""
 
-    def _require_reply(self, servo: ServoSpec, reply: Reply, asked: str) -> bytes:
+    def _require_reply(self, servo: ServoSpec, reply: Reply, request: str) -> bytes:
         if isinstance(reply, ReplyFault):
-            raise self.make_error(servo, reply, asked)
+            raise self.make_error(servo, reply, request)
         return reply.data
 
     def _request_confirmed(
         self,
         servo: ServoSpec,
-        question: Callable[[], Reply],
+        exchange: Callable[[], Reply],
         confirm: Callable[[Status], bool] | None,
     ) -> Reply:
-        """Put a question once; an answer that may be another's counts only once confirmed."""
-        reply = self._request_once(servo, question)
+        """Send a request once; an ambiguous reply counts only once confirmed."""
+        reply = self._request_once(servo, exchange)
         if isinstance(reply, ReplyFault) or not (
-            reply.doubtful or (self.port.trust.suspect and confirm)
+            reply.ambiguous or (self.port.health.suspect and confirm)
         ):
             return reply
-        if confirm is None:  # nothing to compare it with: ask when nothing is owed any more
+        if confirm is None:  # nothing to compare it with: repeat when no reply is pending
             self.driver_of(servo).transceiver.wait_for_pending((servo.id,))
-            return self._request_once(servo, question)
+            return self._request_once(servo, exchange)
         if confirm(reply):
             return reply
         return ReplyFault(
             servo.id, FaultKind.GARBLED, "sent a reply that a second read did not confirm"
         )
 
-    def _request_once(self, servo: ServoSpec, question: Callable[[], Reply]) -> Reply:
+    def _request_once(self, servo: ServoSpec, exchange: Callable[[], Reply]) -> Reply:
         started_s = self.port.clock.now_s()
-        reply = question()
+        reply = exchange()
         self._record_reply(servo.id, reply, self.port.clock.now_s() - started_s)
         return reply
 
     def _request_all_confirmed(self, step: ReadBatch) -> dict[int, Reply]:
         replies = self._request_all_once(step)
-        if not (step.is_static and self.port.trust.suspect):
+        if not (step.is_static and self.port.health.suspect):
             return replies
-        answered = [servo for servo in step.servos if isinstance(replies[servo.id], Status)]
-        seconds = self._request_all_once(step.restricted_to(answered))
+        replying = [servo for servo in step.servos if isinstance(replies[servo.id], Status)]
+        seconds = self._request_all_once(step.restricted_to(replying))
         return replies | {i: _merge_readings(replies[i], second) for i, second in seconds.items()}
 
     def _request_all_once(self, step: ReadBatch) -> dict[int, Reply]:
-        replies: dict[int, Reply] = self._cached_faults(step) if self._absence else {}
+        replies: dict[int, Reply] = self._cached_faults(step) if self._backoff else {}
         if replies:
             step = step.restricted_to([servo for servo in step.servos if servo.id not in replies])
         now_s = self.port.clock.now_s
         for family, spans in step.groups.items():
             started_s = now_s()
-            heard = batch_read(self.drivers[family], spans)
+            received = batch_read(self.drivers[family], spans)
             took_s = now_s() - started_s
-            blamed = len(heard) == 1 or not all(map(_is_lost, heard.values()))
-            for servo_id, reply in heard.items():
+            blamed = len(received) == 1 or not all(map(_is_lost, received.values()))
+            for servo_id, reply in received.items():
                 self._record_reply(servo_id, reply, took_s, blamed=blamed)
-            replies |= heard
+            replies |= received
         return replies
 
     def _cached_faults(self, step: ReadBatch) -> dict[int, Reply]:
         now_s = self.port.clock.now_s()
-        excuses = {servo.id: self._absence.cached_fault(servo.id, now_s) for servo in step.servos}
-        return {servo_id: excuse for servo_id, excuse in excuses.items() if excuse}
+        faults = {servo.id: self._backoff.cached_fault(servo.id, now_s) for servo in step.servos}
+        return {servo_id: fault for servo_id, fault in faults.items() if fault}
 
     def _should_retry(self, servo: ServoSpec, reply: Reply) -> bool:
-        if not _is_lost(reply) or self._absence.is_unresponsive(servo.id):
+        if not _is_lost(reply) or self._backoff.is_unresponsive(servo.id):
             return False
         silent = isinstance(reply, ReplyFault) and reply.kind is FaultKind.SILENT
         return not (silent and self.driver_of(servo).already_retried)
@@ -322,10 +324,10 @@ class Requester:
     def _record_reply(
         self, servo_id: int, reply: Reply, took_s: float, *, blamed: bool = True
     ) -> None:
-        """Count a reply; where many were asked and all are silent, it is the line's fault."""
+        """Record a reply; if a whole group is silent, the line is at fault, not the servo."""
         self.statistics[servo_id].record(reply, took_s)
         if blamed:
-            self._absence.record(reply, self.port.clock)
+            self._backoff.record(reply, self.port.clock)
         if isinstance(reply, Status):
             bits = reply.alarm_bits
             self.alarms[servo_id] = (
@@ -338,7 +340,7 @@ def _is_lost(reply: Reply) -> bool:
 
 
 def _merge_readings(first: Reply, second: Reply) -> Reply:
-    """Return what two readings of the same bytes say, if they say the same."""
+    """Return two readings of the same bytes if they are equal, else a fault."""
     if isinstance(first, ReplyFault) or isinstance(second, ReplyFault) or first.data == second.data:
         return second
     return ReplyFault(first.servo_id, FaultKind.GARBLED, "sent two different replies")

@@ -26,27 +26,27 @@ __all__ = [
 ]
 
 
-_MAX_RETRIES = 8  # pings of one id; two servos rarely answer alike so often
-_DUPLICATE_REPLIES = 2  # answers damaged or doubled; one may be chance
+_MAX_RETRIES = 8  # pings of one id; two servos rarely send equal replies so often
+_DUPLICATE_REPLIES = 2  # replies damaged or doubled; one may be chance
 _READS = 4
 _HEAD_BYTES = 8  # the first registers of protocol 1: model, firmware and id are among them
 
 
 @dataclass(frozen=True, slots=True)
 class FoundServo:
-    """Who answers at an id.
+    """A servo that replied to a scan.
 
     Attributes:
         id: The id.
-        baud_rate: At which it answers.
-        protocol: The framing it speaks, for a person.
+        baud_rate: The rate at which it replies.
+        protocol: The name of its framing, for messages.
         table: Its control table, None where the model is not known.
-        model_number: What its model register says; None where it does not tell.
+        model_number: Its model register; None if it is not readable.
         firmware: Its version, as the vendor writes it.
         voltage_v: At its plug.
         temperature_c: Inside.
-        alarms: What it complains about.
-        shares_id: More than one servo answers at this id; what they are cannot be told.
+        alarms: Its alarms.
+        shares_id: More than one servo replies at this id; their data are unknown.
     """
 
     id: int
@@ -75,27 +75,27 @@ class FoundServo:
 def identify(
     port: Port, framing: Framing, servo_id: int, *, echoes: bool = False
 ) -> FoundServo | None:
-    """Return who answers at an id at the port's baud rate; None if nobody does.
+    """Return the servo at an id at the port's baud rate; None if none replies.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is lost.
     """
-    heard = ping_ids(port, framing, [servo_id] * _MAX_RETRIES, echoes=echoes, calm=True)
-    answers = heard.frames.get(servo_id, [])
+    pings = ping_ids(port, framing, [servo_id] * _MAX_RETRIES, echoes=echoes, one_by_one=True)
+    replies = pings.frames.get(servo_id, [])
     found = FoundServo(servo_id, port.baudrate, framing.name)
-    if not answers and not heard.junk:
+    if not replies and not pings.junk:
         return None
-    damaged = _MAX_RETRIES - len(answers) if heard.junk else 0
-    if damaged >= _DUPLICATE_REPLIES or len(answers) >= _MAX_RETRIES + _DUPLICATE_REPLIES:
+    damaged = _MAX_RETRIES - len(replies) if pings.junk else 0
+    if damaged >= _DUPLICATE_REPLIES or len(replies) >= _MAX_RETRIES + _DUPLICATE_REPLIES:
         return replace(found, shares_id=True)
-    return _with_details(port, _identify_model(port, framing, found, answers[0].data))
+    return _with_details(port, _identify_model(port, framing, found, replies[0].data))
 
 
 def firmware_version(bus: ServoBus, servo_id: int) -> str:
     """Return a servo's firmware version as its vendor writes it.
 
     Raises:
-        BusError: It does not answer.
+        BusError: It does not reply.
     """
     registers = bus.servos[servo_id].table.registers
     names = [name for name in _FIRMWARE if name in registers]
@@ -105,9 +105,9 @@ def firmware_version(bus: ServoBus, servo_id: int) -> str:
 _FIRMWARE = ("firmware_major", "firmware_minor", "firmware_version")
 
 
-def _identify_model(port: Port, framing: Framing, found: FoundServo, said: bytes) -> FoundServo:
+def _identify_model(port: Port, framing: Framing, found: FoundServo, data: bytes) -> FoundServo:
     if Family.DYNAMIXEL_2 in framing.families:
-        number = int.from_bytes(said[:2], "little")
+        number = int.from_bytes(data[:2], "little")
         return replace(
             found, model_number=number, table=control_table_for_number(Family.DYNAMIXEL_2, number)
         )
@@ -122,7 +122,7 @@ def _identify_model(port: Port, framing: Framing, found: FoundServo, said: bytes
 
 
 def _read_first_registers(port: Port, servo_id: int) -> bytes | None:
-    """Return the first registers; all families of protocol 1 are read alike."""
+    """Return the first registers; all families of protocol 1 are read in the same way."""
     driver = make_driver(Family.FEETECH_STS, port)
     for _ in range(_READS):
         reply = driver.read(servo_id, 0, _HEAD_BYTES)
@@ -132,7 +132,7 @@ def _read_first_registers(port: Port, servo_id: int) -> bytes | None:
 
 
 def _decode_identity(head: bytes, table: type[ControlTable]) -> tuple[int, int]:
-    """Return model number and id as they stand in the memory if it is laid out like the table."""
+    """Return model number and id if the memory has the layout of the table."""
     model, own_id = table.model_number, table.id
     return (
         model.decode(head[model.address : model.end]),
@@ -143,7 +143,7 @@ def _decode_identity(head: bytes, table: type[ControlTable]) -> tuple[int, int]:
 def _guess_model_number(
     head: bytes, servo_id: int, tables: Iterable[type[ControlTable]]
 ) -> int | None:
-    """Return an unknown model's number, by the family in whose place for the id the id stands."""
+    """Return an unknown model's number, by the family whose id register holds the id."""
     readings = [_decode_identity(head, table) for table in tables]
     return next((number for number, own_id in readings if own_id == servo_id), None)
 
@@ -158,7 +158,7 @@ def _with_details(port: Port, found: FoundServo) -> FoundServo:
             found = _with_health(bus, found)
         except BadReplyError:
             damaged += 1
-        except BusError:  # silent for once: what is known is enough
+        except BusError:  # not read: the identity is enough
             continue
     return (
         FoundServo(found.id, found.baud_rate, found.protocol, shares_id=True)
@@ -185,33 +185,33 @@ def _with_health(bus: ServoBus, found: FoundServo) -> FoundServo:
     )
 
 
-# What servos are delivered with, and what people set them to; the others follow from fast to slow.
+# Delivery settings and frequent user settings; the others follow from fast to slow.
 _COMMON_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 500_000)
 
 
 @dataclass(frozen=True, slots=True)
 class ScanProgress:
-    """How far a scan is.
+    """Progress of a scan.
 
     Attributes:
-        baud_rate: The rate of the moment.
-        protocol: The framing of the moment.
-        asked: Ids asked so far at this rate and framing.
-        ids: How many there are.
+        baud_rate: The current rate.
+        protocol: The current framing.
+        pinged: Ids pinged so far at this rate and framing.
+        ids: The number of ids.
     """
 
     baud_rate: int
     protocol: str
-    asked: int
+    pinged: int
     ids: int
 
 
 OnScanStep = Callable[[ScanProgress], None]
-"""Who wants to know how far it is."""
+"""Progress callback of a scan."""
 
 
 def candidate_baud_rates(first: int | None = None) -> list[int]:
-    """Return every rate that a known servo can be set to, the likely ones first.
+    """Return every rate that a known model supports, the likely ones first.
 
     Args:
         first: A rate to begin with.
@@ -226,26 +226,26 @@ def scan(
     port: Port,
     rates: Iterable[int] | None = None,
     *,
-    every: bool = False,
+    all_rates: bool = False,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Return the servos that answer, at the first rate at which any does.
+    """Return the servos that reply, at the first rate at which any does.
 
     The port is left at the rate of the last servo that was found.
 
     Args:
-        port: The line.
+        port: The port.
         rates: In this order; all known ones if None.
-        every: Go on to the last rate.
-        on_step: Told how far it is.
+        all_rates: Continue to the last rate.
+        on_step: Called with the progress.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is lost.
     """
     found: list[FoundServo] = []
     for rate in candidate_baud_rates() if rates is None else rates:
         found += scan_rate(port, rate, on_step=on_step)
-        if found and not every:
+        if found and not all_rates:
             break
     if found:
         port.setBaudRate(found[-1].baud_rate)
@@ -258,37 +258,37 @@ def scan_rate(
     framings: Iterable[Framing] = FRAMINGS,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Return the servos that answer at one rate, by id; none where the adapter cannot make it.
+    """Return the servos that reply at one rate, by id; none if the adapter does not support it.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is lost.
     """
     try:
         port.setBaudRate(rate)
     except PortLostError:
         raise
-    except PortError:  # the adapter cannot make this rate
+    except PortError:  # the adapter does not support this rate
         return []
-    speaking = [framing for framing in framings if _supports_rate(framing, rate)]
-    return [found for framing in speaking for found in _scan_framing(port, framing, on_step)]
+    supported = [framing for framing in framings if _supports_rate(framing, rate)]
+    return [found for framing in supported for found in _scan_framing(port, framing, on_step)]
 
 
 def _supports_rate(framing: Framing, rate: int) -> bool:
-    """A rate that no table knows may be anybody's."""
+    """Return whether a framing may use a rate; one of no table may be used by any."""
     return rate in framing.baud_rates or not any(rate in f.baud_rates for f in FRAMINGS)
 
 
 def _scan_framing(port: Port, framing: Framing, on_step: OnScanStep | None) -> Iterator[FoundServo]:
-    def tell(count: int) -> None:
+    def report(count: int) -> None:
         if on_step:
             on_step(ScanProgress(port.baudrate, framing.name, count, len(framing.ids)))
 
-    heard = ping_ids(port, framing, framing.ids, tell)
-    there = heard.suspects | heard.frames.keys()
-    if there:  # somebody is on the line: who has not answered is asked once more
-        rest = [servo_id for servo_id in framing.ids if servo_id not in there]
-        there |= ping_ids(port, framing, rest, echoes=heard.echoes).frames.keys()
-    for servo_id in sorted(there):
-        found = identify(port, framing, servo_id, echoes=heard.echoes)
+    pings = ping_ids(port, framing, framing.ids, report)
+    replying = pings.suspects | pings.frames.keys()
+    if replying:  # servos are on the line: ping the remaining ids once more
+        rest = [servo_id for servo_id in framing.ids if servo_id not in replying]
+        replying |= ping_ids(port, framing, rest, echoes=pings.echoes).frames.keys()
+    for servo_id in sorted(replying):
+        found = identify(port, framing, servo_id, echoes=pings.echoes)
         if found:
             yield found

@@ -1,4 +1,4 @@
-"""Serial ports of this machine: USB identity, the process that uses one, why it does not open."""
+"""Serial ports of this machine: USB identity, the process that uses one, open errors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 
-_PROCESSES = Path("/proc")  # Linux only; elsewhere nobody is named
+_PROCESSES = Path("/proc")  # Linux only; elsewhere no process is named
 
 
 def process_using(device: str) -> str:
@@ -58,10 +58,10 @@ def _has_open(process: Path, device: Path) -> bool:
 
 def _process_command(process: Path) -> str:
     try:
-        words = (process / "cmdline").read_bytes().split(b"\0")
+        arguments = (process / "cmdline").read_bytes().split(b"\0")
     except OSError:
         return "a program"
-    return b" ".join(words).decode(errors="replace").strip()[:80]
+    return b" ".join(arguments).decode(errors="replace").strip()[:80]
 
 
 _BY_ID = Path("/dev/serial/by-id")  # Linux: links named after maker, product and serial number
@@ -88,12 +88,12 @@ class SerialAdapter:
     """A serial port with USB behind it.
 
     Attributes:
-        device: What ``--port`` takes: ``/dev/ttyACM0``, ``COM3``.
-        by_id: The name that stays the same wherever it is plugged in; empty where there is none.
+        device: The argument of ``--port``: ``/dev/ttyACM0``, ``COM3``.
+        by_id: The name that does not depend on the USB socket; empty if there is none.
         vid: USB vendor id.
         pid: USB product id.
-        serial_number: By which an arm's adapter is remembered; empty where it has none.
-        description: As the adapter describes itself.
+        serial_number: Identifies an arm's adapter; empty if it has none.
+        description: The adapter's own description.
     """
 
     device: str
@@ -105,7 +105,7 @@ class SerialAdapter:
 
     @property
     def chip(self) -> str:
-        """Return the chip by vendor and product, or what the adapter says it is."""
+        """Return the chip by vendor and product, or the adapter's own description."""
         return chip_name(self.vid, self.pid) or self.description or "unknown"
 
     @property
@@ -115,13 +115,13 @@ class SerialAdapter:
 
     @property
     def used_by(self) -> str:
-        """Return who has it open right now, as far as the system tells."""
+        """Return the process that has it open right now, if known."""
         return process_using(self.device)
 
 
 @dataclass(frozen=True, slots=True)
 class AdapterEvent:
-    """An adapter came or went."""
+    """An adapter was plugged in or unplugged."""
 
     event: Literal["plugged", "unplugged"]
     adapter: SerialAdapter
@@ -156,16 +156,16 @@ def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> Ser
     return next((a for a in found if device in (a.device, str(Path(a.device).resolve()))), None)
 
 
-def watch_adapters(clock: Clock | None = None, every_s: float = 0.2) -> Iterator[AdapterEvent]:
-    """Yield adapters as they come and go, from now on and without end.
+def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterator[AdapterEvent]:
+    """Yield adapters as they are plugged in and unplugged, without end.
 
     Args:
-        clock: By which to look; the real one if None.
-        every_s: Between two looks.
+        clock: The clock; the real one if None.
+        period_s: Time between two polls.
     """
     clock, before = clock or RealClock(), list_adapters()
     while True:
-        clock.sleep_until(clock.now_s() + every_s)
+        clock.sleep_until(clock.now_s() + period_s)
         now = list_adapters()
         yield from (AdapterEvent("unplugged", adapter) for adapter in before if adapter not in now)
         yield from (AdapterEvent("plugged", adapter) for adapter in now if adapter not in before)
@@ -229,12 +229,12 @@ _URL_FORMATS = "a network port is written like socket://192.168.1.5:4000"
 
 
 def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
-    """Return the error that tells a person why a port did not open, and what to do.
+    """Return the error that explains why a port did not open, and what to do.
 
     Args:
-        name: As the person gave it.
-        baud_rate: At which it was to talk.
-        error: What the system or pyserial said.
+        name: As given by the user.
+        baud_rate: The requested rate.
+        error: The error of the system or of pyserial.
     """
     code = error.errno if isinstance(error, OSError) else None
     if code in _BUSY:
@@ -262,7 +262,7 @@ def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
 
 
 def _is_address(name: str) -> bool:
-    """Return whether a URL is of a kind that is known, and names host and port where it must."""
+    """Return whether a URL has a known scheme, and host and port where required."""
     scheme = name.partition("://")[0]
     try:
         parts = urlsplit(name)
@@ -278,10 +278,10 @@ def _system_error_number(error: BaseException) -> object:
 
 
 def _system_error_text(error: BaseException) -> str:
-    """Return why in the system's own words, without what pyserial puts around them."""
+    """Return the system's error text, without what pyserial adds."""
     inner = error.__context__ or error
-    words = inner.strerror if isinstance(inner, OSError) else next(reversed(inner.args), None)
-    return words.lower() if isinstance(words, str) else str(error)
+    text = inner.strerror if isinstance(inner, OSError) else next(reversed(inner.args), None)
+    return text.lower() if isinstance(text, str) else str(error)
 
 
 def _permission_hint(name: str) -> str:

@@ -21,7 +21,7 @@ class ServoSpec:
     Attributes:
         id: Its bus id.
         table: Its control table.
-        name: The joint it turns, for messages.
+        name: Its joint, for messages.
     """
 
     id: int
@@ -34,12 +34,12 @@ class ServoSpec:
 
 @dataclass(frozen=True, slots=True)
 class PingResult:
-    """What a servo says it is.
+    """The identity that a servo reports.
 
     Attributes:
-        id: The id that answered.
+        id: The id that replied.
         model_number: Its model register.
-        firmware: Firmware version, where the protocol's ping tells it.
+        firmware: Firmware version, if the protocol's ping reply contains it.
     """
 
     id: int
@@ -49,19 +49,19 @@ class PingResult:
 
 @dataclass(slots=True)
 class ServoStatistics:
-    """What happened to the questions put to one servo.
+    """The outcomes of the requests to one servo.
 
     Attributes:
-        asked: Questions, repeats included.
-        lost: Questions without an answer.
-        garbled: Questions whose answer was unusable.
-        refused: Questions the servo answered with no.
-        retried: Questions put again.
-        lost_in_a_row: Questions without a usable answer since the last good one.
-        round_trips_s: How long the latest answers took, seconds; a group's answers count as one.
+        requests: Requests, retries included.
+        lost: Requests without a reply.
+        garbled: Requests whose reply was unusable.
+        refused: Requests that the servo refused.
+        retried: Requests repeated.
+        lost_in_a_row: Requests without a usable reply since the last good one.
+        round_trips_s: Durations of the latest exchanges, seconds; a group counts as one.
     """
 
-    asked: int = 0
+    requests: int = 0
     lost: int = 0
     garbled: int = 0
     refused: int = 0
@@ -70,8 +70,8 @@ class ServoStatistics:
     round_trips_s: deque[float] = field(default_factory=lambda: deque[float](maxlen=1000))
 
     def record(self, reply: Reply, took_s: float) -> None:
-        """Count one question and what came of it."""
-        self.asked += 1
+        """Count one request and its outcome."""
+        self.requests += 1
         if isinstance(reply, ReplyFault):
             self.lost += reply.kind is FaultKind.SILENT
             self.garbled += reply.kind is FaultKind.GARBLED
@@ -83,7 +83,7 @@ class ServoStatistics:
         self.round_trips_s.append(took_s)
 
     def round_trip_s(self, quantile: float) -> float | None:
-        """Return the round trip that a share of the latest answers did not exceed."""
+        """Return the quantile of the latest round trips, seconds; None if there are none."""
         ordered = sorted(self.round_trips_s)
         return ordered[min(int(quantile * len(ordered)), len(ordered) - 1)] if ordered else None
 
@@ -93,13 +93,13 @@ T_co = TypeVar("T_co", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Readings(Generic[T_co]):
-    """A partial result; nothing that was heard is thrown away.
+    """A partial result; values that were received are kept.
 
     Attributes:
-        values: What each answering servo said.
-        errors: Why each of the others did not.
-        alarms: What servos complained about, beside their values; quiet servos are absent.
-        hint: What the silence of some most likely means.
+        values: The value of each servo that replied.
+        errors: The error of each of the others.
+        alarms: Alarms received beside the values; servos without alarms are missing.
+        hint: The most likely cause where servos are silent.
     """
 
     values: Mapping[int, T_co]
@@ -130,7 +130,7 @@ class Readings(Generic[T_co]):
             self.hint,
             servo=names,
             port=first.port,
-            asked=first.asked,
+            request=first.request,
             sent=first.sent,
             received=first.received,
         )

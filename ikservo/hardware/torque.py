@@ -12,14 +12,14 @@ __all__ = ["check_supply_voltage", "torque_off", "torque_on"]
 
 
 def torque_on(bus: ServoBus, servo_id: int) -> int:
-    """Let a servo hold where it is, and return that tick.
+    """Enable torque of a servo at its measured position; return that tick.
 
     Its goal is set to the measured position and read back before torque comes on, because a
-    joint that was turned by hand would otherwise snap back to an old goal.
+    joint that was moved by hand would otherwise jump to an old goal.
 
     Raises:
         ServoAlarmError: Its supply voltage is outside its own limits.
-        BusError: It does not answer, or does not take the goal.
+        BusError: It does not reply, or does not accept the goal.
     """
     check_supply_voltage(bus, servo_id)
     present_tick = bus.read(servo_id, RegisterName.PRESENT_POSITION, raw=True)
@@ -38,10 +38,10 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
 
 
 def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:
-    """Let servos go limp, every one that can be reached, and return why others could not.
+    """Disable torque of all servos that can be reached; return the errors of the others.
 
     Raises:
-        PortLostError: The line is gone; nothing can be reached any more.
+        PortLostError: The port is lost; no servo can be reached any more.
     """
     errors: dict[int, BusError] = {}
     for servo_id in servo_ids:
@@ -53,11 +53,11 @@ def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:
 
 
 def check_supply_voltage(bus: ServoBus, servo_id: int) -> float:
-    """Return the servo's supply voltage, if it lies within the servo's own limits.
+    """Return the servo's supply voltage, if it is within the servo's own limits.
 
     Raises:
         ServoAlarmError: It does not.
-        BusError: The servo does not answer.
+        BusError: The servo does not reply.
     """
     voltage_v = bus.read(servo_id, RegisterName.PRESENT_VOLTAGE)
     lower_v = bus.read(servo_id, RegisterName.MIN_VOLTAGE_LIMIT)

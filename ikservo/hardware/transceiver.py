@@ -1,4 +1,4 @@
-"""One instruction out, its status packets back: reply window, retries, resynchronisation."""
+"""Send one instruction and receive its status packets: deadlines, echoes, late replies."""
 
 from __future__ import annotations
 
@@ -22,81 +22,81 @@ from ikservo.hardware.port import Port
 __all__ = ["PacketCache", "ReplyReader", "Transceiver"]
 
 
-_MAX_WAITS = 10  # times the patience for one answer, as long as bytes keep coming
+_MAX_WAITS = 10  # multiple of the reply timeout, as long as bytes keep coming
 
 _NOTHING = ScanResult((), 0, 0)
 
 
 class ReplyReader:
-    """What has come since the latest question, and what it says.
+    """The bytes received since the latest request, and their replies.
 
     Args:
-        port: The line; the question has just been sent.
-        dialect: How answers are written.
-        sizes: Who will answer, in which order, and how many bytes of data each answer carries.
+        port: The port; the request has just been sent.
+        codec: The status packet codec.
+        sizes: Bytes of data of each reply, by servo id in the order of the replies.
     """
 
-    def __init__(self, port: Port, dialect: PacketCodec, sizes: Mapping[int, int]) -> None:
-        self._port, self._dialect, self._sizes = port, dialect, sizes
-        self._expected = sum(map(dialect.frame_size, sizes.values()))
+    def __init__(self, port: Port, codec: PacketCodec, sizes: Mapping[int, int]) -> None:
+        self._port, self._codec, self._sizes = port, codec, sizes
+        self._expected = sum(map(codec.frame_size, sizes.values()))
         self._raw, self._stale, self._older = bytearray(), 0, 0
-        self._heard: ScanResult = _NOTHING
-        self._answers: dict[int, Reply] = {}
+        self._scan: ScanResult = _NOTHING
+        self._replies: dict[int, Reply] = {}
 
     def read_replies(self, delays_s: float) -> dict[int, Reply]:
-        """Listen until everybody has answered, or nobody can answer any more.
+        """Receive until all servos have replied, or none can reply any more.
 
         Args:
-            delays_s: How long all of them together may take before they speak, seconds.
+            delays_s: Sum of the servos' return delays, seconds.
 
         Raises:
-            PortLostError: The line is gone.
+            PortLostError: The port is lost.
         """
         port = self._port
         due_s = port.expected_at_s(self._expected, delays_s)
         if port.is_clean:
             port.sleep_until_due(self._expected)
-        chunk = port.read_until(self._expected, due_s + port.patience.typical_s)
-        answers = self._parse_in_order(chunk)
-        return self._read_remaining(chunk, due_s) if answers is None else answers
+        chunk = port.read_until(self._expected, due_s + port.reply_timeout.typical_s)
+        replies = self._parse_in_order(chunk)
+        return self._read_remaining(chunk, due_s) if replies is None else replies
 
     def _parse_in_order(self, chunk: bytes) -> dict[int, Reply] | None:
-        """Return the answers where nothing else came, as is the rule."""
+        """Return the replies if nothing else came, which is the normal case."""
         port = self._port
         if len(chunk) != self._expected or port.echoes is not False or port.stale_bytes(len(chunk)):
             return None
-        answers = self._dialect.parse_in_order(chunk, self._sizes)
-        if answers is not None:
-            port.on_reply(chunk, answered=self._expected)
-            port.trust.record(odd=False)
-        return answers
+        replies = self._codec.parse_in_order(chunk, self._sizes)
+        if replies is not None:
+            port.on_reply(chunk, reply_bytes=self._expected)
+            port.health.record(odd=False)
+        return replies
 
     def _read_remaining(self, chunk: bytes, due_s: float) -> dict[int, Reply]:
-        """Go on until all is said, or nothing more can come of what is missing."""
-        port, patience_s = self._port, self._port.patience.timeout_s
-        deadline_s, limit_s = due_s + patience_s, due_s + (1 + _MAX_WAITS) * patience_s
+        """Continue until all replies are complete, or no missing one can come any more."""
+        port, timeout_s = self._port, self._port.reply_timeout.timeout_s
+        deadline_s, limit_s = due_s + timeout_s, due_s + (1 + _MAX_WAITS) * timeout_s
         while True:
-            speaking = bool(chunk) and self._add_chunk(chunk)
+            fresh = bool(chunk) and self._add_chunk(chunk)
             self._parse_received(final=False)
-            if len(self._answers) == len(self._sizes):
+            if len(self._replies) == len(self._sizes):
                 return self._finish_complete()
             now_s = port.clock.now_s()
-            if self._all_turns_passed():
+            if self._last_slot_passed():
                 deadline_s = due_s
-            elif speaking and (now_s < deadline_s or len(self._sizes) > 1):
-                deadline_s = min(max(deadline_s, now_s + patience_s), limit_s)
+            elif fresh and (now_s < deadline_s or len(self._sizes) > 1):
+                deadline_s = min(max(deadline_s, now_s + timeout_s), limit_s)
             if now_s >= deadline_s:
                 return self._finish_at_deadline()
             chunk = port.read_some(self._missing_bytes(), deadline_s)
 
     def _missing_bytes(self) -> int:
-        """Return how many bytes must come at least; one more look if none must."""
-        frame_size = self._dialect.frame_size
-        there = sum(frame_size(self._sizes[i]) for i in self._answers) + self._heard.pending
+        """Return how many more bytes are needed, at least 1."""
+        frame_size = self._codec.frame_size
+        there = sum(frame_size(self._sizes[i]) for i in self._replies) + self._scan.pending
         return max(self._expected - there, 1)
 
     def _add_chunk(self, chunk: bytes) -> bool:
-        """Add what came; return whether it is young enough to be an answer."""
+        """Add received bytes; return whether they can belong to this request's replies."""
         self._raw += chunk
         early = self._port.stale_bytes(len(self._raw) + self._stale) - self._stale
         if early > 0:
@@ -104,23 +104,23 @@ class ReplyReader:
             self._stale += early
         return early <= 0
 
-    def _all_turns_passed(self) -> bool:
-        """Return whether everybody has had a turn, so that no patience brings a silent one."""
+    def _last_slot_passed(self) -> bool:
+        """Return whether the last servo has replied, so that no earlier one still can."""
         last, now_s = next(reversed(self._sizes)), self._port.clock.now_s()
-        return last in self._answers and not self._port.ghosts.pending_until_s((last,), now_s)
+        return last in self._replies and not self._port.pending.pending_until_s((last,), now_s)
 
     def _parse_received(self, *, final: bool) -> None:
-        """Find frames and answers in all that was heard, behind our own echo (F12)."""
+        """Find frames and replies in all received bytes, after our own echo (F12)."""
         raw = bytes(self._raw)
         if self._port.echoes is not False:
             raw = self._strip_echo(raw, final=final)
-        self._heard = self._scan_packets(raw, final=final) if raw else _NOTHING
-        self._answers = self._interpret_frames(self._heard.frames, final=final)
+        self._scan = self._scan_packets(raw, final=final) if raw else _NOTHING
+        self._replies = self._interpret_frames(self._scan.frames, final=final)
 
     def _strip_echo(self, raw: bytes, *, final: bool) -> bytes:
-        """Return what came after our own bytes; whatever stands before them is older."""
+        """Return what came after our own bytes; bytes before them are older."""
         sent = self._port.sent
-        # A ping may be answered by its very own bytes.
+        # A ping may have a reply of its very own bytes.
         anywhere = self._port.echoes or any(self._sizes.values())
         self._older = raw.find(sent) if anywhere else raw.startswith(sent) - 1
         if self._older >= 0:
@@ -128,29 +128,29 @@ class ReplyReader:
         return b"" if not final and sent.startswith(raw) else raw
 
     def _scan_packets(self, raw: bytes, *, final: bool) -> ScanResult:
-        return self._dialect.scan(raw, self._sizes.values(), final=final)
+        return self._codec.scan(raw, self._sizes.values(), final=final)
 
     def _interpret_frames(self, frames: Iterable[StatusPacket], *, final: bool) -> dict[int, Reply]:
-        answers: dict[int, Reply] = {}
+        replies: dict[int, Reply] = {}
         for frame in frames:
             size = self._sizes.get(frame.servo_id)
-            reply = None if size is None else self._dialect.interpret(frame, size)
+            reply = None if size is None else self._codec.interpret(frame, size)
             if reply is None or (not final and self._may_be_stale(reply)):
                 continue
-            first = answers.setdefault(frame.servo_id, reply)
+            first = replies.setdefault(frame.servo_id, reply)
             if first is not reply and first != reply:
-                answers[frame.servo_id] = self._prefer_data(first, reply)
-        return answers
+                replies[frame.servo_id] = self._prefer_data(first, reply)
+        return replies
 
     def _may_be_stale(self, reply: Reply) -> bool:
-        """Return whether a refusal may refuse an earlier question, so that we listen on."""
+        """Return whether a refusal may belong to an earlier request."""
         if isinstance(reply, Status) or self._sizes[reply.servo_id] == 0:
             return False
         now_s = self._port.clock.now_s()
-        return self._port.ghosts.pending_until_s((reply.servo_id,), now_s) is not None
+        return self._port.pending.pending_until_s((reply.servo_id,), now_s) is not None
 
     def _prefer_data(self, first: Reply, second: Reply) -> Reply:
-        """Return the answer with data beside a refusal; of two with data that differ, neither."""
+        """Return the reply with data beside a refusal; of two with data that differ, a fault."""
         if isinstance(first, ReplyFault):
             return second
         if isinstance(second, ReplyFault):
@@ -159,65 +159,65 @@ class ReplyReader:
         return ReplyFault(first.servo_id, FaultKind.GARBLED, found, sent=self._port.sent)
 
     def _finish_complete(self) -> dict[int, Reply]:
-        self._port.on_reply(self._raw, answered=self._expected)
-        surplus = len(self._heard.frames) > len(self._sizes)
-        odd = self._stale or self._older > 0 or self._heard.junk or surplus
-        self._port.trust.record(odd=bool(odd))
-        return self._answers
+        self._port.on_reply(self._raw, reply_bytes=self._expected)
+        surplus = len(self._scan.frames) > len(self._sizes)
+        odd = self._stale or self._older > 0 or self._scan.junk or surplus
+        self._port.health.record(odd=bool(odd))
+        return self._replies
 
     def _finish_at_deadline(self) -> dict[int, Reply]:
-        """Make the best of what was heard once the deadline has passed."""
+        """Return the replies and faults once the deadline has passed."""
         self._parse_received(final=True)
-        if not self._answers:
+        if not self._replies:
             self._update_line_health()
-        surplus = len(self._heard.frames) > len(self._answers)
-        odd = self._stale or self._older > 0 or self._heard.junk or surplus
-        self._port.trust.record(odd=bool(odd))
-        absent = (servo_id for servo_id in self._sizes if servo_id not in self._answers)
-        return self._answers | {servo_id: self._fault_of(servo_id) for servo_id in absent}
+        surplus = len(self._scan.frames) > len(self._replies)
+        odd = self._stale or self._older > 0 or self._scan.junk or surplus
+        self._port.health.record(odd=bool(odd))
+        missing = (servo_id for servo_id in self._sizes if servo_id not in self._replies)
+        return self._replies | {servo_id: self._fault_of(servo_id) for servo_id in missing}
 
     def _update_line_health(self) -> None:
-        """Look once more at what seemed to be nothing, before nothing is made of it."""
+        """Update timeout and byte rate if no reply came; first check for an echo-like reply."""
         port = self._port
         if bytes(self._raw) == port.sent and port.echoes is None and not any(self._sizes.values()):
-            # An answer that is byte for byte its question: a Feetech ping under a voltage alarm.
-            self._heard = self._scan_packets(bytes(self._raw), final=True)
-            self._answers = self._interpret_frames(self._heard.frames, final=True)
-        if not self._answers:
-            if not self._heard.frames and not self._heard.junk:  # a part would have come as fast
-                port.patience.on_timeout(many=len(self._sizes) > 1)
+            # A reply that equals its request: a Feetech ping under a voltage alarm.
+            self._scan = self._scan_packets(bytes(self._raw), final=True)
+            self._replies = self._interpret_frames(self._scan.frames, final=True)
+        if not self._replies:
+            if not self._scan.frames and not self._scan.junk:  # junk came in time
+                port.reply_timeout.on_timeout(many=len(self._sizes) > 1)
             if self._stale:
-                port.pace.reset()
+                port.byte_rate.reset()
 
     def _fault_of(self, servo_id: int) -> ReplyFault:
-        junk = self._heard.junk
+        junk = self._scan.junk
         kind = FaultKind.GARBLED if junk else FaultKind.SILENT
         found = "sent a damaged reply" if junk else "does not answer"
         return ReplyFault(servo_id, kind, found, sent=self._port.sent, received=bytes(self._raw))
 
 
-_NOBODY: Mapping[int, int] = {}
+_NO_REPLIES: Mapping[int, int] = {}
 
 
 class Transceiver:
-    """Puts questions on a port and hears the answers out.
+    """Sends requests on a port and receives the replies.
 
     Attributes:
         port: The line.
-        dialect: How answers are written.
+        codec: The status packet codec.
     """
 
-    def __init__(self, port: Port, dialect: PacketCodec) -> None:
-        self.port, self.dialect = port, dialect
+    def __init__(self, port: Port, codec: PacketCodec) -> None:
+        self.port, self.codec = port, codec
         self._return_delay_s = LONGEST_RETURN_DELAY_S
 
     @property
     def return_delay_s(self) -> float:
-        """Return the longest a servo waits before it answers, seconds."""
+        """Return the longest delay of a servo before it replies, seconds."""
         return self._return_delay_s
 
     def set_return_delay(self, return_delay_s: float) -> None:
-        """Wait no longer than this before each answer, seconds: what the servos' registers say."""
+        """Set the maximum return delay before each reply, seconds, as in the servos' registers."""
         self._return_delay_s = return_delay_s
 
     def choose_window(
@@ -225,58 +225,58 @@ class Transceiver:
     ) -> MemoryRange:
         """Return the window through which a span is best read now.
 
-        It is the span itself unless an answer of that length is still owed by one of the servos;
-        see ``PendingReplies``. If answers of every length are owed, time passes until none is.
+        It is the span itself unless a reply of that length is still pending from one of the servos;
+        see ``PendingReplies``. If replies of every length are pending, it waits until none is.
         """
         port = self.port
-        find = port.ghosts.distinct_window
-        found = find(servo_ids, span, port.clock.now_s(), port.trust, size_of)
+        find = port.pending.distinct_window
+        found = find(servo_ids, span, port.clock.now_s(), port.health, size_of)
         if found is None:
             self.wait_for_pending(servo_ids)
         return found or span
 
     def wait_for_pending(self, servo_ids: tuple[int, ...]) -> None:
-        """Let time pass until no older answer of these servos can come any more."""
+        """Wait until no older reply of these servos can come any more."""
         port = self.port
-        quiet_s = port.ghosts.clear_from_s(servo_ids, port.clock.now_s(), port.trust)
+        quiet_s = port.pending.clear_from_s(servo_ids, port.clock.now_s(), port.health)
         port.clock.sleep_until(quiet_s)
 
     def transact(
         self,
         send: Callable[[], int],
-        sizes: Mapping[int, int] = _NOBODY,
-        asked: Mapping[int, MemoryRange] | MemoryRange | None = None,
+        sizes: Mapping[int, int] = _NO_REPLIES,
+        ranges: Mapping[int, MemoryRange] | MemoryRange | None = None,
     ) -> dict[int, Reply]:
-        """Send a packet, then hear each servo out.
+        """Send a packet and receive the reply of each servo.
 
         Args:
-            send: Puts the packet on the line through the vendor's SDK; returns its result code.
-            sizes: Who will answer, and how many bytes of data each answer carries.
-            asked: What memory is read, of all servos or of each; None for other questions.
+            send: Sends the packet through the vendor's SDK; returns its result code.
+            sizes: Bytes of data of each reply, by servo id in the order of the replies.
+            ranges: The memory that is read, of all servos or of each; None for other requests.
 
         Returns:
             A status or a fault for every id.
 
         Raises:
-            PortLostError: The line is gone.
+            PortLostError: The port is lost.
         """
         port = self.port
         with port.lock:
             try:
                 self.send(send)
-                return self._receive_replies(sizes, asked) if sizes else {}
+                return self._receive_replies(sizes, ranges) if sizes else {}
             finally:
                 port.is_using = False
 
     def send(self, send: Callable[[], int]) -> None:
-        """Put a packet on the line and nothing more.
+        """Send without waiting for a reply.
 
         Raises:
             BusError: It is too long.
-            PortLostError: The line is gone.
+            PortLostError: The port is lost.
         """
         result = send()
-        if result == self.dialect.too_long:
+        if result == self.codec.too_long:
             raise BusError(
                 "cannot send so long a packet", "Read fewer servos at once.", port=self.port.name
             )
@@ -284,91 +284,91 @@ class Transceiver:
             raise PortLostError(self.port.name, "the packet was not sent completely")
 
     def _receive_replies(
-        self, sizes: Mapping[int, int], asked: Mapping[int, MemoryRange] | MemoryRange | None
+        self, sizes: Mapping[int, int], ranges: Mapping[int, MemoryRange] | MemoryRange | None
     ) -> dict[int, Reply]:
-        doubtful = self._ambiguous_ids(sizes) if asked is None else ()
+        ambiguous = self._ambiguous_ids(sizes) if ranges is None else ()
         delays_s = len(sizes) * self.return_delay_s
-        replies = ReplyReader(self.port, self.dialect, sizes).read_replies(delays_s)
-        self._record_replies(replies, sizes, asked)
-        for servo_id in doubtful:
+        replies = ReplyReader(self.port, self.codec, sizes).read_replies(delays_s)
+        self._record_replies(replies, sizes, ranges)
+        for servo_id in ambiguous:
             reply = replies[servo_id]
             if isinstance(reply, Status):
-                replies[servo_id] = replace(reply, doubtful=True)
+                replies[servo_id] = replace(reply, ambiguous=True)
         return replies
 
     def _ambiguous_ids(self, sizes: Mapping[int, int]) -> list[int]:
-        """Return whose answers to what was just sent cannot be told from older ones."""
+        """Return the servos whose replies cannot be distinguished from older ones."""
         port, now_s = self.port, self.port.clock.now_s()
-        ghosts, trust = port.ghosts, port.trust
-        if not trust.suspect:
-            return [i for i, size in sizes.items() if ghosts.is_pending(i, size, now_s)]
+        pending, health = port.pending, port.health
+        if not health.suspect:
+            return [i for i, size in sizes.items() if pending.is_pending(i, size, now_s)]
         return [
             i
             for i, size in sizes.items()
-            if ghosts.is_ambiguous((i,), size, port.sent, now_s, trust)
+            if pending.is_ambiguous((i,), size, port.sent, now_s, health)
         ]
 
     def _record_replies(
         self,
         replies: Mapping[int, Reply],
         sizes: Mapping[int, int],
-        asked: Mapping[int, MemoryRange] | MemoryRange | None,
+        ranges: Mapping[int, MemoryRange] | MemoryRange | None,
     ) -> None:
-        ghosts, now_s = self.port.ghosts, self.port.clock.now_s()
-        if isinstance(asked, MemoryRange) and all(
+        pending, now_s = self.port.pending, self.port.clock.now_s()
+        if isinstance(ranges, MemoryRange) and all(
             type(reply) is Status for reply in replies.values()
         ):
-            ghosts.record_received(tuple(sizes), next(iter(sizes.values())), asked, now_s)
+            pending.record_received(tuple(sizes), next(iter(sizes.values())), ranges, now_s)
             return
-        answered: dict[tuple[int, object], list[int]] = {}
+        received: dict[tuple[int, object], list[int]] = {}
         for servo_id, reply in replies.items():
             if isinstance(reply, ReplyFault) and reply.kind is not FaultKind.REFUSED:
-                ghosts.add_pending(servo_id, sizes[servo_id], now_s)
+                pending.add_pending(servo_id, sizes[servo_id], now_s)
                 continue
-            what = asked.get(servo_id) if isinstance(asked, Mapping) else asked or self.port.sent
-            answered.setdefault((sizes[servo_id], what), []).append(servo_id)
-        for (size, what), servo_ids in answered.items():
-            ghosts.record_received(tuple(servo_ids), size, what, now_s)
+            what = ranges.get(servo_id) if isinstance(ranges, Mapping) else ranges or self.port.sent
+            received.setdefault((sizes[servo_id], what), []).append(servo_id)
+        for (size, what), servo_ids in received.items():
+            pending.record_received(tuple(servo_ids), size, what, now_s)
 
 
-_MAX_CACHED = 64  # more than a program repeats; a line with troubles must not fill memory
-_SHORT_WRITE = 1  # any code but 0; the exchange makes a lost line of it
+_MAX_CACHED = 64  # more than a program repeats; a faulty line must not fill memory
+_SHORT_WRITE = 1  # any code but 0; ``send`` raises PortLostError for it
 
 CacheKey = tuple[int, int, bytes]
 """Id, instruction, parameters."""
 
 
 class PacketCache:
-    """Sends packets; the SDK writes those that carry values anew, and others the first time only.
+    """Sends packets; the SDK builds those with values each time, and others only once.
 
     Args:
-        port: The line.
-        write: Hands a phrase to the vendor's ``txPacket``; returns its result code.
-        questions: The instructions whose packets carry no values.
+        port: The port.
+        write: Passes a packet to the vendor's ``txPacket``; returns its result code.
+        cacheable: The instructions whose packets carry no values.
     """
 
     def __init__(
-        self, port: Port, write: Callable[[int, int, bytes], int], questions: frozenset[int]
+        self, port: Port, write: Callable[[int, int, bytes], int], cacheable: frozenset[int]
     ) -> None:
-        self._port, self._write, self._questions = port, write, questions
+        self._port, self._write, self._cacheable = port, write, cacheable
         self._packets: dict[CacheKey, bytes] = {}
 
     def send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
-        """Put a packet on the line behind a cleared input; return the SDK's result code."""
-        phrase = (servo_id, instruction, parameters)
-        packet = self._packets.get(phrase)
+        """Clear the input and send a packet; return the SDK's result code."""
+        key = (servo_id, instruction, parameters)
+        packet = self._packets.get(key)
         if packet:
             return self._resend_cached(packet)
         result = self._write(servo_id, instruction, parameters)
-        if result == 0 and instruction in self._questions:
-            self._cache_packet(phrase)
+        if result == 0 and instruction in self._cacheable:
+            self._cache_packet(key)
         return result
 
     def _resend_cached(self, packet: bytes) -> int:
         self._port.clearPort()
         return 0 if self._port.writePort(packet) == len(packet) else _SHORT_WRITE
 
-    def _cache_packet(self, phrase: CacheKey) -> None:
+    def _cache_packet(self, key: CacheKey) -> None:
         if len(self._packets) >= _MAX_CACHED:
             self._packets.clear()
-        self._packets[phrase] = self._port.sent
+        self._packets[key] = self._port.sent

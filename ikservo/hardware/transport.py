@@ -1,8 +1,8 @@
 """Byte transports: serial device, pyserial URL, entry point; the exclusive port lock.
 
-pyserial asks the system twice where once would do, before each read and behind each write, for
-a way to be woken by another thread that nobody here uses. With six servos that answer one after
-the other, this is a third of what a cycle costs.
+pyserial makes two system calls where one would do, before each read and after each write, to allow
+another thread to wake it, which is not used here. With six servos that reply one after the other,
+this is a third of the time of a cycle.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ __all__ = [
 
 
 class _PosixSerial(Protocol):
-    """What of pyserial's POSIX port is used."""
+    """The part of pyserial's POSIX port that is used."""
 
     fd: int
     write: Callable[[bytes], int | None]
@@ -91,7 +91,7 @@ _MAX_LOCK_BYTES = 4096
 
 
 class PortLock:
-    """A locked file that says who holds a device.
+    """A locked file that names the process that uses a device.
 
     The kernel releases the lock when the process ends, however it ends; the file stays and does
     no harm. All names of one device lead to one file. Where the system has no such locks
@@ -102,7 +102,7 @@ class PortLock:
         self._descriptor = descriptor
 
     def release(self) -> None:
-        """Let others have the device."""
+        """Release the device."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
@@ -131,7 +131,7 @@ def acquire_lock(device: str) -> PortLock:
 
     descriptor = _open_lock_file(_lock_file_path(device))
     if descriptor is None:
-        return PortLock()  # another user's file that we may not even read: the device will tell
+        return PortLock()  # another user's unreadable file: opening the device decides
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -157,9 +157,9 @@ def _open_lock_file(path: Path) -> int | None:
 
 
 def _write_lock_holder(descriptor: int) -> None:
-    """Write who we are into the file we hold."""
-    program, *words = sys.orig_argv
-    command = " ".join(" ".join([Path(program).name, *words]).split())[:_MAX_COMMAND_CHARS]
+    """Write this process into the lock file."""
+    program, *arguments = sys.orig_argv
+    command = " ".join(" ".join([Path(program).name, *arguments]).split())[:_MAX_COMMAND_CHARS]
     with contextlib.suppress(OSError):  # opened for reading only
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{command} (process {os.getpid()})\n".encode(), 0)
@@ -168,7 +168,7 @@ def _write_lock_holder(descriptor: int) -> None:
 ENTRY_POINT_GROUP = "ikservo.ports"
 """Entry point group: ``name:anything`` is opened by the plug-in called ``name``."""
 
-_WRITE_TIMEOUT_S = 1.0  # a line that takes no bytes for so long is gone
+_WRITE_TIMEOUT_S = 1.0  # a line that accepts no bytes for so long is lost
 
 
 class Transport(Protocol):
@@ -191,7 +191,7 @@ class Transport(Protocol):
         ...
 
     def reset_input_buffer(self) -> None:
-        """Forget what has arrived."""
+        """Discard received bytes."""
         ...
 
     def flush(self) -> None:
@@ -199,7 +199,7 @@ class Transport(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the transport."""
         ...
 
 
@@ -213,7 +213,7 @@ def open_transport(name: str, baud_rate: int) -> Transport:
 
     Raises:
         NoPortError: There is no such port.
-        PortBusyError: Another program holds it.
+        PortBusyError: Another program has it open.
         PortError: It may not be opened.
     """
     if not name:
@@ -254,13 +254,13 @@ def _open_serial(name: str, baud_rate: int) -> serial.Serial:
 
 
 class _LockedTransport:
-    """A pyserial port, and the lock that is given back with it.
+    """A pyserial port and its lock, which is released with it.
 
-    Both belong to the process that opened them; see ``forking``. ``abandoned`` says that this
-    process is a fork of it.
+    Both belong to the process that opened them; see ``process_local_files``. ``abandoned`` is set
+    in a forked child.
 
-    Setting pyserial's ``timeout`` reconfigures the device, over the network where it stands
-    there, although only ``read`` looks at it; so where that is possible it is set past pyserial.
+    Setting pyserial's ``timeout`` reconfigures the device, over the network for a remote one,
+    although only ``read`` uses it; so where possible it is set past pyserial.
     """
 
     def __init__(self, port: serial.Serial, lock: PortLock) -> None:
@@ -328,17 +328,19 @@ class _LockedTransport:
 
 
 def _lower_latency(port: serial.SerialBase) -> None:
-    """Ask an FTDI adapter to answer within 1 ms instead of 16; others have no such knob."""
-    ask = cast("Callable[[bool], None] | None", getattr(port, "set_low_latency_mode", None))
-    if ask:
+    """Set the latency of an FTDI adapter to 1 ms instead of 16; others have no such setting."""
+    set_low_latency = cast(
+        "Callable[[bool], None] | None", getattr(port, "set_low_latency_mode", None)
+    )
+    if set_low_latency:
         with contextlib.suppress(ValueError, OSError, NotImplementedError):
-            ask(True)
+            set_low_latency(True)
 
 
 def _disable_nagle(port: serial.SerialBase) -> None:
     """Let a network port send each packet when it is written (TCP_NODELAY).
 
-    TCP would otherwise hold a goal back until the answer to the question before is confirmed, up
+    TCP would otherwise delay a goal until the reply to the request before is acknowledged, up
     to 40 ms later; pyserial sets this for ``rfc2217://`` only.
     """
     connection = vars(port).get("_socket")

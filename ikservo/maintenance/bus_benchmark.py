@@ -144,12 +144,12 @@ class _Benchmark:
     def _count_wire_traffic(self, roles: Sequence[RegisterName]) -> tuple[int, int, float]:
         """Return bytes out, bytes in, and the least time that one cycle needs."""
         sent, received = self._meter.sent, self._meter.received
-        self._meter.listen, self._meter.heard = True, bytearray()
+        self._meter.capture, self._meter.captured = True, bytearray()
         self._run_cycle(roles)
-        self._meter.listen = False
+        self._meter.capture = False
         sent, received = self._meter.sent - sent, self._meter.received - received
         wire_s = self._bus.port.wire_s(sent + received)
-        return sent, received, wire_s + self._delays_s(bytes(self._meter.heard))
+        return sent, received, wire_s + self._delays_s(bytes(self._meter.captured))
 
     def _delays_s(self, heard: bytes) -> float:
         """Return the return delays of one cycle: one for each packet that was heard."""

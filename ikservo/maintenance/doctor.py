@@ -131,7 +131,7 @@ def _scan_with_progress(line: Port, on_progress: Progress | None) -> list[FoundS
     return scan(
         line,
         on_step=on_progress
-        and (lambda s: on_progress(f"{s.baud_rate} baud, {s.protocol}", s.asked, s.ids)),
+        and (lambda s: on_progress(f"{s.baud_rate} baud, {s.protocol}", s.pinged, s.ids)),
     )
 
 
@@ -205,7 +205,7 @@ def _check_quality(
     if quality.round_trips_s:
         yield _latency_finding(quality, adapter)
     lost = sum(quality.lost.values())
-    text = f"{lost} of {quality.asked} reads lost"
+    text = f"{lost} of {quality.reads} reads lost"
     if not lost:
         yield ok("loss", text)
         return

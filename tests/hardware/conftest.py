@@ -126,7 +126,7 @@ def line():
 def port(line):
     """Give our port on the scripted line, which it has come to believe and to know as quick."""
     port = Port(line, "scripted", 1_000_000)
-    port.trust, port.patience = LineHealth(doubts=0), AdaptiveTimeout(0.001, 0.001)
+    port.health, port.reply_timeout = LineHealth(clean_requests=0), AdaptiveTimeout(0.001, 0.001)
     return port
 
 

@@ -170,7 +170,7 @@ class TestStatistics:
         line.expect(READ_1).expect(AGAIN_1, "00").expect(THIRD_1, says(1, 0, 0, 0, 8))
         patient.read(1, RegisterName.PRESENT_POSITION)
         counts = patient.statistics[1]
-        assert (counts.asked, counts.lost, counts.garbled, counts.retried) == (3, 1, 1, 2)
+        assert (counts.requests, counts.lost, counts.garbled, counts.retried) == (3, 1, 1, 2)
 
     def test_the_round_trip_is_the_time_of_an_answer(self, patient, line):
         line.expect(READ_1, AT_2048, after_s=0.0007)

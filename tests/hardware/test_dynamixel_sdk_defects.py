@@ -303,5 +303,5 @@ class TestD13BroadcastPing:
 
     def test_ours_waits_for_those_who_may_be_there(self, dynamixel, line):
         line.expect(self.ASKED, self.SAID)
-        assert dynamixel.broadcast_ping(Family.DYNAMIXEL_2).answers.keys() == {1}
+        assert dynamixel.broadcast_ping(Family.DYNAMIXEL_2).replies.keys() == {1}
         assert line.clock.s < 0.02

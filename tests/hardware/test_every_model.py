@@ -39,7 +39,7 @@ def bus(pair):
     """Give a bus with two servos of a model behind an adapter."""
     model, adapter = pair
     bus = bus_with({1: model, 7: model}, adapter=ADAPTERS[adapter])
-    bus.port.patience.least_s = bus.port.patience.most_s = 0.005  # USB takes its time
+    bus.port.reply_timeout.min_s = bus.port.reply_timeout.max_s = 0.005  # USB takes its time
     return bus
 
 

@@ -190,12 +190,12 @@ class TestRollCall:
     def test_everybody_of_protocol_2_answers(self):
         bus = bus_with(dict.fromkeys((1, 5, 9), X))
         called = bus.broadcast_ping(Family.DYNAMIXEL_2)
-        assert called.answers.keys() == {1, 5, 9}
-        assert {answer.data[:2] for (answer,) in called.answers.values()} == {b"\x24\x04"}
+        assert called.replies.keys() == {1, 5, 9}
+        assert {answer.data[:2] for (answer,) in called.replies.values()} == {b"\x24\x04"}
 
     def test_everybody_of_feetech_answers(self):
         bus = bus_with(dict.fromkeys((1, 2, 6), "STS3215"))
-        assert bus.broadcast_ping(Family.FEETECH_STS).answers.keys() == {1, 2, 6}
+        assert bus.broadcast_ping(Family.FEETECH_STS).replies.keys() == {1, 2, 6}
 
     def test_it_takes_a_fraction_of_the_sdks_window(self):
         bus = bus_with(dict.fromkeys(range(1, 7), X))
@@ -206,7 +206,7 @@ class TestRollCall:
     def test_it_finds_servos_that_nobody_knew_of(self):
         bus = bus_with({1: X, 200: X})
         known = ServoBus(bus.port, [ServoSpec(1, XL430W250)])
-        assert known.broadcast_ping(Family.DYNAMIXEL_2, highest_id=252).answers.keys() == {1, 200}
+        assert known.broadcast_ping(Family.DYNAMIXEL_2, highest_id=252).replies.keys() == {1, 200}
 
     @pytest.mark.parametrize("model", [X, "STS3215"])
     def test_two_servos_on_one_id_give_themselves_away(self, model):
@@ -214,7 +214,7 @@ class TestRollCall:
         family = transport_bus.servos[1].table.family
         bus = crowded(model)
         called = bus.broadcast_ping(family)
-        assert called.junk or len(called.answers.get(4, ())) > 1
+        assert called.junk or len(called.replies.get(4, ())) > 1
 
 
 def crowded(model):

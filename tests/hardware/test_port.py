@@ -187,39 +187,39 @@ class TestPatience:
 
     def test_it_is_long_before_anything_is_known(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
-            assert port.patience.timeout_s == 0.040
+            assert port.reply_timeout.timeout_s == 0.040
 
     def test_quick_answers_make_it_short(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
-                port.patience.on_reply(0.0001)
-            assert port.patience.timeout_s == 0.002
+                port.reply_timeout.on_reply(0.0001)
+            assert port.reply_timeout.timeout_s == 0.002
 
     def test_one_silent_servo_asked_twice_is_no_reason_to_wait_longer(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
-                port.patience.on_reply(0.0001)
+                port.reply_timeout.on_reply(0.0001)
             for _ in range(2):
-                port.patience.on_timeout()
-            assert port.patience.timeout_s == 0.002
+                port.reply_timeout.on_timeout()
+            assert port.reply_timeout.timeout_s == 0.002
 
     def test_it_doubles_while_nobody_answers_at_all(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
-                port.patience.on_reply(0.0001)
+                port.reply_timeout.on_reply(0.0001)
             for _ in range(5):
-                port.patience.on_timeout()
-            assert port.patience.timeout_s == 0.016
+                port.reply_timeout.on_timeout()
+            assert port.reply_timeout.timeout_s == 0.016
 
     def test_many_silent_at_once_are_waited_for_longer_at_once(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
-                port.patience.on_reply(0.0001)
-            port.patience.on_timeout(many=True)
-            assert port.patience.timeout_s == 0.008
+                port.reply_timeout.on_reply(0.0001)
+            port.reply_timeout.on_timeout(many=True)
+            assert port.reply_timeout.timeout_s == 0.008
 
     def test_one_slow_answer_makes_it_long_again(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for overhead_s in [0.001] * 16 + [0.008]:
-                port.patience.on_reply(overhead_s)
-            assert port.patience.timeout_s == 0.012
+                port.reply_timeout.on_reply(overhead_s)
+            assert port.reply_timeout.timeout_s == 0.012

@@ -89,10 +89,10 @@ def test_after_three_misses_it_is_asked_only_every_quarter_of_a_second(models):
     spoil(bus, ("silent", {"id": 3}))
     for _ in range(5):
         cycle(bus, goals)
-    before, started_s = bus.statistics[3].asked, bus.clock.now_s()
+    before, started_s = bus.statistics[3].requests, bus.clock.now_s()
     while bus.clock.now_s() - started_s < 1.0:
         cycle(bus, goals)
-    assert bus.statistics[3].asked - before in range(3, 6)
+    assert bus.statistics[3].requests - before in range(3, 6)
 
 
 @six
@@ -228,7 +228,7 @@ def bus_with_same_servos(bus):
 @pytest.mark.parametrize("model", ["STS3215", X])
 def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
     bus = bus_with({1: model})
-    bus.port.trust = LineHealth(doubts=0)  # before that, the write itself would be doubted
+    bus.port.health = LineHealth(clean_requests=0)  # before that, the write itself would be doubted
     limit = bus.servos[1].table.max_temperature_limit
     servo = simulated_servos(bus)[1]
     put = servo.memory.write

@@ -80,11 +80,11 @@ def test_it_is_opened_again_under_its_new_name(desk, new_pty):
 def test_what_was_learned_of_the_old_line_is_forgotten(desk, new_pty):
     (old, _), (new, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
-    port.echoes, doubts = True, port.trust
+    port.echoes, health = True, port.health
     desk(Comport(new))
     reconnect(port, "58FA083", within_s=1.0, clock=StillClock())
     assert port.echoes is None
-    assert port.trust is not doubts
+    assert port.health is not health
     port.close()
 
 
@@ -135,7 +135,7 @@ def test_a_port_that_is_connected_anew_knows_nothing_of_the_old_line():
     new = Port(line_with({1: "STS3215"}), "new", 57_600)
     lock, kept = port.lock, vars(port).keys()
     port.is_using, port.echoes = True, True
-    old = {name: vars(port)[name] for name in ("pace", "trust", "ghosts", "patience")}
+    old = {name: vars(port)[name] for name in ("byte_rate", "health", "pending", "reply_timeout")}
     port.connect(new.transport, "new", 57_600)
     assert (port.name, port.baudrate, port.transport) == ("new", 57_600, new.transport)
     assert (port.is_using, port.echoes, port.sent) == (False, None, b"")

@@ -30,7 +30,10 @@ both = pytest.mark.parametrize("model", LIMITS)
 def bus(model):
     """Give a bus that never repeats, whose line it has come to believe and to know as quick."""
     bus = bus_with({1: model}, retries=0)
-    bus.port.trust, bus.port.patience = LineHealth(doubts=0), AdaptiveTimeout(0.001, 0.001)
+    bus.port.health, bus.port.reply_timeout = (
+        LineHealth(clean_requests=0),
+        AdaptiveTimeout(0.001, 0.001),
+    )
     return bus
 
 
@@ -112,7 +115,7 @@ class TestNewOrOddLine:
 
     @pytest.fixture
     def wary(self, feetech, port):
-        port.trust = LineHealth(doubts=5)
+        port.health = LineHealth(clean_requests=5)
         return feetech
 
     def test_two_readings_that_agree_are_believed(self, wary, line):
@@ -129,13 +132,13 @@ class TestNewOrOddLine:
         assert wary.read(1, STS3215.present_position, raw=True) == 2048
 
     def test_something_odd_makes_every_question_different_from_the_last(self, feetech, port, line):
-        port.trust.record(odd=True)
+        port.health.record(odd=True)
         line.expect(asks(1, 56, 2), says(1, 0, 8)).expect(asks(1, 55, 3), says(1, 0, 0, 8))
         for _ in range(2):
             assert feetech.read(1, STS3215.present_position, raw=True) == 2048
 
     def test_it_is_believed_after_so_many_clean_questions(self):
-        trust = LineHealth(doubts=0)
+        trust = LineHealth(clean_requests=0)
         trust.record(odd=True)
         for _ in range(300):
             assert trust.degraded
@@ -172,7 +175,7 @@ histories = st.lists(st.tuples(spans, st.booleans(), st.floats(0.0, 0.05)), max_
 
 @given(history=histories, wanted=spans, sick=st.booleans())
 def test_no_window_is_ever_as_long_as_an_answer_that_is_owed(history, wanted, sick):
-    ghosts, trust, now_s = PendingReplies(), LineHealth(doubts=0), 0.0
+    ghosts, trust, now_s = PendingReplies(), LineHealth(clean_requests=0), 0.0
     if sick:
         trust.record(odd=True)
     owed = []

@@ -79,5 +79,5 @@ def test_progress_is_told_for_each_ping(on_line):
 
 def test_calmly_a_silent_id_is_given_up_soon(on_line):
     counts = []
-    ping_ids(on_line("so101"), ONE, [99] * 8, counts.append, echoes=False, calm=True)
+    ping_ids(on_line("so101"), ONE, [99] * 8, counts.append, echoes=False, one_by_one=True)
     assert counts == [1, 2, 3]
