@@ -65,6 +65,10 @@ def codes_of_method(method, posture, machine):
         allowed |= {6}
     if method in LINES_OF_TIP:
         allowed |= {7}  # from where the arm lies the joints need not be able to keep to a line
+        if posture == "rest, sunk":
+            # The gripper lies on the table. A slanting line lifts it by less than the joints sag
+            # under the arm's weight, so it would drag along the table for the first centimetre.
+            allowed |= {8}
     if method not in CALM:
         allowed |= codes_if_blocked(posture, one_joint=method in ONE_JOINT)
     return allowed
