@@ -7,7 +7,7 @@ import pytest
 
 import ikservo
 from tests.arm.auditing import Auditor
-from tests.arm.held_up import HeldUp
+from tests.arm.line_tracing import PausedLines
 from tests.arm.misfortune import chance
 
 PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
@@ -43,8 +43,8 @@ def test_on_a_busy_machine_it_ends_well(name, task):
         arm.move_joints({"shoulder_pan": 0.05})
         arm.workings.warm_up()
         auditor = Auditor(arm, punctual=False)
-        with HeldUp(arm._servos.clock, busy) as held_up:
-            held_up.begun = True
+        with PausedLines(arm._servos.clock, busy) as traced:
+            traced.begin()
             assert task(arm)
-        assert held_up.pauses > 10
+        assert traced.pauses > 10
         assert auditor.faults() == []

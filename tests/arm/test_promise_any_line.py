@@ -1,36 +1,16 @@
 """P7: whichever line of the loop fails in mid-motion, the arm is told to hold in a few packets."""
 
-from pathlib import Path
-
 import pytest
 
-import ikservo
 from tests.arm.auditing import Auditor
 from tests.arm.brief import brief_move, opened
-from tests.arm.line_faults import Traced
+from tests.arm.line_tracing import FailingLine, LineTracer
 from tests.arm.misfortune import chance
 from tests.arm.seeds import part_of, tell
 from tests.arm.simulated import line_of, registers
 
-PRODUCT = Path(ikservo.__file__).parent
-ROOMS = ("arm/streaming", "guard", "motion")
-FILES = {str(path) for room in ROOMS for path in (PRODUCT / room).rglob("*.py")}
 PACKETS = 3  # to a joint
 TRAVEL_TICKS = 60  # what a dead program leaves, too
-LOOPS = 20  # what runs more often than this in a motion belongs to its loop
-
-
-class Watched(Traced):
-    """Lines of whatever the loop goes through from its second beat on, not of a list."""
-
-    def __init__(self, fails=None, at=1):
-        super().__init__(at=at)
-        self._files, self._wanted, self._began = FILES, fails, False
-
-    def begin(self, _beat):
-        if not self._began:
-            self._began, self._fails = True, self._wanted
-            self.hits.clear()
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
@@ -47,16 +27,16 @@ def test_whichever_line_fails_the_arm_is_told_to_hold(name, most, capsys):
 
 
 def loop_of(name):
-    """Return each line that a motion comes by again and again, and how often."""
+    """Return each line that a motion executes again and again, and how often."""
     with opened(name, 0) as arm:
         arm.enable()
-        with Watched() as counted:
-            move(arm, counted)
-    return sorted((place, hits) for place, hits in counted.hits.items() if hits > LOOPS)
+        with LineTracer() as traced:
+            move(arm, traced)
+    return traced.lines_of_a_cycle()
 
 
-def move(arm, watched):
-    arm._run_trajectory(lambda _: brief_move(arm, chance(1), "normal"), watched.begin, "normal")
+def move(arm, traced):
+    arm._run_trajectory(lambda _: brief_move(arm, chance(1), "normal"), traced.begin, "normal")
 
 
 def check_held(name, place, hits):
@@ -64,16 +44,16 @@ def check_held(name, place, hits):
         arm.enable()
         auditor, clock = Auditor(arm), arm._servos.clock
         with (
-            Watched(place, hits // 2) as watched,
+            FailingLine(place, hits // 2) as traced,
             pytest.raises(ZeroDivisionError, match=str(place[1])),
         ):
-            move(arm, watched)
-        heard, stood = len(auditor.goals), registers(arm, "present_position")
+            move(arm, traced)
+        written, before = len(auditor.goals), registers(arm, "present_position")
         clock.sleep_until(clock.now_s() + 1.0)
-        told, servos = auditor.goals[heard:], line_of(arm).servos
-        assert {goal.servo_id for goal in told} == set(servos), place
-        assert len(told) <= PACKETS * len(servos), place
-        stands = registers(arm, "present_position")
-        assert all(abs(stands[i] - stood[i]) <= TRAVEL_TICKS for i in servos), place
+        goals, servos = auditor.goals[written:], line_of(arm).servos
+        assert {goal.servo_id for goal in goals} == set(servos), place
+        assert len(goals) <= PACKETS * len(servos), place
+        after = registers(arm, "present_position")
+        assert all(abs(after[i] - before[i]) <= TRAVEL_TICKS for i in servos), place
         assert all(registers(arm, "torque_enable").values()), place
         assert auditor.faults() == [], place

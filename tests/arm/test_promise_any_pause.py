@@ -5,11 +5,10 @@ import pytest
 
 from tests.arm.auditing import Auditor
 from tests.arm.brief import brief_move, opened
-from tests.arm.held_up import HeldUp
+from tests.arm.line_tracing import PausedLines
 from tests.arm.misfortune import chance
 from tests.arm.seeds import part_of, tell, times
 
-LOOPS = 20  # what runs more often than this in a motion belongs to its control cycle
 PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
 PAUSES_S = (0.002, 0.012, 0.06, 0.15, 0.4, 3.0)
 
@@ -53,23 +52,23 @@ def test_pauses_now_and_then_as_on_a_busy_machine_end_no_motion(name, seeds, cap
 
 
 def cycle_of(name):
-    """Return each line that a motion comes by again and again, and how often."""
+    """Return each line that a motion executes again and again, and how often."""
     with opened(name, 0) as arm:
         arm.enable()
-        with HeldUp(arm._servos.clock, lambda *_: 0.0) as counted:
-            move(arm, counted)
-    return sorted((place, hits) for place, hits in counted.hits.items() if hits > LOOPS)
+        with PausedLines(arm._servos.clock, lambda *_: 0.0) as traced:
+            move(arm, traced)
+    return traced.lines_of_a_cycle()
 
 
-def move(arm, held_up):
-    """Move every joint a little at the arm's fastest speed; return the course."""
+def move(arm, traced):
+    """Move every joint a little at the arm's fastest speed; return the trajectory."""
     courses = []
 
     def begin(_here):
         courses.append(brief_move(arm, chance(1), "fast", most_rad=0.2))
         return courses[0]
 
-    arm._run_trajectory(begin, held_up.begin, "fast")
+    arm._run_trajectory(begin, traced.begin, "fast")
     return courses[0]
 
 
@@ -78,11 +77,11 @@ def check(name, pause_s, where):
     with opened(name, 0) as arm:
         arm.enable()
         auditor = Auditor(arm, punctual=False)
-        with HeldUp(arm._servos.clock, pause_s) as held_up:
-            course = move(arm, held_up)
+        with PausedLines(arm._servos.clock, pause_s) as traced:
+            course = move(arm, traced)
         fences = arm._servos.fences
         units = np.array([fence.joint_map.unit_per_tick for fence in fences])
         left = np.abs(arm._servos.goals() - course.goal) / units
         assert (left <= 1.0).all(), (where, left)
         assert auditor.faults() == [], where
-        return held_up.pauses
+        return traced.pauses

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo import control
 from ikservo.control.loop import ControlLoop, TimeScaler
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import RefusedError, StoppedError
@@ -13,7 +14,7 @@ from ikservo.guard import StopKind, StopReason
 from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
 from tests.arm.auditing import Auditor
-from tests.arm.line_faults import Traced, loop_lines
+from tests.arm.line_tracing import FailingLine, LineTracer
 from tests.arm.simulated import line_of, registers
 
 ENOUGH = StopReason(StopKind.PROGRAM, "enough")
@@ -153,49 +154,34 @@ def test_goals_lead_the_joints_by_no_more_than_the_look_ahead(arm):
     assert auditor.faults() == []
 
 
-def test_a_failure_in_any_line_of_the_stream_ends_with_the_arm_told_to_hold():
-    check_lines("so101", [line for line in loop_lines() if "loop.py" in line[0]][::3])
-
-
-@pytest.mark.campaign
-@pytest.mark.timeout(0)
-@pytest.mark.parametrize("name", ["so101", "koch"])
-def test_a_failure_in_any_line_of_the_whole_loop_ends_with_the_arm_told_to_hold(name):
-    check_lines(name, loop_lines())
-
-
-def check_lines(name, lines):
-    """Let each line raise once in mid-motion, and look for the stop on the wire."""
-    with ikservo.open_arm(name, port="sim") as arm:
+def test_a_failure_in_any_line_of_the_loop_ends_with_the_arm_told_to_hold(arm):
+    with LineTracer([control]) as traced:
+        short_motion(arm, traced)
+    lines = sorted(traced.hits)[::8]
+    assert len(lines) > 10
+    for place in lines:
+        arm.acknowledge()
         arm.enable()
-        with Traced() as counted:
-            short_motion(arm)
-        reached = [place for place in lines if counted.hits[place]]
-        assert len(reached) > 5
-        for place in reached:
-            arm.acknowledge()
-            arm.enable()
-            auditor = Auditor(arm)
-            way_rad = 0.1 if arm._servos.goals()[0] < 0.0 else -0.1
-            with (
-                Traced(fails=place, at=max(1, counted.hits[place] // 2)),
-                pytest.raises(ZeroDivisionError, match=str(place[1])),
-            ):
-                short_motion(arm, way_rad)
-            check_stopped(arm, auditor, place)
+        auditor = Auditor(arm)
+        with (
+            FailingLine(place, max(1, traced.hits[place] // 2)) as failing,
+            pytest.raises(ZeroDivisionError, match=str(place[1])),
+        ):
+            short_motion(arm, failing)
+        check_stopped(arm, auditor, place)
 
 
-def short_motion(arm, way_rad=0.1):
-    ControlLoop(arm._servos).run(course_of(arm._servos, way_rad), lambda _: None)
+def short_motion(arm, traced):
+    way_rad = 0.1 if arm._servos.goals()[0] < 0.0 else -0.1
+    ControlLoop(arm._servos).run(course_of(arm._servos, way_rad), traced.begin)
 
 
 def check_stopped(arm, auditor, place):
-    heard, clock = len(auditor.goals), arm._servos.clock
+    written, clock = len(auditor.goals), arm._servos.clock
     clock.sleep_until(clock.now_s() + 0.2)
-    told = auditor.goals[heard:]
-    servos = line_of(arm).servos
-    assert {goal.servo_id for goal in told} == set(servos), place
-    assert len(told) <= 3 * len(servos), place
+    goals, servos = auditor.goals[written:], line_of(arm).servos
+    assert {goal.servo_id for goal in goals} == set(servos), place
+    assert len(goals) <= 3 * len(servos), place
     there = registers(arm, "present_position")
     clock.sleep_until(clock.now_s() + 0.2)
     later = registers(arm, "present_position")
