@@ -165,7 +165,7 @@ class Planner:
         solution = replace(
             standing.solution, q=route.goal, nearest_m=self._chain.forward(route.goal)[:3, 3]
         )
-        left_rad = float(route.left_rad.max())
+        left_rad = float(route.orientation_error_rad.max())
         if stance.constrains_more_than_keep:
             left_rad = check_orientation_error(self._chain, self._tool, target, stance, solution)
         plan = self._make_plan(here, SubsetTrajectory(route, self._columns, here), speed)

@@ -104,7 +104,9 @@ class Feedback:
 
     def reset_losses(self) -> None:
         """Start counting losses anew: the arm was at rest."""
-        self._losses = CommunicationMonitor([fence.joint for fence in self._fences], most=_MAX_LOST)
+        self._losses = CommunicationMonitor(
+            [fence.joint for fence in self._fences], max_lost=_MAX_LOST
+        )
 
     @property
     def lost_joints(self) -> tuple[str, ...]:

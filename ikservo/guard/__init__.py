@@ -1,4 +1,4 @@
-"""The gate before the bytes: what it lets pass is inside the limits, free of contact, no jump."""
+"""Safety checks of every goal: limits, collisions, steps, and monitors of a running motion."""
 
 from ikservo.guard.collision import (
     MAX_SAMPLE_STEP_RAD,

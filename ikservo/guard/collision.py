@@ -24,15 +24,15 @@ __all__ = [
 ]
 
 MAX_SAMPLE_STEP_RAD = 0.05
-"""No joint turns further than this between two samples of a path that is checked for collisions."""
+"""No joint moves further than this between two samples of a path checked for collisions."""
 
 _CHUNK = 8192  # postures at a time: each takes a number for every pair
 _TOUCH_M = 1e-9
-# Between two looks a gap may change by this much unseen; what is deeper is seen.
+# Between two samples a distance may change unseen by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
 _MAX_HALVINGS = 12
-# No deeper than it began, but for what round bodies differ from real ones: an arm that turns a
-# joint on the table it lies on, or holds a little lower there than it lay.
+# A contact at the start may not get deeper, except for the difference between capsules and real
+# bodies: an arm that moves a joint while it touches the table, or sags a little there.
 _SAME_M = 5e-4
 
 
@@ -41,7 +41,7 @@ class KeepOutBox:
     """An upright box that the arm keeps out of.
 
     Attributes:
-        name: As a person calls it: ``the cup``.
+        name: For messages: ``the cup``.
         low_m: Its lowest corner (3,), metres, base frame.
         high_m: Its highest corner (3,).
 
@@ -67,7 +67,7 @@ def sample_path(
     Args:
         positions_at: The joints (n,) at a time.
         duration_s: How long the path takes; both its ends are sampled.
-        top_speed_rad_s: No joint is faster than this.
+        top_speed_rad_s: The maximum speed of any joint.
     """
     times_s = np.linspace(0.0, duration_s, _sample_count(duration_s * top_speed_rad_s))
     return np.array([positions_at(time_s) for time_s in times_s])
@@ -79,7 +79,7 @@ def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0)
     Args:
         start: Where it begins (n,), rad or m.
         goal: Where it ends (n,).
-        unit_per_rad: How far a radian of its servo's horn moves each joint: 1 rad, or metres.
+        unit_per_rad: Joint motion for a radian of its servo's horn: 1 rad, or metres.
     """
     distance_rad = float(np.abs((goal - start) / unit_per_rad).max())
     return np.linspace(start, goal, _sample_count(distance_rad))
@@ -102,18 +102,18 @@ def _sample_count(distance_rad: float) -> int:
 
 
 class CollisionChecker:
-    """Looks at where the body goes before it moves.
+    """Checks postures and paths for collisions.
 
     Args:
-        body: The arm's capsules; where its vectors end with the gripper's joint, the jaws are
-            looked at where they are.
+        body: The arm's capsules; if its vectors end with the gripper's joint, the jaws are
+            checked at their position.
         floor_m: Height of the table in the base frame; None for none.
-        boxes: What else to keep out of.
-        sag: How far the arm's own weight pulls its joints from their goals in motion: ways are
-            looked at with and without it. None for an arm that does not yield.
+        boxes: Further keep-out volumes.
+        sag: How far gravity pulls the joints from their goals in motion: paths are checked with
+            and without it. None for an arm that does not yield.
 
     Attributes:
-        pairs: What comes near what: a link, and another link or the name of a thing.
+        pairs: The checked pairs: a link, and another link or the name of a thing.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class CollisionChecker:
         self.pairs = (*packed.pairs, *around)
         self._overlap_m = np.zeros(len(self.pairs))
         self._overlap_m[: len(packed.pairs)] = packed.overlap_m
-        # What stands on the table touches it.
+        # The base link always touches the table.
         self._watched = np.array([link != packed.base for link, _ in self.pairs])
         self._watched[: len(packed.pairs)] = True
         self._reach_m = np.vstack([packed.pair_reach_m, *[packed.reach_m] * len(things)])
@@ -142,34 +142,36 @@ class CollisionChecker:
         """Return the length of the joint vectors."""
         return self._body.dof
 
-    def check_path(self, way: Sequence[Vector], load: float = 1.0) -> None:
-        """Check joint vectors (dof,) along a way, the first being where the arm is.
+    def check_path(self, path: Sequence[Vector], load: float = 1.0) -> None:
+        """Check joint vectors (dof,) along a path, the first being the present posture.
 
-        An arm that lies on the table, or on itself, may get up: what touches at the start is
-        looked at only from where it is free. It must not end deeper than it began. A stream
-        looks at a way of two: where it is, and where it would stop. Between the vectors, joints
-        go straight; where something could be touched there, further places are looked at.
+        An arm that touches the table, or itself, may move out: a pair in contact at the start is
+        checked only after it is free. It must not end deeper than it began. A stream checks a path
+        of two: the present posture, and where it would stop. Between the vectors, joints move
+        straight; the path is sampled more finely where something could be touched.
 
         Args:
-            way: The joint vectors.
-            load: How many times its weight pulls the arm down: more than 1 where it brakes.
+            path: The joint vectors.
+            load: Multiple of gravity that acts on the arm: more than 1 while it brakes.
 
         Raises:
-            RefusedError: Something would be touched; says what, and how far along the way.
-            BadValueError: A joint is no number.
+            RefusedError: A collision; names the pair and the place on the path.
+            BadValueError: A joint is not finite.
         """
-        shares, gap_m = self._sample_path(finite_vectors(np.array(way), self._body.dof, "q"), load)
-        looks, pairs = np.nonzero(_touching_pairs(gap_m))
-        if len(looks):
-            where = f", at {shares[looks[0]] * 100:.0f} % of the path"
-            raise self._collision_error(where, gap_m[looks[0]], int(pairs[0]))
+        fractions, gap_m = self._sample_path(
+            finite_vectors(np.array(path), self._body.dof, "q"), load
+        )
+        samples, pairs = np.nonzero(_touching_pairs(gap_m))
+        if len(samples):
+            where = f", at {fractions[samples[0]] * 100:.0f} % of the path"
+            raise self._collision_error(where, gap_m[samples[0]], int(pairs[0]))
 
     def check_pose(self, q: Vector) -> None:
-        """Check one posture (dof,), wherever the arm is now.
+        """Check one posture (dof,), regardless of the present one.
 
         Raises:
-            RefusedError: Something would be touched; says what.
-            BadValueError: A joint is no number.
+            RefusedError: A collision; names the pair.
+            BadValueError: A joint is not finite.
         """
         (gap_m,) = self.distances([q])
         nearest = int(np.argmin(gap_m))
@@ -177,55 +179,65 @@ class CollisionChecker:
             raise self._collision_error("", gap_m, nearest)
 
     def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
-        """Return for each posture (n, dof) whether nothing is touched in it (n,)."""
-        found = np.empty(len(postures), dtype=np.bool_)
+        """Return for each posture (n, dof) whether it is free of collisions (n,)."""
+        free = np.empty(len(postures), dtype=np.bool_)
         for first in range(0, len(postures), _CHUNK):
             rows = slice(first, first + _CHUNK)
-            found[rows] = self.distances(postures[rows]).min(axis=1) >= -_TOUCH_M
-        return found
+            free[rows] = self.distances(postures[rows]).min(axis=1) >= -_TOUCH_M
+        return free
 
-    def distances(self, way: Sequence[Vector] | Matrix) -> Matrix:
-        """Return how near each pair of things comes (n, pairs) [m] in postures (n, dof)."""
+    def distances(self, path: Sequence[Vector] | Matrix) -> Matrix:
+        """Return the distance of each pair (n, pairs) [m] in postures (n, dof)."""
         from ikservo.guard.collision_kernel import min_distances  # noqa: PLC0415  # imports numba
 
-        body, q = self._body, finite_vectors(np.array(way), self._body.dof, "q")
-        found = np.full((len(q), len(self.pairs)), np.inf)
+        body, q = self._body, finite_vectors(np.array(path), self._body.dof, "q")
+        distances = np.full((len(q), len(self.pairs)), np.inf)
         places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))
         min_distances(
-            body.links, body.capsules, body.rows, self._floor_m, self._boxes, q, places, ends, found
+            body.links,
+            body.capsules,
+            body.rows,
+            self._floor_m,
+            self._boxes,
+            q,
+            places,
+            ends,
+            distances,
         )
-        found += self._overlap_m
-        found[:, ~self._watched] = np.inf
-        return found
+        distances += self._overlap_m
+        distances[:, ~self._watched] = np.inf
+        return distances
 
-    def _sample_path(self, way: Matrix, load: float) -> tuple[Vector, Matrix]:
-        """Return where on a way was looked (n,), 0 to 1, and the gaps there (n, pairs) [m]."""
-        shares, gap_m = np.linspace(0.0, 1.0, len(way)), self._distances_with_sag(way, load)
+    def _sample_path(self, path: Matrix, load: float) -> tuple[Vector, Matrix]:
+        """Return the sampled fractions of a path (n,) and the distances there (n, pairs) [m]."""
+        fractions, gap_m = np.linspace(0.0, 1.0, len(path)), self._distances_with_sag(path, load)
         for _ in range(_MAX_HALVINGS):
-            unsure = self._unresolved_intervals(way, gap_m)
-            if not len(unsure) or _touching_pairs(gap_m).any():
+            unresolved = self._unresolved_intervals(path, gap_m)
+            if not len(unresolved) or _touching_pairs(gap_m).any():
                 break
-            between = 0.5 * (way[unsure] + way[unsure + 1])
-            middle = 0.5 * (shares[unsure] + shares[unsure + 1])
-            way = np.insert(way, unsure + 1, between, axis=0)
-            shares = np.insert(shares, unsure + 1, middle)
-            gap_m = np.insert(gap_m, unsure + 1, self._distances_with_sag(between, load), axis=0)
-        return shares, gap_m
+            between = 0.5 * (path[unresolved] + path[unresolved + 1])
+            middle = 0.5 * (fractions[unresolved] + fractions[unresolved + 1])
+            path = np.insert(path, unresolved + 1, between, axis=0)
+            fractions = np.insert(fractions, unresolved + 1, middle)
+            gap_m = np.insert(
+                gap_m, unresolved + 1, self._distances_with_sag(between, load), axis=0
+            )
+        return fractions, gap_m
 
-    def _unresolved_intervals(self, way: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
-        """Return the looks after which something may be touched before the next look."""
-        nearer_m = np.abs(np.diff(way, axis=0)) @ self._reach_m.T
+    def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
+        """Return the samples between which and the next a collision is possible."""
+        nearer_m = np.abs(np.diff(path, axis=0)) @ self._reach_m.T
         free = np.minimum(gap_m[:-1], gap_m[1:]) >= -_TOUCH_M
         may_touch = gap_m[:-1] + gap_m[1:] < nearer_m
         return np.flatnonzero((free & may_touch & (nearer_m > 2 * _MAX_UNCHECKED_M)).any(axis=1))
 
-    def _distances_with_sag(self, way: Matrix, load: float) -> Matrix:
-        """Return the gaps (n, pairs) [m] at goals (n, dof); to things around also where it sags."""
-        gap_m = self.distances(way)
+    def _distances_with_sag(self, path: Matrix, load: float) -> Matrix:
+        """Return distances (n, pairs) [m] at goals (n, dof), to surroundings also with sag."""
+        gap_m = self.distances(path)
         if self._sag is None:
             return gap_m
         things = slice(len(self._body.pairs), None)
-        sagged_m = self.distances(way + load * self._sag(way))
+        sagged_m = self.distances(path + load * self._sag(path))
         gap_m[:, things] = np.minimum(gap_m[:, things], sagged_m[:, things])
         return gap_m
 
@@ -239,7 +251,7 @@ class CollisionChecker:
 
 
 def _touching_pairs(gap_m: Matrix) -> NDArray[np.bool_]:
-    """Return (looks, pairs) where a pair touches that need not."""
+    """Return (samples, pairs) that touch after they were free."""
     been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
     touching = ~(gap_m >= -_TOUCH_M) & been_free
     touching[-1] |= ~(gap_m[-1] >= np.minimum(gap_m[0], 0.0) - _SAME_M)

@@ -1,7 +1,7 @@
 """Compiled minimum distances between the capsules of an arm and its surroundings.
 
-Scalar arithmetic on arrays laid out before: a look at one posture takes some hundredths of a
-millisecond, so that a stream of goals can be looked at as it comes. The same distances as in
+Scalar arithmetic on preallocated arrays: one posture takes some hundredths of a millisecond, so
+that a stream of goals can be checked in real time. The distances equal those of
 ``kinematics.body``, which a test compares.
 """
 
@@ -40,57 +40,59 @@ def min_distances(
     pairs: Matrix,
     floor_m: float,
     boxes: Matrix,
-    ways: Matrix,
+    postures: Matrix,
     places: Matrix,
     ends: Matrix,
-    found: Matrix,
+    distances: Matrix,
 ) -> None:
-    """Fill the gaps [m] for every posture of a way.
+    """Compute the distances [m] of all pairs for every posture of a path.
 
     Args:
         links: One row a link, parents first; see ``kinematics.packed_body``.
         capsules: One row each.
-        pairs: (m, 3) rows of two capsules, and the column of ``found`` that they count for.
+        pairs: (m, 3) rows of two capsules, and their column of ``distances``.
         floor_m: The height of the table; minus infinity where there is none.
         boxes: (k, 6) lowest and highest corners.
-        ways: Joint vectors (n, dof).
-        places: (links, 12), memory: the pose of each link.
-        ends: (capsules, 6), memory: where the segments end.
-        found: (n, pairs of links + links * (1 + k)); set to infinity before.
+        postures: Joint vectors (n, dof).
+        places: (links, 12), work array: the pose of each link.
+        ends: (capsules, 6), work array: the ends of the segments.
+        distances: (n, pairs of links + links * (1 + k)), output; initialised to infinity.
     """
-    between = found.shape[1] - len(links) * (1 + len(boxes))
-    for n in range(len(ways)):
-        _place_links(links, ways[n], places)
+    between = distances.shape[1] - len(links) * (1 + len(boxes))
+    for n in range(len(postures)):
+        _place_links(links, postures[n], places)
         _place_capsules(capsules, places, ends)
         for k in range(len(pairs)):
             i, j, column = int(pairs[k, 0]), int(pairs[k, 1]), int(pairs[k, 2])
             radii_m = capsules[i, RADIUS] + capsules[j, RADIUS]
-            found[n, column] = min(found[n, column], _segment_distance(ends, i, j) - radii_m)
+            distances[n, column] = min(
+                distances[n, column], _segment_distance(ends, i, j) - radii_m
+            )
         for i in range(len(capsules)):
             column = between + int(capsules[i, LINK])
             gap_m = min(ends[i, 2], ends[i, 5]) - capsules[i, RADIUS] - floor_m
-            found[n, column] = min(found[n, column], gap_m)
+            distances[n, column] = min(distances[n, column], gap_m)
             for b in range(len(boxes)):
                 gap_m = _segment_box_distance(ends, i, boxes, b) - capsules[i, RADIUS]
                 at = column + len(links) * (1 + b)
-                found[n, at] = min(found[n, at], gap_m)
+                distances[n, at] = min(distances[n, at], gap_m)
 
 
 @jit_entry
 def gravity_torques_kernel(
-    links: Matrix, masses: Matrix, ways: Matrix, places: Matrix, found: Matrix
+    links: Matrix, masses: Matrix, postures: Matrix, places: Matrix, torques: Matrix
 ) -> None:
-    """Fill the torques of gravity on the joints (n, dof) [N m], for g = 1 m/s².
+    """Compute the torques of gravity on the joints (n, dof) [N m], for g = 1 m/s².
 
     Args:
         links: One row a link, parents first; see ``kinematics.packed_body``.
         masses: (links, 4) mass [kg] and centre in the link's frame [m].
-        ways: Joint vectors (n, dof).
-        places: (links, 12), memory: the pose of each link.
-        found: (n, dof); set to zero before.
+        postures: Joint vectors (n, dof).
+        places: (links, 12), work array: the pose of each link.
+        torques: (n, dof), output; initialised to zero.
     """
-    for n in range(len(ways)):
-        _place_links(links, ways[n], places)
+    for n in range(len(postures)):
+        _place_links(links, postures[n], places)
         for i in range(len(links)):
             if masses[i, 0] > 0.0:
                 x, y = _mass_centre_xy(places, i, masses)
@@ -102,7 +104,7 @@ def gravity_torques_kernel(
                             * links[j, MIMIC_SCALE]
                             * _height_derivative(links, places, j, x, y)
                         )
-                        found[n, int(links[j, MIMIC_COLUMN])] -= rise
+                        torques[n, int(links[j, MIMIC_COLUMN])] -= rise
                     j = int(links[j, PARENT])
 
 
@@ -118,7 +120,7 @@ def _mass_centre_xy(places: Matrix, i: int, masses: Matrix) -> tuple[float, floa
 
 @jit
 def _height_derivative(links: Matrix, places: Matrix, j: int, x: float, y: float) -> float:
-    """Return by how much a point rises per rad or m of the joint of link ``j``."""
+    """Return the height change of a point per rad or m of the joint of link ``j``."""
     ax = ay = az = 0.0
     for k in range(3):
         ax += places[j, k] * links[j, AXIS + k]
@@ -131,7 +133,7 @@ def _height_derivative(links: Matrix, places: Matrix, j: int, x: float, y: float
 
 @jit
 def _place_links(links: Matrix, q: Vector, places: Matrix) -> None:
-    """Fill R_world_link row by row, then p, of each link: parent, origin, motion."""
+    """Compute R_world_link row by row, then p, of each link: parent, origin, motion."""
     for i in range(len(links)):
         parent = int(links[i, PARENT])
         if parent < 0:
@@ -168,7 +170,7 @@ def _compose_pose(a: Matrix, i: int, links: Matrix, j: int, out: Matrix, k: int)
 
 @jit
 def _apply_joint_motion(places: Matrix, i: int, links: Matrix, value: float) -> None:
-    """Turn or slide row ``i`` by its joint's value, in its own axes (Rodrigues)."""
+    """Rotate or translate row ``i`` by its joint's value, in its own axes (Rodrigues)."""
     ax, ay, az = links[i, AXIS], links[i, AXIS + 1], links[i, AXIS + 2]
     if links[i, IS_PRISMATIC] == 1.0:
         for r in range(3):
@@ -202,14 +204,14 @@ def _place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
 
 @jit
 def _segment_distance(ends: Matrix, i: int, j: int) -> float:
-    """Return how far two segments are apart; see ``kinematics.capsules.segment_distance``."""
+    """Return the distance of two segments; see ``kinematics.capsules.segment_distance``."""
     a = e = b = c = f = 0.0
     for k in range(3):
         d1, d2 = ends[i, 3 + k] - ends[i, k], ends[j, 3 + k] - ends[j, k]
         r = ends[i, k] - ends[j, k]
         a, e, b, c, f = a + d1 * d1, e + d2 * d2, b + d1 * d2, c + d1 * r, f + d2 * r
-    # Parallel segments have no single closest pair, and a point has no way along itself: any s and
-    # t will do to begin with. Each is then the best for the other.
+    # Parallel segments have no single closest pair, and a point has no direction: any s and t will
+    # do to begin with. Each is then the best for the other.
     s = _clamp_unit_interval((b * f - c * e) / max(a * e - b * b, _NOTHING))
     t = _clamp_unit_interval((b * s + f) / max(e, _NOTHING))
     s = _clamp_unit_interval((b * t - c) / max(a, _NOTHING))
@@ -223,7 +225,7 @@ def _segment_distance(ends: Matrix, i: int, j: int) -> float:
 
 @jit
 def _segment_box_distance(ends: Matrix, i: int, boxes: Matrix, b: int) -> float:
-    """Return how far a segment is from a box; 0 inside. The distance is convex along it."""
+    """Return the distance of a segment from a box; 0 inside. The distance is convex along it."""
     low, high = 0.0, 1.0
     for _ in range(_SECTIONS):
         s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
@@ -235,10 +237,10 @@ def _segment_box_distance(ends: Matrix, i: int, boxes: Matrix, b: int) -> float:
 
 
 @jit
-def _box_distance_at(ends: Matrix, i: int, share: float, boxes: Matrix, b: int) -> float:
+def _box_distance_at(ends: Matrix, i: int, fraction: float, boxes: Matrix, b: int) -> float:
     total = 0.0
     for k in range(3):
-        at = ends[i, k] + share * (ends[i, 3 + k] - ends[i, k])
+        at = ends[i, k] + fraction * (ends[i, 3 + k] - ends[i, k])
         outside = max(boxes[b, k] - at, at - boxes[b, 3 + k], 0.0)
         total += outside * outside
     return total

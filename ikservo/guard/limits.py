@@ -12,8 +12,8 @@ from ikservo.errors import RefusedError
 __all__ = ["CommandLimits", "LeadLimiter", "require_int_tick"]
 
 
-# A joint that must not travel further than 60 ticks of 4096 when its program dies; and what a
-# P-controlled servo stands behind its goal under load, or is made to lead by to make up for it.
+# A joint must not travel further than 60 ticks of 4096 when its program dies; in addition, the
+# steady-state error of a P-controlled servo under load, or the lead that compensates it.
 _LEAD_TIME_S = 0.1
 _MAX_LEAD_RAD = 60 * math.tau / 4096
 _AT_REST_LEAD_RAD = 0.12
@@ -21,12 +21,12 @@ _AT_REST_LEAD_RAD = 0.12
 
 @dataclass(frozen=True, slots=True)
 class CommandLimits:
-    """The range and speed of one joint, in the servo's own ticks.
+    """The range and speed of one joint, in the servo's ticks.
 
     Attributes:
-        joint_map: How ticks and positions relate.
+        joint_map: The conversion of ticks and positions.
         limits: The calibrated range, each end with its source.
-        speed: How fast goals may move, rad/s or m/s.
+        speed: The maximum speed of goals, rad/s or m/s.
     """
 
     joint_map: JointMap
@@ -40,7 +40,7 @@ class CommandLimits:
 
     @property
     def servo_id(self) -> int:
-        """Return the id of the servo that turns the joint."""
+        """Return the id of the joint's servo."""
         return self.joint_map.servo_id
 
     @property
@@ -50,12 +50,12 @@ class CommandLimits:
 
     @property
     def position_range(self) -> tuple[float, float]:
-        """Return the lowest and the highest position that is a whole tick inside the limits."""
+        """Return the lowest and the highest position that is an integer tick inside the limits."""
         low, high = sorted(self.joint_map.position(tick) for tick in self.tick_range)
         return low, high
 
     def tick(self, position: float) -> int:
-        """Return the whole tick nearest to a position, inside the limits where the position is.
+        """Return the tick nearest to a position, inside the limits if the position is.
 
         Raises:
             BadValueError: The position is not finite.
@@ -68,14 +68,14 @@ class CommandLimits:
 
     @property
     def max_ticks_s(self) -> float:
-        """Return how fast goals may move, ticks a second."""
+        """Return the maximum speed of goals, ticks a second."""
         return self.speed / self.joint_map.unit_per_tick
 
     def max_lead_ticks(self, speed: float) -> int:
         """Return how far a goal may be ahead of the measured joint in a motion.
 
-        That is what a motion of this speed [rad/s or m/s] goes through in 0.1 s, but no more than
-        60 ticks of 4096 on the horn; and besides what a servo stands behind under load.
+        That is the distance in 0.1 s at this speed [rad/s or m/s], but no more than 60 ticks of
+        4096 on the horn; plus the steady-state error of a servo under load.
         """
         horn = self.joint_map.horn_rad_per_tick
         moving = min(
@@ -85,7 +85,7 @@ class CommandLimits:
         return math.floor(moving + 1e-6) + math.floor(_AT_REST_LEAD_RAD / horn)
 
     def describe_violation(self, tick: int) -> str:
-        """Return in words how a tick leaves the range, with the binding limit and its source."""
+        """Describe how a tick leaves the range, with the active limit and its source."""
         position = self.joint_map.position(tick)
         above = position > self.limits.upper.value
         limit = self.limits.upper if above else self.limits.lower
@@ -97,90 +97,92 @@ class CommandLimits:
 
 
 def _format_distinct(a: float, b: float, unit: JointUnit) -> tuple[str, str]:
-    """Return two positions in words, with a second decimal where one would not tell them apart."""
+    """Format two positions, with a second decimal if they would be equal with one."""
     digits = 1 if format_position(a, unit) != format_position(b, unit) else 2
     return format_position(a, unit, digits), format_position(b, unit, digits)
 
 
 def require_int_tick(joint: str, tick: object) -> None:
-    """Check that a tick is a whole number.
+    """Check that a tick is an integer.
 
     Raises:
         RefusedError: It is not; names the joint.
     """
-    # bool is an int in Python, and True is no place to drive a joint to.
+    # bool is an int in Python, but True is not a position.
     if not isinstance(tick, int) or isinstance(tick, bool):
         raise RefusedError(f"The goal of {joint} is {tick!r}.", "Expected a whole number of ticks.")
 
 
-# Older than this nobody knows where a joint is.
+# A measurement older than this is stale.
 _STALE_S = 0.25
-# From this share of the look-ahead on a motion goes slower, so that it need not stop at its end.
+# From this fraction of the lead on a motion slows down, so that it need not stop at the end of it.
 _EASE_FROM = 0.75
 
 
 class LeadLimiter:
-    """Keeps goals near where the joints were last seen.
+    """Limits the lead of goals over the measured joints.
 
     A goal further ahead than `CommandLimits.max_lead_ticks` is refused, unless it is the present
-    goal or on the way back from it; and so is one for a joint that was not seen lately.
+    goal or on the path back from it; so is a goal of a joint that was not measured recently.
 
     Args:
-        fences: One for each joint.
+        limits: One for each joint.
     """
 
-    def __init__(self, fences: Sequence[CommandLimits]) -> None:
-        self._fences = {fence.joint: fence for fence in fences}
-        self._seen: dict[str, tuple[int, float]] = {}
+    def __init__(self, limits: Sequence[CommandLimits]) -> None:
+        self._limits = {limit.joint: limit for limit in limits}
+        self._measured: dict[str, tuple[int, float]] = {}
         self.set_speeds({})
 
     @property
     def measured_ticks(self) -> dict[str, int]:
-        """Return the tick at which each joint was last seen."""
-        return {joint: tick for joint, (tick, _) in self._seen.items()}
+        """Return the last measured tick of each joint."""
+        return {joint: tick for joint, (tick, _) in self._measured.items()}
 
     def set_speeds(self, speeds: Mapping[str, float]) -> None:
-        """Take the top speeds of the motion that runs, rad/s or m/s; the fences' where left out.
+        """Set the maximum speeds of the motion, rad/s or m/s; by default those of the limits.
 
         Raises:
             RefusedError: A speed is not above zero.
         """
-        wanted = {joint: fence.speed for joint, fence in self._fences.items()} | dict(speeds)
-        for joint, speed in wanted.items():
+        speeds_by_joint = {joint: limit.speed for joint, limit in self._limits.items()} | dict(
+            speeds
+        )
+        for joint, speed in speeds_by_joint.items():
             if not speed > 0.0:
                 raise RefusedError(
                     f"The speed of {joint} must be above zero, not {speed} rad/s.",
                     "Nothing was sent.",
                 )
-        self._leads = {j: f.max_lead_ticks(wanted[j]) for j, f in self._fences.items()}
+        self._leads = {j: f.max_lead_ticks(speeds_by_joint[j]) for j, f in self._limits.items()}
         self._ticks_s = {
-            j: min(wanted[j] / f.joint_map.unit_per_tick, f.max_ticks_s)
-            for j, f in self._fences.items()
+            j: min(speeds_by_joint[j] / f.joint_map.unit_per_tick, f.max_ticks_s)
+            for j, f in self._limits.items()
         }
 
     def update_measured(self, ticks: Mapping[str, int], time_s: float) -> None:
-        """Take where joints were measured at a time; those that did not answer are left out.
+        """Update the positions measured at a time; joints without a reply are left out.
 
         Raises:
-            RefusedError: A tick is no whole number, or the time no number.
+            RefusedError: A tick is not an integer, or the time not finite.
         """
         if not math.isfinite(time_s):
             raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
         for joint, tick in ticks.items():
             require_int_tick(joint, tick)
-        self._seen |= {joint: (tick, time_s) for joint, tick in ticks.items()}
+        self._measured |= {joint: (tick, time_s) for joint, tick in ticks.items()}
 
     def check_lead(self, joint: str, tick: int, last: int, now_s: float) -> None:
-        """Check one goal against where the joint is.
+        """Check the lead of one goal over the measured position.
 
         Args:
             joint: Its name.
             tick: The goal.
-            last: The goal that stands.
+            last: The present goal.
             now_s: The time.
 
         Raises:
-            RefusedError: It leads too far, or nobody has seen the joint lately.
+            RefusedError: The lead is too large, or the joint was not measured recently.
         """
         measured, lead = self._require_measured(joint, now_s), self._leads[joint]
         if not min(measured - lead, last) <= tick <= max(measured + lead, last):
@@ -192,24 +194,24 @@ class LeadLimiter:
 
     def stale_joints(self, now_s: float) -> tuple[str, ...]:
         """Return the joints without a position reading of the last 0.25 s."""
-        return tuple(joint for joint in self._fences if self._recent_tick(joint, now_s) is None)
+        return tuple(joint for joint in self._limits if self._recent_tick(joint, now_s) is None)
 
     def remaining_lead(self, joint: str, last: int, direction: int, now_s: float) -> int:
-        """Return how many ticks a goal may go on from ``last`` in a direction, +1 or -1.
+        """Return how many ticks a goal may move on from ``last`` in a direction, +1 or -1.
 
         Raises:
-            RefusedError: Nobody has seen the joint lately.
+            RefusedError: The joint was not measured recently.
         """
         measured, lead = self._require_measured(joint, now_s), self._leads[joint]
         return max(lead - direction * (last - measured), 0)
 
     def allowed_advance_s(self, goals: Mapping[str, int], elapsed_s: float) -> float:
-        """Return by how much a motion may go on in a time: less where a joint lags behind.
+        """Return by how much a motion may advance in a time: less where a joint lags behind.
 
-        Goals that move no faster than `set_speeds` says stay inside the look-ahead.
+        Goals within the speeds of `set_speeds` stay within the maximum lead.
 
         Args:
-            goals: The goals that stand.
+            goals: The present goals.
             elapsed_s: The time since they were sent.
         """
         return min(
@@ -218,13 +220,13 @@ class LeadLimiter:
         )
 
     def _allowed_joint_advance_s(self, joint: str, goal: int, elapsed_s: float) -> float:
-        if joint not in self._seen:
+        if joint not in self._measured:
             return 0.0
-        lead, ahead = self._leads[joint], abs(goal - self._seen[joint][0])
+        lead, ahead = self._leads[joint], abs(goal - self._measured[joint][0])
         ease = min((1.0 - ahead / lead) / (1.0 - _EASE_FROM), 1.0)
         # One tick is left for rounding.
-        room_s = (lead - 1 - ahead) / self._ticks_s[joint]
-        return max(min(ease * elapsed_s, room_s), 0.0)
+        remaining_s = (lead - 1 - ahead) / self._ticks_s[joint]
+        return max(min(ease * elapsed_s, remaining_s), 0.0)
 
     def _require_measured(self, joint: str, now_s: float) -> int:
         tick = self._recent_tick(joint, now_s)
@@ -236,5 +238,5 @@ class LeadLimiter:
         return tick
 
     def _recent_tick(self, joint: str, now_s: float) -> int | None:
-        tick, seen_s = self._seen.get(joint, (0, -math.inf))
-        return tick if now_s - seen_s <= _STALE_S else None
+        tick, measured_s = self._measured.get(joint, (0, -math.inf))
+        return tick if now_s - measured_s <= _STALE_S else None

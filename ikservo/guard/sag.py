@@ -14,17 +14,17 @@ from ikservo.kinematics.dynamics import GRAVITY_M_S2, LinkMass
 __all__ = ["Sag", "Weight", "sag_of"]
 
 Sag = Callable[[Matrix], Matrix]
-"""Returns how far load pulls the joints (n, dof) from goals (n, dof), rad or m."""
+"""Returns how far gravity moves the joints (n, dof) from goals (n, dof), rad or m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weight:
-    """What pulls, and what holds.
+    """Masses of the links and compliance of the joints.
 
     Attributes:
         masses: Of the links.
-        yields: How far each joint (dof,) yields, rad for each N m (m for each N).
-        lower: Where each joint's stop is (dof,), rad or m; -inf where there is none.
+        yields: Compliance of each joint (dof,), rad for each N m (m for each N).
+        lower: The lower end stop of each joint (dof,), rad or m; -inf if there is none.
         upper: Likewise.
     """
 
@@ -35,9 +35,9 @@ class Weight:
 
 
 def sag_of(body: CollisionBody, weight: Weight) -> Sag:
-    """Return the sag of an arm's joints: gravity's torque times what they yield.
+    """Return the sag of an arm's joints: gravity's torque times their compliance.
 
-    A joint is not pulled past its stops.
+    A joint does not sag past its stops.
     """
     packed = body.pack()
     masses = np.zeros((len(packed.names), 4))

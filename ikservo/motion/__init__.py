@@ -1,4 +1,4 @@
-"""How joints get from here to there in time: pure functions, and the beat of the stream."""
+"""Trajectories in time: pure functions, and the loop timer of the stream."""
 
 from ikservo.motion.cartesian import CartesianTrajectory, LinearTrajectory
 from ikservo.motion.online import OnlineTrajectory

@@ -23,44 +23,44 @@ _Pieces = tuple[tuple[float, RuckigMotion], ...]
 
 
 class OnlineTrajectory:
-    """A course of n joints that is aimed at new goals while it runs, and goes on until it is ended.
+    """A trajectory of n joints whose goal can change while it runs, until it is stopped.
 
-    Each goal is reached as fast as the paces allow, at rest and all joints together, without a
-    stop or a jump in position, velocity or acceleration on the way from the last one. Positions
-    stay inside the limits at every instant, also where braking for a new goal goes past it.
+    Each goal is reached as fast as the limits allow, at rest and all joints together, without a
+    stop or a jump in position, velocity or acceleration. Positions stay inside their bounds at
+    every instant, also while braking for a new goal.
 
-    Times are the course's own and never go back; what was before the last aim but one is
-    forgotten. One thread may aim while another asks for states.
+    Times are the trajectory's own and never decrease; states before the last goal but one are
+    discarded. One thread may set goals while another reads states.
 
     Args:
-        start: Where it begins: joints at rest (n,), rad or m, or the state of a running motion,
-            which then comes to rest.
-        paces: The pace of each joint.
-        lower: The lowest positions (n,); none if None. A start outside widens the limits to it,
-            so that a joint that is a little outside can be led back.
+        start: The start: joints at rest (n,), rad or m, or the state of a running motion, which
+            then comes to rest.
+        limits: The kinematic limits of each joint.
+        lower: The lowest positions (n,); none if None. A start outside extends the bounds to it,
+            so that a joint that is a little outside can move back.
         upper: The highest positions (n,); none if None.
 
     Raises:
-        BadValueError: A shape is wrong, a number is no number, or lower is above upper.
+        BadValueError: A shape is wrong, a number is not finite, or lower is above upper.
         RefusedError: The joints cannot come to rest inside their limits.
     """
 
     def __init__(
         self,
         start: ArrayLike | TrajectoryPoint,
-        paces: Sequence[KinematicLimits],
+        limits: Sequence[KinematicLimits],
         *,
         lower: ArrayLike | None = None,
         upper: ArrayLike | None = None,
     ) -> None:
-        self._paces = tuple(paces)
-        n = len(self._paces)
+        self._limits = tuple(limits)
+        n = len(self._limits)
         rest = stop_trajectory(
-            start if isinstance(start, TrajectoryPoint) else _rest_state(start, n), self._paces
+            start if isinstance(start, TrajectoryPoint) else _rest_state(start, n), self._limits
         )
-        self._limits = _check_limits(lower, upper, n)
-        self._lower = np.minimum(self._limits[0], rest.start.position) - _ROUNDING
-        self._upper = np.maximum(self._limits[1], rest.start.position) + _ROUNDING
+        self._bounds = _check_limits(lower, upper, n)
+        self._lower = np.minimum(self._bounds[0], rest.start.position) - _ROUNDING
+        self._upper = np.maximum(self._bounds[1], rest.start.position) + _ROUNDING
         if not self._ends_inside_limits(rest):
             raise RefusedError(
                 "The joints are too fast to stop inside their limits.",
@@ -71,17 +71,17 @@ class OnlineTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Return when it is at rest for good; infinite until it is ended."""
+        """Return when it is at rest finally; infinite until it is stopped."""
         return self._end_s
 
     @property
     def goal(self) -> Vector:
-        """Return where it comes to rest (n,): what it was last aimed at, inside the limits."""
+        """Return its final position (n,): the last goal, clipped to the bounds."""
         return self._pieces[-1][1].goal.copy()
 
     @property
     def settles_at_s(self) -> float:
-        """Return when it is at rest there, if nobody aims it elsewhere."""
+        """Return when it is at rest there, unless the goal changes."""
         since_s, move = self._pieces[-1]
         return since_s + move.duration_s
 
@@ -91,46 +91,45 @@ class OnlineTrajectory:
         return move.state(time_s - since_s)
 
     def retarget(
-        self, goal: ArrayLike, time_s: float, look: Callable[[RuckigMotion], None] | None = None
+        self, goal: ArrayLike, time_s: float, check: Callable[[RuckigMotion], None] | None = None
     ) -> Vector:
-        """Go to another goal from a time on; return where it will come to rest (n,).
+        """Set another goal from a time on; return the final position (n,).
 
-        A goal outside the limits is moved to the nearest position inside: whoever pulls an arm
-        past a limit finds it waiting there.
+        A goal outside the bounds is clipped to the nearest position inside.
 
         Args:
-            goal: Where to come to rest (n,), rad or m.
-            time_s: From when on; not before the last aim.
-            look: Looks at the way there before it is taken; what it raises leaves all as it was.
+            goal: The goal (n,), rad or m.
+            time_s: From when on; not before the last change.
+            check: Called with the motion before it is used; if it raises, nothing changes.
 
         Raises:
-            BadValueError: The goal's shape is wrong, a number is not finite, or the time goes back.
-            RefusedError: The course was ended. It goes on as it was.
+            BadValueError: The goal's shape is wrong, a number is not finite, or the time decreases.
+            RefusedError: The trajectory was stopped. It is unchanged.
         """
-        wanted = np.clip(finite_vector(goal, len(self._paces), "The goal"), *self._limits)
+        clipped = np.clip(finite_vector(goal, len(self._limits), "The goal"), *self._bounds)
         self._check_time(time_s)
         if math.isfinite(self._end_s):
             raise RefusedError("The motion has been ended.", "Begin another one.")
-        if not np.array_equal(wanted, self._pieces[-1][1].goal):
-            pieces = self._first_inside(self._candidate_trajectories(wanted, time_s))
-            if look:
-                look(pieces[-1][1])
+        if not np.array_equal(clipped, self._pieces[-1][1].goal):
+            pieces = self._first_inside(self._candidate_trajectories(clipped, time_s))
+            if check:
+                check(pieces[-1][1])
             self._pieces = pieces
         self._aimed_s = time_s
-        return wanted
+        return clipped
 
-    def set_limits(self, paces: Sequence[KinematicLimits]) -> None:
-        """Take other paces for the ways from the next aim on, none slower than those before."""
-        self._paces = tuple(paces)
+    def set_limits(self, limits: Sequence[KinematicLimits]) -> None:
+        """Set the limits of motions from the next goal on, none slower than those before."""
+        self._limits = tuple(limits)
 
     def stop(self, time_s: float) -> None:
-        """Come to rest as soon as the paces allow, from a time on; ``duration_s`` is then finite.
+        """Come to rest as soon as the limits allow; ``duration_s`` is then finite.
 
-        Where braking at once would pass a limit, it comes to rest where it was going. To end it
-        again changes nothing.
+        If braking at once would leave the bounds, it comes to rest at its goal. A second call
+        changes nothing.
 
         Raises:
-            BadValueError: The time goes back.
+            BadValueError: The time decreases.
         """
         if math.isfinite(self._end_s):
             return
@@ -139,34 +138,34 @@ class OnlineTrajectory:
         self._aimed_s, self._end_s = time_s, max(self.settles_at_s, time_s)
 
     def _candidate_trajectories(self, goal: Vector, time_s: float) -> Iterator[_Pieces]:
-        """Yield ways to a goal, the best first; the last goes by where the joints were going."""
-        before, here = _piece_at(self._pieces, time_s), self.state(time_s)
+        """Yield motions to a goal, the best first; the last is through the old goal."""
+        before, current = _piece_at(self._pieces, time_s), self.state(time_s)
         for together in (True, False):
             try:
-                yield before, (time_s, JointMove(here, goal, self._paces, together=together))
+                yield before, (time_s, JointMove(current, goal, self._limits, together=together))
             except RefusedError:
                 continue
         yield (
             *self._pieces,
-            (max(self.settles_at_s, time_s), JointMove(self.goal, goal, self._paces)),
+            (max(self.settles_at_s, time_s), JointMove(self.goal, goal, self._limits)),
         )
 
     def _candidate_stops(self, time_s: float) -> Iterator[_Pieces]:
-        """Yield ways to come to rest, the fastest first; the last is the one it is on."""
+        """Yield motions to rest, the fastest first; the last is the present one."""
         try:
-            stop = stop_trajectory(self.state(time_s), self._paces)
+            stop = stop_trajectory(self.state(time_s), self._limits)
             yield _piece_at(self._pieces, time_s), (time_s, stop)
         except RefusedError:
             pass
         yield self._pieces
 
-    def _first_inside(self, ways: Iterator[_Pieces]) -> _Pieces:
-        """Return the first way whose last piece is inside the limits, else the last way."""
-        way = self._pieces
-        for way in ways:
-            if self._ends_inside_limits(way[-1][1]):
+    def _first_inside(self, candidates: Iterator[_Pieces]) -> _Pieces:
+        """Return the first candidate whose last piece is in bounds, else the last candidate."""
+        pieces = self._pieces
+        for pieces in candidates:
+            if self._ends_inside_limits(pieces[-1][1]):
                 break
-        return way
+        return pieces
 
     def _ends_inside_limits(self, move: RuckigMotion) -> bool:
         lowest, highest = move.extent
@@ -180,7 +179,7 @@ class OnlineTrajectory:
 
 
 def _piece_at(pieces: _Pieces, time_s: float) -> tuple[float, RuckigMotion]:
-    """Return the piece that a time lies in, and when it began."""
+    """Return the piece of a time, and its start."""
     return next((piece for piece in reversed(pieces) if piece[0] <= time_s), pieces[0])
 
 
@@ -199,7 +198,7 @@ def _check_limits(
 
 
 def _check_bound(values: ArrayLike | None, n: int, default: float) -> Vector:
-    """Return one end of the limits; endless joints have an infinite one."""
+    """Return one end of the bounds; continuous joints have an infinite one."""
     given = np.full(n, default) if values is None else np.asarray(values, dtype=np.float64)
     if given.shape != (n,):
         raise BadValueError("The limits", f"of shape {given.shape}", f"shape ({n},)")

@@ -19,11 +19,11 @@ __all__ = ["ArmPlane", "BlendedPath", "OrientationInterpolation", "Path", "Splin
 
 
 class Path(Protocol):
-    """A smooth curve of n values over a distance, which may be metres, radians or any measure."""
+    """A smooth curve of n values over a distance, in metres, radians or another measure."""
 
     @property
     def length(self) -> float:
-        """Return the distance at its end; it begins at 0."""
+        """Return the distance at its end; it starts at 0."""
         ...
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
@@ -31,28 +31,28 @@ class Path(Protocol):
         ...
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Return what slope, bend and twist (n,) are at most, as magnitudes, in a stretch of it.
+        """Return the maxima of slope, bend and twist (n,), as magnitudes, between two distances.
 
         The twist is the third derivative.
         """
         ...
 
 
-# Nearer than this two points are one.
+# Points nearer than this are equal.
 _SAME_POINT_M = 1e-9
 
 
 class BlendedPath:
     """Straight lines through points in n dimensions, with a blend instead of each corner.
 
-    In a blend the slope goes over from one line's direction to the other's by the polynomial
+    In a blend the slope changes from one line's direction to the other's by the polynomial
     3x² - 2x³, so that slope and bend are continuous. The curve then passes each corner at no more
     than 3/8 of the blend, stays inside the box of its points, and is never longer than the lines.
 
     Args:
         points: The points (k, n).
-        blends: At which distance before each of the k - 2 inner points the line is left; half of
-            a line at most is used.
+        blends: The distance before each of the k - 2 inner points at which the line is left; half
+            of a line at most is used.
         order: The norm that measures distances: 2 for metres in space, inf for joints.
 
     Raises:
@@ -74,9 +74,9 @@ class BlendedPath:
         return [*self._begins, self.length]
 
     def path_length(self) -> float:
-        """Return how long the curve itself is: corners that are cut make it shorter."""
-        looks = np.linspace(0.0, self.length, 2 + 64 * len(self._pieces))
-        points = np.array([self.at(distance)[0] for distance in looks.tolist()])
+        """Return the length of the curve itself: blended corners make it shorter."""
+        distances = np.linspace(0.0, self.length, 2 + 64 * len(self._pieces))
+        points = np.array([self.at(distance)[0] for distance in distances.tolist()])
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
@@ -87,7 +87,7 @@ class BlendedPath:
         return self._pieces[max(bisect_right(self._begins, inside) - 1, 0)].at(inside)
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Return what slope, bend and twist (n,) are at most between two distances."""
+        """Return the maxima of slope, bend and twist (n,) between two distances."""
         inside = [p.max_derivatives() for p in self._pieces if p.begin < end and p.end > begin]
         slopes, bends, twists = zip(*inside, strict=True)
         return np.max(slopes, axis=0), np.max(bends, axis=0), np.max(twists, axis=0)
@@ -95,7 +95,7 @@ class BlendedPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BlendSegment:
-    """A line, or a blend of two: its slope goes from one direction (n,) to the other."""
+    """A line, or a blend of two: its slope changes from one direction (n,) to the other."""
 
     begin: float
     end: float
@@ -104,24 +104,24 @@ class _BlendSegment:
     next_slope: Vector
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        width, turn = self.end - self.begin, self.next_slope - self.slope
+        width, change = self.end - self.begin, self.next_slope - self.slope
         x = (distance - self.begin) / width
         return (
-            self.point + width * (x * self.slope + x**3 * (1.0 - 0.5 * x) * turn),
-            self.slope + x * x * (3.0 - 2.0 * x) * turn,
-            6.0 * x * (1.0 - x) / width * turn,
+            self.point + width * (x * self.slope + x**3 * (1.0 - 0.5 * x) * change),
+            self.slope + x * x * (3.0 - 2.0 * x) * change,
+            6.0 * x * (1.0 - x) / width * change,
         )
 
     def max_derivatives(self) -> tuple[Vector, Vector, Vector]:
-        width, turn = self.end - self.begin, np.abs(self.next_slope - self.slope)
+        width, change = self.end - self.begin, np.abs(self.next_slope - self.slope)
         slope = np.maximum(np.abs(self.slope), np.abs(self.next_slope))
-        return slope, 1.5 / width * turn, 6.0 / width**2 * turn
+        return slope, 1.5 / width * change, 6.0 / width**2 * change
 
 
 def _drop_repeated_points(
     points: Matrix, blends: Sequence[float], order: float
 ) -> tuple[Matrix, list[float]]:
-    """Leave out points that are where the one before is, and their blends."""
+    """Remove points equal to the one before, and their blends."""
     kept, kept_blends = [points[0]], list[float]()
     radii = [0.0, *blends, 0.0]
     for point, blend in zip(points[1:], radii[1:], strict=True):
@@ -137,19 +137,23 @@ def _make_segments(points: Matrix, blends: Sequence[float], order: float) -> lis
     slopes = [leg / length for leg, length in zip(legs, lengths, strict=True)]
     cuts = [min(r, 0.5 * a, 0.5 * b) for r, (a, b) in zip(blends, pairwise(lengths), strict=True)]
     pieces: list[_BlendSegment] = []
-    gone = 0.0
+    travelled = 0.0
     for i, (slope, length) in enumerate(zip(slopes, lengths, strict=True)):
         before, after = (0.0, *cuts)[i], (*cuts, 0.0)[i]
         straight = length - before - after
         if straight > _SAME_POINT_M:
             pieces.append(
-                _BlendSegment(gone, gone + straight, points[i] + before * slope, slope, slope)
+                _BlendSegment(
+                    travelled, travelled + straight, points[i] + before * slope, slope, slope
+                )
             )
-            gone += straight
+            travelled += straight
         if after > 0.0:
             entry = points[i + 1] - after * slope
-            pieces.append(_BlendSegment(gone, gone + 2.0 * after, entry, slope, slopes[i + 1]))
-            gone += 2.0 * after
+            pieces.append(
+                _BlendSegment(travelled, travelled + 2.0 * after, entry, slope, slopes[i + 1])
+            )
+            travelled += 2.0 * after
     return pieces
 
 
@@ -157,15 +161,15 @@ _NEGLIGIBLE = 1e-300
 
 
 class SplinePath:
-    """The cubic spline through points at even distances (scipy's, not-a-knot ends).
+    """The cubic spline through points at given distances (scipy's, not-a-knot ends).
 
     Args:
-        distances: Where the points stand (k,), increasing from 0; at least four.
+        distances: The distances of the points (k,), increasing from 0; at least four.
         points: The points (k, n).
 
     Attributes:
-        distances: Where its points stand.
-        length: Where the last one stands.
+        distances: The distances of its points.
+        length: The distance of the last one.
     """
 
     def __init__(self, distances: Vector, points: Matrix) -> None:
@@ -189,7 +193,7 @@ class SplinePath:
         return np.asarray(self._curve(distances), dtype=np.float64)
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Return what slope, bend and twist (n,) are at most between two distances."""
+        """Return the maxima of slope, bend and twist (n,) between two distances."""
         first = max(int(np.searchsorted(self.distances, begin, side="right")) - 1, 0)
         last = max(int(np.searchsorted(self.distances, end, side="left")), first + 1)
         pieces = slice(first, last)
@@ -213,27 +217,27 @@ _PARALLEL = 0.99
 
 
 class ArmPlane:
-    """How far the plane of an arm is turned about the vertical.
+    """The vertical plane of an arm, rotated about the vertical by its first joint.
 
-    An arm of four or five joints turns its tool's heading with its first joint, whether one wants
-    it or not; in the plane, what is left to it is pitch and roll. Arms with six joints or more,
-    and such that lie flat, have no plane: they keep an orientation in the world.
+    The first joint of an arm with four or five joints also rotates its tool's heading; pitch and
+    roll remain free in the plane. Arms with six joints or more, and such without an upright
+    first axis, have no plane: they keep an orientation in the world.
 
     Args:
         chain: The arm.
-        in_world: Whether orientations count in the world all the same.
+        in_world: Whether orientations are in the world frame in any case.
     """
 
     def __init__(self, chain: Chain, *, in_world: bool = False) -> None:
         axes = chain.jacobian(chain.mid_range())[3:, :2].T
         upright = abs(float(axes[0, 2])) > _PARALLEL
-        swings = chain.dof > 1 and abs(float(axes[0] @ axes[-1])) < 1.0 - _PARALLEL
-        self.turns = not in_world and chain.dof < _FREE_WRIST_DOF and upright and swings
+        moves_in_plane = chain.dof > 1 and abs(float(axes[0] @ axes[-1])) < 1.0 - _PARALLEL
+        self.rotates = not in_world and chain.dof < _FREE_WRIST_DOF and upright and moves_in_plane
         self._axis: Vector = np.sign(axes[0, 2]) * np.array([0.0, 0.0, 1.0])
 
     def angle_rad(self, q: Vector) -> float:
-        """Return how far the plane is turned at joints (dof,); 0 for arms without one."""
-        return float(self._axis[2] * q[0]) if self.turns else 0.0
+        """Return the rotation of the plane at joints (dof,); 0 for arms without one."""
+        return float(self._axis[2] * q[0]) if self.rotates else 0.0
 
     def rotation(self, q: Vector) -> Matrix:
         """Return the rotation R_world_plane (3, 3) at joints (dof,)."""
@@ -242,32 +246,32 @@ class ArmPlane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationInterpolation:
-    """An orientation that goes evenly from one to another about one axis, in the arm's plane.
+    """An orientation that rotates evenly from one to another about one axis, in the arm plane.
 
     Attributes:
-        plane: What carries the orientation along.
-        start: The orientation R_plane_tool (3, 3) at the beginning.
-        turn_rad: The rotation vector (3,) of the whole turn, in the plane.
+        plane: The plane that the orientation is relative to.
+        start: The orientation R_plane_tool (3, 3) at the start.
+        rotation_rad: The rotation vector (3,) of the whole rotation, in the plane.
     """
 
     plane: ArmPlane
     start: Matrix
-    turn_rad: Vector
+    rotation_rad: Vector
 
     @classmethod
     def between(
         cls, plane: ArmPlane, start: tuple[Matrix, Vector], end: tuple[Matrix, Vector]
     ) -> OrientationInterpolation:
-        """Return the shortest turn between orientations R_world_tool at their joints (dof,)."""
+        """Return the shortest rotation between orientations R_world_tool at joints (dof,)."""
         first = plane.rotation(start[1]).T @ start[0]
         last = plane.rotation(end[1]).T @ end[0]
         return cls(plane, first, log_so3(last @ first.T))
 
     @classmethod
     def constant(cls, plane: ArmPlane, R_world_tool: Matrix, q: Vector) -> OrientationInterpolation:
-        """Return the orientation at joints (dof,), kept."""
+        """Return a constant orientation, that at joints (dof,)."""
         return cls.between(plane, (R_world_tool, q), (R_world_tool, q))
 
-    def at(self, share: float, q: Vector) -> Matrix:
-        """Return the orientation R_world_tool (3, 3) wanted at joints (dof,), a share along."""
-        return self.plane.rotation(q) @ exp_so3(share * self.turn_rad) @ self.start
+    def at(self, fraction: float, q: Vector) -> Matrix:
+        """Return the desired R_world_tool (3, 3) at a fraction of the path, at joints (dof,)."""
+        return self.plane.rotation(q) @ exp_so3(fraction * self.rotation_rad) @ self.start

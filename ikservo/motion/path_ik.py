@@ -12,14 +12,14 @@ from ikservo.motion.path import BlendedPath, OrientationInterpolation
 
 __all__ = ["track_path"]
 
-# So tight that the third difference of what is solved every half millimetre is no noise.
+# So small that the third difference of points every half millimetre is no noise.
 _TIGHT = Tolerance(1e-7, 1e-6)
 _REACHED_M = 1e-6
-# A millimetre, or a radian of the tool, that takes a joint this far runs past a singularity or to
-# another branch.
+# A joint that moves so far for a millimetre, or a radian of the tool, passes a singularity or
+# changes its branch.
 _MAX_RAD_PER_M, _MAX_STEP_RAD = 60.0, 6.0
-# How far inside its limits a line keeps a joint, as a share of the joint's range: the spline
-# between the solved points may swing a little.
+# Margin to the limits on a line, as a fraction of the joint's range: the spline between the solved
+# points may overshoot a little.
 _INSIDE = 5e-4
 _MAX_ITERATIONS, _SAME_PLANE_RAD = 8, 1e-10
 
@@ -28,34 +28,34 @@ def track_path(
     chain: Chain,
     start: Vector,
     path: BlendedPath,
-    turning: OrientationInterpolation | None,
+    orientation: OrientationInterpolation | None,
     count: int,
 ) -> Matrix:
-    """Follow a path with the tip; its position is met exactly, its orientation as it can be.
+    """Follow a path with the tip; position exactly, orientation as well as possible.
 
     Args:
         chain: The arm.
-        start: The joints where it begins (dof,).
-        path: Where the tip goes, metres, base frame.
-        turning: How the tool shall stand; None if any way will do.
-        count: How many points, both ends included.
+        start: The joints at the start (dof,).
+        path: The path of the tip, metres, base frame.
+        orientation: The desired orientation; None if it is free.
+        count: Number of points, both ends included.
 
     Returns:
         The joints at even distances (count, dof).
 
     Raises:
-        LineError: The path leaves what the arm reaches on this branch; says where.
+        CartesianPathError: The path leaves the arm's reach on this branch; names the place.
     """
     solver = Solver(
         _with_tight_limits(chain, start),
-        "position" if turning is None else "pose",
+        "position" if orientation is None else "pose",
         options=Options(_TIGHT, position_first=True),
     )
     joints = [start]
-    steepest_rad = _max_joint_step_rad(path, turning, count)
-    for share in np.linspace(0.0, 1.0, count)[1:].tolist():
-        q = _solve_point(solver, path, turning, share, joints[-1])
-        _check_path_step(chain, solver, path, share, joints[-1], q, steepest_rad)
+    max_step_rad = _max_joint_step_rad(path, orientation, count)
+    for fraction in np.linspace(0.0, 1.0, count)[1:].tolist():
+        q = _solve_point(solver, path, orientation, fraction, joints[-1])
+        _check_path_step(chain, solver, path, fraction, joints[-1], q, max_step_rad)
         joints.append(q)
     return np.array(joints)
 
@@ -63,20 +63,20 @@ def track_path(
 def _solve_point(
     solver: Solver,
     path: BlendedPath,
-    turning: OrientationInterpolation | None,
-    share: float,
+    orientation: OrientationInterpolation | None,
+    fraction: float,
     before: Vector,
 ) -> Vector:
     T = np.eye(4)
-    T[:3, 3] = path.at(share * path.length)[0]
-    if turning is None:
+    T[:3, 3] = path.at(fraction * path.length)[0]
+    if orientation is None:
         return solver.track(T, before)[0]
     q = before
     for _ in range(_MAX_ITERATIONS):
-        T[:3, :3] = turning.at(share, q)
-        turned_rad = turning.plane.angle_rad(q)
+        T[:3, :3] = orientation.at(fraction, q)
+        angle_rad = orientation.plane.angle_rad(q)
         q = solver.track(T, before)[0]
-        if abs(turning.plane.angle_rad(q) - turned_rad) < _SAME_PLANE_RAD:
+        if abs(orientation.plane.angle_rad(q) - angle_rad) < _SAME_PLANE_RAD:
             break
     return q
 
@@ -85,39 +85,39 @@ def _check_path_step(
     chain: Chain,
     solver: Solver,
     path: BlendedPath,
-    share: float,
+    fraction: float,
     before: Vector,
     q: Vector,
-    steepest_rad: float,
+    max_step_rad: float,
 ) -> None:
-    """Refuse a step that does not reach, or that takes a joint too far."""
+    """Raise for a step that does not reach its point, or moves a joint too far."""
     result = solver.result
     steps = np.abs(q - before)
-    if result.position_error_m <= _REACHED_M and steps.max() <= steepest_rad:
+    if result.position_error_m <= _REACHED_M and steps.max() <= max_step_rad:
         return
     if result.position_error_m > _REACHED_M:
         why = [str(limit) for limit in result.binding] or [NOT_LIMITED]
     else:
         why = [f"{chain.names[int(steps.argmax())]} would have to jump (singularity)"]
     raise CartesianPathError(
-        share * path.length,
-        path.at(share * path.length)[0].tolist(),
+        fraction * path.length,
+        path.at(fraction * path.length)[0].tolist(),
         chain.forward(before)[:3, 3].tolist(),
         why,
     )
 
 
 def _max_joint_step_rad(
-    path: BlendedPath, turning: OrientationInterpolation | None, count: int
+    path: BlendedPath, orientation: OrientationInterpolation | None, count: int
 ) -> float:
-    turn_rad = 0.0 if turning is None else float(np.linalg.norm(turning.turn_rad))
-    return (_MAX_RAD_PER_M * path.length + _MAX_STEP_RAD * turn_rad) / (count - 1) + 1e-6
+    rotation_rad = 0.0 if orientation is None else float(np.linalg.norm(orientation.rotation_rad))
+    return (_MAX_RAD_PER_M * path.length + _MAX_STEP_RAD * rotation_rad) / (count - 1) + 1e-6
 
 
 def _with_tight_limits(chain: Chain, start: Vector) -> Chain:
-    """Return the chain with limits a hair tighter, the start always inside."""
-    room = np.where(np.isfinite(chain.upper_rad - chain.lower_rad), _INSIDE, 0.0)
-    span = np.where(room > 0.0, chain.upper_rad - chain.lower_rad, 0.0)
-    lower = np.minimum(chain.lower_rad + room * span, start)
-    upper = np.maximum(chain.upper_rad - room * span, start)
+    """Return the chain with slightly tighter limits, the start always inside."""
+    margin = np.where(np.isfinite(chain.upper_rad - chain.lower_rad), _INSIDE, 0.0)
+    span = np.where(margin > 0.0, chain.upper_rad - chain.lower_rad, 0.0)
+    lower = np.minimum(chain.lower_rad + margin * span, start)
+    upper = np.maximum(chain.upper_rad - margin * span, start)
     return chain.with_limits(lower, upper)

@@ -29,8 +29,8 @@ __all__ = ["JointMove", "RuckigMotion", "position_bounds", "stop_trajectory"]
 def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
     """Return the lowest and the highest positions (n,) of a trajectory.
 
-    ruckig's own ``position_extrema`` knows only where its jerk changes, and a joint that turns
-    round does so between two such instants.
+    ruckig's own ``position_extrema`` contains only instants of changing jerk, but a joint that
+    reverses does so between two of them.
     """
     (profiles,) = trajectory.profiles
     reached = [list(_extreme_candidates(profile)) for profile in profiles]
@@ -38,7 +38,7 @@ def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
 
 
 def _extreme_candidates(profile: Profile) -> Iterator[float]:
-    """Yield the positions where the jerk changes, and those where the joint stands."""
+    """Yield the positions where the jerk changes, and those where the velocity is 0."""
     brake = profile.brake
     yield from _segment_extremes(brake.t, brake.p, brake.v, brake.a, brake.j)
     yield from _segment_extremes(profile.t, profile.p, profile.v, profile.a, profile.j)
@@ -59,7 +59,7 @@ def _segment_extremes(
 
 
 def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[float]:
-    """Return when ``v + a t + j t² / 2`` is 0, between 0 and a time."""
+    """Return the times of ``v + a t + j t² / 2 = 0`` between 0 and a time."""
     root = a * a - 2.0 * j * v
     if root < 0.0:
         return []
@@ -73,17 +73,17 @@ _MAX_REASON_CHARS = 120
 
 
 class RuckigMotion:
-    """A motion of n joints that has been computed; ready to be sampled at any time.
+    """A computed motion of n joints; can be sampled at any time.
 
     Args:
-        start: The state in which it begins.
-        end: The state in which it ends, and stays.
+        start: The start state.
+        end: The end state, which is kept afterwards.
         trajectory: The computed motion.
-        top_speeds: The speed that each joint never exceeds, rad/s or m/s.
+        top_speeds: The maximum speed of each joint, rad/s or m/s.
 
     Attributes:
-        start: The state in which it begins.
-        goal: Where it ends (n,), rad or m.
+        start: The start state.
+        goal: The end position (n,), rad or m.
     """
 
     def __init__(
@@ -103,16 +103,16 @@ class RuckigMotion:
 
     @property
     def extent(self) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest positions (n,) on the way."""
+        """Return the lowest and the highest positions (n,) of the motion."""
         return position_bounds(self._trajectory)
 
     @property
     def top_speed(self) -> float:
-        """Return the speed that no joint exceeds, rad/s or m/s."""
+        """Return the maximum speed of any joint, rad/s or m/s."""
         return max(abs(speed) for speed in self._top_speeds)
 
     def at(self, time_s: float) -> Vector:
-        """Return the joints (n,) at a time; the start before it begins, the goal after it ends."""
+        """Return the joints (n,) at a time; the start before its start, the goal after its end."""
         return self.state(time_s).position
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -125,15 +125,15 @@ class RuckigMotion:
 
 
 class JointMove(RuckigMotion):
-    """A motion of n joints to a goal, ready to be asked for any instant.
+    """A motion of n joints to a goal.
 
-    It may begin in the middle of another motion: a new goal is then reached without a stop and
+    It may start in the middle of another motion: a new goal is then reached without a stop and
     without a jump in position, velocity or acceleration.
 
     Args:
-        start: Where it begins: joints at rest (n,), rad or m, or the state of a running motion.
-        goal: Where it ends: joints at rest (n,), or the state in which another motion goes on.
-        paces: The pace of each joint.
+        start: The start: joints at rest (n,), rad or m, or the state of a running motion.
+        goal: The end: joints at rest (n,), or a state in motion.
+        limits: The kinematic limits of each joint.
         together: Whether all joints arrive at once; else each as soon as it can.
 
     Raises:
@@ -145,40 +145,45 @@ class JointMove(RuckigMotion):
         self,
         start: ArrayLike | TrajectoryPoint,
         goal: ArrayLike | TrajectoryPoint,
-        paces: Sequence[KinematicLimits],
+        limits: Sequence[KinematicLimits],
         *,
         together: bool = True,
     ) -> None:
-        n = len(paces)
+        n = len(limits)
         begin, end = _check_state(start, n, "start"), _check_state(goal, n, "goal")
-        wanted = _make_ruckig_input(begin, paces)
-        wanted.target_position = end.position.tolist()
-        wanted.target_velocity = end.velocity.tolist()
-        wanted.target_acceleration = end.acceleration.tolist()
-        # Joints in phase go straight from start to goal, where their paces and motion allow it.
-        wanted.synchronization = Synchronization.Phase if together else Synchronization.No
+        parameters = _make_ruckig_input(begin, limits)
+        parameters.target_position = end.position.tolist()
+        parameters.target_velocity = end.velocity.tolist()
+        parameters.target_acceleration = end.acceleration.tolist()
+        # Phase-synchronised joints move straight from start to goal, if limits and state allow it.
+        parameters.synchronization = Synchronization.Phase if together else Synchronization.No
         super().__init__(
-            begin, end, _calculate_trajectory(wanted, n), [pace.speed_rad_s for pace in paces]
+            begin,
+            end,
+            _calculate_trajectory(parameters, n),
+            [limit.speed_rad_s for limit in limits],
         )
 
 
-def stop_trajectory(moving: TrajectoryPoint, paces: Sequence[KinematicLimits]) -> RuckigMotion:
-    """Return the motion that brings moving joints to rest as soon as their paces allow.
+def stop_trajectory(moving: TrajectoryPoint, limits: Sequence[KinematicLimits]) -> RuckigMotion:
+    """Return the motion that brings moving joints to rest as soon as their limits allow.
 
     Raises:
         BadValueError: A shape is wrong or a number is not finite.
         RefusedError: No motion was found.
     """
-    wanted = _make_ruckig_input(_check_state(moving, len(paces), "start"), paces)
-    wanted.control_interface = ControlInterface.Velocity
-    wanted.synchronization = Synchronization.No
-    stop = _calculate_trajectory(wanted, len(paces))
+    parameters = _make_ruckig_input(_check_state(moving, len(limits), "start"), limits)
+    parameters.control_interface = ControlInterface.Velocity
+    parameters.synchronization = Synchronization.No
+    stop = _calculate_trajectory(parameters, len(limits))
     rest, _, _ = stop.at_time(stop.duration)
-    return RuckigMotion(moving, TrajectoryPoint.at_rest(np.array(rest)), stop, wanted.max_velocity)
+    return RuckigMotion(
+        moving, TrajectoryPoint.at_rest(np.array(rest)), stop, parameters.max_velocity
+    )
 
 
 def _check_state(at: ArrayLike | TrajectoryPoint, n: int, which: str) -> TrajectoryPoint:
-    """Return a state of n joints; at rest, where only their positions are given."""
+    """Return a state of n joints; at rest, if only positions are given."""
     if not isinstance(at, TrajectoryPoint):
         return TrajectoryPoint.at_rest(finite_vector(at, n, f"The {which} of the motion"))
     finite_vector(at.position, n, f"The {which} of the motion")
@@ -187,26 +192,26 @@ def _check_state(at: ArrayLike | TrajectoryPoint, n: int, which: str) -> Traject
     return at
 
 
-def _make_ruckig_input(start: TrajectoryPoint, paces: Sequence[KinematicLimits]) -> InputParameter:
-    wanted = InputParameter(len(paces))
-    wanted.current_position = start.position.tolist()
-    wanted.current_velocity = start.velocity.tolist()
-    wanted.current_acceleration = start.acceleration.tolist()
-    wanted.max_velocity = [pace.speed_rad_s for pace in paces]
-    wanted.max_acceleration = [pace.acceleration_rad_s2 for pace in paces]
-    wanted.max_jerk = [pace.jerk_rad_s3 for pace in paces]
-    return wanted
+def _make_ruckig_input(start: TrajectoryPoint, limits: Sequence[KinematicLimits]) -> InputParameter:
+    parameters = InputParameter(len(limits))
+    parameters.current_position = start.position.tolist()
+    parameters.current_velocity = start.velocity.tolist()
+    parameters.current_acceleration = start.acceleration.tolist()
+    parameters.max_velocity = [limit.speed_rad_s for limit in limits]
+    parameters.max_acceleration = [limit.acceleration_rad_s2 for limit in limits]
+    parameters.max_jerk = [limit.jerk_rad_s3 for limit in limits]
+    return parameters
 
 
-def _calculate_trajectory(wanted: InputParameter, n: int) -> Trajectory:
+def _calculate_trajectory(parameters: InputParameter, n: int) -> Trajectory:
     """Return the fastest trajectory.
 
-    ruckig tells most failures by an exception and the others by its result; none may pass, for
-    a trajectory that was not found is one to anywhere.
+    ruckig reports most failures by an exception and the others by its result; all are checked,
+    for a trajectory that was not found could lead anywhere.
     """
     trajectory = Trajectory(n)
     try:
-        result = Ruckig(n).calculate(wanted, trajectory)
+        result = Ruckig(n).calculate(parameters, trajectory)
     except RuckigError as error:
         raise _ruckig_error(str(error)) from None
     if result not in (Result.Working, Result.Finished):

@@ -31,17 +31,17 @@ class TrajectoryPoint:
 
     @classmethod
     def at_rest(cls, position: ArrayLike) -> TrajectoryPoint:
-        """Return the state of joints (n,) that stand still."""
+        """Return the state of joints (n,) at rest."""
         at = np.asarray(position, dtype=np.float64)
         return cls(at, np.zeros_like(at), np.zeros_like(at))
 
 
 class Trajectory(Protocol):
-    """What joints do in time: a pure function of the seconds since it began."""
+    """A motion of joints in time: a pure function of the seconds since its start."""
 
     @property
     def duration_s(self) -> float:
-        """Return how long it takes; infinite for one that goes on until it is told to end."""
+        """Return its duration; infinite for one that runs until it is stopped."""
         ...
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -51,7 +51,7 @@ class Trajectory(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class KinematicLimits:
-    """How fast a joint may go; metres instead of radians for a prismatic joint.
+    """The limits of a joint's motion; metres instead of radians for a prismatic joint.
 
     Raises:
         BadValueError: One of the three is not a positive number.
@@ -65,18 +65,18 @@ class KinematicLimits:
         for name in ("speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3"):
             value = getattr(self, name)
             if not 0.0 < value < float("inf"):
-                raise BadValueError(f"The pace's {name}", value, "a positive number")
+                raise BadValueError(f"The limit {name}", value, "a positive number")
 
     @property
     def stopping_time_s(self) -> float:
-        """Return how long it takes from full speed to rest."""
+        """Return the time from full speed to rest."""
         return (
             self.speed_rad_s / self.acceleration_rad_s2
             + self.acceleration_rad_s2 / self.jerk_rad_s3
         )
 
     def scale_units(self, factor: float) -> KinematicLimits:
-        """Return the pace in units that are ``1 / factor`` as long: a slide's, a gear's."""
+        """Return the limits in units ``1 / factor`` as long: a prismatic joint's, a gear's."""
         return KinematicLimits(
             self.speed_rad_s * factor,
             self.acceleration_rad_s2 * factor,
@@ -85,44 +85,44 @@ class KinematicLimits:
 
 
 class SubsetTrajectory:
-    """A course of n joints, of which some follow another course and the rest stay.
+    """A trajectory of n joints, of which some follow another trajectory and the rest hold.
 
     Args:
-        course: What those some do.
-        columns: Which of the n joints they are.
-        here: Where all joints are at the beginning (n,), rad or m.
+        trajectory: The trajectory of the moving joints.
+        columns: Their indices among the n joints.
+        start: The start of all joints (n,), rad or m.
     """
 
-    def __init__(self, course: Trajectory, columns: Sequence[int], here: Vector) -> None:
-        self._course, self._columns, self._here = course, list(columns), here
+    def __init__(self, trajectory: Trajectory, columns: Sequence[int], start: Vector) -> None:
+        self._trajectory, self._columns, self._start = trajectory, list(columns), start
 
     @property
     def duration_s(self) -> float:
-        """Return how long it takes."""
-        return self._course.duration_s
+        """Return its duration."""
+        return self._trajectory.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
         """Return position, velocity and acceleration (n,) at a time."""
-        some = self._course.state(time_s)
-        everything = TrajectoryPoint.at_rest(self._here)
+        some = self._trajectory.state(time_s)
+        all_joints = TrajectoryPoint.at_rest(self._start)
         return TrajectoryPoint(
-            self._embed_values(everything.position, some.position),
-            self._embed_values(everything.velocity, some.velocity),
-            self._embed_values(everything.acceleration, some.acceleration),
+            self._embed_values(all_joints.position, some.position),
+            self._embed_values(all_joints.velocity, some.velocity),
+            self._embed_values(all_joints.acceleration, some.acceleration),
         )
 
     def _embed_values(self, values: Vector, some: Vector) -> Vector:
-        whole: Vector = np.array(values)
-        whole[self._columns] = some
-        return whole
+        embedded: Vector = np.array(values)
+        embedded[self._columns] = some
+        return embedded
 
 
 class ConcatenatedTrajectory:
-    """A course that rests where the next one begins, and goes on with it.
+    """A trajectory that continues with a second one where it comes to rest.
 
     Args:
-        first: What is done first; ends at rest.
-        second: What is done then; begins at rest where the first one ends.
+        first: The first one; ends at rest.
+        second: The second one; starts at rest where the first one ends.
     """
 
     def __init__(self, first: Trajectory, second: Trajectory) -> None:
@@ -130,7 +130,7 @@ class ConcatenatedTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Return how long both take."""
+        """Return the duration of both."""
         return self._first.duration_s + self._second.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:

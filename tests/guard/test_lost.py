@@ -17,7 +17,7 @@ def test_the_third_cycle_in_a_row_without_an_answer_names_the_joint():
 
 
 def test_all_that_are_silent_are_named():
-    losses = CommunicationMonitor(["elbow", "wrist"], most=1)
+    losses = CommunicationMonitor(["elbow", "wrist"], max_lost=1)
     with pytest.raises(ServoSilentError, match="elbow, wrist did not answer"):
         losses.update(())
 

@@ -102,7 +102,7 @@ def test_an_arm_with_a_free_wrist_keeps_the_whole_orientation(name):
     motion = LinearTrajectory(chain, q, goal_m, [PACES[0]] * chain.dof)
     turned = chain.forward(motion.goal)[:3, :3] @ chain.forward(q)[:3, :3].T
     assert math.degrees(np.linalg.norm(log_so3(turned))) < 0.1
-    assert math.degrees(motion.left_rad.max()) < 0.1
+    assert math.degrees(motion.orientation_error_rad.max()) < 0.1
 
 
 @pytest.mark.parametrize("name", ["so101", "omx_f", "open_manipulator_x", "px100"])
@@ -132,7 +132,7 @@ def test_turned_along_the_turn_goes_evenly():
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
     motion = LinearTrajectory(chain, q, chain.forward(end)[:3, 3], [PACES[0]] * chain.dof, end=end)
-    assert math.degrees(motion.left_rad.max()) < 0.1
+    assert math.degrees(motion.orientation_error_rad.max()) < 0.1
 
 
 def test_a_turn_in_place_leaves_the_tip_where_it_is():
