@@ -11,7 +11,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,14 +60,6 @@ class Served:
         return {servo["id"]: servo["position"] for servo in self.state()}
 
 
-def first(process: int) -> None:
-    """Let the simulator go before others, where it may: servos have processors of their own."""
-    with suppress(PermissionError, AttributeError):  # Windows has no such thing
-        os.setpriority(os.PRIO_PROCESS, process, -10)
-    with suppress(OSError):  # Linux may share processors among sessions first, whatever is in them
-        Path(f"/proc/{process}/autogroup").write_text("-10")
-
-
 @contextmanager
 def served(name: str, folder: Path, pose: str = "home") -> Generator[Served]:
     """Serve an arm, limp in a pose at first, until the block ends."""
@@ -80,7 +72,6 @@ def served(name: str, folder: Path, pose: str = "home") -> Generator[Served]:
     ) as server:  # fmt: skip
         assert server.stdout is not None  # it was asked for
         server.stdout.readline()
-        first(server.pid)
         try:
             yield arm
         finally:

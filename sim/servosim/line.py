@@ -189,6 +189,11 @@ class Line:
         return max((at_s for at_s, _, _ in self._due), default=self.host_end_s)
 
     @property
+    def replies_end_s(self) -> float:
+        """When the last byte of all replies so far has passed over the line."""
+        return max((reply.end_s for reply in self._replies), default=0.0)
+
+    @property
     def next_event_s(self) -> float | None:
         """When the next frame will have been heard, or None when the line is idle."""
         return self._due[0][0] if self._due else None

@@ -12,9 +12,11 @@ import termios
 import time
 import tty
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from servosim.errors import SimulatorError
+from servosim.frames import FrameReader
 from servosim.line import Line
 
 __all__ = ["PtyBus", "line_speed", "point_link", "remove_link"]
@@ -83,6 +85,7 @@ class PtyBus:
         self.line, self.link = line, link
         self.follow_baud = True
         self._start_s = time.monotonic()
+        self._readers: dict[type[FrameReader], FrameReader] = {}
         self._master = -1
         self.path = Path()
         self.plug()
@@ -149,8 +152,22 @@ class PtyBus:
         now_s = self.now_s()
         if self.follow_baud:
             self.line.set_baud(line_speed(self._master) or self.line.baud)
-        self.line.host_write(data, now_s)
-        self.line.run_until(self.line.all_received_s)
+        for part in self._split_after_instructions(data):
+            self.line.host_write(part, max(now_s, self.line.replies_end_s))
+            self.line.run_until(self.line.all_received_s)
+
+    def _split_after_instructions(self, data: bytes) -> list[bytes]:
+        """Cut what was read behind each instruction, so that each waits for the reply before it.
+
+        Nobody knows when waiting bytes were written. A server that was not scheduled in time finds
+        an instruction and its repetition in one read; taken for one burst they would collide with
+        the reply, as they never do on servos, which reply at once.
+        """
+        for framing in {servo.framing for servo in self.line.world.servos} - set(self._readers):
+            self._readers[framing] = framing()
+        ends = {frame.end for reader in self._readers.values() for frame in reader.feed(data)}
+        cuts = [0, *sorted(ends - {len(data)}), len(data)]
+        return [data[start:end] for start, end in pairwise(cuts)]
 
     def _read_terminal(self) -> bytes:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import socket
 import subprocess
@@ -370,6 +371,12 @@ def test_places_that_cannot_be_used_are_explained_and_left_alone(
     assert complaint in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
     assert Path("taken").read_text() == "precious"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="takes permission")
+def test_the_server_runs_before_other_programs_where_that_is_permitted(server):
+    process, _ = server("--servo", "1:sts3215")
+    assert os.getpriority(os.PRIO_PROCESS, process.pid) < os.getpriority(os.PRIO_PROCESS, 0)
 
 
 def test_a_link_that_another_server_has_taken_over_stays(tmp_path):

@@ -10,12 +10,11 @@ from __future__ import annotations
 import argparse
 import math
 import multiprocessing
-import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -64,12 +63,6 @@ def load(count: int) -> Generator[None]:
             process.terminate()
 
 
-def first(process: int) -> None:
-    """Let a process go before others, where that is allowed."""
-    with suppress(PermissionError, AttributeError):  # Windows has no such thing
-        os.setpriority(os.PRIO_PROCESS, process, -10)
-
-
 @contextmanager
 def served(name: str) -> Generator[str]:
     """Serve an arm on a pseudo-terminal; yield its port."""
@@ -81,7 +74,6 @@ def served(name: str) -> Generator[str]:
         ) as server:
             assert server.stdout is not None  # it was asked for
             server.stdout.readline()
-            first(server.pid)
             try:
                 yield link
             finally:

@@ -1,0 +1,70 @@
+"""The line behind a pseudo-terminal, when its server is late."""
+
+import os
+import sys
+import time
+
+import pytest
+
+from servosim.assembly import BenchServo, make_bench_world
+from servosim.frames import checksum
+from servosim.line import Line
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+
+BAUD = 1_000_000
+PING_1, PING_2 = bytes.fromhex("FFFF010201FB"), bytes.fromhex("FFFF020201FA")
+SYNC_READ = bytes.fromhex("FFFFFE068238020102")
+ANSWER_1, ANSWER_2 = bytes.fromhex("FFFF010200FC"), bytes.fromhex("FFFF020200FB")
+
+
+@pytest.fixture
+def bus():
+    """Return two servos behind a pseudo-terminal that is served only when the test says so."""
+    from servosim.pty import PtyBus  # its modules are not there on Windows
+
+    world = make_bench_world([BenchServo(1, "STS3215"), BenchServo(2, "STS3215")], baud=BAUD)
+    bus = PtyBus(Line(world, BAUD))
+    bus.follow_baud = False
+    yield bus
+    bus.unplug()
+
+
+@pytest.fixture
+def client(bus):
+    """Return the client's end of the terminal."""
+    fd = os.open(bus.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    yield fd
+    os.close(fd)
+
+
+def received(bus, client, size):
+    """Serve until so many bytes have come back, at most 2 s; return all that came."""
+    data, end_s = b"", time.monotonic() + 2.0
+    while len(data) < size and time.monotonic() < end_s:
+        bus.process_events()
+        try:
+            data += os.read(client, 1 << 12)
+        except BlockingIOError:
+            continue
+    return data
+
+
+def test_pings_that_waited_for_the_server_are_all_answered(bus, client):
+    os.write(client, 20 * (PING_1 + PING_2))
+    assert received(bus, client, 240) == 20 * (ANSWER_1 + ANSWER_2)
+
+
+def test_pings_that_come_while_replies_are_under_way_are_all_answered(bus, client):
+    for _ in range(20):
+        os.write(client, PING_1)
+        bus.process_events()
+    assert received(bus, client, 120) == 20 * ANSWER_1
+
+
+def test_a_read_that_waited_behind_a_sync_read_comes_after_all_its_replies(bus, client):
+    sync_read = SYNC_READ + bytes([checksum(SYNC_READ[2:])])
+    os.write(client, sync_read + PING_1)
+    data = received(bus, client, 8 + 8 + 6)
+    assert len(data) == 8 + 8 + 6
+    assert data.endswith(ANSWER_1)
