@@ -1,4 +1,4 @@
-"""Options of the whole suite, and a home where no test meets the calibrations of a person."""
+"""Options of the whole suite, and a user folder without the user's own calibrations."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ import sys
 
 import pytest
 
-# Dozens of tests start Python anew: what one of them has compiled, the next need not.
+# Dozens of tests start Python: they share its compiled files.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Files are saved so that they outlast a power cut: thousands of waits for a disk, none for memory.
 if os.access("/dev/shm", os.W_OK):
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/dev/shm")
 
-# A shell lets what it starts in the background ignore Ctrl-C, and nohup a terminal that is closed:
-# so would all that is tested.
+# A shell lets background programs ignore Ctrl-C, and nohup a closed terminal; so would the tests.
 for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
     if signal.getsignal(getattr(signal, name, signal.SIGINT)) is signal.SIG_IGN:
         signal.signal(getattr(signal, name), usual)
@@ -31,14 +30,14 @@ def pytest_addoption(parser):
     parser.addoption(
         "--line",
         default="plain",
-        choices=("plain", "echo", "bytes", "rubbish"),
-        help="how tests/hardware hears its simulated lines; see desk.py",
+        choices=("plain", "echo", "bytes", "garbage"),
+        help="mode of the simulated buses in tests/hardware; see factories.py",
     )
     parser.addoption("--real-arm", default="so101", help="which arm that is (default: so101)")
 
 
 def pytest_sessionstart():
-    gc.disable()  # thousands of tests are gathered, and none is thrown away
+    gc.disable()  # collection makes thousands of objects, and all of them stay
 
 
 def pytest_collection_finish():
@@ -47,5 +46,5 @@ def pytest_collection_finish():
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _no_persons_own_files(tmp_path_factory):
+def _isolate_user_files(tmp_path_factory):
     os.environ["IKSERVO_HOME"] = str(tmp_path_factory.mktemp("home"))

@@ -1,4 +1,4 @@
-"""What a test may believe: the arm's files read plainly, and Pinocchio for the geometry."""
+"""Independent references: the arm files as parsed TOML, and Pinocchio for the geometry."""
 
 import math
 import tomllib

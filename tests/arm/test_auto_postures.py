@@ -6,7 +6,7 @@ import pytest
 from ikservo.errors import RefusedError
 from ikservo.maintenance.auto_calibration_setup import PosturePlanner
 from ikservo.model.collision_model import collision_body
-from tests.calibration.hidden import load_model
+from tests.calibration.mounted_arms import load_model
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from ikservo.calibration.calibration_file import save_calibration
 from ikservo.calibration.records import CalibratedGeometry, CalibratedOrigin
 from ikservo.calibration.result import CalibrationResult
 from ikservo.errors import CalibrationError, FileFormatError
-from tests.calibration.hidden import hidden_arm, load_model
-from tests.calibration.plain import plain_calibration
+from tests.calibration.factories import make_calibration
+from tests.calibration.mounted_arms import load_model, make_mounted_arm
 from tests.oracle import CONFIGS
 
 WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
@@ -25,9 +25,9 @@ def _home(tmp_path, monkeypatch):
 
 
 def calibration_of(name, **changes):
-    arm = hidden_arm(name, 4, spoiled=False)
-    with arm.loose() as loose:
-        return plain_calibration(arm, loose, WHEN).model_copy(update=changes)
+    arm = make_mounted_arm(name, 4, spoiled=False)
+    with arm.open_limp() as limp_arm:
+        return make_calibration(arm, limp_arm, WHEN).model_copy(update=changes)
 
 
 def test_without_a_calibration_the_arm_file_is_all_there_is():
@@ -39,14 +39,14 @@ def test_without_a_calibration_the_arm_file_is_all_there_is():
 
 @pytest.mark.parametrize("name", ["so101", "koch", "planar3"])
 def test_the_ranges_are_those_of_the_opened_arm(name, monkeypatch):
-    arm = hidden_arm(name, 4, spoiled=False)
+    arm = make_mounted_arm(name, 4, spoiled=False)
     monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_: reopened(arm))
-    with arm.loose() as loose:
-        calibration = plain_calibration(arm, loose, WHEN)
+    with arm.open_limp() as limp_arm:
+        calibration = make_calibration(arm, limp_arm, WHEN)
         memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
-        loose.save(CalibrationResult(calibration, memory))
+        limp_arm.save(CalibrationResult(calibration, memory))
     own = calibrated_model(load_model(name)).model
-    with ikservo.open_arm(load_model(name), f"desk:{name}", collisions=False) as machine:
+    with ikservo.open_arm(load_model(name), f"bench:{name}", collisions=False) as machine:
         tick = 2 * math.pi / 4096
         np.testing.assert_allclose(own.chain.lower_rad, machine.chain.lower_rad, atol=tick)
         np.testing.assert_allclose(own.chain.upper_rad, machine.chain.upper_rad, atol=tick)

@@ -14,8 +14,8 @@ from ikservo.calibration.joint_map import Encoder
 from ikservo.calibration.result import CalibrationResult
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.maintenance.calibration_session import TorqueOffArm
-from tests.calibration.hidden import hidden_arm, load_model
-from tests.calibration.plain import plain_calibration
+from tests.calibration.factories import make_calibration
+from tests.calibration.mounted_arms import load_model, make_mounted_arm
 
 WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
 
@@ -30,24 +30,24 @@ def desk(monkeypatch):
     """Return a function that puts a hidden, calibrated arm on the desk."""
 
     def put(name, seed=4, **how):
-        arm = hidden_arm(name, seed, spoiled=False, **how)
+        arm = make_mounted_arm(name, seed, spoiled=False, **how)
 
         def open_transport(port, baud_rate):
             arm.port.is_open = True
             return arm.port
 
         monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
-        with arm.loose() as loose:
-            calibration = plain_calibration(arm, loose, WHEN)
+        with arm.open_limp() as limp_arm:
+            calibration = make_calibration(arm, limp_arm, WHEN)
             memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
-            loose.save(CalibrationResult(calibration, memory))
+            limp_arm.save(CalibrationResult(calibration, memory))
         return arm
 
     return put
 
 
 def opened(arm, **how):
-    return ikservo.open_arm(load_model(arm.name), f"desk:{arm.name}", collisions=False, **how)
+    return ikservo.open_arm(load_model(arm.name), f"bench:{arm.name}", collisions=False, **how)
 
 
 def test_joints_are_where_they_truly_are(desk):
@@ -138,13 +138,13 @@ def test_opening_and_moving_a_calibrated_arm_writes_no_eeprom(desk):
 
 
 def test_an_arm_whose_maker_fixes_the_zeros_needs_no_calibration():
-    arm = hidden_arm("px100", 4, zero=2048, sign=1)
+    arm = make_mounted_arm("px100", 4, zero=2048, sign=1)
     with arm.open_bus() as bus:
         assert load_calibration_for(bus, load_model("px100")).zeros is ZeroSource.VENDOR
 
 
 def test_an_uncalibrated_arm_is_bound_by_its_servos_alone():
-    arm = hidden_arm("so101", 4, zero=500, spoiled=False)
+    arm = make_mounted_arm("so101", 4, zero=500, spoiled=False)
     with arm.open_bus() as bus:
         own = load_calibration_for(bus, load_model("so101"))
         joint = load_model("so101").joints[2]
@@ -175,10 +175,10 @@ def test_a_joint_a_little_outside_is_walked_back_not_refused(desk):
 
 
 def test_a_loose_arm_reads_the_sensors_themselves():
-    arm = hidden_arm("so101", 9)
-    with arm.loose() as loose:
-        _, ticks = loose.read_ticks()
-        assert isinstance(loose, TorqueOffArm)
+    arm = make_mounted_arm("so101", 9)
+    with arm.open_limp() as limp_arm:
+        _, ticks = limp_arm.read_ticks()
+        assert isinstance(limp_arm, TorqueOffArm)
     for servo_id, tick in ticks.items():
         shaft = arm.line.servos[servo_id].shaft
         motor = arm.line.servos[servo_id].motor

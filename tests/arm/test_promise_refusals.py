@@ -10,7 +10,7 @@ from ikservo.errors import IkservoError
 from tests.arm.misfortune import chance
 from tests.arm.seeds import tell, times
 from tests.arm.simulated import line_of
-from tests.cli.desk import run, spoil
+from tests.cli.fixtures_ports import change_bus, run_command
 
 NONSENSE = [
     math.nan, math.inf, -math.inf, 1e308, -1e308, 1e9, None, "", "far", "1,5", "0.2", b"1", (), [],
@@ -125,9 +125,9 @@ WORDS = ["nan", "inf", "-inf", "1e308", "far", "1,5", "", "0x10", "1e9", "--"]
 @times(3, 300)
 def test_a_command_that_is_refused_tells_no_servo_anything(seeds, capsys, monkeypatch):
     told = []
-    spoil(monkeypatch, lambda line: told.append(Written(line)))
+    change_bus(monkeypatch, lambda line: told.append(Written(line)))
     for seed in seeds:
-        said = run(typed(chance(seed)))
+        said = run_command(typed(chance(seed)))
         assert said.code != 0, seed
         assert "Traceback" not in said.err, seed
     written = [words for opened in told for words in opened.words]

@@ -4,7 +4,7 @@ import pytest
 
 from ikservo.errors import UnknownNameError
 from ikservo.maintenance.arm_sketch import ascii_sketch
-from tests.calibration.hidden import load_model
+from tests.calibration.mounted_arms import load_model
 
 
 def test_another_pose_is_another_picture():

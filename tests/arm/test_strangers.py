@@ -7,7 +7,7 @@ import pytest
 import ikservo
 from ikservo.errors import BadReplyError, CalibrationError, ServoSilentError
 from ikservo.registers import Access, control_table
-from tests.hardware.desk import line_with
+from tests.hardware.factories import make_transport
 
 STS, XL330 = "STS3215", "XL330-M288"
 SO101 = dict.fromkeys(range(1, 7), STS)
@@ -19,7 +19,7 @@ def desk(monkeypatch):
     """Return a function that lays servos on the desk, all at one rate, and opens an arm there."""
 
     def attempt(arm, servos, baud=1_000_000):
-        transport = line_with(servos, baud)
+        transport = make_transport(servos, baud)
         monkeypatch.setattr("servosim.open_port", lambda _: transport)
         before = memories(transport)
         with pytest.raises((ServoSilentError, CalibrationError, BadReplyError)) as caught:
@@ -94,7 +94,7 @@ def test_another_id_is_named(desk, arm, servos):
 
 def test_a_new_servo_among_the_others_is_named(desk, monkeypatch):
     servos = {i: model for i, model in KOCH.items() if i != 4}
-    transport = line_with([*servos.items(), (1, XL330)], 1_000_000)
+    transport = make_transport([*servos.items(), (1, XL330)], 1_000_000)
     new = transport.line.world.servos[-1]
     new.memory.put("baud_rate", 1)  # 57,600, as delivered
     monkeypatch.setattr("servosim.open_port", lambda _: transport)

@@ -1,13 +1,13 @@
-"""What LeRobot would have written for a hidden arm, and into its servos."""
+"""Calibration files as LeRobot writes them, with the registers that it sets."""
 
 import json
 import math
 
-from tests.calibration.hidden import load_model
+from tests.calibration.mounted_arms import load_model
 
 
 def lerobot_text(arm, free=("wrist_roll",)):
-    """Set a so101 or so100 up as LeRobot does, and return the file it writes."""
+    """Set the registers of a so101 or so100 as LeRobot does; return the text of its file."""
     table = {}
     for joint in load_model(arm.name).joints:
         servo, low_high = arm.line.servos[joint.servo.id], arm.stops[joint.name]

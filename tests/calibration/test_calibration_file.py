@@ -20,8 +20,8 @@ from ikservo.calibration.calibration_file import (
 from ikservo.calibration.records import CalibratedGeometry, CalibratedOrigin, Calibration
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.writing import with_checksum
-from tests.calibration.hidden import hidden_arm
-from tests.calibration.plain import plain_calibration
+from tests.calibration.factories import make_calibration
+from tests.calibration.mounted_arms import make_mounted_arm
 
 CAMPAIGN = (pytest.mark.campaign, pytest.mark.timeout(1200))
 GEOMETRY = CalibratedGeometry(
@@ -44,9 +44,9 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def calibration():
-    arm = hidden_arm("open_manipulator_x", 5)
-    with arm.loose() as loose:
-        found = plain_calibration(arm, loose, WHEN)
+    arm = make_mounted_arm("open_manipulator_x", 5)
+    with arm.open_limp() as limp_arm:
+        found = make_calibration(arm, limp_arm, WHEN)
     return found.model_copy(update={"geometry": GEOMETRY})
 
 
@@ -165,9 +165,9 @@ def test_a_travel_that_cannot_be_is_refused(calibration, path, travel):
 
 
 def test_an_sts_offset_that_its_register_cannot_hold_is_refused(path):
-    arm = hidden_arm("planar2", 5, spoiled=False)
-    with arm.loose() as loose:
-        text = dump_calibration(plain_calibration(arm, loose, WHEN))
+    arm = make_mounted_arm("planar2", 5, spoiled=False)
+    with arm.open_limp() as limp_arm:
+        text = dump_calibration(make_calibration(arm, limp_arm, WHEN))
     line = next(line for line in text.splitlines() if line.startswith("homing_offset"))
     body = text.partition("\n")[2].replace(line, "homing_offset = 2114", 1)
     assert "homing_offset" in refusal(path, with_checksum(body)).where

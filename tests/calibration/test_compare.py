@@ -5,7 +5,7 @@ import pytest
 from ikservo.calibration.servo_config import ServoConfig, raise_on_mismatch, register_mismatches
 from ikservo.errors import CalibrationError
 from ikservo.registers import MODELS
-from tests.calibration.written import STS, X, calibration_of, joint
+from tests.calibration.records import STS, X, calibration_of, joint
 
 
 def facts(servo_id, model="STS3215", **held):

@@ -3,7 +3,7 @@
 import pytest
 
 from ikservo.calibration.calibration_file import inconsistencies
-from tests.calibration.written import FAMILIES, GEOMETRY, calibration_of, joint
+from tests.calibration.records import FAMILIES, GEOMETRY, calibration_of, joint
 
 
 def said_of(*joints, **more):

@@ -17,10 +17,10 @@ from ikservo.calibration.lerobot import (
     read_lerobot,
 )
 from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
-from tests.calibration.hidden import hidden_arm
-from tests.calibration.plain import plain_calibration
+from tests.calibration.factories import make_calibration
+from tests.calibration.mounted_arms import make_mounted_arm
+from tests.calibration.records import calibration_of, joint
 from tests.calibration.test_calibration_file import GEOMETRY
-from tests.calibration.written import calibration_of, joint
 
 ROW = {"id": 1, "drive_mode": 0, "homing_offset": -1043, "range_min": 750, "range_max": 3450}
 TABLE = {"shoulder_pan": ROW, "gripper": {**ROW, "id": 6, "homing_offset": 2047}}
@@ -242,9 +242,9 @@ def test_what_lerobots_file_cannot_say_is_told_joint_by_joint(changes, said):
 
 def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
-    arm = hidden_arm("vx300s", 3, spoiled=False)
-    with arm.loose() as loose:
-        calibration = plain_calibration(arm, loose, datetime(2026, 11, 2, tzinfo=UTC))
+    arm = make_mounted_arm("vx300s", 3, spoiled=False)
+    with arm.open_limp() as limp_arm:
+        calibration = make_calibration(arm, limp_arm, datetime(2026, 11, 2, tzinfo=UTC))
     said = "\n".join(lost_in_lerobot(calibration.model_copy(update={"geometry": GEOMETRY})))
     assert "Servo 3 of shoulder is not in it" in said
     assert "that a touch-off found are not in it" in said

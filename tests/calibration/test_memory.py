@@ -12,7 +12,7 @@ from ikservo.calibration.servo_config import (
     same_direction,
 )
 from ikservo.registers import MODELS
-from tests.calibration.written import SCS, STS, X
+from tests.calibration.records import SCS, STS, X
 
 STAYS = Homing(0, False, 0)
 

@@ -27,9 +27,9 @@ from ikservo.calibration.transaction import (
 from ikservo.errors import CalibrationError, ExitCode, FileFormatError, PortLostError
 from ikservo.files.writing import FileWriteError, write_atomic
 from ikservo.maintenance.calibration_session import TorqueOffArm
-from tests.calibration.hidden import hidden_arm, load_model
-from tests.calibration.plain import plain_calibration
-from tests.files.power import Power, PowerCut, is_write, unplugged
+from tests.calibration.factories import make_calibration
+from tests.calibration.mounted_arms import load_model, make_mounted_arm
+from tests.files.power_cuts import PowerCut, PowerSupply, is_write, restore_calls
 
 WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
 
@@ -41,9 +41,9 @@ def _home(tmp_path, monkeypatch):
 
 def arm_and_outcome(name):
     """Return an arm as delivered and a calibration that changes every servo of it."""
-    arm = hidden_arm(name, 3, spoiled=False)
-    with arm.loose() as loose:
-        calibration = plain_calibration(arm, loose, WHEN)
+    arm = make_mounted_arm(name, 3, spoiled=False)
+    with arm.open_limp() as limp_arm:
+        calibration = make_calibration(arm, limp_arm, WHEN)
     memory = {servo.id: servo.holds for joint in calibration.joints for servo in joint.servos}
     return arm, CalibrationResult(calibration, memory)
 
@@ -72,17 +72,17 @@ def state_of(arm):
 
 def cut_after(arm, outcome, lasts, monkeypatch):
     """Save with power for so many writes; return whether it was cut."""
-    power = Power(lasts).feeds_files(monkeypatch)
+    power = PowerSupply(lasts).limit_files(monkeypatch)
     try:
         with arm.open_bus() as bus:
-            loose = TorqueOffArm(load_model(arm.name), bus)
-            power.feeds_port(arm.port)
-            loose.save(outcome)
+            limp_arm = TorqueOffArm(load_model(arm.name), bus)
+            power.limit_port(arm.port)
+            limp_arm.save(outcome)
     except PowerCut:
         pass
-    unplugged(monkeypatch)
+    restore_calls(monkeypatch)
     del arm.port.write
-    return power.gone
+    return power.is_cut
 
 
 def start_again(arm, finish):
@@ -110,7 +110,7 @@ def test_power_cut_before_every_write_leaves_old_or_new(name, finish, had_file, 
     old_text = dump_calibration(as_delivered(arm, outcome.calibration))
     cuts, ends, lasts = 0, set(), 0
     while True:
-        arm = hidden_arm(name, 3, spoiled=False)
+        arm = make_mounted_arm(name, 3, spoiled=False)
         path = calibration_path(name, "")
         path.unlink(missing_ok=True)
         if had_file:
@@ -147,7 +147,7 @@ def test_a_thousand_random_power_cuts_on_any_arm(monkeypatch, tmp_path):
     for _ in range(1000):
         name = chance.choice(names)
         calibration_path(name, "").unlink(missing_ok=True)
-        arm = hidden_arm(name, 3, spoiled=False)
+        arm = make_mounted_arm(name, 3, spoiled=False)
         if cut_after(arm, truths[name][1], chance.randrange(70), monkeypatch):
             arm.power_cycle()
             finish = chance.choice([resume, roll_back])
@@ -158,17 +158,17 @@ def test_a_cable_that_falls_out_in_between_says_how_to_go_on(monkeypatch):
     arm, outcome = arm_and_outcome("planar2")
     write, writes = arm.port.write, []
 
-    def unplugged(data):
+    def restore_calls(data):
         writes.extend([data] if is_write(bytes(data)) else [])
         if len(writes) > 4:
             raise OSError("gone")
         return write(data)
 
     with arm.open_bus() as bus:
-        loose = TorqueOffArm(load_model(arm.name), bus)
-        arm.port.write = unplugged
+        limp_arm = TorqueOffArm(load_model(arm.name), bus)
+        arm.port.write = restore_calls
         with pytest.raises(CalibrationError, match=r"(?s)interrupted.*resume.*revert") as caught:
-            loose.save(outcome)
+            limp_arm.save(outcome)
     assert caught.value.exit_code is ExitCode.CALIBRATION
     assert isinstance(caught.value.__cause__, PortLostError)
 
@@ -178,9 +178,9 @@ def test_a_servo_that_refuses_takes_everything_back(monkeypatch):
     before = state_of(arm)
     arm.line.servos[2].write("torque_enable", 1)
     with arm.open_bus() as bus:
-        loose = TorqueOffArm(load_model(arm.name), bus)
+        limp_arm = TorqueOffArm(load_model(arm.name), bus)
         with pytest.raises(Exception, match="torque is on"):
-            loose.save(outcome)
+            limp_arm.save(outcome)
     assert state_of(arm) == before
     assert read_journal(journal_path(arm.name, "")) is None
 

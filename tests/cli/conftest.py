@@ -1,4 +1,4 @@
-"""Run a command as a person does, in this process: exact stdout, stderr and exit code."""
+"""Run a command in this process: exact stdout, stderr and exit code."""
 
 import json
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from ikservo.cli import main
 
 
 @dataclass
-class Said:
-    """What a command left behind."""
+class CommandResult:
+    """Exit code and both output streams of a command."""
 
     code: int
     out: str
@@ -23,7 +23,7 @@ class Said:
 
 @pytest.fixture
 def say(capsys, monkeypatch):
-    """Return a function that runs ``ikservo`` with the given words."""
+    """Return a function that runs ``ikservo`` with the given command line."""
     for name in ("IKSERVO_ARM", "IKSERVO_PORT"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("COLUMNS", "100")
@@ -31,6 +31,6 @@ def say(capsys, monkeypatch):
     def run(words):
         code = main(words.split())
         captured = capsys.readouterr()
-        return Said(code, captured.out, captured.err)
+        return CommandResult(code, captured.out, captured.err)
 
     return run

@@ -3,7 +3,7 @@
 import pytest
 
 from ikservo.calibration.calibration_file import calibration_path, read_calibration
-from tests.cli.real_port import PORT, calibrate_plainly, put
+from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration
 
 NAME, OLD, NEW = "planar2", "58FA083", "9C0FFEE"
 WORDS = f"calibration adopt {NAME} --port {PORT}"
@@ -17,8 +17,8 @@ def _home(tmp_path, monkeypatch):
 @pytest.fixture
 def arm(monkeypatch):
     """Return an arm that was calibrated on an old adapter and hangs on a new one."""
-    arm = put(monkeypatch, NAME, serial=NEW, spoiled=False)
-    calibrate_plainly(arm, serial="")
+    arm = connect_arm(monkeypatch, NAME, serial=NEW, spoiled=False)
+    write_calibration(arm, serial="")
     calibration = read_calibration(calibration_path(NAME, ""))
     move(calibration, OLD)
     calibration_path(NAME, "").unlink()

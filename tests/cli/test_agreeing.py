@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.cli.real_port import PORT, calibrate_plainly, put
+from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration
 
 NAME = "planar2"
 REAL = f"--arm {NAME} --port {PORT}"
@@ -27,8 +27,8 @@ def no_terminal(tmp_path, monkeypatch):
 
 @pytest.fixture
 def arm(monkeypatch):
-    arm = put(monkeypatch, NAME, spoiled=False)
-    calibrate_plainly(arm)
+    arm = connect_arm(monkeypatch, NAME, spoiled=False)
+    write_calibration(arm)
     return arm
 
 
@@ -44,7 +44,7 @@ def test_a_real_arm_does_not_move_unasked(say, arm, words):
 
 
 def test_a_real_gripper_does_not_close_unasked(say, monkeypatch):
-    calibrate_plainly(put(monkeypatch, "so101", spoiled=False))
+    write_calibration(connect_arm(monkeypatch, "so101", spoiled=False))
     said = say(f"gripper close --arm so101 --port {PORT}")
     assert (said.code, "input is not a terminal" in said.err) == (2, True), said.err
 

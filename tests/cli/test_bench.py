@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.cli.desk import run, spoil
+from tests.cli.fixtures_ports import change_bus, run_command
 
 # fmt: off
 WIRE_BYTES = {  # question, six answers, goals: the protocol's arithmetic
@@ -15,7 +15,9 @@ WIRE_BYTES = {  # question, six answers, goals: the protocol's arithmetic
 @pytest.fixture(scope="module")
 def rows():
     arms = ("so101", "koch")
-    said = {arm: run(f"bench bus --arm {arm} --port sim --cycles 100 --json") for arm in arms}
+    said = {
+        arm: run_command(f"bench bus --arm {arm} --port sim --cycles 100 --json") for arm in arms
+    }
     return {arm: said[arm].json for arm in arms}
 
 
@@ -71,7 +73,7 @@ def test_nothing_moves_and_torque_stays_as_it_is(say, monkeypatch, torque):
         for servo in line.world.servos:
             servo.write("torque_enable", torque)
 
-    ports = spoil(monkeypatch, change)
+    ports = change_bus(monkeypatch, change)
     assert say("bench bus --arm so101 --port sim --cycles 50").code == 0
     servos = ports[0].line.world.servos
     assert [servo.read("torque_enable") for servo in servos] == [torque] * 6
@@ -84,7 +86,7 @@ def test_silent_servos_are_named(say, monkeypatch):
         for number in (5, 6):
             line.servos[number].powered = False
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     said = say("bench bus --arm so101 --port sim --cycles 20")
     assert said.code == 4
     assert "wrist_roll (id 5), gripper (id 6)" in said.err
@@ -94,7 +96,7 @@ def test_two_servos_with_one_id_are_named(say, monkeypatch):
     def change(line):
         line.servos[6].memory.put("id", 5)
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     said = say("bench bus --arm so101 --port sim --cycles 20")
     assert said.code == 4
     assert "wrist_roll (id 5)" in said.err

@@ -15,19 +15,19 @@ from ikservo.calibration.calibration_file import (
 from ikservo.calibration.transaction import Journal, dump_journal
 from ikservo.files.writing import write_atomic
 from ikservo.maintenance.calibration_session import TorqueOffArm
-from tests.calibration.hidden import hidden_arm, load_model
-from tests.calibration.rehearsal import rehearse
+from tests.calibration.mounted_arms import load_model, make_mounted_arm
+from tests.calibration.scripted_operator import schedule_operator
 from tests.calibration.test_calibration_file import GEOMETRY
-from tests.cli.desk import Comport, plug_in
-from tests.cli.real_port import calibrate_plainly, put
+from tests.cli.fixtures_mounted_arm import connect_arm, write_calibration
+from tests.cli.fixtures_ports import PortInfo, set_ports
 
-PORT = "/dev/ttyDESK"
+PORT = "/dev/ttyBENCH"
 
 
 @pytest.fixture(autouse=True)
 def home(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
-    plug_in(monkeypatch, [Comport(PORT, serial_number="58FA083")])
+    set_ports(monkeypatch, [PortInfo(PORT, serial_number="58FA083")])
     return tmp_path / "home"
 
 
@@ -35,8 +35,8 @@ def home(tmp_path, monkeypatch):
 def desk(monkeypatch):
     """Return a function that puts a hidden arm on the desk."""
 
-    def put(name="planar2", seed=7, **how):
-        arm = hidden_arm(name, seed, pose="home", **how)
+    def connect_arm(name="planar2", seed=7, **how):
+        arm = make_mounted_arm(name, seed, pose="home", **how)
 
         def open_transport(port, baud_rate):
             arm.port.is_open = True
@@ -45,13 +45,13 @@ def desk(monkeypatch):
         monkeypatch.setattr("ikservo.hardware.port.open_transport", open_transport)
         return arm
 
-    return put
+    return connect_arm
 
 
 def hands_on(arm, skipped=()):
     with arm.open_bus() as bus:
         subjects = TorqueOffArm(load_model(arm.name), bus).make_subjects("home")
-    rehearse(arm, subjects, skipped)
+    schedule_operator(arm, subjects, skipped)
 
 
 def calibrated(arm, say, *more):
@@ -309,8 +309,8 @@ IGNORED = [("koch", "homing_offset", 1500)]
 
 @pytest.mark.parametrize(("name", "register", "flips"), TURNED + IGNORED)
 def test_servos_that_count_otherwise_are_not_pulled(monkeypatch, say, name, register, flips):
-    arm = put(monkeypatch, name, spoiled=False, zero=2048, sign=1)
-    calibrate_plainly(arm)
+    arm = connect_arm(monkeypatch, name, spoiled=False, zero=2048, sign=1)
+    write_calibration(arm)
     servo = arm.line.servos[2]
     if name == "planar2":
         servo.write("lock", 0)

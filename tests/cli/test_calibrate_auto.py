@@ -9,8 +9,8 @@ import pytest
 from ikservo.calibration.calibration_file import calibration_path, partial_path, read_calibration
 from ikservo.errors import StoppedError
 from servosim.joint import Hand, glide
-from tests.calibration.hidden import Person, load_model
-from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
+from tests.calibration.mounted_arms import Operator, load_model
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 from tests.oracle import CONFIGS
 
 MARGIN_DEG = 0.3
@@ -37,7 +37,7 @@ def narrow(tmp_path_factory):
 
 @pytest.fixture
 def arm(monkeypatch, narrow):
-    return put(monkeypatch, narrow, sign=1)
+    return connect_arm(monkeypatch, narrow, sign=1)
 
 
 def auto(say, narrow, *more):
@@ -169,7 +169,7 @@ def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, say,
 
 
 def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm, narrow, say):
-    calibrate_plainly(arm)
+    write_calibration(arm)
     arm.world.schedule(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
     assert "ikservo calibration push narrow" in auto(say, narrow).err
     assert say(f"calibration push {narrow} --port {PORT} --yes").code == 0
@@ -177,7 +177,7 @@ def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm,
 
 
 def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, say):
-    arm = put(monkeypatch, "planar2", sign=1)
+    arm = connect_arm(monkeypatch, "planar2", sign=1)
     where = {joint.name: joint.position for joint in arm.world.joints}
     done = say(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
     assert done.code == 0, done.err
@@ -205,7 +205,7 @@ def test_one_way_of_calibrating_at_a_time(say, pair):
 
 def letting_go_when_it_holds(arm):
     """Hold every joint by hand until its torque comes on."""
-    Person(arm).hold_all()
+    Operator(arm).hold_all()
 
     def look():
         for joint in arm.world.joints:
@@ -297,7 +297,7 @@ def test_shipped_arms_find_their_stops_under_gravity(monkeypatch, say, name, see
         return mounted(entry, chance, {**how, "sign": sides[entry.name]})
 
     monkeypatch.setattr(hidden, "_mounted", as_filed)
-    arm = put(monkeypatch, name, seed, gravity=True)
+    arm = connect_arm(monkeypatch, name, seed, gravity=True)
     letting_go_when_it_holds(arm)
     done = say(f"calibrate {name} --port {PORT} --pose home --margin 0.3 --auto --yes")
     assert done.code == 0, done.err

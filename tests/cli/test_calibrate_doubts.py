@@ -14,9 +14,9 @@ from ikservo.cli.direction_check import check_new_signs
 from ikservo.errors import CalibrationError
 from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.maintenance.direction_check import directions_confirmed
-from tests.calibration.hidden import load_model
-from tests.calibration.rehearsal import rehearse
-from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
+from tests.calibration.mounted_arms import load_model
+from tests.calibration.scripted_operator import schedule_operator
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 
 NAME = "planar2"
 WORDS = f"calibrate {NAME} --port {PORT} --pose home --margin 0.3"
@@ -32,12 +32,12 @@ def desk(monkeypatch):
     """Return a function that puts an arm on the desk with a person's hands on it."""
 
     def arm_on_desk(moved=(), off_deg=0.0, **how):
-        arm = put(monkeypatch, NAME, spoiled=False, **how)
+        arm = connect_arm(monkeypatch, NAME, spoiled=False, **how)
         for name, position in load_model(NAME).pose("home").items():
             arm.world.place(name, position + math.radians(off_deg))
         with arm.open_bus() as bus:
             subjects = TorqueOffArm(load_model(NAME), bus).make_subjects("home", only=moved)
-        rehearse(arm, subjects)
+        schedule_operator(arm, subjects)
         return arm
 
     return arm_on_desk
@@ -85,8 +85,8 @@ def test_an_opposite_sign_is_measured_twice_named_and_left_to_a_test_motion(desk
 
 def asked_about_new_signs(monkeypatch, **answers):
     """Calibrate an arm with opposite signs; return what asks for the test motion."""
-    arm = put(monkeypatch, NAME, spoiled=False, sign=-1)
-    calibrate_plainly(arm)
+    arm = connect_arm(monkeypatch, NAME, spoiled=False, sign=-1)
+    write_calibration(arm)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     asked = answering(monkeypatch, **answers)
     return asked, lambda: check_new_signs(load_model(NAME), PORT, ["joint1"], asks=True)
@@ -158,7 +158,7 @@ def test_an_implausible_zero_is_a_question_to_a_person(monkeypatch, capsys, answ
 def calibrated(desk, monkeypatch):
     """Return a calibrated arm whose first joint the hands hold in the pose, then show and sweep."""
     arm = desk(moved=["joint1"], sign=1)
-    calibrate_plainly(arm)
+    write_calibration(arm)
     return arm
 
 
@@ -204,10 +204,10 @@ def test_ctrl_c_says_that_nothing_was_saved_and_torque_is_off(desk, say, monkeyp
     arm.line.servos[1].write("torque_enable", 1)
     read = TorqueOffArm.read_ticks
 
-    def interrupted(loose):
-        if loose.bus.clock.now_s() > at_s:
+    def interrupted(limp_arm):
+        if limp_arm.bus.clock.now_s() > at_s:
             raise KeyboardInterrupt
-        return read(loose)
+        return read(limp_arm)
 
     monkeypatch.setattr(TorqueOffArm, "read_ticks", interrupted)
     done = say(f"{WORDS} --yes")

@@ -13,9 +13,9 @@ from ikservo.calibration.procedure import CalibrationStage, CalibrationState
 from ikservo.cli import calibrate_screen
 from ikservo.cli.calibrate_by_hand import answer_source, run_calibration
 from ikservo.cli.terminal import read_keys
-from tests.calibration.hidden import hidden_arm, load_model
-from tests.calibration.plain import plain_wizard
-from tests.calibration.rehearsal import rehearse
+from tests.calibration.factories import make_swept_state
+from tests.calibration.mounted_arms import load_model, make_mounted_arm
+from tests.calibration.scripted_operator import schedule_operator
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
 
@@ -61,10 +61,10 @@ def test_a_key_is_there_at_once_and_none_is_waited_for(terminal):
 
 def conversation(arm, terminal, typed):
     """Hold a conversation; ``typed`` is asked at each reading for what the person types."""
-    with arm.loose() as loose:
-        loose.disable_torque()
-        rehearse(arm, loose.make_subjects("home"))
-        wizard = CalibrationState.begin(loose.make_subjects("home"), math.radians(0.3))
+    with arm.open_limp() as limp_arm:
+        limp_arm.disable_torque()
+        schedule_operator(arm, limp_arm.make_subjects("home"))
+        wizard = CalibrationState.begin(limp_arm.make_subjects("home"), math.radians(0.3))
         with (
             answer_source(None, yes=False, ask=True) as person,
             calibrate_screen.calibration_display(load_model(arm.name), "home") as shown,
@@ -73,10 +73,10 @@ def conversation(arm, terminal, typed):
 
             def show(wizard):
                 original(wizard)
-                terminal(typed(wizard, loose.bus.clock.now_s()))
+                terminal(typed(wizard, limp_arm.bus.clock.now_s()))
 
             shown.show = show
-            return run_calibration(loose, wizard, person, shown)
+            return run_calibration(limp_arm, wizard, person, shown)
 
 
 def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
@@ -85,7 +85,7 @@ def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
             return "\n" if wizard.is_at_rest else ""
         return "\n" if now_s > 6.5 else ""
 
-    wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
+    wizard = conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert wizard.stage is CalibrationStage.REVIEW
     swept = picture[-1]
     assert "joint1" in swept
@@ -103,7 +103,7 @@ def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
             return "\n" if wizard.is_at_rest else ""
         return "\n" if now_s < 1.0 or now_s > 6.5 else ""
 
-    wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
+    wizard = conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert wizard.stage is CalibrationStage.REVIEW
     assert any("joint1 has not been moved yet. Move it, or skip it." in text for text in said)
 
@@ -118,16 +118,16 @@ def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, pictu
             return next(pressed, "")
         return "\n" if now_s > 6.5 else ""
 
-    wizard = conversation(hidden_arm("planar2", 7), terminal, typed)
+    wizard = conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert wizard.skipped == {"joint1"}
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
 def test_the_table_fits_the_terminal(name, width):
-    arm = hidden_arm(name, 7, spoiled=False)
-    with arm.loose() as loose:
-        wizard = plain_wizard(loose, {i: arm.direction(i) for i in arm.line.servos})
+    arm = make_mounted_arm(name, 7, spoiled=False)
+    with arm.open_limp() as limp_arm:
+        wizard = make_swept_state(limp_arm, {i: arm.direction(i) for i in arm.line.servos})
     console = Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
     with console.capture() as capture:
         console.print(calibrate_screen._joint_table(wizard, width))
@@ -149,5 +149,5 @@ def test_a_resized_terminal_is_cleared_before_the_next_picture(terminal, picture
             monkeypatch.setattr(Console, "size", property(lambda _: ConsoleDimensions(70, 24)))
         return "\n" if now_s > 6.5 else ""
 
-    conversation(hidden_arm("planar2", 7), terminal, typed)
+    conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert len(cleared) == 1

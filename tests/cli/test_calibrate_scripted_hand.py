@@ -5,7 +5,7 @@ import math
 import pytest
 
 import servosim
-from tests.calibration.hidden import load_model
+from tests.calibration.mounted_arms import load_model
 from tests.oracle import ARMS, CONFIGS
 
 # One arm of each kind in the suite: an STS, an X with mixed models, an X with shadows and a crank.

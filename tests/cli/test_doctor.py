@@ -6,7 +6,7 @@ import pytest
 
 from ikservo.hardware.line_quality import LineQuality
 from ikservo.hardware.serial_ports import installed_rules, read_rules
-from tests.cli.desk import Comport, plug_in, run, spoil
+from tests.cli.fixtures_ports import PortInfo, change_bus, run_command, set_ports
 
 SIM = "--arm so101 --port sim"
 WELL = """\
@@ -31,7 +31,7 @@ def few_reads(monkeypatch):
 
 @pytest.fixture(scope="module")
 def well():
-    return run(f"doctor {SIM}")
+    return run_command(f"doctor {SIM}")
 
 
 def test_a_healthy_arm_is_all_ticks(well):
@@ -73,7 +73,7 @@ def lines_of(said, topic):
     ],
 )  # fmt: skip
 def test_each_trouble_has_its_line(say, monkeypatch, change, topic, line):
-    spoil(monkeypatch, lambda on_line: change(on_line.servos))
+    change_bus(monkeypatch, lambda on_line: change(on_line.servos))
     said = say(f"doctor {SIM}")
     assert lines_of(said, topic)[0] == line
     assert said.code == (1 if line.startswith("✗") else 0)
@@ -84,14 +84,14 @@ def test_the_cable_behind_the_last_that_answers_is_named(say, monkeypatch):
         for number in (4, 5, 6):
             line.servos[number].powered = False
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     assert "check the cable from elbow_flex to wrist_flex." in say(f"doctor {SIM}").out
 
 
 def test_lost_reads_are_counted(say, monkeypatch):
     from servosim.faults import Fault
 
-    spoil(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, at_s=0.11, count=3)))
+    change_bus(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, at_s=0.11, count=3)))
     (line,) = lines_of(say(f"doctor {SIM}"), "loss")
     assert line == "✗ loss      3 of 60 reads lost (wrist_flex (id 4): 3)"
 
@@ -111,7 +111,7 @@ def test_an_arm_at_another_rate_is_found_and_told(say, monkeypatch):
         for servo in line.world.servos:
             servo.memory.put("baud_rate", 4)
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     said = say(f"doctor {SIM}")
     assert said.code == 1
     assert "none of this arm's servos answers; on the bus: STS3215 at id 1, 115200 baud" in said.out
@@ -122,14 +122,14 @@ def test_a_dead_line_asks_for_the_power_supply(say, monkeypatch):
         for servo in line.world.servos:
             servo.powered = False
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     said = say(f"doctor {SIM}")
     assert "✗ servos    no servo answers, at 1000000 baud or any other" in said.out
     assert "Check that the servos' power supply is on" in said.out
 
 
 def test_eeprom_is_compared_with_the_arm_file(say, monkeypatch):
-    spoil(monkeypatch, lambda line: line.servos[13].memory.put("drive_mode", 0))
+    change_bus(monkeypatch, lambda line: line.servos[13].memory.put("drive_mode", 0))
     said = say("doctor --arm open_manipulator_x --port sim")
     assert said.code == 1
     assert lines_of(said, "eeprom") == [
@@ -143,9 +143,11 @@ def test_nothing_is_written(say, monkeypatch):
             servo.memory.put("return_delay_time", 100)
             servo.memory.put("drive_mode", 1)
 
-    ports = spoil(monkeypatch, change)
+    ports = change_bus(monkeypatch, change)
     before = []
-    spoil(monkeypatch, lambda line: before.extend(bytes(s.memory.image) for s in line.world.servos))
+    change_bus(
+        monkeypatch, lambda line: before.extend(bytes(s.memory.image) for s in line.world.servos)
+    )
     say("doctor --arm open_manipulator_x --port sim")
     after = [bytes(servo.memory.image) for servo in ports[0].line.world.servos]
     writable = [row for row in ports[0].line.servos[11].table.registers if row.writable]
@@ -160,7 +162,7 @@ def test_asked_for_it_writes_what_the_arm_file_says(say, monkeypatch):
         line.servos[13].memory.put("drive_mode", 0)
         line.servos[12].memory.put("return_delay_time", 100)
 
-    ports = spoil(monkeypatch, change)
+    ports = change_bus(monkeypatch, change)
     said = say("doctor --arm open_manipulator_x --port sim --write-eeprom")
     assert "joint3 (id 13): drive_mode 0 → 4" in said.err
     assert ports[0].line.servos[12].read("return_delay_time") == 0
@@ -174,7 +176,7 @@ def test_what_a_calibration_rests_on_is_left_to_the_calibration(say, monkeypatch
     monkeypatch.setattr(
         "ikservo.maintenance.servo_checks.load_calibration", lambda arm, serial: object()
     )
-    ports = spoil(monkeypatch, change)
+    ports = change_bus(monkeypatch, change)
     said = say("doctor --arm open_manipulator_x --port sim --write-eeprom")
     assert "max_position_limit" not in said.err
     assert ports[0].line.servos[12].read("max_position_limit") == 3000
@@ -201,7 +203,7 @@ def test_without_an_arm_whoever_answers_is_looked_at(say, monkeypatch):
 
 
 def test_no_adapter_is_a_trouble_too(say, monkeypatch):
-    plug_in(monkeypatch, [])
+    set_ports(monkeypatch, [])
     said = say("doctor --arm so101")
     assert said.code == 1
     assert said.out.splitlines()[0] == "✗ port      No serial port given and no USB adapter found."
@@ -213,7 +215,7 @@ def test_a_port_that_may_not_be_opened_tells_the_group(say, monkeypatch, tmp_pat
 
     device = tmp_path / "ttyACM0"
     device.touch()
-    plug_in(monkeypatch, [Comport(str(device))])
+    set_ports(monkeypatch, [PortInfo(str(device))])
     monkeypatch.setattr("serial.serial_for_url", forbidden)
     said = say("doctor --arm so101")
     assert said.code == 1
@@ -224,7 +226,7 @@ def test_a_port_that_may_not_be_opened_tells_the_group(say, monkeypatch, tmp_pat
 
 @pytest.mark.skipif(installed_rules() is not None, reason="the rule is installed here")
 def test_a_missing_udev_rule_is_a_command_and_not_the_rule_itself(say, monkeypatch):
-    plug_in(monkeypatch, [])
+    set_ports(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
     said = say("doctor")
     assert lines_of(said, "udev")[0].startswith("! udev      60-ikservo.rules is not installed")
@@ -234,7 +236,7 @@ def test_a_missing_udev_rule_is_a_command_and_not_the_rule_itself(say, monkeypat
 
 def test_the_installed_rule_is_a_tick(say, monkeypatch, tmp_path):
     (tmp_path / "60-ikservo.rules").touch()
-    plug_in(monkeypatch, [])
+    set_ports(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr("ikservo.hardware.serial_ports._FOLDERS", (tmp_path,))
     assert lines_of(say("doctor"), "udev") == [

@@ -8,7 +8,7 @@ import pytest
 from ikservo.cli import main
 from ikservo.cli.app import COMMANDS
 from ikservo.cli.terminal import fold
-from tests.cli.desk import Comport, plug_in
+from tests.cli.fixtures_ports import PortInfo, set_ports
 
 SIM = "--port sim:?pose=home"
 REPORTS = [
@@ -44,8 +44,8 @@ def shown(monkeypatch, tmp_path):
     """Return what a person reads of a command, off a terminal or on one of so many columns."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     monkeypatch.setattr("ikservo.maintenance.doctor.READS", 60)
-    port = Comport("/dev/ttyACM0", serial_number="58FA083")
-    plug_in(monkeypatch, [port])
+    port = PortInfo("/dev/ttyACM0", serial_number="58FA083")
+    set_ports(monkeypatch, [port])
 
     def run(words, columns=None):
         out = io.StringIO() if columns is None else Terminal()

@@ -6,17 +6,17 @@ import math
 import pytest
 
 from ikservo.calibration.calibration_file import read_calibration
-from tests.calibration.hidden import hidden_arm, load_model
 from tests.calibration.lerobot_files import lerobot_text
-from tests.calibration.rehearsal import rehearse
+from tests.calibration.mounted_arms import load_model, make_mounted_arm
+from tests.calibration.scripted_operator import schedule_operator
 
-PORT = "/dev/ttyDESK"
+PORT = "/dev/ttyBENCH"
 
 
 @pytest.fixture
 def arm(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
-    arm = hidden_arm("so101", 21, spoiled=False)
+    arm = make_mounted_arm("so101", 21, spoiled=False)
 
     def open_transport(port, baud_rate):
         arm.port.is_open = True
@@ -27,8 +27,8 @@ def arm(monkeypatch, tmp_path):
 
 
 def imported(arm, say, path):
-    with arm.loose() as loose:
-        rehearse(arm, loose.make_subjects("home"))
+    with arm.open_limp() as limp_arm:
+        schedule_operator(arm, limp_arm.make_subjects("home"))
     words = f"import lerobot {path} --arm so101 --port {PORT} --pose home --margin 0.3 --yes"
     done = say(words)
     arm.world.hands.clear()

@@ -7,11 +7,11 @@ import pytest
 from ikservo.errors import NoPortError
 from ikservo.hardware.discovery import choose_port, remember_port
 from ikservo.hardware.remembered_port import config_dir
-from tests.cli.desk import Comport, plug_in
+from tests.cli.fixtures_ports import PortInfo, set_ports
 
-FEETECH = Comport("/dev/ttyACM0")
-U2D2 = Comport("/dev/ttyUSB0", 0x0403, 0x6014, "FT4THVXD", "USB <-> Serial Converter")
-UART = Comport("/dev/ttyS0", None, None, None, None)
+FEETECH = PortInfo("/dev/ttyACM0")
+U2D2 = PortInfo("/dev/ttyUSB0", 0x0403, 0x6014, "FT4THVXD", "USB <-> Serial Converter")
+UART = PortInfo("/dev/ttyS0", None, None, None, None)
 
 
 @pytest.fixture(autouse=True)
@@ -21,7 +21,7 @@ def own_home(monkeypatch, tmp_path):
 
 
 def test_an_adapter_is_named_with_chip_and_serial_number(say, monkeypatch):
-    plug_in(monkeypatch, [U2D2, FEETECH, UART])
+    set_ports(monkeypatch, [U2D2, FEETECH, UART])
     lines = say("ports").out.splitlines()
     assert lines[0].split() == ["port", "chip", "usb", "serial", "number", "used", "by", "by", "id"]
     assert "/dev/ttyACM0  CH343 (Feetech, Waveshare)  1a86:55d3  58FA083        -" in lines[1]
@@ -30,7 +30,7 @@ def test_an_adapter_is_named_with_chip_and_serial_number(say, monkeypatch):
 
 
 def test_json_says_the_same(say, monkeypatch):
-    plug_in(monkeypatch, [FEETECH])
+    set_ports(monkeypatch, [FEETECH])
     assert say("ports --json").json == {
         "schema": "ikservo/ports/1",
         "ports": [
@@ -46,21 +46,21 @@ def test_the_name_that_stays_the_same_is_shown(say, monkeypatch, tmp_path):
     folder.mkdir()
     (folder / "usb-1a86_USB_Single_Serial").symlink_to(device)
     monkeypatch.setattr("ikservo.hardware.serial_ports._BY_ID", folder)
-    plug_in(monkeypatch, [Comport(str(device))])
+    set_ports(monkeypatch, [PortInfo(str(device))])
     assert say("ports --json").json["ports"][0]["by_id"] == f"{folder}/usb-1a86_USB_Single_Serial"
 
 
 def test_who_holds_a_port_is_shown(say, monkeypatch, tmp_path):
     device = tmp_path / "ttyACM0"
     device.touch()
-    plug_in(monkeypatch, [Comport(str(device))])
+    set_ports(monkeypatch, [PortInfo(str(device))])
     with device.open():
         holder = say("ports --json").json["ports"][0]["holder"]
     assert "(process " in holder
 
 
 def test_no_adapter_is_no_error_and_the_simulator_is_offered(say, monkeypatch):
-    plug_in(monkeypatch, [])
+    set_ports(monkeypatch, [])
     said = say("ports")
     assert (said.code, said.out) == (0, "")
     assert said.err == "No USB serial adapter found. Without an arm: --port sim\n"
@@ -76,7 +76,7 @@ def test_no_adapter_is_no_error_and_the_simulator_is_offered(say, monkeypatch):
     ],
 )
 def test_an_unknown_chip_is_called_what_it_calls_itself(say, monkeypatch, vid, pid, product, chip):
-    plug_in(monkeypatch, [Comport("/dev/ttyACM0", vid, pid, None, product)])
+    set_ports(monkeypatch, [PortInfo("/dev/ttyACM0", vid, pid, None, product)])
     assert say("ports --json").json["ports"][0]["chip"] == chip
 
 
@@ -90,7 +90,7 @@ def no_waiting(monkeypatch):
 
 @pytest.mark.usefixtures("no_waiting")
 def test_the_adapter_that_is_unplugged_is_named(say, monkeypatch):
-    plug_in(monkeypatch, [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH])
+    set_ports(monkeypatch, [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH])
     said = say("ports --watch --events 1")
     assert said.out == "unplugged  /dev/ttyUSB0  FT232H (U2D2)\n"
     assert said.err.startswith("Here now: /dev/ttyACM0, /dev/ttyUSB0.\n")
@@ -98,7 +98,7 @@ def test_the_adapter_that_is_unplugged_is_named(say, monkeypatch):
 
 @pytest.mark.usefixtures("no_waiting")
 def test_watching_with_json_gives_one_object_a_line(say, monkeypatch):
-    plug_in(monkeypatch, [FEETECH], [FEETECH], [], [FEETECH])
+    set_ports(monkeypatch, [FEETECH], [FEETECH], [], [FEETECH])
     events = [json.loads(line) for line in say("ports --watch --events 2 --json").out.splitlines()]
     assert [event["event"] for event in events] == ["unplugged", "plugged"]
     assert {event["port"]["device"] for event in events} == {"/dev/ttyACM0"}
@@ -109,7 +109,7 @@ def test_ctrl_c_ends_watching(say, monkeypatch):
     def pull_the_plug(*_):
         raise KeyboardInterrupt
 
-    plug_in(monkeypatch, [FEETECH])
+    set_ports(monkeypatch, [FEETECH])
     monkeypatch.setattr("ikservo.clock.RealClock.sleep_until", pull_the_plug)
     assert say("ports --watch").code == 130
 
@@ -118,39 +118,39 @@ def test_ctrl_c_ends_watching(say, monkeypatch):
 
 
 def test_a_named_port_goes_before_everything(monkeypatch):
-    plug_in(monkeypatch, [FEETECH])
+    set_ports(monkeypatch, [FEETECH])
     monkeypatch.setenv("IKSERVO_PORT", "/dev/ttyUSB9")
     assert choose_port("/dev/ttyUSB7", "so101") == "/dev/ttyUSB7"
 
 
 def test_the_variable_goes_before_what_is_remembered(monkeypatch):
-    plug_in(monkeypatch, [FEETECH, U2D2])
+    set_ports(monkeypatch, [FEETECH, U2D2])
     remember_port("so101", "/dev/ttyACM0")
     monkeypatch.setenv("IKSERVO_PORT", "/dev/ttyUSB9")
     assert choose_port(None, "so101") == "/dev/ttyUSB9"
 
 
 def test_an_arm_is_found_again_on_another_socket(monkeypatch):
-    plug_in(monkeypatch, [FEETECH, U2D2])
+    set_ports(monkeypatch, [FEETECH, U2D2])
     remember_port("so101", "/dev/ttyACM0")
-    plug_in(monkeypatch, [Comport("/dev/ttyACM5"), U2D2])
+    set_ports(monkeypatch, [PortInfo("/dev/ttyACM5"), U2D2])
     assert choose_port(None, "so101") == "/dev/ttyACM5"
 
 
 def test_another_arm_has_its_own_adapter(monkeypatch):
-    plug_in(monkeypatch, [FEETECH, U2D2])
+    set_ports(monkeypatch, [FEETECH, U2D2])
     remember_port("so101", "/dev/ttyACM0")
     remember_port("koch", "/dev/ttyUSB0")
     assert [choose_port(None, arm) for arm in ("so101", "koch")] == ["/dev/ttyACM0", "/dev/ttyUSB0"]
 
 
 def test_without_memory_the_only_adapter_is_taken(monkeypatch):
-    plug_in(monkeypatch, [U2D2, UART])
+    set_ports(monkeypatch, [U2D2, UART])
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
 
 
 def test_of_two_strange_adapters_none_is_taken(monkeypatch):
-    plug_in(monkeypatch, [FEETECH, U2D2])
+    set_ports(monkeypatch, [FEETECH, U2D2])
     with pytest.raises(
         NoPortError, match=r"several adapters.*\n.*ttyACM0, /dev/ttyUSB0.*port=\"sim\""
     ):
@@ -158,7 +158,7 @@ def test_of_two_strange_adapters_none_is_taken(monkeypatch):
 
 
 def test_an_adapter_without_serial_number_is_not_remembered(monkeypatch):
-    plug_in(monkeypatch, [Comport("/dev/ttyUSB1", 0x1A86, 0x7523, None)])
+    set_ports(monkeypatch, [PortInfo("/dev/ttyUSB1", 0x1A86, 0x7523, None)])
     remember_port("so101", "/dev/ttyUSB1")
     assert not (config_dir() / "ports.toml").exists()
 
@@ -167,7 +167,7 @@ def test_an_adapter_without_serial_number_is_not_remembered(monkeypatch):
     "text", ["", "format = 2\n[serial_numbers]\nso101 = 'FT4THVXD'\n", "serial_numbers = [", "\0"]
 )
 def test_a_spoiled_memory_is_as_good_as_none(monkeypatch, text):
-    plug_in(monkeypatch, [FEETECH, U2D2])
+    set_ports(monkeypatch, [FEETECH, U2D2])
     config_dir().mkdir(parents=True)
     (config_dir() / "ports.toml").write_text(text)
     with pytest.raises(NoPortError):
@@ -177,7 +177,7 @@ def test_a_spoiled_memory_is_as_good_as_none(monkeypatch, text):
 
 
 def test_a_home_that_cannot_be_written_stops_nobody(monkeypatch, tmp_path):
-    plug_in(monkeypatch, [FEETECH])
+    set_ports(monkeypatch, [FEETECH])
     (tmp_path / "file").touch()
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "file"))
     remember_port("so101", "/dev/ttyACM0")

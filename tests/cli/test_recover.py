@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.cli.desk import spoil
+from tests.cli.fixtures_ports import change_bus
 
 OVERLOAD = 0x20
 
@@ -28,7 +28,7 @@ def _overload(servo):
 
 
 def test_a_feetech_servo_is_switched_off_and_on(say, monkeypatch):
-    ports = spoil(monkeypatch, overloaded(3))
+    ports = change_bus(monkeypatch, overloaded(3))
     said = say("recover --arm so101 --port sim --json")
     assert said.code == 0
     assert said.json["servos"][2] == {
@@ -39,14 +39,14 @@ def test_a_feetech_servo_is_switched_off_and_on(say, monkeypatch):
 
 
 def test_a_limp_feetech_servo_stays_limp(say, monkeypatch):
-    ports = spoil(monkeypatch, overloaded(3, torque=0))
+    ports = change_bus(monkeypatch, overloaded(3, torque=0))
     row = say("recover --arm so101 --port sim --json").json["servos"][2]
     assert (row["after"], row["torque"]) == ([], False)
     assert ports[0].line.servos[3].read("torque_enable") == 0
 
 
 def test_servos_without_an_alarm_keep_their_torque(say, monkeypatch):
-    ports = spoil(monkeypatch, overloaded(3))
+    ports = change_bus(monkeypatch, overloaded(3))
     rows = say("recover --arm so101 --port sim --json").json["servos"]
     assert [row["action"] for row in rows].count("had no alarm") == 5
     assert [s.read("torque_enable") for s in ports[0].line.world.servos] == [1] * 6
@@ -58,14 +58,14 @@ def test_every_goal_is_where_its_joint_is(say, monkeypatch):
         for servo in line.world.servos:
             servo.memory.put("goal_position", 1000)
 
-    ports = spoil(monkeypatch, change)
+    ports = change_bus(monkeypatch, change)
     assert say("recover --arm so101 --port sim").code == 0
     for servo in ports[0].line.world.servos:
         assert abs(servo.read("goal_position") - servo.read("present_position")) <= 1
 
 
 def test_a_dynamixel_keeps_its_alarm_until_it_may_restart(say, monkeypatch):
-    ports = spoil(monkeypatch, overloaded(2))
+    ports = change_bus(monkeypatch, overloaded(2))
     said = say("recover --arm koch --port sim")
     assert said.code == 5
     assert "support the arm, then ikservo recover --reboot" in said.out
@@ -74,7 +74,7 @@ def test_a_dynamixel_keeps_its_alarm_until_it_may_restart(say, monkeypatch):
 
 
 def test_a_dynamixel_is_restarted_on_request(say, monkeypatch):
-    ports = spoil(monkeypatch, overloaded(2))
+    ports = change_bus(monkeypatch, overloaded(2))
     said = say("recover --arm koch --port sim --reboot --json")
     assert said.code == 0
     assert said.json["servos"][1] == {
@@ -87,7 +87,7 @@ def test_a_dynamixel_is_restarted_on_request(say, monkeypatch):
 
 
 def test_only_servos_with_an_alarm_restart(say, monkeypatch):
-    ports = spoil(monkeypatch, overloaded(2))
+    ports = change_bus(monkeypatch, overloaded(2))
     say("recover --arm koch --port sim --reboot")
     assert [servo.boot_s > 0.0 for servo in ports[0].line.world.servos].count(True) == 1
 
@@ -97,7 +97,7 @@ def test_at_a_wrong_voltage_torque_stays_off(say, monkeypatch):
         overloaded(3)(line)
         line.servos[3].memory.put("max_voltage_limit", 60)
 
-    ports = spoil(monkeypatch, change)
+    ports = change_bus(monkeypatch, change)
     said = say("recover --arm so101 --port sim --json")
     assert said.code == 5
     assert said.json["servos"][2]["action"].startswith(
@@ -111,7 +111,7 @@ def test_a_silent_servo_does_not_keep_the_others_from_recovering(say, monkeypatc
         overloaded(3)(line)
         line.servos[2].powered = False
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     said = say("recover --arm so101 --port sim --json")
     assert said.code == 4
     assert [row["torque"] for row in said.json["servos"]] == [True, None, True, True, True, True]

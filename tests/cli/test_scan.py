@@ -3,7 +3,7 @@
 import pytest
 
 from servosim.faults import Fault
-from tests.cli.desk import spoil
+from tests.cli.fixtures_ports import change_bus
 
 SCAN = "scan --port sim"
 
@@ -29,7 +29,7 @@ def test_json_gives_each_servo_with_units(say):
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_two_servos_on_one_id_are_called_several(say, monkeypatch, arm):
-    spoil(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
+    change_bus(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
     said = say(f"{SCAN} --arm {arm} --json")
     assert said.code == 1
     assert [s["id"] for s in said.json["servos"] if s["several"]] == [2]
@@ -46,7 +46,7 @@ def test_two_servos_that_never_speak_at_once_are_several_too(say, monkeypatch, a
         line.servos[3].memory.put(register, 250)
         line.servos[3].memory.put("id", 2)
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     servos = say(f"{SCAN} --arm {arm} --json").json["servos"]
     assert [s["id"] for s in servos if s["several"]] == [2]
 
@@ -56,7 +56,7 @@ def test_all_six_fresh_from_the_box_are_several(say, monkeypatch):
         for servo in line.world.servos:
             servo.memory.put("id", 1)
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     servos = say(f"{SCAN} --arm so101 --json").json["servos"]
     assert [(s["id"], s["several"]) for s in servos] == [(1, True)]
 
@@ -66,7 +66,7 @@ def test_a_servo_at_another_rate_is_found(say, monkeypatch):
         for servo in line.world.servos:
             servo.memory.put("baud_rate", 2)  # 115,200
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     servos = say(f"{SCAN} --arm koch --json").json["servos"]
     assert {s["baud_rate"] for s in servos} == {115_200}
 
@@ -76,12 +76,12 @@ def strangers(line):
 
 
 def test_the_search_ends_at_the_first_rate_with_servos(say, monkeypatch):
-    spoil(monkeypatch, strangers)
+    change_bus(monkeypatch, strangers)
     assert [s["id"] for s in say(f"{SCAN} --arm koch --json").json["servos"]] == [1, 2, 3, 4, 5]
 
 
 def test_all_goes_on_to_the_last_rate(say, monkeypatch):
-    spoil(monkeypatch, strangers)
+    change_bus(monkeypatch, strangers)
     servos = say(f"{SCAN} --arm koch --all --json").json["servos"]
     assert [(s["id"], s["baud_rate"]) for s in servos][-1] == (6, 57_600)
     assert len(servos) == 6
@@ -107,7 +107,7 @@ def test_behind_an_adapter_that_holds_bytes_for_16_ms_models_are_known_all_the_s
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_a_servo_whose_first_answer_is_lost_is_found_all_the_same(say, monkeypatch, arm):
-    spoil(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, count=1)))
+    change_bus(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, count=1)))
     servos = say(f"{SCAN} --arm {arm} --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 
@@ -132,13 +132,13 @@ def test_noise_invents_no_servos(say):
 
 
 def test_a_servo_with_an_alarm_is_found_and_says_so(say, monkeypatch):
-    spoil(monkeypatch, lambda line: line.servos[4].inject_alarm(0x20))
+    change_bus(monkeypatch, lambda line: line.servos[4].inject_alarm(0x20))
     servos = say(f"{SCAN} --arm so101 --json").json["servos"]
     assert servos[3]["alarms"] == ["overload"]
 
 
 def test_a_model_without_a_table_is_shown_by_its_number(say, monkeypatch):
-    spoil(monkeypatch, lambda line: line.servos[4].memory.put("model_number", 4242))
+    change_bus(monkeypatch, lambda line: line.servos[4].memory.put("model_number", 4242))
     row = say(f"{SCAN} --arm so101 --json").json["servos"][3]
     assert (row["id"], row["model"], row["model_number"]) == (4, None, 4242)
 
@@ -149,7 +149,7 @@ def test_253_silent_ids_take_less_than_two_seconds_of_the_lines_time(say, monkey
         for servo in line.world.servos:
             servo.powered = False
 
-    ports = spoil(monkeypatch, silence)
+    ports = change_bus(monkeypatch, silence)
     said = say(f"{SCAN} --arm {protocol} --baud 1000000")
     assert said.code == 4
     assert ports[0].clock.now_s() < 2.0

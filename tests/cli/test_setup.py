@@ -7,7 +7,7 @@ import pytest
 
 import servosim
 from ikservo.hardware.scan import scan_rate
-from tests.cli.desk import run, spoil
+from tests.cli.fixtures_ports import change_bus, run_command
 from tests.oracle import CONFIGS
 
 NEW = {"so101": (1, 0), "koch": (1, 1)}  # id and baud code with which a servo is delivered
@@ -82,7 +82,7 @@ def at_the_desk(monkeypatch, arm, **habits):
 
         look()
 
-    ports = spoil(monkeypatch, sit_down)
+    ports = change_bus(monkeypatch, sit_down)
     return people, ports
 
 
@@ -93,7 +93,7 @@ def set_up():
     for arm, options in (("so101", "--json"), ("koch", "")):
         with pytest.MonkeyPatch.context() as monkeypatch:
             people, _ = at_the_desk(monkeypatch, arm)
-            said = run(f"setup {arm} --port sim --yes {options}")
+            said = run_command(f"setup {arm} --port sim --yes {options}")
             done[arm] = people[0], said
     return done
 
@@ -152,7 +152,7 @@ def test_a_servo_plugged_in_too_early_is_not_taken_for_the_one_before(say, monke
 
 
 def test_a_whole_arm_plugged_in_is_refused_and_nothing_is_written(say, monkeypatch):
-    ports = spoil(monkeypatch, lambda line: None)
+    ports = change_bus(monkeypatch, lambda line: None)
     said = say("setup so101 --port sim --yes --wait 5")
     assert said.code == 4
     assert "More than one servo answers: STS3215 at id 1, 1000000 baud; " in said.err
@@ -180,14 +180,14 @@ def test_two_servos_at_the_same_id_are_refused(say, monkeypatch):
         line.servos[4].powered = True
         line.servos[4].memory.put("id", 3)
 
-    spoil(monkeypatch, change)
+    change_bus(monkeypatch, change)
     said = say("setup so101 --port sim --yes --start elbow_flex --wait 5")
     assert said.code == 4
     assert "More than one servo answers: several servos at id 3" in said.err
 
 
 def test_a_servo_that_is_right_already_is_not_written(say, monkeypatch):
-    ports = spoil(monkeypatch, all_but(6))
+    ports = change_bus(monkeypatch, all_but(6))
     said = say("setup so101 --port sim --start gripper --yes")
     assert said.out == "✓ gripper (id 6): nothing to change\n"
     assert said.code == 0
@@ -196,14 +196,14 @@ def test_a_servo_that_is_right_already_is_not_written(say, monkeypatch):
 
 
 def test_another_model_is_refused_and_nothing_is_written(say, monkeypatch):
-    spoil(monkeypatch, all_but(3))
+    change_bus(monkeypatch, all_but(3))
     said = say("setup koch --port sim --yes")
     assert said.code == 6
     assert "shoulder_pan (id 1) must be a XL430-W250, but a XL330-M288 at id 3" in said.err
 
 
 def test_nobody_came_and_it_says_how_to_go_on(say, monkeypatch):
-    spoil(monkeypatch, all_but(99))
+    change_bus(monkeypatch, all_but(99))
     said = say("setup so101 --port sim --yes --start wrist_flex --wait 3")
     assert said.code == 4
     assert "brings no servo within 3 s (all ids, " in said.err
@@ -215,7 +215,7 @@ def test_where_nobody_can_answer_the_flag_is_named(say, monkeypatch):
         all_but(6)(line)
         line.servos[6].memory.put("id", 9)
 
-    ports = spoil(monkeypatch, change)
+    ports = change_bus(monkeypatch, change)
     said = say("setup so101 --port sim --start gripper")
     assert said.code == 2
     assert "Cannot ask: input is not a terminal.\nGive --yes." in said.err
@@ -228,7 +228,7 @@ def test_settings_of_the_arm_file_are_written_too(say, monkeypatch):
         line.servos[9].memory.put("velocity_limit", 265)
         line.servos[9].memory.put("return_delay_time", 0)
 
-    ports = spoil(monkeypatch, change)
+    ports = change_bus(monkeypatch, change)
     said = say("setup wx250s --port sim --yes --start gripper")
     assert said.out == "✓ gripper (id 9): velocity_limit 265 → 131\n"
     assert ports[0].line.servos[9].read("velocity_limit") == 131
@@ -255,7 +255,7 @@ def test_bad_input_is_one_clear_error(say, words, code, message):
 
 
 def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(say, monkeypatch):
-    spoil(monkeypatch, all_but(5))
+    change_bus(monkeypatch, all_but(5))
     said = say("setup so101 --port sim --start wrist_roll --yes --wait 3")
     assert said.code == 4
     assert said.out == "✓ wrist_roll (id 5): nothing to change\n"
@@ -284,7 +284,7 @@ def at_rate(code):
     [r if r == 115_200 else pytest.param(r, marks=pytest.mark.campaign) for r in STS_CODES],
 )
 def test_a_servo_is_found_at_whatever_rate_it_has(say, monkeypatch, rate):
-    ports = spoil(monkeypatch, at_rate(STS_CODES[rate]))
+    ports = change_bus(monkeypatch, at_rate(STS_CODES[rate]))
     said = say("setup so101 --port sim --start gripper --yes")
     assert said.code == 0, said.err
     assert f"Found STS3215 at id 6, {rate} baud" in said.err
@@ -317,7 +317,7 @@ def test_a_servo_of_another_family_is_named(say, monkeypatch, code, rate):
 
 
 def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(say, monkeypatch):
-    spoil(monkeypatch, all_but(6))
+    change_bus(monkeypatch, all_but(6))
     looks = itertools.count()
 
     def now_and_then(port, rate, framings):

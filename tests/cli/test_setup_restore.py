@@ -9,7 +9,7 @@ from ikservo.errors import ExitCode
 from ikservo.hardware import back_up_once
 from ikservo.model import load_model
 from servosim.faults import Fault
-from tests.cli.desk import run_words, spoil
+from tests.cli.fixtures_ports import change_bus, run_arguments
 
 SPOILED = {
     "so101": {"homing_offset": -100, "p_gain": 40, "max_position_limit": 3000},
@@ -52,10 +52,10 @@ class Desk:
             change(servo, self.numbers)
             also(line)
 
-        self._ports = spoil(monkeypatch, spoiled)
+        self._ports = change_bus(monkeypatch, spoiled)
 
     def restore(self, path, *words):
-        return run_words(["setup", self.arm, "--port", "sim", "--restore", str(path), *words])
+        return run_arguments(["setup", self.arm, "--port", "sim", "--restore", str(path), *words])
 
     @property
     def servo(self):
@@ -224,12 +224,12 @@ def test_a_servo_that_does_not_answer_is_named(monkeypatch):
 
 def test_options_of_restore_alone_are_refused(monkeypatch):
     Desk(monkeypatch, "so101")
-    said = run_words(["setup", "so101", "--port", "sim", "--other-model"])
+    said = run_arguments(["setup", "so101", "--port", "sim", "--other-model"])
     assert said.code == ExitCode.USAGE
     assert "Add --restore FILE." in said.err
 
 
 def test_without_an_arm_it_says_how_to_name_one():
-    said = run_words(["setup", "--restore", "x.toml"])
+    said = run_arguments(["setup", "--restore", "x.toml"])
     assert said.code == ExitCode.USAGE
     assert "Missing argument 'ARM'." in said.err

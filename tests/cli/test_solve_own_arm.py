@@ -5,8 +5,8 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from ikservo.calibration.calibration_file import save_calibration
-from tests.calibration.hidden import hidden_arm
-from tests.calibration.plain import plain_calibration
+from tests.calibration.factories import make_calibration
+from tests.calibration.mounted_arms import make_mounted_arm
 
 WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
 AT_THE_SIDE = "0 0.25 0.1 --arm so101"  # the sweep below turns the pan by 63° and no further
@@ -20,9 +20,9 @@ def _home(tmp_path, monkeypatch):
 @pytest.fixture
 def file():
     """Return where the calibration lies of a SO-101 swept by 63° to both sides of home."""
-    arm = hidden_arm("so101", 4, spoiled=False)
-    with arm.loose() as loose:
-        calibration = plain_calibration(arm, loose, WHEN)
+    arm = make_mounted_arm("so101", 4, spoiled=False)
+    with arm.open_limp() as limp_arm:
+        calibration = make_calibration(arm, limp_arm, WHEN)
     older = {"written": WHEN - timedelta(days=9), "usb_serial_number": "OLDER"}
     save_calibration(calibration.model_copy(update=older))
     return save_calibration(calibration)

@@ -8,9 +8,9 @@ import pytest
 
 from ikservo.arm.calibrated_arm import load_calibration_for
 from ikservo.calibration.calibration_file import calibration_path, read_calibration
-from tests.calibration.hidden import load_model
-from tests.cli.real_port import PORT, SERIAL, calibrate_plainly, put
-from tests.model.touch.hidden_geometry import HiddenGeometry
+from tests.calibration.mounted_arms import load_model
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
+from tests.model.touch.perturbed_geometry import PerturbedGeometry
 
 NAME = "so101"
 EVERY_S = 2.0
@@ -25,16 +25,16 @@ def home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def truth():
-    return HiddenGeometry(NAME, 2, load_model(NAME).chain)
+    return PerturbedGeometry(NAME, 2, load_model(NAME).chain)
 
 
 @pytest.fixture
 def arm(monkeypatch, truth):
     """Return an arm that was held two degrees off its pose when it was calibrated."""
-    arm = put(monkeypatch, NAME)
+    arm = connect_arm(monkeypatch, NAME)
     for name, off in zip(truth.chain.names, truth.zeros, strict=True):
         arm.world.place(name, arm.true_position(name) + off)
-    calibrate_plainly(arm)
+    write_calibration(arm)
     return arm
 
 
@@ -161,7 +161,7 @@ def test_without_a_terminal_the_options_that_answer_are_named(arm, say):
 
 
 def test_an_arm_that_is_not_calibrated_has_nothing_to_touch_off(monkeypatch, say):
-    put(monkeypatch, NAME)
+    connect_arm(monkeypatch, NAME)
     done = say(f"{WORDS} --yes")
     assert (done.code, "is not calibrated" in done.err) == (6, True)
 

@@ -4,12 +4,12 @@ from itertools import combinations
 
 import pytest
 
-from ikservo.cli import direction_check as calibrate_wiggle
+from ikservo.cli import direction_check
 from ikservo.maintenance.direction_check import directions_confirmed
-from tests.calibration.hidden import load_model
-from tests.cli.desk import run_words
-from tests.cli.real_port import PORT, calibrate_plainly, put
-from tests.journeys.lines import put as put_in
+from tests.calibration.mounted_arms import load_model
+from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration
+from tests.cli.fixtures_ports import run_arguments
+from tests.journeys.fixtures_ports import place_arm
 
 NAME = "planar2"
 MOVE = f"move 0.18 0.05 0.05 --arm {NAME} --port {PORT} --no-collision"
@@ -27,8 +27,8 @@ def home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def arm(monkeypatch):
-    arm = put(monkeypatch, NAME, spoiled=False)
-    calibrate_plainly(arm)
+    arm = connect_arm(monkeypatch, NAME, spoiled=False)
+    write_calibration(arm)
     return arm
 
 
@@ -38,7 +38,7 @@ def watcher(monkeypatch):
 
     def watch(arm):
         seen = {}
-        original = calibrate_wiggle.run_direction_check
+        original = direction_check.run_direction_check
 
         def wiggle(machine, motion):
             before = {j.name: j.position for j in arm.world.joints}
@@ -55,7 +55,7 @@ def watcher(monkeypatch):
             moved = max(most, key=lambda name: abs(most[name]))
             seen[motion.joint] = moved == motion.joint and most[moved] * motion.way > 0
 
-        monkeypatch.setattr(calibrate_wiggle, "run_direction_check", wiggle)
+        monkeypatch.setattr(direction_check, "run_direction_check", wiggle)
         monkeypatch.setattr("sys.stdin.isatty", lambda: True)
         monkeypatch.setattr("ikservo.cli.terminal.read_answer", answer(seen))
         return seen
@@ -101,7 +101,7 @@ def test_a_replay_shows_the_joints_first(arm, say, watcher, tmp_path):
 
 
 def test_an_arm_that_nobody_calibrated_takes_its_agreed_step_and_no_other(monkeypatch, say):
-    put(monkeypatch, NAME, zero=2048, sign=1, spoiled=False)
+    connect_arm(monkeypatch, NAME, zero=2048, sign=1, spoiled=False)
     done = say(f"joints joint1=5 --arm {NAME} --port {PORT} --no-collision --yes")
     assert "then back" not in done.err
 
@@ -111,7 +111,7 @@ def test_a_changed_calibration_is_shown_again(arm, say):
     assert directions_confirmed(load_model(NAME), PORT)
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 0)
-    calibrate_plainly(arm)  # the arm stands elsewhere by now
+    write_calibration(arm)  # the arm stands elsewhere by now
     assert not directions_confirmed(load_model(NAME), PORT)
 
 
@@ -141,7 +141,7 @@ def test_a_jammed_joint_is_named(arm, say):
 
 def swapped(monkeypatch, pair):
     """Put an uncalibrated arm on the desk, two of whose servos have each other's ids."""
-    arm = put(monkeypatch, "so101", zero=2048, sign=1, spoiled=False)
+    arm = connect_arm(monkeypatch, "so101", zero=2048, sign=1, spoiled=False)
     memories = [arm.line.servos[i].memory for i in pair]
     for memory, new in zip(memories, reversed(pair), strict=True):
         memory.put("id", new)
@@ -161,14 +161,14 @@ def test_any_two_swapped_ids_are_seen(monkeypatch, say, watcher, pair):
 
 
 def test_a_mirrored_sign_is_seen(monkeypatch, say, watcher):
-    arm = put(monkeypatch, NAME, zero=2048, sign=-1, spoiled=False)
+    arm = connect_arm(monkeypatch, NAME, zero=2048, sign=-1, spoiled=False)
     watcher(arm)
     done = say(f"calibrate {NAME} --port {PORT} --wiggle --uncalibrated")
     assert (done.code, "If it went the other way" in done.err) == (6, True)
 
 
 def test_an_arm_that_lies_on_the_table_is_lifted_first_and_then_moves(monkeypatch):
-    bench = put_in(monkeypatch, "so101", "rest, sunk", "real, calibrated")
-    done = run_words(["pose", "home", "--arm", "so101", "--port", bench.port, "--yes"])
+    bench = place_arm(monkeypatch, "so101", "rest, sunk", "real, calibrated")
+    done = run_arguments(["pose", "home", "--arm", "so101", "--port", bench.port, "--yes"])
     assert done.code == 0, done.err
     assert "The arm lies on something: elbow_flex moves so that the tool goes up" in done.err

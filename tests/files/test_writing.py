@@ -6,7 +6,7 @@ import random
 import pytest
 
 from ikservo.files.writing import FileWriteError, check_writable, remove_durably, write_atomic
-from tests.files.power import Power, PowerCut, Refusals, powered, unplugged
+from tests.files.power_cuts import FailingCall, PowerCut, PowerSupply, patch_calls, restore_calls
 
 OLD, NEW = "the old text\n" * 50, "the new text, which is longer\n" * 80
 
@@ -35,9 +35,9 @@ def test_nothing_else_is_left_in_the_folder(path):
 
 
 def calls_of_a_save(path, monkeypatch):
-    power = Power().feeds_files(monkeypatch)
+    power = PowerSupply().limit_files(monkeypatch)
     write_atomic(path, NEW, keep_old=True)
-    unplugged(monkeypatch)
+    restore_calls(monkeypatch)
     write_atomic(path, OLD)
     return power.spent
 
@@ -47,10 +47,10 @@ def test_power_cut_at_every_call_leaves_the_old_or_the_new_file(path, monkeypatc
     assert calls >= 12  # of two files: made, written, synced, closed, renamed; folder synced
     seen = set()
     for lasts in range(calls):
-        Power(lasts).feeds_files(monkeypatch)
+        PowerSupply(lasts).limit_files(monkeypatch)
         with pytest.raises(PowerCut):
             write_atomic(path, NEW, keep_old=True)
-        unplugged(monkeypatch)
+        restore_calls(monkeypatch)
         assert path.read_text() in (OLD, NEW)
         seen.add(path.read_text())
         write_atomic(path, OLD)
@@ -63,10 +63,10 @@ def test_an_error_at_every_call_says_whether_the_file_is_the_old_or_the_new_one(
 ):
     calls = calls_of_a_save(path, monkeypatch)
     for nth in range(1, calls + 1):
-        powered(monkeypatch, Refusals(nth, number))
+        patch_calls(monkeypatch, FailingCall(nth, number))
         with pytest.raises(FileWriteError, match=r"cannot be written: .*\n.*try again") as caught:
             write_atomic(path, NEW, keep_old=True)
-        unplugged(monkeypatch)
+        restore_calls(monkeypatch)
         assert path.read_text() == (NEW if caught.value.changed else OLD)
         assert ("is unchanged" in caught.value.hint) is not caught.value.changed
         assert {p.name for p in path.parent.iterdir()} <= {"so101.toml", "so101.toml.bak"}
@@ -79,10 +79,10 @@ def test_ten_thousand_random_power_cuts_never_tear_a_file(path, monkeypatch):
     chance = random.Random(6)
     calls = calls_of_a_save(path, monkeypatch)
     for _ in range(10_000):
-        Power(chance.randrange(calls)).feeds_files(monkeypatch)
+        PowerSupply(chance.randrange(calls)).limit_files(monkeypatch)
         with pytest.raises(PowerCut):
             write_atomic(path, NEW, keep_old=True)
-        unplugged(monkeypatch)
+        restore_calls(monkeypatch)
         assert path.read_text() in (OLD, NEW)
         write_atomic(path, OLD)
 

@@ -1,4 +1,4 @@
-"""The arms of these tests, loaded once: models and bodies do not change."""
+"""Models and collision bodies of the arms, loaded once."""
 
 from functools import cache
 

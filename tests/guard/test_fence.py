@@ -7,7 +7,7 @@ import pytest
 from ikservo.calibration import Crank, JointMap, Limits
 from ikservo.errors import BadValueError
 from ikservo.guard import CommandLimits
-from tests.guard.gates import TICK, fence
+from tests.guard.gates import TICK, make_limits
 
 RACK = JointMap.prismatic("jaw", 6, -1, 2048, 4096, 0.05)
 
@@ -27,7 +27,7 @@ def test_the_positions_are_those_of_the_outermost_ticks():
 
 @pytest.mark.parametrize(("position", "tick"), [(0.4, 2048), (0.6, 2049), (2000.0, 4048)])
 def test_a_position_is_the_nearest_tick_also_outside(position, tick):
-    assert fence().tick(position * TICK) == tick
+    assert make_limits().tick(position * TICK) == tick
 
 
 @pytest.mark.parametrize(("position", "tick"), [(-1.5, 2047), (2.5, 2050)])
@@ -39,7 +39,7 @@ def test_a_position_inside_the_limits_is_a_tick_inside(position, tick):
 
 def test_no_number_has_no_tick():
     with pytest.raises(BadValueError, match="goal of elbow"):
-        fence().tick(math.nan)
+        make_limits().tick(math.nan)
 
 
 def test_speed_in_ticks_is_that_of_the_joint_and_not_of_its_horn():
@@ -52,12 +52,12 @@ def test_speed_in_ticks_is_that_of_the_joint_and_not_of_its_horn():
     ("speed_deg_s", "lead"), [(25, 106), (52.7, 137), (52.8, 138), (60, 138), (120, 138)]
 )
 def test_the_look_ahead_is_a_tenth_of_a_second_up_to_60_ticks_and_78_standing(speed_deg_s, lead):
-    assert fence().max_lead_ticks(math.radians(speed_deg_s)) == lead
+    assert make_limits().max_lead_ticks(math.radians(speed_deg_s)) == lead
 
 
 @pytest.mark.parametrize(("short_ticks", "lead"), [(0.9e-6, 28), (1.1e-6, 27)])
 def test_the_last_bit_of_a_speed_costs_no_tick(short_ticks, lead):
-    assert fence().max_lead_ticks((280.0 - 10.0 * short_ticks) * TICK) == 78 + lead
+    assert make_limits().max_lead_ticks((280.0 - 10.0 * short_ticks) * TICK) == 78 + lead
 
 
 def test_a_finer_encoder_has_the_same_look_ahead():
@@ -67,7 +67,7 @@ def test_a_finer_encoder_has_the_same_look_ahead():
 
 
 def test_the_look_ahead_of_a_slow_joint_is_short_however_fast_the_motion():
-    assert fence(speed_tick_s=200).max_lead_ticks(10.0) == 98
+    assert make_limits(speed_tick_s=200).max_lead_ticks(10.0) == 98
 
 
 def test_the_look_ahead_counts_on_the_horn():
@@ -89,11 +89,11 @@ def test_the_look_ahead_counts_on_the_horn():
     ],
 )
 def test_what_is_beyond_names_the_limit_that_binds(tick, words):
-    assert fence().describe_violation(tick) == words
+    assert make_limits().describe_violation(tick) == words
 
 
 def test_on_the_upper_limit_the_lower_one_is_never_named():
-    assert "below its lower limit -92.1°" in fence().describe_violation(3000)
+    assert "below its lower limit -92.1°" in make_limits().describe_violation(3000)
 
 
 def test_a_target_that_rounds_to_its_limit_is_shown_with_a_second_decimal():

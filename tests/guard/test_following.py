@@ -5,7 +5,7 @@ import pytest
 
 from ikservo.errors import RefusedError
 from ikservo.guard import TrackingMonitor
-from tests.guard.gates import TICK, fence
+from tests.guard.gates import TICK, make_limits
 
 MOST = np.array([0.2, 0.2])
 GOALS = np.array([1.0, 1.0])
@@ -79,13 +79,13 @@ def steps_until_stopped(watch, behind):
 
 
 def test_over_a_look_ahead_nine_tenths_of_it_are_too_far():
-    fences = [fence(), fence("wrist", 4)]  # a look-ahead of 138 ticks
+    fences = [make_limits(), make_limits("wrist", 4)]  # a look-ahead of 138 ticks
     assert steps_until_stopped(TrackingMonitor.for_limits(fences), 124) is None
     assert steps_until_stopped(TrackingMonitor.for_limits(fences), 125) == 3
 
 
 def test_a_slow_motion_is_watched_more_closely():
-    fences = [fence(), fence("wrist", 4)]
+    fences = [make_limits(), make_limits("wrist", 4)]
     slow = {"elbow": 284 * TICK}  # a look-ahead of 106 ticks
     assert steps_until_stopped(TrackingMonitor.for_limits(fences, slow), 95) is None
     assert steps_until_stopped(TrackingMonitor.for_limits(fences, slow), 96) == 3
@@ -95,7 +95,7 @@ def test_a_slow_motion_is_watched_more_closely():
 
 
 def test_a_joint_is_named_by_its_fence():
-    watch = TrackingMonitor.for_limits([fence("elbow"), fence("wrist", 4)])
+    watch = TrackingMonitor.for_limits([make_limits("elbow"), make_limits("wrist", 4)])
     for _ in range(2):
         watch.update(np.zeros(2), np.array([0.0, 1.0]))
     with pytest.raises(RefusedError, match=r"^wrist does not"):

@@ -9,21 +9,21 @@ from hypothesis import strategies as st
 
 from ikservo.errors import ExitCode, RefusedError
 from ikservo.guard import Gate, StopKind, StopReason
-from tests.guard.gates import BEAT_S, HandClock, Recorder, fence, gate_at
+from tests.guard.gates import CYCLE_S, ManualClock, Recorder, make_gate_at, make_limits
 
 LEAD = 138  # ticks, of a joint at its top speed
 
 
 @pytest.mark.parametrize(("start", "tick"), [(1010, 1000), (2990, 3000), (1000, 1000)])
 def test_the_last_tick_inside_the_limits_passes(start, tick):
-    gate, bus, _ = gate_at(start)
+    gate, bus, _ = make_gate_at(start)
     gate.send({"elbow": tick})
     assert bus.sent == [{3: tick}]
 
 
 @pytest.mark.parametrize(("start", "tick"), [(1010, 999), (2990, 3001)])
 def test_the_first_tick_outside_is_refused_and_nothing_is_sent(start, tick):
-    gate, bus, _ = gate_at(start)
+    gate, bus, _ = make_gate_at(start)
     with pytest.raises(RefusedError) as caught:
         gate.send({"wrist": 2050, "elbow": tick})
     assert caught.value.exit_code == ExitCode.REFUSED
@@ -31,14 +31,14 @@ def test_the_first_tick_outside_is_refused_and_nothing_is_sent(start, tick):
 
 
 def test_a_refusal_names_the_joint_the_goal_the_limit_and_its_source():
-    gate, _, _ = gate_at(2990)
+    gate, _, _ = make_gate_at(2990)
     with pytest.raises(RefusedError, match=r"elbow target 83\.8° .* limit 83\.7° \(hand sweep\)"):
         gate.send({"elbow": 3001})
 
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_step_as_long_as_the_speed_allows_passes(direction):
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     gate.update_measured({"elbow": 2048 + direction * 100}, 0.02)
     gate.send({"elbow": 2048 + direction * 201})  # 10 000 ticks/s, 20 ms, and one of rounding
     assert bus.sent == [{3: 2048 + direction * 201}]
@@ -46,14 +46,14 @@ def test_a_step_as_long_as_the_speed_allows_passes(direction):
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_step_one_tick_longer_is_refused(direction):
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="setpoint step of 202 ticks in 20 ms for elbow"):
         gate.send({"elbow": 2048 + direction * 202})
     assert bus.sent == []
 
 
 def test_after_a_stall_the_next_step_is_no_longer_than_after_50_ms():
-    gate, _, clock = gate_at(2048)
+    gate, _, clock = make_gate_at(2048)
     clock.time_s = 5.0
     gate.update_measured({"elbow": 2300, "wrist": 2048}, 5.0)
     with pytest.raises(RefusedError, match="step of 502 ticks in 50 ms for elbow \\(max 501\\)"):
@@ -62,7 +62,7 @@ def test_after_a_stall_the_next_step_is_no_longer_than_after_50_ms():
 
 
 def test_steps_are_counted_from_the_last_goal_that_passed():
-    gate, bus, clock = gate_at(2048)
+    gate, bus, clock = make_gate_at(2048)
     gate.update_measured({"elbow": 2200}, 0.02)
     gate.send({"elbow": 2248})
     clock.time_s = 0.04
@@ -73,7 +73,7 @@ def test_steps_are_counted_from_the_last_goal_that_passed():
 
 @pytest.mark.parametrize(("start", "inwards", "outwards"), [(950, 960, 949), (3050, 3040, 3051)])
 def test_a_joint_outside_its_limits_may_come_back_but_not_go_further(start, inwards, outwards):
-    gate, bus, clock = gate_at(start)
+    gate, bus, clock = make_gate_at(start)
     with pytest.raises(RefusedError):
         gate.send({"elbow": outwards})
     gate.send({"elbow": inwards})
@@ -87,14 +87,14 @@ def test_a_joint_outside_its_limits_may_come_back_but_not_go_further(start, inwa
     "tick", [math.nan, math.inf, 2048.0, "2048", None, True, np.float64(2048), [2048]]
 )
 def test_a_goal_that_is_no_whole_number_is_refused_for_all_joints(tick):
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="goal of elbow"):
         gate.send({"wrist": 2050, "elbow": tick})
     assert bus.sent == []
 
 
 def test_an_unknown_joint_is_refused_for_all_joints():
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="no joint 'elbo'"):
         gate.send({"wrist": 2050, "elbo": 2048})
     assert bus.sent == []
@@ -102,7 +102,7 @@ def test_an_unknown_joint_is_refused_for_all_joints():
 
 def test_nothing_passes_before_somebody_has_measured_where_the_joint_is():
     bus = Recorder()
-    gate = Gate([fence()], bus, HandClock())
+    gate = Gate([make_limits()], bus, ManualClock())
     with pytest.raises(RefusedError, match="The position of elbow has not been measured"):
         gate.send({"elbow": 2048})
     assert bus.sent == []
@@ -110,7 +110,7 @@ def test_nothing_passes_before_somebody_has_measured_where_the_joint_is():
 
 def test_starting_sends_the_measured_ticks_as_goals_even_outside_the_limits():
     bus = Recorder()
-    Gate([fence()], bus, HandClock()).reset_goals({"elbow": 950})
+    Gate([make_limits()], bus, ManualClock()).reset_goals({"elbow": 950})
     assert bus.sent == [{3: 950}]
 
 
@@ -118,19 +118,19 @@ def test_starting_sends_the_measured_ticks_as_goals_even_outside_the_limits():
 def test_starting_from_no_whole_number_is_refused(tick):
     bus = Recorder()
     with pytest.raises(RefusedError):
-        Gate([fence()], bus, HandClock()).reset_goals({"elbow": tick})
+        Gate([make_limits()], bus, ManualClock()).reset_goals({"elbow": tick})
     assert bus.sent == []
 
 
 @pytest.mark.parametrize(("tick", "nearest"), [(999, 1000), (3001, 3000), (1700, 1700)])
 def test_the_nearest_tick_that_may_pass_is_on_the_limit(tick, nearest):
-    gate, _, _ = gate_at(2048)
+    gate, _, _ = make_gate_at(2048)
     assert gate.clamp("elbow", tick) == nearest
 
 
 @given(st.lists(st.tuples(st.integers(-200, 4400), st.floats(0, 0.2)), max_size=30))
 def test_whatever_is_asked_no_goal_outside_the_limits_is_ever_sent(commands):
-    gate, bus, clock = gate_at(2048)
+    gate, bus, clock = make_gate_at(2048)
     for tick, elapsed_s in commands:
         clock.time_s += elapsed_s
         gate.update_measured({"elbow": min(max(tick, 900), 3100)}, clock.time_s)
@@ -142,7 +142,7 @@ def test_whatever_is_asked_no_goal_outside_the_limits_is_ever_sent(commands):
 
 
 def test_every_joint_of_a_command_is_checked_before_any_is_sent():
-    gate, bus, clock = gate_at(2048)
+    gate, bus, clock = make_gate_at(2048)
     with pytest.raises(RefusedError):
         gate.send({"wrist": 2050, "elbow": 3001})
     gate.send({"wrist": 2048 + 67})
@@ -151,7 +151,7 @@ def test_every_joint_of_a_command_is_checked_before_any_is_sent():
 
 
 def test_a_refused_command_does_not_use_up_the_time_of_the_next():
-    gate, bus, clock = gate_at(2048)
+    gate, bus, clock = make_gate_at(2048)
     clock.time_s = 0.01
     gate.update_measured({"elbow": 2048}, 0.01)
     with pytest.raises(RefusedError):
@@ -161,7 +161,7 @@ def test_a_refused_command_does_not_use_up_the_time_of_the_next():
 
 
 def test_many_commands_in_one_instant_go_no_further_than_one():
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     gate.send({"elbow": 2048 + 101})
     gate.send({"elbow": 2048 + 102})
     for tick in (2048 + 103, 2048 + 101):
@@ -172,7 +172,7 @@ def test_many_commands_in_one_instant_go_no_further_than_one():
 
 
 def test_a_step_back_uses_up_its_time_as_well():
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     gate.update_measured({"elbow": 1948}, 0.02)
     gate.send({"elbow": 2048 - 201})
     with pytest.raises(RefusedError, match="step of 1 ticks"):
@@ -181,7 +181,7 @@ def test_a_step_back_uses_up_its_time_as_well():
 
 
 def test_goals_may_be_where_the_look_ahead_ends_and_no_tick_further():
-    gate, bus, clock = gate_at(2048)
+    gate, bus, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.update_measured({"elbow": 2048}, 0.04)
     with pytest.raises(RefusedError, match="139 ticks ahead of its position \\(max 138\\)"):
@@ -191,7 +191,7 @@ def test_goals_may_be_where_the_look_ahead_ends_and_no_tick_further():
 
 
 def test_a_slow_motion_has_a_shorter_look_ahead():
-    gate, _, clock = gate_at(2048)
+    gate, _, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.update_measured({"elbow": 2048}, 0.04)
     gate.set_speeds({"elbow": 284 * 2 * math.pi / 4096})
@@ -203,7 +203,7 @@ def test_a_slow_motion_has_a_shorter_look_ahead():
 
 def test_a_joint_that_nobody_has_seen_gets_no_goal():
     bus = Recorder()
-    gate = Gate([fence()], bus, HandClock())
+    gate = Gate([make_limits()], bus, ManualClock())
     gate.reset_goals({"elbow": 2048})
     with pytest.raises(RefusedError, match="No position reading from elbow"):
         gate.send({"elbow": 2048})
@@ -212,7 +212,7 @@ def test_a_joint_that_nobody_has_seen_gets_no_goal():
 
 @pytest.mark.parametrize("call", ["update_measured", "set_speeds", "reset_goals", "hold"])
 def test_every_door_knows_the_joints(call):
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     rest = (0.02,) if call == "update_measured" else ()
     with pytest.raises(RefusedError, match="no joint 'elbo'"):
         getattr(gate, call)({"elbo": 2048}, *rest)
@@ -220,13 +220,13 @@ def test_every_door_knows_the_joints(call):
 
 
 def test_what_was_seen_can_be_asked_for():
-    gate, _, _ = gate_at(2000)
+    gate, _, _ = make_gate_at(2000)
     gate.update_measured({"elbow": 2010}, 0.03)
     assert gate.measured_ticks == {"elbow": 2010, "wrist": 2048}
 
 
 def test_the_way_goes_on_by_no_more_than_the_longest_step_in_time():
-    gate, _, _ = gate_at(2048, speed_tick_s=100)
+    gate, _, _ = make_gate_at(2048, speed_tick_s=100)
     assert gate.allowed_advance_s(0.03) == pytest.approx(0.013700, abs=1e-6)  # the wrist: 137 ticks
     gate.set_speeds({"wrist": 0.01})
     assert gate.allowed_advance_s(0.03) == 0.03
@@ -237,7 +237,7 @@ def test_the_way_goes_on_by_no_more_than_the_longest_step_in_time():
 
 
 def test_after_a_stop_nothing_passes_but_a_hold():
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     hot = StopReason(StopKind.FAULT, "elbow is too hot")
     gate.latch_stop(hot)
     for door in (gate.send, gate.reset_goals):
@@ -248,7 +248,7 @@ def test_after_a_stop_nothing_passes_but_a_hold():
 
 
 def test_after_the_stop_was_acknowledged_goals_start_anew():
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     unplugged = StopReason(StopKind.UNPLUGGED, "the cable")
     gate.latch_stop(unplugged)
     assert gate.acknowledge() is unplugged
@@ -260,7 +260,7 @@ def test_after_the_stop_was_acknowledged_goals_start_anew():
 
 
 def test_to_acknowledge_no_stop_forgets_nothing():
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     assert gate.acknowledge() is None
     gate.send({"elbow": 2048})
     assert bus.sent == [{3: 2048}]
@@ -268,7 +268,7 @@ def test_to_acknowledge_no_stop_forgets_nothing():
 
 @pytest.mark.parametrize("tick", [2100, 2148, 2120])
 def test_a_joint_may_be_held_anywhere_between_its_place_and_its_goal(tick):
-    gate, bus, _ = gate_at(2148)
+    gate, bus, _ = make_gate_at(2148)
     gate.update_measured({"elbow": 2100}, 0.02)
     gate.hold({"elbow": tick})
     assert (bus.sent, gate.goals["elbow"]) == ([{3: tick}], tick)
@@ -277,7 +277,7 @@ def test_a_joint_may_be_held_anywhere_between_its_place_and_its_goal(tick):
 @pytest.mark.parametrize("tick", [2099, 2149])
 @pytest.mark.parametrize("seen", [2100, 2148])
 def test_a_hold_that_would_move_a_joint_is_refused_for_all(tick, seen):
-    gate, bus, _ = gate_at(2100 if seen == 2148 else 2148)
+    gate, bus, _ = make_gate_at(2100 if seen == 2148 else 2148)
     gate.update_measured({"elbow": seen}, 0.02)
     with pytest.raises(RefusedError, match=f"{tick} would move elbow"):
         gate.hold({"wrist": 2048, "elbow": tick})
@@ -285,7 +285,7 @@ def test_a_hold_that_would_move_a_joint_is_refused_for_all(tick, seen):
 
 
 def test_a_joint_that_sank_below_its_limits_is_held_on_the_limit():
-    gate, bus, _ = gate_at(1010)
+    gate, bus, _ = make_gate_at(1010)
     gate.update_measured({"elbow": 980}, 0.02)
     gate.hold({"elbow": 980})
     assert bus.sent == [{3: 1000}]
@@ -293,7 +293,7 @@ def test_a_joint_that_sank_below_its_limits_is_held_on_the_limit():
 
 def test_a_joint_that_was_not_seen_is_held_at_its_goal_only():
     bus = Recorder()
-    gate = Gate([fence()], bus, HandClock())
+    gate = Gate([make_limits()], bus, ManualClock())
     gate.reset_goals({"elbow": 2048})
     with pytest.raises(RefusedError, match="2049 would move elbow"):
         gate.hold({"elbow": 2049})
@@ -303,14 +303,14 @@ def test_a_joint_that_was_not_seen_is_held_at_its_goal_only():
 
 @pytest.mark.parametrize("tick", [math.nan, 2048.0, None, "2048", True])
 def test_a_hold_is_a_whole_number(tick):
-    gate, bus, _ = gate_at(2048)
+    gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="goal of elbow"):
         gate.hold({"elbow": tick})
     assert bus.sent == []
 
 
 def test_after_a_hold_time_counts_anew():
-    gate, _, clock = gate_at(2048)
+    gate, _, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.hold({"elbow": 2048})
     with pytest.raises(RefusedError, match="in 0 ms"):
@@ -322,26 +322,26 @@ def test_after_a_hold_time_counts_anew():
 
 @pytest.mark.parametrize(("goal", "start"), [(1000, 2000), (3000, 2000), (950, 950), (960, 950)])
 def test_a_distant_goal_inside_the_limits_or_back_towards_them_is_fine(goal, start):
-    gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
+    make_gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
 
 
 @pytest.mark.parametrize(("goal", "start"), [(999, 2000), (3001, 2000), (949, 950), (999.0, 2000)])
 def test_a_distant_goal_outside_is_refused(goal, start):
     with pytest.raises(RefusedError):
-        gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
+        make_gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
 
 
 def test_a_distant_goal_of_an_unknown_joint_is_refused():
     with pytest.raises(RefusedError, match="no joint 'elbo'"):
-        gate_at(2048)[0].check_range({"elbo": 2048}, {"elbo": 2048})
+        make_gate_at(2048)[0].check_range({"elbo": 2048}, {"elbo": 2048})
 
 
 def test_the_nearest_place_of_a_joint_outside_its_limits_is_where_it_is():
-    assert gate_at(950)[0].clamp("elbow", 900) == 950
+    assert make_gate_at(950)[0].clamp("elbow", 900) == 950
 
 
 def test_goals_cannot_be_changed_past_the_gate():
-    gate, _, _ = gate_at(2048)
+    gate, _, _ = make_gate_at(2048)
     with pytest.raises(TypeError):
         gate.goals["elbow"] = 4000
 
@@ -351,29 +351,29 @@ SLOW = 2000  # ticks/s: 40 in 20 ms and one of rounding, 101 in 50 ms
 
 class TestOneReadingOfTheClock:
     def test_a_step_is_judged_by_the_time_for_which_it_was_worked_out(self):
-        gate, bus, clock = gate_at(2048, speed_tick_s=SLOW)
-        clock.time_s = 5 * BEAT_S  # held up since the reading
-        gate.send({"elbow": 2048 + 40}, BEAT_S)
-        gate.send({"elbow": 2048 + 80}, 2 * BEAT_S)
+        gate, bus, clock = make_gate_at(2048, speed_tick_s=SLOW)
+        clock.time_s = 5 * CYCLE_S  # held up since the reading
+        gate.send({"elbow": 2048 + 40}, CYCLE_S)
+        gate.send({"elbow": 2048 + 80}, 2 * CYCLE_S)
         assert bus.sent[-1] == {3: 2048 + 80}
 
     def test_time_that_one_step_has_used_is_not_given_to_another(self):
-        gate, _, clock = gate_at(2048, speed_tick_s=SLOW)
-        clock.time_s = 5 * BEAT_S
-        gate.send({"elbow": 2048 + 81}, 2 * BEAT_S)
+        gate, _, clock = make_gate_at(2048, speed_tick_s=SLOW)
+        clock.time_s = 5 * CYCLE_S
+        gate.send({"elbow": 2048 + 81}, 2 * CYCLE_S)
         with pytest.raises(RefusedError, match=r"setpoint step of 41 ticks in 20 ms .*max 40"):
-            gate.send({"elbow": 2048 + 122}, 3 * BEAT_S)
+            gate.send({"elbow": 2048 + 122}, 3 * CYCLE_S)
 
-    @pytest.mark.parametrize("time_s", [BEAT_S + 1e-6, -1e-6, math.nan, math.inf])
+    @pytest.mark.parametrize("time_s", [CYCLE_S + 1e-6, -1e-6, math.nan, math.inf])
     def test_a_time_after_now_or_before_the_last_command_is_refused(self, time_s):
-        gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
+        gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         with pytest.raises(RefusedError, match=r"time of the goals .* not between"):
             gate.send({"elbow": 2049}, time_s)
         assert bus.sent == []
 
-    @pytest.mark.parametrize("time_s", [0.0, BEAT_S])
+    @pytest.mark.parametrize("time_s", [0.0, CYCLE_S])
     def test_the_last_command_and_now_are_times_between(self, time_s):
-        gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
+        gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         gate.send({"elbow": 2049}, time_s)
         assert bus.sent == [{3: 2049}]
 
@@ -381,100 +381,100 @@ class TestOneReadingOfTheClock:
 class TestCut:
     @pytest.mark.parametrize("direction", [1, -1])
     def test_a_step_that_may_pass_stays(self, direction):
-        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         goals = {"elbow": 2048 + direction * 41}
-        assert gate.shorten_goals(goals, BEAT_S) == goals
+        assert gate.shorten_goals(goals, CYCLE_S) == goals
 
     @pytest.mark.parametrize("direction", [1, -1])
     @pytest.mark.parametrize("step", [42, 60, 101])
     def test_a_step_that_is_too_long_for_the_time_is_cut_to_the_longest(self, step, direction):
-        gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
-        goals = gate.shorten_goals({"elbow": 2048 + direction * step}, BEAT_S)
+        gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
+        goals = gate.shorten_goals({"elbow": 2048 + direction * step}, CYCLE_S)
         assert goals == {"elbow": 2048 + direction * 41}
-        gate.send(goals, BEAT_S)
+        gate.send(goals, CYCLE_S)
         assert bus.sent == [{3: 2048 + direction * 41}]
 
     def test_all_joints_are_cut_by_the_same_share(self):
-        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
-        assert gate.shorten_goals({"elbow": 2048 + 82, "wrist": 2048 - 41}, BEAT_S) == {
+        gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
+        assert gate.shorten_goals({"elbow": 2048 + 82, "wrist": 2048 - 41}, CYCLE_S) == {
             "elbow": 2048 + 41,
             "wrist": 2048 - 20,
         }
 
     @pytest.mark.parametrize("direction", [1, -1])
     def test_a_step_beyond_the_look_ahead_is_cut_to_it(self, direction):
-        gate, _, clock = gate_at(2048)  # fast
-        gate.send({"elbow": 2048 + direction * 100}, BEAT_S)
-        clock.time_s = 2 * BEAT_S
-        goals = gate.shorten_goals({"elbow": 2048 + direction * 200}, 2 * BEAT_S)
+        gate, _, clock = make_gate_at(2048)  # fast
+        gate.send({"elbow": 2048 + direction * 100}, CYCLE_S)
+        clock.time_s = 2 * CYCLE_S
+        goals = gate.shorten_goals({"elbow": 2048 + direction * 200}, 2 * CYCLE_S)
         assert goals == {"elbow": 2048 + direction * LEAD}
-        gate.send(goals, 2 * BEAT_S)
+        gate.send(goals, 2 * CYCLE_S)
 
     @pytest.mark.parametrize("direction", [1, -1])
     def test_a_goal_that_leads_too_far_already_stands_or_comes_back(self, direction):
-        gate, _, clock = gate_at(2048)  # fast
-        gate.send({"elbow": 2048 + direction * 100}, BEAT_S)
-        clock.time_s = 2 * BEAT_S
-        gate.update_measured({"elbow": 2048 - direction * 100}, 2 * BEAT_S)
+        gate, _, clock = make_gate_at(2048)  # fast
+        gate.send({"elbow": 2048 + direction * 100}, CYCLE_S)
+        clock.time_s = 2 * CYCLE_S
+        gate.update_measured({"elbow": 2048 - direction * 100}, 2 * CYCLE_S)
         at = 2048 + direction * 100
-        assert gate.shorten_goals({"elbow": at + direction * 9}, 2 * BEAT_S) == {"elbow": at}
-        assert gate.shorten_goals({"elbow": at - direction * 9}, 2 * BEAT_S) == {
+        assert gate.shorten_goals({"elbow": at + direction * 9}, 2 * CYCLE_S) == {"elbow": at}
+        assert gate.shorten_goals({"elbow": at - direction * 9}, 2 * CYCLE_S) == {
             "elbow": at - direction * 9
         }
 
     @pytest.mark.parametrize("direction", [1, -1])
     def test_a_goal_out_of_reach_of_50_ms_is_no_late_step_and_stays_as_it_is(self, direction):
-        gate, bus, _ = gate_at(2048, speed_tick_s=SLOW)
-        assert gate.shorten_goals({"elbow": 2048 + direction * 101}, BEAT_S) == {
+        gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
+        assert gate.shorten_goals({"elbow": 2048 + direction * 101}, CYCLE_S) == {
             "elbow": 2048 + direction * 41
         }
         jump = {"elbow": 2048 + direction * 102}
-        assert gate.shorten_goals(jump, BEAT_S) == jump
+        assert gate.shorten_goals(jump, CYCLE_S) == jump
         with pytest.raises(RefusedError, match="setpoint step of 102 ticks"):
-            gate.send(jump, BEAT_S)
+            gate.send(jump, CYCLE_S)
         assert bus.sent == []
 
     @pytest.mark.parametrize("tick", [3001, 3300])
     def test_a_goal_outside_the_limits_is_refused_not_cut(self, tick):
-        gate, _, _ = gate_at(2990, speed_tick_s=SLOW)
+        gate, _, _ = make_gate_at(2990, speed_tick_s=SLOW)
         with pytest.raises(RefusedError, match="upper limit"):
-            gate.shorten_goals({"elbow": tick}, BEAT_S)
+            gate.shorten_goals({"elbow": tick}, CYCLE_S)
 
     def test_without_time_nothing_moves(self):
-        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
-        gate.send({"elbow": 2048 + 41}, BEAT_S)
-        assert gate.shorten_goals({"elbow": 2048 + 60}, BEAT_S) == {"elbow": 2048 + 41}
+        gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
+        gate.send({"elbow": 2048 + 41}, CYCLE_S)
+        assert gate.shorten_goals({"elbow": 2048 + 60}, CYCLE_S) == {"elbow": 2048 + 41}
 
     def test_a_step_of_one_tick_is_cut_where_there_is_no_time_for_it(self):
-        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
-        gate.send({"elbow": 2048 + 41}, BEAT_S)
-        assert gate.shorten_goals({"elbow": 2048 + 42}, BEAT_S) == {"elbow": 2048 + 41}
+        gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
+        gate.send({"elbow": 2048 + 41}, CYCLE_S)
+        assert gate.shorten_goals({"elbow": 2048 + 42}, CYCLE_S) == {"elbow": 2048 + 41}
 
     def test_a_joint_that_stays_cuts_no_other(self):
-        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         goals = {"elbow": 2048 + 40, "wrist": 2048}
-        assert gate.shorten_goals(goals, BEAT_S) == goals
+        assert gate.shorten_goals(goals, CYCLE_S) == goals
 
     def test_no_goals_are_no_goals(self):
-        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
-        assert gate.shorten_goals({}, BEAT_S) == {}
+        gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
+        assert gate.shorten_goals({}, CYCLE_S) == {}
 
     @pytest.mark.parametrize("goal", [{"elbo": 2048}, {"elbow": 2048.5}, {"elbow": True}])
     def test_what_is_no_goal_is_refused(self, goal):
-        gate, _, _ = gate_at(2048, speed_tick_s=SLOW)
+        gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         with pytest.raises(RefusedError):
-            gate.shorten_goals(goal, BEAT_S)
+            gate.shorten_goals(goal, CYCLE_S)
 
     def test_a_joint_without_a_recent_reading_is_refused(self):
-        gate, _, clock = gate_at(2048, speed_tick_s=SLOW)
-        clock.time_s = BEAT_S + 0.26
+        gate, _, clock = make_gate_at(2048, speed_tick_s=SLOW)
+        clock.time_s = CYCLE_S + 0.26
         with pytest.raises(RefusedError, match="No position reading from elbow"):
             gate.shorten_goals({"elbow": 2050}, clock.time_s)
 
 
 def test_joints_without_a_recent_reading_are_named():
-    gate, _, clock = gate_at(2048, speed_tick_s=SLOW)
-    assert gate.stale_joints(BEAT_S + 0.25) == ()
-    gate.update_measured({"wrist": 2048}, BEAT_S + 0.1)
-    assert gate.stale_joints(BEAT_S + 0.2501) == ("elbow",)
-    assert Gate([fence()], Recorder(), clock).stale_joints(0.0) == ("elbow",)
+    gate, _, clock = make_gate_at(2048, speed_tick_s=SLOW)
+    assert gate.stale_joints(CYCLE_S + 0.25) == ()
+    gate.update_measured({"wrist": 2048}, CYCLE_S + 0.1)
+    assert gate.stale_joints(CYCLE_S + 0.2501) == ("elbow",)
+    assert Gate([make_limits()], Recorder(), clock).stale_joints(0.0) == ("elbow",)

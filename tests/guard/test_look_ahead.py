@@ -8,13 +8,15 @@ from hypothesis import strategies as st
 
 from ikservo.errors import RefusedError
 from ikservo.guard import LeadLimiter
-from tests.guard.gates import TICK, fence
+from tests.guard.gates import TICK, make_limits
 
 LEAD = 138
 
 
 def seen_at(tick, time_s=1.0):
-    ahead = LeadLimiter([fence(speed_tick_s=2000), fence("wrist", 4, speed_tick_s=2000)])
+    ahead = LeadLimiter(
+        [make_limits(speed_tick_s=2000), make_limits("wrist", 4, speed_tick_s=2000)]
+    )
     ahead.update_measured({"elbow": tick, "wrist": 2048}, time_s)
     return ahead
 
@@ -132,7 +134,7 @@ def test_the_slowest_joint_decides():
 
 
 def test_a_joint_that_was_never_seen_lets_nothing_go_on():
-    ahead = LeadLimiter([fence(), fence("wrist", 4)])
+    ahead = LeadLimiter([make_limits(), make_limits("wrist", 4)])
     ahead.update_measured({"wrist": 2048}, 1.0)
     assert ahead.allowed_advance_s({"elbow": 2048, "wrist": 2048}, 0.01) == 0.0
 

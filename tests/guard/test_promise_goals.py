@@ -11,7 +11,7 @@ import ikservo
 from ikservo.errors import IkservoError, RefusedError
 from tests.arm.seeds import tell, times
 from tests.arm.simulated import line_of
-from tests.guard.gates import gate_at
+from tests.guard.gates import make_gate_at
 
 WIDE = {"suppress_health_check": list(HealthCheck), "deadline": None}
 NAMES = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
@@ -127,7 +127,7 @@ def storm(count, seed):
         How many passed, and of these how many broke a law, counted by arithmetic of this test.
     """
     random = np.random.default_rng(seed)
-    gate, bus, clock = gate_at(2048)
+    gate, bus, clock = make_gate_at(2048)
     measured = seen = last = 2048
     passed = wrong = 0
     fresh_s = clock.time_s

@@ -1,4 +1,4 @@
-"""Many reads of registers whose contents are known, on a line on which everything goes wrong."""
+"""Many reads of registers with known contents, on a bus with every kind of fault."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import scservo_sdk
 from ikservo.errors import BusError
 from ikservo.registers import RegisterName
 
-from .desk import bus_with, simulated_servos, spoil
+from .factories import add_faults, make_bus, simulated_servos
 
 FEETECH = dict.fromkeys(range(1, 7), "STS3215")
 DYNAMIXEL = {1: "XL430-W250", 2: "XL430-W250", **dict.fromkeys(range(3, 7), "XL330-M288")}
@@ -33,23 +33,23 @@ _CHANGED_BY_READING = {"goal_position", "torque_enable", "lock"}
 
 @dataclass
 class Outcome:
-    """What became of a campaign's reads."""
+    """Counts of a campaign's reads."""
 
     reads: int = 0
     wrong: int = 0  # returned as good, and not what the register holds
-    lost: int = 0  # reported as lost
+    lost: int = 0  # reported as an error
     retried: int = 0
 
     def __str__(self):
         share = 100 * self.wrong / self.reads
         return (
             f"{self.reads} reads: {self.wrong} wrong as good ({share:.2f} %), "
-            f"{self.lost} reported lost ({self.retried} questions repeated)"
+            f"{self.lost} reported lost ({self.retried} requests repeated)"
         )
 
 
 def known_registers(bus):
-    """Return what the registers hold that do not change by themselves, from the servos' memory."""
+    """Return the constant registers and their values, from the servos' memory."""
     return {
         (servo.id, register): simulated_servos(bus)[servo.id].read(register.name)
         for servo in bus.servos.values()
@@ -59,10 +59,10 @@ def known_registers(bus):
 
 
 def ours(models, reads, seed, faults=EVERYTHING):
-    """Read with our bus, half alone and half in groups."""
-    bus = bus_with(models, seed=seed)
+    """Read with `ServoBus`, half of one servo and half of groups."""
+    bus = make_bus(models, seed=seed)
     known, chance, outcome = known_registers(bus), random.Random(seed), Outcome()
-    spoil(bus, *faults)
+    add_faults(bus, *faults)
     keys = list(known)
     shared = sorted({r for _, r in keys if all((i, r) in known for i in models)}, key=str)
     while outcome.reads < reads:
@@ -75,12 +75,12 @@ def ours(models, reads, seed, faults=EVERYTHING):
 
 
 def ours_moving(models, reads, seed, faults=EVERYTHING_SOON):
-    """Read positions that are others at each question, half alone and half in groups."""
-    bus = bus_with(models, seed=seed)
-    questions, chance, outcome = _move_at_each_question(bus), random.Random(seed), Outcome()
-    spoil(bus, *faults)
+    """Read positions that change at each request, half of one servo and half of groups."""
+    bus = make_bus(models, seed=seed)
+    requests, chance, outcome = _move_at_each_request(bus), random.Random(seed), Outcome()
+    add_faults(bus, *faults)
     while outcome.reads < reads:
-        number = next(questions)
+        number = next(requests)
         known = {(i, RegisterName.PRESENT_POSITION): _tick(i, number) for i in models}
         if chance.random() < 0.5:
             _one(bus, known, chance.choice(list(known)), outcome)
@@ -90,8 +90,8 @@ def ours_moving(models, reads, seed, faults=EVERYTHING_SOON):
     return outcome
 
 
-def _move_at_each_question(bus):
-    """Yield the number of the next question; every servo stands elsewhere from then on."""
+def _move_at_each_request(bus):
+    """Yield the number of the next request; every position is another from then on."""
     number = 0
     for servo_id, servo in simulated_servos(bus).items():
         servo.live["present_position"] = lambda servo_id=servo_id: _tick(servo_id, number)
@@ -120,10 +120,10 @@ def _group(bus, known, register, outcome):
 
 
 def stock(models, reads, seed, faults=EVERYTHING):
-    """Read the same with the vendor's own SDK: its packets, its port handler, its reception."""
-    bus = bus_with(models, seed=seed)
+    """Read with the vendor's SDK: its packets and its port handler."""
+    bus = make_bus(models, seed=seed)
     known, chance, outcome = known_registers(bus), random.Random(seed), Outcome()
-    spoil(bus, *faults)
+    add_faults(bus, *faults)
     read = _stock_reader(bus)
     for servo_id, register in chance.choices(list(known), k=reads):
         outcome.reads += 1

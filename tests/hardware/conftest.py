@@ -1,4 +1,4 @@
-"""A line on which every byte is written down beforehand."""
+"""A scripted serial port: every byte sent and received is given beforehand."""
 
 from __future__ import annotations
 
@@ -13,30 +13,32 @@ from ikservo.hardware import Port, ServoBus, ServoSpec, open_port
 from ikservo.hardware.pending import AdaptiveTimeout, LineHealth
 from ikservo.registers import STS3215, XL430W250, control_table
 
-from .desk import Mode
+from .factories import PortMode
 
-_BYTE_FOR_BYTE = {"line", "stock_port"}  # what is written down there is said on a plain line
+_BYTE_FOR_BYTE = {"line", "stock_port"}  # their scripts are byte for byte
 
 
 def pytest_configure(config):
-    Mode.name = config.getoption("--line")
+    PortMode.name = config.getoption("--line")
 
 
 def pytest_collection_modifyitems(items):
     for item in items:
-        if Mode.name != "plain" and _BYTE_FOR_BYTE.intersection(getattr(item, "fixturenames", ())):
+        if PortMode.name != "plain" and _BYTE_FOR_BYTE.intersection(
+            getattr(item, "fixturenames", ())
+        ):
             item.add_marker(pytest.mark.skip(reason="every byte is written down"))
 
 
 @pytest.fixture
 def plain_line():
-    """Skip a test on how quick a line is, where lines are made bad."""
-    if Mode.name != "plain":
-        pytest.skip("about a plain line")
+    """Skip a test of timing on ports with added faults."""
+    if PortMode.name != "plain":
+        pytest.skip("needs a port without added faults")
 
 
-class StillClock:
-    """Time that passes only when somebody waits."""
+class ManualClock:
+    """Time that advances only in `sleep_until`."""
 
     def __init__(self):
         self.s = 0.0
@@ -49,34 +51,34 @@ class StillClock:
 
 
 class ScriptedLine:
-    """Shaped like pyserial's Serial: asserts what is sent, answers what the script says."""
+    """Behaves like pyserial's Serial: checks what is sent, returns the script's replies."""
 
     is_open = True
 
     def __init__(self):
-        self.clock = StillClock()
+        self.clock = ManualClock()
         self.baudrate, self.timeout = 1_000_000, 0.0
         self.script = deque()  # (bytes that must be sent, [(delay in s, bytes that come back)])
         self.arriving = []  # (when, bytes)
         self.sent = []
         self.reads = 0
 
-    def expect(self, sent, *answers, after_s=0.0005):
-        """Say that these bytes must be sent next, and what comes back, in hex."""
-        self.script.append((bytes.fromhex(sent), [(after_s, bytes.fromhex(a)) for a in answers]))
+    def expect(self, sent, *replies, after_s=0.0005):
+        """Expect these bytes to be sent next, and give the replies, in hex."""
+        self.script.append((bytes.fromhex(sent), [(after_s, bytes.fromhex(r)) for r in replies]))
         return self
 
-    def lay(self, stale, at_s=0.0):
-        """Put bytes into the input that nobody asked for, now or later."""
+    def add_stale(self, stale, at_s=0.0):
+        """Put unrequested bytes into the input, now or later."""
         self.arriving.append((at_s, bytes.fromhex(stale)))
 
     def write(self, data):
         data = bytes(data)
         assert self.script, f"nothing should be sent, but {data.hex(' ')} was"
-        expected, answers = self.script.popleft()
+        expected, replies = self.script.popleft()
         assert data.hex(" ") == expected.hex(" ")
         self.sent.append(data)
-        self.arriving += [(self.clock.s + delay_s, answer) for delay_s, answer in answers]
+        self.arriving += [(self.clock.s + delay_s, reply) for delay_s, reply in replies]
         return len(data)
 
     @property
@@ -116,7 +118,7 @@ class ScriptedLine:
 
 @pytest.fixture
 def line():
-    """Give a scripted line; the whole script must have been spoken in the end."""
+    """Yield a scripted port; the whole script must have been used in the end."""
     line = ScriptedLine()
     yield line
     assert not line.script, f"never sent: {[sent.hex(' ') for sent, _ in line.script]}"
@@ -124,7 +126,7 @@ def line():
 
 @pytest.fixture
 def port(line):
-    """Give our port on the scripted line, which it has come to believe and to know as quick."""
+    """Return a port on the script, in a clean state and with a short timeout."""
     port = Port(line, "scripted", 1_000_000)
     port.health, port.reply_timeout = LineHealth(clean_requests=0), AdaptiveTimeout(0.001, 0.001)
     return port
@@ -132,14 +134,14 @@ def port(line):
 
 @pytest.fixture
 def feetech(port):
-    """Give a bus with two STS3215 that never asks twice."""
+    """Return a bus with two STS3215, without retries."""
     names = {1: "shoulder_pan", 2: "shoulder_lift"}
     return ServoBus(port, [ServoSpec(i, STS3215, name) for i, name in names.items()], retries=0)
 
 
 @pytest.fixture
 def dynamixel(port):
-    """Give a bus with two XL430 that never asks twice."""
+    """Return a bus with two XL430, without retries."""
     names = {1: "waist", 2: "shoulder"}
     return ServoBus(
         port, [ServoSpec(i, XL430W250, name) for i, name in names.items()], retries=0, fast=False
@@ -148,7 +150,7 @@ def dynamixel(port):
 
 @pytest.fixture
 def stock_port(line):
-    """Put a vendor's own port handler on the scripted line; its clock ticks when it looks."""
+    """Return a vendor's port handler on the script; reading its clock advances it."""
 
     def on_line(port_handler_class):
         class OnLine(port_handler_class):
@@ -171,7 +173,7 @@ def stock_port(line):
 
 @pytest.fixture
 def pty_name():
-    """Give the name of a pseudo-terminal at whose other end nobody speaks."""
+    """Yield the name of a pseudo-terminal without a device at its other end."""
     pty = pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
     master, slave = pty.openpty()
     yield os.ttyname(slave)
@@ -181,15 +183,15 @@ def pty_name():
 
 @pytest.fixture
 def simulated():
-    """Open simulated arms by name, as a person would with ``--port sim``; time is virtual."""
+    """Yield a function that opens simulated arms by name, as ``--port sim`` does."""
     buses = []
 
     def open_simulated(arm, query="", baud_rate=1_000_000, retries=2):
         path = Path(__file__).parents[2] / "configs" / arm / "arm.toml"
-        if Mode.name == "echo" and not query:
+        if PortMode.name == "echo" and not query:
             query = "?echo=1"
         port = open_port(f"sim:{path}{query}", baud_rate)
-        buses.append(ServoBus(port, list(servos_of(path)), retries=retries))
+        buses.append(ServoBus(port, list(read_servo_specs(path)), retries=retries))
         return buses[-1], port.transport.line.servos
 
     yield open_simulated
@@ -197,8 +199,8 @@ def simulated():
         bus.close()
 
 
-def servos_of(path):
-    """Yield every servo that an arm file names, shadows included."""
+def read_servo_specs(path):
+    """Yield the spec of every servo in an arm file, shadows included."""
     for joint in tomllib.loads(path.read_text())["joints"]:
         for servo in [joint["servo"], *joint.get("shadows", [])]:
             name = joint["name"] if servo is joint["servo"] else f"{joint['name']} shadow"

@@ -8,7 +8,7 @@ from ikservo.errors import FileFormatError, ServoSilentError
 from ikservo.hardware import back_up_once, backup_path, read_backup, read_eeprom, update_eeprom
 from ikservo.registers import STS3215, RegisterName
 
-from .desk import bus_with, spoil
+from .factories import add_faults, make_bus
 
 
 @pytest.fixture(autouse=True)
@@ -19,7 +19,7 @@ def home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def bus():
-    return bus_with({1: "STS3215", 2: "XL430-W250"})
+    return make_bus({1: "STS3215", 2: "XL430-W250"})
 
 
 def test_every_servo_has_a_file_of_its_own(bus, home):
@@ -41,11 +41,11 @@ def test_the_first_copy_is_never_overwritten(bus):
 
 def test_another_model_at_the_same_id_is_another_servo(bus):
     back_up_once(bus, "so101")
-    assert len(back_up_once(bus_with({1: "STS3250"}), "so101")) == 1
+    assert len(back_up_once(make_bus({1: "STS3250"}), "so101")) == 1
 
 
 def test_a_silent_servo_leaves_no_file(bus, home):
-    spoil(bus, ("silent", {"id": 2}))
+    add_faults(bus, ("silent", {"id": 2}))
     with pytest.raises(ServoSilentError):
         back_up_once(bus, "so101")
     assert [path.name for path in home.rglob("id_*")] == ["id_001_STS3215.toml"]

@@ -8,7 +8,7 @@ from ikservo.hardware import ServoBus, ServoSpec
 from ikservo.hardware.read_plan import contiguous_runs
 from ikservo.registers import STS3215, XL430W250, RegisterName
 
-from .packets import asks_all
+from .packets import sync_request
 
 TELEMETRY = [
     RegisterName.PRESENT_POSITION,
@@ -50,7 +50,7 @@ def test_values_come_in_their_units(feetech, line):
 
 def test_a_servo_silent_in_one_of_two_questions_has_an_error_and_no_value(feetech, line):
     line.expect("FF FF FE 05 82 2A 02 01 4D", "FF FF 01 04 00 00 08 F2")
-    line.expect(asks_all([1], 55, 3))
+    line.expect(sync_request([1], 55, 3))
     wanted = [STS3215.present_position, STS3215.goal_position]
     readings = feetech.sync_read_many([1], wanted)
     assert readings.values == {}

@@ -17,7 +17,7 @@ from ikservo.errors import (
 from ikservo.hardware import ServoBus, ServoSpec
 from ikservo.registers import STS3215, XL330M288, XL430W250, Alarm, RegisterName
 
-from .packets import asks, asks_all, says
+from .packets import reply, request, sync_request
 
 READ_1 = "FF FF 01 04 02 38 02 BE"
 AT_2048 = "FF FF 01 04 00 00 08 F2"
@@ -85,16 +85,16 @@ def test_torque_that_a_group_reports_is_known_afterwards(feetech, line):
         feetech.write(1, STS3215.homing_offset, 0)
 
 
-AGAIN_1 = asks(1, 55, 3)  # a window one byte wider: a late answer to READ_1 is two bytes long
-AGAIN_AT_2048 = says(1, 0, 0, 8)
-THIRD_1 = asks(1, 54, 4)
+AGAIN_1 = request(1, 55, 3)  # a window one byte wider: a late answer to READ_1 is two bytes long
+AGAIN_AT_2048 = reply(1, 0, 0, 8)
+THIRD_1 = request(1, 54, 4)
 
 
 class TestRepeats:
     """Questions that may be repeated are, only so often, and each time in another shape."""
 
     def test_a_lost_answer_is_asked_for_again(self, patient, line):
-        line.expect(READ_1).expect(AGAIN_1).expect(THIRD_1, says(1, 0, 0, 0, 8))
+        line.expect(READ_1).expect(AGAIN_1).expect(THIRD_1, reply(1, 0, 0, 0, 8))
         assert patient.read(1, RegisterName.PRESENT_POSITION, raw=True) == 2048
 
     def test_a_damaged_answer_is_asked_for_again(self, patient, line):
@@ -124,7 +124,7 @@ class TestRepeats:
     def test_a_group_is_asked_again_for_those_who_were_silent(self, port, line):
         bus = ServoBus(port, [ServoSpec(1, STS3215), ServoSpec(2, STS3215)])
         line.expect("FF FF FE 06 82 38 02 01 02 3C", AT_2048)
-        line.expect(asks_all([2], 55, 3), says(2, 0, 0xFF, 7))
+        line.expect(sync_request([2], 55, 3), reply(2, 0, 0xFF, 7))
         assert bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).require_all() == {
             1: 2048,
             2: 2047,
@@ -137,7 +137,7 @@ class TestDeafServos:
     @pytest.fixture
     def deaf(self, patient, line):
         for address, size in ((56, 2), (55, 3), (54, 4)):
-            line.expect(asks_all([1], address, size))
+            line.expect(sync_request([1], address, size))
         for _ in range(2):
             patient.sync_read([1], RegisterName.PRESENT_POSITION)
         return patient
@@ -151,13 +151,13 @@ class TestDeafServos:
 
     def test_then_it_is_asked_once(self, deaf, line):
         line.clock.s += 0.3
-        line.expect(asks_all([1], 56, 2))
+        line.expect(sync_request([1], 56, 2))
         assert deaf.sync_read([1], RegisterName.PRESENT_POSITION).errors.keys() == {1}
 
     def test_when_it_answers_it_is_one_of_them_again(self, deaf, line):
         line.clock.s += 0.3
         for _ in range(2):
-            line.expect(asks_all([1], 56, 2), AT_2048)
+            line.expect(sync_request([1], 56, 2), AT_2048)
             assert deaf.sync_read([1], RegisterName.PRESENT_POSITION, raw=True).require_all() == {
                 1: 2048
             }
@@ -167,7 +167,7 @@ class TestStatistics:
     """Every question is counted."""
 
     def test_losses_and_repeats(self, patient, line):
-        line.expect(READ_1).expect(AGAIN_1, "00").expect(THIRD_1, says(1, 0, 0, 0, 8))
+        line.expect(READ_1).expect(AGAIN_1, "00").expect(THIRD_1, reply(1, 0, 0, 0, 8))
         patient.read(1, RegisterName.PRESENT_POSITION)
         counts = patient.statistics[1]
         assert (counts.requests, counts.lost, counts.garbled, counts.retried) == (3, 1, 1, 2)

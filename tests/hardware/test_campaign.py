@@ -20,7 +20,7 @@ from .campaign import (
     ours_moving,
     stock,
 )
-from .desk import bus_with, spoil
+from .factories import add_faults, make_bus
 
 FAMILIES = {"Feetech": FEETECH, "Dynamixel": DYNAMIXEL}
 FAULTS = {"late": LATE, "doubled": DOUBLED, "damaged": DAMAGED, "everything": EVERYTHING}
@@ -45,8 +45,8 @@ def test_no_old_position_is_returned_as_the_present_one(models):
 
 @both
 def test_every_lost_answer_is_reported(models):
-    bus = bus_with(models, retries=0)
-    spoil(bus, ("silent", {"probability": 0.05, "count": 25}))
+    bus = make_bus(models, retries=0)
+    add_faults(bus, ("silent", {"probability": 0.05, "count": 25}))
     lost = 0
     for _ in range(1_000):
         lost += _is_lost(bus)

@@ -9,7 +9,7 @@ from ikservo.hardware import ServoSpec
 from ikservo.hardware.requester import silence_hint
 from ikservo.registers import STS3215, RegisterName
 
-from .desk import bus_with, spoil
+from .factories import add_faults, make_bus
 
 NAMES = ["pan", "lift", "elbow", "flex", "roll", "gripper"]
 CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
@@ -49,15 +49,15 @@ def test_the_order_is_the_cables_and_not_the_ids():
 
 
 def test_one_read_that_fails_is_judged_by_what_the_others_did_before():
-    bus = bus_with(dict.fromkeys(range(1, 4), "STS3215"))
+    bus = make_bus(dict.fromkeys(range(1, 4), "STS3215"))
     bus.sync_read([1, 2, 3], RegisterName.PRESENT_POSITION)
-    spoil(bus, ("silent", {"id": 3}))
+    add_faults(bus, ("silent", {"id": 3}))
     with pytest.raises(ServoSilentError, match="cable from joint_2 to joint_3"):
         bus.read(3, RegisterName.PRESENT_POSITION)
 
 
 def test_a_servo_that_was_asked_alone_is_not_judged_by_others():
-    bus = bus_with({1: "STS3215", 2: "STS3215"})
-    spoil(bus, ("silent", {}))
+    bus = make_bus({1: "STS3215", 2: "STS3215"})
+    add_faults(bus, ("silent", {}))
     with pytest.raises(ServoSilentError, match="Check its power, the cable that leads to it"):
         bus.read(1, RegisterName.PRESENT_POSITION)

@@ -16,7 +16,7 @@ from ikservo.errors import RegisterAccessError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec, open_port, read_eeprom, update_eeprom
 from ikservo.registers import STS3215, RegisterName
 
-from .conftest import servos_of
+from .conftest import read_servo_specs
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
@@ -42,7 +42,7 @@ def bus(request):
     if place == "real":
         arm = request.config.getoption("--real-arm")
     path = CONFIGS / arm / "arm.toml"
-    servos = [servo for servo in servos_of(path) if "shadow" not in servo.name]
+    servos = [servo for servo in read_servo_specs(path) if "shadow" not in servo.name]
     absent = ServoSpec(ABSENT.id, servos[0].table, ABSENT.name)
     with (
         _Place(request, place, path) as name,

@@ -14,10 +14,10 @@ from ikservo.hardware.diagnostics import find_duplicate_ids, raise_on_duplicate_
 from ikservo.hardware.ping_sweep import framing_of
 from ikservo.hardware.scan import identify
 from ikservo.registers import control_table
-from tests.cli import desk
+from tests.cli.fixtures_ports import change_bus
 
 from .campaign import DYNAMIXEL, EVERYTHING, FEETECH
-from .desk import BAUD, ECHO, FTDI, Mode, bus_with, line_with, spoil
+from .factories import BAUD, ECHO, FTDI, PortMode, add_faults, make_bus, make_transport
 
 FAMILIES = [
     ("STS3215", "STS3250"),
@@ -37,7 +37,7 @@ def crowded_bus(seed):
     twin = chance.choice([*models])
     alike = chance.random() < 0.5
     second = models[twin] if alike else chance.choice(family)
-    transport = line_with([*models.items(), (twin, second)], BAUD, seed)
+    transport = make_transport([*models.items(), (twin, second)], BAUD, seed)
     for servo in transport.line.world.servos:
         if servo.id == twin:
             _make_own(servo, chance, alike=alike)
@@ -84,32 +84,32 @@ def test_it_is_refused_with_the_joint_and_what_to_do():
 @pytest.mark.parametrize("adapter", [None, ECHO, FTDI], ids=["plain", "echo", "FTDI"])
 @pytest.mark.parametrize("seed", range(5))
 def test_a_bad_line_is_not_taken_for_two_servos(models, adapter, seed):
-    bus = bus_with(models, seed=seed, adapter=adapter)
-    spoil(bus, *EVERYTHING)
+    bus = make_bus(models, seed=seed, adapter=adapter)
+    add_faults(bus, *EVERYTHING)
     assert find_duplicate_ids(bus) == []
 
 
 def test_one_servo_on_an_adapter_that_hears_itself_is_one():
-    assert find_duplicate_ids(bus_with({1: "STS3215"}, adapter=ECHO)) == []
+    assert find_duplicate_ids(make_bus({1: "STS3215"}, adapter=ECHO)) == []
 
 
 @pytest.mark.parametrize("model", ["AX-12A", "MX-28", "SCS0009", "STS3215", "XM430-W350"])
 def test_a_closer_look_knows_every_family(model):
-    bus = bus_with({1: model})
+    bus = make_bus({1: model})
     table = bus.servos[1].table
-    found = identify(bus.port, framing_of(table.family), 1, echoes=Mode.name == "echo")
+    found = identify(bus.port, framing_of(table.family), 1, echoes=PortMode.name == "echo")
     assert (found.table, found.temperature_c) == (table, 25.0)
 
 
 @both
 def test_whoever_is_silent_is_left_to_others_to_miss(models):
-    bus = bus_with(models)
-    spoil(bus, ("silent", {"id": 3}))
+    bus = make_bus(models)
+    add_faults(bus, ("silent", {"id": 3}))
     assert find_duplicate_ids(bus) == []
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_an_arm_with_two_servos_on_one_id_is_not_opened(monkeypatch, arm):
-    desk.spoil(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
+    change_bus(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
     with pytest.raises(BadReplyError, match=r"\(id 2\) on .* answers like several servos"):
         ikservo.open_arm(arm, port="sim")

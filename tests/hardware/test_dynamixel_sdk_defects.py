@@ -117,7 +117,7 @@ class TestD4RefusalInSyncRead:
 
 
 def test_d6_stale_input_is_discarded(dynamixel, line):
-    line.lay("FF FF FD 00 01 08 00 55 00 A7 00 00 00 8F 54")
+    line.add_stale("FF FF FD 00 01 08 00 55 00 A7 00 00 00 8F 54")
     line.expect(READ_POSITION, AT_166)
     assert dynamixel.read(1, POSITION, raw=True) == 166
 

@@ -8,7 +8,7 @@ from ikservo.errors import RegisterAccessError, ServoRejectedError, ServoSilentE
 from ikservo.hardware import register_differences, update_eeprom
 from ikservo.registers import STS3215
 
-from .packets import asks, says
+from .packets import reply, request
 
 TAKEN = "FF FF 01 02 00 FC"
 READ_OFFSET, OFFSET_0 = "FF FF FE 05 82 1F 02 01 58", "FF FF 01 04 00 00 00 FA"
@@ -41,7 +41,7 @@ def test_it_is_locked_again_after_a_lost_answer_and_the_lock_is_checked(feetech,
     line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
     line.expect(WRITE_MINUS_100)
     line.expect(LOCK, TAKEN)  # this may be the lost answer, late: both look alike
-    line.expect(asks(1, 54, 2), says(1, 0, 1))
+    line.expect(request(1, 54, 2), reply(1, 0, 1))
     with pytest.raises(ServoSilentError):
         update_eeprom(feetech, 1, WANTED)
 

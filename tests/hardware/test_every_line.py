@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from .desk import MODES
+from .factories import MODES
 
 HERE = Path(__file__).parent
 

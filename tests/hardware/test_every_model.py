@@ -10,7 +10,7 @@ from ikservo.errors import ServoSilentError
 from ikservo.hardware import read_eeprom, torque_off, torque_on, update_eeprom
 from ikservo.registers import MODELS, RegisterName
 
-from .desk import ECHO, FTDI, PLAIN, USB_FRAMES, bus_with, simulated_servos, spoil
+from .factories import ECHO, FTDI, PLAIN, USB_FRAMES, add_faults, make_bus, simulated_servos
 
 ADAPTERS = {"plain": PLAIN, "echo": ECHO, "USB frames": USB_FRAMES, "FTDI": FTDI}
 ONE_OF_EACH_FAMILY = ("STS3215", "SCS0009", "XL430-W250", "AX-12A")
@@ -38,7 +38,7 @@ def model(pair):
 def bus(pair):
     """Give a bus with two servos of a model behind an adapter."""
     model, adapter = pair
-    bus = bus_with({1: model, 7: model}, adapter=ADAPTERS[adapter])
+    bus = make_bus({1: model, 7: model}, adapter=ADAPTERS[adapter])
     bus.port.reply_timeout.min_s = bus.port.reply_timeout.max_s = 0.005  # USB takes its time
     return bus
 
@@ -103,13 +103,13 @@ def test_a_copy_of_the_eeprom_is_what_the_servo_holds(bus):
 
 
 def test_a_silent_one_costs_the_other_nothing_and_is_named(bus):
-    spoil(bus, ("silent", {"id": 1}))
+    add_faults(bus, ("silent", {"id": 1}))
     readings = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values.keys() == {7}
     assert isinstance(readings.errors[1], ServoSilentError)
 
 
 def test_rubbish_before_every_answer_is_passed_over(bus):
-    spoil(bus, ("garbage", {"bytes": 5}))
+    add_faults(bus, ("garbage", {"bytes": 5}))
     ticks = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True).require_all()
     assert ticks == {i: witness(bus, i, RegisterName.PRESENT_POSITION) for i in (1, 7)}

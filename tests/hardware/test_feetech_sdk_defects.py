@@ -35,12 +35,12 @@ class TestF1StaleInput:
 
     def test_stock_takes_a_late_answer_for_the_next_one(self, stock, line):
         handler, port = stock
-        line.lay(AT_5)
+        line.add_stale(AT_5)
         line.expect(READ_POSITION, AT_2048)
         assert handler.read2ByteTxRx(port, 1, 56) == (5, COMM_SUCCESS, 0)
 
     def test_ours_discards_it(self, feetech, line):
-        line.lay(AT_5)
+        line.add_stale(AT_5)
         line.expect(READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 

@@ -10,7 +10,7 @@ from ikservo.errors import RegisterAccessError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec, torque_off
 from ikservo.registers import MX28, STS3215, XL430W250, Family, RegisterName
 
-from .desk import bus_with, simulated_servos, spoil
+from .factories import add_faults, make_bus, simulated_servos
 
 X = "XL430-W250"
 MIXED = {1: "STS3215", 2: X, 3: "AX-12A", 4: "SCS0009", 5: "MX-28", 6: "XM430-W350"}
@@ -37,7 +37,7 @@ class TestBulk:
     """Each servo its own registers, in one packet where the family has one for it."""
 
     def test_protocol_2_is_asked_once(self, written):
-        bus = bus_with({1: X, 2: X})
+        bus = make_bus({1: X, 2: X})
         sent = written(bus)
         readings = bus.bulk_read(APART, raw=True).require_all()
         assert [packet[7] for packet in sent] == [0x92]
@@ -46,32 +46,32 @@ class TestBulk:
         assert readings[2] == {XL430W250.present_position: servos[2].read("present_position")}
 
     def test_mx_servos_are_asked_once(self, written):
-        bus = bus_with({1: "MX-28", 2: "MX-28"})
+        bus = make_bus({1: "MX-28", 2: "MX-28"})
         sent = written(bus)
         bus.bulk_read({1: [MX28.present_voltage], 2: [MX28.present_position]}).require_all()
         assert [packet[4] for packet in sent] == [0x92]
 
     def test_mx_servos_need_no_sync_read_to_be_asked_once(self, written):
-        bus = bus_with({1: "MX-28", 2: "MX-28"})
+        bus = make_bus({1: "MX-28", 2: "MX-28"})
         sent = written(bus)
         bus.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
         assert [packet[4] for packet in sent] == [0x92]
 
     def test_an_ax_among_them_is_asked_alone(self, written):
-        bus = bus_with({1: "MX-28", 2: "AX-12A", 3: "MX-28"})
+        bus = make_bus({1: "MX-28", 2: "AX-12A", 3: "MX-28"})
         sent = written(bus)
         bus.sync_read([1, 2, 3], RegisterName.PRESENT_POSITION).require_all()
         assert [packet[4] for packet in sent] == [0x92, 0x02]
 
     def test_feetech_is_asked_once_for_each_kind_of_bytes(self, written):
-        bus = bus_with({1: "STS3215", 2: "STS3215", 3: "STS3215"})
+        bus = make_bus({1: "STS3215", 2: "STS3215", 3: "STS3215"})
         sent = written(bus)
         at, heat = [STS3215.present_position], [STS3215.present_temperature]
         bus.bulk_read({1: at, 2: heat, 3: at}).require_all()
         assert [packet[4] for packet in sent] == [0x82, 0x82]
 
     def test_one_packet_tells_each_its_own(self, written):
-        bus = bus_with({1: X, 2: X})
+        bus = make_bus({1: X, 2: X})
         sent = written(bus)
         bus.bulk_write({1: {XL430W250.led: 1}, 2: {XL430W250.goal_position: 2100}}, raw=True)
         assert [packet[7] for packet in sent] == [0x93]
@@ -80,7 +80,7 @@ class TestBulk:
         assert (servos[1].read("led"), servos[2].read("goal_position")) == (1, 2100)
 
     def test_neighbours_share_a_packet(self, written):
-        bus = bus_with({1: X, 2: X})
+        bus = make_bus({1: X, 2: X})
         sent = written(bus)
         row = {RegisterName.PROFILE_VELOCITY: 100, RegisterName.GOAL_POSITION: 2100}
         bus.bulk_write({1: row, 2: row}, raw=True)
@@ -89,7 +89,7 @@ class TestBulk:
         assert simulated_servos(bus)[2].read("profile_velocity") == 100
 
     def test_one_number_that_does_not_fit_stops_everything(self, written):
-        bus = bus_with({1: X, 2: X})
+        bus = make_bus({1: X, 2: X})
         sent = written(bus)
         with pytest.raises(RegisterAccessError, match="joint_2"):
             bus.bulk_write(
@@ -99,8 +99,8 @@ class TestBulk:
         assert sent == []
 
     def test_a_silent_one_is_an_error_beside_the_values(self):
-        bus = bus_with({1: X, 2: X})
-        spoil(bus, ("silent", {"id": 1}))
+        bus = make_bus({1: X, 2: X})
+        add_faults(bus, ("silent", {"id": 1}))
         readings = bus.bulk_read(APART, raw=True)
         assert readings.values.keys() == {2}
         assert isinstance(readings.errors[1], ServoSilentError)
@@ -111,7 +111,7 @@ class TestMixedFamilies:
 
     @pytest.fixture
     def bus(self):
-        return bus_with(MIXED)
+        return make_bus(MIXED)
 
     def test_one_call_reads_them_all(self, bus):
         ticks = bus.sync_read(MIXED, RegisterName.PRESENT_POSITION, raw=True).require_all()
@@ -126,7 +126,7 @@ class TestMixedFamilies:
 
     def test_torque_goes_off_everywhere_though_two_are_silent(self, bus):
         bus.sync_write(RegisterName.TORQUE_ENABLE, dict.fromkeys(MIXED, 1), raw=True)
-        spoil(bus, ("lost", {"count": 0}), ("silent", {"id": 2}), ("silent", {"id": 5}))
+        add_faults(bus, ("lost", {"count": 0}), ("silent", {"id": 2}), ("silent", {"id": 5}))
         assert list(torque_off(bus, MIXED)) == [2, 5]
         assert {s.read("torque_enable") for s in simulated_servos(bus).values()} == {0}
 
@@ -136,7 +136,7 @@ class TestShadows:
 
     @pytest.fixture
     def bus(self):
-        bus = bus_with({2: X, 3: X})
+        bus = make_bus({2: X, 3: X})
         simulated_servos(bus)[3].write("secondary_id", 2)
         return bus
 
@@ -151,7 +151,7 @@ class TestShadows:
 
 
 def test_two_lines_are_read_by_two_threads_at_once():
-    buses = [bus_with({1: X, 2: X}), bus_with({1: "STS3215", 2: "STS3215"})]
+    buses = [make_bus({1: X, 2: X}), make_bus({1: "STS3215", 2: "STS3215"})]
     found = [[], []]
 
     def talk(k):
@@ -169,7 +169,7 @@ def test_two_lines_are_read_by_two_threads_at_once():
 
 
 def test_two_threads_on_one_line_take_turns():
-    bus = bus_with({1: X, 2: "STS3215"})
+    bus = make_bus({1: X, 2: "STS3215"})
     found = {1: set(), 2: set()}
 
     def talk(servo_id):
@@ -188,29 +188,29 @@ class TestRollCall:
     """A broadcast ping that is over as soon as nobody can answer any more."""
 
     def test_everybody_of_protocol_2_answers(self):
-        bus = bus_with(dict.fromkeys((1, 5, 9), X))
+        bus = make_bus(dict.fromkeys((1, 5, 9), X))
         called = bus.broadcast_ping(Family.DYNAMIXEL_2)
         assert called.replies.keys() == {1, 5, 9}
         assert {answer.data[:2] for (answer,) in called.replies.values()} == {b"\x24\x04"}
 
     def test_everybody_of_feetech_answers(self):
-        bus = bus_with(dict.fromkeys((1, 2, 6), "STS3215"))
+        bus = make_bus(dict.fromkeys((1, 2, 6), "STS3215"))
         assert bus.broadcast_ping(Family.FEETECH_STS).replies.keys() == {1, 2, 6}
 
     def test_it_takes_a_fraction_of_the_sdks_window(self):
-        bus = bus_with(dict.fromkeys(range(1, 7), X))
+        bus = make_bus(dict.fromkeys(range(1, 7), X))
         started_s = bus.clock.now_s()
         bus.broadcast_ping(Family.DYNAMIXEL_2)
         assert bus.clock.now_s() - started_s < 0.1  # the SDK's own: 0.8
 
     def test_it_finds_servos_that_nobody_knew_of(self):
-        bus = bus_with({1: X, 200: X})
+        bus = make_bus({1: X, 200: X})
         known = ServoBus(bus.port, [ServoSpec(1, XL430W250)])
         assert known.broadcast_ping(Family.DYNAMIXEL_2, highest_id=252).replies.keys() == {1, 200}
 
     @pytest.mark.parametrize("model", [X, "STS3215"])
     def test_two_servos_on_one_id_give_themselves_away(self, model):
-        transport_bus = bus_with({1: model})
+        transport_bus = make_bus({1: model})
         family = transport_bus.servos[1].table.family
         bus = crowded(model)
         called = bus.broadcast_ping(family)
@@ -221,8 +221,8 @@ def crowded(model):
     """Return a bus with two servos at id 4."""
     from ikservo.hardware import Port
 
-    from .desk import line_with
+    from .factories import make_transport
 
-    transport = line_with([(4, model), (4, model)])
-    known = bus_with({4: model}).servos[4]
+    transport = make_transport([(4, model), (4, model)])
+    known = make_bus({4: model}).servos[4]
     return ServoBus(Port(transport, "desk", 1_000_000), [known])

@@ -146,12 +146,12 @@ class TestTime:
         assert needed_s == pytest.approx(100 * 10 / 57_600 + 0.003)
 
     def test_a_read_returns_as_soon_as_it_has_everything(self, port, line):
-        line.lay("01 02", at_s=0.001)
+        line.add_stale("01 02", at_s=0.001)
         port.read_until(2, 1.0)
         assert line.clock.now_s() == 0.001
 
     def test_a_read_past_its_deadline_takes_what_is_there(self, port, line):
-        line.lay("01 02")
+        line.add_stale("01 02")
         assert port.read_until(5, -1.0) == b"\x01\x02"
 
     def test_the_timeout_is_not_set_to_the_same_value_twice(self, port, line):

@@ -14,7 +14,7 @@ from ikservo.errors import PortLostError
 from ikservo.hardware import ServoBus, ServoSpec, open_port
 from ikservo.registers import STS3215, RegisterName
 
-from .desk import line_with
+from .factories import make_transport
 
 pytestmark = pytest.mark.usefixtures("plain_line")  # the server reads for itself
 
@@ -44,7 +44,7 @@ class Server:
     """Simulated servos behind a TCP port, raw or as RFC 2217 says."""
 
     def __init__(self, *, telnet):
-        self.transport = line_with({1: "STS3215", 2: "STS3215"})
+        self.transport = make_transport({1: "STS3215", 2: "STS3215"})
         self.listening = socket.create_server(("127.0.0.1", 0))
         self.telnet, self.client, self.pending = telnet, None, b""
         self.thread = threading.Thread(target=self.serve)

@@ -14,7 +14,7 @@ from ikservo.hardware.pending import LineHealth
 from ikservo.hardware.protocol2 import Protocol2Codec
 from ikservo.registers import STS3215, Alarm, RegisterName
 
-from .desk import ECHO, PLAIN, bus_with, simulated_servos, spoil
+from .factories import ECHO, PLAIN, add_faults, make_bus, simulated_servos
 from .test_exchange_laws import packet_1, packet_2
 
 X = "XL430-W250"
@@ -74,19 +74,19 @@ def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, pa
 @six
 @pytest.mark.parametrize("silent", [1, 3, 6])
 def test_a_silent_servo_never_costs_a_cycle_more_than_5_ms(models, silent):
-    bus = bus_with(models)
+    bus = make_bus(models)
     goals = goals_of(bus)
     healthy_s = max(cycle(bus, goals) for _ in range(60))
-    spoil(bus, ("silent", {"id": silent}))
+    add_faults(bus, ("silent", {"id": silent}))
     for _ in range(400):
         assert cycle(bus, goals) - healthy_s < 0.005
 
 
 @six
 def test_after_three_misses_it_is_asked_only_every_quarter_of_a_second(models):
-    bus = bus_with(models)
+    bus = make_bus(models)
     goals = goals_of(bus)
-    spoil(bus, ("silent", {"id": 3}))
+    add_faults(bus, ("silent", {"id": 3}))
     for _ in range(5):
         cycle(bus, goals)
     before, started_s = bus.statistics[3].requests, bus.clock.now_s()
@@ -97,9 +97,9 @@ def test_after_three_misses_it_is_asked_only_every_quarter_of_a_second(models):
 
 @six
 def test_it_is_missed_in_the_very_cycle_in_which_it_falls_silent(models):
-    bus = bus_with(models)
+    bus = make_bus(models)
     goals = goals_of(bus)
-    spoil(bus, ("silent", {"id": 5}))
+    add_faults(bus, ("silent", {"id": 5}))
     readings = bus.sync_read(goals, RegisterName.PRESENT_POSITION)
     assert isinstance(readings.errors[5], ServoSilentError)
     assert "joint_5 (id 5)" in str(readings.errors[5])
@@ -107,9 +107,9 @@ def test_it_is_missed_in_the_very_cycle_in_which_it_falls_silent(models):
 
 @six
 def test_when_it_answers_again_it_is_back_within_a_quarter_of_a_second(models):
-    bus = bus_with(models)
+    bus = make_bus(models)
     goals = goals_of(bus)
-    spoil(bus, ("silent", {"id": 3, "for_s": 0.1, "at_s": bus.clock.now_s()}))
+    add_faults(bus, ("silent", {"id": 3, "for_s": 0.1, "at_s": bus.clock.now_s()}))
     end_s = bus.clock.now_s() + 0.4
     while bus.clock.now_s() < end_s:
         cycle(bus, goals)
@@ -122,8 +122,8 @@ def test_when_it_answers_again_it_is_back_within_a_quarter_of_a_second(models):
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009", "AX-12A", "MX-28"])
 @pytest.mark.parametrize("bit", [0, 2, 5])
 def test_each_alarm_bit_is_seen_in_the_very_next_answer(model, bit):
-    bus = bus_with({1: model, 2: model})
-    spoil(bus, ("alarm", {"id": 1, "bits": 1 << bit}))
+    bus = make_bus({1: model, 2: model})
+    add_faults(bus, ("alarm", {"id": 1, "bits": 1 << bit}))
     bus.clock.sleep_until(bus.clock.now_s() + 0.01)
     readings = bus.sync_read([1, 2], RegisterName.PRESENT_POSITION)
     assert readings.require_all().keys() == {1, 2}
@@ -131,8 +131,8 @@ def test_each_alarm_bit_is_seen_in_the_very_next_answer(model, bit):
 
 
 def test_the_alert_of_protocol_2_is_seen_and_spelt_out_on_request():
-    bus = bus_with({1: X, 2: X})
-    spoil(bus, ("alarm", {"id": 2, "bits": 0b100000}))
+    bus = make_bus({1: X, 2: X})
+    add_faults(bus, ("alarm", {"id": 2, "bits": 0b100000}))
     bus.clock.sleep_until(bus.clock.now_s() + 0.01)
     assert bus.sync_read([1, 2], RegisterName.PRESENT_POSITION).alarms == {2: {Alarm.UNKNOWN}}
     assert bus.read_alarms(2) == {Alarm.OVERLOAD}
@@ -143,9 +143,9 @@ def test_the_alert_of_protocol_2_is_seen_and_spelt_out_on_request():
 
 @six
 def test_goals_arrive_although_every_tenth_instruction_is_lost(models):
-    bus = bus_with(models)
+    bus = make_bus(models)
     goals = goals_of(bus)
-    spoil(bus, ("lost", {"probability": 0.1}))
+    add_faults(bus, ("lost", {"probability": 0.1}))
     for step in range(30):
         cycle(bus, {i: tick + step for i, tick in goals.items()})
     last = {i: tick + 29 for i, tick in goals.items()}
@@ -159,7 +159,7 @@ def test_goals_arrive_although_every_tenth_instruction_is_lost(models):
 
 @pytest.mark.parametrize("model", ["STS3215", X, "MX-28"])
 def test_torque_comes_on_without_a_twitch_wherever_the_joint_was_carried(model):
-    bus = bus_with({1: model})
+    bus = make_bus({1: model})
     servo, chance = simulated_servos(bus)[1], random.Random(1)
     for _ in range(25):
         bus.write(1, RegisterName.TORQUE_ENABLE, 0, raw=True)
@@ -181,7 +181,7 @@ def eeprom_writes(bus):
 
 
 def test_an_ordinary_run_writes_no_eeprom():
-    bus = bus_with(SIX["Feetech"])
+    bus = make_bus(SIX["Feetech"])
     goals = goals_of(bus)
     before = eeprom_writes(bus)
     for servo_id in goals:
@@ -194,7 +194,7 @@ def test_an_ordinary_run_writes_no_eeprom():
 
 @pytest.mark.parametrize("packet", range(14))
 def test_a_process_that_dies_at_any_packet_leaves_nothing_that_the_next_run_does_not_mend(packet):
-    bus = bus_with({1: "STS3215"})
+    bus = make_bus({1: "STS3215"})
     die_at(bus, packet)
     with pytest.raises(KeyboardInterrupt):
         update_eeprom(bus, 1, WANTED)
@@ -227,7 +227,7 @@ def bus_with_same_servos(bus):
 @pytest.mark.usefixtures("plain_line")
 @pytest.mark.parametrize("model", ["STS3215", X])
 def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
-    bus = bus_with({1: model})
+    bus = make_bus({1: model})
     bus.port.health = LineHealth(clean_requests=0)  # before that, the write itself would be doubted
     limit = bus.servos[1].table.max_temperature_limit
     servo = simulated_servos(bus)[1]
@@ -250,7 +250,7 @@ def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
 @six
 @pytest.mark.parametrize("adapter", [PLAIN, ECHO], ids=["plain", "echo"])
 def test_bytes_that_arrive_one_by_one_are_put_together(models, adapter, monkeypatch):
-    bus = bus_with(models, adapter=adapter)
+    bus = make_bus(models, adapter=adapter)
     read = bus.port.transport.read
     monkeypatch.setattr(bus.port.transport, "read", lambda size=1: read(min(size, 1)))
     ticks = bus.sync_read(models, RegisterName.PRESENT_POSITION, raw=True).require_all()
@@ -264,7 +264,7 @@ def test_bytes_that_arrive_one_by_one_are_put_together(models, adapter, monkeypa
 @pytest.mark.usefixtures("plain_line")
 @six
 def test_a_cycle_of_six_servos_uses_85_percent_of_what_the_wire_allows(models):
-    bus = bus_with(models)
+    bus = make_bus(models)
     goals = goals_of(bus)
     for _ in range(60):
         cycle(bus, goals)
@@ -281,8 +281,8 @@ def wire_s(bus):
 
 @pytest.mark.usefixtures("plain_line")
 def test_on_a_dead_line_everything_fails_by_name_and_nothing_hangs():
-    bus = bus_with(SIX["Feetech"])
-    spoil(bus, ("silent", {}))
+    bus = make_bus(SIX["Feetech"])
+    add_faults(bus, ("silent", {}))
     started_s = bus.clock.now_s()
     with pytest.raises(BusError, match=r"No servo answers\. Check the power supply"):
         bus.sync_read(bus.servos, RegisterName.PRESENT_POSITION).require_all()

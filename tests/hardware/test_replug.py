@@ -12,8 +12,8 @@ from ikservo.errors import PortLostError
 from ikservo.hardware import Port, ServoBus, ServoSpec, open_port, reconnect, serial_number_of
 from ikservo.registers import STS3215
 
-from .conftest import StillClock
-from .desk import line_with
+from .conftest import ManualClock
+from .factories import make_transport
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
 
@@ -72,7 +72,7 @@ def test_it_is_opened_again_under_its_new_name(desk, new_pty):
     for end in ends:
         os.close(end)
     desk(Comport("/dev/ttyUSB7", "another"), Comport(new))
-    reconnect(port, "58FA083", within_s=1.0, clock=StillClock())
+    reconnect(port, "58FA083", within_s=1.0, clock=ManualClock())
     assert (port.name, port.is_open) == (new, True)
     port.close()
 
@@ -82,7 +82,7 @@ def test_what_was_learned_of_the_old_line_is_forgotten(desk, new_pty):
     port = open_port(old, 1_000_000)
     port.echoes, health = True, port.health
     desk(Comport(new))
-    reconnect(port, "58FA083", within_s=1.0, clock=StillClock())
+    reconnect(port, "58FA083", within_s=1.0, clock=ManualClock())
     assert port.echoes is None
     assert port.health is not health
     port.close()
@@ -101,7 +101,7 @@ def test_another_adapter_is_not_taken_for_it(desk, new_pty):
     port = open_port(old, 1_000_000)
     desk(Comport(other, "another"))
     with pytest.raises(PortLostError, match="not reconnected within 3 s"):
-        reconnect(port, "58FA083", within_s=3.0, clock=StillClock())
+        reconnect(port, "58FA083", within_s=3.0, clock=ManualClock())
     assert not port.is_open
 
 
@@ -109,7 +109,7 @@ def test_an_adapter_without_a_number_comes_back_under_its_old_name(desk, new_pty
     old, _ = new_pty()
     port = open_port(old, 1_000_000)
     desk(Comport(old, serial_number=None))
-    reconnect(port, "", within_s=1.0, clock=StillClock())
+    reconnect(port, "", within_s=1.0, clock=ManualClock())
     assert port.is_open
     port.close()
 
@@ -131,8 +131,8 @@ def test_a_cable_pulled_in_mid_conversation_is_an_error_within_100_ms(new_pty, m
 
 
 def test_a_port_that_is_connected_anew_knows_nothing_of_the_old_line():
-    port = Port(line_with({1: "STS3215"}), "old", 1_000_000)
-    new = Port(line_with({1: "STS3215"}), "new", 57_600)
+    port = Port(make_transport({1: "STS3215"}), "old", 1_000_000)
+    new = Port(make_transport({1: "STS3215"}), "new", 57_600)
     lock, kept = port.lock, vars(port).keys()
     port.is_using, port.echoes = True, True
     old = {name: vars(port)[name] for name in ("byte_rate", "health", "pending", "reply_timeout")}

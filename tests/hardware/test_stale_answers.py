@@ -17,8 +17,8 @@ from ikservo.hardware.pending import (
 )
 from ikservo.registers import STS3215, XL430W250, RegisterName
 
-from .desk import bus_with, simulated_servos, spoil
-from .packets import asks, asks_all, says
+from .factories import add_faults, make_bus, simulated_servos
+from .packets import reply, request, sync_request
 
 X = "XL430-W250"
 LIMITS = {"STS3215": STS3215.max_position_limit, X: XL430W250.max_position_limit}
@@ -29,7 +29,7 @@ both = pytest.mark.parametrize("model", LIMITS)
 @pytest.fixture
 def bus(model):
     """Give a bus that never repeats, whose line it has come to believe and to know as quick."""
-    bus = bus_with({1: model}, retries=0)
+    bus = make_bus({1: model}, retries=0)
     bus.port.health, bus.port.reply_timeout = (
         LineHealth(clean_requests=0),
         AdaptiveTimeout(0.001, 0.001),
@@ -48,7 +48,7 @@ def value_or_loss(bus, register):
 @both
 @pytest.mark.parametrize("delay_s", [0.005, 0.01, 0.02, 0.05, 0.1, 0.2])
 def test_a_late_answer_is_never_taken_for_that_to_a_later_question(bus, model, delay_s):
-    spoil(bus, ("late", {"delay_s": delay_s, "count": 1}))
+    add_faults(bus, ("late", {"delay_s": delay_s, "count": 1}))
     held = simulated_servos(bus)[1].read(OTHERS[model].name)
     with pytest.raises(ServoSilentError):
         bus.read(1, LIMITS[model])
@@ -59,7 +59,7 @@ def test_a_late_answer_is_never_taken_for_that_to_a_later_question(bus, model, d
 @both
 @pytest.mark.parametrize("delay_s", [0.0, 1e-5, 1e-4, 1e-3, 0.005, 0.015])
 def test_a_second_copy_is_never_taken_for_the_answer_to_another_question(bus, model, delay_s):
-    spoil(bus, ("duplicated", {"delay_s": delay_s, "count": 1}))
+    add_faults(bus, ("duplicated", {"delay_s": delay_s, "count": 1}))
     held = simulated_servos(bus)[1].read(OTHERS[model].name)
     bus.read(1, LIMITS[model])
     while bus.clock.now_s() < delay_s + 0.01:
@@ -68,7 +68,9 @@ def test_a_second_copy_is_never_taken_for_the_answer_to_another_question(bus, mo
 
 @both
 def test_a_late_yes_to_one_write_is_not_taken_for_the_yes_to_the_next(bus, model):
-    spoil(bus, ("late", {"delay_s": 0.003, "count": 1}), ("lost", {"at_s": 0.0016, "count": 1}))
+    add_faults(
+        bus, ("late", {"delay_s": 0.003, "count": 1}), ("lost", {"at_s": 0.0016, "count": 1})
+    )
     with pytest.raises(ServoSilentError):
         bus.write(1, RegisterName.GOAL_POSITION, 2000, raw=True)
     with pytest.raises((ServoSilentError, BadReplyError)):
@@ -78,7 +80,7 @@ def test_a_late_yes_to_one_write_is_not_taken_for_the_yes_to_the_next(bus, model
 
 def test_what_must_not_be_repeated_waits_until_nothing_is_owed(feetech, line):
     line.expect("FF FF 01 04 03 28 01 CE")
-    line.expect("FF FF 01 04 03 28 80 4F", says(1))
+    line.expect("FF FF 01 04 03 28 80 4F", reply(1))
     with pytest.raises(ServoSilentError):
         feetech.write(1, STS3215.torque_enable, 1)
     feetech.write(1, STS3215.torque_enable, 128, raw=True)
@@ -90,22 +92,24 @@ class TestHealthyLine:
 
     def test_the_same_question_is_put_in_the_same_shape(self, feetech, line):
         for _ in range(20):
-            line.expect(asks_all([1, 2], 56, 2), says(1, 0, 8), says(2, 0, 8))
+            line.expect(sync_request([1, 2], 56, 2), reply(1, 0, 8), reply(2, 0, 8))
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION)
 
     def test_another_question_within_20_ms_gets_a_window_one_byte_wider(self, feetech, line):
-        line.expect(asks(1, 9, 2), says(1, 0, 0)).expect(asks(1, 10, 3), says(1, 0, 255, 15))
+        line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(
+            request(1, 10, 3), reply(1, 0, 255, 15)
+        )
         feetech.read(1, STS3215.min_position_limit)
         assert feetech.read(1, STS3215.max_position_limit, raw=True) == 4095
 
     def test_later_than_that_it_does_not(self, feetech, line):
-        line.expect(asks(1, 9, 2), says(1, 0, 0)).expect(asks(1, 11, 2), says(1, 255, 15))
+        line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(request(1, 11, 2), reply(1, 255, 15))
         feetech.read(1, STS3215.min_position_limit)
         line.clock.s += 0.021
         feetech.read(1, STS3215.max_position_limit)
 
     def test_another_servo_is_asked_as_ever(self, feetech, line):
-        line.expect(asks(1, 9, 2), says(1, 0, 0)).expect(asks(2, 11, 2), says(2, 255, 15))
+        line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(request(2, 11, 2), reply(2, 255, 15))
         feetech.read(1, STS3215.min_position_limit)
         feetech.read(2, STS3215.max_position_limit)
 
@@ -119,21 +123,21 @@ class TestNewOrOddLine:
         return feetech
 
     def test_two_readings_that_agree_are_believed(self, wary, line):
-        line.expect(asks(1, 9, 2), says(1, 5, 0)).expect(asks(1, 9, 2), says(1, 5, 0))
+        line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 5, 0))
         assert wary.read(1, STS3215.min_position_limit, raw=True) == 5
 
     def test_two_readings_that_differ_are_not(self, wary, line):
-        line.expect(asks(1, 9, 2), says(1, 5, 0)).expect(asks(1, 9, 2), says(1, 6, 0))
+        line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 6, 0))
         with pytest.raises(BadReplyError, match="a second read did not confirm"):
             wary.read(1, STS3215.min_position_limit)
 
     def test_what_moves_is_read_once(self, wary, line):
-        line.expect(asks(1, 56, 2), says(1, 0, 8))
+        line.expect(request(1, 56, 2), reply(1, 0, 8))
         assert wary.read(1, STS3215.present_position, raw=True) == 2048
 
     def test_something_odd_makes_every_question_different_from_the_last(self, feetech, port, line):
         port.health.record(odd=True)
-        line.expect(asks(1, 56, 2), says(1, 0, 8)).expect(asks(1, 55, 3), says(1, 0, 0, 8))
+        line.expect(request(1, 56, 2), reply(1, 0, 8)).expect(request(1, 55, 3), reply(1, 0, 0, 8))
         for _ in range(2):
             assert feetech.read(1, STS3215.present_position, raw=True) == 2048
 
@@ -202,7 +206,7 @@ def test_a_wider_window_holds_the_span_and_begins_no_lower_than_the_table(span, 
 
 
 def test_a_window_is_cut_to_what_was_wanted(feetech, line):
-    line.expect("FF FF 01 04 02 38 02 BE").expect(asks(1, 55, 3), says(1, 99, 0, 8))
+    line.expect("FF FF 01 04 02 38 02 BE").expect(request(1, 55, 3), reply(1, 99, 0, 8))
     with pytest.raises(ServoSilentError):
         feetech.read(1, RegisterName.PRESENT_POSITION)
     assert feetech.read(1, RegisterName.PRESENT_POSITION, raw=True) == 2048

@@ -7,14 +7,14 @@ import pytest
 from ikservo.errors import ServoAlarmError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import check_supply_voltage, torque_off, torque_on
 
-from .packets import asks, says
+from .packets import reply, request
 
 VOLTAGE, VOLTAGE_12 = "FF FF 01 04 02 3E 01 B9", "FF FF 01 03 00 78 83"
 # Each question within 20 ms has an answer of another length than the three before it.
-LOWEST, LOWEST_4 = asks(1, 14, 2), says(1, 140, 40)
-HIGHEST, HIGHEST_14 = asks(1, 12, 3), says(1, 0, 70, 140)
-POSITION, AT_2048 = asks(1, 54, 4), says(1, 0, 0, 0, 8)
-GOAL, GOAL_2048, GOAL_5 = asks(1, 42, 2), says(1, 0, 8), says(1, 5, 0)
+LOWEST, LOWEST_4 = request(1, 14, 2), reply(1, 140, 40)
+HIGHEST, HIGHEST_14 = request(1, 12, 3), reply(1, 0, 70, 140)
+POSITION, AT_2048 = request(1, 54, 4), reply(1, 0, 0, 0, 8)
+GOAL, GOAL_2048, GOAL_5 = request(1, 42, 2), reply(1, 0, 8), reply(1, 5, 0)
 SET_GOAL_2048 = "FF FF 01 05 03 2A 00 08 C4"
 ON, OFF, TAKEN = "FF FF 01 04 03 28 01 CE", "FF FF 01 04 03 28 00 CF", "FF FF 01 02 00 FC"
 

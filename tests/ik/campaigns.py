@@ -1,4 +1,4 @@
-"""Seeded questions in numbers: narrowed limits, reachable targets, dense searches to compare."""
+"""Random IK problems in numbers: narrowed limits, reachable targets, dense searches to compare."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from ikservo.ik import Target, solve, solve_batch
 from ikservo.model import load_model
 
 TOOL_AXES = {"so100": (0, -1, 0), "so101": (0, 0, 1), "koch": (0, 0, 1)}
-LEAST_RANGE_RAD = 0.3
+MIN_RANGE_RAD = 0.3
 
 
 def tool_axis(name):
@@ -15,12 +15,12 @@ def tool_axis(name):
 
 
 def narrowed(chain, random):
-    """Return the chain inside random limits, no range narrower than a person would calibrate."""
+    """Return the chain inside random limits, no range narrower than a calibration would leave."""
     a, b = random.uniform(chain.lower_rad, chain.upper_rad, (2, chain.dof))
     low, high = np.minimum(a, b), np.maximum(a, b)
-    least = np.minimum(LEAST_RANGE_RAD, chain.upper_rad - chain.lower_rad)
-    high = np.maximum(high, np.minimum(low + least, chain.upper_rad))
-    return chain.with_limits(np.minimum(low, high - least), high)
+    min_range = np.minimum(MIN_RANGE_RAD, chain.upper_rad - chain.lower_rad)
+    high = np.maximum(high, np.minimum(low + min_range, chain.upper_rad))
+    return chain.with_limits(np.minimum(low, high - min_range), high)
 
 
 def missed_within_narrowed_limits(name, kind, limits, targets, seed=0):
@@ -30,10 +30,10 @@ def missed_within_narrowed_limits(name, kind, limits, targets, seed=0):
     for _ in range(limits):
         chain = narrowed(model.chain, random)
         q = random.uniform(chain.lower_rad, chain.upper_rad, (targets, chain.dof))
-        answers = solve_batch(chain, chain.forward(q), home, kind=kind, tool_axis=tool_axis(name))
-        assert (answers.q >= chain.lower_rad).all()
-        assert (answers.q <= chain.upper_rad).all()
-        missed += int((~answers.reached).sum())
+        results = solve_batch(chain, chain.forward(q), home, kind=kind, tool_axis=tool_axis(name))
+        assert (results.q >= chain.lower_rad).all()
+        assert (results.q <= chain.upper_rad).all()
+        missed += int((~results.reached).sum())
     return missed
 
 
@@ -59,12 +59,12 @@ def points_out_of_reach(chain, count, random):
     return points_m[:count]
 
 
-def closest_of_many(chain, target_m, samples=20_000, rounds=6, seed=0):
-    """Return the least distance to a point by sampling joints ever more densely, no gradients."""
+def closest_of_many(chain, target_m, samples=20_000, iterations=6, seed=0):
+    """Return the minimum distance to a point by sampling joints ever more densely, no gradients."""
     random = np.random.default_rng(seed)
     q = random.uniform(chain.lower_rad, chain.upper_rad, (samples, chain.dof))
     width = chain.upper_rad - chain.lower_rad
-    for _ in range(rounds):
+    for _ in range(iterations):
         gaps = np.linalg.norm(chain.forward(q)[:, :3, 3] - target_m, axis=1)
         best = q[np.argsort(gaps)[:50]]
         width = width / 4.0

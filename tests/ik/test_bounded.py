@@ -20,12 +20,12 @@ from tests.ik.campaigns import (
     points_out_of_reach,
     tool_axis,
 )
-from tests.ik.walks import LEAST_LEVER, STEP_M, largest_step_on_lines
+from tests.ik.line_tracking import MIN_LEVER, STEP_M, largest_step_on_lines
 from tests.kinematics.chains import joint, planar
 from tests.oracle import ARMS
 
 # What the worst lever allowed asks of a joint for one step along a line.
-GEOMETRY_RAD = STEP_M / LEAST_LEVER
+GEOMETRY_RAD = STEP_M / MIN_LEVER
 KINDS = ("position", "direction", "pose")
 FEW_JOINTS = ("koch", "omx_f", "open_manipulator_x", "px100", "so100", "so101")
 

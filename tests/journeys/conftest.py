@@ -1,15 +1,15 @@
-"""What is done once before people sit down, and which cases of the whole matrices there are."""
+"""Warm-up of the solver, and the cases of the whole matrices."""
 
 import pytest
 
 import ikservo
-from tests.journeys.typed import usual_target_m
+from tests.journeys.command_arguments import usual_target_m
 
 
 def pytest_generate_tests(metafunc):
-    """Give a campaign over a whole matrix its cases, and none where ``-m`` leaves campaigns out.
+    """Give a campaign over a whole matrix its cases, and none where ``-m`` deselects campaigns.
 
-    To make thousands and then to deselect them takes each process that gathers the suite seconds.
+    Making thousands only to deselect them costs each collecting process seconds.
     """
     names, cases, ids = getattr(metafunc.function, "matrix", (None, None, None))
     if names is None:
@@ -20,6 +20,6 @@ def pytest_generate_tests(metafunc):
 
 @pytest.fixture(autouse=True, scope="session")
 def _compiled():
-    """Compile the solver now: on a busy machine it takes longer than a person waits for words."""
+    """Compile the solver now: on a busy machine it takes longer than the tests' timeouts."""
     model = ikservo.load_model("so101")
     ikservo.solve(model.chain, ikservo.Target(usual_target_m("so101")))

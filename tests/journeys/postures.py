@@ -1,4 +1,4 @@
-"""The postures that an arm can have when it is switched on, as names and as joint positions."""
+"""Postures of an arm at power-on, as names and as joint positions."""
 
 import itertools
 import random
@@ -14,11 +14,11 @@ from servosim import read_arm_file
 from servosim.assembly import make_arm_world
 from tests.oracle import arm_file
 
-SINKING_S = 3.0  # a limp arm lies still after this
-HANDS = 3  # how many random postures a hand leaves the arm in
+SINKING_S = 3.0  # until a limp arm is at rest
+HANDS = 3  # random postures, as left by hand
 OUTSIDE = 0.05  # rad, or a fraction of a slide's range, beyond a limit: still before the hard stop
-TRIES = 100  # of the other joints where one is at its limit
-OFTEN = ("rest, sunk", "pose home")  # what most arms are met in
+MAX_TRIES = 100  # of the other joints where one is at its limit
+FREQUENT = ("rest, sunk", "pose home")  # the most frequent
 
 
 @cache
@@ -37,14 +37,14 @@ def joints_in(name, posture):
     if kind == "pose":
         return dict(model.pose(which))
     if kind == "rest,":
-        return sunk(name, model.pose("rest"))
+        return sunk_posture(name, model.pose("rest"))
     if kind == "hand":
-        return sunk(name, _anywhere(model, random.Random(f"{name} {posture}")))
+        return sunk_posture(name, _random_free_joints(model, random.Random(f"{name} {posture}")))
     return _at_a_limit(model, beyond=kind == "outside")
 
 
-def sunk(name, joints):
-    """Return where a limp arm comes to lie from a posture, table and own body in its way."""
+def sunk_posture(name, joints):
+    """Return the joints at which a limp arm comes to rest, on the table or on itself."""
     model = load_model(name)
     world = make_arm_world(read_arm_file(model.path), physics=True)
     for joint, position in joints.items():
@@ -53,37 +53,37 @@ def sunk(name, joints):
     return {joint.name: joint.position for joint in world.joints}
 
 
-def _anywhere(model, chance):
-    """Return joints where a hand might bring them: inside the limits, nothing touches."""
+def _random_free_joints(model, chance):
+    """Return random joints inside the limits, without collision."""
     while True:
-        joints = _picked(model, chance)
-        if _free(model, joints):
+        joints = _random_joints(model, chance)
+        if _is_free(model, joints):
             return joints
 
 
 def _at_a_limit(model, beyond):
     """Return a posture with the second joint at its upper limit, or beyond it.
 
-    The other joints are in the pose home, or elsewhere where that would be inside the table or
-    the arm itself. Where none of these postures is free the joint is at its lower limit, and where
-    the body never lets it go that far, it is a joint after it.
+    The other joints are in the pose home, or random where that collides.
+    Where none of these postures is free the joint is at its lower limit, and where that collides
+    too, the next joint is.
     """
     chance, past = random.Random(model.name), OUTSIDE if beyond else 0.0
     for limited in model.joints[1:]:
         for end in (limited.limits.upper.value + past, limited.limits.lower.value - past):
             fixed = {limited.name: end}
-            tried = (_picked(model, chance) | fixed for _ in range(TRIES))
+            tried = (_random_joints(model, chance) | fixed for _ in range(MAX_TRIES))
             for joints in itertools.chain([dict(model.pose("home")) | fixed], tried):
-                if _free(model, joints):
+                if _is_free(model, joints):
                     return joints
     raise LookupError(f"No posture of {model.name} with a joint at its limit is free.")
 
 
-def _picked(model, chance):
+def _random_joints(model, chance):
     return {j.name: _between(j, chance.uniform(0.05, 0.95)) for j in model.joints}
 
 
-def _free(model, joints):
+def _is_free(model, joints):
     space = CollisionChecker(collision_body(model), model.floor_m)
     try:
         space.check_pose(np.array([joints[name] for name in model.chain.names]))
@@ -92,7 +92,7 @@ def _free(model, joints):
     return True
 
 
-def _between(joint, share):
+def _between(joint, fraction):
     lower, upper = joint.limits.lower.value, joint.limits.upper.value
     lower, upper = max(lower, -3.0), min(upper, 3.0)
-    return lower + share * (upper - lower)
+    return lower + fraction * (upper - lower)

@@ -1,4 +1,4 @@
-"""Every public method of `Arm`, on every arm, from every posture, on every kind of line."""
+"""Every public method of `Arm`, on every arm, from every posture, on every kind of port."""
 
 import random
 
@@ -6,49 +6,57 @@ import pytest
 
 import ikservo
 from ikservo.errors import IkservoError
-from tests.cli.conftest import Said
-from tests.journeys.called import DEPRECATED, LISTENING, PLUGGED, arguments, methods
-from tests.journeys.judging import at_home, codes_of_method, faults, names_of, on_every_arm
-from tests.journeys.lines import LINES, put
-from tests.journeys.postures import OFTEN, postures_of
+from tests.cli.conftest import CommandResult
+from tests.journeys.expectations import (
+    allowed_method_codes,
+    find_faults,
+    isolate_user_files,
+    on_every_arm,
+    parameter_names,
+)
+from tests.journeys.fixtures_ports import PORT_KINDS, place_arm
+from tests.journeys.method_arguments import DEPRECATED, LISTENING, PLUGGED, arguments, methods
+from tests.journeys.postures import FREQUENT, postures_of
 
 LIKE = {"move_to": "move", "relax": "relax", "pose": "pose"}  # judged as these commands are
 
 
 def cases(arm):
-    """Return every case of an arm: method, posture, kind of line."""
+    """Return every case of an arm: method, posture, kind of port."""
     called = [name for name in methods() if name not in DEPRECATED + LISTENING + PLUGGED]
-    return [(m, posture, kind) for m in called for posture in postures_of(arm) for kind in LINES]
+    return [
+        (m, posture, kind) for m in called for posture in postures_of(arm) for kind in PORT_KINDS
+    ]
 
 
 def some(arm):
-    """Return the share of an arm's cases that the suite runs."""
+    """Return the cases of an arm that the suite runs."""
     chance, by_method = random.Random(f"methods {arm}"), {}
     for case in cases(arm):
-        if case[1] in OFTEN:
+        if case[1] in FREQUENT:
             by_method.setdefault(case[0], []).append(case)
     return [chance.choice(by_method[m]) for m in chance.sample(sorted(by_method), 4)]
 
 
-NAMES = names_of("method")
+NAMES = parameter_names("method")
 
 
 def judge(monkeypatch, folder, arm, method, posture, kind):
-    at_home(monkeypatch, folder)
-    bench = put(monkeypatch, arm, posture, kind)
+    isolate_user_files(monkeypatch, folder)
+    bench = place_arm(monkeypatch, arm, posture, kind)
     with ikservo.open_arm(arm, port=bench.port) as machine:
-        said = _called(machine, method, folder)
-        allowed = codes_of_method(method, posture, machine)
-        wrong = faults(LIKE.get(method, method), bench, machine.model, said, allowed)
-    assert not wrong, (wrong, said.err)
+        result = _called(machine, method, folder)
+        allowed = allowed_method_codes(method, posture, machine)
+        wrong = find_faults(LIKE.get(method, method), bench, machine.model, result, allowed)
+    assert not wrong, (wrong, result.err)
 
 
 def _called(machine, method, folder):
     try:
         getattr(machine, method)(**arguments(method, machine, folder))
     except IkservoError as error:
-        return Said(error.exit_code, "", f"{error.message}\n{error.hint}")
-    return Said(0, "", "")
+        return CommandResult(error.exit_code, "", f"{error.message}\n{error.hint}")
+    return CommandResult(0, "", "")
 
 
 def test_each_method_can_be_called(tmp_path):

@@ -1,11 +1,11 @@
-"""Two arms on a desk, in a terminal: one is led by hand, the other follows."""
+"""Two arms, in a terminal: one is moved by hand, the other follows."""
 
 import sys
 import time
 
 import pytest
 
-from tests.journeys.desk import served
+from tests.journeys.simulator_process import run_simulator
 from tests.journeys.terminal import Terminal
 
 pytestmark = [
@@ -20,18 +20,18 @@ def terminal(request, tmp_path):
     return Terminal(request.param, {"IKSERVO_HOME": str(tmp_path / "home")})
 
 
-def test_the_follower_goes_where_the_leader_is_led(terminal, tmp_path):
+def test_the_follower_takes_the_joints_of_the_leader(terminal, tmp_path):
     with (
-        served(tmp_path / "leader", "so101", "--pose", "home", "--physics") as leader,
-        served(tmp_path / "follower", "so101", "--pose", "home", "--physics") as follower,
+        run_simulator(tmp_path / "leader", "so101", "--pose", "home", "--physics") as leader,
+        run_simulator(tmp_path / "follower", "so101", "--pose", "home", "--physics") as follower,
     ):
         hold_all(leader)
         command = ["follow", "so101", "--leader-port", leader.port, "--arm", "so101"]
         with terminal.running(*command, "--port", follower.port, "--time", "12") as program:
             program.wait_for("follows")
             time.sleep(2.0)
-            leader.lead("shoulder_pan", 30.0)
-            leader.lead("elbow_flex", 30.0)
+            leader.move_joint("shoulder_pan", 30.0)
+            leader.move_joint("elbow_flex", 30.0)
             time.sleep(2.0)
             led, followed = leader.joints_deg(), follower.joints_deg()
             ended = program.ended()
@@ -41,7 +41,7 @@ def test_the_follower_goes_where_the_leader_is_led(terminal, tmp_path):
         assert followed[joint] == pytest.approx(led[joint], abs=3.0), joint
 
 
-def hold_all(desk):
-    """Let a hand hold every joint where it is."""
-    for joint, deg in desk.joints_deg().items():
-        desk.do("hand", joint=joint, deg=deg, force=20)
+def hold_all(simulator):
+    """Hold every joint by hand where it is."""
+    for joint, deg in simulator.joints_deg().items():
+        simulator.send_command("hand", joint=joint, deg=deg, force=20)

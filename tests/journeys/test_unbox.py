@@ -1,8 +1,7 @@
 """A box of servos becomes an arm, in a terminal: from six servos as bought to a motion played back.
 
-Each part begins where the part before has left the owner's files. The arm was printed: its links
-are not quite those of its description, and what is printed on the screen is held against the true
-tip.
+Each part continues with the user's files of the part before. The arm is 3D-printed: its links
+differ from its description, and the printed tip errors are compared with the true tip.
 """
 
 import json
@@ -15,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.journeys.desk import served
-from tests.journeys.printed import PrintedArm
+from tests.journeys.printed_arm import PrintedArm
+from tests.journeys.simulator_process import run_simulator
 from tests.journeys.terminal import Terminal
 
 pytestmark = [
@@ -32,7 +31,7 @@ TARGET_M = (0.25, 0.05, 0.15)
 TOUCHES = 15
 BENT = ({"wrist_flex": 30, "wrist_roll": -60}, {"wrist_flex": 85, "wrist_roll": 0},
         {"wrist_flex": 55, "wrist_roll": 60})  # fmt: skip
-LOOKS = 6
+POSTURES = 6
 
 
 @pytest.fixture(params=[80, 120])
@@ -42,23 +41,23 @@ def terminal(request, tmp_path):
 
 def test_six_servos_as_bought_get_their_ids_one_by_one(terminal, tmp_path):
     servos = [word for servo in AS_BOUGHT for word in ("--servo", servo)]
-    with served(tmp_path / "bench", *servos) as bench:
+    with run_simulator(tmp_path / "bench", *servos) as bench:
         for place in range(1, 7):
-            bench.do("disconnect", servo=place)
+            bench.send_command("disconnect", servo=place)
         with terminal.running("setup", "so101", "--port", bench.port) as program:
             for place, joint in enumerate(JOINTS, start=1):
                 program.wait_for(f"{place} of 6")
-                bench.do("connect", servo=place)
+                bench.send_command("connect", servo=place)
                 if AS_BOUGHT[place - 1] != f"{place}:sts3215":
                     program.wait_for("[y/n]", within_s=90)
                     program.type("y\r")
                 program.wait_for(f"✓ {joint}", within_s=60)
-                bench.do("disconnect", servo=place)
+                bench.send_command("disconnect", servo=place)
             ended = program.ended()
         assert ended.code == 0, ended.text
         assert not ended.long
         for place in range(1, 7):
-            bench.do("connect", servo=place)
+            bench.send_command("connect", servo=place)
         found = terminal.run("scan", bench.port)
     assert found.code == 0
     assert not found.long
@@ -69,14 +68,14 @@ def test_six_servos_as_bought_get_their_ids_one_by_one(terminal, tmp_path):
 
 def test_the_new_arm_is_calibrated_touched_off_moved_taught_and_played_back(terminal, tmp_path):
     wave, printed = tmp_path / "wave.jsonl", PrintedArm(tmp_path / "printed")
-    with served(tmp_path / "hand", printed.path) as arm:
+    with run_simulator(tmp_path / "hand", printed.path) as arm:
         calibrate(terminal, arm, printed)
         where = assert_good(terminal.run("where", "--arm", "so101", "--port", arm.port))
         assert "hand sweep" in " ".join(where.text.split())
-    with served(tmp_path / "hand", printed.path, "--pose", "home") as arm:
-        touch_off_in_vain(terminal, arm)
+    with run_simulator(tmp_path / "hand", printed.path, "--pose", "home") as arm:
+        cancel_touch_off(terminal, arm)
         touch_off(terminal, arm, printed)
-    with served(tmp_path / "hand", printed.path, "--physics") as arm:
+    with run_simulator(tmp_path / "hand", printed.path, "--physics") as arm:
         on = ("--arm", "so101", "--port", arm.port)
         move(terminal, on)
         assert math.dist(printed.tip_m(arm.joints_deg()), TARGET_M) < 0.003
@@ -94,18 +93,18 @@ def assert_good(ended):
 
 
 def calibrate(terminal, arm, printed):
-    """Do with the hands what the screen asks for: pose, directions, sweep, review, save."""
-    arm.lead_all(printed.held_deg)
+    """Follow the screen by hand: pose, directions, sweep, review, save."""
+    arm.move_joints(printed.held_deg)
     with terminal.running("calibrate", "so101", "--port", arm.port) as program:
         program.wait_for("press Enter")
         program.type("\r")
         program.wait_for(f"Move {JOINTS[0]}")
         for joint, following in zip(JOINTS, (*JOINTS[1:], "every joint"), strict=True):
-            arm.lead(joint, printed.shown_deg()[joint])
+            arm.move_joint(joint, printed.shown_deg()[joint])
             program.wait_for(f"Move {following}")
-            arm.lead(joint, printed.held_deg[joint])
+            arm.move_joint(joint, printed.held_deg[joint])
         for ends_deg in printed.ends_deg():
-            arm.lead_all(ends_deg, speed=1.5)
+            arm.move_joints(ends_deg, speed=1.5)
         program.wait_until(lambda lines: sum(line.endswith("✓") for line in lines) == len(JOINTS))
         program.type("\r")
         program.wait_for("Save to")
@@ -117,13 +116,13 @@ def calibrate(terminal, arm, printed):
     assert "Saved to" in ended.text
 
 
-def touch_off_in_vain(terminal, arm):
-    """Touch one cross and think better of it."""
+def cancel_touch_off(terminal, arm):
+    """Touch one cross, then cancel."""
     (filed,) = arms_folder(terminal).glob("*.toml")
     before = filed.read_bytes()
     with terminal.running("calibrate", "so101", "--touch", "--port", arm.port) as program:
         program.wait_for("Point 1 of 20")
-        arm.lead_tip(asked_point_m(program))
+        arm.move_tip(requested_point_m(program))
         touch(program)
         program.type("\x03")
         ended = program.ended()
@@ -134,9 +133,9 @@ def touch_off_in_vain(terminal, arm):
 
 
 def touch_off(terminal, arm, printed):
-    """Touch fifteen points with the wrist bent in turn; what is said of the tip must be true."""
-    looks = printed.postures_deg(LOOKS)
-    before_m = tip_errors_m(terminal, arm, printed, looks)
+    """Touch fifteen points with the wrist bent in turn; the printed tip errors must be true."""
+    postures = printed.postures_deg(POSTURES)
+    before_m = tip_errors_m(terminal, arm, printed, postures)
     words = ["calibrate", "so101", "--touch", "--block", "40mm", "--port", arm.port]
     with terminal.running(*words) as program:
         program.wait_for("Point 1 of 20")
@@ -146,28 +145,28 @@ def touch_off(terminal, arm, printed):
         program.type("y\r")
         ended = assert_good(program.ended())
     assert "Saved to" in ended.text
-    after_m = tip_errors_m(terminal, arm, printed, looks)
-    said_before_m, said_after_m, median_m, most_m = said_of_the_tip_m(ended)
-    assert said_before_m == pytest.approx(rms(gaps_m), rel=0.15)
+    after_m = tip_errors_m(terminal, arm, printed, postures)
+    printed_before_m, printed_after_m, median_m, max_m = printed_tip_errors_m(ended)
+    assert printed_before_m == pytest.approx(rms(gaps_m), rel=0.15)
     assert rms(before_m) > 0.005
     assert rms(after_m) < 0.0015
-    assert rms(after_m) < 2.0 * max(said_after_m, median_m)
-    assert max(after_m) < 2.0 * most_m
+    assert rms(after_m) < 2.0 * max(printed_after_m, median_m)
+    assert max(after_m) < 2.0 * max_m
 
 
 def touch_all(program, arm, printed):
-    """Touch the points asked for, skip one, take one back; return how far off each seemed."""
+    """Touch the requested points, skip one, undo one; return the apparent error of each [m]."""
     gaps_m = []
     for place in range(TOUCHES):
-        point_m = asked_point_m(program)
+        point_m = requested_point_m(program)
         if place == 2:
             program.type("s")
-            point_m = asked_point_m(program)
+            point_m = requested_point_m(program)
         if place == 3:
             program.type("a")
             program.wait_for("Too few touches: 3; at least 5")
-        arm.lead_all(BENT[place % len(BENT)])
-        arm.lead_tip(point_m + printed.slip_m())
+        arm.move_joints(BENT[place % len(BENT)])
+        arm.move_tip(point_m + printed.touch_error_m())
         touch(program)
         if place == 5:
             program.type("u")
@@ -177,40 +176,40 @@ def touch_all(program, arm, printed):
     return gaps_m
 
 
-def asked_point_m(program):
-    """Return the point that the screen asks for."""
+def requested_point_m(program):
+    """Return the point that the screen requests (3,) [m]."""
     return np.array([float(x) for x in re.findall(r"[-\d.]+", program.wait_for("at (#, #, #) m"))])
 
 
 def touch(program):
-    """Press Enter, and once more where the arm is said to move still."""
-    said = "moving"
-    while "moving" in said:
+    """Press Enter, and again as long as the arm is reported to move."""
+    shown = "moving"
+    while "moving" in shown:
         program.type("\r")
-        said = program.wait_for_any("still moving", "Point # of #", "points touched")
+        shown = program.wait_for_any("still moving", "Point # of #", "points touched")
 
 
 def tip_errors_m(terminal, arm, printed, postures_deg):
-    """Return how far the tip is from where `where` says it is (n,), in postures held by hand."""
+    """Return the distances (n,) of the true tip from the one of `where`, postures held by hand."""
     errors_m = []
     for posture_deg in postures_deg:
-        arm.lead_all(posture_deg)
+        arm.move_joints(posture_deg)
         where = terminal.run("where", "--arm", "so101", "--port", arm.port, "--json")
         assert where.code == 0, where.text
-        said = json.loads(next(line for line in where.text.splitlines() if line.startswith("{")))
-        errors_m.append(math.dist(said["tip_m"], printed.tip_m(arm.joints_deg())))
+        state = json.loads(next(line for line in where.text.splitlines() if line.startswith("{")))
+        errors_m.append(math.dist(state["tip_m"], printed.tip_m(arm.joints_deg())))
     return errors_m
 
 
-def said_of_the_tip_m(ended):
-    """Return what is said of the tip [m]: error before and after, expected median and most."""
-    said = re.search(
+def printed_tip_errors_m(ended):
+    """Return the printed tip errors [m]: before, after, expected median and 95 %."""
+    match = re.search(
         r"tip error: ([\d.]+) mm before, ([\d.]+) mm after \(15 touches.*"
         r"in the workspace: median ([\d.]+) mm, 95 % below ([\d.]+) mm",
         " ".join(ended.text.split()),
     )
-    assert said, ended.text
-    return [float(number) / 1000 for number in said.groups()]
+    assert match, ended.text
+    return [float(number) / 1000 for number in match.groups()]
 
 
 def rms(errors_m):
@@ -222,7 +221,7 @@ def arms_folder(terminal):
 
 
 def move(terminal, on):
-    """Move to a point; the first time, each joint shows before that it goes the right way."""
+    """Move to a point; before the first motion, each joint shows its direction."""
     with terminal.running("move", *TARGET_M, *on) as program:
         program.wait_for("Move? [y/n]")
         program.type("y\r")
@@ -233,31 +232,31 @@ def move(terminal, on):
 
 
 def teach(terminal, arm, on):
-    """Lead the limp arm to a pose and give it a name; go there again."""
+    """Move the limp arm to a pose by hand and name it; move there again."""
     with terminal.running("teach", "cup", *on) as program:
         program.wait_for("[y/n]")
         program.type("y\r")
         program.wait_for("press Enter")
         for joint, deg in arm.joints_deg().items():
-            arm.do("hand", joint=joint, deg=deg, force=30)
-        arm.lead("shoulder_pan", 20.0)
+            arm.send_command("hand", joint=joint, deg=deg, force=30)
+        arm.move_joint("shoulder_pan", 20.0)
         program.type("\r")
         assert_good(program.ended())
     for joint in JOINTS:
-        arm.let_go(joint)
+        arm.release(joint)
     assert_good(terminal.run("pose", "cup", *on, "--yes"))
     assert arm.joints_deg()["shoulder_pan"] == pytest.approx(20.0, abs=3.0)
 
 
 def record(terminal, arm, on, wave):
-    """Relax, then record what a hand does with the limp arm."""
+    """Relax, then record the limp arm while it is moved by hand."""
     assert_good(terminal.run("relax", *on, "--yes"))
     with terminal.running("record", wave, *on) as program:
         program.wait_for("Ctrl-C")
-        arm.lead("shoulder_pan", 15.0)
+        arm.move_joint("shoulder_pan", 15.0)
         program.type("\x03")
         ended = program.ended()
-    arm.let_go("shoulder_pan")
+    arm.release("shoulder_pan")
     assert_good(ended)
     assert wave.exists(), ended.text
     assert wave.stat().st_size > 1000

@@ -9,7 +9,7 @@ from ikservo.kinematics.geometric_errors import (
     calibration_jacobian,
     identifiable_origins,
 )
-from tests.calibration.hidden import load_model
+from tests.calibration.mounted_arms import load_model
 from tests.kinematics.chains import crane, planar
 from tests.oracle import ARMS
 

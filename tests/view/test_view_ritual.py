@@ -10,8 +10,8 @@ from ikservo.calibration.script import ScriptedAnswers
 from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import load_model
 from ikservo.view.calibration import CalibrationDriver, calibration_view
-from tests.calibration.hidden import hidden_arm
-from tests.calibration.rehearsal import rehearse
+from tests.calibration.mounted_arms import make_mounted_arm
+from tests.calibration.scripted_operator import schedule_operator
 
 READ_S = 0.02
 WHOLE_TURN = 4095
@@ -29,10 +29,10 @@ def ritual():
 def hidden(tmp_path, monkeypatch):
     """An arm whose hands sweep it, behind a port of its own, with a patient person before it."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
-    arm, model = hidden_arm("planar2", 7, pose="home"), load_model("planar2")
+    arm, model = make_mounted_arm("planar2", 7, pose="home"), load_model("planar2")
     monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda port, rate: arm.port)
     with arm.open_bus() as bus:
-        rehearse(arm, TorqueOffArm(model, bus).make_subjects("home"))
+        schedule_operator(arm, TorqueOffArm(model, bus).make_subjects("home"))
     arm.port.is_open = True
     return arm
 
@@ -44,7 +44,7 @@ def screens(hidden, request):
 
 
 def screens_of(arm, last):
-    return held(CalibrationDriver(load_model(arm.name), "/dev/ttyDESK", "home"), last)
+    return held(CalibrationDriver(load_model(arm.name), "/dev/ttyBENCH", "home"), last)
 
 
 def held(ritual, last):

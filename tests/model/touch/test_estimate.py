@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 from ikservo.errors import CalibrationError
 from ikservo.model.kinematic_calibration import ParameterSet, TouchPoint, fit_parameters
 from ikservo.model.parameter_selection import select_and_fit
-from tests.calibration.hidden import load_model
-from tests.model.touch.hidden_geometry import HiddenGeometry
+from tests.calibration.mounted_arms import load_model
+from tests.model.touch.perturbed_geometry import PerturbedGeometry
 from tests.oracle import ARMS
 
 FEW = [("so101", 11), ("koch", 12), ("planar3", 13), ("vx300s", 14)]
@@ -18,7 +18,7 @@ FIFTY = [(name, seed) for name in ARMS for seed in range(5)]
 
 
 def hidden(name, seed):
-    return HiddenGeometry(name, seed, load_model(name).chain)
+    return PerturbedGeometry(name, seed, load_model(name).chain)
 
 
 def touches_of(arm, count=15, offs=()):
@@ -27,14 +27,14 @@ def touches_of(arm, count=15, offs=()):
     for i in range(count):
         q = arm.posture()
         point = arm.tip(q) + arm.noise() + (0.03 * np.eye(3)[i % 3] if i in offs else 0.0)
-        touches.append(TouchPoint(arm.said(q), f"P{i}", point))
+        touches.append(TouchPoint(arm.reported(q), f"P{i}", point))
     return touches
 
 
 def rms_m(arm, tips_of, count=40):
     """Return the error on postures that no touch has seen."""
     true = [arm.posture() for _ in range(count)]
-    tips = tips_of(np.array([arm.said(q) for q in true]))
+    tips = tips_of(np.array([arm.reported(q) for q in true]))
     errors = np.linalg.norm(tips - [arm.tip(q) for q in true], axis=1)
     return float(np.sqrt(np.mean(errors**2)))
 
@@ -110,7 +110,7 @@ def same_point(arm, count):
         answer = least_squares(lambda q: arm.tip(q) - point, arm.posture(),
                                bounds=(arm.chain.lower_rad, arm.chain.upper_rad))  # fmt: skip
         if np.linalg.norm(answer.fun) < 1e-5:
-            touches.append(TouchPoint(arm.said(answer.x), "the point"))
+            touches.append(TouchPoint(arm.reported(answer.x), "the point"))
     return touches
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ikservo.model.touch_grid import place_sheet
-from tests.calibration.hidden import load_model
+from tests.calibration.mounted_arms import load_model
 
 ROOT = Path(__file__).parents[3]
 DRAWING = (ROOT / "docs" / "touch-grid.svg").read_text()

@@ -1,4 +1,4 @@
-"""A recording to play back: a short wave around the pose home, as `ikservo record` writes it."""
+"""A short recording around the pose home, as `ikservo record` writes it."""
 
 import shutil
 import tempfile
@@ -8,7 +8,7 @@ from pathlib import Path
 import ikservo
 
 
-def record_a_wave(arm, path):
+def write_wave_recording(arm, path):
     """Write a recording of an arm to a path."""
     shutil.copy(_recorded(arm), path)
 

@@ -1,20 +1,20 @@
-"""A calibration made without hands: as if every joint had been swept around where it is."""
+"""Calibrations without an operator: every joint swept around its present position."""
 
 from ikservo.calibration.procedure import CalibrationState
 
 STEP = 60
 
 
-def plain_wizard(loose, signs, margin_rad=0.02):
-    """Return a conversation at its sweep in which each joint has gone 720 ticks both ways.
+def make_swept_state(limp_arm, signs, margin_rad=0.02):
+    """Return a calibration state in its sweep, each joint swept by 720 ticks in both directions.
 
     Args:
-        loose: The arm, in its pose home.
+        limp_arm: The arm with torque off, in its pose home.
         signs: The direction of growing ticks, by servo id.
-        margin_rad: As a calibration takes it.
+        margin_rad: Margin of the limits inside the sweep.
     """
-    _, ticks = loose.read_ticks()
-    wizard = CalibrationState.begin(loose.make_subjects("home"), margin_rad)
+    _, ticks = limp_arm.read_ticks()
+    wizard = CalibrationState.begin(limp_arm.make_subjects("home"), margin_rad)
     for k in range(60):
         wizard = wizard.update(0.02 * k, ticks)
     wizard, at_s = wizard.accept(), 2.0
@@ -38,9 +38,9 @@ def _ids(subject):
     return {subject.servo_id, *subject.shadow_ids}
 
 
-def plain_calibration(arm, loose, when, write_limits=True):
-    """Return what that conversation ends with."""
+def make_calibration(arm, limp_arm, when, write_limits=True):
+    """Return the calibration of a sweep around the present position."""
     signs = {i: arm.direction(i) for i in arm.line.servos}
-    wizard = plain_wizard(loose, signs)
+    wizard = make_swept_state(limp_arm, signs)
     assert wizard.current_joint is None
-    return loose.build_calibration(wizard, "home", when, write_limits=write_limits).calibration
+    return limp_arm.build_calibration(wizard, "home", when, write_limits=write_limits).calibration

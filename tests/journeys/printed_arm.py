@@ -1,4 +1,4 @@
-"""An arm as it came out of a printer: its links are a millimetre off, and nobody measured them."""
+"""A 3D-printed arm: its links are a millimetre off, and not measured."""
 
 import math
 import shutil
@@ -6,12 +6,12 @@ import shutil
 import numpy as np
 
 from ikservo.model import load_model
-from tests.model.touch.hidden_geometry import HiddenGeometry
+from tests.model.touch.perturbed_geometry import PerturbedGeometry
 from tests.oracle import CONFIGS, tip_from_joints
 
 NAME = "so101"
 SEED = 3
-SHOWN_DEG, STOP_DEG = 25.0, 2.0  # the simulator's stops lie this far beyond the limits
+SHOWN_DEG, STOP_DEG = 25.0, 2.0  # STOP_DEG: from the limits to the simulator's end stops
 
 
 class PrintedArm:
@@ -20,13 +20,16 @@ class PrintedArm:
     Attributes:
         path: Its arm file, for `ikservo sim`.
         truth: Its geometry, as Pinocchio has it.
-        held_deg: The rest pose as a person's eye puts the arm into it, two degrees off, by name.
+        held_deg: The rest pose as set by eye, two degrees off, by name.
     """
 
     def __init__(self, folder):
         shutil.copytree(CONFIGS / NAME, folder)
         self._model = load_model(NAME)
-        self.path, self.truth = folder / "arm.toml", HiddenGeometry(NAME, SEED, self._model.chain)
+        self.path, self.truth = (
+            folder / "arm.toml",
+            PerturbedGeometry(NAME, SEED, self._model.chain),
+        )
         (folder / "arm.urdf").write_text(self.truth.urdf)
         rest = self._model.pose("rest").items()
         self.held_deg = {name: float(np.degrees(place)) for name, place in rest}
@@ -38,13 +41,13 @@ class PrintedArm:
         return self.truth.chain.names
 
     def shown_deg(self):
-        """Return where each joint is led to show its direction: to where it has more room."""
+        """Return each joint's position that shows its direction, on its longer side."""
         shown_deg = {}
         for joint in self._model.joints:
             rest_deg = math.degrees(self._model.pose("rest")[joint.name])
             low_deg, high_deg = _limits_deg(joint)
-            way_deg = SHOWN_DEG if high_deg - rest_deg >= rest_deg - low_deg else -SHOWN_DEG
-            shown_deg[joint.name] = self.held_deg[joint.name] + way_deg
+            offset_deg = SHOWN_DEG if high_deg - rest_deg >= rest_deg - low_deg else -SHOWN_DEG
+            shown_deg[joint.name] = self.held_deg[joint.name] + offset_deg
         return shown_deg
 
     def ends_deg(self):
@@ -54,23 +57,23 @@ class PrintedArm:
         return lower_deg, {name: high + STOP_DEG for name, (_, high) in limits_deg.items()}
 
     def tip_m(self, joints_deg):
-        """Return where the tip truly is (3,) for the true joints by name."""
+        """Return the true tip (3,) [m] at the true joints by name."""
         return self.truth.tip(self._rad(joints_deg))
 
     def believed_tip_m(self, joints_deg):
-        """Return where the tip seems to be to who measured the zeros in the pose "held"."""
-        joints_rad = self.truth.said(self._rad(joints_deg))
+        """Return the tip (3,) [m] by a calibration of the zeros in the pose `held_deg`."""
+        joints_rad = self.truth.reported(self._rad(joints_deg))
         return tip_from_joints(NAME, dict(zip(self.names, joints_rad, strict=True)))
 
     def postures_deg(self, count):
-        """Return true joints of some postures by chance, by name."""
+        """Return the true joints of random postures, by name."""
         return [
             dict(zip(self.names, np.degrees(self.truth.posture()).tolist(), strict=True))
             for _ in range(count)
         ]
 
-    def slip_m(self):
-        """Return how far a careful hand is off a point (3,)."""
+    def touch_error_m(self):
+        """Return the error of a touched point (3,) [m]."""
         return self.truth.noise()
 
     def _rad(self, joints_deg):

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import pytest
 
 from ikservo.arm.calibrated_arm import load_calibration_for
-from tests.calibration.hidden import hidden_arm, load_model, reviewed
+from tests.calibration.mounted_arms import load_model, make_mounted_arm, run_to_review
 from tests.oracle import ARMS
 
 MARGIN_RAD = math.radians(0.3)
@@ -21,10 +21,10 @@ def _home(tmp_path, monkeypatch):
 
 def calibrated(arm):
     """Calibrate an arm and return what was saved, by joint."""
-    with arm.loose() as loose:
-        wizard = reviewed(loose, arm, MARGIN_RAD)
-        outcome = loose.build_calibration(wizard, arm.pose, WHEN, write_limits=True)
-        loose.save(outcome)
+    with arm.open_limp() as limp_arm:
+        wizard = run_to_review(limp_arm, arm, MARGIN_RAD)
+        outcome = limp_arm.build_calibration(wizard, arm.pose, WHEN, write_limits=True)
+        limp_arm.save(outcome)
     return {joint.name: joint for joint in outcome.calibration.joints}
 
 
@@ -96,11 +96,11 @@ def check_zeros_and_signs(arm, model):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_a_hidden_arm_is_found_out(name):
-    judge(hidden_arm(name, 1))
+    judge(make_mounted_arm(name, 1))
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(100, 120))
 @pytest.mark.parametrize("name", ARMS)
 def test_two_hundred_hidden_arms_are_found_out(name, seed):
-    judge(hidden_arm(name, seed, gravity=seed % 5 == 0))
+    judge(make_mounted_arm(name, seed, gravity=seed % 5 == 0))

@@ -1,4 +1,4 @@
-"""The lines that an arm can be on: the simulator in this process, and ports that stand for more."""
+"""Arms on every kind of port: `sim` in this process, and patched pseudo-terminals and adapters."""
 
 import math
 import os
@@ -19,26 +19,26 @@ from servosim import SimulatedPort, open_port, read_arm_file
 from servosim.assembly import make_arm_world
 from servosim.line import Line, LineOptions
 from servosim.world import World
-from tests.calibration.hidden import HiddenArm
-from tests.cli.desk import Comport, plug_in
-from tests.cli.real_port import PORT, SERIAL
+from tests.calibration.mounted_arms import MountedArm
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL
+from tests.cli.fixtures_ports import PortInfo, set_ports
 from tests.journeys.postures import joints_in
 
-LINES = ("sim", "pty", "real, uncalibrated", "real, calibrated")
+PORT_KINDS = ("sim", "pty", "real, uncalibrated", "real, calibrated")
 PTY = "/dev/pts/7"
 WHEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
 MARGIN_RAD = math.radians(2.0)
-STEP, STOP_TICKS, MOST_TICKS = 10, 23, 1900
+STEP, STOP_TICKS, MAX_TICKS = 10, 23, 1900
 
 
 @dataclass
 class Bench:
-    """An arm on a line.
+    """An arm on a port.
 
     Attributes:
         arm: Its name.
         kind: One of ``LINES``.
-        port: What follows ``--port``.
+        port: The value for ``--port``.
         world: The simulated arm; of ``sim`` the one that was opened last, None before.
     """
 
@@ -60,21 +60,21 @@ class Bench:
         return {j.name: any(s.drive.torque_on for s in j.servos) for j in self.world.joints}
 
 
-def put(monkeypatch, arm, posture, kind):
-    """Put an arm in a posture on a line of that kind, limp, and return it."""
+def place_arm(monkeypatch, arm, posture, kind):
+    """Place an arm with torque off in a posture, on a port of a kind; return it."""
     if kind == "sim":
         return _in_process(monkeypatch, arm, posture)
     bench = Bench(arm, kind, PTY if kind == "pty" else PORT)
-    hidden = _built(arm, mounted=kind.startswith("real"))
-    bench.world = hidden.world
-    plug_in(monkeypatch, [Comport(PORT)] if kind.startswith("real") else [])
+    mounted_arm = _built(arm, mounted=kind.startswith("real"))
+    bench.world = mounted_arm.world
+    set_ports(monkeypatch, [PortInfo(PORT)] if kind.startswith("real") else [])
     monkeypatch.setattr("ikservo.arm.calibrated_arm.is_pseudo_terminal", lambda name: name == PTY)
-    monkeypatch.setattr("ikservo.hardware.port.open_transport", _reopened(hidden))
-    monkeypatch.setattr("ikservo.maintenance.bus_benchmark.open_transport", _reopened(hidden))
-    hidden.port.name = bench.port
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", _reopened(mounted_arm))
+    monkeypatch.setattr("ikservo.maintenance.bus_benchmark.open_transport", _reopened(mounted_arm))
+    mounted_arm.port.name = bench.port
     if kind == "real, calibrated":
         shutil.copytree(_calibrated(arm), os.environ["IKSERVO_HOME"], dirs_exist_ok=True)
-    _place(hidden.world, arm, posture)
+    _place(mounted_arm.world, arm, posture)
     return bench
 
 
@@ -97,9 +97,9 @@ def _place(world, arm, posture):
 
 
 def _built(name, *, mounted, weightless=False):
-    """Return an arm in its pose home; where a mounted one's zeros are is known to nobody.
+    """Return an arm in its pose home; the zeros of a mounted one are unknown.
 
-    A weightless one stays in the pose, as if hands held every joint.
+    A weightless one keeps the pose, as if every joint were held by hand.
     """
     entries = read_arm_file(load_model(name).path)
     if mounted and any(joint.zero_from == "nominal" for joint in load_model(name).joints):
@@ -109,29 +109,29 @@ def _built(name, *, mounted, weightless=False):
     world = make_arm_world(entries, "home", physics=not weightless)
     if weightless:
         world = World(world.joints)
-    port = SimulatedPort(Line(world, entries.baud, LineOptions()), f"desk:{name}")
-    return HiddenArm(name, 0, world, port)
+    port = SimulatedPort(Line(world, entries.baud, LineOptions()), f"bench:{name}")
+    return MountedArm(name, 0, world, port)
 
 
 def _mounted(joint, chance):
-    turned = chance.uniform(-25.0, 25.0)  # ticks: horns have teeth, and people hold them badly
+    turned = chance.uniform(-25.0, 25.0)  # ticks: the horn's teeth and a rough anchor pose
     servos = tuple(replace(servo, zero_tick=servo.zero_tick + turned) for servo in joint.servos)
     return replace(joint, servos=servos)
 
 
-def _reopened(hidden):
+def _reopened(mounted_arm):
     def opened(port, baud_rate):
         if port.startswith("sim:"):  # another arm, such as a leader
             return open_transport(port, baud_rate)
-        hidden.port.is_open = True
-        return hidden.port
+        mounted_arm.port.is_open = True
+        return mounted_arm.port
 
     return opened
 
 
 @cache
 def _calibrated(arm):
-    """Return the folder of a person who has calibrated an arm; each journey begins with a copy."""
+    """Return a user folder with a calibration of an arm; each journey starts with a copy."""
     folder = tempfile.mkdtemp()
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("IKSERVO_HOME", folder)
@@ -139,22 +139,22 @@ def _calibrated(arm):
     return folder
 
 
-def _calibrate(hidden):
-    """Save a calibration of every joint's whole range, as if hands had been at each stop."""
-    with hidden.loose() as loose:
-        loose.serial_number = SERIAL
+def _calibrate(mounted_arm):
+    """Save a calibration of every joint's whole range, as if moved to each end stop by hand."""
+    with mounted_arm.open_limp() as limp_arm:
+        limp_arm.serial_number = SERIAL
         wizard = _swept(
-            hidden,
-            CalibrationState.begin(loose.make_subjects("home"), MARGIN_RAD),
-            loose.read_ticks()[1],
+            mounted_arm,
+            CalibrationState.begin(limp_arm.make_subjects("home"), MARGIN_RAD),
+            limp_arm.read_ticks()[1],
         )
-        outcome = loose.build_calibration(wizard, "home", WHEN, write_limits=False)
+        outcome = limp_arm.build_calibration(wizard, "home", WHEN, write_limits=False)
         memory = {s.id: s.holds for joint in outcome.calibration.joints for s in joint.servos}
-        loose.save(CalibrationResult(outcome.calibration, memory))
+        limp_arm.save(CalibrationResult(outcome.calibration, memory))
 
 
-def _swept(hidden, wizard, ticks):
-    """Return the conversation after each joint was moved as shown and then from stop to stop."""
+def _swept(mounted_arm, wizard, ticks):
+    """Return the calibration after each joint was moved as shown and then from stop to stop."""
     at_s = 0.0
     for _ in range(60):
         at_s += 0.02
@@ -162,26 +162,29 @@ def _swept(hidden, wizard, ticks):
     wizard = wizard.accept()
     for subject in wizard.subjects:
         ids = {subject.servo_id, *subject.shadow_ids}
-        for way in _ways(hidden, subject):
+        for step in _steps(mounted_arm, subject):
             at_s += 0.02
-            ticks = {i: (tick + way * (i in ids)) % 4096 for i, tick in ticks.items()}
+            ticks = {i: (tick + step * (i in ids)) % 4096 for i, tick in ticks.items()}
             wizard = wizard.update(at_s, ticks)
     return wizard
 
 
-def _ways(hidden, subject):
+def _steps(mounted_arm, subject):
     """Yield steps in ticks: as shown and back, to the upper end, to the lower end, and back."""
-    up = hidden.direction(subject.servo_id)
-    above, below = _room(subject, subject.expected.upper), -_room(subject, subject.expected.lower)
+    up = mounted_arm.direction(subject.servo_id)
+    above, below = (
+        _steps_to_stop(subject, subject.expected.upper),
+        -_steps_to_stop(subject, subject.expected.lower),
+    )
     shown = up * subject.free_direction
     far = math.ceil(subject.min_motion_ticks / STEP) + 2
     yield from [STEP * shown] * far + [-STEP * shown] * far
     yield from [STEP * up] * above + [-STEP * up] * (above + below) + [STEP * up] * below
 
 
-def _room(subject, limit):
-    """Return how many steps a stop lies above the anchor pose; it is 2 degrees past the limit."""
+def _steps_to_stop(subject, limit):
+    """Return the steps from the anchor pose up to an end stop, 2 degrees past the limit."""
     far = subject.joint_map.ticks_from_zero(limit.value) * subject.joint_map.sign
     here = subject.joint_map.ticks_from_zero(subject.pose) * subject.joint_map.sign
-    room = math.copysign(min(abs(far - here) + STOP_TICKS, MOST_TICKS), far - here)
-    return round(room / STEP)
+    ticks = math.copysign(min(abs(far - here) + STOP_TICKS, MAX_TICKS), far - here)
+    return round(ticks / STEP)

@@ -1,4 +1,4 @@
-"""Arms whose servos are mounted as nobody wrote down, and the hands of a person on them."""
+"""Simulated arms with random mounting of their servos, and an operator who moves them."""
 
 import math
 import random
@@ -11,24 +11,25 @@ from ikservo.calibration.procedure import CalibrationState
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port import Port
 from ikservo.maintenance.calibration_session import TorqueOffArm
-from ikservo.model import load_model as load_model_afresh
+from ikservo.model import load_model as load_uncached_model
 from servosim import SimulatedPort, read_arm_file
 from servosim.assembly import make_arm_world
 from servosim.joint import Hand, glide, hold, sweep
 from servosim.line import Line, LineOptions
 from servosim.world import World
 
-load_model = cache(load_model_afresh)  # models are values, and there are hundreds of arms
+load_model = cache(load_uncached_model)  # models are values, and there are hundreds of arms
 
-STRENGTH = 60.0  # N m or N: these hands hold any arm
-ROOM = math.radians(6.0)  # between the pose and a stop
+STRENGTH = 60.0  # N m or N: enough to hold any arm
+STOP_CLEARANCE = math.radians(6.0)  # between the pose and an end stop
 
 
 @dataclass
-class HiddenArm:
-    """A simulated arm with its truth beside it.
+class MountedArm:
+    """A simulated arm and its ground truth.
 
-    Positions are rad or m by joint; ``held`` is how far from the pose a joint really was held.
+    Positions are rad or m by joint; ``held`` is the offset from the pose at which the operator
+    held each joint.
     """
 
     name: str
@@ -61,26 +62,26 @@ class HiddenArm:
         return sum(servo.memory.eeprom_writes for servo in self.world.servos)
 
     def power_cycle(self):
-        """All servos lose their power and boot again; hands still hold the joints."""
+        """Power all servos off and on; the operator still holds the joints."""
         for servo in self.world.servos:
             servo.power_up()
 
     def open_bus(self):
-        """Return a bus on the same servos, as a program that is started anew has it."""
+        """Return a new bus on the same servos, as a restarted program opens it."""
         self.port.is_open = True
         model = load_model(self.name)
-        return ServoBus(Port(self.port, f"desk:{self.name}", model.baud_rate), servo_specs(model))
+        return ServoBus(Port(self.port, f"bench:{self.name}", model.baud_rate), servo_specs(model))
 
     @contextmanager
-    def loose(self):
-        """Yield the arm as a calibration has it."""
+    def open_limp(self):
+        """Yield the arm with its torque off, for a calibration."""
         with self.open_bus() as bus:
             bus.load_return_delays()
             yield TorqueOffArm(load_model(self.name), bus)
 
 
-def hidden_arm(name, seed, *, gravity=False, **how):
-    """Return an arm with zeros anywhere in a turn, signs, stops and offsets by chance."""
+def make_mounted_arm(name, seed, *, gravity=False, **how):
+    """Return an arm with random zeros within a revolution, signs, end stops and offsets."""
     chance = random.Random(f"{name} {seed}")
     model = load_model(name)
     arm = read_arm_file(model.path)
@@ -95,38 +96,38 @@ def hidden_arm(name, seed, *, gravity=False, **how):
     }
     for servo in world.servos:
         servo.motor._half_play_rad = math.radians(0.25)
-    port = SimulatedPort(Line(world, arm.baud, LineOptions(seed=seed)), f"desk:{name}")
-    return HiddenArm(name, seed, world, port, stops, how.get("pose", "home"))
+    port = SimulatedPort(Line(world, arm.baud, LineOptions(seed=seed)), f"bench:{name}")
+    return MountedArm(name, seed, world, port, stops, how.get("pose", "home"))
 
 
 def _mounted(entry, chance, how):
     sign = how.get("sign") or chance.choice([-1, 1])
     zero = how["zero"] if "zero" in how else chance.uniform(0, 4096)
-    if len(entry.servos) > 1:  # two servos on one joint are put on with some care
+    if len(entry.servos) > 1:  # two servos on one joint are mounted nearly alike
         zero = chance.uniform(1900, 2200)
     return replace(entry, servos=tuple(_servo(s, sign, zero, chance, how) for s in entry.servos))
 
 
 def _servo(servo, sign, zero, chance, how):
     feetech = servo.model.startswith("STS")
-    delivered = dict(servo.eeprom)
+    eeprom_values = dict(servo.eeprom)
     if feetech and how.get("spoiled", True):
-        delivered["homing_offset"] = chance.choice([0, 0, chance.randint(-2047, 2047)])
-        delivered["phase"] = chance.choice([12, 12, 28])  # bit 4: counts turns
-        delivered["cw_dead_zone"] = delivered["ccw_dead_zone"] = chance.choice([1, 1, 16])
-    if "secondary_id" in delivered:
+        eeprom_values["homing_offset"] = chance.choice([0, 0, chance.randint(-2047, 2047)])
+        eeprom_values["phase"] = chance.choice([12, 12, 28])  # bit 4: counts turns
+        eeprom_values["cw_dead_zone"] = eeprom_values["ccw_dead_zone"] = chance.choice([1, 1, 16])
+    if "secondary_id" in eeprom_values:
         zero += chance.randint(-40, 40)
-    return replace(servo, sign=sign, zero_tick=zero, eeprom=delivered)
+    return replace(servo, sign=sign, zero_tick=zero, eeprom=eeprom_values)
 
 
 def _stop(simulated, joint, model, chance, how):
-    """Put the joint's true stops somewhere near the arm file's limits, outside the pose."""
+    """Place the joint's end stops near the arm file's limits, outside the pose; return them."""
     unit = joint.joint_map.unit
     away = 0.002 if unit == "m" else math.radians(8.0)
-    room = 0.001 if unit == "m" else ROOM
+    clearance = 0.001 if unit == "m" else STOP_CLEARANCE
     pose = model.pose(how.get("pose", "home"))[joint.name]
-    low = min(joint.limits.lower.value + chance.uniform(-away, away), pose - room)
-    high = max(joint.limits.upper.value + chance.uniform(-away, away), pose + room)
+    low = min(joint.limits.lower.value + chance.uniform(-away, away), pose - clearance)
+    high = max(joint.limits.upper.value + chance.uniform(-away, away), pose + clearance)
     if unit == "rad" and high - low > math.radians(350.0):
         if chance.random() < 0.5:
             low, high = -math.inf, math.inf
@@ -139,8 +140,8 @@ def _stop(simulated, joint, model, chance, how):
     return low, high
 
 
-class Person:
-    """Holds, moves and answers as a patient person would."""
+class Operator:
+    """Holds, moves and sweeps joints by hand."""
 
     def __init__(self, arm):
         self.arm, self.world = arm, arm.world
@@ -153,10 +154,10 @@ class Person:
         place = self.arm.true_position(name)
         self.world.grasp(name, Hand(hold(place), self._strength(name)))
 
-    def move(self, name, way):
+    def move(self, name, distance):
         here = self.arm.true_position(name)
         speed = 1.5 * self.world.joint(name).m_per_rad
-        self.world.grasp(name, Hand(glide(here, here + way, speed), self._strength(name)))
+        self.world.grasp(name, Hand(glide(here, here + distance, speed), self._strength(name)))
 
     def sweep_all(self, names=None):
         for joint in self.world.joints:
@@ -176,40 +177,41 @@ class Person:
         return STRENGTH / self.world.joint(name).m_per_rad
 
 
-def read_until(loose, wizard, done, longest_s=30.0):
-    """Read the servos until something holds; time is virtual."""
-    start_s = loose.bus.clock.now_s()
+def read_until(limp_arm, wizard, done, longest_s=30.0):
+    """Update the calibration from the servos until `done(wizard)`; time is virtual."""
+    start_s = limp_arm.bus.clock.now_s()
     while not done(wizard):
-        reading = loose.read_ticks()
+        reading = limp_arm.read_ticks()
         if reading:
             wizard = wizard.update(*reading)
-        assert loose.bus.clock.now_s() - start_s < longest_s, "it never came to that"
+        assert limp_arm.bus.clock.now_s() - start_s < longest_s, "the condition was never met"
     return wizard
 
 
-def anchored(loose, arm, margin_rad):
-    person = Person(arm)
-    person.hold_all()
-    wizard = CalibrationState.begin(loose.make_subjects(arm.pose), margin_rad)
-    wizard = read_until(loose, wizard, lambda w: w.is_at_rest)
-    pose = loose.model.pose(arm.pose)
+def accept_anchor_pose(limp_arm, arm, margin_rad):
+    operator = Operator(arm)
+    operator.hold_all()
+    wizard = CalibrationState.begin(limp_arm.make_subjects(arm.pose), margin_rad)
+    wizard = read_until(limp_arm, wizard, lambda w: w.is_at_rest)
+    pose = limp_arm.model.pose(arm.pose)
     arm.held = {name: arm.true_position(name) - position for name, position in pose.items()}
-    return person, wizard.accept()
+    return operator, wizard.accept()
 
 
-def shown_directions(loose, person, wizard):
+def show_directions(limp_arm, operator, wizard):
     while wizard.current_joint:
-        subject = wizard.current_joint
-        way = math.radians(25) * subject.free_direction * person.world.joint(subject.name).m_per_rad
-        person.move(subject.name, -way if wizard.is_second_trial and not wizard.returned else way)
-        before = stage_of(wizard)
-        wizard = read_until(loose, wizard, lambda w, before=before: stage_of(w) != before)
-        person.hold(subject.name)
+        name, before = wizard.current_joint.name, current_request(wizard)
+        distance = wizard.current_joint.free_direction * math.radians(25)
+        if wizard.is_second_trial and not wizard.returned:
+            distance = -distance
+        operator.move(name, distance * operator.world.joint(name).m_per_rad)
+        wizard = read_until(limp_arm, wizard, lambda w, before=before: current_request(w) != before)
+        operator.hold(name)
     return wizard
 
 
-def stage_of(wizard):
-    """Return what is asked for: which joint, and its first motion, its way back or its second."""
+def current_request(wizard):
+    """Return the requested motion: the joint, and whether it is the second, and the return."""
     return (
         wizard.current_joint and wizard.current_joint.name,
         wizard.is_second_trial,
@@ -217,15 +219,15 @@ def stage_of(wizard):
     )
 
 
-def swept(loose, person, wizard, duration_s=6.0):
-    person.sweep_all()
-    end_s = loose.bus.clock.now_s() + duration_s
-    return read_until(loose, wizard, lambda _: loose.bus.clock.now_s() >= end_s)
+def sweep_joints(limp_arm, operator, wizard, duration_s=6.0):
+    operator.sweep_all()
+    end_s = limp_arm.bus.clock.now_s() + duration_s
+    return read_until(limp_arm, wizard, lambda _: limp_arm.bus.clock.now_s() >= end_s)
 
 
-def reviewed(loose, arm, margin_rad):
-    """Go through the whole conversation up to the review."""
-    loose.disable_torque()
-    person, wizard = anchored(loose, arm, margin_rad)
-    wizard = shown_directions(loose, person, wizard)
-    return swept(loose, person, wizard).accept()
+def run_to_review(limp_arm, arm, margin_rad):
+    """Run a calibration up to its review."""
+    limp_arm.disable_torque()
+    operator, wizard = accept_anchor_pose(limp_arm, arm, margin_rad)
+    wizard = show_directions(limp_arm, operator, wizard)
+    return sweep_joints(limp_arm, operator, wizard).accept()

@@ -1,4 +1,4 @@
-"""Arms whose links and zeros are a little wrong, as Pinocchio has them."""
+"""Arms with perturbed link lengths and zeros, by Pinocchio."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -11,7 +11,7 @@ from tests.oracle import CONFIGS, arm_file
 ZERO_RAD, LINK_M, TOUCH_M = math.radians(2.0), 0.001, 0.0005
 
 
-class HiddenGeometry:
+class PerturbedGeometry:
     """An arm by name and seed: zeros off by 2°, every joint's origin by 1 mm on each axis.
 
     ``urdf`` is its true description.
@@ -39,27 +39,27 @@ class HiddenGeometry:
         return ET.tostring(root, encoding="unicode")
 
     def tip(self, q):
-        """Return where the tip truly is (3,) for true joints (dof,)."""
+        """Return the true tip (3,) [m] at true joints (dof,)."""
         full = pinocchio.neutral(self._model)
         for name, value in zip(self.chain.names, q, strict=True):
             full[self._model.joints[self._model.getJointId(name)].idx_q] = value
         pinocchio.framesForwardKinematics(self._model, self._data, full)
         return np.array(self._data.oMf[self._tip].translation)
 
-    def said(self, q):
-        """Return what the arm says of true joints (dof,): zeros off, in whole ticks."""
+    def reported(self, q):
+        """Return the reported joints at true joints (dof,): zeros off, rounded to ticks."""
         tick = math.tau / 4096
         return np.round((np.asarray(q) - self.zeros) / tick) * tick
 
     def posture(self):
-        """Return true joints by chance, well inside the ranges and above the table."""
+        """Return random true joints, well inside the ranges and above the table."""
         low = np.maximum(self.chain.lower_rad, -2.0) + 0.1
         high = np.minimum(self.chain.upper_rad, 2.0) - 0.1
         for _ in range(200):
             q = self.chance.uniform(low, high)
             if self.chain.forward(q)[2, 3] >= 0.0:
                 return q
-        raise AssertionError("the arm never rises above the table")
+        raise AssertionError("no posture is above the table")
 
     def noise(self):
         return self.chance.normal(0, TOUCH_M, 3)

@@ -1,7 +1,7 @@
-"""How every public method of an arm is called: found from its own signature.
+"""Arguments for every public method of an arm, from its signature.
 
-A new method is in the matrix by itself as long as its required parameters have names that are
-known here; a parameter that is not known fails the test that lists the methods.
+A new method is in the matrix as soon as the names of its required parameters are known here; an
+unknown parameter fails the test that lists the methods.
 """
 
 import inspect
@@ -11,8 +11,8 @@ import numpy as np
 
 from ikservo.arm import Arm
 from ikservo.guard import StopKind, StopReason
-from tests.journeys.recorded import record_a_wave
-from tests.journeys.typed import usual_target_m
+from tests.journeys.command_arguments import usual_target_m
+from tests.journeys.recordings import write_wave_recording
 
 # Methods whose calls need another one first, or a program of their own.
 LISTENING = ("listen",)  # opens a socket; tests/arm/test_owner_socket.py
@@ -30,7 +30,7 @@ def arguments(name, arm, folder):
     """Return the required arguments of a method, for this arm.
 
     Raises:
-        LookupError: A parameter that nobody has said a value for.
+        LookupError: A parameter without a value here.
     """
     values = {}
     for parameter in list(inspect.signature(getattr(Arm, name)).parameters.values())[1:]:
@@ -38,7 +38,9 @@ def arguments(name, arm, folder):
             values[parameter.name] = _OWN[name, parameter.name](arm, folder)
         elif parameter.default is inspect.Parameter.empty:
             if parameter.name not in _VALUES:
-                raise LookupError(f"What is {parameter.name!r} of arm.{name}()? See {__name__}.")
+                raise LookupError(
+                    f"No value for {parameter.name!r} of arm.{name}(); add it to {__name__}."
+                )
             values[parameter.name] = _VALUES[parameter.name](arm, folder)
     return values
 
@@ -56,12 +58,12 @@ def _target(arm, _=None):
     return np.array(usual_target_m(arm.model.name))
 
 
-def _to_the_target(arm):
+def _plan_to_target(arm):
     return lambda here, speed: arm.workings.planner.plan_to_point(here, _target(arm), speed)
 
 
 def _wave(arm, folder):
-    record_a_wave(arm.model.name, folder / "wave.jsonl")
+    write_wave_recording(arm.model.name, folder / "wave.jsonl")
     return folder / "wave.jsonl"
 
 
@@ -71,9 +73,9 @@ def _leader(arm, _):
     return ikservo.open_arm(arm.model.name, port="sim:?pose=home")
 
 
-def _until_soon():
-    looks = itertools.count()
-    return lambda *_: next(looks) > 20
+def _stop_after_20():
+    calls = itertools.count()
+    return lambda *_: next(calls) > 20
 
 
 _VALUES = {
@@ -81,14 +83,14 @@ _VALUES = {
     "points_m": _points,
     "positions": _some_joints,
     "plan": lambda arm, folder: arm.plan_joints(_some_joints(arm, folder)),
-    "planning": lambda arm, _: _to_the_target(arm),
+    "planning": lambda arm, _: _plan_to_target(arm),
     "speed": lambda *_: "slow",
     "name": lambda *_: "home",
     "pose": lambda *_: "rest",
     "wishes": lambda *_: iter(()),
     "leader": _leader,
     "what": lambda arm, _: arm.chain.names[0],
-    "wanted": lambda *_: _while_wanted(),
+    "wanted": lambda *_: _continue_for_20(),
 }
 _OWN = {
     ("record", "path"): lambda _, folder: folder / "new.jsonl",
@@ -97,11 +99,11 @@ _OWN = {
     ("execute", "plan"): lambda arm, _: arm.plan_to(_target(arm)),
     ("request_stop", "reason"): lambda *_: StopReason(StopKind.PROGRAM, "enough"),
     ("teach", "name"): lambda *_: "cup",
-    ("follow_arm", "until"): lambda *_: _until_soon(),
+    ("follow_arm", "until"): lambda *_: _stop_after_20(),
     ("gripper", "to"): lambda *_: "open",
 }
 
 
-def _while_wanted():
-    looks = itertools.count()
-    return lambda *_: next(looks) < 20
+def _continue_for_20():
+    calls = itertools.count()
+    return lambda *_: next(calls) < 20

@@ -1,7 +1,7 @@
-"""What a person types after each command: found from the command's own parameters.
+"""Arguments for every command, from its parameters.
 
-A new command is in the matrix by itself as long as its parameters have names that are known here;
-a parameter that is not known fails the test that lists the commands.
+A new command is in the matrix as soon as the names of its parameters are known here; an unknown
+parameter fails the test that lists the commands.
 """
 
 import itertools
@@ -10,15 +10,15 @@ from functools import cache
 import numpy as np
 import typer
 
-from ikservo.cli import app as listing
+from ikservo.cli import app
 from ikservo.model import load_model
 
 SERVERS = ("view", "sim")  # end by Ctrl-C alone
-BY_HAND = ("calibrate", "setup", "import")  # wait for a person's hand
+BY_HAND = ("calibrate", "setup", "import")  # wait for an operator
 FILED = ("calibration", "export", "replay")  # work on a file that has to be there
 
-# What belongs behind each option, where the command has it. Left out: options that need more
-# hardware, or that a test of their own covers.
+# The value of each option, where the command has it. Left out: options that need more hardware
+# or have tests of their own.
 _OPTIONS = {
     "--arm": "{arm}",
     "--port": "{port}",
@@ -52,7 +52,7 @@ _OWN = {  # where one name means something else
     ("calibration", "action"): ["diff", "push", "pull"],
     ("sim", "words"): ["{arm}"],
 }
-_WHOLE = {  # arguments that depend on each other, as typed, and which they are
+_WHOLE = {  # arguments that depend on each other: their names and the command line
     "export": (("kind", "recording"), ["lerobot", "csv {folder}/wave.jsonl"]),
 }
 
@@ -60,7 +60,7 @@ _WHOLE = {  # arguments that depend on each other, as typed, and which they are
 @cache
 def commands():
     """Return the name of every command of the program."""
-    return tuple(listing.COMMANDS)
+    return tuple(app.COMMANDS)
 
 
 @cache
@@ -101,14 +101,14 @@ def usual_target_m(arm):
 
 
 def _loaded(command):
-    app = typer.main.get_command(listing.app)
-    return app.get_command(None, command)
+    group = typer.main.get_command(app.app)
+    return group.get_command(None, command)
 
 
 def _values(command, name):
     found = _OWN.get((command, name), _ARGUMENTS.get(name))
     if found is None:
-        raise LookupError(f"What is typed for {name!r} of `ikservo {command}`? See {__name__}.")
+        raise LookupError(f"No value for {name!r} of `ikservo {command}`; add it to {__name__}.")
     return found
 
 

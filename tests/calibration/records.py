@@ -1,4 +1,4 @@
-"""Calibrations that tests write out by hand, one joint after the other."""
+"""Calibration records built field by field."""
 
 from ikservo.calibration.records import Calibration
 

@@ -1,72 +1,72 @@
-"""A power supply for tests: it fails at a chosen moment, for files and for servos alike."""
+"""Power cuts at a chosen moment of a save or of a packet."""
 
 import os
 import tempfile
 
 from ikservo.files import writing
 
-# Everything of a save that the system may refuse or a power cut come before.
+# Every call of a save that may fail, or that a power cut may precede.
 CALLS = ("open", "write", "fsync", "replace", "close", "unlink")
 
 
 class PowerCut(BaseException):
-    """Nothing runs any more, no handler and no clean-up."""
+    """Ends the program without handlers or clean-up."""
 
 
-class Power:
-    """Counts what needs power and cuts it before the nth of them."""
+class PowerSupply:
+    """Counts the operations that need power and fails before the nth."""
 
     def __init__(self, lasts=None):
         self.lasts, self.spent = lasts, 0
 
     @property
-    def gone(self):
+    def is_cut(self):
         return self.lasts is not None and self.spent > self.lasts
 
     def spend(self):
         self.spent += 1
-        if self.gone:
+        if self.is_cut:
             raise PowerCut
 
-    def feeds_files(self, monkeypatch):
-        """Let every system call of a save need power."""
-        powered(monkeypatch, self.spend)
+    def limit_files(self, monkeypatch):
+        """Count every system call of a save."""
+        patch_calls(monkeypatch, self.spend)
         return self
 
-    def feeds_port(self, port):
-        """Let every packet to the servos need power."""
+    def limit_port(self, port):
+        """Count every packet to the servos."""
         write = port.write
 
-        def powered(data):
+        def patch_calls(data):
             if data[:2] == b"\xff\xff" and is_write(bytes(data)):
                 self.spend()
-            elif self.gone:
+            elif self.is_cut:
                 raise PowerCut
             return write(data)
 
-        port.write = powered
+        port.write = patch_calls
         return self
 
 
 def is_write(packet):
-    """Return whether a packet writes into a memory: protocol 2.0, or 1.0 and Feetech."""
+    """Return whether a packet is a write: protocol 2.0, or 1.0 and Feetech."""
     return (packet[7] if packet[:4] == b"\xff\xff\xfd\x00" else packet[4]) == 3
 
 
-def powered(monkeypatch, before):
-    """Call ``before`` ahead of every call of a save that touches a disk."""
+def patch_calls(monkeypatch, before):
+    """Call ``before`` ahead of every disk call of a save."""
     monkeypatch.setattr(writing, "os", _Calls(os, CALLS, before))
     monkeypatch.setattr(writing, "tempfile", _Calls(tempfile, ("mkstemp",), before))
 
 
-def unplugged(monkeypatch):
-    """Give the real calls back."""
+def restore_calls(monkeypatch):
+    """Restore the real calls."""
     monkeypatch.setattr(writing, "os", os)
     monkeypatch.setattr(writing, "tempfile", tempfile)
 
 
 class _Calls:
-    """A module, some of whose calls need something first."""
+    """A module that calls ``before`` ahead of some of its functions."""
 
     def __init__(self, module, names, before):
         self._module, self._names, self._before = module, names, before
@@ -76,15 +76,15 @@ class _Calls:
         if name not in self._names:
             return real
 
-        def call(*words, **more):
+        def call(*args, **kwargs):
             self._before()
-            return real(*words, **more)
+            return real(*args, **kwargs)
 
         return call
 
 
-class Refusals:
-    """Lets the nth call of a save fail with an error."""
+class FailingCall:
+    """Raises ``OSError`` at the nth call of a save."""
 
     def __init__(self, nth, number):
         self.nth, self.number, self.calls = nth, number, 0

@@ -1,4 +1,4 @@
-"""What may lie on a person's desk: adapters that come and go, and a simulated line to spoil."""
+"""Serial ports that appear and disappear, faults on the simulated bus, and runs of commands."""
 
 import io
 from contextlib import redirect_stderr, redirect_stdout
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import servosim
 from ikservo.cli import main
-from tests.cli.conftest import Said
+from tests.cli.conftest import CommandResult
 
 
 @dataclass
-class Comport:
-    """What pyserial tells of a port."""
+class PortInfo:
+    """What pyserial reports of a port."""
 
     device: str
     vid: int | None = 0x1A86
@@ -20,9 +20,9 @@ class Comport:
     product: str | None = "USB Single Serial"
 
 
-def plug_in(monkeypatch, *looks):
-    """Let each look at the adapters find the next list; the last stays."""
-    left = list(looks)
+def set_ports(monkeypatch, *lists):
+    """Let each listing of the serial ports return the next list; the last one stays."""
+    left = list(lists)
 
     def comports():
         return left.pop(0) if len(left) > 1 else left[0]
@@ -30,8 +30,8 @@ def plug_in(monkeypatch, *looks):
     monkeypatch.setattr("serial.tools.list_ports.comports", comports)
 
 
-def spoil(monkeypatch, change):
-    """Let something happen to the simulated line as soon as it is opened; return the ports."""
+def change_bus(monkeypatch, change):
+    """Apply `change(line)` to each simulated bus when it is opened; return the list of ports."""
     ports, opened = [], servosim.open_port
 
     def open_port(url):
@@ -43,13 +43,13 @@ def spoil(monkeypatch, change):
     return ports
 
 
-def run(words):
-    """Run ``ikservo`` where a fixture outlives the test that captures its output."""
-    return run_words(words.split())
+def run_command(words):
+    """Run ``ikservo`` in a fixture that outlives the capture of one test."""
+    return run_arguments(words.split())
 
 
-def run_words(words):
-    """Run ``ikservo`` with words that may hold spaces."""
+def run_arguments(words):
+    """Run ``ikservo`` with arguments that may hold spaces."""
     with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
         code = main(words)
-    return Said(code, out.getvalue(), err.getvalue())
+    return CommandResult(code, out.getvalue(), err.getvalue())
