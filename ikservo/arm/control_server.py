@@ -30,7 +30,7 @@ from ikservo.control.stopping import StopOutcome
 from ikservo.errors import ExitCode, IkservoError, InputError, RefusedError
 from ikservo.files.reading import parse_json
 from ikservo.guard import StopKind, StopReason
-from ikservo.hardware.process_local_files import abandon_in_forked_children
+from ikservo.hardware.transport import abandon_in_forked_children
 
 if TYPE_CHECKING:
     from collections.abc import Generator

@@ -18,7 +18,7 @@ from ikservo.guard import CommandLimits
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model.joint_limits import near_distance
+from ikservo.model.model import near_distance
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
 
 __all__ = [

@@ -1,17 +1,20 @@
-"""The calibration of one arm as stored in its file; every key carries its unit."""
+"""A calibration, or the part measured so far, as stored in its file; keys carry their units."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from datetime import datetime
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, ValidationError
 
 from ikservo.calibration.joint_map import JointMap
 from ikservo.calibration.limits import Limit, Limits
-from ikservo.files.validation import StrictModel
+from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
+from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.writing import strip_checksum, with_checksum
 
 __all__ = [
     "CalibratedGeometry",
@@ -19,10 +22,16 @@ __all__ = [
     "CalibratedOrigin",
     "CalibratedServo",
     "Calibration",
+    "PartialCalibration",
     "RangeSource",
+    "StoredJointMeasurement",
+    "dump_partial",
+    "read_partial",
 ]
 
 RangeSource = Literal["by hand", "by LeRobot", "by itself", "not swept"]
+
+_HEADER = "# What `ikservo calibrate --auto` has measured so far. The next run goes on from here.\n"
 
 
 def _require_integer(value: object) -> object:
@@ -173,3 +182,46 @@ def _range_in_si(
 ) -> tuple[float, float] | None:
     low, high = _to_si(low_deg, low_m), _to_si(high_deg, high_m)
     return None if low is None or high is None else (low, high)
+
+
+class StoredJointMeasurement(StrictModel):
+    """The travel of one joint between its stops, in ticks of the bare encoder."""
+
+    name: str = Field(max_length=64, description="a joint")
+    servo_id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
+    servo_model: str = Field(max_length=64, description="a model")
+    low_tick: int = Field(description="a whole number")
+    high_tick: int = Field(description="a whole number")
+
+
+class PartialCalibration(StrictModel):
+    """The measured joints of one arm on one adapter."""
+
+    format: Literal[1] = Field(description="1")
+    arm: str = Field(max_length=64, description="an arm")
+    written: str = Field(max_length=64, description="a time")
+    joints: tuple[StoredJointMeasurement, ...] = Field(
+        strict=False, description="tables [[joints]]"
+    )
+
+
+def dump_partial(partial: PartialCalibration) -> str:
+    """Return what stands in the file."""
+    import tomli_w  # noqa: PLC0415  # only who writes needs it
+
+    return with_checksum(_HEADER + tomli_w.dumps(partial.model_dump(mode="python")))
+
+
+def read_partial(path: Path) -> PartialCalibration | None:
+    """Return what was measured; None where there is no file.
+
+    Raises:
+        FileFormatError: The file is spoiled.
+    """
+    if not path.exists():
+        return None
+    table = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
+    try:
+        return PartialCalibration.model_validate(table)
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, PartialCalibration), path) from error

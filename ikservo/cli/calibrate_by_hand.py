@@ -12,7 +12,6 @@ from typing import Protocol
 
 from ikservo.arm.calibrated_arm import is_simulated
 from ikservo.calibration import Limits
-from ikservo.calibration.plausibility import find_shifted_zeros
 from ikservo.calibration.procedure import (
     CalibrationStage,
     CalibrationState,
@@ -21,7 +20,7 @@ from ikservo.calibration.procedure import (
     warnings,
 )
 from ikservo.calibration.records import Calibration
-from ikservo.calibration.result import CalibrationResult
+from ikservo.calibration.result import CalibrationResult, find_shifted_zeros
 from ikservo.calibration.script import ScriptedAnswers, apply_answer, read_script
 from ikservo.cli.calibrate_screen import (
     CalibrationDisplay,

@@ -36,11 +36,12 @@ from ikservo.maintenance.touch_off import TouchOffSession
 from ikservo.model import Model
 from ikservo.model.kinematic_calibration import Parameter
 from ikservo.model.parameter_selection import CalibrationEstimate
-from ikservo.model.touch_grid import TouchTarget, place_sheet
 from ikservo.model.touch_procedure import (
     ScriptedTouchAnswers,
     TouchOffState,
+    TouchTarget,
     apply_answer,
+    place_sheet,
     read_touch_script,
 )
 

@@ -17,9 +17,10 @@ from ikservo.cli.posture_reports import joint_lines, result_fields, result_lines
 from ikservo.cli.terminal import format_point, print_json, print_lines, print_status, print_table
 from ikservo.errors import InputError
 from ikservo.ik import METHODS, Result, Target, Tolerance, in_millimetres, solve
-from ikservo.ik.closed_form import DirectionInterval, direction_intervals, solutions
+from ikservo.ik.closed_form import direction_intervals, solutions
 from ikservo.ik.closed_form_structure import recognise_structure
-from ikservo.ik.evaluation import evaluate
+from ikservo.ik.planar import DirectionInterval
+from ikservo.ik.result import evaluate
 from ikservo.kinematics import Chain, JointType, joint_torques
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model

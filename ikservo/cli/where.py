@@ -36,8 +36,7 @@ from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, InputError
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.joint_limits import limit_distance, near_limit
-from ikservo.model.model import HealthLimits
+from ikservo.model.model import HealthLimits, limit_distance, near_limit
 
 if TYPE_CHECKING:
     from ikservo.view.visibility import LinkVisibility

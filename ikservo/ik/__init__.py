@@ -2,8 +2,8 @@
 
 from ikservo.ik.batch import BatchResult, solve_batch
 from ikservo.ik.problem import Options, Posture, Target, Tolerance
-from ikservo.ik.result import NOT_LIMITED, ActiveLimit, Result
-from ikservo.ik.solution_set import SolutionSet, solution_set
+from ikservo.ik.result import NOT_LIMITED, ActiveLimit, Result, SolutionSet
+from ikservo.ik.solution_set import solution_set
 from ikservo.ik.solve import METHODS, in_millimetres, solve
 from ikservo.ik.solver import Solver
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import reduce
 from itertools import chain as joined
 from itertools import product
@@ -14,17 +13,15 @@ from numpy.typing import ArrayLike
 from ikservo.ik.bounded import bounded, problem_for_target, target_kind_of
 from ikservo.ik.closed_form_problem import AnalyticProblem, Candidate, make_problem
 from ikservo.ik.closed_form_structure import recognise_structure
-from ikservo.ik.evaluation import evaluate, is_closer
-from ikservo.ik.planar import allowed_arcs, nearest_planar_angles
+from ikservo.ik.planar import DirectionInterval, allowed_arcs, nearest_planar_angles
 from ikservo.ik.problem import Options, Target
-from ikservo.ik.result import Result
+from ikservo.ik.result import Result, evaluate, is_closer
 from ikservo.ik.subproblems import FULL_TURN_RAD, NO_FREEDOM, ROUNDED
 from ikservo.ik.wrist import candidate_orientations, solve_direction, solve_pose, solve_position
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 
 __all__ = [
-    "DirectionInterval",
     "analytic_seeds",
     "approximate_solutions",
     "closed_form",
@@ -168,23 +165,6 @@ def _is_same_solution(a: Vector, b: Vector) -> bool:
 def initial_joints(chain: Chain, q0: ArrayLike | None) -> Vector:
     """Return q0 (dof,) checked, or the middle of the limits."""
     return chain.mid_range() if q0 is None else finite_vector(q0, chain.dof, "q0")
-
-
-@dataclass(frozen=True, slots=True)
-class DirectionInterval:
-    """Directions of the last planar link with which a point can be reached (lecture L4).
-
-    Attributes:
-        yaw_rad: The base yaw that goes with them; 0 for arms without.
-        elbow: 0 or 1.
-        lower_rad: First direction, counted from the link's direction while all joints are zero.
-        upper_rad: Last direction, at most a full turn further.
-    """
-
-    yaw_rad: float
-    elbow: int
-    lower_rad: float
-    upper_rad: float
 
 
 def direction_intervals(

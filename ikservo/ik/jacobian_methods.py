@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError
-from ikservo.ik.evaluation import evaluate
 from ikservo.ik.problem import Options, Posture, Target, Tolerance
-from ikservo.ik.result import Result
+from ikservo.ik.result import Result, evaluate
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import skew

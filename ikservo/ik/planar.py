@@ -29,6 +29,7 @@ from ikservo.ik.subproblems import FULL_TURN_RAD, clamped_acos, nearest_equivale
 __all__ = [
     "Angles",
     "DirectionArc",
+    "DirectionInterval",
     "Limits",
     "allowed_arcs",
     "elbow_solutions",
@@ -107,6 +108,23 @@ def within_limits(angles: Angles, limits: Limits, start: Angles) -> Angles | Non
 # Ends of an arc are computed, not exact: a choice stays this far inside [rad].
 _MARGIN_RAD = 1e-9
 _ANYWHERE = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DirectionInterval:
+    """Directions of the last planar link with which a point can be reached (lecture L4).
+
+    Attributes:
+        yaw_rad: The base yaw that goes with them; 0 for arms without.
+        elbow: 0 or 1.
+        lower_rad: First direction, counted from the link's direction while all joints are zero.
+        upper_rad: Last direction, at most a full turn further.
+    """
+
+    yaw_rad: float
+    elbow: int
+    lower_rad: float
+    upper_rad: float
 
 
 @dataclass(frozen=True, slots=True)

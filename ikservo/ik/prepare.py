@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.ik.idle_joints import IdleJoint, idle_joints
+from ikservo.ik.bounded import IdleJoint, idle_joints
 from ikservo.ik.kernel.layout import (
     SEED_COS_Q1,
     SEED_POSITION,

@@ -1,11 +1,16 @@
-"""The result of a solve."""
+"""The result of a solve: joints, errors, what limits it, and what other solutions there are."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from ikservo.ik.problem import Target
+import numpy as np
+
+from ikservo.ik.planar import DirectionInterval
+from ikservo.ik.problem import Target, Tolerance
 from ikservo.kinematics import (
     Chain,
     Conditioning,
@@ -13,12 +18,17 @@ from ikservo.kinematics import (
     conditioning,
     nearest_singularity,
 )
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 
-if TYPE_CHECKING:
-    from ikservo.ik.solution_set import SolutionSet
-
-__all__ = ["NOT_LIMITED", "ActiveLimit", "Result", "SolvedProblem"]
+__all__ = [
+    "NOT_LIMITED",
+    "ActiveLimit",
+    "Result",
+    "SolutionSet",
+    "SolvedProblem",
+    "evaluate",
+    "is_closer",
+]
 
 NOT_LIMITED = "link lengths or number of joints"
 """What limits the reach of an arm where no joint limit does."""
@@ -35,12 +45,50 @@ class ActiveLimit:
         return f"{self.joint} at its {self.side} limit"
 
 
+_NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four"}
+
+
+@dataclass(frozen=True, slots=True)
+class SolutionSet:
+    """How many solutions a target has inside the limits.
+
+    Joints that do not move the point, and full turns of a joint, make no solutions of their own.
+
+    Attributes:
+        kind: ``none`` found, the only ``one``, one of ``several``, one of a ``family`` that goes
+            on continuously, or ``unknown`` where this is one and nobody knows of others.
+        count: How many solutions, or branches of a family; None where that is not known.
+        freedom: How many parameters the family has; 0 without.
+        directions: The directions that the last of three links may have in a family (lecture L4).
+    """
+
+    kind: Literal["none", "one", "several", "family", "unknown"]
+    count: int | None = None
+    freedom: int = 0
+    directions: tuple[DirectionInterval, ...] = ()
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        if self.kind == "none":
+            return "no solution found"
+        if self.kind == "one":
+            return "the only solution"
+        if self.kind == "several":
+            return "one of several" if self.count is None else f"one of {self.count} solutions"
+        if self.kind == "unknown":
+            return "others not known"
+        family = f"one of a {_NUMBERS.get(self.freedom, str(self.freedom))}-parameter family"
+        branches = "branch" if self.count == 1 else "branches"
+        return family if self.count is None else f"{family} with {self.count} {branches}"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SolvedProblem:
-    """What a result answers: the arm and the target."""
+    """What a result answers: the arm, the target, and how to find the other solutions."""
 
     chain: Chain
     target: Target
+    find_solutions: Callable[[Chain, Target, Vector], SolutionSet]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,13 +122,11 @@ class Result:
     @property
     def solutions(self) -> SolutionSet:
         """Tell whether there are other solutions; computed when it is read, in some ms."""
-        from ikservo.ik.solution_set import SolutionSet, solution_set  # noqa: PLC0415  # uses us
-
         if not self.reached:
             return SolutionSet("none", 0)
         if self.question is None:
             return SolutionSet("unknown")
-        return solution_set(self.question.chain, self.question.target, self.q)
+        return self.question.find_solutions(self.question.chain, self.question.target, self.q)
 
     @property
     def conditioning(self) -> Conditioning | None:
@@ -106,3 +152,57 @@ class Result:
             asked.offset_m,
             turning=not asked.only_position,
         )
+
+
+def evaluate(
+    chain: Chain,
+    target: Target,
+    q: Vector,
+    tolerance: Tolerance,
+    *,
+    method: str,
+    iterations: int,
+    trace: tuple[Vector, ...] = (),
+) -> Result:
+    """Return what joints (dof,) inside the limits are worth against a target."""
+    T, J = chain.forward_and_jacobian(q, target.frame, target.offset_m)
+    gap_m, turn_rad = target.position - T[:3, 3], target.orientation_error(T[:3, :3])
+    position_error_m, orientation_error_rad = _vector_norm(gap_m), _vector_norm(turn_rad)
+    met = position_error_m <= tolerance.position_m
+    reached = met and orientation_error_rad <= tolerance.orientation_rad
+    pull = J[3:].T @ turn_rad if met else J[:3].T @ gap_m
+    return Result(
+        q=q,
+        reached=reached,
+        position_error_m=position_error_m,
+        orientation_error_rad=orientation_error_rad,
+        binding=() if reached else _binding_limits(chain, q, pull),
+        iterations=iterations,
+        nearest_m=T[:3, 3],
+        method=method,
+        trace=trace,
+    )
+
+
+def is_closer(a: Result, b: Result, tolerance: Tolerance) -> bool:
+    """Return whether a is the better answer: by position first, then by orientation."""
+    return _rank_result(a, tolerance) < _rank_result(b, tolerance)
+
+
+def _rank_result(result: Result, tolerance: Tolerance) -> tuple[float, float]:
+    return max(0.0, result.position_error_m - tolerance.position_m), result.orientation_error_rad
+
+
+def _binding_limits(chain: Chain, q: Vector, pull: Vector) -> tuple[ActiveLimit, ...]:
+    """Name the joints that stand at a limit and would go on if they could."""
+    found: list[ActiveLimit] = []
+    for i, name in enumerate(chain.names):
+        if q[i] <= chain.lower_rad[i] and pull[i] < 0:
+            found.append(ActiveLimit(name, "lower"))
+        elif q[i] >= chain.upper_rad[i] and pull[i] > 0:
+            found.append(ActiveLimit(name, "upper"))
+    return tuple(found)
+
+
+def _vector_norm(v: Vector | Matrix) -> float:
+    return math.sqrt(float(np.dot(v, v)))

@@ -13,13 +13,12 @@ from ikservo.ik.bounded import bounded
 from ikservo.ik.ccd import ccd
 from ikservo.ik.closed_form import closed_form
 from ikservo.ik.closed_form_structure import recognise_structure
-from ikservo.ik.evaluation import is_closer
 from ikservo.ik.jacobian_methods import pseudo_inverse, transpose
 from ikservo.ik.kernel.layout import MAX_ANGLE_RAD
-from ikservo.ik.nearest import nearest_solution
 from ikservo.ik.prepare import check_chain
 from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
-from ikservo.ik.result import Result, SolvedProblem
+from ikservo.ik.result import Result, SolvedProblem, is_closer
+from ikservo.ik.solution_set import nearest_solution, solution_set
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Vector
 
@@ -137,7 +136,7 @@ def solve(
     if float(np.abs(start).max()) > MAX_ANGLE_RAD:
         raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
     result = get_method(method)(chain, target, start, options)
-    return replace(result, question=SolvedProblem(chain, target))
+    return replace(result, question=SolvedProblem(chain, target, solution_set))
 
 
 def _check_target(target: object) -> None:

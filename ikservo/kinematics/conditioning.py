@@ -24,6 +24,7 @@ __all__ = [
     "distance_to_limits",
     "manipulability",
     "nearest_singularity",
+    "ordinary_postures",
 ]
 
 
@@ -255,11 +256,15 @@ def _angular_singular_values(J: Matrix, moves: int, count: int) -> Vector:
     return _singular_values(J[..., 3:, :] @ still)[..., :count]
 
 
+def ordinary_postures(dof: int) -> Matrix:
+    """Return a few postures (n, dof) that no arm is singular in: multiples of irrational turns."""
+    turns = (0.5 + np.outer(np.arange(1, _SAMPLES + 1), _IRRATIONAL)) % 1.0
+    return np.resize(2.0 * math.pi * turns, (_SAMPLES, dof))
+
+
 def _count_freedoms(chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> tuple[int, int]:
     """Return in how many directions the arm moves the point, and then still turns its link."""
-    angles = 2.0 * math.pi * ((0.5 + np.outer(np.arange(1, _SAMPLES + 1), _IRRATIONAL)) % 1.0)
-    q = np.resize(angles, (_SAMPLES, chain.dof))
-    J = chain.jacobian(q, frame, offset_m)
+    J = chain.jacobian(ordinary_postures(chain.dof), frame, offset_m)
     moves = _numerical_rank(_singular_values(J[:, :3]))
     _, _, Vt = np.linalg.svd(J[:, :3], full_matrices=True)
     turned = J[:, 3:] @ np.swapaxes(Vt[:, moves:, :], 1, 2)

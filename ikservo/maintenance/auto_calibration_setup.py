@@ -24,14 +24,14 @@ from ikservo.arm.calibrated_arm import CalibratedArm
 from ikservo.arm.zeros import ZeroSource
 from ikservo.calibration import Limits
 from ikservo.calibration.homing import TickRange
-from ikservo.calibration.partial_calibration import (
+from ikservo.calibration.procedure import CalibrationState
+from ikservo.calibration.range_tracker import JointUnderCalibration
+from ikservo.calibration.records import (
     PartialCalibration,
     StoredJointMeasurement,
     dump_partial,
     read_partial,
 )
-from ikservo.calibration.procedure import CalibrationState
-from ikservo.calibration.range_tracker import JointUnderCalibration
 from ikservo.calibration.result import CalibrationResult, RegisterValues, measure_joint
 from ikservo.calibration.servo_config import ServoConfig, read_servo_config
 from ikservo.calibration.transaction import commit, plan_changes

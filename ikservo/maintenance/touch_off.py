@@ -26,8 +26,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.geometric_errors import GeometricErrors
 from ikservo.maintenance.calibration_session import TorqueOffArm, load_own_calibration
 from ikservo.model.parameter_selection import CalibrationEstimate
-from ikservo.model.touch_grid import TouchTarget
-from ikservo.model.touch_procedure import TouchOffState
+from ikservo.model.touch_procedure import TouchOffState, TouchTarget
 
 __all__ = ["TouchOffSession", "apply_touch_off"]
 

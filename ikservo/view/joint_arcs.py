@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ikservo.kinematics import Chain, ChainJoint, JointType
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model.joint_limits import at_limit, near_limit
+from ikservo.model.model import at_limit, near_limit
 from ikservo.view.camera import Camera
 from ikservo.view.draw_items import DrawItem, to_pixels
 

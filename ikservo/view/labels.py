@@ -12,8 +12,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.conditioning import conditioning
 from ikservo.view.draw_items import TargetMarker
 from ikservo.view.picking import PickCandidate
-from ikservo.view.posture_insights import PostureAnalysis
-from ikservo.view.visibility import LinkVisibility
+from ikservo.view.visibility import LinkVisibility, PostureAnalysis
 
 if TYPE_CHECKING:
     from ikservo.arm import JointState

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from ikservo.calibration.partial_calibration import (
+from ikservo.calibration.records import (
     PartialCalibration,
     StoredJointMeasurement,
     dump_partial,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.plausibility import find_shifted_zeros
+from ikservo.calibration.result import find_shifted_zeros
 from tests.calibration.test_sweep import TURN, Hand, subject
 
 TICKS_PER_M = TURN / 0.1

@@ -7,7 +7,6 @@ import pytest
 
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.homing import TickRange
-from ikservo.calibration.plausibility import find_shifted_zeros
 from ikservo.calibration.procedure import (
     CalibrationStage,
     CalibrationState,
@@ -16,6 +15,7 @@ from ikservo.calibration.procedure import (
     warnings,
 )
 from ikservo.calibration.range_tracker import JointUnderCalibration
+from ikservo.calibration.result import find_shifted_zeros
 from ikservo.calibration.script import ScriptedAnswers, apply_answer, read_script
 from ikservo.errors import BadValueError, CalibrationError, FileFormatError, UnknownNameError
 

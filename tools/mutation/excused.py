@@ -111,7 +111,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ("kinematics.packed", "helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]", "1 -> 2"): _HELPER,
     ("kinematics.packed", _WIDE, "GtE -> Gt"): "no range is as wide to the last bit",
     (
-        "kinematics.motion_bounds",
+        "kinematics.collision",
         "size_m = self._size_m.get(capsule.link, 0.0)",
         "0.0 -> -1.0",
     ): "no capsule reaches less far than nowhere",
@@ -175,7 +175,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "always",
     ): "a joint that nothing moves adds zero; it is skipped to save time",
     (
-        "calibration.plausibility",
+        "calibration.result",
         "if min(max(above, below), abs(shift)) > _max_shift(subject):",
         "Gt -> GtE",
     ): "no joint is off by as much to the last bit",
