@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.guard import CollisionChecker
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model
 from ikservo.model.collision_model import collision_body
@@ -17,7 +17,4 @@ __all__ = ["make_collision_filter"]
 
 def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:
     """Return a function from postures (n, dof) to whether each is free of collisions (n,)."""
-    boxes = [
-        KeepOutBox(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out
-    ]
-    return CollisionChecker(collision_body(model), model.floor_m, boxes).collision_free
+    return CollisionChecker(collision_body(model), model.floor_m, model.keep_out).collision_free

@@ -7,8 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ikservo.arm.arguments import parse_port
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.calibrated_arm import (
@@ -21,7 +19,7 @@ from ikservo.arm.zeros import ZeroSource
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError
-from ikservo.guard import CollisionChecker, CommandLimits, KeepOutBox, Weight, sag_of
+from ikservo.guard import CollisionChecker, CommandLimits, Weight, sag_of
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.diagnostics import detecting_duplicate_ids, explaining_silence
 from ikservo.hardware.discovery import choose_port, remember_port, simulated_port_url
@@ -159,15 +157,12 @@ def _make_limits(own: CalibratedArm, model: Model, joint: ModelJoint) -> Command
 
 
 def _make_collision_checker(model: Model) -> CollisionChecker:
-    boxes = [
-        KeepOutBox(box.name, np.array(box.low_m), np.array(box.high_m)) for box in model.keep_out
-    ]
     body = collision_body_with_gripper(model)
     chain = body.chain
     weight = Weight(
         link_masses(model, chain), joint_compliances(model, chain), chain.lower_rad, chain.upper_rad
     )
-    return CollisionChecker(body, model.floor_m, boxes, sag_of(body, weight))
+    return CollisionChecker(body, model.floor_m, model.keep_out, sag_of(body, weight))
 
 
 def _narrow_chain(chain: Chain, fences: Sequence[CommandLimits]) -> Chain:

@@ -3,7 +3,6 @@
 from ikservo.guard.collision import (
     MAX_SAMPLE_STEP_RAD,
     CollisionChecker,
-    KeepOutBox,
     sample_line,
     sample_path,
     thin_path,
@@ -19,7 +18,7 @@ from ikservo.guard.monitors import (
     TrackingMonitor,
 )
 from ikservo.guard.sag import Weight, sag_of
-from ikservo.model.model import HealthLimits
+from ikservo.model.model import HealthLimits, KeepOutBox
 
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",

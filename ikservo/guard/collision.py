@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.errors import BadValueError, RefusedError
+from ikservo.errors import RefusedError
 from ikservo.guard.sag import Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.collision import CollisionBody
+from ikservo.model.model import KeepOutBox
 
 __all__ = [
     "MAX_SAMPLE_STEP_RAD",
     "CollisionChecker",
-    "KeepOutBox",
     "sample_line",
     "sample_path",
     "thin_path",
@@ -34,29 +33,6 @@ _MAX_HALVINGS = 12
 # A contact at the start may not get deeper, except for the difference between capsules and real
 # bodies: an arm that moves a joint while it touches the table, or sags a little there.
 _SAME_M = 5e-4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class KeepOutBox:
-    """An upright box that the arm keeps out of.
-
-    Attributes:
-        name: For messages: ``the cup``.
-        low_m: Its lowest corner (3,), metres, base frame.
-        high_m: Its highest corner (3,).
-
-    Raises:
-        BadValueError: A corner is not finite, or low_m is not below high_m.
-    """
-
-    name: str
-    low_m: Vector
-    high_m: Vector
-
-    def __post_init__(self) -> None:
-        corners = np.array([self.low_m, self.high_m], dtype=np.float64)
-        if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
-            raise BadValueError(f"The box {self.name}", corners.tolist(), "low < high, finite")
 
 
 def sample_path(

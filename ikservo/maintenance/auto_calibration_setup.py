@@ -38,7 +38,7 @@ from ikservo.calibration.transaction import commit, plan_changes
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import BusError, CalibrationError, FileFormatError, RefusedError
 from ikservo.files.writing import remove_durably, write_atomic
-from ikservo.guard import CollisionChecker, CommandLimits, KeepOutBox, sample_line
+from ikservo.guard import CollisionChecker, CommandLimits, sample_line
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import Model, ModelJoint
@@ -211,8 +211,7 @@ class PosturePlanner:
     def __init__(self, model: Model) -> None:
         body = collision_body(model)
         self._own = len(body.pairs)
-        boxes = [KeepOutBox(b.name, np.array(b.low_m), np.array(b.high_m)) for b in model.keep_out]
-        self.space = CollisionChecker(body, model.floor_m, boxes)
+        self.space = CollisionChecker(body, model.floor_m, model.keep_out)
         self._known = [model.chain_pose(name) for name in model.poses]
         low = np.maximum(model.chain.lower_rad, -np.pi) + _LIMIT_MARGIN_RAD
         high = np.minimum(model.chain.upper_rad, np.pi) - _LIMIT_MARGIN_RAD

@@ -26,18 +26,17 @@ from ikservo.model.model import (
     SpeedClass,
 )
 from ikservo.model.urdf import read_urdf
-from ikservo.model.urdf_types import JointType as UrdfJointKind
-from ikservo.model.urdf_types import Urdf, UrdfJoint
+from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import MODELS, ControlTable, Family
 
 __all__ = ["build_chain", "load_model", "read_description"]
 
 
 _KINDS = {
-    UrdfJointKind.FIXED: JointType.FIXED,
-    UrdfJointKind.REVOLUTE: JointType.REVOLUTE,
-    UrdfJointKind.CONTINUOUS: JointType.REVOLUTE,
-    UrdfJointKind.PRISMATIC: JointType.PRISMATIC,
+    UrdfJointType.FIXED: JointType.FIXED,
+    UrdfJointType.REVOLUTE: JointType.REVOLUTE,
+    UrdfJointType.CONTINUOUS: JointType.REVOLUTE,
+    UrdfJointType.PRISMATIC: JointType.PRISMATIC,
 }
 
 

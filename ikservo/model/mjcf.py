@@ -18,14 +18,14 @@ from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model.urdf_types import (
     Box,
     Cylinder,
-    JointType,
-    Mimic,
     Shape,
     Sphere,
     Surface,
     Urdf,
     UrdfJoint,
+    UrdfJointType,
     UrdfLink,
+    UrdfMimic,
 )
 from ikservo.model.urdf_xml import XmlElement, parse_xml
 
@@ -270,10 +270,10 @@ class _BodyTreeReader:
             make_pose(-zero * axis) if slides else make_pose(np.zeros(3), exp_so3(-zero * axis))
         )
         low, high = (float(x) for x in model.jnt_range[joint]) if limited else (-math.inf, math.inf)
-        turning = JointType.REVOLUTE if limited else JointType.CONTINUOUS
+        turning = UrdfJointType.REVOLUTE if limited else UrdfJointType.CONTINUOUS
         return UrdfJoint(
             name=name,
-            kind=JointType.PRISMATIC if slides else turning,
+            kind=UrdfJointType.PRISMATIC if slides else turning,
             parent=parent,
             child=child,
             xyz_m=pose_origin(T),
@@ -287,7 +287,7 @@ class _BodyTreeReader:
             line=0,
         )
 
-    def _find_mimic(self, joint: int) -> Mimic | None:
+    def _find_mimic(self, joint: int) -> UrdfMimic | None:
         """Return the joint that an equality makes this one follow, if any."""
         model, kinds = self._model, self._mujoco.mjtEq
         for i in range(model.neq):
@@ -300,7 +300,7 @@ class _BodyTreeReader:
                 )
                 offset, slope = (float(x) for x in model.eq_data[i][:2])
                 name = model.joint(leader).name or f"joint_{leader}"
-                return Mimic(name, slope, zero + offset - slope * zero_leader)
+                return UrdfMimic(name, slope, zero + offset - slope * zero_leader)
         return None
 
     def _add_link(self, body: int) -> None:
@@ -343,7 +343,7 @@ def _empty_link(name: str) -> UrdfLink:
 def _fixed_joint(name: str, parent: str, child: str, T: Matrix) -> UrdfJoint:
     return UrdfJoint(
         name=name,
-        kind=JointType.FIXED,
+        kind=UrdfJointType.FIXED,
         parent=parent,
         child=child,
         xyz_m=pose_origin(T),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.errors import UnknownNameError
+from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics import Chain
 from ikservo.model.urdf_types import Urdf
 from ikservo.registers import Family
@@ -152,11 +152,25 @@ class SpeedClass:
 
 @dataclass(frozen=True, slots=True)
 class KeepOutBox:
-    """An upright box that the arm keeps out of: its corners, metres, base frame."""
+    """An upright box that the arm keeps out of.
+
+    Attributes:
+        name: For messages: ``the cup``.
+        low_m: Its lowest corner (3,), metres, base frame.
+        high_m: Its highest corner (3,).
+
+    Raises:
+        BadValueError: A corner is not finite, or low_m is not below high_m.
+    """
 
     name: str
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        corners = np.array([self.low_m, self.high_m], dtype=np.float64)
+        if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
+            raise BadValueError(f"The box {self.name}", corners.tolist(), "low < high, finite")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,15 +15,15 @@ from ikservo.files.reading import path_inside, quote, read_text
 from ikservo.model.urdf_types import (
     Box,
     Cylinder,
-    JointType,
     Mesh,
-    Mimic,
     Shape,
     Sphere,
     Triple,
     Urdf,
     UrdfJoint,
+    UrdfJointType,
     UrdfLink,
+    UrdfMimic,
 )
 from ikservo.model.urdf_xml import XmlElement, expand_xacro, parse_origin, parse_xml
 
@@ -62,8 +62,8 @@ def parse_joint(element: XmlElement) -> UrdfJoint:
     )
 
 
-def _read_kind(element: XmlElement) -> JointType:
-    kinds = {kind.value: kind for kind in JointType}
+def _read_kind(element: XmlElement) -> UrdfJointType:
+    kinds = {kind.value: kind for kind in UrdfJointType}
     text = element.text("type")
     if text not in kinds:
         found = f"joint {quote(element.name())} is of type {quote(text)}"
@@ -71,7 +71,7 @@ def _read_kind(element: XmlElement) -> JointType:
     return kinds[text]
 
 
-def _read_axis(element: XmlElement, kind: JointType) -> Triple:
+def _read_axis(element: XmlElement, kind: UrdfJointType) -> Triple:
     axis = element.optional("axis")
     if axis is None:
         return (1.0, 0.0, 0.0)
@@ -87,10 +87,10 @@ def _read_axis(element: XmlElement, kind: JointType) -> Triple:
     return (x / length, y / length, z / length)
 
 
-def _read_limits(element: XmlElement, kind: JointType, name: str) -> _LimitTag:
-    if kind is JointType.FIXED:
+def _read_limits(element: XmlElement, kind: UrdfJointType, name: str) -> _LimitTag:
+    if kind is UrdfJointType.FIXED:
         return _LimitTag(0.0, 0.0, math.inf, math.inf)
-    if kind is JointType.CONTINUOUS:
+    if kind is UrdfJointType.CONTINUOUS:
         limit = element.optional("limit")
         lower, upper = -math.inf, math.inf
     else:
@@ -122,11 +122,11 @@ def _parse_strength(limit: XmlElement, attribute: str) -> float:
     return value
 
 
-def _read_mimic(element: XmlElement) -> Mimic | None:
+def _read_mimic(element: XmlElement) -> UrdfMimic | None:
     mimic = element.optional("mimic")
     if mimic is None:
         return None
-    return Mimic(
+    return UrdfMimic(
         joint=mimic.name("joint"),
         multiplier=mimic.number("multiplier", 1.0),
         offset=mimic.number("offset", 0.0),
@@ -369,7 +369,7 @@ def _find_degree_limits(joints: Sequence[UrdfJoint]) -> Iterator[str]:
     for joint in joints:
         place = f"line {joint.line}: joint {quote(joint.name)}"
         for side, value in (("lower", joint.lower), ("upper", joint.upper)):
-            if joint.kind is JointType.REVOLUTE and abs(value) > _FULL_TURN_RAD:
+            if joint.kind is UrdfJointType.REVOLUTE and abs(value) > _FULL_TURN_RAD:
                 hint = _in_degrees_hint(value)
                 yield f"{place} has {side} {value:g} rad, more than a turn; {hint}"
         for value in joint.rpy_rad:
@@ -384,7 +384,7 @@ def _in_degrees_hint(value: float) -> str:
 def _find_ignored_limits(root: XmlElement) -> Iterator[str]:
     for joint in root.child_elements("joint"):
         limit = joint.optional("limit")
-        continuous = joint.text("type") == JointType.CONTINUOUS.value
+        continuous = joint.text("type") == UrdfJointType.CONTINUOUS.value
         if continuous and limit and {"lower", "upper"} & limit.attributes.keys():
             place = f"line {limit.line}: joint {quote(joint.name())}"
             yield f'{place} is continuous and ignores its limits; type="revolute" keeps them'

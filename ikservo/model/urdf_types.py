@@ -16,22 +16,22 @@ if TYPE_CHECKING:  # reading a URDF needs no numpy
 __all__ = [
     "Box",
     "Cylinder",
-    "JointType",
     "Mesh",
-    "Mimic",
     "Shape",
     "Sphere",
     "Surface",
     "Triple",
     "Urdf",
     "UrdfJoint",
+    "UrdfJointType",
     "UrdfLink",
+    "UrdfMimic",
 ]
 
 Triple = tuple[float, float, float]
 
 
-class JointType(Enum):
+class UrdfJointType(Enum):
     """How a joint moves; ``floating`` and ``planar`` are refused by the reader."""
 
     FIXED = "fixed"
@@ -42,11 +42,11 @@ class JointType(Enum):
     @property
     def is_movable(self) -> bool:
         """Whether the joint has a coordinate at all."""
-        return self is not JointType.FIXED
+        return self is not UrdfJointType.FIXED
 
 
 @dataclass(frozen=True, slots=True)
-class Mimic:
+class UrdfMimic:
     """A joint that follows another one: ``q = multiplier * q_joint + offset``."""
 
     joint: str
@@ -75,7 +75,7 @@ class UrdfJoint:
     """
 
     name: str
-    kind: JointType
+    kind: UrdfJointType
     parent: str
     child: str
     xyz_m: Triple
@@ -85,7 +85,7 @@ class UrdfJoint:
     upper: float
     effort: float
     velocity: float
-    mimic: Mimic | None
+    mimic: UrdfMimic | None
     line: int
 
 

@@ -28,7 +28,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 from ikservo.model.loading import build_chain
-from ikservo.model.urdf_types import Cylinder, JointType, Urdf, UrdfJoint, UrdfLink
+from ikservo.model.urdf_types import Cylinder, Urdf, UrdfJoint, UrdfJointType, UrdfLink
 from ikservo.view.camera import Camera
 from ikservo.view.draw_items import DrawItem, circle, cross, polyline
 
@@ -181,7 +181,7 @@ def _arm_points(chain: Chain, q: Matrix) -> Matrix:
 def _make_planar_joint(
     name: str, parent: str, child: str, x_m: float, limit_rad: float | None
 ) -> UrdfJoint:
-    kind = JointType.FIXED if limit_rad is None else JointType.REVOLUTE
+    kind = UrdfJointType.FIXED if limit_rad is None else UrdfJointType.REVOLUTE
     limit = limit_rad or 0.0
     return UrdfJoint(
         name, kind, parent, child, (x_m, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0),

@@ -7,7 +7,7 @@ import pytest
 from ikservo.model.arm_file import read_arm_file
 from ikservo.model.catalogue import arm_names, find_arm
 from ikservo.model.urdf import read_urdf
-from ikservo.model.urdf_types import JointType, Urdf
+from ikservo.model.urdf_types import Urdf, UrdfJointType
 
 
 def urdf_of(name: str) -> Urdf:
@@ -32,6 +32,6 @@ def test_its_tip_is_reached_over_all_its_arm_joints(name: str) -> None:
 
 @pytest.mark.parametrize("name", arm_names())
 def test_just_its_prismatic_joints_have_metres_per_turn(name: str) -> None:
-    prismatic = {j.name for j in urdf_of(name).joints if j.kind is JointType.PRISMATIC}
+    prismatic = {j.name for j in urdf_of(name).joints if j.kind is UrdfJointType.PRISMATIC}
     arm = read_arm_file(find_arm(name))
     assert all(joint.is_prismatic == (joint.name in prismatic) for joint in arm.joints)

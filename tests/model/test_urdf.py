@@ -11,7 +11,16 @@ import pytest
 
 from ikservo.errors import UnknownNameError
 from ikservo.model.urdf import read_urdf
-from ikservo.model.urdf_types import Box, Cylinder, JointType, Mesh, Mimic, Sphere, Urdf, UrdfJoint
+from ikservo.model.urdf_types import (
+    Box,
+    Cylinder,
+    Mesh,
+    Sphere,
+    Urdf,
+    UrdfJoint,
+    UrdfJointType,
+    UrdfMimic,
+)
 
 
 @pytest.fixture
@@ -81,7 +90,7 @@ def test_a_joint_without_axis_turns_about_x(urdf: Urdf) -> None:
 
 
 def test_a_fixed_joint_may_have_an_axis_of_zero_length(urdf: Urdf) -> None:
-    assert joint(urdf, "tool").kind is JointType.FIXED
+    assert joint(urdf, "tool").kind is UrdfJointType.FIXED
 
 
 def test_a_fixed_joint_does_not_move(urdf: Urdf) -> None:
@@ -114,7 +123,7 @@ def test_effort_left_out_is_unlimited(urdf_path: Path, urdf_text: str) -> None:
 
 
 def test_a_mimic_has_multiplier_one_and_offset_zero_unless_given(urdf: Urdf) -> None:
-    assert joint(urdf, "other_finger").mimic == Mimic("gripper", multiplier=-1, offset=0)
+    assert joint(urdf, "other_finger").mimic == UrdfMimic("gripper", multiplier=-1, offset=0)
 
 
 def test_a_joint_knows_its_line(urdf: Urdf) -> None:
