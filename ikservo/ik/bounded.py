@@ -2,20 +2,14 @@
 
 Minimises ``|E(q)|²`` by Gauss-Newton and Newton steps with an active set, from the start and,
 where that fails, from a fixed table of further starting points. The arithmetic is in ``kernel``.
-
-Joints that do not influence a target keep their start position: joints behind the frame, and
-joints on whose axis the wanted point lies. A search that starts elsewhere, or leaves a saddle,
-would move them with all others, and nothing would lead them back.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError
 from ikservo.ik.kernel.layout import (
@@ -37,23 +31,16 @@ from ikservo.ik.prepare import (
 )
 from ikservo.ik.problem import Options, Target, check_position
 from ikservo.ik.result import ActiveLimit, Result
-from ikservo.kinematics import Chain, JointType
+from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
-from ikservo.kinematics.conditioning import ordinary_postures
 
 __all__ = [
-    "IdleJoint",
     "bounded",
-    "idle_joints",
     "pack_target",
     "problem_for_target",
     "target_kind_of",
     "unpack_result",
 ]
-
-# A joint that moves the point this little [m/rad], or turns its axis, does nothing: the tip of an
-# arm with a calibrated roll is further from the axis of that roll.
-_NOTHING = 1e-9
 
 
 def unpack_result(chain: Chain, answer: Vector, method: str) -> Result:
@@ -157,63 +144,3 @@ def pack_target(target: Target) -> Vector:
     elif target.wanted_axis is not None:
         question[5::3] = target.wanted_axis
     return question
-
-
-@dataclass(frozen=True, slots=True)
-class IdleJoint:
-    """A joint that stays, and its range.
-
-    Attributes:
-        column: Its place in q.
-        lower: Lower limit, rad or m.
-        upper: Upper limit.
-        period: A turn, after which it stands the same; infinite for a slide.
-    """
-
-    column: int
-    lower: float
-    upper: float
-    period: float
-
-    def resting_position(self, start: float) -> float:
-        """Return the start, or the value inside the limits that is the same or the nearest."""
-        if start > self.upper and math.isfinite(self.period):
-            turned = start - self.period * math.ceil((start - self.upper) / self.period)
-            return turned if turned >= self.lower else self.upper
-        if start < self.lower and math.isfinite(self.period):
-            turned = start + self.period * math.ceil((self.lower - start) / self.period)
-            return turned if turned <= self.upper else self.lower
-        return min(max(start, self.lower), self.upper)
-
-
-def idle_joints(
-    chain: Chain, frame: str | None, offset_m: Vector | None, axis: Vector | None, *, whole: bool
-) -> tuple[IdleJoint, ...]:
-    """Return the joints that move neither the point nor what else is wanted of it.
-
-    Args:
-        chain: The arm.
-        frame: The link; the tip if None.
-        offset_m: The point (3,) of it; its origin if None.
-        axis: An axis (3,) of the link whose direction is wanted, or None.
-        whole: Whether the whole orientation is wanted.
-    """
-    T, J = chain.forward_and_jacobian(ordinary_postures(chain.dof), frame, offset_m)
-    moving = _moving_joints(J[:, :3])
-    if whole:
-        moving |= _moving_joints(J[:, 3:])
-    elif axis is not None:
-        pointing = (T[:, :3, :3] @ axis)[:, :, None]
-        moving |= _moving_joints(np.cross(J[:, 3:], pointing, axis=1))
-    return tuple(_make_idle_joint(chain, int(i)) for i in np.flatnonzero(~moving))
-
-
-def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
-    """Return which joints (dof,) do anything in rows (looks, 3, dof)."""
-    return np.abs(rows).max(axis=(0, 1)) > _NOTHING
-
-
-def _make_idle_joint(chain: Chain, column: int) -> IdleJoint:
-    slides = chain.kinds[column] is JointType.PRISMATIC
-    lower, upper = float(chain.lower_rad[column]), float(chain.upper_rad[column])
-    return IdleJoint(column, lower, upper, math.inf if slides else math.tau)

@@ -1,4 +1,9 @@
-"""Prepare a solve: pack chain and options for the kernel, choose start configurations."""
+"""Prepare a solve: pack chain and options for the kernel, choose start configurations.
+
+Joints that do not influence a target keep their start position: joints behind the frame, and
+joints on whose axis the wanted point lies. A search that starts elsewhere, or leaves a saddle,
+would move them with all others, and nothing would lead them back.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +16,9 @@ from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.ik.bounded import IdleJoint, idle_joints
 from ikservo.ik.kernel.layout import (
     SEED_COS_Q1,
     SEED_POSITION,
@@ -26,10 +31,12 @@ from ikservo.ik.kernel.layout import (
 from ikservo.ik.problem import Options
 from ikservo.kinematics import Chain, JointType, pack_chain
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.conditioning import ordinary_postures
 from ikservo.kinematics.packed import COLUMN, FIRST_INDEPENDENT, POSITION, ROTATION, rotation_z_to
 
 __all__ = [
     "HOMOGENEOUS_ROW",
+    "IdleJoint",
     "PackedProblem",
     "SolverBuffers",
     "TargetKind",
@@ -205,6 +212,71 @@ class SolverBuffers:
         self.start: Matrix = np.zeros((questions, dof))
         self.answer: Matrix = np.zeros((questions, 2 * dof + RESULT_TAIL))
         self.trace: Matrix = np.zeros((traced, dof))
+
+
+# A joint that moves the point this little [m/rad], or turns its axis, does nothing: the tip of an
+# arm with a calibrated roll is further from the axis of that roll.
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class IdleJoint:
+    """A joint that stays, and its range.
+
+    Attributes:
+        column: Its place in q.
+        lower: Lower limit, rad or m.
+        upper: Upper limit.
+        period: A turn, after which it stands the same; infinite for a slide.
+    """
+
+    column: int
+    lower: float
+    upper: float
+    period: float
+
+    def resting_position(self, start: float) -> float:
+        """Return the start, or the value inside the limits that is the same or the nearest."""
+        if start > self.upper and math.isfinite(self.period):
+            turned = start - self.period * math.ceil((start - self.upper) / self.period)
+            return turned if turned >= self.lower else self.upper
+        if start < self.lower and math.isfinite(self.period):
+            turned = start + self.period * math.ceil((self.lower - start) / self.period)
+            return turned if turned <= self.upper else self.lower
+        return min(max(start, self.lower), self.upper)
+
+
+def idle_joints(
+    chain: Chain, frame: str | None, offset_m: Vector | None, axis: Vector | None, *, whole: bool
+) -> tuple[IdleJoint, ...]:
+    """Return the joints that move neither the point nor what else is wanted of it.
+
+    Args:
+        chain: The arm.
+        frame: The link; the tip if None.
+        offset_m: The point (3,) of it; its origin if None.
+        axis: An axis (3,) of the link whose direction is wanted, or None.
+        whole: Whether the whole orientation is wanted.
+    """
+    T, J = chain.forward_and_jacobian(ordinary_postures(chain.dof), frame, offset_m)
+    moving = _moving_joints(J[:, :3])
+    if whole:
+        moving |= _moving_joints(J[:, 3:])
+    elif axis is not None:
+        pointing = (T[:, :3, :3] @ axis)[:, :, None]
+        moving |= _moving_joints(np.cross(J[:, 3:], pointing, axis=1))
+    return tuple(_make_idle_joint(chain, int(i)) for i in np.flatnonzero(~moving))
+
+
+def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
+    """Return which joints (dof,) do anything in rows (looks, 3, dof)."""
+    return np.abs(rows).max(axis=(0, 1)) > _NOTHING
+
+
+def _make_idle_joint(chain: Chain, column: int) -> IdleJoint:
+    slides = chain.kinds[column] is JointType.PRISMATIC
+    lower, upper = float(chain.lower_rad[column]), float(chain.upper_rad[column])
+    return IdleJoint(column, lower, upper, math.inf if slides else math.tau)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,6 +75,11 @@ class DriveMapper:
         limit = min(velocity, get("velocity_limit")) or velocity
         self._profile = (0.0, 0.0, limit * VELOCITY_RAD_S, acceleration * ACCELERATION_RAD_S2)
 
+    def apply_settings(self) -> None:
+        """Hand gains and profile over, as the control table has them."""
+        self.set_gains()
+        self.update_profile()
+
     def set_gains(self) -> None:
         """Hand the gains over in SI: the sheets' outputs are PWM steps, their errors ticks."""
         drive, get = self.servo.drive, self.servo.memory.get
@@ -177,10 +182,10 @@ class SimulatedDynamixelX(Servo):
         self.turn_base_tick = 0
         self.mode = 3
         self.reversed = False
-        self.rules = AccessRules(self)
-        self.watch = DynamixelXProtections(self)
-        self.backup = ControlTableBackup(self)
         self.orders = DriveMapper(self)
+        self.watch = DynamixelXProtections(self, lambda: self.mode, self.hold_position)
+        self.rules = AccessRules(self, self.watch, self.modes, lambda: self.mode)
+        self.backup = ControlTableBackup(self, self.orders.apply_settings)
         self.live = live_registers(self)
         self.effects = write_effects(self)
         self.start()

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from servosim.register import SimulatedArea, SimulatedRegister
-from servosim.servo import InstructionError
-
-if TYPE_CHECKING:
-    from servosim.dynamixel_x import SimulatedDynamixelX
+from servosim.servo import InstructionError, Servo
 
 __all__ = ["AccessRules", "ControlTableBackup", "DynamixelXProtections"]
 
@@ -25,13 +21,25 @@ _GOALS = frozenset((*_LIMIT_OF, "goal_position"))
 class AccessRules:
     """Judges writes to one servo's memory.
 
+    Args:
+        servo: Whose memory it is.
+        protections: Refuse torque after a shutdown.
+        modes: The operating modes that the servo has.
+        current_mode: Returns the operating mode that is in force.
+
     Attributes:
         first_data: Where indirect data begin; below it no address is indirect.
     """
 
-    def __init__(self, servo: SimulatedDynamixelX) -> None:
-        self.servo = servo
+    def __init__(
+        self,
+        servo: Servo,
+        protections: DynamixelXProtections,
+        modes: tuple[int, ...],
+        current_mode: Callable[[], int],
+    ) -> None:
         self.memory, self.table = servo.memory, servo.table
+        self._protections, self._modes, self._current_mode = protections, modes, current_mode
         names = self.table.by_name
         self._data = {
             row.address: names[
@@ -101,19 +109,19 @@ class AccessRules:
             return InstructionError.ACCESS
         if row.name in _GOALS and self.memory.get("bus_watchdog") == -1:
             return InstructionError.RANGE
-        if row.name == "torque_enable" and self.servo.watch.shut_down:
+        if row.name == "torque_enable" and self._protections.shut_down:
             return InstructionError.RESULT_FAIL
         return None
 
     def _check_value(self, row: SimulatedRegister, value: int) -> InstructionError | None:
         lower, upper = self._value_range(row)
         if row.name == "operating_mode":
-            return None if value in self.servo.modes else InstructionError.RANGE
+            return None if value in self._modes else InstructionError.RANGE
         return None if lower <= value <= upper else InstructionError.RANGE
 
     def _value_range(self, row: SimulatedRegister) -> tuple[int, int]:
         get = self.memory.get
-        if row.name == "goal_position" and self.servo.mode == 3:
+        if row.name == "goal_position" and self._current_mode() == 3:
             return get("min_position_limit"), get("max_position_limit")
         limit = _LIMIT_OF.get(row.name)
         return (-get(limit), get(limit)) if limit else (row.lower, row.upper)
@@ -127,10 +135,19 @@ FOLLOWING_TICK = 200  # assumed
 
 
 class DynamixelXProtections:
-    """Protections and status bits of one servo."""
+    """Protections and status bits of one servo.
 
-    def __init__(self, servo: SimulatedDynamixelX) -> None:
+    Args:
+        servo: The servo.
+        current_mode: Returns its operating mode.
+        hold_position: Stops it where it is.
+    """
+
+    def __init__(
+        self, servo: Servo, current_mode: Callable[[], int], hold_position: Callable[[], None]
+    ) -> None:
         self.servo = servo
+        self._current_mode, self._hold_position = current_mode, hold_position
         self.shut_down = False
         self._overload_s = 0.0
         self._injected = 0
@@ -167,7 +184,7 @@ class DynamixelXProtections:
     def moving_status(self) -> int:
         """Return the moving status register: arrival, running profile and its kind, lag."""
         servo, motor = self.servo, self.servo.motor
-        if servo.mode not in (3, 4, 5):
+        if self._current_mode() not in (3, 4, 5):
             return 0
         unit = servo.shaft.rad_per_tick
         arrived = abs(servo.drive.goal_rad - motor.encoder_rad) <= IN_POSITION_TICK * unit
@@ -194,14 +211,19 @@ class DynamixelXProtections:
         late = servo.time_s - servo.heard_s > steps * 0.020
         if steps > 0 and servo.drive.torque_on and late:
             servo.memory.put("bus_watchdog", -1)
-            servo.hold_position()
+            self._hold_position()
 
 
 class ControlTableBackup:
-    """The kept copy of one servo's writable RAM; goals and torque are not part of it."""
+    """The kept copy of one servo's writable RAM; goals and torque are not part of it.
 
-    def __init__(self, servo: SimulatedDynamixelX) -> None:
-        self.servo = servo
+    Args:
+        servo: The servo.
+        apply_settings: Hands gains and profile over to its drive after they were put back.
+    """
+
+    def __init__(self, servo: Servo, apply_settings: Callable[[], None]) -> None:
+        self.servo, self._apply_settings = servo, apply_settings
         self._rows = [
             row
             for row in servo.table.registers
@@ -229,6 +251,5 @@ class ControlTableBackup:
             return InstructionError.RESULT_FAIL
         for name, value in self._kept.items():
             self.servo.memory.put(name, value)
-        self.servo.orders.set_gains()
-        self.servo.orders.update_profile()
+        self._apply_settings()
         return None

@@ -10,13 +10,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from servosim.errors import FaultError
 
 if TYPE_CHECKING:
-    from servosim.line import Line
     from servosim.servo import Servo
+    from servosim.world import World
 
 __all__ = [
     "EVENTS",
@@ -25,6 +25,7 @@ __all__ = [
     "Arrival",
     "Fault",
     "FaultScript",
+    "FaultyLine",
     "Undo",
     "read_faults",
 ]
@@ -51,7 +52,7 @@ class Fault:
     """Something that goes wrong.
 
     Attributes:
-        kind: See ``servosim.faults`` and ``servosim.faults``.
+        kind: A key of ``EVENTS`` or ``REPLY_FAULTS``, or ``LOST``.
         id: The servo it happens to; None for all.
         at_s: When it begins, in seconds of the simulation.
         for_s: How long it lasts.
@@ -128,15 +129,30 @@ def read_faults(path: Path) -> list[Fault]:
 Undo = Callable[[], None]
 
 
+class FaultyLine(Protocol):
+    """A line that faults happen on.
+
+    Attributes:
+        plugged: Whether the cable is plugged in.
+    """
+
+    plugged: bool
+
+    @property
+    def world(self) -> World:
+        """The servos on it, their supplies and the time."""
+        ...
+
+
 def _no_undo() -> None:
     """Nothing to end."""
 
 
-def _affected_servos(line: Line, fault: Fault) -> list[Servo]:
+def _affected_servos(line: FaultyLine, fault: Fault) -> list[Servo]:
     return [servo for servo in line.world.servos if fault.id in (None, servo.id)]
 
 
-def _unplug_cable(line: Line, _: Fault) -> Undo:
+def _unplug_cable(line: FaultyLine, _: Fault) -> Undo:
     line.plugged = False
 
     def replug() -> None:
@@ -145,7 +161,7 @@ def _unplug_cable(line: Line, _: Fault) -> Undo:
     return replug
 
 
-def _apply_brownout(line: Line, fault: Fault) -> Undo:
+def _apply_brownout(line: FaultyLine, fault: Fault) -> Undo:
     servos = _affected_servos(line, fault)
     for servo in servos:
         servo.power_down()
@@ -157,13 +173,13 @@ def _apply_brownout(line: Line, fault: Fault) -> Undo:
     return power_up
 
 
-def _reset_servos(line: Line, fault: Fault) -> Undo:
+def _reset_servos(line: FaultyLine, fault: Fault) -> Undo:
     for servo in _affected_servos(line, fault):
         servo.reboot()
     return _no_undo
 
 
-def _raise_alarm(line: Line, fault: Fault) -> Undo:
+def _raise_alarm(line: FaultyLine, fault: Fault) -> Undo:
     servos = _affected_servos(line, fault)
     for servo in servos:
         servo.inject_alarm(fault.bits)
@@ -175,13 +191,13 @@ def _raise_alarm(line: Line, fault: Fault) -> Undo:
     return clear
 
 
-def _overheat_servo(line: Line, fault: Fault) -> Undo:
+def _overheat_servo(line: FaultyLine, fault: Fault) -> Undo:
     for servo in _affected_servos(line, fault):
         servo.motor.heat.temperature_c = fault.celsius
     return _no_undo
 
 
-def _block_joint(line: Line, fault: Fault) -> Undo:
+def _block_joint(line: FaultyLine, fault: Fault) -> Undo:
     servos = _affected_servos(line, fault)
     for servo in servos:
         servo.motor.stuck = True
@@ -194,7 +210,7 @@ def _block_joint(line: Line, fault: Fault) -> Undo:
     return free
 
 
-def _slip_joint(line: Line, fault: Fault) -> Undo:
+def _slip_joint(line: FaultyLine, fault: Fault) -> Undo:
     servos = _affected_servos(line, fault)
     for servo in servos:
         servo.motor.grip = fault.grip
@@ -207,7 +223,7 @@ def _slip_joint(line: Line, fault: Fault) -> Undo:
     return mend
 
 
-def _change_voltage(line: Line, fault: Fault) -> Undo:
+def _change_voltage(line: FaultyLine, fault: Fault) -> Undo:
     rails = line.world.supplies_of(_affected_servos(line, fault))
     before = [rail.open_v for rail in rails]
     for rail in rails:
@@ -221,13 +237,13 @@ def _change_voltage(line: Line, fault: Fault) -> Undo:
     return mend
 
 
-def _drop_torque(line: Line, fault: Fault) -> Undo:
+def _drop_torque(line: FaultyLine, fault: Fault) -> Undo:
     for servo in _affected_servos(line, fault):
         servo.cut_torque()
     return _no_undo
 
 
-EVENTS: dict[str, Callable[[Line, Fault], Undo]] = {
+EVENTS: dict[str, Callable[[FaultyLine, Fault], Undo]] = {
     "unplug": _unplug_cable,  # the cable is pulled; plugged in again at the end
     "brownout": _apply_brownout,  # no supply: deaf and limp; at the end they boot with an empty RAM
     "reset": _reset_servos,  # the firmware starts anew in mid-motion
@@ -311,7 +327,7 @@ class _ActiveFault:
 class FaultScript:
     """Everything that goes wrong on one line; the same seed makes the same things go wrong."""
 
-    def __init__(self, line: Line, seed: int) -> None:
+    def __init__(self, line: FaultyLine, seed: int) -> None:
         self._line = line
         self._random = random.Random(seed)  # noqa: S311 - chance of faults
         self._replies: list[_ActiveFault] = []
