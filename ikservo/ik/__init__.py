@@ -1,9 +1,9 @@
 """From a point in the world to joints inside the limits: pure functions on arrays."""
 
 from ikservo.ik.batch import BatchResult, solve_batch
+from ikservo.ik.other_solutions import solution_set
 from ikservo.ik.problem import Options, Posture, Target, Tolerance
 from ikservo.ik.result import NOT_LIMITED, ActiveLimit, Result, SolutionSet
-from ikservo.ik.solution_set import solution_set
 from ikservo.ik.solve import METHODS, in_millimetres, solve
 from ikservo.ik.solver import Solver
 

@@ -15,10 +15,10 @@ from ikservo.ik.closed_form import closed_form
 from ikservo.ik.closed_form_structure import recognise_structure
 from ikservo.ik.jacobian_methods import pseudo_inverse, transpose
 from ikservo.ik.kernel.layout import MAX_ANGLE_RAD
+from ikservo.ik.other_solutions import nearest_solution, solution_set
 from ikservo.ik.prepare import check_chain
 from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
 from ikservo.ik.result import Result, SolvedProblem, is_closer
-from ikservo.ik.solution_set import nearest_solution, solution_set
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Vector
 

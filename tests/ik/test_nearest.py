@@ -6,7 +6,7 @@ import pytest
 from ikservo.errors import BadValueError
 from ikservo.ik import Options, Posture, Solver, Target, solve
 from ikservo.ik.closed_form import solutions
-from ikservo.ik.solution_set import nearest_solution
+from ikservo.ik.other_solutions import nearest_solution
 from ikservo.model import load_model
 
 
@@ -66,7 +66,7 @@ def test_an_arm_without_a_closed_form_looks_from_some_starts_around():
 def around(chain, target, q0, found):
     """Return what walks from around the start find, as if there were no closed form."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ikservo.ik.solution_set.recognise_structure", lambda *_: None)
+        patch.setattr("ikservo.ik.other_solutions.recognise_structure", lambda *_: None)
         return nearest_solution(chain, target, q0, Options(), found)
 
 
