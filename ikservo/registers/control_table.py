@@ -163,9 +163,9 @@ class ControlTable:
     alarms: ClassVar[Register]
 
     def __init_subclass__(cls) -> None:
-        """List the registers of the table, its ancestors' included."""
-        own = [entry for entry in vars(cls).values() if isinstance(entry, Register)]
-        merged = {**cls.registers, **{register.name: register for register in own}}
+        """List the registers of the table: the rows of its series, then its own in their place."""
+        rows = [entry for each in reversed(cls.__mro__) for entry in vars(each).values()]
+        merged = {row.name: row for row in rows if isinstance(row, Register)}
         cls.registers = dict(sorted(merged.items(), key=lambda item: item[1].address))
 
     @classmethod

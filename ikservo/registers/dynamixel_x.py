@@ -35,7 +35,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 3: Alarm.ENCODER, 4: Alarm.SHOCK,
               5: Alarm.OVERLOAD}
 
 
-class DynamixelX(ControlTable):
+class DynamixelX:
     """What all X servos share: 12-bit encoder, little-endian words, two's complement."""
 
     family = Family.DYNAMIXEL_2
@@ -103,7 +103,7 @@ class DynamixelX(ControlTable):
     alarms                 = hardware_error_status
 
 
-class XL330M288(DynamixelX):
+class XL330M288(DynamixelX, ControlTable):
     """Small 5 V servo; its current is in milliamperes."""
 
     model_name = "XL330-M288"
@@ -123,14 +123,27 @@ class XL330M288(DynamixelX):
     present_load           = present_current
 
 
-class XL330M077(XL330M288):
+class XL330M077(DynamixelX, ControlTable):
     """The same with a faster gear, 77 to 1."""
 
     model_name = "XL330-M077"
     number = 1190
 
+    baud_rate              = XL330M288.baud_rate
+    protocol_type          = XL330M288.protocol_type
+    max_voltage_limit      = XL330M288.max_voltage_limit
+    min_voltage_limit      = XL330M288.min_voltage_limit
+    current_limit          = XL330M288.current_limit
+    velocity_limit         = XL330M288.velocity_limit
+    pwm_slope              = XL330M288.pwm_slope
+    goal_current           = XL330M288.goal_current
+    goal_velocity          = XL330M288.goal_velocity
+    present_current        = XL330M288.present_current
 
-class XL430W250(DynamixelX):
+    present_load           = present_current
+
+
+class XL430W250(DynamixelX, ControlTable):
     """12 V servo without a current sensor: it reports load instead."""
 
     model_name = "XL430-W250"
@@ -141,7 +154,7 @@ class XL430W250(DynamixelX):
     present_load           = Register( 126, 2,  SINT, PER_MILLE,    RO,  RAM)
 
 
-class XM430W350(DynamixelX):
+class XM430W350(DynamixelX, ControlTable):
     """12 V servo with a current sensor."""
 
     model_name = "XM430-W350"
@@ -154,7 +167,7 @@ class XM430W350(DynamixelX):
     present_load           = present_current
 
 
-class XM540W270(DynamixelX):
+class XM540W270(DynamixelX, ControlTable):
     """The strong one of the shoulder; twice the current of its small sister."""
 
     model_name = "XM540-W270"

@@ -32,7 +32,7 @@ BAUD_RATES = {0: 1_000_000, 1: 500_000, 2: 250_000, 3: 128_000,
 ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 5: Alarm.OVERLOAD}
 
 
-class FeetechSCS(ControlTable):
+class FeetechSCS:
     """What all SCS servos share: 10-bit potentiometer, big-endian words, no sync read."""
 
     family = Family.FEETECH_SCS
@@ -92,14 +92,14 @@ class FeetechSCS(ControlTable):
     eeprom_lock           = lock
 
 
-class SCS0009(FeetechSCS):
+class SCS0009(FeetechSCS, ControlTable):
     """The small one: 6 V, 2.3 kg·cm, 1024 steps over 300 degrees."""
 
     model_name = "SCS0009"
     number = 1284
 
 
-class SCS15(FeetechSCS):
+class SCS15(FeetechSCS, ControlTable):
     """The one in standard size: 1024 steps over 200 degrees."""
 
     model_name = "SCS15"

@@ -34,7 +34,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 1: Alarm.ENCODER, 2: Alarm.HEAT, 3: Alarm.CURREN
               5: Alarm.OVERLOAD}
 
 
-class FeetechSTS(ControlTable):
+class FeetechSTS:
     """What all STS servos share: 12-bit magnetic encoder, little-endian words."""
 
     family = Family.FEETECH_STS
@@ -114,14 +114,14 @@ class FeetechSTS(ControlTable):
     eeprom_lock           = lock
 
 
-class STS3215(FeetechSTS):
+class STS3215(FeetechSTS, ControlTable):
     """Bus servo of the SO-100 and SO-101, for 7.4 V or 12 V."""
 
     model_name = "STS3215"
     number = 777
 
 
-class STS3250(FeetechSTS):
+class STS3250(FeetechSTS, ControlTable):
     """Its 12 V sister with 50 kg·cm and steel gears."""
 
     model_name = "STS3250"
