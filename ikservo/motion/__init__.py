@@ -1,6 +1,6 @@
 """Trajectories in time: pure functions, and the loop timer of the stream."""
 
-from ikservo.motion.cartesian import CartesianTrajectory, LinearTrajectory
+from ikservo.motion.cartesian import CartesianTrajectory
 from ikservo.motion.online import OnlineTrajectory
 from ikservo.motion.point_to_point import JointMove, RuckigMotion, stop_trajectory
 from ikservo.motion.rate import Rate
@@ -19,7 +19,6 @@ __all__ = [
     "JointMove",
     "JointWaypointTrajectory",
     "KinematicLimits",
-    "LinearTrajectory",
     "OnlineTrajectory",
     "Rate",
     "RuckigMotion",

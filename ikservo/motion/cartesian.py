@@ -22,7 +22,6 @@ __all__ = [
     "ORIENTATION_TOLERANCE_RAD",
     "CartesianJointPath",
     "CartesianTrajectory",
-    "LinearTrajectory",
     "solve_cartesian_path",
 ]
 
@@ -274,36 +273,3 @@ class CartesianTrajectory(PathTrajectory):
         stretch = curve.spline.length / max(path.length, 1e-9)
         marks = [mark * stretch for mark in path.breakpoints]
         super().__init__(curve.spline, limits, speed_m_s, marks)
-
-
-class LinearTrajectory(CartesianTrajectory):
-    """One straight line of the tip; see ``CartesianTrajectory``.
-
-    Args:
-        chain: The arm; ``start`` is inside its limits.
-        start: The joints at the start (dof,), rad or m.
-        goal_m: The goal of the tip (3,), metres, base frame.
-        limits: The kinematic limits of each joint.
-        speed_m_s: The maximum speed of the tip.
-        end: Joints (dof,) with the final orientation of the tool.
-        strict: Whether the orientation must be kept in the world exactly.
-
-    Raises:
-        CartesianPathError: A point of the line is out of reach, or only reachable by a jump.
-        BadValueError: No three finite numbers, or no positive speed.
-    """
-
-    def __init__(
-        self,
-        chain: Chain,
-        start: ArrayLike,
-        goal_m: ArrayLike,
-        limits: Sequence[KinematicLimits],
-        speed_m_s: float = 0.25,
-        *,
-        end: ArrayLike | None = None,
-        strict: bool = False,
-    ) -> None:
-        super().__init__(
-            chain, start, [goal_m], limits, speed_m_s=speed_m_s, end=end, strict=strict
-        )

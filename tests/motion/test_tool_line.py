@@ -10,7 +10,7 @@ from ikservo.errors import BadValueError, CartesianPathError
 from ikservo.ik import Target, solve
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import load_model
-from ikservo.motion import CartesianTrajectory, JointMove, KinematicLimits, LinearTrajectory
+from ikservo.motion import CartesianTrajectory, JointMove, KinematicLimits
 from tests.motion.laws import assert_inside, assert_keeps_paces, assert_smooth, sampled
 from tests.oracle import ARMS
 
@@ -23,7 +23,7 @@ TOGETHER = [(name, seed) for name in ARMS for seed in range(1)]
 
 
 def line(dx=0.0, dy=0.1, dz=0.05, **kwargs):
-    return LinearTrajectory(CHAIN, HOME, FROM + np.array([dx, dy, dz]), PACES, **kwargs)
+    return CartesianTrajectory(CHAIN, HOME, [FROM + np.array([dx, dy, dz])], PACES, **kwargs)
 
 
 @cache
@@ -36,7 +36,7 @@ def seeded(name, seed):
         way_m = rng.normal(size=3) * (1.0, 1.0, 0.0 if name.startswith("planar") else 1.0)
         goal_m = chain.forward(q)[:3, 3] + rng.uniform(0.02, 0.2) * way_m / np.linalg.norm(way_m)
         try:
-            return chain, LinearTrajectory(chain, q, goal_m, [PACES[0]] * chain.dof)
+            return chain, CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof)
         except CartesianPathError:
             continue
 
@@ -99,7 +99,7 @@ def test_an_arm_with_a_free_wrist_keeps_the_whole_orientation(name):
     model = load_model(name)
     chain, q = model.chain, model.chain_pose("home")
     goal_m = chain.forward(q)[:3, 3] + (0.03, 0.1, 0.05)
-    motion = LinearTrajectory(chain, q, goal_m, [PACES[0]] * chain.dof)
+    motion = CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof)
     turned = chain.forward(motion.goal)[:3, :3] @ chain.forward(q)[:3, :3].T
     assert math.degrees(np.linalg.norm(log_so3(turned))) < 0.1
     assert math.degrees(motion.orientation_error_rad.max()) < 0.1
@@ -110,7 +110,7 @@ def test_an_arm_without_one_keeps_how_steep_the_tool_is(name):
     model = load_model(name)
     chain, q = model.chain, model.chain_pose("home")
     goal_m = chain.forward(q)[:3, 3] + (-0.03, 0.06, 0.02)
-    motion = LinearTrajectory(chain, q, goal_m, [PACES[0]] * chain.dof)
+    motion = CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof)
     _, joints, _, _ = sampled(motion, 50)
     steep = chain.forward(joints)[:, 2, :3]
     np.testing.assert_allclose(steep, np.tile(steep[0], (50, 1)), atol=2e-3)
@@ -121,7 +121,7 @@ def test_turned_along_it_ends_with_the_tool_as_asked():
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
     goal = chain.forward(end)
-    motion = LinearTrajectory(chain, q, goal[:3, 3], [PACES[0]] * chain.dof, end=end)
+    motion = CartesianTrajectory(chain, q, [goal[:3, 3]], [PACES[0]] * chain.dof, end=end)
     there = chain.forward(motion.goal)
     np.testing.assert_allclose(there, goal, atol=1e-4)
     assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
@@ -131,7 +131,8 @@ def test_turned_along_the_turn_goes_evenly():
     model = load_model("wx250s")
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
-    motion = LinearTrajectory(chain, q, chain.forward(end)[:3, 3], [PACES[0]] * chain.dof, end=end)
+    goal_m = chain.forward(end)[:3, 3]
+    motion = CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof, end=end)
     assert math.degrees(motion.orientation_error_rad.max()) < 0.1
 
 
@@ -139,7 +140,8 @@ def test_a_turn_in_place_leaves_the_tip_where_it_is():
     model = load_model("wx250s")
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0, 0, 0, 0, 0, 0.5])
-    motion = LinearTrajectory(chain, q, chain.forward(q)[:3, 3], [PACES[0]] * chain.dof, end=end)
+    goal_m = chain.forward(q)[:3, 3]
+    motion = CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof, end=end)
     np.testing.assert_allclose(motion.goal, end, atol=1e-3)
     _, joints, _, _ = sampled(motion, 50)
     np.testing.assert_allclose(
@@ -161,7 +163,7 @@ def test_a_line_past_the_base_axis_is_refused_as_a_singularity():
     chain = model.chain
     q = solve(chain, Target((0.06, 0.0, 0.25)), model.chain_pose("home")).q
     with pytest.raises(CartesianPathError, match="singularity") as caught:
-        LinearTrajectory(chain, q, (-0.06, 0.0005, 0.25), [PACES[0]] * chain.dof)
+        CartesianTrajectory(chain, q, [(-0.06, 0.0005, 0.25)], [PACES[0]] * chain.dof)
     assert 0.0 < caught.value.along_m < 0.12
 
 
@@ -210,7 +212,7 @@ def test_a_route_stops_nowhere_but_at_its_end():
 def test_a_route_takes_less_time_than_its_lines_one_after_the_other():
     lines_s, q = 0.0, HOME
     for corner in CORNERS:
-        motion = LinearTrajectory(CHAIN, q, corner, PACES)
+        motion = CartesianTrajectory(CHAIN, q, [corner], PACES)
         lines_s, q = lines_s + motion.duration_s, motion.goal
     assert CartesianTrajectory(CHAIN, HOME, CORNERS, PACES).duration_s < lines_s
 
