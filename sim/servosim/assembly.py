@@ -14,8 +14,7 @@ from servosim.motor import Motor
 from servosim.parameters import PARAMETERS, MotorParameters
 from servosim.register import ServoTable, SimulatedFamily
 from servosim.servo import HornMounting, Servo
-from servosim.servo_models import baud_code, make_servo
-from servosim.tables import table_for
+from servosim.servo_models import baud_code, make_servo, table_for
 from servosim.world import ExternalDynamics, World
 
 __all__ = ["BenchServo", "make_arm_world", "make_bench_world"]

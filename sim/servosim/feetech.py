@@ -1,8 +1,8 @@
-"""Feetech firmware common to STS and SCS: clipping, lock, alarms, protections."""
+"""Feetech firmware: clipping, lock, alarms, protections; what the series differ in is a part."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from servosim.control import ControlMode
 from servosim.frames import Dynamixel1Reader
@@ -10,7 +10,7 @@ from servosim.motor import Motor
 from servosim.register import ServoTable, SimulatedArea
 from servosim.servo import BusProtocol, HornMounting, InstructionError, Servo
 
-__all__ = ["BAUDS", "Feetech", "FeetechProtections"]
+__all__ = ["BAUDS", "Feetech", "FeetechProtections", "FeetechSeries"]
 
 
 VOLTAGE, ENCODER, HEAT, CURRENT, OVERLOAD = 0x01, 0x02, 0x04, 0x08, 0x20
@@ -21,7 +21,7 @@ AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not block
 class FeetechProtections:
     """Protections of one servo; a bit goes away with its cause, an overload with a new torque."""
 
-    def __init__(self, servo: Feetech) -> None:
+    def __init__(self, servo: Servo) -> None:
         self.servo = servo
         self._has_current = "protection_current" in servo.table.by_name
         self.start()
@@ -100,8 +100,78 @@ DAMPING = 2  # written to torque_enable: the shaft turns heavily
 PHASE_ZERO_IS_MAX = 0x08  # goal speed 0 means the greatest speed
 
 
+class FeetechSeries:
+    """What the series differ in: units, modes and goals of one servo.
+
+    Attributes:
+        bauds: Rates by the numbers of the baud register.
+        instructions: Those that the series knows.
+        answers_broadcast_ping: Whether it does.
+    """
+
+    bauds: Mapping[int, float]
+    instructions: frozenset[int]
+    answers_broadcast_ping = False
+
+    def __init__(self, servo: Feetech) -> None:
+        self.servo = servo
+
+    @staticmethod
+    def sensor_mounting(shaft: HornMounting, delivered: Mapping[str, int]) -> HornMounting:
+        """Return how the bare sensor sits on the joint, from where reported positions have 0."""
+        return shaft
+
+    def start(self) -> None:
+        """Set its own state from the memory after power-up."""
+
+    def present_tick(self) -> int:
+        """Return the present position register's number."""
+        return self.servo.shaft.tick_at(self.servo.motor.encoder_rad)
+
+    def angle_at(self, position_tick: int) -> float:
+        """Return the joint angle [rad] of a position register's number."""
+        return self.servo.shaft.angle_at(position_tick)
+
+    def calibrate(self) -> None:
+        """Make the present position the middle of the range, where the series can."""
+
+    def reset_turns(self) -> None:
+        """Count turns from the present one again, where the series counts them."""
+
+    def refresh_goal(self) -> None:
+        """Hand the goal over again where it depends on the present position."""
+
+    def apply_gains(self) -> None:
+        """Hand over gains that only this series has."""
+
+    def requested_mode(self) -> ControlMode:
+        """Return the mode that the memory asks for."""
+        raise NotImplementedError
+
+    def set_goal(self) -> None:
+        """A goal register was written: hand goal and profile over together."""
+        raise NotImplementedError
+
+    def live_registers(self) -> dict[str, Callable[[], int]]:
+        """Return how each measured register of the series gets its number."""
+        raise NotImplementedError
+
+    def write_effects(self) -> dict[str, Callable[[], None]]:
+        """Return what a write to each register sets off besides, or instead."""
+        return {}
+
+
 class Feetech(Servo):
-    """A Feetech servo; the series add their units and modes."""
+    """A Feetech servo.
+
+    Args:
+        make_series: Makes the part of its series.
+        table: Its control table.
+        motor: The physics behind it.
+        shaft: Where reported positions have their zero.
+        delivered: Registers that differ from the table's defaults.
+        seed: Of its chance.
+    """
 
     protocol = BusProtocol.FEETECH
     framing = Dynamixel1Reader
@@ -113,16 +183,21 @@ class Feetech(Servo):
 
     def __init__(
         self,
+        make_series: type[FeetechSeries],
         table: ServoTable,
         motor: Motor,
         shaft: HornMounting,
         delivered: Mapping[str, int] | None = None,
         seed: int = 0,
     ) -> None:
-        super().__init__(table, motor, shaft, delivered, seed)
+        sensor = make_series.sensor_mounting(shaft, delivered or {})
+        super().__init__(table, motor, sensor, delivered, seed)
+        self.bauds, self.instructions = make_series.bauds, make_series.instructions
+        self.answers_broadcast_ping = make_series.answers_broadcast_ping
+        self.series = make_series(self)
         self.watch = FeetechProtections(self)
-        self.list_live()
-        self.list_effects()
+        self.live = self._live_registers() | self.series.live_registers()
+        self.effects = self._write_effects() | self.series.write_effects()
         self.start()
 
     # The line's questions.
@@ -173,6 +248,7 @@ class Feetech(Servo):
     def run_protections(self, dt_s: float) -> None:
         """Look after heat, load and voltage."""
         self.watch.check(dt_s)
+        self.series.refresh_goal()
 
     def inject_alarm(self, bits: int) -> None:
         """Raise alarm bits without a cause, or take them back."""
@@ -187,11 +263,19 @@ class Feetech(Servo):
 
     def present_tick(self) -> int:
         """Return the present position register's number."""
-        return self.shaft.tick_at(self.motor.encoder_rad)
+        return self.series.present_tick()
 
     def angle_at(self, position_tick: int) -> float:
         """Return the joint angle [rad] of a position register's number."""
-        return self.shaft.angle_at(position_tick)
+        return self.series.angle_at(position_tick)
+
+    def calibrate(self) -> None:
+        """Make the present position the middle of the range, where the series can."""
+        self.series.calibrate()
+
+    def reset_turns(self) -> None:
+        """Count turns from the present one again, where the series counts them."""
+        self.series.reset_turns()
 
     def hold_position(self) -> None:
         """Make the present position the goal."""
@@ -202,6 +286,7 @@ class Feetech(Servo):
 
     def start(self) -> None:
         """Set everything from the memory after power-up; the goal is where the servo is."""
+        self.series.start()
         self.drive.torque_on = False
         self.watch.start()
         self.memory.put("goal_position", self.present_tick())
@@ -217,18 +302,14 @@ class Feetech(Servo):
     def set_mode(self) -> None:
         """Operating mode or torque written."""
         damping = self.memory.get("torque_enable") == DAMPING
-        self.drive.mode = ControlMode.PWM if damping else self.requested_mode()
+        self.drive.mode = ControlMode.PWM if damping else self.series.requested_mode()
         self.set_goal()
         if damping:
             self.drive.goal_pwm = 0.0
 
     def set_goal(self) -> None:
         """A goal register was written: hand goal and profile over together."""
-        raise NotImplementedError
-
-    def requested_mode(self) -> ControlMode:
-        """Return the mode that the memory asks for."""
-        raise NotImplementedError
+        self.series.set_goal()
 
     def set_gains(self) -> None:
         """Hand the gains over in SI."""
@@ -238,6 +319,7 @@ class Feetech(Servo):
         drive.ki = get("i_gain") * self.ki_per_gain
         drive.minimum_pwm = get("min_startup_force") / 1000
         drive.dead_zone_rad = get("cw_dead_zone") * self.shaft.rad_per_tick
+        self.series.apply_gains()
 
     def set_limits(self) -> None:
         """Hand the limits over; an overload keeps its own torque limit."""
@@ -257,10 +339,9 @@ class Feetech(Servo):
 
     # Tables of what is measured and what is set off.
 
-    def list_live(self) -> None:
-        """Fill ``live``; the series add their own."""
+    def _live_registers(self) -> dict[str, Callable[[], int]]:
         motor = self.motor
-        self.live = {
+        return {
             "present_position": self.present_tick,
             "present_load": lambda: round(self.shaft.sign * motor.pwm * 1000),
             "present_voltage": lambda: round(self.supply_v * 10),
@@ -269,11 +350,10 @@ class Feetech(Servo):
             "moving": lambda: int(motor.moving),
         }
 
-    def list_effects(self) -> None:
-        """Fill ``effects``; the series add their own."""
+    def _write_effects(self) -> dict[str, Callable[[], None]]:
         gains = ("p_gain", "d_gain", "i_gain", "min_startup_force", "cw_dead_zone")
         goals = ("goal_time", "goal_speed", "phase", "min_position_limit", "max_position_limit")
-        self.effects = {
+        return {
             "torque_enable": self.set_torque,
             "goal_position": self.set_goal,
             **dict.fromkeys(gains, self.set_gains),

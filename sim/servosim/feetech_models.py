@@ -1,17 +1,15 @@
-"""Feetech STS and SCS firmware (memory tables)."""
+"""The STS and SCS series of Feetech servos (memory tables)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from servosim.control import ControlMode
-from servosim.feetech import BAUDS, Feetech
-from servosim.motor import Motor
-from servosim.register import ServoTable
+from servosim.feetech import BAUDS, Feetech, FeetechSeries
 from servosim.servo import HornMounting
 
-__all__ = ["FeetechScs", "FeetechSts"]
+__all__ = ["ScsSeries", "StsSeries"]
 
 
 CURRENT_UNIT_A = 0.0065
@@ -20,27 +18,27 @@ STEP = 3  # operating mode: goals are added to each other
 PHASE_FINE_SPEED, PHASE_TURNS = 0x04, 0x10
 
 
-class FeetechSts(Feetech):
+class StsSeries(FeetechSeries):
     """An STS servo."""
 
     bauds = MappingProxyType(dict(enumerate(BAUDS)))
     instructions = frozenset((1, 2, 3, 4, 5, 6, 0x0A, 0x0B, 0x82, 0x83))
     answers_broadcast_ping = True
 
-    def __init__(
-        self,
-        table: ServoTable,
-        motor: Motor,
-        shaft: HornMounting,
-        delivered: Mapping[str, int] | None = None,
-        seed: int = 0,
-    ) -> None:
-        offset = (delivered or {}).get("homing_offset", 0)
+    def __init__(self, servo: Feetech) -> None:
+        super().__init__(servo)
+        self.memory, self.shaft, self.motor, self.drive = (
+            servo.memory, servo.shaft, servo.motor, servo.drive,
+        )  # fmt: skip
         self.turn_base_tick = 0
         self.step_goal_tick = 0
-        self.speed_unit_rad_s = shaft.rad_per_tick
-        bare = HornMounting(shaft.sign, shaft.zero_tick + offset, shaft.ticks)
-        super().__init__(table, motor, bare, delivered, seed)
+        self.speed_unit_rad_s = servo.shaft.rad_per_tick
+
+    @staticmethod
+    def sensor_mounting(shaft: HornMounting, delivered: Mapping[str, int]) -> HornMounting:
+        """Return how the bare sensor sits on the joint: without the homing offset."""
+        offset = delivered.get("homing_offset", 0)
+        return HornMounting(shaft.sign, shaft.zero_tick + offset, shaft.ticks)
 
     # Position.
 
@@ -68,7 +66,7 @@ class FeetechSts(Feetech):
         offset = self.actual_tick() % 4096 - 2048
         self.memory.put("homing_offset", max(-2047, offset))
         self.memory.persist_value("homing_offset")
-        self.hold_position()
+        self.servo.hold_position()
 
     def reset_turns(self) -> None:
         """Count turns from the present one again."""
@@ -78,17 +76,15 @@ class FeetechSts(Feetech):
     # From memory to drive.
 
     def start(self) -> None:
-        """Set everything from the memory after power-up."""
+        """Set turns, torque limit and units from the memory after power-up."""
         self.turn_base_tick = self.shaft.tick_at(self.motor.encoder_rad) // 4096 * 4096
         self.memory.put("torque_limit", self.memory.get("max_torque"))
         self.set_phase()
-        super().start()
 
-    def run_protections(self, dt_s: float) -> None:
-        """Look after heat, load and voltage; behind the seam the same goal lies elsewhere."""
-        super().run_protections(dt_s)
+    def refresh_goal(self) -> None:
+        """Hand the goal over again: behind the seam the same number lies elsewhere."""
         if self.drive.torque_on and self.memory.get("operating_mode") == 0:
-            self.drive.goal_rad = self.angle_at(self.clamped_goal())
+            self.drive.goal_rad = self.angle_at(self.servo.clamped_goal())
 
     def requested_mode(self) -> ControlMode:
         """Return the mode of the operating mode register; step mode starts where the servo is."""
@@ -103,7 +99,7 @@ class FeetechSts(Feetech):
             self.memory.put("torque_enable", int(self.drive.torque_on))
             self.calibrate()
         else:
-            super().set_torque()
+            self.servo.set_torque()
 
     def set_phase(self) -> None:
         """Phase written: bit 2 is the unit of speeds, 1 or 50 steps a second."""
@@ -117,13 +113,13 @@ class FeetechSts(Feetech):
         drive, get, sign = self.drive, self.memory.get, self.shaft.sign
         speed_rad_s = get("goal_speed") * self.speed_unit_rad_s
         drive.acceleration_rad_s2 = get("acceleration") * 100 * self.shaft.rad_per_tick
-        drive.velocity_limit_rad_s = self.profile_speed(abs(speed_rad_s))
+        drive.velocity_limit_rad_s = self.servo.profile_speed(abs(speed_rad_s))
         drive.goal_velocity_rad_s = sign * speed_rad_s
         drive.goal_pwm = sign * get("goal_time") / 1000
         if get("operating_mode") == STEP:
             drive.goal_rad = self.shaft.angle_at(self.step_goal_tick + self.turn_base_tick)
         else:
-            drive.goal_rad = self.angle_at(self.clamped_goal())
+            drive.goal_rad = self.angle_at(self.servo.clamped_goal())
 
     def set_position_goal(self) -> None:
         """Goal position written; in step mode it is added to where the servo was to go."""
@@ -131,39 +127,38 @@ class FeetechSts(Feetech):
             self.step_goal_tick += self.memory.get("goal_position")
         self.set_goal()
 
-    def set_gains(self) -> None:
-        """Hand the gains over in SI."""
-        super().set_gains()
+    def apply_gains(self) -> None:
+        """Hand the limit of the integral over."""
         self.drive.integral_limit = self.memory.get("integral_limit") * 4 / 1000 or 1.0
 
     # Tables of what is measured and what is set off.
 
-    def list_live(self) -> None:
-        """Fill ``live``."""
-        super().list_live()
+    def live_registers(self) -> dict[str, Callable[[], int]]:
+        """Return how each measured register of the series gets its number."""
         motor, sign = self.motor, self.shaft.sign
-        self.live |= {
+        return {
             "present_speed": lambda: round(sign * motor.velocity_rad_s / self.speed_unit_rad_s),
             "present_current": lambda: round(abs(motor.current_a) / CURRENT_UNIT_A),
             "target_position": lambda: self.memory.get("goal_position"),
         }
 
-    def list_effects(self) -> None:
-        """Fill ``effects``."""
-        super().list_effects()
-        self.effects |= {
-            "operating_mode": self.set_mode,
+    def write_effects(self) -> dict[str, Callable[[], None]]:
+        """Return what a write to each register sets off besides, or instead."""
+        servo = self.servo
+        return {
+            "torque_enable": self.set_torque,
+            "operating_mode": servo.set_mode,
             "goal_position": self.set_position_goal,
-            "torque_limit": self.set_limits,
-            "integral_limit": self.set_gains,
+            "torque_limit": servo.set_limits,
+            "integral_limit": servo.set_gains,
             "moving_threshold": self.set_phase,
             "phase": self.set_phase,
-            "acceleration": self.set_goal,
-            "homing_offset": self.set_goal,
+            "acceleration": servo.set_goal,
+            "homing_offset": servo.set_goal,
         }
 
 
-class FeetechScs(Feetech):
+class ScsSeries(FeetechSeries):
     """An SCS servo."""
 
     bauds = MappingProxyType(dict(enumerate(BAUDS[:8])))
@@ -171,25 +166,25 @@ class FeetechScs(Feetech):
 
     def requested_mode(self) -> ControlMode:
         """Return motor mode when both position limits are zero, else position mode."""
-        lower, upper = self.memory.get("min_position_limit"), self.memory.get("max_position_limit")
+        get = self.servo.memory.get
+        lower, upper = get("min_position_limit"), get("max_position_limit")
         return ControlMode.PWM if lower == upper == 0 else ControlMode.POSITION
 
     def set_goal(self) -> None:
         """A goal register was written: the time counts only without a speed."""
-        drive, get, sign = self.drive, self.memory.get, self.shaft.sign
-        speed_rad_s = get("goal_speed") * self.shaft.rad_per_tick
-        time_s = get("goal_time") / 1000
+        servo, drive, shaft = self.servo, self.servo.drive, self.servo.shaft
+        speed_rad_s = servo.memory.get("goal_speed") * shaft.rad_per_tick
+        time_s = servo.memory.get("goal_time") / 1000
         timed = speed_rad_s == 0.0 and time_s > 0.0
         drive.mode = self.requested_mode()
         drive.profile_time_s = time_s if timed and drive.mode is ControlMode.POSITION else 0.0
-        drive.velocity_limit_rad_s = 0.0 if timed else self.profile_speed(abs(speed_rad_s))
-        drive.goal_pwm = sign * time_s
-        drive.goal_rad = self.angle_at(self.clamped_goal())
+        drive.velocity_limit_rad_s = 0.0 if timed else servo.profile_speed(abs(speed_rad_s))
+        drive.goal_pwm = shaft.sign * time_s
+        drive.goal_rad = self.angle_at(servo.clamped_goal())
 
-    def list_live(self) -> None:
-        """Fill ``live``."""
-        super().list_live()
-        motor, shaft = self.motor, self.shaft
-        self.live |= {
+    def live_registers(self) -> dict[str, Callable[[], int]]:
+        """Return how each measured register of the series gets its number."""
+        motor, shaft = self.servo.motor, self.servo.shaft
+        return {
             "present_speed": lambda: round(shaft.sign * motor.velocity_rad_s / shaft.rad_per_tick),
         }

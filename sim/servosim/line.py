@@ -5,14 +5,15 @@ from __future__ import annotations
 import heapq
 import itertools
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from servosim import instructions_1 as dynamixel1
+from servosim import instructions_2 as dynamixel2
 from servosim.adapter import AdapterOptions, ReceiveBuffer, UsbAdapter
 from servosim.errors import SimulatorError
 from servosim.faults import FaultScript
 from servosim.frames import Frame, FrameReader
-from servosim.instructions import ANSWERS
 from servosim.instructions_1 import Reply, ReplySlot
 from servosim.servo import BusProtocol, Servo
 from servosim.traffic import FrameListener
@@ -20,6 +21,11 @@ from servosim.world import World
 
 __all__ = ["Line", "LineOptions", "resolve_collision"]
 
+ANSWERS: dict[BusProtocol, Callable[[Frame, Sequence[Servo]], list[ReplySlot]]] = {
+    BusProtocol.DYNAMIXEL_2: dynamixel2.answer,
+    BusProtocol.DYNAMIXEL_1: dynamixel1.respond,
+    BusProtocol.FEETECH: dynamixel1.respond,
+}
 
 SAMPLES = 8  # of one bit
 FRAME_BITS = 10  # start, eight data, stop

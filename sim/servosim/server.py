@@ -22,7 +22,7 @@ from servosim.faults import read_faults
 from servosim.line import Line, LineOptions
 from servosim.pty import PtyBus
 from servosim.remote import RemoteControl, servo_state
-from servosim.tables import TABLES
+from servosim.servo_models import TABLES
 from servosim.traffic import Audit, TrafficLog
 from servosim.world import RangeSweep
 

@@ -10,9 +10,8 @@ from enum import Enum
 
 from servosim.control import DriveCommand
 from servosim.frames import Dynamixel1Reader, Dynamixel2Reader, FrameReader
-from servosim.memory import Memory
 from servosim.motor import Motor
-from servosim.register import ServoTable, SimulatedRegister
+from servosim.register import Memory, ServoTable, SimulatedRegister
 
 __all__ = ["BusProtocol", "HornMounting", "InstructionError", "Servo"]
 

@@ -1,33 +1,56 @@
-"""The firmware class of each servo family."""
+"""Servos by model name: control tables, and the firmware of each family."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from servosim.dynamixel_1 import Dynamixel1
 from servosim.dynamixel_x import SimulatedDynamixelX
-from servosim.errors import SimulatorError
-from servosim.feetech_models import FeetechScs, FeetechSts
+from servosim.errors import SimulatorError, UnknownModelError
+from servosim.feetech import Feetech
+from servosim.feetech_models import ScsSeries, StsSeries
 from servosim.motor import Motor
-from servosim.register import SimulatedFamily
+from servosim.register import ServoTable, SimulatedFamily
 from servosim.servo import HornMounting, Servo
-from servosim.tables import table_for
+from servosim.tables_dynamixel import DYNAMIXEL_1, DYNAMIXEL_X
+from servosim.tables_feetech import FEETECH_SCS, FEETECH_STS
 
 __all__ = [
-    "Dynamixel1",
-    "FeetechScs",
-    "FeetechSts",
-    "SimulatedDynamixelX",
+    "TABLES",
     "baud_code",
     "make_servo",
+    "table_for",
 ]
 
-_FIRMWARE: dict[SimulatedFamily, type[Servo]] = {
+TABLES: dict[str, ServoTable] = {
+    table.model: table for table in (*DYNAMIXEL_X, *DYNAMIXEL_1, *FEETECH_STS, *FEETECH_SCS)
+}
+
+_FIRMWARE: dict[SimulatedFamily, Callable[..., Servo]] = {
     SimulatedFamily.DYNAMIXEL_X: SimulatedDynamixelX,
     SimulatedFamily.DYNAMIXEL_1: Dynamixel1,
-    SimulatedFamily.FEETECH_STS: FeetechSts,
-    SimulatedFamily.FEETECH_SCS: FeetechScs,
+    SimulatedFamily.FEETECH_STS: partial(Feetech, StsSeries),
+    SimulatedFamily.FEETECH_SCS: partial(Feetech, ScsSeries),
 }
+_BAUDS: dict[SimulatedFamily, Mapping[int, float]] = {
+    SimulatedFamily.DYNAMIXEL_X: SimulatedDynamixelX.bauds,
+    SimulatedFamily.DYNAMIXEL_1: Dynamixel1.bauds,
+    SimulatedFamily.FEETECH_STS: StsSeries.bauds,
+    SimulatedFamily.FEETECH_SCS: ScsSeries.bauds,
+}
+
+
+def table_for(model: str) -> ServoTable:
+    """Return the table of a model; capitals do not matter.
+
+    Raises:
+        UnknownModelError: No table for such a model.
+    """
+    for name, table in TABLES.items():
+        if name.lower() == model.lower():
+            return table
+    raise UnknownModelError(model, tuple(TABLES))
 
 
 def make_servo(
@@ -52,7 +75,7 @@ def baud_code(family: SimulatedFamily, baud: int) -> int:
     Raises:
         SimulatorError: The family has no such rate.
     """
-    bauds = _FIRMWARE[family].bauds
+    bauds = _BAUDS[family]
     for code, rate in bauds.items():
         if abs(rate - baud) <= 0.01 * baud:
             return code

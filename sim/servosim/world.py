@@ -16,13 +16,12 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from servosim.contact import Contacts
-from servosim.dynamics import Dynamics, FreeBody
+from servosim.dynamics import Dynamics, FreeBody, Tip
 from servosim.errors import SimulatorError
 from servosim.frames import Frame, FrameReader
 from servosim.joint import HAND_SPEED, STEP_S, Hand, Path, SimulatedJoint, glide, hold, sweep
 from servosim.motor import Motor
 from servosim.servo import Servo
-from servosim.tip import Tip
 
 __all__ = ["ExternalDynamics", "RangeSweep", "World"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ikservo.registers import MODELS, Access, Area
-from servosim.tables import TABLES
+from servosim.servo_models import TABLES
 
 OURS = pytest.mark.parametrize("table", MODELS.values(), ids=MODELS)
 
