@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.calibration.mounted_arms import load_model
 from ikservo.model.touch_procedure import place_sheet
+from tests.calibration.mounted_arms import load_model
 
 ROOT = Path(__file__).parents[3]
 DRAWING = (ROOT / "docs" / "touch-grid.svg").read_text()
