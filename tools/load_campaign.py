@@ -62,7 +62,7 @@ def search(arm: Arm) -> bool:
     low, _ = workings.limits()
     end = float(low[workings.planner.joint_index(joint)])
     felt = probe_end_stop(workings, bus, joint, end, 0.3, lambda _: None)
-    return felt.touch in (ContactState.STOP, ContactState.MOVING)
+    return felt.contact in (ContactState.STOP, ContactState.MOVING)
 
 
 TASKS: dict[str, Task] = {"move": move, "line": line, "follow": follow, "search": search}

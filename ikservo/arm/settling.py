@@ -11,7 +11,7 @@ import numpy as np
 
 from ikservo.arm.context import ArmContext
 from ikservo.arm.tick_rounding import SettlingTarget
-from ikservo.calibration import source_words
+from ikservo.calibration import format_source
 from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import NotSettledError
@@ -117,7 +117,7 @@ class GoalIntegrator:
         limits = self.fence.limits
         upper = self.fence.joint_map.sign * self._side > 0
         limit = limits.upper if upper else limits.lower
-        value, source = self.fence.joint_map.format(limit.value), source_words(limit.source)
+        value, source = self.fence.joint_map.format(limit.value), format_source(limit.source)
         return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
 
     def goal_at(self, after_s: float) -> float:

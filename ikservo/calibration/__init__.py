@@ -1,11 +1,11 @@
-"""Ticks become radians, and every limit remembers its source.
+"""Calibration of an arm: tick conversion, limits with their sources, and stored results.
 
-What a position of a servo means (`JointMap`, `Crank`, the seam of its count), what a joint may do
-(`Limits`), and how both are found for one very arm: by hand (`sweep`, a pure machine), from
-LeRobot's files, and kept in a file and in the servos as one transaction.
+Contains the conversion of servo positions (`JointMap`, `Crank`, encoder wrap-around), joint
+`Limits`, the calibration procedure by hand (a pure state machine), LeRobot's files, and the
+storage in a file and in the servos as one transaction.
 """
 
-from ikservo.calibration.joint_map import Crank, JointMap, JointUnit, format_position, source_words
+from ikservo.calibration.joint_map import Crank, JointMap, JointUnit, format_position, format_source
 from ikservo.calibration.limits import Limit, Limits
 
-__all__ = ["Crank", "JointMap", "JointUnit", "Limit", "Limits", "format_position", "source_words"]
+__all__ = ["Crank", "JointMap", "JointUnit", "Limit", "Limits", "format_position", "format_source"]

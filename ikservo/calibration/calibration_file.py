@@ -126,11 +126,11 @@ def _check_travel(where: Location, joint: CalibratedJoint) -> Iterator[Validatio
 def _check_offset(
     where: Location, joint: CalibratedJoint, family: Family
 ) -> Iterator[ValidationIssue]:
-    most = {Family.FEETECH_STS: MAX_STS_OFFSET, Family.DYNAMIXEL_2: MAX_X_OFFSET}.get(family)
+    max_offset = {Family.FEETECH_STS: MAX_STS_OFFSET, Family.DYNAMIXEL_2: MAX_X_OFFSET}.get(family)
     offset = joint.servo.holds.get("homing_offset", 0)
-    if most is not None and not joint.extended and abs(offset) > most:
+    if max_offset is not None and not joint.extended and abs(offset) > max_offset:
         location = (*where, "servo", "holds", "homing_offset")
-        yield ValidationIssue(location, f"is {offset}", f"-{most} to {most}")
+        yield ValidationIssue(location, f"is {offset}", f"-{max_offset} to {max_offset}")
 
 
 def _check_range(where: Location, joint: CalibratedJoint) -> Iterator[ValidationIssue]:
@@ -153,8 +153,8 @@ _HEADER = """\
 
 
 def dump_calibration(calibration: Calibration) -> str:
-    """Return what stands in the file."""
-    import tomli_w  # noqa: PLC0415  # only who writes needs it
+    """Return the content of the file."""
+    import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
     return with_checksum(_HEADER + tomli_w.dumps(tables))
@@ -164,27 +164,27 @@ def read_calibration(path: Path) -> Calibration:
     """Read and check a calibration file.
 
     Raises:
-        FileFormatError: It is spoiled, foreign or of another format; nothing of it was used.
+        FileFormatError: It is damaged, not a calibration or of another format.
     """
     return parse_calibration(path, read_text(path, MAX_BYTES))
 
 
 def parse_calibration(path: Path, text: str) -> Calibration:
-    """Return the calibration that a text is; ``path`` is where it came from, for messages."""
+    """Return the calibration in a text; ``path`` is its origin, for messages."""
     tables = parse_toml(path, strip_checksum(path, text))
     _check_format(path, tables)
     try:
         calibration = Calibration.model_validate(tables)
     except ValidationError as error:
         raise first_issue(validation_issues(error, Calibration), path) from error
-    complaints = list(inconsistencies(calibration))
-    if complaints:
-        raise first_issue(complaints, path)
+    issues = list(inconsistencies(calibration))
+    if issues:
+        raise first_issue(issues, path)
     return calibration
 
 
 def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
-    """Return tables as the writer wants them: lists for tuples, and no empty ones."""
+    """Return tables for the TOML writer: lists for tuples, without empty ones."""
     if isinstance(value, Mapping):
         rows = cast("Mapping[str, Any]", value)
         return {key: _plain_tables(item) for key, item in rows.items() if item != ()}
@@ -205,22 +205,22 @@ _MAX_NAME_CHARS = 64
 
 
 def calibration_path(arm: str, usb_serial_number: str) -> Path:
-    """Return where the calibration of an arm on an adapter lies: ``arms/so101-58FA083.toml``."""
+    """Return the file of the calibration of an arm: ``arms/so101-58FA083.toml``."""
     return config_dir() / "arms" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 
 def journal_path(arm: str, usb_serial_number: str) -> Path:
-    """Return where it is noted what is being written into that arm's servos."""
+    """Return the journal of an interrupted write into that arm's servos."""
     return config_dir() / "journal" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 
 def confirmation_path(arm: str, usb_serial_number: str) -> Path:
-    """Return where it is noted which files an arm's joints were last seen to obey."""
+    """Return the file of the calibrations that the arm's joints were last confirmed with."""
     return config_dir() / "confirmed" / f"{_file_stem(arm, usb_serial_number)}.txt"
 
 
 def partial_path(arm: str, usb_serial_number: str) -> Path:
-    """Return where the joints are kept that an interrupted self-calibration has measured."""
+    """Return the file of the joints measured by an interrupted self-calibration."""
     return config_dir() / "partial" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 
@@ -236,20 +236,20 @@ def calibrations_of(arm: str) -> list[Path]:
 
 
 def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
-    """Return the calibration of an arm on an adapter, or None where there is none.
+    """Return the calibration of an arm on an adapter, or None if there is none.
 
     Raises:
-        FileFormatError: There is one and it is spoiled.
+        FileFormatError: It is damaged.
     """
     path = calibration_path(arm, usb_serial_number)
     return read_calibration(path) if path.exists() else None
 
 
 def save_calibration(calibration: Calibration) -> Path:
-    """Write a calibration to its place; the one before is kept beside it.
+    """Write a calibration to its file; the previous one is kept as a backup.
 
     Raises:
-        FileWriteError: The disk will not take it; the one before still stands.
+        FileWriteError: It cannot be written; the previous one is unchanged.
     """
     path = calibration_path(calibration.arm, calibration.usb_serial_number)
     write_atomic(path, dump_calibration(calibration), keep_old=True)
@@ -262,5 +262,5 @@ def _file_stem(arm: str, usb_serial_number: str) -> str:
 
 
 def _safe_name_part(text: str) -> str:
-    """Return a text as a part of a file name that leads nowhere else."""
+    """Return a text as a part of a file name that cannot leave the folder."""
     return _UNSAFE_CHARS.sub("_", text).strip("_")[:_MAX_NAME_CHARS]

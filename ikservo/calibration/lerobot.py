@@ -1,8 +1,8 @@
 """LeRobot's calibration JSON: read, write, and where LeRobot stores it.
 
 Ranges are in *homed* ticks, as the servo reports them with its offset. LeRobot's degrees are
-``(tick - (min + max) / 2) * 360 / 4095``: its zero is the middle of what was swept, not the zero
-of the geometry, so an import gives ids and ranges for certain and the zero is asked for.
+``(tick - (min + max) / 2) * 360 / 4095``: its zero is the middle of the recorded range, not that
+of the geometry, so an import gives ids and ranges, and the user sets the zero.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _OLD_KEYS = {"motor_names", "start_pos", "calib_mode"}
 
 @dataclass(frozen=True, slots=True)
 class LerobotJoint:
-    """One joint of the file, its keys as LeRobot names them."""
+    """One joint of the file, with LeRobot's keys."""
 
     name: str
     id: int
@@ -51,15 +51,15 @@ class LerobotJoint:
 
     @property
     def is_continuous(self) -> bool:
-        """Return whether LeRobot gave the joint a whole turn instead of a range."""
+        """Return whether the joint has a full revolution instead of a range."""
         return (self.range_min, self.range_max) == _FULL_TURN
 
 
 def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
-    """Read a calibration of LeRobot.
+    """Read a LeRobot calibration.
 
     Raises:
-        FileFormatError: It is none.
+        FileFormatError: It is not one.
     """
     return parse_lerobot(path, read_text(path, _MAX_BYTES))
 
@@ -79,18 +79,18 @@ def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
 
 
 def dump_lerobot(joints: Sequence[LerobotJoint]) -> str:
-    """Return the text that LeRobot itself would write: indent 4, no newline at the end."""
+    """Return the text as LeRobot writes it: indent 4, no newline at the end."""
     table = {joint.name: {key: getattr(joint, key) for key in _KEYS} for joint in joints}
     return json.dumps(table, indent=4)
 
 
 def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
-    """Return a calibration in LeRobot's terms; see ``unsaid`` for what that leaves out."""
+    """Return a calibration as LeRobot joints; see ``lost_in_lerobot`` for what is left out."""
     return tuple(_to_lerobot_joint(joint) for joint in calibration.joints)
 
 
 def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
-    """Yield what LeRobot's file cannot say of a calibration, one line each."""
+    """Yield what LeRobot's file cannot represent of a calibration, one line each."""
     yield "LeRobot takes the middle of each range for zero; these zeros are not in its file."
     for joint in calibration.joints:
         if joint.sign == -1:
@@ -156,7 +156,7 @@ def _parse_joint(path: Path, name: str, row: object) -> LerobotJoint:
 
 
 def _printable_name(name: str) -> str:
-    """Return a name as it may stand in a message: short, and harmless to a terminal."""
+    """Return a name for a message: short, and without control characters."""
     return name[:64] if name[:64].isprintable() else ascii(name[:64])
 
 
@@ -179,9 +179,9 @@ _KINDS = ("robots", "teleoperators")
 
 
 def find_lerobot(id_or_path: str) -> Path:
-    """Return the file that an id or a path means.
+    """Return the file of an id or a path.
 
-    Ids are looked for below ``robots/<type>`` and ``teleoperators/<type>`` for every type, for
+    Ids are searched below ``robots/<type>`` and ``teleoperators/<type>`` for every type, for
     LeRobot has renamed them: so100_follower, so101_follower, today so_follower.
 
     Raises:
@@ -200,7 +200,7 @@ def find_lerobot(id_or_path: str) -> Path:
 
 
 def lerobot_roots() -> list[Path]:
-    """Return the folders in which LeRobot may keep calibrations, the most particular first."""
+    """Return the folders in which LeRobot may store calibrations, the most specific first."""
     own, home, hub = map(os.environ.get, ("HF_LEROBOT_CALIBRATION", "HF_LEROBOT_HOME", "HF_HOME"))
     roots = [Path(own)] if own else []
     roots += [Path(home) / "calibration"] if home else []

@@ -16,7 +16,7 @@ class Limit:
 
     Attributes:
         value: Radians, or metres for a prismatic joint.
-        source: Who says so, in words a person reads: ``arm file``, ``servo register``,
+        source: The origin of the value, for messages: ``arm file``, ``servo register``,
             ``hand sweep of 2026-11-02``, ``user``.
     """
 
@@ -26,7 +26,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The range of one joint; intersections keep the limit that binds, with its source."""
+    """The range of one joint; intersections keep the active limit with its source."""
 
     joint: str
     lower: Limit
@@ -52,7 +52,7 @@ class Limits:
         """Return the range inside both; on equal values the first source stays.
 
         Raises:
-            CalibrationError: Nothing lies inside both; names the two limits.
+            CalibrationError: The intersection is empty; names the two limits.
         """
         return Limits(
             self.joint,

@@ -1,7 +1,7 @@
-"""The calibration by hand as a pure state machine: readings and answers in, states out.
+"""The calibration by hand as a pure state machine: readings and operator input to states.
 
-``anchor -> sweep -> review -> saved``. It knows no terminal, no bus and no clock, so a terminal,
-a page and a test drive the very same conversation. Every step returns a new `CalibrationState`.
+``anchor -> sweep -> review -> saved``. It uses no terminal, no bus and no clock, so a terminal,
+a web page and a test use the same procedure. Every step returns a new `CalibrationState`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ __all__ = [
 
 
 MIN_RANGE_TICKS = 50  # a joint that moves less was not moved
-_MAX_WIDTH_RATIO = 300 / 360  # of a turn: an arm file with such a range means a joint without stops
+_MAX_WIDTH_RATIO = (
+    300 / 360
+)  # of a revolution: an arm file with such a range means a joint without stops
 _ALMOST_FULL_TURN = 2 / 360
 _COMPLETE = 0.8  # of the arm file's range
 _MIRRORED_RAD = math.radians(30.0)
@@ -39,22 +41,24 @@ _SHADOW_TICKS = 40
 
 
 def is_full_turn(wizard: CalibrationState, subject: JointUnderCalibration) -> bool:
-    """Return whether a joint was turned so far that its range says nothing about stops."""
+    """Return whether a joint was moved so far that its range has no stops."""
     track = wizard.tracks[subject.servo_id]
-    return subject.turn > 0 and track.width >= subject.turn * (1.0 - _ALMOST_FULL_TURN)
+    return subject.ticks_per_turn > 0 and track.width >= subject.ticks_per_turn * (
+        1.0 - _ALMOST_FULL_TURN
+    )
 
 
 def range_complete(wizard: CalibrationState, subject: JointUnderCalibration) -> bool:
-    """Return whether a joint's range looks whole."""
+    """Return whether a joint's range seems complete."""
     if not wizard.is_measured(subject) or subject.name in wizard.free:
         return True
     width = wizard.tracks[subject.servo_id].width
-    known = wizard.signs.keys() | wizard.trusted
+    known = wizard.signs.keys() | wizard.known_signs
     return subject.name in known and width >= _COMPLETE * subject.expected_ticks
 
 
 def blocking_issues(wizard: CalibrationState) -> Iterator[CalibrationError]:
-    """Yield what still has to be done before the sweep can end."""
+    """Yield what prevents the sweep from ending."""
     yield from _direction_issues(wizard)
     for subject in wizard.subjects:
         if wizard.is_measured(subject) and subject.name not in wizard.free:
@@ -63,14 +67,14 @@ def blocking_issues(wizard: CalibrationState) -> Iterator[CalibrationError]:
 
 
 def _direction_issues(wizard: CalibrationState) -> Iterator[CalibrationError]:
-    asked = wizard.current_joint
-    if asked and wizard.is_second_trial:
+    current = wizard.current_joint
+    if current and wizard.is_second_trial:
         yield CalibrationError(
-            f"{asked.name}: sign is opposite to the arm file. Was it first moved the wrong way?",
+            f"{current.name}: sign is opposite to the arm file. Was it first moved the wrong way?",
             "Move it back, then again in the direction shown, or skip it.",
         )
-    elif asked:
-        yield CalibrationError(f"{asked.name} has not been moved yet.", "Move it, or skip it.")
+    elif current:
+        yield CalibrationError(f"{current.name} has not been moved yet.", "Move it, or skip it.")
 
 
 def _range_issues(
@@ -118,7 +122,7 @@ def _shadow_issues(
 
 
 def warnings(wizard: CalibrationState) -> Iterator[str]:
-    """Yield what the person should know before saving, one line each."""
+    """Yield warnings for the user before saving, one line each."""
     for subject in wizard.subjects:
         yield from _joint_warnings(wizard, subject)
 
@@ -136,28 +140,30 @@ def _joint_warnings(wizard: CalibrationState, subject: JointUnderCalibration) ->
         expected = _format_expected_range(subject)
         yield f"{name} turns freely: the arm file's range {expected} is used."
     elif wizard.is_measured(subject) and not range_complete(wizard, subject):
-        share = wizard.tracks[subject.servo_id].width / subject.expected_ticks
-        yield f"{name} was swept over {share:.0%} of the arm file's range."
+        fraction = wizard.tracks[subject.servo_id].width / subject.expected_ticks
+        yield f"{name} was swept over {fraction:.0%} of the arm file's range."
 
 
 def _exceeds_expected_range(subject: JointUnderCalibration) -> bool:
-    return subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.turn
+    return subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.ticks_per_turn
 
 
 def _fits_better_mirrored(wizard: CalibrationState, subject: JointUnderCalibration) -> bool:
-    """Return whether the range would fit much better the other way round."""
+    """Return whether the range would fit much better with the opposite sign."""
     track = wizard.tracks[subject.servo_id]
     if is_full_turn(wizard, subject) or subject.joint_map.unit != "rad":
         return False
     sign, anchor = wizard.sign(subject), wizard.reference_ticks[subject.servo_id]
-    gaps = {s: _range_mismatch(subject, s, anchor, (track.low, track.high)) for s in (sign, -sign)}
-    return gaps[sign] > _MIRRORED_RAD and gaps[-sign] < gaps[sign] / 3
+    mismatches = {
+        s: _range_mismatch(subject, s, anchor, (track.low, track.high)) for s in (sign, -sign)
+    }
+    return mismatches[sign] > _MIRRORED_RAD and mismatches[-sign] < mismatches[sign] / 3
 
 
 def _range_mismatch(
     subject: JointUnderCalibration, sign: int, anchor: float, ticks: tuple[int, int]
 ) -> float:
-    """Return how far a swept range lies from the expected one, with the servo mounted so."""
+    """Return the distance of a recorded range from the expected one, for a sign."""
     placed = subject.with_mounting(sign, anchor)
     low, high = sorted(placed.position(tick) for tick in ticks)
     return abs(low - subject.expected.lower.value) + abs(high - subject.expected.upper.value)
@@ -177,11 +183,11 @@ def _format_expected_range(subject: JointUnderCalibration) -> str:
 
 MARGIN_RAD = math.radians(2.0)
 
-_RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction: a joint so close is back again
+_RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction: a joint so close has returned
 
 
 class CalibrationStage(StrEnum):
-    """Where the conversation is."""
+    """The stage of the procedure."""
 
     REFERENCE_POSE = "anchor"
     SWEEP = "sweep"
@@ -195,22 +201,22 @@ class CalibrationState:
 
     Attributes:
         subjects: The joints, base to tip.
-        margin_rad: How far inside each end that a hand found the limit shall lie, horn's angle.
-        stage: Where the conversation is.
-        tracks: Where each servo is and has been, by id; shadows included.
-        stillness: What was read in the last half second.
-        reference_ticks: The tick of each servo in the anchor pose, by id.
+        margin_rad: Distance of limits from ends that were found by hand, horn's angle.
+        stage: The stage of the procedure.
+        tracks: Position and range of each servo, by id; shadows included.
+        stillness: The readings of the last half second.
+        reference_ticks: The tick of each servo in the reference pose, by id.
         signs: Directions found so far, by joint.
-        doubted: Directions found once that are opposite to the arm file's, by joint; such a joint
-            is asked for again.
-        returned: Whether the joint that is asked for again has come back to where it began.
+        unconfirmed_signs: Directions found once that are opposite to the arm file's, by joint;
+            such a joint must be moved again.
+        returned: Whether the joint that must be moved again is back at its start.
         skipped: Joints that keep the arm file's range and sign.
-        reasons: Why a joint is left out that a program could not measure, by joint.
-        free: Joints that the person says nothing stops.
-        trusted: Joints whose sign is believed as the arm file has it.
+        reasons: Why a program could not measure a joint, by joint.
+        free: Joints that the user marked as having no stops.
+        known_signs: Joints whose sign in the arm file is right.
         motor_driven: Whether the servos move the joints, not a hand.
-        asked_from: The tick from which the joint that is asked for shall move.
-        before: The state before the person's last answer.
+        direction_start: The tick from which the current joint must be moved.
+        before: The state before the last input.
     """
 
     subjects: tuple[JointUnderCalibration, ...]
@@ -220,37 +226,37 @@ class CalibrationState:
     stillness: StillnessDetector = field(default_factory=StillnessDetector)
     reference_ticks: Mapping[int, float] = field(default_factory=dict[int, float])
     signs: Mapping[str, int] = field(default_factory=dict[str, int])
-    doubted: Mapping[str, int] = field(default_factory=dict[str, int])
+    unconfirmed_signs: Mapping[str, int] = field(default_factory=dict[str, int])
     returned: bool = False
     skipped: frozenset[str] = frozenset()
     reasons: Mapping[str, str] = field(default_factory=dict[str, str])
     free: frozenset[str] = frozenset()
-    trusted: frozenset[str] = frozenset()
+    known_signs: frozenset[str] = frozenset()
     motor_driven: bool = False
-    asked_from: int | None = None
+    direction_start: int | None = None
     before: CalibrationState | None = None
 
     @classmethod
     def begin(
         cls, subjects: Sequence[JointUnderCalibration], margin_rad: float = MARGIN_RAD
     ) -> CalibrationState:
-        """Return a conversation in which nothing has been said."""
+        """Return the initial state."""
         return cls(tuple(subjects), margin_rad)
 
-    # --- what can be asked ---
+    # --- queries ---
 
     @property
     def current_joint(self) -> JointUnderCalibration | None:
-        """Return the joint that shall now be moved in its shown direction, if any."""
+        """Return the joint to move in its shown direction now, if any."""
         if self.stage is not CalibrationStage.SWEEP:
             return None
-        settled = self.signs.keys() | self.skipped | self.trusted
-        return next((s for s in self.subjects if s.name not in settled), None)
+        known = self.signs.keys() | self.skipped | self.known_signs
+        return next((s for s in self.subjects if s.name not in known), None)
 
     @property
     def is_second_trial(self) -> bool:
-        """Return whether the joint that is asked for moves a second time, its sign in doubt."""
-        return self.current_joint is not None and self.current_joint.name in self.doubted
+        """Return whether the current joint must be moved a second time to confirm its sign."""
+        return self.current_joint is not None and self.current_joint.name in self.unconfirmed_signs
 
     @property
     def is_at_rest(self) -> bool:
@@ -261,7 +267,7 @@ class CalibrationState:
         """Return the joint of that name.
 
         Raises:
-            UnknownNameError: It is none of this arm's.
+            UnknownNameError: The arm has no such joint.
         """
         named = {subject.name: subject for subject in self.subjects}
         if joint not in named:
@@ -273,80 +279,82 @@ class CalibrationState:
         return self.signs.get(subject.name, subject.joint_map.sign)
 
     def is_measured(self, subject: JointUnderCalibration) -> bool:
-        """Return whether the joint's range is to be found by hand."""
+        """Return whether the joint's range is to be recorded by hand."""
         return subject.name not in self.skipped and subject.known is None
 
     def position(self, subject: JointUnderCalibration, tick: float) -> float:
-        """Return a joint's position [rad or m] at a tick, once the anchor is taken."""
+        """Return a joint's position [rad or m] at a tick, after the reference pose."""
         placed = subject.with_mounting(self.sign(subject), self.reference_ticks[subject.servo_id])
         return placed.position(tick)
 
-    # --- what can happen ---
+    # --- events ---
 
     def update(self, at_s: float, ticks: Mapping[int, int]) -> CalibrationState:
-        """Take a reading of all servos, bare ticks by id, at a time [s]."""
-        turns = {i: s.turn for s in self.subjects for i in (s.servo_id, *s.shadow_ids)}
+        """Add a reading of all servos, bare ticks by id, at a time [s]."""
+        ticks_per_turn_by_id = {
+            i: s.ticks_per_turn for s in self.subjects for i in (s.servo_id, *s.shadow_ids)
+        }
         tracks = {
             i: self.tracks[i].update(ticks[i], at_s)
             if i in self.tracks
-            else RangeTracker.start_at(turn, ticks[i], at_s)
-            for i, turn in turns.items()
+            else RangeTracker.start_at(ticks_per_turn, ticks[i], at_s)
+            for i, ticks_per_turn in ticks_per_turn_by_id.items()
         }
         counted = {i: track.tick for i, track in tracks.items()}
         after = replace(self, tracks=tracks, stillness=self.stillness.add_reading(at_s, counted))
         return after._update_direction()
 
     def update_unwrapped(self, at_s: float, ticks: Mapping[int, int]) -> CalibrationState:
-        """Take bare ticks that are counted over the seam already, as the servos' driver knows."""
+        """Add bare ticks that the servos' driver has unwrapped already."""
         tracks = {i: track.update_unwrapped(ticks[i], at_s) for i, track in self.tracks.items()}
         return replace(self, tracks=tracks)
 
     def accept(self) -> CalibrationState:
-        """Go on: take the pose, end the sweep, or agree to what is to be saved.
+        """Continue: take the pose, end the sweep, or agree to save.
 
         Raises:
-            CalibrationError: Something is missing; says what, and the conversation stays.
+            CalibrationError: Something is missing; names it, and the stage stays.
         """
         if self.stage is CalibrationStage.REFERENCE_POSE:
             return self._take_anchor()
         if self.stage is CalibrationStage.SWEEP:
-            for complaint in blocking_issues(self):
-                raise complaint
+            for issue in blocking_issues(self):
+                raise issue
             return replace(self, stage=CalibrationStage.REVIEW, before=self)
         return replace(self, stage=CalibrationStage.SAVED, before=None)
 
     def undo(self) -> CalibrationState:
-        """Take the last answer back; readings go on from where the servos are."""
+        """Undo the last input; tracking continues at the servos' positions."""
         if self.before is None or self.stage is CalibrationStage.SAVED:
             return self
         tracks = self.before.tracks if self.stage is CalibrationStage.SWEEP else self.tracks
         kept = {i: self.tracks[i].with_range_of(track) for i, track in tracks.items()}
         earlier = replace(self.before, tracks=kept, stillness=StillnessDetector())
-        return replace(earlier, asked_from=None)._update_direction()
+        return replace(earlier, direction_start=None)._update_direction()
 
     def skip(self, joint: str, reason: str = "") -> CalibrationState:
-        """Leave a joint out: it keeps the arm file's sign and range."""
+        """Skip a joint: it keeps the arm file's sign and range."""
         name = self.find_joint(joint).name
         reasons = {**self.reasons, name: reason} if reason else self.reasons
         return self._remember_previous(
-            skipped=self.skipped | {name}, reasons=reasons, asked_from=None
+            skipped=self.skipped | {name}, reasons=reasons, direction_start=None
         )
 
     def mark_continuous(self, joint: str) -> CalibrationState:
-        """Say that nothing stops a joint: its range is the arm file's, however far it is turned."""
+        """Mark a joint as having no stops: its range is the arm file's, however far it moves."""
         return self._remember_previous(free=self.free | {self.find_joint(joint).name})
 
     def remeasure(self, joint: str) -> CalibrationState:
-        """Measure one joint anew, its direction included."""
+        """Measure one joint again, its direction included."""
         subject = self.find_joint(joint)
         tracks = {**self.tracks, subject.servo_id: self.tracks[subject.servo_id].restarted()}
         return self._remember_previous(
             tracks=tracks,
             signs=_drop_joint(self.signs, joint),
-            doubted=_drop_joint(self.doubted, joint),
+            unconfirmed_signs=_drop_joint(self.unconfirmed_signs, joint),
             skipped=self.skipped - {joint},
             free=self.free - {joint},
-            asked_from=None,
+            direction_start=None,
         )
 
     def _remember_previous(self, **changes: object) -> CalibrationState:
@@ -358,24 +366,24 @@ class CalibrationState:
     def _take_anchor(self) -> CalibrationState:
         if not self.is_at_rest:
             raise CalibrationError("The arm is still moving.", "Hold it still for half a second.")
-        begun = replace(
+        started = replace(
             self,
             stage=CalibrationStage.SWEEP,
             reference_ticks=self.stillness.mean_ticks(),
             tracks={i: track.restarted() for i, track in self.tracks.items()},
             before=self,
         )
-        return begun._update_direction()
+        return started._update_direction()
 
     def _update_direction(self) -> CalibrationState:
-        """Note where the joint that is asked for starts, and which way it then goes."""
+        """Store the start of the current joint, then its direction of motion."""
         subject = self.current_joint
         if subject is None:
             return self
         tick = self.tracks[subject.servo_id].tick
-        if self.asked_from is None:
-            return replace(self, asked_from=tick)
-        moved = tick - self.asked_from
+        if self.direction_start is None:
+            return replace(self, direction_start=tick)
+        moved = tick - self.direction_start
         if self.is_second_trial and not self.returned:
             back = abs(moved) < _RETURNED_FRACTION * subject.min_motion_ticks
             return replace(self, returned=True) if back else self
@@ -386,11 +394,13 @@ class CalibrationState:
         )
 
     def _set_sign(self, subject: JointUnderCalibration, sign: int) -> CalibrationState:
-        """Take a joint's sign; one that is opposite to the arm file's only the second time."""
+        """Set a joint's sign; one opposite to the arm file's only the second time."""
         name = subject.name
-        if sign != subject.joint_map.sign and name not in self.doubted:
-            return self._remember_previous(doubted={**self.doubted, name: sign}, returned=False)
-        return self._remember_previous(signs={**self.signs, name: sign}, asked_from=None)
+        if sign != subject.joint_map.sign and name not in self.unconfirmed_signs:
+            return self._remember_previous(
+                unconfirmed_signs={**self.unconfirmed_signs, name: sign}, returned=False
+            )
+        return self._remember_previous(signs={**self.signs, name: sign}, direction_start=None)
 
 
 def _drop_joint(signs: Mapping[str, int], joint: str) -> dict[str, int]:
@@ -398,7 +408,7 @@ def _drop_joint(signs: Mapping[str, int], joint: str) -> dict[str, int]:
 
 
 class JointProgress(Enum):
-    """How far a joint has come."""
+    """Progress of a joint."""
 
     UNMOVED = "not moved yet"
     MOVING = ""
@@ -410,7 +420,7 @@ class JointProgress(Enum):
 
 @dataclass(frozen=True, slots=True)
 class JointReadout:
-    """One joint: where it is, where it has been, and where the arm file expects it.
+    """Position, recorded range and expected range of one joint.
 
     Positions are rad or m.
     """
@@ -428,7 +438,7 @@ class JointReadout:
 
 
 def joint_readouts(wizard: CalibrationState) -> Iterator[JointReadout]:
-    """Yield a meter for each joint, once the anchor is taken."""
+    """Yield the readout of each joint, after the reference pose."""
     for subject in wizard.subjects:
         track = wizard.tracks[subject.servo_id]
         ends = sorted(wizard.position(subject, tick) for tick in (track.low, track.high))

@@ -1,8 +1,8 @@
 """Range tracking of one joint: unwrapped ticks, standstill and end-stop detection.
 
-One of the three alone deceives. A joint stands still because it has not begun to move; it works
-hard because it lifts something; it is late because the bus was busy. Only where it stands for a
-while, well behind its goal, and its servo presses as hard as it may, something solid is there.
+One of the three alone is not reliable: a joint stands still because it has not started to move;
+its load is high because it lifts something; it lags because the bus was busy. Only if it is at
+rest for a while, well behind its goal, with its servo near its maximum load, there is a stop.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ __all__ = [
 ]
 
 
-# Between two readings a hand turns a joint far less than a quarter turn. After a gap in them
-# the turn is ambiguous only if the joint could have gone the other way round meanwhile.
+# Between two readings a hand moves a joint far less than a quarter revolution. After a longer
+# interval the count is ambiguous if the joint could have moved the other way round meanwhile.
 _MAX_STEP = 1024
 _MAX_TURNS_PER_S = 1.6  # of a hand: 10 rad/s
 
 
 @dataclass(frozen=True, slots=True)
 class RangeTracker:
-    """Where a servo is and was, in bare ticks counted on over the seam.
+    """Position and range of a servo, in unwrapped bare ticks.
 
     Attributes:
-        turn: Ticks in a turn, or 0 for a sensor that has no seam.
-        tick: Where it is.
-        low: The lowest tick seen.
+        ticks_per_turn: Ticks of a revolution, or 0 for a sensor that does not wrap around.
+        tick: The present tick.
+        low: The lowest tick so far.
         high: The highest.
-        at_s: When it was last read.
-        lost: Whether it was moved too fast to be followed; measuring starts again.
+        at_s: Time of the last reading.
+        lost: Whether it was moved too fast to be tracked; it must be measured again.
     """
 
-    turn: int
+    ticks_per_turn: int
     tick: int
     low: int
     high: int
@@ -51,41 +51,41 @@ class RangeTracker:
     lost: bool = False
 
     @classmethod
-    def start_at(cls, turn: int, tick: int, at_s: float) -> RangeTracker:
+    def start_at(cls, ticks_per_turn: int, tick: int, at_s: float) -> RangeTracker:
         """Return a track that begins at a tick."""
-        return cls(turn, tick, tick, tick, at_s)
+        return cls(ticks_per_turn, tick, tick, tick, at_s)
 
     @property
     def width(self) -> int:
-        """Return the ticks between the ends that were seen."""
+        """Return the ticks between the recorded ends."""
         return self.high - self.low
 
     def update(self, reading: int, at_s: float) -> RangeTracker:
         """Return the track with one more reading."""
-        tick = unwrap(self.tick, reading, self.turn) if self.turn else reading
-        strayed = self.turn and abs(tick - self.tick) > _MAX_STEP
-        other_way = self.turn - abs(tick - self.tick)
-        ambiguous = other_way <= _MAX_TURNS_PER_S * self.turn * (at_s - self.at_s)
+        tick = unwrap(self.tick, reading, self.ticks_per_turn) if self.ticks_per_turn else reading
+        jumped = self.ticks_per_turn and abs(tick - self.tick) > _MAX_STEP
+        other_direction = self.ticks_per_turn - abs(tick - self.tick)
+        ambiguous = other_direction <= _MAX_TURNS_PER_S * self.ticks_per_turn * (at_s - self.at_s)
         return replace(
             self,
             tick=tick,
             low=min(self.low, tick),
             high=max(self.high, tick),
             at_s=at_s,
-            lost=self.lost or bool(strayed or (self.turn and ambiguous)),
+            lost=self.lost or bool(jumped or (self.ticks_per_turn and ambiguous)),
         )
 
     def update_unwrapped(self, tick: int, at_s: float) -> RangeTracker:
-        """Return the track with one more reading whose turn is known."""
+        """Return the track with one more reading that is already unwrapped."""
         low, high = min(self.low, tick), max(self.high, tick)
         return replace(self, tick=tick, low=low, high=high, at_s=at_s)
 
     def restarted(self) -> RangeTracker:
-        """Return a track that has seen nothing but where it is; the count goes on."""
+        """Return a track whose range is only the present tick; unwrapping continues."""
         return replace(self, low=self.tick, high=self.tick, lost=False)
 
     def with_range_of(self, earlier: RangeTracker) -> RangeTracker:
-        """Return the track where it is, with what was seen earlier, good or lost."""
+        """Return the track at its present tick with the range of an earlier one."""
         lost = self.lost or earlier.lost
         return replace(self, low=earlier.low, high=earlier.high, lost=lost)
 
@@ -98,27 +98,27 @@ _NOISE_TICKS = 4
 class StillnessDetector:
     """The unwrapped ticks of the last half second, by servo."""
 
-    seen: tuple[tuple[float, Mapping[int, int]], ...] = ()
+    readings: tuple[tuple[float, Mapping[int, int]], ...] = ()
 
     def add_reading(self, at_s: float, ticks: Mapping[int, int]) -> StillnessDetector:
-        """Return it with one more reading; those older than half a second fall out."""
-        kept = [row for row in self.seen if row[0] > at_s - _WINDOW_S]
-        older = [row for row in self.seen if row[0] <= at_s - _WINDOW_S][-1:]
-        return replace(self, seen=(*older, *kept, (at_s, ticks)))
+        """Return it with one more reading; those older than half a second are dropped."""
+        kept = [row for row in self.readings if row[0] > at_s - _WINDOW_S]
+        older = [row for row in self.readings if row[0] <= at_s - _WINDOW_S][-1:]
+        return replace(self, readings=(*older, *kept, (at_s, ticks)))
 
     def is_at_rest(self) -> bool:
         """Return whether nothing has moved for half a second."""
-        if len(self.seen) < 3 or self.seen[-1][0] - self.seen[0][0] < _WINDOW_S:
+        if len(self.readings) < 3 or self.readings[-1][0] - self.readings[0][0] < _WINDOW_S:
             return False
         return all(max(column) - min(column) <= _NOISE_TICKS for column in self._ticks_by_servo())
 
     def mean_ticks(self) -> dict[int, float]:
         """Return the mean tick of each servo over the window."""
         means = (sum(column) / len(column) for column in self._ticks_by_servo())
-        return dict(zip(self.seen[-1][1], means, strict=True))
+        return dict(zip(self.readings[-1][1], means, strict=True))
 
     def _ticks_by_servo(self) -> list[list[int]]:
-        return [[ticks[i] for _, ticks in self.seen] for i in self.seen[-1][1]]
+        return [[ticks[i] for _, ticks in self.readings] for i in self.readings[-1][1]]
 
 
 _MIN_MOTION_DEG = 15.0
@@ -126,19 +126,19 @@ _MIN_MOTION_DEG = 15.0
 
 @dataclass(frozen=True, slots=True)
 class JointUnderCalibration:
-    """What is known of a joint before a hand has touched it.
+    """What is known of a joint before its calibration.
 
     Attributes:
-        joint_map: Scale and sign as the arm file says; its zero tick is not used.
-        turn: Ticks after which the servo's count begins again; 0 where it never does.
+        joint_map: Scale and sign of the arm file; its zero tick is not used.
+        ticks_per_turn: Ticks after which the servo's count wraps around; 0 if it never does.
         expected: The arm file's range.
-        pose: Where the joint is in the anchor pose, rad or m.
-        shadow_ids: Servos that turn the joint together with the first.
-        known: Its travel in bare ticks where that was measured before; it is then not swept.
+        pose: Its position in the reference pose, rad or m.
+        shadow_ids: Servos that drive the joint together with the first.
+        known: Its travel in bare ticks if that was measured before; it is then not recorded.
     """
 
     joint_map: JointMap
-    turn: int
+    ticks_per_turn: int
     expected: Limits
     pose: float
     shadow_ids: tuple[int, ...] = ()
@@ -151,12 +151,12 @@ class JointUnderCalibration:
 
     @property
     def servo_id(self) -> int:
-        """Return the id of the servo that answers for the joint."""
+        """Return the id of the joint's first servo."""
         return self.joint_map.servo_id
 
     @property
     def free_direction(self) -> int:
-        """Return the direction, +1 or -1, in which there is more room from the anchor pose."""
+        """Return the direction, +1 or -1, with the larger range from the reference pose."""
         above = self.expected.upper.value - self.pose
         return 1 if above >= self.pose - self.expected.lower.value else -1
 
@@ -168,76 +168,82 @@ class JointUnderCalibration:
 
     @property
     def min_motion_ticks(self) -> float:
-        """Return how far the joint must move before that shows its direction."""
-        return min(_MIN_MOTION_DEG / 360.0 * (self.turn or 1229), 0.25 * self.expected_ticks)
+        """Return how far the joint must move to show its direction."""
+        return min(
+            _MIN_MOTION_DEG / 360.0 * (self.ticks_per_turn or 1229), 0.25 * self.expected_ticks
+        )
 
     def zero_tick(self, sign: int, anchor_tick: float) -> float:
-        """Return the tick at position zero, given the tick in the anchor pose."""
+        """Return the tick at position zero, given the tick in the reference pose."""
         return anchor_tick - self.joint_map.with_mounting(sign, 0.0).ticks_from_zero(self.pose)
 
     def with_mounting(self, sign: int, anchor_tick: float) -> JointMap:
-        """Return the joint's map, given the servo's sign and its tick in the anchor pose."""
+        """Return the joint's map, given the servo's sign and its tick in the reference pose."""
         return self.joint_map.with_mounting(sign, self.zero_tick(sign, anchor_tick))
 
 
 _BLOCKED_S = 0.25
 _BLOCKED_RAD = 0.004  # less than three ticks of 4096
-_MIN_LAG_RAD = 0.045  # a servo that presses with a third of its torque is about so far behind
-_CONTACT_LOAD_PERCENT = 0.4  # of what it may, by its own word
-_TIME_TOLERANCE_S = 1.5  # standing for so long without pressing is no stop
+_MIN_LAG_RAD = 0.045  # the lag of a servo at about a third of its torque
+_CONTACT_LOAD_PERCENT = 0.4  # fraction of its maximum, as the servo reports it
+_TIME_TOLERANCE_S = 1.5  # at rest for so long without load is no stop
 
 
 class ContactState(Enum):
-    """What a joint does that is driven towards its stop."""
+    """State of a joint that is driven towards its stop."""
 
     MOVING = "it moves"
     STOP = "it stands against something"
-    SLACK = "it stands although nothing holds it"
+    NO_CONTACT = "it stands although nothing holds it"
 
 
 @dataclass(frozen=True, slots=True)
 class EndStopDetector:
-    """One joint on its way to a stop; angles are of the servo's horn.
+    """Detects the stop of one joint; angles are of the servo's horn.
 
     Attributes:
-        most_percent: How hard its servo may press.
-        touch: What the joint does.
-        since_s: When it last moved; None before the first look.
-        at_rad: Where it was then.
+        max_load_percent: The load limit of its servo.
+        contact: The state of the joint.
+        since_s: When it last moved; None before the first sample.
+        at_rad: Its position then.
     """
 
-    most_percent: float
-    touch: ContactState = ContactState.MOVING
+    max_load_percent: float
+    contact: ContactState = ContactState.MOVING
     since_s: float | None = None
     at_rad: float = 0.0
 
     def may_be_blocked(self, at_s: float, at_rad: float, goal_rad: float) -> bool:
-        """Return whether the load decides now: it stands behind its goal for long enough."""
-        seen = self.update(at_s, at_rad)
-        standing_s = at_s - (at_s if seen.since_s is None else seen.since_s)
-        return standing_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= _MIN_LAG_RAD
+        """Return whether the load must be checked: at rest behind its goal for long enough."""
+        updated = self.update(at_s, at_rad)
+        at_rest_s = at_s - (at_s if updated.since_s is None else updated.since_s)
+        return at_rest_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= _MIN_LAG_RAD
 
     def update(self, at_s: float, at_rad: float) -> EndStopDetector:
-        """Return it with one more look at where the joint is."""
+        """Return it with one more position sample."""
         if self.since_s is None or abs(at_rad - self.at_rad) > _BLOCKED_RAD:
-            return replace(self, since_s=at_s, at_rad=at_rad, touch=ContactState.MOVING)
+            return replace(self, since_s=at_s, at_rad=at_rad, contact=ContactState.MOVING)
         return self
 
     def update_with_load(
         self, at_s: float, at_rad: float, goal_rad: float, load_percent: float
     ) -> EndStopDetector:
-        """Return what a look says.
+        """Return it with one more sample of position and load.
 
         Args:
-            at_s: When.
-            at_rad: Where the horn is.
-            goal_rad: Where it is told to go.
-            load_percent: How hard its servo says that it presses; the sign is not looked at.
+            at_s: The time.
+            at_rad: The position of the horn.
+            goal_rad: Its goal.
+            load_percent: The load that its servo reports; the sign is ignored.
         """
-        seen = self.update(at_s, at_rad)
+        updated = self.update(at_s, at_rad)
         if not self.may_be_blocked(at_s, at_rad, goal_rad):
-            return seen
-        if abs(load_percent) >= _CONTACT_LOAD_PERCENT * self.most_percent:
-            return replace(seen, touch=ContactState.STOP)
-        standing_s = at_s - (at_s if seen.since_s is None else seen.since_s)
-        return replace(seen, touch=ContactState.SLACK) if standing_s >= _TIME_TOLERANCE_S else seen
+            return updated
+        if abs(load_percent) >= _CONTACT_LOAD_PERCENT * self.max_load_percent:
+            return replace(updated, contact=ContactState.STOP)
+        at_rest_s = at_s - (at_s if updated.since_s is None else updated.since_s)
+        return (
+            replace(updated, contact=ContactState.NO_CONTACT)
+            if at_rest_s >= _TIME_TOLERANCE_S
+            else updated
+        )

@@ -40,16 +40,16 @@ def _require_integer(value: object) -> object:
     return value
 
 
-# Each description is also what an error message expects there.
+# Each description is also the expectation in error messages.
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{0,200}$")]
 Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
-# What is further off than this is another arm, not this one's tolerances.
+# Larger corrections mean another arm, not tolerances.
 Move = Annotated[float, Field(ge=-50.0, le=50.0)]
-Turn = Annotated[float, Field(ge=-20.0, le=20.0)]
-_MOVE, _TURN = "[x, y, z] in mm, none beyond 50", "[x, y, z] in degrees, none beyond 20"
+Rotation = Annotated[float, Field(ge=-20.0, le=20.0)]
+_MOVE, _ROTATION = "[x, y, z] in mm, none beyond 50", "[x, y, z] in degrees, none beyond 20"
 
 
 class CalibratedServo(StrictModel):
@@ -62,7 +62,7 @@ class CalibratedServo(StrictModel):
 
 
 class CalibratedJoint(StrictModel):
-    """A joint of this very arm: where its zero is, how far it goes, what its servos hold."""
+    """A joint of one arm: its zero, its range, and the registers of its servos."""
 
     name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
     sign: Annotated[Literal[-1, 1], BeforeValidator(_require_integer)] = Field(
@@ -91,15 +91,15 @@ class CalibratedJoint(StrictModel):
 
     @property
     def servos(self) -> tuple[CalibratedServo, ...]:
-        """The servo that answers for the joint, then its shadows."""
+        """The joint's first servo, then its shadows."""
         return (self.servo, *self.shadows)
 
     def recorded_range(self) -> tuple[float, float] | None:
-        """Return the range [rad or m] that a sweep gave, less the margin."""
+        """Return the recorded range [rad or m], less the margin; None if not recorded."""
         return _range_in_si(self.lower_deg, self.upper_deg, self.lower_m, self.upper_m)
 
     def user_range(self) -> tuple[float | None, float | None]:
-        """Return the ends [rad or m] that the person set; None where they did not."""
+        """Return the limits [rad or m] set by the user; None if not set."""
         lower = _to_si(self.user_lower_deg, self.user_lower_m)
         return lower, _to_si(self.user_upper_deg, self.user_upper_m)
 
@@ -109,14 +109,14 @@ class CalibratedJoint(StrictModel):
 
 
 class CalibratedOrigin(StrictModel):
-    """A joint that sits elsewhere than the arm file says: a link of another length."""
+    """The corrected origin of a joint: a link of another length."""
 
     joint: Name = Field(description="a joint of the way to the tip")
     moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
 
 
 class CalibratedGeometry(StrictModel):
-    """``[geometry]``: how this very arm's links and base differ from the arm file, by touch-off."""
+    """``[geometry]``: corrections of links and base against the arm file, by touch-off."""
 
     touched: datetime = Field(description="a date and time with its offset")
     touches: int = Field(ge=1, le=10_000, description="a whole number")
@@ -124,14 +124,16 @@ class CalibratedGeometry(StrictModel):
     before_mm: float = Field(ge=0, description="millimetres, on touches kept aside")
     after_mm: float = Field(ge=0, description="millimetres, on touches kept aside")
     base_moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
-    base_turned_deg: tuple[Turn, Turn, Turn] = Field(strict=False, description=_TURN)
+    base_turned_deg: tuple[Rotation, Rotation, Rotation] = Field(
+        strict=False, description=_ROTATION
+    )
     origins: tuple[CalibratedOrigin, ...] = Field(
         default=(), strict=False, description="tables [[geometry.origins]]"
     )
 
 
 class Calibration(StrictModel):
-    """A whole calibration file, each value by itself as it should be."""
+    """A calibration file; each value is checked by itself."""
 
     format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
     arm: Name = Field(description="an arm's name")
@@ -151,10 +153,10 @@ class Calibration(StrictModel):
         return next((joint for joint in self.joints if joint.name == name), None)
 
     def narrow_limits(self, joint: CalibratedJoint, limits: Limits) -> Limits:
-        """Return limits inside what the sweep and the person gave for a joint.
+        """Return limits restricted to the recorded range and the user's limits of a joint.
 
         Raises:
-            CalibrationError: Nothing is left; names the two limits.
+            CalibrationError: The intersection is empty; names the two limits.
         """
         swept = joint.recorded_range()
         if swept:
@@ -167,10 +169,10 @@ class Calibration(StrictModel):
         return limits.intersect(Limits(joint.name, low, high, limits.unit))
 
     def source(self, joint: CalibratedJoint) -> str:
-        """Return who found a joint's range: ``hand sweep of 2026-11-02``."""
+        """Return the source of a joint's range: ``hand sweep of 2026-11-02``."""
         sweeps = {"by LeRobot": "LeRobot's sweep", "by itself": "the arm's own sweep"}
-        who = sweeps.get(joint.swept, "hand sweep")
-        return f"{who} of {self.written:%Y-%m-%d}"
+        sweep = sweeps.get(joint.swept, "hand sweep")
+        return f"{sweep} of {self.written:%Y-%m-%d}"
 
 
 def _to_si(degrees: float | None, metres: float | None) -> float | None:
@@ -206,17 +208,17 @@ class PartialCalibration(StrictModel):
 
 
 def dump_partial(partial: PartialCalibration) -> str:
-    """Return what stands in the file."""
-    import tomli_w  # noqa: PLC0415  # only who writes needs it
+    """Return the content of the file."""
+    import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
     return with_checksum(_HEADER + tomli_w.dumps(partial.model_dump(mode="python")))
 
 
 def read_partial(path: Path) -> PartialCalibration | None:
-    """Return what was measured; None where there is no file.
+    """Return the stored measurements; None if there is no file.
 
     Raises:
-        FileFormatError: The file is spoiled.
+        FileFormatError: The file is damaged.
     """
     if not path.exists():
         return None

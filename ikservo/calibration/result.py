@@ -1,6 +1,6 @@
 """The result of a calibration: measured joints, the calibration to save, expected registers.
 
-A joint's stops lie near the limits of the arm file. Where one end of the swept range is far
+A joint's stops are near the limits of the arm file. If one end of the recorded range is far
 beyond its limit and the other end is not, the zero is shifted: the arm was not in the pose.
 """
 
@@ -41,9 +41,9 @@ class MeasuredJoint:
     """A joint's mounting and travel.
 
     Attributes:
-        joint_map: Its sign and zero; in bare ticks, once moved by ``shifted`` in reported ones.
-        travel: How far it goes, in the same ticks.
-        swept: Who found that out.
+        joint_map: Its sign and zero; in bare ticks, after ``shift_ticks`` in reported ones.
+        travel: Its range, in the same ticks.
+        swept: The source of the range.
     """
 
     joint_map: JointMap
@@ -51,13 +51,13 @@ class MeasuredJoint:
     swept: RangeSource
 
     def shift_ticks(self, shift: int) -> MeasuredJoint:
-        """Return the same joint counted from ``shift`` ticks further on."""
+        """Return the same joint with ticks counted from ``shift``."""
         moved = self.joint_map.with_mounting(self.joint_map.sign, self.joint_map.zero_tick - shift)
         travel = TickRange(self.travel.low - shift, self.travel.high - shift)
         return MeasuredJoint(moved, travel, self.swept)
 
     def range_inside_margin(self, margin_rad: float) -> tuple[float, float] | None:
-        """Return the positions a margin inside both ends; None where nobody swept it."""
+        """Return the range less a margin at both ends; None if it was not recorded."""
         if self.swept == "not swept":
             return None
         margin = margin_rad / self.joint_map.horn_rad_per_tick
@@ -66,10 +66,10 @@ class MeasuredJoint:
         return low, high
 
     def limits(self, expected: Limits, margin_rad: float, user: Limits | None) -> Limits:
-        """Return the range that sweep, arm file and person leave together.
+        """Return the intersection of recorded range, arm file and user's limits.
 
         Raises:
-            CalibrationError: Nothing; names the two that exclude each other.
+            CalibrationError: It is empty; names the two that exclude each other.
         """
         ends = self.range_inside_margin(margin_rad)
         if ends:
@@ -79,10 +79,10 @@ class MeasuredJoint:
 
 
 def measure_joint(wizard: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
-    """Return what was found out about a joint, in bare ticks.
+    """Return the mounting and travel of a joint, in bare ticks.
 
     Raises:
-        CalibrationError: A range that was known before does not hold the anchor pose.
+        CalibrationError: A range that was known before does not contain the reference pose.
     """
     track, anchor = wizard.tracks[subject.servo_id], wizard.reference_ticks[subject.servo_id]
     placed, name = subject.with_mounting(wizard.sign(subject), anchor), subject.name
@@ -93,16 +93,16 @@ def measure_joint(wizard: CalibrationState, subject: JointUnderCalibration) -> M
         expected = subject.expected
         ends = placed.ticks_inside(expected.lower.value, expected.upper.value)
         return MeasuredJoint(placed, TickRange(*ends), "not swept")
-    who: RangeSource = "by itself" if wizard.motor_driven else "by hand"
-    return MeasuredJoint(placed, TickRange(track.low, track.high), who)
+    source: RangeSource = "by itself" if wizard.motor_driven else "by hand"
+    return MeasuredJoint(placed, TickRange(track.low, track.high), source)
 
 
 def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: float) -> TickRange:
-    """Return a travel moved by whole turns to where the anchor is."""
+    """Return a travel moved by full revolutions to the reference tick."""
     shift = 0
-    if subject.turn:
+    if subject.ticks_per_turn:
         middle = (known.low + known.high) // 2
-        shift = unwrap_near(round(anchor), middle, subject.turn) - middle
+        shift = unwrap_near(round(anchor), middle, subject.ticks_per_turn) - middle
     if not known.low + shift - 1 <= anchor <= known.high + shift + 1:
         raise CalibrationError(
             f"{subject.name}: the anchor pose is outside the range that was recorded before.",
@@ -111,16 +111,18 @@ def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: flo
     return TickRange(known.low + shift, known.high + shift)
 
 
-_SAME_TICKS = 3  # servos of one joint that differ by less are as alike as their gears
+_SAME_TICKS = (
+    3  # smaller differences between servos of one joint are within the play of their gears
+)
 
-Facts = Mapping[int, ServoConfig]
+ServoConfigs = Mapping[int, ServoConfig]
 RegisterValues = Mapping[int, Mapping[str, int]]
 """Raw numbers by servo id and register."""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationMetadata:
-    """What a calibration file says beside the joints."""
+    """Data of a calibration file besides the joints."""
 
     arm: str
     written: datetime
@@ -132,7 +134,7 @@ class CalibrationMetadata:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """A calibration, and what each servo must hold for it."""
+    """A calibration, and the expected registers of each servo."""
 
     calibration: Calibration
     memory: RegisterValues
@@ -140,63 +142,63 @@ class CalibrationResult:
 
 def build_calibration(
     wizard: CalibrationState,
-    facts: Facts,
-    about: CalibrationMetadata,
+    configs: ServoConfigs,
+    metadata: CalibrationMetadata,
     *,
     write_limits: bool = False,
     user: Mapping[str, Limits] | None = None,
 ) -> CalibrationResult:
-    """Work out the calibration of a conversation that has reached its review.
+    """Compute the calibration of a procedure that has reached its review.
 
     Args:
-        wizard: The conversation.
-        facts: Every servo as it was found, by id.
-        about: What else the file says.
-        write_limits: Whether the servos shall hold the limits themselves.
-        user: Ranges that the person set, by joint.
+        wizard: The procedure.
+        configs: The configuration of every servo, by id.
+        metadata: Further data of the file.
+        write_limits: Whether limits are written to the servos, too.
+        user: Limits set by the user, by joint.
 
     Raises:
-        CalibrationError: A joint travels a turn or more, or nothing is left of its range.
+        CalibrationError: A joint travels a revolution or more, or its range is empty.
     """
     memory: dict[int, Mapping[str, int]] = {}
     joints: list[CalibratedJoint] = []
     for subject in wizard.subjects:
         own = (user or {}).get(subject.name)
-        homing, found = _apply_homing(wizard, subject, facts)
+        homing, found = _apply_homing(wizard, subject, configs)
         limits = found.limits(subject.expected, wizard.margin_rad, own)
         inside = found.joint_map.ticks_inside(limits.lower.value, limits.upper.value)
         registers = inside if write_limits and not homing.extended else None
-        for servo_id, set_up in _choose_homings(wizard, subject, facts, homing, found.travel):
-            memory[servo_id] = expected_registers(facts[servo_id], set_up, registers)
+        for servo_id, set_up in _choose_homings(wizard, subject, configs, homing, found.travel):
+            memory[servo_id] = expected_registers(configs[servo_id], set_up, registers)
         joints.append(
             _calibrated_joint(
-                wizard, subject, found, own, _calibrated_servos(subject, facts, memory)
+                wizard, subject, found, own, _calibrated_servos(subject, configs, memory)
             )
         )
-    return CalibrationResult(_make_calibration(about, wizard.margin_rad, joints), memory)
+    return CalibrationResult(_make_calibration(metadata, wizard.margin_rad, joints), memory)
 
 
 def _make_calibration(
-    about: CalibrationMetadata, margin_rad: float, joints: list[CalibratedJoint]
+    metadata: CalibrationMetadata, margin_rad: float, joints: list[CalibratedJoint]
 ) -> Calibration:
     return Calibration(
         format=1,
-        arm=about.arm,
-        written=about.written,
-        tool_version=about.tool_version,
-        usb_serial_number=about.usb_serial_number,
-        family=about.family,
-        anchor_pose=about.anchor_pose,
+        arm=metadata.arm,
+        written=metadata.written,
+        tool_version=metadata.tool_version,
+        usb_serial_number=metadata.usb_serial_number,
+        family=metadata.family,
+        anchor_pose=metadata.anchor_pose,
         margin_deg=math.degrees(margin_rad),
         joints=tuple(joints),
     )
 
 
 def _apply_homing(
-    wizard: CalibrationState, subject: JointUnderCalibration, facts: Facts
+    wizard: CalibrationState, subject: JointUnderCalibration, configs: ServoConfigs
 ) -> tuple[Homing, MeasuredJoint]:
-    """Return how the joint's servo must count, and the joint in the ticks it then reports."""
-    lead, found = facts[subject.servo_id], measure_joint(wizard, subject)
+    """Return the homing of the joint's servo, and the joint in the ticks it then reports."""
+    lead, found = configs[subject.servo_id], measure_joint(wizard, subject)
     homing = choose_homing(
         subject.name,
         lead.table.family,
@@ -217,23 +219,23 @@ def _apply_homing(
 def _choose_homings(
     wizard: CalibrationState,
     subject: JointUnderCalibration,
-    facts: Facts,
+    configs: ServoConfigs,
     homing: Homing,
     travel: TickRange,
 ) -> list[tuple[int, Homing]]:
-    """Return how each servo of a joint is set up: shadows report what the first one does."""
+    """Return the homing of each servo of a joint: shadows report the ticks of the first one."""
     rows = [(subject.servo_id, homing)]
     reported = round(wizard.reference_ticks[subject.servo_id] - homing.shift)
     for shadow_id in subject.shadow_ids:
-        wanted = wrapped_difference(
-            round(wizard.reference_ticks[shadow_id]), reported, subject.turn
+        expected = wrapped_difference(
+            round(wizard.reference_ticks[shadow_id]), reported, subject.ticks_per_turn
         )
-        held = facts[shadow_id].offset
-        offset = held if abs(wanted - held) <= _SAME_TICKS else wanted
+        present = configs[shadow_id].offset
+        offset = present if abs(expected - present) <= _SAME_TICKS else expected
         if (
             abs(offset) > MAX_X_OFFSET
             or travel.low < offset
-            or travel.high - offset >= subject.turn
+            or travel.high - offset >= subject.ticks_per_turn
         ):
             raise CalibrationError(
                 f"Servo {shadow_id} of {subject.name} is {offset} ticks off servo "
@@ -245,13 +247,13 @@ def _choose_homings(
 
 
 def _calibrated_servos(
-    subject: JointUnderCalibration, facts: Facts, memory: RegisterValues
+    subject: JointUnderCalibration, configs: ServoConfigs, memory: RegisterValues
 ) -> list[CalibratedServo]:
     return [
         CalibratedServo(
             id=servo_id,
-            model=facts[servo_id].table.model_name,
-            firmware=facts[servo_id].firmware,
+            model=configs[servo_id].table.model_name,
+            firmware=configs[servo_id].firmware,
             holds=dict(memory[servo_id]),
         )
         for servo_id in (subject.servo_id, *subject.shadow_ids)
@@ -299,8 +301,8 @@ class ShiftedZero:
 
     Attributes:
         subject: The joint.
-        ends: Its swept range, rad or m.
-        shift: How far the range has to move to fit the arm file's best, rad or m.
+        ends: Its recorded range, rad or m.
+        shift: The shift of the range that fits the arm file best, rad or m.
     """
 
     subject: JointUnderCalibration
@@ -308,11 +310,11 @@ class ShiftedZero:
     shift: float
 
     def __str__(self) -> str:
-        say, expected = self.subject.joint_map.format, self.subject.expected
+        format_position, expected = self.subject.joint_map.format, self.subject.expected
         return (
-            f"{self.subject.name}: swept {' to '.join(map(say, self.ends))}, arm file "
-            f"{say(expected.lower.value)} to {say(expected.upper.value)}: "
-            f"the zero seems to be off by {say(abs(self.shift))}."
+            f"{self.subject.name}: swept {' to '.join(map(format_position, self.ends))}, arm file "
+            f"{format_position(expected.lower.value)} to {format_position(expected.upper.value)}: "
+            f"the zero seems to be off by {format_position(abs(self.shift))}."
         )
 
 
@@ -320,7 +322,7 @@ def find_shifted_zeros(wizard: CalibrationState) -> Iterator[ShiftedZero]:
     """Yield the measured joints whose zero is implausible, once the sweep has ended.
 
     Raises:
-        CalibrationError: A range that was known before does not hold the anchor pose.
+        CalibrationError: A range that was known before does not contain the reference pose.
     """
     for subject in wizard.subjects:
         ends = measure_joint(wizard, subject).range_inside_margin(0.0)

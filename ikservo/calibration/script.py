@@ -1,4 +1,4 @@
-"""Scripted answers to the questions of a calibration."""
+"""Scripted input of a calibration."""
 
 from __future__ import annotations
 
@@ -27,98 +27,98 @@ ANSWERS = {
 }
 
 _MAX_SCRIPT_BYTES = 64 * 1024
-_QUIET_S = 1.0  # without a new extreme, once every range looks whole
+_UNCHANGED_S = 1.0  # without a new extreme, once every range looks whole
 _COMPLETE_AFTER_S = 4.0  # likewise, where ranges are narrower than the arm file's
 _TIMEOUT_S = 60.0
 
 
-def apply_answer(wizard: CalibrationState, word: str) -> CalibrationState:
-    """Return the conversation after an answer.
+def apply_answer(wizard: CalibrationState, text: str) -> CalibrationState:
+    """Return the state after an input.
 
     Raises:
-        BadValueError: It is no answer.
-        UnknownNameError: It names no joint of this arm.
-        CalibrationError: Something is missing before it can be accepted; says what.
+        BadValueError: It is no valid input.
+        UnknownNameError: The arm has no joint of that name.
+        CalibrationError: Something is missing before it can be accepted; names it.
     """
-    verb, _, joint = word.strip().partition(" ")
+    verb, _, joint = text.strip().partition(" ")
     if joint and verb in ("again", "skip", "free"):
         steps = {"again": wizard.remeasure, "skip": wizard.skip, "free": wizard.mark_continuous}
         return steps[verb](joint.strip())
-    if word.strip() == "accept":
+    if text.strip() == "accept":
         return wizard.accept()
-    if word.strip() == "undo":
+    if text.strip() == "undo":
         return wizard.undo()
-    raise BadValueError("The answer", repr(word), f"one of: {', '.join(ANSWERS)}")
+    raise BadValueError("The answer", repr(text), f"one of: {', '.join(ANSWERS)}")
 
 
 def read_script(path: Path) -> list[str]:
-    """Return the answers in a file, one a line; ``#`` begins a remark.
+    """Return the inputs in a file, one a line; ``#`` begins a comment.
 
     Raises:
-        FileFormatError: The file cannot be read, or a line is no answer.
+        FileFormatError: The file cannot be read, or a line is no valid input.
     """
-    verbs = {word.partition(" ")[0] for word in ANSWERS}
-    answers: list[str] = []
+    verbs = {text.partition(" ")[0] for text in ANSWERS}
+    entries: list[str] = []
     for number, line in enumerate(read_text(path, _MAX_SCRIPT_BYTES).splitlines(), start=1):
-        word = line.partition("#")[0].strip()
-        if word and word.partition(" ")[0] not in verbs:
+        text = line.partition("#")[0].strip()
+        if text and text.partition(" ")[0] not in verbs:
             expected = f"one of: {', '.join(ANSWERS)}"
             raise FileFormatError(path, f"line {number}", "is not an answer", expected)
-        answers += [word] if word else []
-    return answers
+        entries += [text] if text else []
+    return entries
 
 
 class ScriptedAnswers:
-    """Gives answers one after the other, each when its moment has come.
+    """Supplies inputs one after the other, each when it is due.
 
-    ``accept`` waits until the arm is held still, or until nothing new has been found for a while;
-    everything else waits for the sweep.
+    ``accept`` waits until the arm is held still, or until no range has grown for a while; all other
+    inputs wait for the sweep.
 
     Args:
         answers: In order; None to accept whatever can be accepted.
     """
 
-    def __init__(self, answers: Iterable[str] | None = None) -> None:
-        self._answers: Iterator[str] = repeat("accept") if answers is None else iter(answers)
-        self._next = deque([next(self._answers, "")])
-        self._seen: tuple[object, ...] = ()
+    def __init__(self, entries: Iterable[str] | None = None) -> None:
+        self._entries: Iterator[str] = repeat("accept") if entries is None else iter(entries)
+        self._next = deque([next(self._entries, "")])
+        self._last: tuple[object, ...] = ()
         self._since_s: float | None = None
 
     def next_answer(self, wizard: CalibrationState, at_s: float) -> str | None:
-        """Return the next answer if its moment has come.
+        """Return the next input if it is due.
 
         Raises:
-            CalibrationError: It has not come for a minute in which nothing changed; says why.
+            CalibrationError: It was not due for a minute without changes; names the cause.
         """
-        calm_s = self._unchanged_for_s(wizard, at_s)
-        word = self._next[0]
-        if word and self._is_due(word, wizard, calm_s):
-            self._next[0] = next(self._answers, "")
+        unchanged_s = self._unchanged_for_s(wizard, at_s)
+        text = self._next[0]
+        if text and self._is_due(text, wizard, unchanged_s):
+            self._next[0] = next(self._entries, "")
             self._since_s = None
-            return word
-        if calm_s > _TIMEOUT_S:
+            return text
+        if unchanged_s > _TIMEOUT_S:
             raise self._timeout_error(wizard)
         return None
 
     def _unchanged_for_s(self, wizard: CalibrationState, at_s: float) -> float:
-        """Return for how long nothing new has been found."""
-        seen = (
+        """Return how long nothing has changed, seconds."""
+        present = (
             wizard.stage,
             wizard.current_joint,
             *((t.low, t.high) for t in wizard.tracks.values()),
         )
-        if self._since_s is None or seen != self._seen:
-            self._seen, self._since_s = seen, at_s
+        if self._since_s is None or present != self._last:
+            self._last, self._since_s = present, at_s
         return at_s - self._since_s
 
-    def _is_due(self, word: str, wizard: CalibrationState, calm_s: float) -> bool:
-        if word != "accept":
+    def _is_due(self, text: str, wizard: CalibrationState, unchanged_s: float) -> bool:
+        if text != "accept":
             return wizard.stage is CalibrationStage.SWEEP
         if wizard.stage is CalibrationStage.REFERENCE_POSE:
             return wizard.is_at_rest
         if wizard.stage is CalibrationStage.SWEEP:
-            whole = all(range_complete(wizard, subject) for subject in wizard.subjects)
-            return calm_s > (_QUIET_S if whole else _COMPLETE_AFTER_S) and not any(
+            complete = all(range_complete(wizard, subject) for subject in wizard.subjects)
+            return unchanged_s > (_UNCHANGED_S if complete else _COMPLETE_AFTER_S) and not any(
                 blocking_issues(wizard)
             )
         return True

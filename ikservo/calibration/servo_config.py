@@ -39,13 +39,11 @@ _ROLES = (
     RegisterName.MIN_POSITION_LIMIT,
     RegisterName.MAX_POSITION_LIMIT,
 )
-_NAMED = {Family.FEETECH_STS: ("phase",), Family.DYNAMIXEL_2: ("drive_mode",)}
-# Bits that turn the count or its direction; the others of these registers are tuning.
+_NAMES = {Family.FEETECH_STS: ("phase",), Family.DYNAMIXEL_2: ("drive_mode",)}
+# Bits that reverse or shift the count; the others of these registers are tuning.
 _BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
 
-MULTI_TURN_BIT = (
-    0b0001_0000  # of phase: an STS that counts several turns forgets them with the power
-)
+MULTI_TURN_BIT = 0b0001_0000  # of phase: a multi-turn STS loses its count without power
 _POSITION_MODES = {
     Family.FEETECH_STS: (FeetechMode.POSITION,),
     Family.DYNAMIXEL_2: (
@@ -60,13 +58,13 @@ _MULTI_TURN_MODES = (EXTENDED, CURRENT_POSITION)
 
 @dataclass(frozen=True, slots=True)
 class ServoConfig:
-    """A servo as it was found.
+    """The configuration of a servo.
 
     Attributes:
         id: Its bus id.
         table: Its control table.
-        firmware: What it says, in words; empty where it does not.
-        registers: Raw numbers of the registers that a calibration rests on, by name.
+        firmware: Its firmware version; empty if it reports none.
+        registers: Raw numbers of the registers that a calibration depends on, by name.
     """
 
     id: int
@@ -76,7 +74,7 @@ class ServoConfig:
 
     @property
     def offset(self) -> int:
-        """Return the homing offset that is in force."""
+        """Return the effective homing offset."""
         offset = self.registers.get("homing_offset", 0)
         one_turn = self.registers.get("operating_mode") == OperatingMode.POSITION
         ignored = one_turn and abs(offset) > MAX_X_OFFSET
@@ -84,40 +82,40 @@ class ServoConfig:
 
     @property
     def is_multi_turn(self) -> bool:
-        """Return whether the servo counts on beyond one turn."""
+        """Return whether the servo counts beyond one revolution."""
         return is_multi_turn(self.registers)
 
 
-def same_direction(facts: ServoConfig, held: Mapping[str, int]) -> bool:
-    """Return whether a servo counts in the direction that ``held`` says, and goes to positions.
+def same_direction(config: ServoConfig, held: Mapping[str, int]) -> bool:
+    """Return whether a servo counts in the direction of ``held``, in a position mode.
 
-    An offset that the servo ignores counts as no offset that could be relied on, either.
+    An offset that the servo ignores makes the result False, too.
     """
-    mode = facts.registers.get("operating_mode")
-    turned = (name for name in _BITS if name in held and name in facts.registers)
-    if any(registers_differ(name, held[name], facts.registers[name]) for name in turned):
+    mode = config.registers.get("operating_mode")
+    turned = (name for name in _BITS if name in held and name in config.registers)
+    if any(registers_differ(name, held[name], config.registers[name]) for name in turned):
         return False
-    ignored = facts.offset != facts.registers.get("homing_offset", 0)
-    return not ignored and mode in _POSITION_MODES.get(facts.table.family, (mode,))
+    ignored = config.offset != config.registers.get("homing_offset", 0)
+    return not ignored and mode in _POSITION_MODES.get(config.table.family, (mode,))
 
 
 def is_multi_turn(held: Mapping[str, int]) -> bool:
-    """Return whether a servo that holds these numbers counts on beyond one turn."""
+    """Return whether a servo with these registers counts beyond one revolution."""
     dynamixel = "drive_mode" in held
     return dynamixel and held["operating_mode"] in _MULTI_TURN_MODES
 
 
 def calibration_registers(table: type[ControlTable]) -> list[Register]:
-    """Return the registers of a model that a calibration rests on."""
+    """Return the registers of a model that a calibration depends on."""
     roles = [table.find(role) for role in _ROLES if role not in table.missing]
-    return [*roles, *(table.registers[name] for name in _NAMED.get(table.family, ()))]
+    return [*roles, *(table.registers[name] for name in _NAMES.get(table.family, ()))]
 
 
 def read_servo_config(bus: ServoBus, servo_id: int) -> ServoConfig:
-    """Return a servo as it is.
+    """Read the configuration of a servo.
 
     Raises:
-        BusError: It does not answer.
+        BusError: It does not reply.
     """
     table = bus.servos[servo_id].table
     rows = calibration_registers(table)
@@ -127,30 +125,30 @@ def read_servo_config(bus: ServoBus, servo_id: int) -> ServoConfig:
 
 
 def registers_differ(register: str, one: int, other: int) -> bool:
-    """Return whether two raw numbers of a register mean another count or limit."""
+    """Return whether two raw numbers of a register differ in the bits that matter."""
     return bool((one ^ other) & _BITS.get(register, -1))
 
 
 def expected_registers(
-    facts: ServoConfig, homing: Homing, limits: tuple[int, int] | None
+    config: ServoConfig, homing: Homing, limits: tuple[int, int] | None
 ) -> dict[str, int]:
-    """Return what a servo should hold.
+    """Return the expected registers of a servo.
 
     Args:
-        facts: As it is; what need not change does not.
-        homing: How its count shall be set up.
-        limits: Position limits, raw; None leaves them open where the present ones no longer mean
-            the same places, and as they are where they do.
+        config: Its present configuration; kept where possible.
+        homing: Its homing settings.
+        limits: Position limits, raw; None opens them if the present ones no longer mean the
+            same positions, and keeps them if they do.
     """
-    held = dict(facts.registers)
-    if facts.table.family is Family.FEETECH_STS:
+    held = dict(config.registers)
+    if config.table.family is Family.FEETECH_STS:
         held["operating_mode"] = FeetechMode.POSITION
         held["phase"] &= ~MULTI_TURN_BIT
-    elif facts.table.family is Family.DYNAMIXEL_2:
+    elif config.table.family is Family.DYNAMIXEL_2:
         held["operating_mode"] = _choose_x_mode(held["operating_mode"], homing)
     if "homing_offset" in held:
         held["homing_offset"] = homing.offset
-    return held | _expected_limits(facts, held, limits)
+    return held | _expected_limits(config, held, limits)
 
 
 def _choose_x_mode(mode: int, homing: Homing) -> int:
@@ -160,14 +158,14 @@ def _choose_x_mode(mode: int, homing: Homing) -> int:
 
 
 def _expected_limits(
-    facts: ServoConfig, held: Mapping[str, int], limits: tuple[int, int] | None
+    config: ServoConfig, held: Mapping[str, int], limits: tuple[int, int] | None
 ) -> dict[str, int]:
     rows = [
-        facts.table.find(r)
+        config.table.find(r)
         for r in (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
     ]
-    moved = held.get("homing_offset") != facts.registers.get("homing_offset")
-    none_set = facts.registers[rows[0].name] == facts.registers[rows[1].name] == 0
+    moved = held.get("homing_offset") != config.registers.get("homing_offset")
+    none_set = config.registers[rows[0].name] == config.registers[rows[1].name] == 0
     if limits is None and not (moved or none_set):
         return {}
     wide = (rows[0].range[0], rows[1].range[1])
@@ -177,60 +175,60 @@ def _expected_limits(
 
 @dataclass(frozen=True, slots=True)
 class RegisterMismatch:
-    """A register that does not hold what it held when the arm was calibrated.
+    """A register that differs from its value when the arm was calibrated.
 
     Attributes:
-        joint: Whose servo it is.
+        joint: The servo's joint.
         servo_id: Its id.
         register: By name; ``model`` for the servo itself.
-        filed: What the file says.
-        found: What the servo says.
+        expected: The value in the file.
+        found: The value in the servo.
     """
 
     joint: str
     servo_id: int
     register: str
-    filed: str
+    expected: str
     found: str
 
     def __str__(self) -> str:
         return (
             f"{self.register} of {self.joint} (id {self.servo_id}) is {self.found} in the servo "
-            f"and {self.filed} in the calibration"
+            f"and {self.expected} in the calibration"
         )
 
 
 def register_mismatches(
-    calibration: Calibration, facts: Mapping[int, ServoConfig]
+    calibration: Calibration, config: Mapping[int, ServoConfig]
 ) -> Iterator[RegisterMismatch]:
-    """Yield where the servos differ from a calibration, joint by joint."""
+    """Yield the differences between servos and a calibration, joint by joint."""
     for joint in calibration.joints:
         for servo in joint.servos:
-            if servo.id not in facts:
+            if servo.id not in config:
                 yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "not this arm's")
             else:
-                yield from _servo_mismatches(joint.name, servo, facts[servo.id])
+                yield from _servo_mismatches(joint.name, servo, config[servo.id])
 
 
 def _servo_mismatches(
-    joint: str, servo: CalibratedServo, facts: ServoConfig
+    joint: str, servo: CalibratedServo, config: ServoConfig
 ) -> Iterator[RegisterMismatch]:
-    if servo.model != facts.table.model_name:
-        yield RegisterMismatch(joint, servo.id, "model", servo.model, facts.table.model_name)
+    if servo.model != config.table.model_name:
+        yield RegisterMismatch(joint, servo.id, "model", servo.model, config.table.model_name)
         return
-    for name, filed in servo.holds.items():
-        found = facts.registers.get(name)
+    for name, expected in servo.holds.items():
+        found = config.registers.get(name)
         if found is None:
-            yield RegisterMismatch(joint, servo.id, name, str(filed), "unknown")
-        elif registers_differ(name, filed, found):
-            yield RegisterMismatch(joint, servo.id, name, str(filed), str(found))
+            yield RegisterMismatch(joint, servo.id, name, str(expected), "unknown")
+        elif registers_differ(name, expected, found):
+            yield RegisterMismatch(joint, servo.id, name, str(expected), str(found))
 
 
 def raise_on_mismatch(contradictions: Iterable[RegisterMismatch]) -> None:
-    """Refuse to go on where there are contradictions.
+    """Raise if there are mismatches.
 
     Raises:
-        CalibrationError: Names the first, with both values, and how to go on.
+        CalibrationError: Names the first, with both values, and what to do.
     """
     first, *more = [*contradictions, None]
     if first is None:

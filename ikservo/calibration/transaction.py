@@ -1,8 +1,8 @@
 """Write calibration to servos and file as one journaled transaction: all of it, or nothing.
 
-The journal is on disk before the first servo is written and goes away after the file is. Whoever
-finds one knows both states, sees from the servos how far the writing came, and can finish it or
-take it back.
+The journal is on disk before the first servo is written and is removed after the file is. It
+contains both states, so that a later run reads from the servos how far the writing came, and can
+finish it or undo it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _Memory = Mapping[Annotated[str, Field(max_length=64)], int]
 
 
 class EepromChange(StrictModel):
-    """One servo: the raw numbers that it held, and those that it shall hold."""
+    """One servo: its old and its new raw numbers."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     old: _Memory = Field(description="register = raw number")
@@ -61,9 +61,9 @@ class Journal(StrictModel):
 
     Attributes:
         path: The calibration file.
-        old_text: What it held; empty where there was none.
-        new_text: What it shall hold.
-        changes: By servo, in the order in which they are written.
+        old_text: Its old content; empty if there was none.
+        new_text: Its new content.
+        changes: By servo, in the order of writing.
     """
 
     format: Literal[1] = Field(description="1")
@@ -74,18 +74,18 @@ class Journal(StrictModel):
 
 
 def dump_journal(journal: Journal) -> str:
-    """Return what stands in the file."""
-    import tomli_w  # noqa: PLC0415  # only who writes needs it
+    """Return the content of the file."""
+    import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
     tables = journal.model_dump(mode="python")
     return with_checksum(_HEADER + tomli_w.dumps(tables))
 
 
 def read_journal(path: Path) -> Journal | None:
-    """Return what was being written, or None where nothing was.
+    """Return the interrupted transaction, or None if there is none.
 
     Raises:
-        FileFormatError: The journal is spoiled.
+        FileFormatError: The journal is damaged.
     """
     if not path.exists():
         return None
@@ -100,22 +100,22 @@ def read_journal(path: Path) -> Journal | None:
 
 
 class TransactionProgress(Enum):
-    """How far an interrupted writing came."""
+    """Progress of an interrupted transaction."""
 
     NOTHING = "no servo was changed"
     EVERYTHING = "every servo was changed"
     SOME = "some servos were changed"
 
 
-def plan_changes(bus: ServoBus, wanted: Mapping[int, Mapping[str, int]]) -> list[EepromChange]:
-    """Return what must be written so that servos hold what is wanted, raw, by id and register.
+def plan_changes(bus: ServoBus, expected: Mapping[int, Mapping[str, int]]) -> list[EepromChange]:
+    """Return the changes that give servos their expected registers, raw, by id and register.
 
     Raises:
-        BusError: A servo does not answer.
+        BusError: A servo does not reply.
     """
     changes: list[EepromChange] = []
-    for servo_id, memory in wanted.items():
-        rows = register_differences(bus, servo_id, _register_values(bus, servo_id, memory))
+    for servo_id, registers in expected.items():
+        rows = register_differences(bus, servo_id, _register_values(bus, servo_id, registers))
         if rows:
             old = {str(row.register): row.found for row in rows}
             new = {str(row.register): row.wanted for row in rows}
@@ -126,17 +126,17 @@ def plan_changes(bus: ServoBus, wanted: Mapping[int, Mapping[str, int]]) -> list
 def commit(
     bus: ServoBus, journal_path: Path, path: Path, text: str, changes: Sequence[EepromChange]
 ) -> None:
-    """Write servos and file as one; on a failure that can be taken back, everything is as before.
+    """Write servos and file as one; after a failure both are restored.
 
     Args:
         bus: The servos, torque off.
-        journal_path: Where the journal stands meanwhile.
+        journal_path: The journal during the transaction.
         path: The calibration file.
-        text: What it shall hold; empty for no file.
-        changes: What the servos shall hold.
+        text: Its new content; empty for no file.
+        changes: The new registers of the servos.
 
     Raises:
-        CalibrationError: It failed and could not be taken back; says how to go on.
+        CalibrationError: It failed and could not be undone; tells how to continue.
         IkservoError: It failed; nothing is changed.
     """
     old_text = path.read_text("utf-8") if path.exists() else ""
@@ -153,10 +153,10 @@ def commit(
 
 
 def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
-    """Return how far a writing came.
+    """Return how far a transaction came.
 
     Raises:
-        BusError: A servo does not answer.
+        BusError: A servo does not reply.
     """
     olds = [not _memory_differs(bus, change.id, change.old) for change in journal.changes]
     news = [not _memory_differs(bus, change.id, change.new) for change in journal.changes]
@@ -166,13 +166,13 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
 
 
 def recover(bus: ServoBus, journal_path: Path) -> str:
-    """Clear up after an interrupted writing where that needs no servo to be written.
+    """Recover an interrupted transaction if that needs no servo to be written.
 
     Returns:
-        What was done, for the person; empty where there was nothing to do.
+        What was done, for the user; empty if there was nothing to do.
 
     Raises:
-        CalibrationError: Some servos are changed and some are not; says how to go on.
+        CalibrationError: Some servos are changed and some are not; tells how to continue.
     """
     journal = _find_interrupted(bus, journal_path)
     if journal is None:
@@ -205,7 +205,7 @@ def resume(bus: ServoBus, journal_path: Path) -> bool:
 
 
 def roll_back(bus: ServoBus, journal_path: Path) -> bool:
-    """Take an interrupted writing back; return whether there was one.
+    """Undo an interrupted writing; return whether there was one.
 
     Raises:
         IkservoError: A servo still cannot be written; the journal stays.
@@ -219,11 +219,11 @@ def roll_back(bus: ServoBus, journal_path: Path) -> bool:
 
 
 def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
-    """Return what was being written into the servos of this line.
+    """Return the interrupted transaction on this port's servos.
 
     Raises:
         CalibrationError: It is of a servo that the arm file does not have, or has as another.
-        FileFormatError: The journal is spoiled.
+        FileFormatError: The journal is damaged.
     """
     journal = read_journal(journal_path)
     for change in journal.changes if journal else ():
@@ -273,12 +273,12 @@ def _roll_back_after(
         _restore_servos(bus, journal)
     except IkservoError:
         raise _unfinished_error() from cause
-    with contextlib.suppress(FileWriteError):  # one that stays tells of nothing that was changed
+    with contextlib.suppress(FileWriteError):  # a remaining journal contains no changes
         remove_durably(journal_path)
 
 
 def _lock_eeproms(bus: ServoBus, journal: Journal) -> None:
-    """Close memories that a killed program may have left open; nothing in them changes."""
+    """Lock memories that a killed program may have left unlocked."""
     for change in journal.changes:
         lock = bus.servos[change.id].table.eeprom_lock
         if lock and bus.read(change.id, lock, raw=True) == 0:
@@ -292,12 +292,12 @@ def _unfinished_error() -> CalibrationError:
     )
 
 
-def _memory_differs(bus: ServoBus, servo_id: int, memory: Mapping[str, int]) -> bool:
-    return bool(register_differences(bus, servo_id, _register_values(bus, servo_id, memory)))
+def _memory_differs(bus: ServoBus, servo_id: int, registers: Mapping[str, int]) -> bool:
+    return bool(register_differences(bus, servo_id, _register_values(bus, servo_id, registers)))
 
 
 def _register_values(
-    bus: ServoBus, servo_id: int, memory: Mapping[str, int]
+    bus: ServoBus, servo_id: int, registers: Mapping[str, int]
 ) -> dict[RegisterRef, int]:
     table = bus.servos[servo_id].table
-    return {table.registers[name]: number for name, number in memory.items()}
+    return {table.registers[name]: number for name, number in registers.items()}

@@ -82,7 +82,7 @@ def _print_differences(loose: TorqueOffArm, *, json: bool) -> None:
     if json:
         print_json("calibration-diff", path=loose.path, differences=found)
     elif found:
-        rows = [[d.joint, str(d.servo_id), d.register, d.filed, d.found] for d in found]
+        rows = [[d.joint, str(d.servo_id), d.register, d.expected, d.found] for d in found]
         print_table(["joint", "id", "register", "file", "servo"], rows)
     else:
         print_lines(["Servos and calibration file agree."])

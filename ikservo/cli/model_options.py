@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from ikservo.calibration import format_position, source_words
+from ikservo.calibration import format_position, format_source
 from ikservo.calibration.calibration_file import calibrations_of
 from ikservo.cli.options import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_status
@@ -101,7 +101,7 @@ def describe_limit(model: Model, binding: ActiveLimit) -> str:
         return str(binding)
     limit = joint.limits.lower if binding.side == "lower" else joint.limits.upper
     position = format_position(limit.value, joint.limits.unit)
-    return f"{binding}, {position} ({source_words(limit.source)})"
+    return f"{binding}, {position} ({format_source(limit.source)})"
 
 
 def limit_sources(model: Model) -> list[str]:

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from ikservo.arm import ArmState, JointState
 from ikservo.arm.remote import query_state
-from ikservo.calibration import source_words
+from ikservo.calibration import format_source
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmOption,
@@ -138,7 +138,7 @@ def _limit_lines(here: ArmState) -> list[str]:
     """Return where the limits come from: each source with its joints, or one for all."""
     sources: dict[str, list[str]] = {}
     for state in here.joints:
-        sources.setdefault(source_words(state.limit_from), []).append(state.name)
+        sources.setdefault(format_source(state.limit_from), []).append(state.name)
     if len(sources) == 1:
         return [f"limits: {next(iter(sources))}"]
     return [f"limits: {source} ({', '.join(joints)})" for source, joints in sources.items()]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ikservo.calibration import JointMap, JointUnit, Limits, format_position, source_words
+from ikservo.calibration import JointMap, JointUnit, Limits, format_position, format_source
 from ikservo.errors import RefusedError
 
 __all__ = ["CommandLimits", "LeadLimiter", "require_int_tick"]
@@ -92,7 +92,7 @@ class CommandLimits:
         target, bound = _format_distinct(position, limit.value, self.joint_map.unit)
         side = "above its upper" if above else "below its lower"
         return (
-            f"{self.joint} target {target} is {side} limit {bound} ({source_words(limit.source)})."
+            f"{self.joint} target {target} is {side} limit {bound} ({format_source(limit.source)})."
         )
 
 

@@ -150,7 +150,7 @@ class Result:
             self.q,
             asked.frame,
             asked.offset_m,
-            turning=not asked.only_position,
+            rotation=not asked.only_position,
         )
 
 

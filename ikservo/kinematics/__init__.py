@@ -1,4 +1,4 @@
-"""Where the links are for given joints, and how they move: pure functions on arrays."""
+"""Forward kinematics, Jacobians, and geometry of links: pure functions on arrays."""
 
 from ikservo.kinematics.arrays import finite_array, finite_vector, finite_vectors
 from ikservo.kinematics.chain import Chain

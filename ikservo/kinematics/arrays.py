@@ -39,7 +39,7 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector
     """Return ``values`` as an array of floats of that shape.
 
     Raises:
-        BadValueError: They are no numbers, not finite, or of another shape.
+        BadValueError: They are not numbers, not finite, or of another shape.
     """
     array = as_floats(values, what, f"numbers of shape {shape}")
     if array.shape != shape:
@@ -48,9 +48,9 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector
 
 
 def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
-    """Return ``values`` as an array of floats of any shape, or say what was expected.
+    """Return ``values`` as an array of floats of any shape; raise if not possible.
 
-    Text that reads like a number is none; neither is a truth, nor what has an imaginary part.
+    Strings, booleans and complex numbers are not accepted.
     """
     try:
         array = np.asarray(values)

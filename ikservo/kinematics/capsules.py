@@ -21,7 +21,7 @@ class Capsule:
     Attributes:
         link: Name of the link it moves with.
         start_m: One end of the segment (3,), link coordinates, metres.
-        end_m: The other end (3,); a ball where it is the same.
+        end_m: The other end (3,); equal for a sphere.
         radius_m: The radius.
     """
 
@@ -45,7 +45,7 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
     d1, d2, r = q1 - p1, q2 - p2, p1 - p2
     a, e, b = _row_dot(d1, d1), _row_dot(d2, d2), _row_dot(d1, d2)
     c, f = _row_dot(d1, r), _row_dot(d2, r)
-    # Parallel segments and points have no single closest pair: any s begins with one as good.
+    # Parallel segments and points have no single closest pair: any s will do to begin with.
     crossing = np.maximum(a * e - b * b, _NOTHING)
     s = _clamp_unit_interval((b * f - c * e) / crossing)
     t = _clamp_unit_interval((b * s + f) / np.maximum(e, _NOTHING))
@@ -57,8 +57,8 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
 def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) -> Vector:
     """Return the distances (…) from segments a b, each end (…, 3), to an upright box; 0 inside.
 
-    The distance to a convex body is a convex function along the segment, so that a search by
-    golden sections finds its least value.
+    The distance to a convex body is a convex function along the segment, so that golden section
+    search finds its minimum.
     """
     low, high = np.zeros(()), np.ones(())
     for _ in range(60):
@@ -70,8 +70,10 @@ def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) ->
     return _box_distance_at(a, b, 0.5 * (low + high), low_m, high_m)
 
 
-def _box_distance_at(a: Vector, b: Vector, share: Vector, low_m: Vector, high_m: Vector) -> Vector:
-    point = a + share[..., None] * (b - a)
+def _box_distance_at(
+    a: Vector, b: Vector, fraction: Vector, low_m: Vector, high_m: Vector
+) -> Vector:
+    point = a + fraction[..., None] * (b - a)
     outside = np.maximum(np.maximum(low_m - point, point - high_m), 0.0)
     return np.sqrt(_row_dot(outside, outside))
 

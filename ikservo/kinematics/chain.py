@@ -34,20 +34,20 @@ __all__ = ["Chain"]
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The joints that move the tip, and every link that hangs on them (lecture L1).
+    """The joints that move the tip, and every link connected to them.
 
     ``q`` is (dof,): rad for revolute joints, m for prismatic ones, ordered from base to tip.
-    Joints beside the way to the tip (a gripper's jaw) stand at the value nearest zero inside
-    their limits, so that every link of the arm is a frame that can be asked for. A joint that
-    others follow (mimic) has the limits that keep these inside theirs, too.
+    Joints beside the path to the tip (a gripper's jaw) are at the value nearest zero inside their
+    limits, so that every link of the arm can be used as a frame. A joint that others follow
+    (mimic) has the limits that keep these inside theirs, too.
 
     Attributes:
-        base: The root link; world coordinates are its coordinates.
-        tip: The link that ``forward`` and ``jacobian`` mean when no frame is named.
+        base: The root link; its coordinates are world coordinates.
+        tip: The default frame of ``forward`` and ``jacobian``.
         names: Names of the moving joints, base to tip.
         lower_rad: Lower limits (dof,), rad (m for a prismatic joint); -inf for a continuous one.
         upper_rad: Upper limits (dof,).
-        kinds: How each joint moves.
+        kinds: The type of each joint.
     """
 
     base: str
@@ -56,20 +56,20 @@ class Chain:
     lower_rad: Vector
     upper_rad: Vector
     kinds: tuple[JointType, ...]
-    _ways: Mapping[str, tuple[ChainJoint, ...]] = field(repr=False)
+    _paths: Mapping[str, tuple[ChainJoint, ...]] = field(repr=False)
 
     @classmethod
     def from_joints(cls, joints: Sequence[Joint], base: str, tip: str) -> Chain:
         """Build the chain of a tree of joints, in any order, from ``base`` to ``tip``.
 
         Raises:
-            InputError: No joint on the way to the tip moves, or mimics leave one no range.
-            UnknownNameError: ``tip`` is no link that hangs on ``base``, or a mimic follows none.
+            InputError: No joint on the path to the tip moves, or mimics leave one no range.
+            UnknownNameError: ``tip`` is no link connected to ``base``, or a mimic follows none.
         """
-        ways = joints_to_each_link(joints, base)
-        if tip not in ways:
-            raise UnknownNameError("link", tip, ways)
-        moving = [j for j in ways[tip] if j.kind is not JointType.FIXED and j.mimic is None]
+        paths = joints_to_each_link(joints, base)
+        if tip not in paths:
+            raise UnknownNameError("link", tip, paths)
+        moving = [j for j in paths[tip] if j.kind is not JointType.FIXED and j.mimic is None]
         if not moving:
             raise InputError(f"No joint moves {tip!r} against {base!r}.", "Choose another tip.")
         columns = {joint.name: i for i, joint in enumerate(moving)}
@@ -83,7 +83,9 @@ class Chain:
             lower_rad=read_only(limits[:, 0]),
             upper_rad=read_only(limits[:, 1]),
             kinds=tuple(j.kind for j in moving),
-            _ways={link: tuple(steps[joint.name] for joint in way) for link, way in ways.items()},
+            _paths={
+                link: tuple(steps[joint.name] for joint in path) for link, path in paths.items()
+            },
         )
 
     @property
@@ -93,8 +95,8 @@ class Chain:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Return the names of all links; each can be the ``frame`` of a question."""
-        return tuple(self._ways)
+        """Return the names of all links; each can be a ``frame``."""
+        return tuple(self._paths)
 
     def joints_to(self, frame: str | None = None) -> tuple[ChainJoint, ...]:
         """Return the joints from the base to a link (the tip if None), fixed ones included.
@@ -103,9 +105,9 @@ class Chain:
             UnknownNameError: No link is named ``frame``.
         """
         try:
-            return self._ways[self.tip if frame is None else frame]
+            return self._paths[self.tip if frame is None else frame]
         except (KeyError, TypeError):  # no such name, or no name at all
-            raise UnknownNameError("link", str(frame), self._ways) from None
+            raise UnknownNameError("link", str(frame), self._paths) from None
 
     def with_limits(self, lower: ArrayLike, upper: ArrayLike) -> Chain:
         """Return the same chain inside other limits, (dof,) each, rad or m.
@@ -122,7 +124,7 @@ class Chain:
         return replace(self, lower_rad=read_only(low), upper_rad=read_only(high))
 
     def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
-        """Return the same chain with some joints elsewhere: ``T_parent_joint`` (4, 4) by joint.
+        """Return the same chain with some joints moved: ``T_parent_joint`` (4, 4) by joint.
 
         Raises:
             UnknownNameError: No joint of the arm has such a name.
@@ -130,16 +132,16 @@ class Chain:
         """
         if not isinstance(cast("object", origins), Mapping):
             raise BadValueError("The origins", repr(origins), "poses (4, 4) by joint")
-        known = {step.joint.name for way in self._ways.values() for step in way}
+        known = {step.joint.name for path in self._paths.values() for step in path}
         for name, T in origins.items():
             if name not in known:
                 raise UnknownNameError("joint", name, known)
             finite_array(T, (4, 4), f"The origin of {name}")
-        ways = {
-            link: tuple(_with_origin(step, origins) for step in way)
-            for link, way in self._ways.items()
+        paths = {
+            link: tuple(_with_origin(step, origins) for step in path)
+            for link, path in self._paths.items()
         }
-        return replace(self, _ways=ways)
+        return replace(self, _paths=paths)
 
     def clip(self, q: ArrayLike) -> Vector:
         """Return ``q`` (dof,) or (n, dof) with every joint at its nearest value inside limits.
@@ -151,7 +153,7 @@ class Chain:
         return clipped
 
     def mid_range(self) -> Vector:
-        """Return (dof,) the middle of every range; zero for joints that turn freely."""
+        """Return (dof,) the middle of every range; zero for continuous joints."""
         bounded = np.isfinite(self.lower_rad) & np.isfinite(self.upper_rad)
         middle = np.zeros(self.dof)
         middle[bounded] = 0.5 * (self.lower_rad[bounded] + self.upper_rad[bounded])
@@ -160,7 +162,7 @@ class Chain:
     def forward(
         self, q: ArrayLike, frame: str | None = None, offset_m: ArrayLike | None = None
     ) -> Matrix:
-        """Return the pose of a link, or of a point fixed to it (lecture L2).
+        """Return the pose of a link, or of a point fixed to it.
 
         ``f(q) = O1 M1(q1) O2 M2(q2) … offset`` with the fixed origins O and joint motions M.
 
@@ -170,7 +172,7 @@ class Chain:
             offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
 
         Returns:
-            T_world_frame (4, 4), or (n, 4, 4); the offset moves its origin and does not turn it.
+            T_world_frame (4, 4), or (n, 4, 4); the offset moves its origin without rotating it.
 
         Raises:
             BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
@@ -185,7 +187,7 @@ class Chain:
     def jacobian(
         self, q: ArrayLike, frame: str | None = None, offset_m: ArrayLike | None = None
     ) -> Matrix:
-        """Return how the point moves with each joint, in world coordinates (lecture L6).
+        """Return the Jacobian of the point, in world coordinates.
 
         Column i of a revolute joint is ``(axis x (f(q) - pivot), axis)``, of a prismatic joint
         ``(axis, 0)``.
@@ -228,9 +230,9 @@ class Chain:
         """Return T_world_link (4, 4) or (n, 4, 4) of every link at ``q`` (dof,) or (n, dof)."""
         q = finite_vectors(q, self.dof, "q")
         poses = {self.base: _identity_poses(q)}
-        for link, way in self._ways.items():
-            if way:  # the parents come first, the base itself has no way
-                step = way[-1]
+        for link, path in self._paths.items():
+            if path:  # the parents come first, the base itself has no joints
+                step = path[-1]
                 poses[link] = poses[step.joint.parent] @ step.joint.origin @ step.motion(q)
         return poses
 
@@ -245,7 +247,7 @@ class Chain:
 
 
 def _with_origin(step: ChainJoint, origins: Mapping[str, Matrix]) -> ChainJoint:
-    """Return the step with its joint's origin (4, 4) exchanged, where there is another."""
+    """Return the step with its joint's new origin (4, 4), if there is one."""
     if step.joint.name not in origins:
         return step
     joint = replace(step.joint, origin=read_only(origins[step.joint.name]))

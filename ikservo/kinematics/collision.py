@@ -17,14 +17,14 @@ from ikservo.kinematics.packed import PackedBody, pack_capsules, pack_links
 
 __all__ = ["CollisionBody", "LinkTravelBounds", "PairDistances"]
 
-# An arm never stands in a named pose to the tick.
+# An arm is never in a named pose to the tick.
 _MARGIN_M = 0.004
 
 
 class LinkTravelBounds:
-    """Bounds the way of every point of a link's capsules for each unit of a joint.
+    """Bounds of the motion of every point of a link's capsules for each unit of a joint.
 
-    A point goes no further than the angle times its distance from the joint's axis, which is no
+    A point moves no further than the angle times its distance from the joint's axis, which is no
     more than the lengths of the links in between.
 
     Args:
@@ -41,14 +41,14 @@ class LinkTravelBounds:
             self._size_m[capsule.link] = max(size_m, float(ends_m.max()))
 
     def bound_of(self, link: str) -> Vector:
-        """Return the bound for a link (dof,), m/rad or m/m."""
+        """Return the bound of a link (dof,), m/rad or m/m."""
         return self._sum_steps(link, self._chain.joints_to(link))
 
     def relative_bound(self, a: str, b: str) -> Vector:
-        """Return by how much two links come nearer (dof,): joints that carry both do not count."""
-        ways = self._chain.joints_to(a), self._chain.joints_to(b)
-        shared = {step.joint.name for step in ways[0]} & {step.joint.name for step in ways[1]}
-        own = [[step for step in way if step.joint.name not in shared] for way in ways]
+        """Return the bound of the approach of two links (dof,), without joints that move both."""
+        paths = self._chain.joints_to(a), self._chain.joints_to(b)
+        common = {step.joint.name for step in paths[0]} & {step.joint.name for step in paths[1]}
+        own = [[step for step in path if step.joint.name not in common] for path in paths]
         return self._sum_steps(a, own[0]) + self._sum_steps(b, own[1])
 
     def _sum_steps(self, link: str, steps: Sequence[ChainJoint]) -> Vector:
@@ -61,7 +61,7 @@ class LinkTravelBounds:
         return reach_m
 
     def _max_slide_offset_m(self, step: ChainJoint) -> float:
-        """Return how far a slide stands from its origin at most."""
+        """Return the maximum offset of a prismatic joint from its origin."""
         if not step.scale:
             return abs(step.shift)
         ends = self._chain.lower_rad[step.column], self._chain.upper_rad[step.column]
@@ -70,10 +70,10 @@ class LinkTravelBounds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairDistances:
-    """How close pairs of things come along a way.
+    """Distances of pairs of things in several postures.
 
     Attributes:
-        pairs: What comes near what: a link, and another link or the name of a thing.
+        pairs: The pairs: a link, and another link or the name of a thing.
         gap_m: Between their surfaces (n, pairs), metres; negative where they overlap.
     """
 
@@ -85,8 +85,8 @@ class CollisionBody:
     """The capsules of all links, and the pairs of links that may come near each other.
 
     Links that are joined to each other touch by nature and are left out. Capsules are thicker
-    than what they cover: pairs that overlap in a posture known to be free may come as near as
-    they are there, and their gap is counted from there.
+    than what they cover: for pairs that overlap in a posture known to be free, the distance
+    there counts as zero.
 
     Args:
         chain: The arm; ``q`` (dof,) places its links.
@@ -115,7 +115,7 @@ class CollisionBody:
         return self._chain
 
     def link_distances(self, q: ArrayLike) -> PairDistances:
-        """Return how close each watched pair of links comes, for q (n, dof)."""
+        """Return the distance of each checked pair of links, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         i, j = self._ones, self._others
         distance = segment_distance(starts[:, i], ends[:, i], starts[:, j], ends[:, j])
@@ -125,7 +125,7 @@ class CollisionBody:
         return PairDistances(self.pairs, gap_m + self._overlap_m)
 
     def floor_distances(self, q: ArrayLike, height_m: float) -> PairDistances:
-        """Return how far each link stays above a table, for q (n, dof); the root is left out."""
+        """Return the distance of each link above a table, for q (n, dof), without the root."""
         starts, ends = self._capsule_ends(q)
         lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
         return self._min_by_link(lowest, "the floor")
@@ -133,7 +133,7 @@ class CollisionBody:
     def box_distances(
         self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str
     ) -> PairDistances:
-        """Return how far each link stays from an upright box (3,) (3,), for q (n, dof)."""
+        """Return the distance of each link from an upright box (3,) (3,), for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         return self._min_by_link(
             segment_box_distance(starts, ends, low_m, high_m) - self._radii_m, name
@@ -166,7 +166,7 @@ class CollisionBody:
         return np.stack([a for a, _ in ends], axis=1), np.stack([b for _, b in ends], axis=1)
 
     def _min_by_link(self, gap_m: Matrix, other: str) -> PairDistances:
-        """Return the least gap of each link's capsules, the root left out."""
+        """Return the minimum distance of each link's capsules, without the root."""
         owners = [capsule.link for capsule in self._capsules]
         first = [owners.index(link) for link in self._links]
         per_link = np.minimum.reduceat(gap_m, first, axis=1)
@@ -174,7 +174,7 @@ class CollisionBody:
         return PairDistances(tuple((self._links[i], other) for i in moving), per_link[:, moving])
 
     def _capsule_pairs(self) -> tuple[list[int], list[int], list[int]]:
-        """Return the capsules to compare, pair of links after pair, and where each begins."""
+        """Return the capsules to compare, grouped by pair of links, and where each group begins."""
         own: dict[str, list[int]] = {}
         for i, capsule in enumerate(self._capsules):
             own.setdefault(capsule.link, []).append(i)
@@ -190,8 +190,8 @@ class CollisionBody:
 
 
 def _are_neighbours(chain: Chain, a: str, b: str) -> bool:
-    """Return whether at most one moving joint lies between two links."""
-    ways = [{step.joint.name: step.joint for step in chain.joints_to(link)} for link in (a, b)]
-    between = [*(ways[0].keys() ^ ways[1].keys())]
-    joints = ways[0] | ways[1]
+    """Return whether at most one moving joint is between two links."""
+    paths = [{step.joint.name: step.joint for step in chain.joints_to(link)} for link in (a, b)]
+    between = [*(paths[0].keys() ^ paths[1].keys())]
+    joints = paths[0] | paths[1]
     return sum(joints[name].kind is not JointType.FIXED for name in between) <= 1

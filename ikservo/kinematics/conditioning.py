@@ -1,8 +1,8 @@
 """Manipulability and the distance to the nearest singularity, lengths and angles kept apart.
 
 Singular values of a Jacobian whose rows are metres and radians mean nothing together. Here the
-linear rows are looked at first, and of the angular rows what remains to joints that leave the
-point where it is: the arm loses a direction of its pose exactly where one of the two is zero.
+linear rows are evaluated first, and of the angular rows the part for joint motions that leave
+the point at rest: the arm loses a direction of its pose exactly where one of the two is zero.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ __all__ = [
 def manipulability(J: Matrix) -> Vector:
     """Return Yoshikawa's measure ``sqrt(det(J Jᵀ))`` (), or (n,) for many Jacobians.
 
-    Zero where the tool cannot move in some direction of the rows given. Take the three linear
+    Zero where the tool cannot move in some direction of the given rows. Use the three linear
     rows for positions ``J[..., :3, :]`` [m³], all six for poses.
 
     Source: T. Yoshikawa, Manipulability of Robotic Mechanisms, IJRR 4(2), 1985. With fewer
-    joints than rows the product of the singular values that there are.
+    joints than rows, the product of the singular values.
     """
     return np.prod(np.linalg.svd(J, compute_uv=False), axis=-1)
 
 
 def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
-    """Return (dof,) or (n, dof): how far each joint is inside its nearer limit, rad or m.
+    """Return (dof,) or (n, dof): the distance of each joint to its nearer limit, rad or m.
 
     Negative outside, infinite for a continuous joint.
     """
@@ -49,16 +49,16 @@ def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
     return np.minimum(joints - chain.lower_rad, chain.upper_rad - joints)
 
 
-# Singular values below this part of the largest are zero in every posture that was looked at.
+# Singular values below this fraction of the largest are zero in every sampled posture.
 _RANK = 1e-7
 _SAMPLES = 5
 _IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0]))
 _STEPS, _HALVINGS = 40, 6
-# A singular value is zero where it is this part of what it was, or of one metre or radian.
+# A singular value is zero where it is this fraction of its start, or of one metre or radian.
 _ZERO = 1e-6
 _DIFFERENCE_RAD = 1e-6
 _MAX_STEP_RAD = 0.3
-# How far to either side of a posture each joint is turned to begin another walk.
+# Offset of each joint to either side of a posture, for further start postures.
 _START_OFFSET_RAD = 0.7
 _MIN_DERIVATIVE = 1e-300
 
@@ -68,17 +68,17 @@ Measure = Callable[[Vector], Vector]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditioning:
-    """How freely one point of the arm moves at one posture.
+    """The mobility of one point of the arm in one posture.
 
-    A slide counts a metre as a radian.
+    A metre of a prismatic joint counts as a radian.
 
     Attributes:
         manipulability: Yoshikawa's measure, the product of ``moves_m_rad`` [m³ where it has three].
-        moves_m_rad: How far the point goes for a radian of joint motion along each of its principal
-            directions, the easiest first [m/rad]: the singular values of the linear rows. As many
-            as the arm has at all, 2 in a plane.
-        turns_rad_rad: How far its link turns for a radian of joint motion that leaves the point
-            where it is, likewise [rad/rad]; empty where no joint is left for that.
+        moves_m_rad: The motion of the point for a radian of joint motion along each of its
+            principal directions, the largest first [m/rad]: the singular values of the linear
+            rows. As many as the arm has at all, 2 in a plane.
+        turns_rad_rad: The rotation of its link for a radian of joint motion that leaves the point
+            at rest, likewise [rad/rad]; empty if there is no such motion.
     """
 
     manipulability: float
@@ -87,23 +87,23 @@ class Conditioning:
 
     @property
     def slowest_m_rad(self) -> float:
-        """Return how far the point goes in its worst direction [m/rad]; 0 where singular."""
+        """Return the motion of the point in its worst direction [m/rad]; 0 where singular."""
         return float(self.moves_m_rad.min(initial=math.inf))
 
     @property
-    def slowest_turn_rad_rad(self) -> float:
-        """Return how far the link turns at worst while the point stays; inf without such turns."""
+    def slowest_rotation_rad_rad(self) -> float:
+        """Return the minimum rotation of the link with the point at rest; inf if there is none."""
         return float(self.turns_rad_rad.min(initial=math.inf))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Singularity:
-    """A posture in which the arm has lost a direction.
+    """A singular posture.
 
     Attributes:
         q: The posture (dof,), inside the limits.
-        distance_rad: How far it is in joint space, the root of the summed squares.
-        joint: The joint that is the furthest from where it stands there.
+        distance_rad: Its distance in joint space, the root of the summed squares.
+        joint: The joint with the largest distance to it.
     """
 
     q: Vector
@@ -114,7 +114,7 @@ class Singularity:
 def conditioning(
     chain: Chain, q: ArrayLike, frame: str | None = None, offset_m: ArrayLike | None = None
 ) -> Conditioning:
-    """Measure how freely a point moves at joints (dof,).
+    """Compute the mobility of a point at joints (dof,).
 
     Args:
         chain: The arm.
@@ -127,11 +127,11 @@ def conditioning(
         UnknownNameError: No link is named ``frame``.
     """
     q = finite_vector(q, chain.dof, "q")
-    moves, turns = _count_freedoms(chain, frame, offset_m)
+    moves, rotations = _count_freedoms(chain, frame, offset_m)
     J = chain.jacobian(q, frame, offset_m)
     moves_m_rad = _linear_singular_values(J, moves)
     return Conditioning(
-        float(np.prod(moves_m_rad)), moves_m_rad, _angular_singular_values(J, moves, turns)
+        float(np.prod(moves_m_rad)), moves_m_rad, _angular_singular_values(J, moves, rotations)
     )
 
 
@@ -141,21 +141,21 @@ def nearest_singularity(
     frame: str | None = None,
     offset_m: ArrayLike | None = None,
     *,
-    turning: bool = False,
+    rotation: bool = False,
 ) -> Singularity | None:
-    """Walk from joints (dof,) to a posture nearby in which a point loses a direction.
+    """Search from joints (dof,) a singular posture of a point nearby.
 
-    Newton's steps bring the smallest singular value to zero inside the limits, from the posture
-    and from some around it. What they find is singular for certain, and seldom is another nearer;
-    None where they find none.
+    Newton's steps reduce the smallest singular value to zero inside the limits, from the posture
+    and from some around it. The result is singular for certain, and seldom is another nearer;
+    None if none is found.
 
     Args:
         chain: The arm.
-        q: Where to start (dof,), rad or m; joints outside the limits are put onto them first.
+        q: The start (dof,), rad or m; joints outside the limits are clipped to them first.
         frame: Name of a link; the tip if None.
         offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
-        turning: Whether a posture counts as well in which the link loses a way to turn while the
-            point stays.
+        rotation: Whether a posture counts as well in which the link loses a rotation with the
+            point at rest.
 
     Raises:
         BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
@@ -163,7 +163,7 @@ def nearest_singularity(
     """
     start = chain.clip(finite_vector(q, chain.dof, "q"))
     starts = _start_postures(chain, start)
-    measures = _singularity_measures(chain, frame, offset_m, turning)
+    measures = _singularity_measures(chain, frame, offset_m, rotation)
     ends = np.vstack([np.zeros((0, chain.dof)), *(_find_zeros(chain, starts, m) for m in measures)])
     if not len(ends):
         return None
@@ -174,32 +174,32 @@ def nearest_singularity(
 
 
 def _singularity_measures(
-    chain: Chain, frame: str | None, offset_m: ArrayLike | None, turning: bool
+    chain: Chain, frame: str | None, offset_m: ArrayLike | None, rotation: bool
 ) -> list[Measure]:
-    moves, turns = _count_freedoms(chain, frame, offset_m)
+    moves, rotations = _count_freedoms(chain, frame, offset_m)
     measures: list[Measure] = []
     if moves:
         measures.append(
             lambda q: _linear_singular_values(chain.jacobian(q, frame, offset_m), moves)[..., -1]
         )
-    if turning and turns:
+    if rotation and rotations:
         measures.append(
-            lambda q: _angular_singular_values(chain.jacobian(q, frame, offset_m), moves, turns)[
-                ..., -1
-            ]
+            lambda q: _angular_singular_values(
+                chain.jacobian(q, frame, offset_m), moves, rotations
+            )[..., -1]
         )
     return measures
 
 
 def _start_postures(chain: Chain, q: Vector) -> Matrix:
-    """Return where walks begin (2 dof + 1, dof): at q, and with one joint turned either way."""
+    """Return the start postures (2 dof + 1, dof): q, and with one joint moved either way."""
     aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts: Matrix = chain.clip(np.vstack([q[None], q + aside, q - aside]))
     return starts
 
 
 def _find_zeros(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
-    """Return the joints (n, dof) that walks from joints (m, dof) end at with a measure of zero."""
+    """Return the zeros (n, dof) of a measure found by searches from joints (m, dof)."""
     values = measure(q)
     zero, ends = _ZERO * np.minimum(values, 1.0), [q[:0]]
     for _ in range(_STEPS):
@@ -208,9 +208,9 @@ def _find_zeros(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
         q, values, zero = q[~done], values[~done], zero[~done]
         if not len(q):
             break
-        there, lower = _newton_step(chain, q, values, measure)
+        moved, lower = _newton_step(chain, q, values, measure)
         falls = lower < values
-        q, values, zero = there[falls], lower[falls], zero[falls]
+        q, values, zero = moved[falls], lower[falls], zero[falls]
     return np.vstack(ends)
 
 
@@ -221,25 +221,27 @@ def _newton_step(
     slope = _measure_gradient(chain, q, measure)
     size2 = np.maximum(np.sum(slope * slope, axis=1), _MIN_DERIVATIVE)
     step = -(values / size2)[:, None] * slope
-    longest = np.maximum(np.abs(step).max(axis=1), _MAX_STEP_RAD)
-    shares = 0.5 ** np.arange(_HALVINGS)
-    tried = q[:, None] + shares[None, :, None] * (_MAX_STEP_RAD / longest * step.T).T[:, None]
-    inside = chain.clip(tried.reshape(-1, chain.dof))
-    left = measure(inside).reshape(len(q), _HALVINGS)
-    tried = inside.reshape(tried.shape)
-    best = np.argmin(left, axis=1)
+    max_step_rad = np.maximum(np.abs(step).max(axis=1), _MAX_STEP_RAD)
+    fractions = 0.5 ** np.arange(_HALVINGS)
+    candidates = (
+        q[:, None] + fractions[None, :, None] * (_MAX_STEP_RAD / max_step_rad * step.T).T[:, None]
+    )
+    inside = chain.clip(candidates.reshape(-1, chain.dof))
+    values_after = measure(inside).reshape(len(q), _HALVINGS)
+    candidates = inside.reshape(candidates.shape)
+    best = np.argmin(values_after, axis=1)
     rows = np.arange(len(q))
-    return tried[rows, best], left[rows, best]
+    return candidates[rows, best], values_after[rows, best]
 
 
 def _measure_gradient(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
-    """Return the derivative (n, dof); 0 for joints at a limit that it would carry further."""
+    """Return the derivative (n, dof); 0 for joints at a limit that would move outside."""
     aside = _DIFFERENCE_RAD * np.eye(chain.dof)
     beside = np.concatenate([q[:, None] + aside, q[:, None] - aside], axis=1)
     plus, minus = np.split(measure(beside.reshape(-1, chain.dof)).reshape(len(q), -1), 2, axis=1)
     slope = (plus - minus) / (2.0 * _DIFFERENCE_RAD)
-    held = ((q <= chain.lower_rad) & (slope > 0.0)) | ((q >= chain.upper_rad) & (slope < 0.0))
-    return np.where(held, 0.0, slope)
+    blocked = ((q <= chain.lower_rad) & (slope > 0.0)) | ((q >= chain.upper_rad) & (slope < 0.0))
+    return np.where(blocked, 0.0, slope)
 
 
 def _linear_singular_values(J: Matrix, count: int) -> Vector:
@@ -248,31 +250,31 @@ def _linear_singular_values(J: Matrix, count: int) -> Vector:
 
 
 def _angular_singular_values(J: Matrix, moves: int, count: int) -> Vector:
-    """Return those of the angular rows for joints that leave the point where it is."""
+    """Return those of the angular rows for joint motions that leave the point at rest."""
     _, _, Vt = np.linalg.svd(J[..., :3, :], full_matrices=True)
-    still = np.swapaxes(Vt[..., moves:, :], -1, -2)
+    null_space = np.swapaxes(Vt[..., moves:, :], -1, -2)
     if not count:
         return np.zeros((*J.shape[:-2], 0))
-    return _singular_values(J[..., 3:, :] @ still)[..., :count]
+    return _singular_values(J[..., 3:, :] @ null_space)[..., :count]
 
 
 def ordinary_postures(dof: int) -> Matrix:
-    """Return a few postures (n, dof) that no arm is singular in: multiples of irrational turns."""
-    turns = (0.5 + np.outer(np.arange(1, _SAMPLES + 1), _IRRATIONAL)) % 1.0
-    return np.resize(2.0 * math.pi * turns, (_SAMPLES, dof))
+    """Return a few postures (n, dof) that are singular for no arm: irrational revolutions."""
+    revolutions = (0.5 + np.outer(np.arange(1, _SAMPLES + 1), _IRRATIONAL)) % 1.0
+    return np.resize(2.0 * math.pi * revolutions, (_SAMPLES, dof))
 
 
 def _count_freedoms(chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> tuple[int, int]:
-    """Return in how many directions the arm moves the point, and then still turns its link."""
+    """Return the numbers of directions of the point, and of rotations of the link about it."""
     J = chain.jacobian(ordinary_postures(chain.dof), frame, offset_m)
     moves = _numerical_rank(_singular_values(J[:, :3]))
     _, _, Vt = np.linalg.svd(J[:, :3], full_matrices=True)
-    turned = J[:, 3:] @ np.swapaxes(Vt[:, moves:, :], 1, 2)
-    return moves, _numerical_rank(_singular_values(turned)) if moves < chain.dof else 0
+    rotating = J[:, 3:] @ np.swapaxes(Vt[:, moves:, :], 1, 2)
+    return moves, _numerical_rank(_singular_values(rotating)) if moves < chain.dof else 0
 
 
 def _numerical_rank(values: Matrix) -> int:
-    """Return how many singular values (looks, k) are not zero in every look."""
+    """Return how many singular values (samples, k) are not zero in every sample."""
     return int((values > _RANK * max(values.max(initial=0.0), 1e-300)).sum(axis=1).max(initial=0))
 
 

@@ -24,20 +24,20 @@ def joint_torques(
     frame: str | None = None,
     offset_m: ArrayLike | None = None,
 ) -> Vector:
-    """Return what a force at a point of the arm does to each joint: ``tau = Jᵀ F`` (lecture L11).
+    """Return the joint torques of a force at a point of the arm: ``tau = Jᵀ F``.
 
     A small motion dq of the joints moves the point by ``J dq``, and the force does the work
-    ``Fᵀ J dq``; torques that do the same work, ``tauᵀ dq``, are ``tau = Jᵀ F``. So a joint is
-    turned by tau where the force pulls at the arm, has to hold against it with -tau, and where the
-    arm shall press on something with F, with tau. The weight of the arm itself is not in it.
+    ``Fᵀ J dq``; torques that do the same work, ``tauᵀ dq``, are ``tau = Jᵀ F``. A force that pulls
+    at the arm acts on a joint with tau, and the joint holds it with -tau; to press on something
+    with F, it needs tau. The weight of the arm itself is not included.
 
     Args:
         chain: The arm.
         q: The posture (dof,), rad or m.
-        force_n: The force (3,), newtons, base frame; a mass m that hangs there pulls with
+        force_n: The force (3,), newtons, base frame; a suspended mass m pulls with
             (0, 0, -9.81 m).
-        moment_nm: A moment (3,) on the link besides, newton metres, base frame.
-        frame: Name of the link that the force pulls at; the tip if None.
+        moment_nm: An additional moment (3,) on the link, newton metres, base frame.
+        frame: Name of the link that the force acts on; the tip if None.
         offset_m: The point (3,) in that link's coordinates, metres; its origin if None.
 
     Returns:
@@ -68,13 +68,13 @@ class LinkMass:
 
 
 def gravity_torques(chain: Chain, masses: Sequence[LinkMass], q: ArrayLike) -> Matrix:
-    """Return the torque with which gravity turns each joint (n, dof), N m (N on a slide).
+    """Return the torque of gravity on each joint (n, dof), N m (N on a prismatic joint).
 
-    Gravity acts along -z of the base. A positive torque turns the joint forward.
+    Gravity acts along -z of the base. A positive torque acts towards larger q.
 
     Args:
-        chain: The arm; links beside the way to the tip count, too.
-        masses: Of the links; those that stand still may be among them.
+        chain: The arm; links beside the path to the tip count, too.
+        masses: Of the links; fixed ones may be among them.
         q: Joint vectors (n, dof), rad or m.
     """
     q = finite_vectors(q, chain.dof, "q")
@@ -90,7 +90,7 @@ def gravity_torques(chain: Chain, masses: Sequence[LinkMass], q: ArrayLike) -> M
 
 
 def _height_derivative(step: ChainJoint, T_world_child: Matrix, centre_m: Matrix) -> Vector:
-    """Return by how much a point rises (n,) per rad or m of a joint that carries it."""
+    """Return the height change of a point (n,) per rad or m of a joint that moves it."""
     axis = T_world_child[..., :3, :3] @ step.joint.axis
     if step.joint.kind is JointType.PRISMATIC:
         return axis[..., 2]

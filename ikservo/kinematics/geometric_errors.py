@@ -1,8 +1,8 @@
 """Geometric errors of a chain and their Jacobian, for kinematic calibration.
 
-No two arms are alike by a millimetre: printed links, screws with play, a base that stands a
-little askew. ``GeometricErrors`` says so in numbers; ``apply_geometric_errors`` builds the chain
-of that arm.
+No two arms are equal to a millimetre: printed links, screws with backlash, a base that is
+slightly tilted. ``GeometricErrors`` contains these errors; ``apply_geometric_errors`` builds the
+chain of such an arm.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ def _no_correction() -> Vector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GeometricErrors:
-    """Small moves of an arm's parts against its description.
+    """Small corrections of an arm's geometry against its description.
 
     Attributes:
-        base_m: Where the described base truly stands (3,), metres, world coordinates.
-        base_rad: How it is turned there: a rotation vector (3,).
-        origins_m: How far a joint's origin lies from where it is described (3,), metres, in its
-            parent's coordinates; the fixed joint in front of the tip stands for the tool.
+        base_m: Position of the described base (3,), metres, world coordinates.
+        base_rad: Its rotation: a rotation vector (3,).
+        origins_m: Translation of a joint's origin against its description (3,), metres, in its
+            parent's coordinates; the fixed joint before the tip is for the tool.
     """
 
     base_m: Vector = field(default_factory=_no_correction)
@@ -52,7 +52,7 @@ class GeometricErrors:
 
 
 def apply_geometric_errors(chain: Chain, geometry: GeometricErrors) -> Chain:
-    """Return the chain of an arm that differs from its description."""
+    """Return the chain with geometric errors."""
     joints = {
         step.joint.name: step.joint for link in chain.frames for step in chain.joints_to(link)
     }
@@ -67,12 +67,12 @@ def apply_geometric_errors(chain: Chain, geometry: GeometricErrors) -> Chain:
 
 
 def identifiable_origins(chain: Chain) -> tuple[str, ...]:
-    """Return the joints whose origins can be told from the base: all moving ones but the first.
+    """Return the joints with identifiable origins: all moving ones but the first.
 
-    Where a fixed joint ends the way to the tip it comes last: it places the tool.
+    The fixed joint at the end of the path to the tip, if any, comes last: it places the tool.
     """
-    way = [step for step in chain.joints_to() if step.scale]
-    names = [after.joint.name for _, after in pairwise(way)]
+    moving = [step for step in chain.joints_to() if step.scale]
+    names = [after.joint.name for _, after in pairwise(moving)]
     last = chain.joints_to()[-1].joint
     return (*names, last.name) if last.kind is JointType.FIXED else tuple(names)
 
@@ -80,12 +80,12 @@ def identifiable_origins(chain: Chain) -> tuple[str, ...]:
 def calibration_jacobian(
     chain: Chain, q: Matrix, geometry: GeometricErrors, origins: Sequence[str]
 ) -> tuple[Matrix, Matrix]:
-    """Return the tips of a corrected chain and how they move with joints, base and origins.
+    """Return the tips of a corrected chain and their Jacobian for joints, base and origins.
 
     Args:
         chain: As described.
         q: Joint vectors (n, dof).
-        geometry: How the arm differs.
+        geometry: The errors of the arm.
         origins: The joints whose origins count, see ``identifiable_origins``.
 
     Returns:
@@ -97,8 +97,8 @@ def calibration_jacobian(
     tips: Matrix = T[:, :3, 3]
     rotations = _parent_rotations(own, q, origins)
     eye = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    turns = _rotation_derivatives(tips - geometry.base_m, geometry.base_rad)
-    columns = [jacobian[:, :3, :], eye, turns, *(rotations[name] for name in origins)]
+    rotation_columns = _rotation_derivatives(tips - geometry.base_m, geometry.base_rad)
+    columns = [jacobian[:, :3, :], eye, rotation_columns, *(rotations[name] for name in origins)]
     return tips, np.concatenate(columns, axis=2)
 
 
@@ -110,7 +110,9 @@ def _parent_rotations(chain: Chain, q: Matrix, names: Sequence[str]) -> dict[str
 
 
 def _rotation_derivatives(arms_m: Matrix, base_rad: Vector) -> Matrix:
-    """Return how points (n, 3), seen from the base, move with its rotation vector (n, 3, 3)."""
+    """Return the derivatives of points (n, 3) by the base's rotation vector (n, 3, 3)."""
     W = skew(base_rad)
-    left = np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0  # the base is turned by little
-    return np.array([-skew(arm) @ left for arm in arms_m])
+    left_jacobian = (
+        np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0
+    )  # for small rotations of the base
+    return np.array([-skew(arm) @ left_jacobian for arm in arms_m])

@@ -25,7 +25,7 @@ __all__ = [
 
 
 class JointType(Enum):
-    """How a joint moves its child link; URDF's continuous joint is REVOLUTE without limits."""
+    """Type of a joint; URDF's continuous joint is REVOLUTE without limits."""
 
     FIXED = "fixed"
     REVOLUTE = "revolute"
@@ -48,7 +48,7 @@ class Joint:
     Attributes:
         origin: T_parent_joint (4, 4) at ``q = 0``.
         axis: Unit axis (3,) in the joint's frame; unused by fixed joints.
-        lower: Lower limit, rad or m; ``-inf`` where the joint turns freely.
+        lower: Lower limit, rad or m; ``-inf`` for a continuous joint.
         upper: Upper limit, rad or m.
         mimic: The joint it follows, if it does not move by itself.
     """
@@ -66,15 +66,15 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChainJoint:
-    """One joint on the way to a frame: its value is ``scale * q[column] + shift``.
+    """One joint on the path to a frame: its value is ``scale * q[column] + shift``.
 
     Attributes:
         joint: The joint.
-        column: The entry of q that moves it; meaningless where ``scale`` is 0.
+        column: The entry of q that moves it; unused where ``scale`` is 0.
         scale: 1, or the multiplier of a mimic; 0 for a joint that is held or fixed.
-        shift: What is added, rad or m.
-        swing: How the joint begins to move (4, 4): the skew matrix of its axis, or for a
-            prismatic joint the axis as a translation.
+        shift: Added to it, rad or m.
+        twist_matrix: The joint's twist (4, 4): the skew matrix of its axis, or for a prismatic
+            joint the axis as a translation.
     """
 
     joint: Joint
@@ -82,25 +82,25 @@ class ChainJoint:
     scale: float
     shift: float
     twist_matrix: Matrix = field(init=False)
-    _swing_twice: Matrix = field(init=False, repr=False)
+    _twist_squared: Matrix = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        swing = np.zeros((4, 4))
+        twist = np.zeros((4, 4))
         if self.joint.kind is JointType.REVOLUTE:
-            swing[:3, :3] = skew(self.joint.axis)
+            twist[:3, :3] = skew(self.joint.axis)
         elif self.joint.kind is JointType.PRISMATIC:
-            swing[:3, 3] = self.joint.axis
-        object.__setattr__(self, "twist_matrix", read_only(swing))
-        object.__setattr__(self, "_swing_twice", read_only(swing @ swing))
+            twist[:3, 3] = self.joint.axis
+        object.__setattr__(self, "twist_matrix", read_only(twist))
+        object.__setattr__(self, "_twist_squared", read_only(twist @ twist))
 
     def value(self, q: Vector) -> Vector:
         """Return the joint's value () or (n,) for q (dof,) or (n, dof)."""
         return self.scale * q[..., self.column] + self.shift
 
     def motion(self, q: Vector) -> Matrix:
-        """Return the joint's own motion (4, 4) or (n, 4, 4): ``exp(value * swing)``.
+        """Return the joint's own motion (4, 4) or (n, 4, 4): ``exp(value * twist)``.
 
-        For a turn this is Rodrigues' formula I + sin W + (1 - cos) W².
+        For a rotation this is Rodrigues' formula I + sin W + (1 - cos) W².
         """
         value = np.asarray(self.value(q))[..., None, None]
         if self.joint.kind is not JointType.REVOLUTE:
@@ -108,7 +108,7 @@ class ChainJoint:
         return (
             _IDENTITY
             + np.sin(value) * self.twist_matrix
-            - (np.cos(value) - 1.0) * self._swing_twice
+            - (np.cos(value) - 1.0) * self._twist_squared
         )
 
     def motion_at(self, value: float) -> Matrix:
@@ -116,7 +116,7 @@ class ChainJoint:
         return ChainJoint(self.joint, 0, 0.0, value).motion(_ORIGIN)
 
     def jacobian_column(self, T_world_joint: Matrix, point_m: Vector) -> Vector:
-        """Return (6,) or (n, 6): how a point moves with the joint's value (lecture L6)."""
+        """Return (6,) or (n, 6): the motion of a point per unit of the joint's value."""
         axis = T_world_joint[..., :3, :3] @ self.joint.axis
         if self.joint.kind is JointType.PRISMATIC:
             return np.concatenate([axis, np.zeros_like(axis)], axis=-1)
@@ -126,24 +126,24 @@ class ChainJoint:
 
 
 def joints_to_each_link(joints: Sequence[Joint], base: str) -> dict[str, tuple[Joint, ...]]:
-    """Return the joints from the base to every link that hangs on it, parents first."""
+    """Return the joints from the base to every connected link, parents first."""
     below: dict[str, list[Joint]] = {}
     for joint in joints:
         below.setdefault(joint.parent, []).append(joint)
-    ways: dict[str, tuple[Joint, ...]] = {base: ()}
+    paths: dict[str, tuple[Joint, ...]] = {base: ()}
     waiting = [base]
     while waiting:
         link = waiting.pop()
         for joint in below.get(link, []):
-            ways[joint.child] = (*ways[link], joint)
+            paths[joint.child] = (*paths[link], joint)
             waiting.append(joint.child)
-    return ways
+    return paths
 
 
 def make_chain_joint(
     joint: Joint, columns: Mapping[str, int], by_name: Mapping[str, Joint]
 ) -> ChainJoint:
-    """Say which entry of q moves the joint, following mimics; none where it is held."""
+    """Return the joint with the entry of q that moves it, following mimics; none if held."""
     leader, scale, shift = _resolve_mimic(joint, by_name)
     if leader.name in columns:
         return ChainJoint(joint, columns[leader.name], scale, shift)
@@ -151,7 +151,7 @@ def make_chain_joint(
 
 
 def effective_limits(moving: Joint, joints: Sequence[Joint]) -> tuple[float, float]:
-    """Return the range of a joint that keeps it and all that follow it inside their limits.
+    """Return the range of a joint that keeps it and all its mimics inside their limits.
 
     Raises:
         InputError: A follower's limits leave it no value at all.
@@ -172,7 +172,7 @@ def effective_limits(moving: Joint, joints: Sequence[Joint]) -> tuple[float, flo
 
 
 def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, float, float]:
-    """Return the joint that is moved in the end, and ``value = scale * its value + shift``."""
+    """Return the leading joint, and scale and shift: ``value = scale * its value + shift``."""
     scale, shift, leader = 1.0, 0.0, joint
     for _ in by_name:
         if leader.mimic is None:

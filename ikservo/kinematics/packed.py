@@ -1,8 +1,8 @@
 """Chains and collision bodies as flat arrays for the compiled kernels.
 
 Row 0 is a header, then comes one row a moving joint, one for the tool, one a limit. Fixed joints
-are folded into their neighbours, and every joint frame is turned so that its axis is z: then a
-turn mixes two columns of the pose, and nothing else.
+are folded into their neighbours, and every joint frame is rotated so that its axis is z: then a
+rotation mixes two columns of the pose, and nothing else.
 """
 
 from __future__ import annotations
@@ -56,14 +56,14 @@ __all__ = [
 WIDTH = 16
 # fmt: off
 STEPS, DOF, FIRST_INDEPENDENT = 0, 1, 2  # header: how many joint rows and limit rows; 1 where q of
-                                         # the first joint turns it, and nothing else
+                                         # the first joint rotates it, and nothing else
 ROTATION, POSITION       = 0, 9          # joint and tool: R row by row (9), then p (3)
-IS_REVOLUTE, COLUMN = 12, 13  # joint: 1 turns or 0 slides; which entry of q moves it
+IS_REVOLUTE, COLUMN = 12, 13  # joint: 1 revolute, 0 prismatic; which entry of q moves it
 SCALE, SHIFT             = 14, 15        # joint: value = SCALE * q[COLUMN] + SHIFT
 LOWER, UPPER, FULL_TURN  = 0, 1, 2       # limit: the range; 1 where every direction is inside it
 # fmt: on
 
-# Ranges from -3.14 to 3.14 in files are meant as full turns.
+# Ranges from -3.14 to 3.14 in files mean full revolutions.
 _FULL_TURN_RAD = 2.0 * math.pi - 1e-2
 
 
@@ -73,20 +73,20 @@ def pack_chain(
     offset_m: Vector | None = None,
     tool_axis: Vector | None = None,
 ) -> Matrix:
-    """Return the way to a point of a link as one array (2 + joints + dof, WIDTH).
+    """Return the joints to a point of a link as one array (2 + joints + dof, WIDTH).
 
     Args:
         chain: The arm.
         frame: Name of a link; the tip if None.
         offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
-        tool_axis: A unit vector (3,) in that link's coordinates; the packed tool's z points
-            along it. The link's own z if None.
+        tool_axis: A unit vector (3,) in that link's coordinates; z of the packed tool is along it.
+            The link's own z if None.
 
     Raises:
         UnknownNameError: No link is named ``frame``.
     """
-    way = chain.joints_to(frame)
-    rows, rest = _joint_rows(way)
+    path = chain.joints_to(frame)
+    rows, rest = _joint_rows(path)
     if offset_m is not None:
         rest = rest @ make_pose(offset_m)
     if tool_axis is not None:
@@ -106,21 +106,21 @@ def rotation_z_to(axis: Vector) -> Matrix:
     return np.array([skew(y) @ z, y, z]).T
 
 
-def _joint_rows(way: tuple[ChainJoint, ...]) -> tuple[list[Vector], Matrix]:
-    """Return a row for each joint that q moves, and what lies behind the last (4, 4)."""
+def _joint_rows(path: tuple[ChainJoint, ...]) -> tuple[list[Vector], Matrix]:
+    """Return a row for each joint that q moves, and the fixed pose behind the last (4, 4)."""
     rows: list[Vector] = []
     rest = make_pose(np.zeros(3))
-    for step in way:
+    for step in path:
         rest = rest @ step.joint.origin
         if not step.scale or step.joint.kind is JointType.FIXED:
             rest = rest @ step.motion_at(step.shift)
             continue
-        turn = rotation_z_to(step.joint.axis)
-        row = _flatten_pose(rest @ make_pose(np.zeros(3), turn))
+        align = rotation_z_to(step.joint.axis)
+        row = _flatten_pose(rest @ make_pose(np.zeros(3), align))
         row[IS_REVOLUTE] = step.joint.kind is JointType.REVOLUTE
         row[COLUMN], row[SCALE], row[SHIFT] = step.column, step.scale, step.shift
         rows.append(row)
-        rest = make_pose(np.zeros(3), turn.T)
+        rest = make_pose(np.zeros(3), align.T)
     return rows, rest
 
 
@@ -148,7 +148,7 @@ def _limit_rows(chain: Chain) -> list[Vector]:
 
 
 def _has_mimics(chain: Chain, column: int) -> bool:
-    """Return whether other joints mimic this one: then a full turn of it is no identity."""
+    """Return whether other joints mimic this one: then a full revolution changes the pose."""
     followers = {
         step.joint.name
         for frame in chain.frames
@@ -168,20 +168,20 @@ START, END, RADIUS, LINK             = 0, 3, 6, 7          # capsule: both ends 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PackedBody:
-    """The links and capsules of an arm, and which of them to compare.
+    """The links and capsules of an arm, and the pairs to compare.
 
     Attributes:
-        base: The name of the link that stands still.
+        base: The name of the fixed link.
         dof: The length of a joint vector.
         names: The links, parents first.
         links: A row for each (links, 20).
         capsules: A row for each (capsules, 8).
-        pairs: What comes near what.
+        pairs: The names of the pairs.
         rows: Two capsules and their pair (m, 3).
         overlap_m: By how much each pair may overlap (pairs,).
-        reach_m: By how much a point of each link's capsules moves at most (links, dof) for each
-            unit of a joint, m/rad or m/m.
-        pair_reach_m: By how much each pair may come nearer (pairs, dof), likewise.
+        reach_m: Maximum motion of a point of each link's capsules (links, dof) for each unit of
+            a joint, m/rad or m/m.
+        pair_reach_m: Maximum approach of each pair (pairs, dof), likewise.
     """
 
     base: str
@@ -201,10 +201,10 @@ def pack_links(chain: Chain) -> tuple[tuple[str, ...], Matrix]:
     names = chain.frames
     rows = np.zeros((len(names), 20))
     for row, name in zip(rows, names, strict=True):
-        way = chain.joints_to(name)
-        row[PARENT] = names.index(way[-1].joint.parent) if way else -1
-        if way:
-            _fill_link_row(row, way[-1])
+        path = chain.joints_to(name)
+        row[PARENT] = names.index(path[-1].joint.parent) if path else -1
+        if path:
+            _fill_link_row(row, path[-1])
     return names, rows
 
 

@@ -126,9 +126,9 @@ def _rodrigues(theta: float) -> tuple[float, float, float]:
 
 
 def _axis_near_pi(R: Matrix, axis_sin: Vector, cos: float) -> Vector:
-    """Return the unit axis of a half turn: the strongest column of (R + Rᵀ)/2 - cos θ I."""
+    """Return the axis of a rotation by pi: the largest column of (R + Rᵀ)/2 - cos θ I."""
     S = 0.5 * (R + R.T) - cos * np.eye(3)
     column = S[:, int(np.argmax(np.diag(S)))]
     axis = column / math.sqrt(float(column @ column))
-    # At exactly pi both signs are the same rotation; before it the sine part tells them apart.
+    # At exactly pi both signs are the same rotation; below it the sine part decides.
     return -axis if float(axis @ axis_sin) < 0.0 else axis

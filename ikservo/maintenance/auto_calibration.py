@@ -57,11 +57,11 @@ class ContactResult:
 
     Attributes:
         position: How far it went, rad or m.
-        touch: Whether that was a stop; `Touch.MOVING` where it went as far as it was sent.
+        contact: Whether that was a stop; `Touch.MOVING` where it went as far as it was sent.
     """
 
     position: float
-    touch: ContactState
+    contact: ContactState
 
 
 def probe_end_stop(
@@ -91,7 +91,7 @@ def probe_end_stop(
         arm.drive(search.start_trajectory, search.on_cycle, "slow")
     finally:
         arm.servos.limit_force(joint, 1.0)
-    return ContactResult(search.furthest, search.feeler.touch)
+    return ContactResult(search.furthest, search.feeler.contact)
 
 
 class _Search:
@@ -113,7 +113,7 @@ class _Search:
         self._pursuit: OnlineTrajectory | None = None
         self._looked_s = -math.inf
         self._leaving = False
-        self.feeler = EndStopDetector(most_percent=100.0 * share)
+        self.feeler = EndStopDetector(max_load_percent=100.0 * share)
         self.furthest = math.nan
 
     def start_trajectory(self, here: Vector) -> OnlineTrajectory:
@@ -142,7 +142,7 @@ class _Search:
             return
         self._update_detector(at, float(beat.goals[self._column]))
         arrived = abs(at - self._end) <= _ARRIVED_RAD * self._per_horn
-        if self.feeler.touch is not ContactState.MOVING or (
+        if self.feeler.contact is not ContactState.MOVING or (
             arrived and beat.time_s >= pursuit.settles_at_s
         ):
             self._back_off(pursuit, beat, at)
@@ -208,7 +208,7 @@ def horn_to_joint(subject: JointUnderCalibration) -> float:
 def is_end_stop(felt: ContactResult, end: RangeEnd, subject: JointUnderCalibration) -> bool:
     """Return whether a joint stands against its stop, not against something on the way."""
     short = (end.expected - felt.position) * math.copysign(1.0, end.past - end.start)
-    return felt.touch is ContactState.STOP and short <= _EARLY_RAD * horn_to_joint(subject)
+    return felt.contact is ContactState.STOP and short <= _EARLY_RAD * horn_to_joint(subject)
 
 
 def early_contact_error(
@@ -216,7 +216,7 @@ def early_contact_error(
 ) -> CalibrationError:
     """Return what to say of a joint that stands where its stop cannot be."""
     say = subject.joint_map.format
-    if felt.touch is ContactState.SLACK:
+    if felt.contact is ContactState.NO_CONTACT:
         return CalibrationError(
             f"{end.joint} does not move from {say(felt.position)} although no load was felt.",
             "Nothing was saved. Check supply, cable and alarms: ikservo where. Or leave it to the "
@@ -316,7 +316,7 @@ class AutoCalibration:
         self.arm.enable()
         tell("Torque is on. Let go of the arm and keep clear of it.")
         names = frozenset(subject.name for subject in wizard.subjects)
-        self.wizard = replace(wizard, trusted=names, motor_driven=True)
+        self.wizard = replace(wizard, known_signs=names, motor_driven=True)
         self.partial_limits: dict[str, Limits] = {}
 
     def sweep(self) -> None:
@@ -409,7 +409,7 @@ class AutoCalibration:
         felt = probe_end_stop(
             self.arm.workings, self._loose.bus, end.joint, end.past, share, self._update_wizard
         )
-        if felt.touch is ContactState.MOVING:
+        if felt.contact is ContactState.MOVING:
             raise missing_stop_error(felt, end, subject)
         return felt
 

@@ -66,7 +66,10 @@ _SPEED_MARGIN = 1.2
 
 def can_probe(subject: JointUnderCalibration, wizard: CalibrationState) -> bool:
     """Return whether a joint has stops to be looked for."""
-    roomy = subject.turn > 0 and subject.expected_ticks >= _WIDENING_RAD * subject.turn
+    roomy = (
+        subject.ticks_per_turn > 0
+        and subject.expected_ticks >= _WIDENING_RAD * subject.ticks_per_turn
+    )
     left_out = subject.name in wizard.free | wizard.skipped
     return not (roomy or left_out or subject.known)
 
@@ -172,7 +175,11 @@ def _widen_range(subject: JointUnderCalibration, wizard: CalibrationState) -> Jo
     if not can_probe(subject, wizard):
         return subject
     beyond = SEARCH_MARGIN_RAD / subject.joint_map.horn_rad_per_tick  # ticks
-    room = (subject.turn - 64 - subject.expected_ticks) / 2 if subject.turn else beyond
+    room = (
+        (subject.ticks_per_turn - 64 - subject.expected_ticks) / 2
+        if subject.ticks_per_turn
+        else beyond
+    )
     more = min(beyond, room) * subject.joint_map.unit_per_tick
     low, high = subject.expected.lower.value - more, subject.expected.upper.value + more
     unit = subject.expected.unit

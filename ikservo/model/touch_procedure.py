@@ -151,9 +151,9 @@ class TouchOffState:
     @property
     def has_moved(self) -> bool:
         """Return whether the arm has been moved since the last touch."""
-        if not self.ticks or not self.stillness.seen:
+        if not self.ticks or not self.stillness.readings:
             return True
-        here = self.stillness.seen[-1][1].items()
+        here = self.stillness.readings[-1][1].items()
         return any(abs(tick - self.ticks[servo_id]) > _MOVED_TICKS for servo_id, tick in here)
 
     # --- what can happen ---

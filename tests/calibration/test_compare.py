@@ -30,7 +30,7 @@ def test_a_register_that_was_changed_is_told_with_both_values():
 
 def test_a_servo_that_the_arm_does_not_have_is_told():
     (said,) = register_mismatches(calibration_of(joint()), {})
-    assert (said.joint, said.register, said.filed, said.found) == (
+    assert (said.joint, said.register, said.expected, said.found) == (
         "elbow", "id", "1", "not this arm's",
     )  # fmt: skip
 

@@ -15,7 +15,7 @@ angles = st.floats(-1.2, 1.2)
 
 @given(angles)
 def test_a_position_behind_a_crank_is_reached_by_one_angle_only(angle):
-    assert CRANK.turned_rad(CRANK.position(angle)) == pytest.approx(angle, abs=1e-9)
+    assert CRANK.horn_rad(CRANK.position(angle)) == pytest.approx(angle, abs=1e-9)
 
 
 @given(angles, st.sampled_from([-1, 1]), st.integers(-800, 800))
@@ -71,8 +71,8 @@ def test_a_slide_ends_where_pin_and_rod_are_in_line():
 
 def test_beyond_its_ends_a_slide_is_where_the_crank_is_in_line():
     furthest_m, nearest_m = (CRANK.position(CRANK.zero_rad - angle) for angle in (0.0, math.pi))
-    assert CRANK.turned_rad(furthest_m + 0.01) == pytest.approx(CRANK.zero_rad)
-    assert CRANK.turned_rad(nearest_m - 0.005) == pytest.approx(CRANK.zero_rad - math.pi)
+    assert CRANK.horn_rad(furthest_m + 0.01) == pytest.approx(CRANK.zero_rad)
+    assert CRANK.horn_rad(nearest_m - 0.005) == pytest.approx(CRANK.zero_rad - math.pi)
 
 
 @pytest.mark.parametrize(("turn", "cut"), [(0.3, 0.3), (9.0, 0.0), (-9.0, -math.pi)])

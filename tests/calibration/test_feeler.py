@@ -14,7 +14,7 @@ def after(looks, most_percent=30.0):
     feeler = EndStopDetector(most_percent)
     for look in looks:
         feeler = feeler.update_with_load(*look)
-    return feeler.touch
+    return feeler.contact
 
 
 def standing(seconds, goal=AHEAD, load=LOUD):
@@ -45,7 +45,7 @@ def test_the_direction_of_pressing_does_not_matter(sign):
 
 def test_a_joint_that_stands_without_pressing_is_no_stop_but_a_fault():
     assert after(standing(1.0, load=2.0)) is ContactState.MOVING
-    assert after(standing(1.6, load=2.0)) is ContactState.SLACK
+    assert after(standing(1.6, load=2.0)) is ContactState.NO_CONTACT
 
 
 def test_how_loud_is_loud_depends_on_how_hard_it_may_press():
@@ -70,19 +70,19 @@ def looks(*rows, most_percent=64.0):
     ("last_s", "touch"), [(5.25, ContactState.STOP), (5.24, ContactState.MOVING)]
 )
 def test_the_quarter_of_a_second_begins_where_it_last_moved(last_s, touch):
-    assert looks((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).touch is touch
+    assert looks((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).contact is touch
 
 
 def test_a_first_look_decides_nothing():
     assert not EndStopDetector(30.0).may_be_blocked(7.0, 0.0, 1.0)
-    assert looks((7.0, 0.0)).touch is ContactState.MOVING
+    assert looks((7.0, 0.0)).contact is ContactState.MOVING
 
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("step_rad", "stands"), [(0.00401, False), (0.004, True), (0.0039, True)])
 def test_less_than_three_ticks_are_no_motion(way, step_rad, stands):
     seen = looks((0.0, 0.0), (0.25, way * step_rad))
-    assert (seen.touch is ContactState.STOP) is stands
+    assert (seen.contact is ContactState.STOP) is stands
     assert looks((0.0, 1.0), (0.25, 1.0 + way * 0.01)).at_rad == 1.0 + way * 0.01
 
 
@@ -94,7 +94,7 @@ def test_it_must_be_so_far_behind_its_goal(way, behind_rad, stop):
         .update_with_load(0.0, 0.0, 0.0, 0.0)
         .update_with_load(0.25, 0.0, way * behind_rad, 32.0)
     )
-    assert (feeler.touch is ContactState.STOP) is stop
+    assert (feeler.contact is ContactState.STOP) is stop
 
 
 def test_behind_is_counted_from_where_it_stands():
@@ -103,7 +103,7 @@ def test_behind_is_counted_from_where_it_stands():
         .update_with_load(0.0, 1.0, 1.02, 32.0)
         .update_with_load(0.25, 1.0, 1.02, 32.0)
     )
-    assert feeler.touch is ContactState.MOVING
+    assert feeler.contact is ContactState.MOVING
 
 
 @pytest.mark.parametrize(("load", "stop"), [(25.6, True), (25.5, False), (-25.6, True)])
@@ -113,11 +113,11 @@ def test_two_fifths_of_what_it_may_press_are_loud(load, stop):
         .update_with_load(0.0, 0.0, 1.0, load)
         .update_with_load(0.25, 0.0, 1.0, load)
     )
-    assert (feeler.touch is ContactState.STOP) is stop
+    assert (feeler.contact is ContactState.STOP) is stop
 
 
 @pytest.mark.parametrize(
-    ("stood_s", "touch"), [(1.5, ContactState.SLACK), (1.49, ContactState.MOVING)]
+    ("stood_s", "touch"), [(1.5, ContactState.NO_CONTACT), (1.49, ContactState.MOVING)]
 )
 def test_a_joint_that_stands_a_second_and_a_half_without_pressing_is_slack(stood_s, touch):
     feeler = (
@@ -125,4 +125,4 @@ def test_a_joint_that_stands_a_second_and_a_half_without_pressing_is_slack(stood
         .update_with_load(4.0, 0.0, 1.0, 0.0)
         .update_with_load(4.0 + stood_s, 0.0, 1.0, 0.0)
     )
-    assert feeler.touch is touch
+    assert feeler.contact is touch

@@ -81,7 +81,7 @@ def test_a_pose_outside_of_the_travel_known_before_is_refused(low, high, anchor)
 
 
 def test_a_sensor_without_a_seam_has_been_where_it_was_seen_before():
-    potentiometer = replace(subject(known=TickRange(20, 900)), turn=0)
+    potentiometer = replace(subject(known=TickRange(20, 900)), ticks_per_turn=0)
     hand = Hand(potentiometer, start=100).rest().accept()
     assert measure_joint(hand.wizard, hand.wizard.subjects[0]).travel == TickRange(20, 900)
 

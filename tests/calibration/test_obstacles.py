@@ -26,7 +26,7 @@ def test_a_turn_less_two_degrees_goes_round(ticks, round_):
 
 
 def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
-    one = replace(subject(), turn=360)
+    one = replace(subject(), ticks_per_turn=360)
     wizard = Hand(one, start=0).rest().accept().wizard
     for width, round_ in ((357, False), (358, True)):
         tracks = {1: replace(wizard.tracks[1], low=0, high=width)}
@@ -34,7 +34,7 @@ def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
 
 
 def test_a_sensor_without_a_seam_never_goes_round():
-    one = replace(subject(), turn=0)
+    one = replace(subject(), ticks_per_turn=0)
     assert not is_full_turn(swept(one, 100), one)
 
 

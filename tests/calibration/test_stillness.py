@@ -41,12 +41,12 @@ def test_what_happened_more_than_half_a_second_ago_is_forgotten():
     moved = after([(0.0, 900, 0), (0.125, 100, 0), *((0.125 * k, 7, 9) for k in range(2, 7))])
     assert moved.is_at_rest()
     assert moved.mean_ticks() == {1: 7.0, 2: 9.0}
-    assert moved.seen[0][0] == 0.25
+    assert moved.readings[0][0] == 0.25
 
 
 def test_the_reading_that_began_the_half_second_is_kept():
     rare = after([(0.0, 7, 9), (0.375, 7, 9), (0.75, 7, 9)])
-    assert [at_s for at_s, _ in rare.seen] == [0.0, 0.375, 0.75]
+    assert [at_s for at_s, _ in rare.readings] == [0.0, 0.375, 0.75]
     assert rare.is_at_rest()
 
 

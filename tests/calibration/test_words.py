@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ikservo.calibration.joint_map import format_position, source_words
+from ikservo.calibration.joint_map import format_position, format_source
 
 
 @pytest.mark.parametrize(
@@ -28,4 +28,4 @@ def test_more_digits_can_be_asked_for():
 
 
 def test_a_limit_of_the_person_is_set_by_you():
-    assert source_words("arm file / user") == "arm file / set by you"
+    assert format_source("arm file / user") == "arm file / set by you"

@@ -38,7 +38,7 @@ def test_stretched_links_have_lost_the_way_outwards():
 
 def test_without_a_joint_to_spare_nothing_turns_while_the_point_stays():
     found = conditioning(planar(0.3, 0.2), [0.4, 0.6])
-    assert found.slowest_turn_rad_rad == math.inf
+    assert found.slowest_rotation_rad_rad == math.inf
 
 
 def test_units_are_kept_apart_an_arm_twice_as_large_moves_twice_as_far_and_turns_as_well():
@@ -67,7 +67,7 @@ def test_a_wrist_of_six_joints_is_singular_where_its_outer_axes_line_up(angle_ra
     q = model.chain_pose("home").copy()
     q[1:3] = 0.3, 0.4  # far from every posture in which the point itself is held up
     q[4] = angle_rad
-    found = nearest_singularity(model.chain, q, turning=True)
+    found = nearest_singularity(model.chain, q, rotation=True)
     assert found is not None
     assert found.joint == model.chain.names[4]
     assert found.distance_rad == pytest.approx(abs(angle_rad), rel=0.02)
@@ -79,10 +79,10 @@ def test_what_is_called_singular_is_and_inside_the_limits(name, turning):
     chain = load_model(name).chain
     rng = np.random.default_rng(3)
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (3, chain.dof)):
-        found = nearest_singularity(chain, q, turning=turning)
+        found = nearest_singularity(chain, q, rotation=turning)
         if found is not None:
             there = conditioning(chain, found.q)
-            values = [there.slowest_m_rad, there.slowest_turn_rad_rad if turning else 1.0]
+            values = [there.slowest_m_rad, there.slowest_rotation_rad_rad if turning else 1.0]
             assert min(values) < 1e-5
             assert np.array_equal(found.q, chain.clip(found.q))
 
@@ -90,7 +90,7 @@ def test_what_is_called_singular_is_and_inside_the_limits(name, turning):
 def test_a_point_that_no_joint_moves_has_no_ways_and_no_singular_posture():
     chain = planar(0.3, 0.2)
     assert conditioning(chain, [0.1, 0.2], frame="l0").moves_m_rad.size == 0
-    assert nearest_singularity(chain, [0.1, 0.2], frame="l0", turning=True) is None
+    assert nearest_singularity(chain, [0.1, 0.2], frame="l0", rotation=True) is None
 
 
 def test_a_slide_counts_a_metre_as_a_radian():
