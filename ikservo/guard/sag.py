@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.chain import GRAVITY_M_S2, LinkMass
 from ikservo.kinematics.collision import CollisionBody
-from ikservo.kinematics.dynamics import GRAVITY_M_S2, LinkMass
 
 __all__ = ["Sag", "Weight", "sag_of"]
 

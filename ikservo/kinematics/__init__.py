@@ -1,7 +1,7 @@
 """Forward kinematics, Jacobians, and geometry of links: pure functions on arrays."""
 
 from ikservo.kinematics.arrays import finite_array, finite_vector, finite_vectors
-from ikservo.kinematics.chain import Chain
+from ikservo.kinematics.chain import Chain, joint_torques
 from ikservo.kinematics.conditioning import (
     Conditioning,
     Singularity,
@@ -10,7 +10,6 @@ from ikservo.kinematics.conditioning import (
     manipulability,
     nearest_singularity,
 )
-from ikservo.kinematics.dynamics import joint_torques
 from ikservo.kinematics.joints import ChainJoint, Joint, JointType, Mimic
 from ikservo.kinematics.packed import pack_chain
 

@@ -29,7 +29,7 @@ from ikservo.kinematics.joints import (
 )
 from ikservo.kinematics.se3 import make_pose
 
-__all__ = ["Chain"]
+__all__ = ["GRAVITY_M_S2", "Chain", "LinkMass", "joint_torques"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,3 +260,55 @@ def _identity_poses(q: Vector) -> Matrix:
 
 def _offset_pose(T: Matrix, offset_m: ArrayLike | None) -> Matrix:
     return T if offset_m is None else T @ make_pose(finite_vector(offset_m, 3, "offset_m"))
+
+
+def joint_torques(
+    chain: Chain,
+    q: ArrayLike,
+    force_n: ArrayLike,
+    *,
+    moment_nm: ArrayLike = (0.0, 0.0, 0.0),
+    frame: str | None = None,
+    offset_m: ArrayLike | None = None,
+) -> Vector:
+    """Return the joint torques of a force at a point of the arm: ``tau = Jᵀ F``.
+
+    A small motion dq of the joints moves the point by ``J dq``, and the force does the work
+    ``Fᵀ J dq``; torques that do the same work, ``tauᵀ dq``, are ``tau = Jᵀ F``. A force that pulls
+    at the arm acts on a joint with tau, and the joint holds it with -tau; to press on something
+    with F, it needs tau. The weight of the arm itself is not included.
+
+    Args:
+        chain: The arm.
+        q: The posture (dof,), rad or m.
+        force_n: The force (3,), newtons, base frame; a suspended mass m pulls with
+            (0, 0, -9.81 m).
+        moment_nm: An additional moment (3,) on the link, newton metres, base frame.
+        frame: Name of the link that the force acts on; the tip if None.
+        offset_m: The point (3,) in that link's coordinates, metres; its origin if None.
+
+    Returns:
+        tau (dof,): newton metres, newtons for a prismatic joint; positive towards larger q.
+
+    Raises:
+        BadValueError: A shape is wrong or a number is not finite.
+        UnknownNameError: No link is named ``frame``.
+    """
+    wrench = np.concatenate(
+        [finite_vector(force_n, 3, "The force"), finite_vector(moment_nm, 3, "The moment")]
+    )
+    J = chain.jacobian(finite_vector(q, chain.dof, "q"), frame, offset_m)
+    tau: Vector = J.T @ wrench
+    return tau
+
+
+GRAVITY_M_S2 = 9.81
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkMass:
+    """The mass of a link [kg] and its centre (3,) in the link's frame [m]."""
+
+    link: str
+    mass_kg: float
+    centre_m: Vector

@@ -261,7 +261,8 @@ def _angular_singular_values(J: Matrix, moves: int, count: int) -> Vector:
 def ordinary_postures(dof: int) -> Matrix:
     """Return a few postures (n, dof) that are singular for no arm: irrational revolutions."""
     revolutions = (0.5 + np.outer(np.arange(1, _SAMPLES + 1), _IRRATIONAL)) % 1.0
-    return np.resize(2.0 * math.pi * revolutions, (_SAMPLES, dof))
+    q: Matrix = np.resize(2.0 * math.pi * revolutions, (_SAMPLES, dof)).astype(np.float64)
+    return q
 
 
 def _count_freedoms(chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> tuple[int, int]:

@@ -1,7 +1,6 @@
-"""Rotations and rigid motions: SO(3) and SE(3) on plain arrays.
+"""Rotations and poses: SO(3) and SE(3) on plain arrays.
 
-A pose ``T_world_tool`` is (4, 4) and maps tool coordinates to world coordinates. A twist is
-(6,): linear part first [m], angular part second [rad].
+A pose ``T_world_tool`` is (4, 4) and maps tool coordinates to world coordinates.
 """
 
 from __future__ import annotations
@@ -16,10 +15,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 __all__ = [
     "Matrix",
     "Vector",
-    "exp_se3",
     "exp_so3",
-    "inverse",
-    "log_se3",
     "log_so3",
     "make_pose",
     "rotation_rpy",
@@ -44,7 +40,7 @@ def exp_so3(w_rad: ArrayLike) -> Matrix:
     """Return the rotation (3, 3) about the vector ``w_rad`` (3,) by its length (Rodrigues)."""
     w = np.asarray(w_rad, dtype=np.float64)
     theta = math.sqrt(float(w @ w))
-    a, b, _ = _rodrigues(theta)
+    a, b = _rodrigues(theta)
     W = skew(w)
     return np.eye(3) + a * W + b * (W @ W)
 
@@ -62,27 +58,6 @@ def log_so3(R: ArrayLike) -> Vector:
     return axis_sin * (1.0 + theta * theta / 6.0 if theta < _SMALL_RAD else theta / sin)
 
 
-def exp_se3(twist: ArrayLike) -> Matrix:
-    """Return the pose (4, 4) reached by following the twist (6,) for one unit of time."""
-    xi = np.asarray(twist, dtype=np.float64)
-    v, w = xi[:3], xi[3:]
-    _, b, c = _rodrigues(math.sqrt(float(w @ w)))
-    W = skew(w)
-    return make_pose((np.eye(3) + b * W + c * (W @ W)) @ v, exp_so3(w))
-
-
-def log_se3(T: ArrayLike) -> Vector:
-    """Return the twist (6,) with ``exp_se3(log_se3(T)) == T``."""
-    T = np.asarray(T, dtype=np.float64)
-    w = log_so3(T[:3, :3])
-    theta = math.sqrt(float(w @ w))
-    _, b, c = _rodrigues(theta)
-    W = skew(w)
-    V = np.eye(3) + b * W + c * (W @ W)
-    v = np.linalg.solve(V, T[:3, 3])
-    return np.concatenate([v, w]).astype(np.float64)
-
-
 def make_pose(position_m: ArrayLike, rotation: ArrayLike | None = None) -> Matrix:
     """Return the pose (4, 4) from a position (3,) [m] and a rotation (3, 3), default identity."""
     T = np.eye(4)
@@ -90,12 +65,6 @@ def make_pose(position_m: ArrayLike, rotation: ArrayLike | None = None) -> Matri
     if rotation is not None:
         T[:3, :3] = rotation
     return T
-
-
-def inverse(T: Matrix) -> Matrix:
-    """Return the inverse of a pose (4, 4): ``T_world_tool`` becomes ``T_tool_world``."""
-    Rt = T[:3, :3].T
-    return make_pose(-Rt @ T[:3, 3], Rt)
 
 
 def rotation_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Matrix:
@@ -112,17 +81,13 @@ def rotation_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Matrix:
     )
 
 
-def _rodrigues(theta: float) -> tuple[float, float, float]:
-    """Return sin(θ)/θ, (1 - cos θ)/θ² and (θ - sin θ)/θ³, also at zero."""
+def _rodrigues(theta: float) -> tuple[float, float]:
+    """Return sin(θ)/θ and (1 - cos θ)/θ², also at zero."""
     if theta < _SMALL_RAD:
         t2 = theta * theta
-        return 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0
+        return 1.0 - t2 / 6.0, 0.5 - t2 / 24.0
     half = math.sin(0.5 * theta) / (0.5 * theta)
-    return (
-        math.sin(theta) / theta,
-        0.5 * half * half,
-        (theta - math.sin(theta)) / theta**3,
-    )
+    return math.sin(theta) / theta, 0.5 * half * half
 
 
 def _axis_near_pi(R: Matrix, axis_sin: Vector, cos: float) -> Vector:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
-from ikservo.kinematics.dynamics import LinkMass
+from ikservo.kinematics.chain import LinkMass
 from ikservo.model.model import Model, ModelJoint
 
 __all__ = ["STIFFNESS_NM_RAD", "joint_compliances", "link_masses"]

@@ -123,7 +123,7 @@ class ViewApp:
         serve(self._app, self._address)
 
     def serve_in_thread(self) -> ExitStack:
-        """Serve in a thread of its own until the stack is closed."""
+        """Serve in a separate thread until the stack is closed, for a program that goes on."""
         stack = ExitStack()
         stack.enter_context(serve_in_thread(self._app, self._address))
         return stack

@@ -72,7 +72,7 @@ def raycast(
 
 @jit_entry
 def raycast_brute_force(origin: Vector, direction: Vector, rows: Matrix, nearest: Vector) -> int:
-    """Look at every shape in turn, without boxes: the measure for ``cast``.
+    """Look at every shape in turn, without boxes: the reference for ``raycast`` and its benchmark.
 
     Fills ``nearest`` (2,): how far along the ray, and which row.
     """

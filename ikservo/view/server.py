@@ -299,7 +299,7 @@ def serve(app: Starlette, address: BoundAddress) -> None:
 
 @contextmanager
 def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
-    """Serve in a thread of its own as long as the block lasts; yields the URL."""
+    """Serve in a separate thread during the block, for a program that goes on; yields the URL."""
     server = _make_server(app)
     thread = threading.Thread(target=server.run, args=([address.socket],), daemon=True)
     thread.start()

@@ -2,7 +2,7 @@
 
 ::
 
-    model = planar_model([0.12, 0.10, 0.08])          # or any flat arm of the catalogue
+    model = load_model("planar3")                     # or any flat arm
     lesson = teach(model.chain, target_m, q0, "ccd")
     for k in range(lesson.count):
         items = lesson.items(k, camera)               # painted over Theatre(model).items(…)
@@ -15,24 +15,18 @@ that a person can compare them on one target.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import BadValueError
 from ikservo.ik import METHODS, Posture, Result, Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model import Model
-from ikservo.model.loading import build_chain
-from ikservo.model.urdf_types import Cylinder, Urdf, UrdfJoint, UrdfJointType, UrdfLink
 from ikservo.view.camera import Camera
 from ikservo.view.draw_items import DrawItem, circle, cross, polyline
 
-__all__ = ["ITERATIVE", "SOLVERS", "SolverTrace", "planar_model", "trace_method"]
+__all__ = ["ITERATIVE", "SOLVERS", "SolverTrace", "trace_method"]
 
 SOLVERS: tuple[str, ...] = tuple(METHODS)
 """The methods to choose from."""
@@ -42,7 +36,6 @@ ITERATIVE = ("pseudo_inverse", "transpose", "ccd")
 
 _MAX_SHOWN = 200
 _TRAIL = 10
-_MAX_LINKS = 12
 _JOINT_PX, _CROSS_PX = 4.0, 9.0
 
 
@@ -126,73 +119,8 @@ def trace_method(
     )
 
 
-def planar_model(lengths_m: Sequence[float], limit_rad: float = math.pi) -> Model:
-    """Return an arm in the plane z = 0 with a turning joint before each link.
-
-    Args:
-        lengths_m: The links, base to tip, metres.
-        limit_rad: How far each joint turns to either side.
-
-    Raises:
-        BadValueError: No links, too many, or a length or limit that is none.
-    """
-    _check_lengths(lengths_m, limit_rad)
-    names = ["base", *(f"link{i + 1}" for i in range(len(lengths_m))), "tool"]
-    before = [0.0, *lengths_m]
-    joints = [
-        _make_planar_joint(f"joint{i + 1}", names[i], names[i + 1], before[i], limit_rad)
-        for i in range(len(lengths_m))
-    ]
-    joints.append(_make_planar_joint("tip", names[-2], names[-1], before[-1], None))
-    radius_m = 0.06 * max(lengths_m)
-    links = [
-        _make_bar_link(name, length, radius_m)
-        for name, length in zip(names[1:], lengths_m, strict=False)
-    ]
-    ends = [
-        _make_bar_link("base", 0.0, 1.6 * radius_m),
-        *links,
-        _make_bar_link("tool", None, radius_m),
-    ]
-    urdf = Urdf("planar", tuple(ends), tuple(joints), "base")
-    title = f"{len(lengths_m)} links in a plane"
-    return Model.from_geometry(
-        "planar", title, build_chain(urdf, "tool"), urdf, Path("planar.urdf")
-    )
-
-
-def _check_lengths(lengths_m: Sequence[float], limit_rad: float) -> None:
-    if not 1 <= len(lengths_m) <= _MAX_LINKS:
-        raise BadValueError("The number of links", len(lengths_m), f"1 to {_MAX_LINKS}")
-    for length_m in lengths_m:
-        if not 0.0 < length_m < 100.0:
-            raise BadValueError("A link's length", length_m, "metres, above 0")
-    if not 0.0 < limit_rad <= math.tau:
-        raise BadValueError("The limit of the joints", limit_rad, "radians, above 0")
-
-
 def _arm_points(chain: Chain, q: Matrix) -> Matrix:
     """Return the pivots and the tip (n, points, 3) at joints (n, dof)."""
     links = [step.joint.child for step in chain.joints_to() if step.scale]
     points = [chain.forward(q, link)[:, :3, 3] for link in (*links, chain.tip)]
     return np.stack(points, axis=1)
-
-
-def _make_planar_joint(
-    name: str, parent: str, child: str, x_m: float, limit_rad: float | None
-) -> UrdfJoint:
-    kind = UrdfJointType.FIXED if limit_rad is None else UrdfJointType.REVOLUTE
-    limit = limit_rad or 0.0
-    return UrdfJoint(
-        name, kind, parent, child, (x_m, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0),
-        -limit, limit, math.inf, math.inf, None, 1,
-    )  # fmt: skip
-
-
-def _make_bar_link(name: str, length_m: float | None, radius_m: float) -> UrdfLink:
-    """Return a link that is a bar along x; one without a length has no body."""
-    body = () if length_m is None else (
-        Cylinder(radius_m, length_m, (0.5 * length_m, 0.0, 0.0), (0.0, math.pi / 2, 0.0)),
-    )  # fmt: skip
-    none = (0.0, 0.0, 0.0)
-    return UrdfLink(name, 0.0, none, none, (*none, *none), body, body, 1)

@@ -6,13 +6,20 @@ import pytest
 
 import ikservo
 from ikservo.guard.sag import Weight, sag_of
-from ikservo.kinematics.dynamics import LinkMass, gravity_torques
+from ikservo.kinematics.chain import LinkMass
+from ikservo.kinematics.collision import CollisionBody
 from ikservo.model.sag import STIFFNESS_NM_RAD, joint_compliances, link_masses
 from servosim.parameters import PARAMETERS
 from tests.arm.simulated import line_of
 from tests.guard.arms import body
 from tests.kinematics.chains import crane
 from tests.oracle import ARMS, CONFIGS
+
+
+def torques(shape, masses, q):
+    """Return the torques of gravity (n, dof): the sag of joints that yield 1 rad for each N m."""
+    free = np.full(shape.chain.dof, np.inf)
+    return sag_of(shape, Weight(masses, np.ones(shape.chain.dof), -free, free))(np.array(q))
 
 
 def sagging(model):
@@ -41,14 +48,14 @@ def test_gravity_turns_joints_as_pinocchio_says(name):
             columns.append(oracle.joints[oracle.getJointId(joint)].idx_q)
             posture[columns[-1]] = value
         held = pinocchio.computeGeneralizedGravity(oracle, oracle.createData(), posture)
-        found = gravity_torques(model.chain, link_masses(model, model.chain), [q])[0]
+        found = torques(body(name), link_masses(model, model.chain), [q])[0]
         np.testing.assert_allclose(found, -held[columns], atol=1e-9)
 
 
 def test_gravity_pulls_a_slide_down_and_what_follows_it_counts_its_share():
     # the hook sinks by half a metre for each metre of the slide, the cart stays as high
     masses = [LinkMass("hook", 2.0, np.array([0.1, 0.2, 0.3])), LinkMass("cart", 5.0, np.zeros(3))]
-    found = gravity_torques(crane(), masses, [[0.3, 0.1], [1.0, 0.3]])
+    found = torques(CollisionBody(crane(), []), masses, [[0.3, 0.1], [1.0, 0.3]])
     np.testing.assert_allclose(found, [[0.0, 0.5 * 2.0 * 9.81]] * 2, atol=1e-12)
 
 
@@ -86,5 +93,5 @@ def test_the_compiled_sag_is_torque_times_what_joints_yield(name):
     middle = model.chain.mid_range()[None]
     masses, yields = link_masses(model, model.chain), joint_compliances(model, model.chain)
     assert (yields > 0).all()
-    expected = gravity_torques(model.chain, masses, middle) * yields
+    expected = torques(body(name), masses, middle) * yields
     np.testing.assert_allclose(sagging(model)(middle), expected, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Laws of SO(3) and SE(3), also next to zero and next to a half turn."""
+"""Laws of SO(3), also next to zero and next to a half turn."""
 
 import math
 
@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from ikservo.kinematics import se3
 
-finite = st.floats(-3.0, 3.0)
 lengths = st.one_of(
     st.floats(1e-9, math.pi - 1e-9),
     st.floats(0.0, 1e-6),
@@ -23,11 +22,6 @@ def rotation_vectors(draw):
     norm = np.linalg.norm(axis)
     axis = axis / norm if norm > 1e-3 else np.array([0.0, 0.0, 1.0])
     return draw(lengths) * axis
-
-
-@st.composite
-def twists(draw):
-    return np.concatenate([[draw(finite) for _ in range(3)], draw(rotation_vectors())])
 
 
 @given(rotation_vectors())
@@ -48,23 +42,11 @@ def test_log_undoes_exp_below_a_half_turn(w):
     np.testing.assert_allclose(se3.log_so3(se3.exp_so3(w)), w, atol=1e-7)
 
 
-@given(twists())
-def test_exp_undoes_log_on_poses(twist):
-    T = se3.exp_se3(twist)
-    np.testing.assert_allclose(se3.exp_se3(se3.log_se3(T)), T, atol=1e-8)
-
-
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, -0.8)])
 def test_a_half_turn_has_a_logarithm_of_length_pi(axis):
     R = se3.exp_so3(math.pi * np.array(axis))
     assert np.linalg.norm(se3.log_so3(R)) == pytest.approx(math.pi)
     np.testing.assert_allclose(se3.exp_so3(se3.log_so3(R)), R, atol=1e-12)
-
-
-@given(twists())
-def test_a_pose_times_its_inverse_is_the_identity(twist):
-    T = se3.exp_se3(twist)
-    np.testing.assert_allclose(T @ se3.inverse(T), np.eye(4), atol=1e-12)
 
 
 def test_rpy_turns_about_fixed_axes_x_then_y_then_z():
@@ -90,12 +72,3 @@ def test_the_logarithm_of_half_a_turn_has_its_axis(short_of_half_a_turn_rad):
     found = se3.log_so3(se3.exp_so3(w))
     np.testing.assert_allclose(np.abs(found), np.abs(w), rtol=1e-7)
     np.testing.assert_allclose(se3.exp_so3(found), se3.exp_so3(w), atol=1e-9)
-
-
-@pytest.mark.parametrize("angle_rad", [1e-7, 9e-5, 1.1e-4, 1e-3, 0.5, 2.0, 3.1])
-def test_a_point_that_turns_while_it_goes_on_follows_an_arc(angle_rad):
-    T = se3.exp_se3([1.0, 0.0, 0.0, 0.0, 0.0, angle_rad])
-    along, aside = math.sin(angle_rad) / angle_rad, 2.0 * math.sin(angle_rad / 2) ** 2 / angle_rad
-    # next to zero (theta - sin theta) / theta³ loses digits, which theta² makes up for
-    np.testing.assert_allclose(T[:2, 3], [along, aside], rtol=1e-13)
-    np.testing.assert_allclose(se3.log_se3(T), [1.0, 0.0, 0.0, 0.0, 0.0, angle_rad], atol=1e-9)

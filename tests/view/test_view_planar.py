@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import UnknownNameError
 from ikservo.kinematics import distance_to_limits
 from ikservo.model.collision_model import capsules_of
 from ikservo.view.bvh import link_primitives
@@ -13,8 +13,9 @@ from ikservo.view.camera import Viewport
 from ikservo.view.draw_items import link_poses
 from ikservo.view.picking import Picker
 from ikservo.view.scene import SceneRenderer, SceneState
-from ikservo.view.solver_demo import SOLVERS, planar_model, trace_method
+from ikservo.view.solver_demo import SOLVERS, trace_method
 from ikservo.view.viewpoints import Viewpoint, arm_extent, available_views, make_camera
+from tests.view.planar_arm import planar_model
 
 LENGTHS_M = [0.12, 0.10, 0.08]
 MODEL = planar_model(LENGTHS_M)
@@ -105,15 +106,3 @@ def test_a_step_says_which_it_is_and_what_is_left():
 def test_an_unknown_method_is_refused():
     with pytest.raises(UnknownNameError):
         trace_method(MODEL.chain, TARGET_M, START, "magic")
-
-
-@pytest.mark.parametrize("lengths_m", [[], [0.1] * 13, [0.1, 0.0], [math.nan], [-0.1]])
-def test_links_that_are_none_are_refused(lengths_m):
-    with pytest.raises(BadValueError):
-        planar_model(lengths_m)
-
-
-@pytest.mark.parametrize("limit_rad", [0.0, -1.0, math.nan, 7.0])
-def test_limits_that_are_none_are_refused(limit_rad):
-    with pytest.raises(BadValueError):
-        planar_model(LENGTHS_M, limit_rad)

@@ -15,10 +15,10 @@ from ikservo.view.camera import Camera
 from ikservo.view.draw_items import TargetMarker, link_poses
 from ikservo.view.outlines import SilhouetteRenderer
 from ikservo.view.scene import SceneRenderer, SceneState
-from ikservo.view.solver_demo import planar_model
 from ikservo.view.viewpoints import Viewpoint, make_camera
 from tests.kinematics.chains import crane
 from tests.view.looks import VIEWPORT, looked_at, model_of, picker, stage, theatre
+from tests.view.planar_arm import planar_model
 
 VIEWS = ["side", "top", "front", "orbit"]
 

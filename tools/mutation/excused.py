@@ -170,11 +170,6 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "0 -> -1",
     ): "a column that is scaled by zero may be any",
     (
-        "kinematics.dynamics",
-        "if step.scale:",
-        "always",
-    ): "a joint that nothing moves adds zero; it is skipped to save time",
-    (
         "calibration.result",
         "if min(max(above, below), abs(shift)) > _max_shift(subject):",
         "Gt -> GtE",
