@@ -327,9 +327,7 @@ def brought_inside(
         wanted, (low, high) = pose[fence.joint], fence.position_range
         inside = min(max(wanted, min(low, at)), max(high, at))
         joint_map = fence.joint_map
-        beyond_rad = (
-            max(low - wanted, wanted - high) / joint_map.unit_per_tick * joint_map.horn_rad_per_tick
-        )
+        beyond_rad = max(low - wanted, wanted - high) / joint_map.unit_per_horn_rad
         if inside != wanted and beyond_rad <= most_rad:
             positions[fence.joint] = inside
             if joint_map.format(inside) != joint_map.format(wanted):  # less is rounding, not news

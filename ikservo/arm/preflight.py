@@ -183,7 +183,7 @@ class Foreseeing(Running):
             column = self._planner.joint_index(gripper.joint)
             joint_map = self._servos.fences[column].joint_map
             ahead = abs(here[column] - self._servos.measure_positions()[column])
-            if ahead / joint_map.unit_per_tick * joint_map.horn_rad_per_tick > _PRESSING_LAG_RAD:
+            if ahead / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD:
                 del rest[gripper.joint]
         return brought_inside(rest, self._servos.fences, here, most_rad=math.inf)
 

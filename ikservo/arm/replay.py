@@ -235,9 +235,7 @@ def _check_recorded_arm(arm: ArmContext, heading: RecordingHeader, path: Path) -
 def _check_limits(arm: ArmContext, recording: Recording, path: Path) -> None:
     """Refuse a recording that leaves the limits by more than a hand presses joints past them."""
     for column, fence in enumerate(arm.servos.fences):
-        slack = (
-            _LIMIT_TOLERANCE_RAD * fence.joint_map.unit_per_tick / fence.joint_map.horn_rad_per_tick
-        )
+        slack = _LIMIT_TOLERANCE_RAD * fence.joint_map.unit_per_horn_rad
         low, high = fence.position_range
         values = recording.joints[:, column]
         beyond = np.flatnonzero((values < low - slack) | (values > high + slack))

@@ -166,6 +166,11 @@ class JointMap:
         return replace(self, sign=sign, zero_tick=zero_tick)
 
     @property
+    def unit_per_horn_rad(self) -> float:
+        """Return the travel [rad or m] for each radian of the horn, with a crank the most of it."""
+        return self.unit_per_tick / self.horn_rad_per_tick
+
+    @property
     def gear(self) -> float:
         """Return the horn's turns for one of a revolute joint; 1 for a prismatic one."""
         return self.horn_rad_per_tick / self.unit_per_tick if self.unit == "rad" else 1.0

@@ -297,8 +297,7 @@ class StreamedServos:
                 step()
 
     def _prepare_streaming(self, speed_rad_s: float | None) -> None:
-        horns = {f.joint: f.joint_map.unit_per_tick / f.joint_map.horn_rad_per_tick
-                 for f in self.fences}  # fmt: skip
+        horns = {f.joint: f.joint_map.unit_per_horn_rad for f in self.fences}
         speeds = {f.joint: f.speed for f in self.fences}
         if speed_rad_s is not None:
             speeds = {name: min(speed_rad_s * horns[name], speeds[name]) for name in speeds}

@@ -109,7 +109,7 @@ class _Search:
         self._column = arm.planner.joint_index(joint)
         joint_map = arm.servos.fences[self._column].joint_map
         self._servo = bus.servos[joint_map.servo_id]
-        self._per_horn = joint_map.unit_per_tick / joint_map.horn_rad_per_tick
+        self._per_horn = joint_map.unit_per_horn_rad
         self._pursuit: OnlineTrajectory | None = None
         self._looked_s = -math.inf
         self._leaving = False
@@ -202,7 +202,7 @@ def range_ends(subject: JointUnderCalibration) -> Iterator[RangeEnd]:
 
 def horn_to_joint(subject: JointUnderCalibration) -> float:
     """Return what one radian of the horn is worth at most, rad or m."""
-    return subject.joint_map.unit_per_tick / subject.joint_map.horn_rad_per_tick
+    return subject.joint_map.unit_per_horn_rad
 
 
 def is_end_stop(felt: ContactResult, end: RangeEnd, subject: JointUnderCalibration) -> bool:

@@ -171,14 +171,13 @@ def _make_model_joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> Model
         found = f'is "{entry.servo.model}", a {table.family} servo'
         raise FileFormatError(path, f"{where}.servo.model", found, f"a {arm.bus.family} servo")
     joint_map = _make_joint_map(entry, table.ticks_per_turn)
-    per_horn = joint_map.unit_per_tick / joint_map.horn_rad_per_tick
     return ModelJoint(
         name=entry.name,
         role=entry.role,
         limits=Limits.of(entry.name, body.lower, body.upper, _ARM_FILE, joint_map.unit),
         joint_map=joint_map,
-        travel_per_turn=per_horn * math.tau,
-        backlash=per_horn * math.radians(entry.backlash_deg),
+        travel_per_turn=joint_map.unit_per_horn_rad * math.tau,
+        backlash=joint_map.unit_per_horn_rad * math.radians(entry.backlash_deg),
         servo=ModelServo(entry.servo.id, entry.servo.model, entry.servo.eeprom),
         shadows=tuple(ModelServo(s.id, s.model, s.eeprom) for s in entry.shadows),
         zero_from=entry.zero_from,
