@@ -1,4 +1,4 @@
-"""What an arm is: its files, the catalogue of arms, and the model made of them."""
+"""Description of an arm: its files, the catalogue of arms, and the model built from them."""
 
 from ikservo.model.catalogue import arm_names, find_arm
 from ikservo.model.loading import load_model

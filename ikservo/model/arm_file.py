@@ -52,7 +52,7 @@ REQUIRED_POSES = ("rest", "home", "zero")
 
 
 def arm_file_issues(arm: ArmFile) -> Iterator[ValidationIssue]:
-    """Yield each contradiction between values of an arm file, in the order of the file."""
+    """Yield each inconsistency between values of an arm file, in the order of the file."""
     if not any(joint.role == "arm" for joint in arm.joints):
         yield ValidationIssue(("joints",), 'has no joint with role = "arm"', "at least one")
     yield from _find_repeated(_joint_names(arm), "a unique name")
@@ -105,8 +105,10 @@ def _check_joint_order(arm: ArmFile) -> Iterator[ValidationIssue]:
 def _check_transmissions(arm: ArmFile) -> Iterator[ValidationIssue]:
     for i, joint in enumerate(arm.joints):
         servo, where = joint.servo, ("joints", i, "servo")
-        ways = (servo.m_per_turn is not None) + (servo.crank is not None) + (servo.gear != 1.0)
-        if ways > 1:
+        transmissions = (
+            (servo.m_per_turn is not None) + (servo.crank is not None) + (servo.gear != 1.0)
+        )
+        if transmissions > 1:
             expected = "one of m_per_turn, crank and gear"
             yield ValidationIssue(where, "has several transmissions", expected)
         if servo.crank and servo.crank.radius_m >= servo.crank.rod_m:
@@ -143,14 +145,14 @@ def _check_gripper(gripper: ArmGripper, joints: Sequence[ArmJoint]) -> Iterator[
             )
         return
     slides = joints[0].is_prismatic
-    motion, fitting = ("slides", "width_m_by_m") if slides else ("turns", "width_m_by_deg")
+    motion, expected_key = ("slides", "width_m_by_m") if slides else ("turns", "width_m_by_deg")
     for key, pairs in (
         ("width_m_by_deg", gripper.width_m_by_deg),
         ("width_m_by_m", gripper.width_m_by_m),
     ):
-        if pairs and key != fitting:
+        if pairs and key != expected_key:
             yield ValidationIssue(
-                ("gripper", key), f"is set, but {joints[0].name} {motion}", fitting
+                ("gripper", key), f"is set, but {joints[0].name} {motion}", expected_key
             )
         elif pairs and not _is_monotonic(pairs):
             expected = "two or more pairs, both numbers growing or one growing and one falling"
@@ -203,9 +205,9 @@ def read_arm_file(path: Path | str) -> ArmFile:
     """
     path = Path(path)
     arm = _validate_arm_file(path, read_toml(path))
-    complaints = [*_check_paths(path, arm), *arm_file_issues(arm)]
-    if complaints:
-        raise first_issue(complaints, path)
+    issues = [*_check_paths(path, arm), *arm_file_issues(arm)]
+    if issues:
+        raise first_issue(issues, path)
     return arm
 
 

@@ -34,7 +34,7 @@ def _require_integer(value: object) -> object:
 
 
 _USUAL = HealthLimits()
-# Each description is also what an error message expects there.
+# Each description is also the expectation in error messages.
 _NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 _TEXT = "one line of text"
 _EEPROM = "register = raw value, such as { drive_mode = 1 }"
@@ -48,7 +48,7 @@ Play = Annotated[float, Field(ge=0, le=10)]
 
 
 class ArmBus(StrictModel):
-    """``[bus]``: how to talk to the servos."""
+    """``[bus]``: protocol family and baud rate of the servos."""
 
     family: Literal["feetech_sts", "feetech_scs", "dynamixel_2", "dynamixel_1"] = Field(
         description="feetech_sts, feetech_scs, dynamixel_2 or dynamixel_1"
@@ -65,7 +65,7 @@ class ArmSpeed(StrictModel):
 
 
 class ArmSpeeds(StrictModel):
-    """The three speeds a person can ask for."""
+    """The three speeds that can be chosen."""
 
     slow: ArmSpeed = Field(description="a table [speeds.slow]")
     normal: ArmSpeed = Field(description="a table [speeds.normal]")
@@ -73,7 +73,7 @@ class ArmSpeeds(StrictModel):
 
 
 class ArmShadow(StrictModel):
-    """A servo that turns a joint: ``q = sign * (tick - zero_tick) * 2 pi / 4096`` in radians."""
+    """A servo that drives a joint: ``q = sign * (tick - zero_tick) * 2 pi / 4096`` in radians."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     model: Name = Field(description='a servo model, such as "XM430-W350"')
@@ -85,7 +85,7 @@ class ArmShadow(StrictModel):
 
 
 class ArmCrank(StrictModel):
-    """A crank and a rod between the horn and a joint that slides; see ``calibration.crank``."""
+    """A crank and a rod between the horn and a prismatic joint; see ``calibration.Crank``."""
 
     radius_m: Positive = Field(description="metres from the horn's axis to the pin")
     rod_m: Positive = Field(description="metres from the pin to the slide")
@@ -93,7 +93,7 @@ class ArmCrank(StrictModel):
 
 
 class ArmServo(ArmShadow):
-    """The servo that answers for a joint; with ``m_per_turn`` or ``crank`` that joint slides."""
+    """The first servo of a joint; with ``m_per_turn`` or ``crank`` the joint is prismatic."""
 
     m_per_turn: Positive | None = Field(default=None, description="metres a turn, above 0")
     crank: ArmCrank | None = Field(default=None, description="a table { radius_m = …, … }")
@@ -101,7 +101,7 @@ class ArmServo(ArmShadow):
 
 
 class ArmJoint(StrictModel):
-    """``[[joints]]``: a joint of the URDF that moves, and what moves it."""
+    """``[[joints]]``: a moving joint of the URDF, and its servos."""
 
     name: Name = Field(description=_NAME)
     role: Literal["arm", "gripper"] = Field(description="arm or gripper")
@@ -119,7 +119,7 @@ class ArmJoint(StrictModel):
 
 
 class ArmPose(StrictModel):
-    """``[poses.NAME]``: every joint once, in degrees where it turns, in metres where it slides."""
+    """``[poses.NAME]``: every joint once, revolute ones in degrees, prismatic ones in metres."""
 
     deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
     m: Mapping[Name, float] = Field(default={}, description="joint = metres")
@@ -134,7 +134,7 @@ class ArmBox(StrictModel):
 
 
 class ArmEnvironment(StrictModel):
-    """``[surroundings]``: what stands around the arm, in its base frame."""
+    """``[surroundings]``: obstacles around the arm, in its base frame."""
 
     floor_m: float = Field(default=0.0, description="the height of the table in metres")
     keep_out: tuple[ArmBox, ...] = Field(
@@ -143,7 +143,7 @@ class ArmEnvironment(StrictModel):
 
 
 class ArmHealth(StrictModel):
-    """``[health]``: what the servos may be asked to bear, where it is not as usual."""
+    """``[health]``: limits of the servos, where they differ from the defaults."""
 
     warn_c: Positive = Field(default=_USUAL.warn_c, description="degrees Celsius, such as 60.0")
     hold_c: Positive = Field(default=_USUAL.hold_c, description="degrees Celsius, such as 65.0")
@@ -162,7 +162,7 @@ Width = Annotated[tuple[float, Annotated[float, Field(ge=0)]], Field(strict=Fals
 
 
 class ArmGripper(StrictModel):
-    """``[gripper]``: what cannot be told from the joint with that role."""
+    """``[gripper]``: properties that do not follow from the joint with that role."""
 
     closes_to: Literal["lower", "upper"] | None = Field(
         default=None, description="lower or upper, the limit at which the jaws meet"
@@ -176,14 +176,14 @@ class ArmGripper(StrictModel):
 
 
 class ArmCalibration(StrictModel):
-    """``[calibration]``: whether the arm may look for its own stops."""
+    """``[calibration]``: whether the arm may search for its own stops."""
 
     auto: bool = Field(default=True, description="true or false")
     reason: Text | None = Field(default=None, description=_TEXT)
 
 
 class ArmFile(StrictModel):
-    """A whole ``arm.toml``, each value by itself as it should be."""
+    """An ``arm.toml``; each value is checked by itself."""
 
     format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
     name: Name = Field(description=_NAME)
@@ -208,10 +208,10 @@ class ArmFile(StrictModel):
     _folder: Path = PrivateAttr(default=Path())
 
     def model_post_init(self, context: Mapping[str, Path] | None, /) -> None:
-        """Remember the folder the file came from; relative names count from there."""
+        """Store the folder of the file; relative names are resolved from there."""
         self._folder = context["folder"] if context else Path()
 
     @property
     def urdf_path(self) -> Path:
-        """The URDF file; it lies in the arm's folder, but need not exist."""
+        """The URDF file; it is in the arm's folder, but need not exist."""
         return self._folder / self.urdf

@@ -22,11 +22,11 @@ def arm_names() -> list[str]:
 
 
 def find_arm(name_or_path: str | Path) -> Path:
-    """Return the ``arm.toml`` or ``.urdf`` that a person means.
+    """Return the ``arm.toml`` or ``.urdf`` of a name or path.
 
-    A name is looked up in the listing of the shelves and never becomes part of a path unless
-    it is there. What has a separator or ends in .toml, .urdf, .xacro or .xml is a path: to such a
-    file, or to a folder that holds an ``arm.toml``. Nothing is opened here.
+    A name is searched in the listing of the folders and never becomes part of a path unless it
+    is there. What has a separator or ends in .toml, .urdf, .xacro or .xml is a path: to such a
+    file, or to a folder with an ``arm.toml``. Nothing is opened here.
 
     Raises:
         UnknownNameError: There is no such arm; the closest name is offered.
@@ -41,13 +41,13 @@ def find_arm(name_or_path: str | Path) -> Path:
 
 
 def catalogue_name(path: Path) -> str | None:
-    """Return the name under which an arm file stands on a shelf, or None if it stands elsewhere."""
+    """Return an arm file's name in the catalogue, or None if it is elsewhere."""
     folder = path.absolute().parent
     return folder.name if folder.parent in _arm_folders() else None
 
 
 def _arm_folders() -> tuple[Path, ...]:
-    """Return the folders that hold one folder an arm; a person's own would come first here."""
+    """Return the folders that contain one folder per arm."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_configs"
     return (shipped if shipped.is_dir() else package.parent / "configs",)
@@ -71,7 +71,7 @@ def _find_at_path(text: str) -> Path:
             return path
         if (path / ARM_FILE).is_file():
             return path / ARM_FILE
-    except (OSError, ValueError):  # too long, a null byte, a folder that may not be entered
+    except (OSError, ValueError):  # too long, a null byte, a folder without permission
         pass
     raise UnknownNameError("arm or arm file", _shorten_text(text), arm_names())
 

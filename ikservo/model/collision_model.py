@@ -27,10 +27,10 @@ def collision_body(model: Model) -> CollisionBody:
 
 
 def collision_body_with_gripper(model: Model) -> CollisionBody:
-    """Return the body whose joint vectors end with the gripper's joint, where the arm has one.
+    """Return the body whose joint vectors end with the gripper's joint, if the arm has one.
 
-    In ``body_of`` jaws stand still: closed, or as near to that as zero is. Here they are where the
-    vector says; those of jaws that do not hang behind the chain's last joint stand still, too.
+    In ``collision_body`` jaws are fixed: closed, or as near to that as zero is. Here they follow
+    the vector; jaws that are not connected behind the chain's last joint are fixed, too.
     """
     chain, gripper = _chain_with_gripper(model), model.gripper
     if chain is None or gripper is None:
@@ -51,7 +51,7 @@ def _chain_with_gripper(model: Model) -> Chain | None:
 
 
 def capsules_of(model: Model) -> list[Capsule]:
-    """Return the capsules around every link's collision shapes, or what is drawn of it.
+    """Return the capsules around every link's collision shapes, or else its visual ones.
 
     Raises:
         FileFormatError: A mesh cannot be used; names the link.

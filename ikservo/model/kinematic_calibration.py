@@ -1,7 +1,7 @@
 """Kinematic calibration: fit geometric errors to touched points by least squares.
 
 Minimises ``Σ ρ(|f(q_i + δ; g) - p_i|² / σ²) + Σ (x_k / σ_k)²`` over the vector x of zero errors δ,
-geometry g and unmeasured points, where ρ grows like a logarithm for touches that went astray.
+geometry g and unmeasured points, where ρ grows like a logarithm for outliers.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class TouchPoint:
     """The tip on a point.
 
     Attributes:
-        q: The joints (dof,) as the arm says at present, rad or m.
+        q: The measured joints (dof,), rad or m.
         point: The point's name.
-        position_m: Where it is (3,), metres, in the frame that the arm's base shall have; None
-            for a point that nobody has measured and that is touched several times.
+        position_m: Its position (3,), metres, in the desired base frame; None for an unmeasured
+            point that is touched several times.
     """
 
     q: Vector
@@ -62,12 +62,12 @@ def joint_matrix(touches: Sequence[TouchPoint]) -> Matrix:
 
 
 def unknown_points(touches: Sequence[TouchPoint]) -> tuple[str, ...]:
-    """Return the names of the points that nobody has measured, each once."""
+    """Return the names of the unmeasured points, each once."""
     return tuple(dict.fromkeys(touch.point for touch in touches if touch.position_m is None))
 
 
-# Standard deviations before the first touch: a zero that was held by eye, printed links, a sheet
-# that was laid before the arm by its edge.
+# Standard deviations before the first touch: a zero set by eye, printed links, a sheet aligned
+# with the arm by its edge.
 ZERO_RAD, ZERO_M = math.radians(3.0), 0.002
 BASE_M, BASE_RAD = 0.004, math.radians(1.0)
 ORIGIN_M = 0.0012
@@ -75,7 +75,7 @@ POINT_M = 0.1
 
 
 class ParameterSet(Enum):
-    """How much of the arm is estimated."""
+    """The estimated parameters of the arm."""
 
     NONE = "nothing"
     ZEROS = "zeros"
@@ -85,24 +85,24 @@ class ParameterSet(Enum):
 
     @property
     def includes_base(self) -> bool:
-        """Return whether the base may stand elsewhere."""
+        """Return whether the base pose is estimated."""
         return self in (ParameterSet.BASE, ParameterSet.EVERYTHING)
 
     @property
     def includes_links(self) -> bool:
-        """Return whether links may have other lengths."""
+        """Return whether link lengths are estimated."""
         return self in (ParameterSet.LINKS, ParameterSet.EVERYTHING)
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of a touch-off.
+    """One parameter of a touch-off.
 
     Attributes:
         name: ``elbow_flex zero``, ``base x``, ``elbow_flex origin z``.
         unit: rad or m.
         prior: Its standard deviation before any touch, rad or m.
-        free: Whether it is estimated at all.
+        free: Whether it is estimated.
     """
 
     name: str
@@ -112,12 +112,12 @@ class Parameter:
 
 
 class ParameterVector:
-    """The vector (k,) of a touch-off: zeros, base, origins, then points nobody has measured.
+    """The parameter vector (k,) of a touch-off: zeros, base, origins, then unmeasured points.
 
     Args:
         chain: The arm as described.
-        extent: What of it is estimated; the rest stays zero.
-        points: Names of the points that nobody has measured.
+        extent: The estimated parameters; the others stay zero.
+        points: Names of the unmeasured points.
     """
 
     def __init__(self, chain: Chain, extent: ParameterSet, points: tuple[str, ...] = ()) -> None:
@@ -134,33 +134,33 @@ class ParameterVector:
 
     @property
     def geometry_columns(self) -> slice:
-        """Return where in the vector zeros, base and origins are, in the order of ``slopes``."""
+        """Return the columns of zeros, base and origins, as in ``calibration_jacobian``."""
         return slice(0, self.chain.dof + 6 + 3 * len(self.origins))
 
     def zeros(self, values: Vector) -> Vector:
-        """Return what must be added to the joints (dof,)."""
+        """Return the corrections of the joints (dof,)."""
         return values[: self.chain.dof]
 
     def geometry(self, values: Vector) -> GeometricErrors:
-        """Return how base and links differ."""
+        """Return the errors of base and links."""
         n = self.chain.dof
         moves = values[n + 6 : n + 6 + 3 * len(self.origins)].reshape(-1, 3)
         origins = dict(zip(self.origins, moves, strict=True))
         return GeometricErrors(values[n : n + 3], values[n + 3 : n + 6], origins)
 
     def point_columns(self) -> Mapping[str, slice]:
-        """Return where in the vector each point that nobody has measured stands."""
+        """Return the columns of each unmeasured point."""
         first = self.geometry_columns.stop
         return {p: slice(first + 3 * i, first + 3 * i + 3) for i, p in enumerate(self.points)}
 
     def _zero_parameters(self) -> list[Parameter]:
         free = self.extent is not ParameterSet.NONE
-        turns = [kind is JointType.REVOLUTE for kind in self.chain.kinds]
+        revolute = [kind is JointType.REVOLUTE for kind in self.chain.kinds]
         return [
             Parameter(f"{name} zero", "rad", ZERO_RAD, free)
-            if turn
+            if is_revolute
             else Parameter(f"{name} zero", "m", ZERO_M, free)
-            for name, turn in zip(self.chain.names, turns, strict=True)
+            for name, is_revolute in zip(self.chain.names, revolute, strict=True)
         ]
 
     def _base_parameters(self) -> list[Parameter]:
@@ -182,18 +182,18 @@ class ParameterVector:
 
 
 TOUCH_M = 0.0006
-"""How far a careful hand is off a point, each axis, one standard deviation; a tick included."""
+"""Error of a touch by hand, each axis, one standard deviation; a tick included."""
 
 Mask = NDArray[np.bool_]
 
 
 class LeastSquaresProblem:
-    """Touches against the vector of a layout, of which ``x`` is what is free.
+    """Least-squares problem of touches; ``x`` are the free parameters of a vector.
 
     Attributes:
-        layout: What the vector means.
-        prior: Standard deviations (x,) of what is free, before any touch.
-        start: Where the search for x begins: unmeasured points in the middle of their touches.
+        layout: The meaning of the vector.
+        prior: Standard deviations (x,) of the free parameters, before any touch.
+        start: The start of the search for x: unmeasured points at the mean of their touches.
     """
 
     def __init__(self, chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet) -> None:
@@ -202,8 +202,8 @@ class LeastSquaresProblem:
         self._touches, self._q = touches, joint_matrix(touches)
         columns = self.layout.point_columns()
         self._columns = [columns[t.point] if t.position_m is None else None for t in touches]
-        here = [np.zeros(3) if t.position_m is None else t.position_m for t in touches]
-        self._known = np.array(here)
+        known = [np.zeros(3) if t.position_m is None else t.position_m for t in touches]
+        self._known = np.array(known)
         self._middle = self._touched_points()
         self.start: Vector = self._middle[self.layout.free]
 
@@ -214,28 +214,28 @@ class LeastSquaresProblem:
         return values
 
     def residuals(self, x: Vector, kept: Mask) -> Vector:
-        """Return the gaps of the kept touches, then x against its prior, in deviations."""
-        gaps = self.tip_errors(self.values(x))[0][kept].ravel() / TOUCH_M
-        return np.concatenate([gaps, (x - self.start) / self.prior])
+        """Return the errors of the kept touches, then x against its prior, in deviations."""
+        errors = self.tip_errors(self.values(x))[0][kept].ravel() / TOUCH_M
+        return np.concatenate([errors, (x - self.start) / self.prior])
 
     def jacobian(self, x: Vector, kept: Mask) -> Matrix:
-        """Return how the residuals move with x."""
+        """Return the derivatives of the residuals by x."""
         J = self.tip_errors(self.values(x))[1][kept][:, :, self.layout.free] / TOUCH_M
         return np.vstack([J.reshape(3 * len(J), len(x)), np.diag(1.0 / self.prior)])
 
     def tip_errors(self, values: Vector) -> tuple[Matrix, Matrix]:
-        """Return tip less point (n, 3), metres, and how that moves with the vector (n, 3, k)."""
+        """Return tip less point (n, 3), metres, and its derivatives by the vector (n, 3, k)."""
         layout = self.layout
         q, geometry = self._q + layout.zeros(values), layout.geometry(values)
         tips, moving = calibration_jacobian(layout.chain, q, geometry, layout.origins)
         J = np.zeros((len(q), 3, len(values)))
         J[:, :, layout.geometry_columns] = moving
-        gaps = tips - self._known
+        errors = tips - self._known
         for i, column in enumerate(self._columns):
             if column is not None:
-                gaps[i] -= values[column]
+                errors[i] -= values[column]
                 J[i, :, column] = -np.eye(3)
-        return gaps, J
+        return errors, J
 
     def _touched_points(self) -> Vector:
         vector = np.zeros(len(self.layout.free))
@@ -255,16 +255,16 @@ _MAX_OUTLIER_M = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationFit:
-    """An arm that fits some touches.
+    """An arm fitted to touches.
 
     Attributes:
-        layout: What the numbers mean.
+        layout: The meaning of the numbers.
         values: The vector (k,).
-        covariance: How well it is known (k, k); zero for what was not estimated.
-        scaled: Singular values, falling, of how the touches move with all that was estimated,
-            each counted in its prior: above 1 the touches say more than was known before.
-        kept: The touches (n,) that were believed.
-        residuals_m: How far the tip was from each point (n,), left out ones included.
+        covariance: Its covariance (k, k); zero for parameters that were not estimated.
+        scaled: Singular values, descending, of the touches' Jacobian by all estimated parameters,
+            each scaled by its prior: above 1 the touches add information.
+        kept: The touches (n,) that were used.
+        residuals_m: Distance of the tip from each point (n,), outliers included.
     """
 
     layout: ParameterVector
@@ -275,20 +275,20 @@ class CalibrationFit:
     residuals_m: Vector
 
     def tips(self, q: Matrix) -> Matrix:
-        """Return where the tip is (n, 3), metres, for joints (n, dof) as the arm says them."""
+        """Return the tip positions (n, 3), metres, for measured joints (n, dof)."""
         geometry = self.layout.geometry(self.values)
         return calibration_jacobian(
             self.layout.chain, q + self.layout.zeros(self.values), geometry, ()
         )[0]
 
     def errors_m(self, touches: Sequence[TouchPoint]) -> Vector:
-        """Return how far the tip is from each touch's point (n,)."""
+        """Return the distance of the tip from each touch's point (n,)."""
         return np.linalg.norm(
             self.tips(joint_matrix(touches)) - self._touched_points(touches), axis=1
         )
 
     def deviation_m(self, q: Matrix) -> Vector:
-        """Return how well the tip is known (n,) at joints (n, dof): one standard deviation."""
+        """Return the standard deviation of the tip (n,) at joints (n, dof)."""
         layout, geometry = self.layout, self.layout.geometry(self.values)
         J = calibration_jacobian(layout.chain, q, geometry, layout.origins)[1]
         C = self.covariance[layout.geometry_columns, layout.geometry_columns]
@@ -308,21 +308,21 @@ class CalibrationFit:
 def fit_parameters(
     chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet, kept: Mask
 ) -> CalibrationFit:
-    """Return the arm that fits the kept touches."""
+    """Return the arm fitted to the kept touches."""
     return _solve_parameters(LeastSquaresProblem(chain, touches, extent), kept, robust=False)
 
 
 def fit_robustly(
     chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet
 ) -> CalibrationFit:
-    """Return the arm that fits what most touches agree on, the others left out.
+    """Return the arm fitted to most touches, without the outliers.
 
     Raises:
         CalibrationError: More than a third of the touches contradict the others, or all do.
     """
     problem = LeastSquaresProblem(chain, touches, extent)
-    everyone = np.ones(len(touches), dtype=np.bool_)
-    found = _solve_parameters(problem, everyone, robust=True)
+    all_touches = np.ones(len(touches), dtype=np.bool_)
+    found = _solve_parameters(problem, all_touches, robust=True)
     for _ in range(_MAX_ITERATIONS):
         kept = _inlier_mask(found)
         if np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(touches):
@@ -337,14 +337,14 @@ def _solve_parameters(problem: LeastSquaresProblem, kept: Mask, *, robust: bool)
 
     x = problem.start
     if problem.layout.free.any():
-        answer = least_squares(
+        solution = least_squares(
             lambda x: problem.residuals(x, kept),
             x,
             lambda x: problem.jacobian(x, kept),
             x_scale=problem.prior,
             loss=partial(_cauchy_loss, 3 * int(np.count_nonzero(kept))) if robust else "linear",
         )
-        x = np.asarray(answer.x, dtype=np.float64)
+        x = np.asarray(solution.x, dtype=np.float64)
     return _make_fit(problem, x, kept)
 
 
@@ -361,15 +361,15 @@ def _make_fit(problem: LeastSquaresProblem, x: Vector, kept: Mask) -> Calibratio
     covariance = np.zeros((len(layout.free), len(layout.free)))
     if layout.free.any():
         covariance[np.ix_(layout.free, layout.free)] = np.linalg.inv(J.T @ J)
-    told = J[: 3 * np.count_nonzero(kept)] * problem.prior
-    scaled: Vector = np.linalg.svd(told, compute_uv=False).astype(np.float64)
+    scaled_jacobian = J[: 3 * np.count_nonzero(kept)] * problem.prior
+    scaled: Vector = np.linalg.svd(scaled_jacobian, compute_uv=False).astype(np.float64)
     values = problem.values(x)
     residuals_m = np.linalg.norm(problem.tip_errors(values)[0], axis=1)
     return CalibrationFit(layout, values, covariance, scaled, kept, residuals_m)
 
 
 def _inlier_mask(found: CalibrationFit) -> Mask:
-    """Return the touches that are no further off than chance explains."""
+    """Return the touches whose error is explained by chance."""
     spread = float(np.median(found.residuals_m[found.kept])) / _MEDIAN_OF_CHI3
     return found.residuals_m <= _OUTLIER_DEVIATIONS * max(spread, TOUCH_M)
 

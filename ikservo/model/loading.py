@@ -73,11 +73,11 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
 
     Args:
         path: The file.
-        folder: Under which its meshes may lie; its own if None.
+        folder: The folder of its meshes; its own if None.
 
     Raises:
-        FileFormatError: It cannot be used; says where and why.
-        InputError: What reads its format is not installed.
+        FileFormatError: It cannot be used; names the place and the cause.
+        InputError: The reader of its format is not installed.
     """
     return read_mjcf(path, folder) if _is_mjcf(path) else read_urdf(path, folder)
 
@@ -89,7 +89,7 @@ def _is_mjcf(path: Path) -> bool:
         with path.open("rb") as file:
             return b"<mujoco" in file.read(_HEAD_BYTES)
     except OSError:
-        return False  # the reader of URDFs says why
+        return False  # the URDF reader reports the cause
 
 
 _ARM_FILE = "arm file"
@@ -99,14 +99,14 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
     """Load an arm.
 
     Args:
-        arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder that holds one,
+        arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder with one,
             to a ``.urdf``, a ``.xacro`` where xacro is installed, or an MJCF
             (``.xml``) where mujoco is.
-        tip: The link that is the tool; required for a bare URDF, else the arm file's.
+        tip: The link that is the tool; required for a plain URDF, else the arm file's.
 
     Raises:
         UnknownNameError: No arm of that name; the closest is offered.
-        FileFormatError: A file cannot be used; says where and what was expected.
+        FileFormatError: A file cannot be used; names the place and the expectation.
     """
     path = find_arm(arm)
     return _load_arm_model(path, tip) if path.suffix == ".toml" else _load_urdf_model(path, tip)
@@ -191,7 +191,7 @@ def _find_control_table(path: Path, where: str, model: str) -> type[ControlTable
 
 
 def _check_poses(path: Path, joints: Sequence[ModelJoint], arm: ArmFile) -> None:
-    """Check that every pose lies inside the limits of the URDF."""
+    """Check that every pose is inside the limits of the URDF."""
     limits = {joint.name: joint.limits for joint in joints}
     for pose, table in arm.poses.items():
         for name, position in _pose_positions(table).items():
@@ -245,8 +245,8 @@ def _make_speed_class(speed: ArmSpeed) -> SpeedClass:
 
 
 def _make_health_limits(health: ArmHealth) -> HealthLimits:
-    given = {name: value for name, value in health if value is not None}
-    return HealthLimits(**given)
+    values = {name: value for name, value in health if value is not None}
+    return HealthLimits(**values)
 
 
 def _make_gripper(gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
@@ -256,6 +256,6 @@ def _make_gripper(gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper 
         return None
     ends = jaws.limits.lower.value, jaws.limits.upper.value
     closed = min(ends, key=abs) if gripper.closes_to is None else ends[gripper.closes_to == "upper"]
-    turned = tuple((math.radians(deg), width) for deg, width in gripper.width_m_by_deg)
+    by_angle = tuple((math.radians(deg), width) for deg, width in gripper.width_m_by_deg)
     away = ends[1] if closed == ends[0] else ends[0]
-    return Gripper(jaws.name, closed, away, turned or gripper.width_m_by_m)
+    return Gripper(jaws.name, closed, away, by_angle or gripper.width_m_by_m)

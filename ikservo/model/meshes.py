@@ -37,7 +37,7 @@ __all__ = [
 # Splitting ends where the capsules have at most this many times the volume of what they contain.
 _TIGHT = 1.7
 _MAX_CAPSULES = 8
-# A split must take away this share of a capsule's volume.
+# A split must reduce a capsule's volume by this fraction.
 _GAIN = 0.05
 _CIRCLE_STEPS = 120
 
@@ -99,7 +99,7 @@ def _make_part(triangles: Triangles) -> _MeshPart:
 
 
 def _best_split(part: _MeshPart) -> list[_MeshPart]:
-    """Return the two parts of the cut that leaves the smallest capsules; none if none helps."""
+    """Return the two parts of the cut with the smallest capsules; none if none helps."""
     points = part.triangles.reshape(-1, 3)
     best, least_m3 = list[_MeshPart](), (1.0 - _GAIN) * part.fit.volume_m3
     for axis in (*np.eye(3), _main_axis(points)):
@@ -120,9 +120,9 @@ def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Tria
     crossing, side = triangles[~above & ~below], side[~above & ~below]
     lone_above = (side >= 0.0).sum(axis=1) == 1
     furthest: list[NDArray[np.intp]] = [side.argmin(axis=1), side.argmax(axis=1)]
-    turned = (np.choose(lone_above, furthest)[:, None] + np.arange(3)) % 3
-    a, b, c = np.take_along_axis(crossing, turned[:, :, None], axis=1).transpose(1, 0, 2)
-    s_a, s_b, s_c = np.take_along_axis(side, turned, axis=1).T[..., None]
+    ordered = (np.choose(lone_above, furthest)[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(crossing, ordered[:, :, None], axis=1).transpose(1, 0, 2)
+    s_a, s_b, s_c = np.take_along_axis(side, ordered, axis=1).T[..., None]
     p, q = a + (b - a) * s_a / (s_a - s_b), a + (c - a) * s_a / (s_a - s_c)
     tips = np.stack([a, p, q], axis=1)
     feet = np.concatenate([np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)])
@@ -197,7 +197,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     Files that the mesh names (buffers of glTF) are read from its own folder only.
 
     Args:
-        path: Where the mesh came from: its suffix is its format.
+        path: The origin of the mesh: its suffix is its format.
         data: Its content.
         link: Whose shape it is, for the messages.
 
@@ -255,7 +255,7 @@ class _FolderResolver:
         self._folder = folder
 
     def get(self, name: str) -> bytes:
-        """Return the content of a file; none outside the folder is looked at."""
+        """Return the content of a file; files outside the folder are not read."""
         path = path_inside(self._folder, name)
         if path is None or not path.is_file():
             raise ValueError(f"{name!r} is not a file in the mesh's folder")
@@ -274,7 +274,7 @@ class _FolderResolver:
         return self
 
 
-_VERSION = "1"  # of the fitting: another number forgets what was kept
+_VERSION = "1"  # of the fitting: another number invalidates the cache
 
 
 def capsules_around_mesh(link: str, mesh: Mesh) -> list[Capsule]:
@@ -334,12 +334,12 @@ def _cache_key(what: str, data: bytes) -> str:
 
 
 def _fit_cached(key: str, triangles: Callable[[], Triangles]) -> tuple[FittedCapsule, ...]:
-    """Return the capsules kept under a key, or fit them and keep them."""
+    """Return the cached capsules of a key, or fit and cache them."""
     path = user_cache_path("ikservo") / "meshes" / f"{key}.json"
     found = _read_cached_fit(path)
     if found is None:
         found = tuple(fit_capsules(triangles()))
-        with contextlib.suppress(FileWriteError, OSError):  # a cache is no need
+        with contextlib.suppress(FileWriteError, OSError):  # the cache is optional
             write_atomic(path, json.dumps([_fit_numbers(fit) for fit in found]))
     return found
 
@@ -349,7 +349,7 @@ def _fit_numbers(fit: FittedCapsule) -> list[float]:
 
 
 def _read_cached_fit(path: Path) -> tuple[FittedCapsule, ...] | None:
-    """Return what an earlier run fitted; None where there is nothing usable."""
+    """Return the capsules that an earlier run fitted; None if there are none usable."""
     try:
         rows = np.array(json.loads(path.read_text(encoding="utf-8")), dtype=np.float64)
     except (OSError, ValueError):

@@ -48,7 +48,7 @@ def check_files(path: Path, folder: Path) -> None:
     """Check every file name of an MJCF and of what it includes; opens only the XML files.
 
     Raises:
-        FileFormatError: One leads out of the folder, or the XML cannot be used; says where.
+        FileFormatError: One is outside the folder, or the XML cannot be used; names the place.
     """
     waiting, seen = [path], set[Path]()
     while waiting:
@@ -82,8 +82,8 @@ def _included_files(root: XmlElement, path: Path, folder: Path) -> list[Path]:
 def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -> Path:
     home = folder.resolve()
     if place.resolve().is_relative_to(home) and not posixpath.isabs(name):
-        way = posixpath.join(place.resolve().relative_to(home).as_posix(), name)
-        found = path_inside(home, posixpath.normpath(way))
+        relative = posixpath.join(place.resolve().relative_to(home).as_posix(), name)
+        found = path_inside(home, posixpath.normpath(relative))
         if found is not None:
             return found
     raise element.error(
@@ -114,7 +114,7 @@ def pose_rpy(T: Matrix) -> tuple[float, float, float]:
     """Return roll, pitch, yaw of a pose (4, 4): R = Rz(yaw) @ Ry(pitch) @ Rx(roll)."""
     level = math.hypot(T[0, 0], T[1, 0])
     pitch = math.atan2(-T[2, 0], level)
-    if level < 1e-9:  # roll and yaw turn about one axis
+    if level < 1e-9:  # roll and yaw rotate about one axis
         return math.atan2(-T[1, 2], T[1, 1]), pitch, 0.0
     return math.atan2(T[2, 1], T[2, 2]), pitch, math.atan2(T[1, 0], T[0, 0])
 
@@ -126,9 +126,9 @@ def pose_origin(T: Matrix) -> tuple[float, float, float]:
 
 
 def body_shapes(mujoco: Any, model: Any, body: int, shift_m: Vector) -> tuple[list[Shape], ...]:  # noqa: ANN401  # no types
-    """Return the shapes of a body that collide, and those that are only drawn.
+    """Return the collision shapes and the visual shapes of a body.
 
-    Planes and height fields stand for the surroundings and are left out.
+    Planes and height fields are surroundings and are left out.
 
     Args:
         mujoco: The module.
@@ -179,15 +179,15 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
     """Read bodies, hinges, slides, geoms and sites of an MJCF.
 
     Bodies and sites are links; a body with several joints has one more link for each. The files
-    that it names are judged first: none outside the model's folder is opened.
+    that it names are checked first: none outside the model's folder is opened.
 
     Args:
         path: The file.
-        folder: Under which its files may lie; its own if None.
+        folder: The folder of its files; its own if None.
 
     Raises:
-        FileFormatError: A file leads out of the folder, MuJoCo refuses the model, or it has a
-            joint that no servo turns.
+        FileFormatError: A file is outside the folder, MuJoCo refuses the model, or it has a
+            joint that no servo can drive.
         InputError: The extra ``physics`` is not installed.
     """
     check_files(path, path.parent if folder is None else folder)
@@ -211,7 +211,7 @@ def _import_mujoco(path: Path) -> Any:  # noqa: ANN401  # no types
 
 
 class _BodyTreeReader:
-    """Makes links and joints of the bodies of a compiled model, parents first."""
+    """Builds links and joints from the bodies of a compiled model, parents first."""
 
     def __init__(self, path: Path, mujoco: Any, model: Any) -> None:  # noqa: ANN401
         self._path, self._mujoco, self._model = path, mujoco, model
@@ -270,10 +270,10 @@ class _BodyTreeReader:
             make_pose(-zero * axis) if slides else make_pose(np.zeros(3), exp_so3(-zero * axis))
         )
         low, high = (float(x) for x in model.jnt_range[joint]) if limited else (-math.inf, math.inf)
-        turning = UrdfJointType.REVOLUTE if limited else UrdfJointType.CONTINUOUS
+        revolute = UrdfJointType.REVOLUTE if limited else UrdfJointType.CONTINUOUS
         return UrdfJoint(
             name=name,
-            kind=UrdfJointType.PRISMATIC if slides else turning,
+            kind=UrdfJointType.PRISMATIC if slides else revolute,
             parent=parent,
             child=child,
             xyz_m=pose_origin(T),

@@ -33,7 +33,7 @@ __all__ = [
 
 _NEAR = {"rad": math.radians(5.0), "m": 0.005}
 _AT = {"rad": math.radians(0.3), "m": 0.0003}
-_NEAR_SHARE = 1 / 20  # of a range that is short: else a gripper's jaws would always be near
+_NEAR_FRACTION = 1 / 20  # of a range that is short: else a gripper's jaws would always be near
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Gripper:
         closed: Where the jaws meet, rad or m; the end of its range on that side.
         open: Where they are furthest apart.
         widths: Pairs of a position [rad or m] and the distance of the jaws there [m], by position;
-            straight lines between. Empty where nobody has measured it.
+            linear between. Empty if not measured.
     """
 
     joint: str
@@ -54,7 +54,7 @@ class Gripper:
     widths: tuple[tuple[float, float], ...] = ()
 
     def width_m(self, position: float) -> float | None:
-        """Return how far the jaws are apart at a position, metres; None where nobody knows."""
+        """Return the distance of the jaws at a position, metres; None if unknown."""
         if not self.widths:
             return None
         positions, widths_m = zip(*self.widths, strict=True)
@@ -76,16 +76,16 @@ class Gripper:
 
 @dataclass(frozen=True, slots=True)
 class HealthLimits:
-    """When to warn, to hold and to let go; ``[health]`` of the arm file.
+    """Thresholds to warn, to hold and to release; ``[health]`` of the arm file.
 
     Attributes:
-        warn_c: From this temperature on a person is told.
-        hold_c: From this one on the arm holds and takes no more goals.
-        release_c: From this one on it goes to rest, where it can, and lets go.
-        load_percent: A load above this share of the most there is ...
+        warn_c: From this temperature on the user is warned.
+        hold_c: From this one on the arm holds and accepts no more goals.
+        release_c: From this one on it moves to rest, if it can, and switches torque off.
+        load_percent: A load above this percentage of the maximum ...
         load_s: ... for this long is an overload.
-        low_v: The least supply, besides the servo's own limit.
-        high_v: The highest, likewise.
+        low_v: The minimum supply, besides the servo's own limit.
+        high_v: The maximum, likewise.
     """
 
     warn_c: float = 60.0
@@ -118,15 +118,15 @@ class ModelServo:
 
 @dataclass(frozen=True, slots=True)
 class ModelJoint:
-    """A joint that a servo turns.
+    """A joint with a servo.
 
     Attributes:
         limits: The range the arm file's URDF gives.
-        joint_map: How the servo's ticks relate to the joint, as the arm file gives it.
-        travel_per_turn: What one turn of the horn is worth at most: rad, or metres of a slide.
+        joint_map: The conversion of ticks and positions, as in the arm file.
+        travel_per_turn: Maximum joint motion for a revolution of the horn: rad, or metres.
         backlash: How far the joint can be moved by hand while its servo holds, rad or m; 0 where
             nobody has measured it.
-        shadows: Servos that turn the same joint together with the first.
+        shadows: Servos that drive the same joint together with the first.
         zero_from: ``vendor`` where the maker fixes the zero, ``nominal`` where each arm differs.
     """
 
@@ -143,7 +143,7 @@ class ModelJoint:
 
 @dataclass(frozen=True, slots=True)
 class SpeedClass:
-    """How fast revolute joints go in one speed class."""
+    """The limits of revolute joints in one speed class."""
 
     rad_s: float
     rad_s2: float
@@ -179,17 +179,17 @@ class Model:
 
     Attributes:
         chain: From the base to the tool, inside the arm file's limits.
-        joints: Every joint with a servo, base to tip, gripper last; empty for a bare URDF.
+        joints: Every joint with a servo, base to tip, gripper last; empty for a plain URDF.
         poses: Joint positions by pose and joint, rad or m.
         speeds: By name: slow, normal, fast.
-        family: The dialect its servos speak; None for a bare URDF.
+        family: The protocol family of its servos; None for a plain URDF.
         baud_rate: Of its bus, bits a second.
         path: The file it was loaded from.
-        floor_m: Height of the table in the base frame; None where nobody says.
-        keep_out: What else the arm keeps clear of.
-        health: What its servos may be asked to bear.
-        auto_unsafe: Why it must not look for its own stops; empty where it may.
-        gripper: What is known of its jaws; None where no servo moves any.
+        floor_m: Height of the table in the base frame; None if not given.
+        keep_out: Further obstacles.
+        health: The health limits of its servos.
+        auto_unsafe: Why it must not search for its own stops; empty if it may.
+        gripper: The gripper; None if it has none.
         base_frame: How the base frame differs from the convention of the catalogue, and why; empty
             where it does not: x forward, y left, z up, origin on the first axis at the mounting
             surface.
@@ -218,7 +218,7 @@ class Model:
         return cls(name, title, chain, urdf, (), {}, {}, None, 0, path)
 
     def __repr__(self) -> str:
-        """Return its name, joints and poses; the attributes tell the rest."""
+        """Return its name, joints and poses."""
         joints = ", ".join(joint.name for joint in self.joints) or ", ".join(self.chain.names)
         poses = ", ".join(self.poses) or "none"
         return f"Model({self.name!r}: {self.title}; joints {joints}; poses {poses})"
@@ -227,7 +227,7 @@ class Model:
         """Return the joint of that name.
 
         Raises:
-            UnknownNameError: No servo turns such a joint.
+            UnknownNameError: The arm has no servo for such a joint.
         """
         return _find_named("joint", name, {joint.name: joint for joint in self.joints})
 
@@ -272,7 +272,7 @@ def near_distance(lower: float, upper: float, unit: str) -> float:
         upper: The upper limit.
         unit: ``rad`` or ``m``.
     """
-    return min(_NEAR[unit], _NEAR_SHARE * (upper - lower))
+    return min(_NEAR[unit], _NEAR_FRACTION * (upper - lower))
 
 
 def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:

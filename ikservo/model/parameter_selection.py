@@ -1,4 +1,4 @@
-"""Which geometric parameters the data identify, and cross-validation of the fit."""
+"""Selection of geometric parameters by cross-validation of the fit."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ __all__ = ["MIN_TOUCHES", "CalibrationEstimate", "select_and_fit"]
 
 MIN_TOUCHES = 5
 _FOLDS = 5
-_BETTER = 0.95  # more of the arm is changed only where that takes a twentieth off the error
-_MIN_IMPROVEMENT = 0.9  # and nothing at all where it takes off less than a tenth
-_SAMPLES = 200  # postures at which it is asked how well the tip is known
+_BETTER = 0.95  # more parameters are estimated only if that reduces the error by a twentieth
+_MIN_IMPROVEMENT = 0.9  # and any at all only if that reduces it by a tenth
+_SAMPLES = 200  # postures at which the deviation of the tip is evaluated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationEstimate:
-    """What a touch-off found.
+    """The result of a touch-off.
 
     Attributes:
-        fit: The arm that fits all touches that were believed.
+        fit: The arm fitted to all touches but outliers.
         cross_validation_rms_m: By extent, the root mean square error on touches that were
             left out of the fit.
-        deviation_m: How well the tip is known all over the joints' ranges: one standard
-            deviation at the middle posture and at the nineteenth of twenty.
+        deviation_m: Deviation of the tip over the joints' ranges: one standard deviation, its
+            median and its 95th percentile over postures.
     """
 
     fit: CalibrationFit
@@ -49,17 +49,17 @@ class CalibrationEstimate:
 
     @property
     def extent(self) -> ParameterSet:
-        """Return what of the arm is changed."""
+        """Return the estimated parameters."""
         return self.fit.layout.extent
 
     @property
     def before_m(self) -> float:
-        """Return the error on touches kept aside if nothing is changed."""
+        """Return the error on held-out touches if nothing is changed."""
         return self.cross_validation_rms_m[ParameterSet.NONE]
 
     @property
     def after_m(self) -> float:
-        """Return the error on touches while they were kept aside."""
+        """Return the error on held-out touches."""
         return self.cross_validation_rms_m[self.extent]
 
     @property
@@ -69,28 +69,28 @@ class CalibrationEstimate:
 
     @property
     def zeros(self) -> Vector:
-        """Return what must be added to the joints (dof,), rad or m."""
+        """Return the corrections of the joints (dof,), rad or m."""
         return self.fit.layout.zeros(self.fit.values)
 
     @property
     def geometry(self) -> GeometricErrors:
-        """Return how base and links differ."""
+        """Return the errors of base and links."""
         return self.fit.layout.geometry(self.fit.values)
 
 
 def select_and_fit(
     chain: Chain, touches: Sequence[TouchPoint], present: Chain | None = None
 ) -> CalibrationEstimate:
-    """Work out what some touches say about an arm.
+    """Select the parameters that touches identify, and fit them.
 
-    Every touch is kept aside once while the others are fitted; from zeros alone to the whole arm,
-    the extent is taken whose errors there are smallest, then all touches are fitted together.
+    Every touch is held out once while the others are fitted; from zeros alone to the whole arm,
+    the set with the smallest errors there is selected, then all touches are fitted together.
 
     Args:
         chain: The arm as described.
-        touches: What was touched.
-        present: The arm as it is believed at present, if that is not as described: what has to
-            be bettered.
+        touches: The touches.
+        present: The arm as calibrated at present, if it differs from the description: the error
+            to improve on.
 
     Raises:
         CalibrationError: Too few touches, or a third of them contradicts the others.
@@ -110,7 +110,7 @@ def select_and_fit(
 
 
 def _candidate_sets(touches: Sequence[TouchPoint]) -> list[ParameterSet]:
-    """Return what can be estimated at all, the least first: unmeasured points place no base."""
+    """Return the sets that can be estimated, smallest first: unmeasured points fix no base."""
     if all(touch.position_m is None for touch in touches):
         return [ParameterSet.NONE, ParameterSet.ZEROS, ParameterSet.LINKS]
     return [
@@ -125,8 +125,8 @@ def _candidate_sets(touches: Sequence[TouchPoint]) -> list[ParameterSet]:
 def _choose_set(aside: dict[ParameterSet, float]) -> ParameterSet:
     best, *others = aside
     for extent in others:
-        share = _MIN_IMPROVEMENT if best is ParameterSet.NONE else _BETTER
-        if aside[extent] < share * aside[best]:
+        max_ratio = _MIN_IMPROVEMENT if best is ParameterSet.NONE else _BETTER
+        if aside[extent] < max_ratio * aside[best]:
             best = extent
     return best
 
@@ -134,7 +134,7 @@ def _choose_set(aside: dict[ParameterSet, float]) -> ParameterSet:
 def _held_out_error_m(
     chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet, kept: Mask
 ) -> float:
-    """Return the root mean square error on touches while they were kept aside."""
+    """Return the root mean square error on held-out touches."""
     folds = _assign_folds(touches)
     squares: list[float] = []
     for fold in range(_FOLDS):
@@ -161,7 +161,7 @@ def _assign_folds(touches: Sequence[TouchPoint]) -> Vector:
 def _max_deviation(found: CalibrationFit, chain: Chain) -> tuple[float, float]:
     chance = np.random.default_rng(0)
     low, high = np.maximum(chain.lower_rad, -math.pi), np.minimum(chain.upper_rad, math.pi)
-    middle, most = np.percentile(
+    middle, high = np.percentile(
         found.deviation_m(chance.uniform(low, high, (_SAMPLES, chain.dof))), [50, 95]
     )
-    return float(middle), float(most)
+    return float(middle), float(high)

@@ -1,4 +1,4 @@
-"""Masses of an arm's links, and how far its joints yield under load."""
+"""Masses of an arm's links, and the compliance of its joints."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def link_masses(model: Model, chain: Chain) -> list[LinkMass]:
 
 
 def joint_compliances(model: Model, chain: Chain) -> Vector:
-    """Return how far each joint (dof,) of a chain yields, rad for each N m (m for each N).
+    """Return the compliance of each joint (dof,) of a chain, rad for each N m (m for each N).
 
-    A joint whose servo's stiffness is unknown does not yield.
+    A joint whose servo's stiffness is unknown has no compliance.
 
     Args:
         model: The servos.

@@ -15,7 +15,7 @@ __all__ = ["ToolFrame", "describe_direction", "tool_frame", "view_axes"]
 
 
 _SWINGS_M_PER_RAD = 0.03
-# Nearer to upright than this a tool points nowhere, as solved to a tenth of a milliradian.
+# Nearer to upright than this a tool has no heading, as solved to a tenth of a milliradian.
 _VERTICAL = 0.01
 
 
@@ -24,8 +24,8 @@ class ToolFrame:
     """The axes of a tool, in the coordinates of its tip.
 
     Attributes:
-        ahead: The tool axis (3,): from the wrist out through the fingertips.
-        left: The axis (3,) that lies level, to the left, where the tool is not rolled.
+        approach_axis: The tool axis (3,): from the wrist out through the fingertips.
+        left: The axis (3,) that is horizontal, to the left, if the tool is not rolled.
     """
 
     approach_axis: Vector
@@ -37,16 +37,16 @@ class ToolFrame:
         return math.asin(min(max(up, -1.0), 1.0))
 
     def heading_rad(self, R_world_tool: Matrix) -> float | None:
-        """Return where the tool axis points, seen from above, from x towards y; None if upright."""
+        """Return the heading of the tool axis, from x towards y; None if it is upright."""
         x, y, _ = R_world_tool @ self.approach_axis
         return None if math.hypot(x, y) < _VERTICAL else math.atan2(y, x)
 
     def roll_rad(self, R_world_tool: Matrix, heading_rad: float) -> float:
-        """Return how far the tool is turned about its axis, clockwise as seen from behind it.
+        """Return the rotation of the tool about its axis, clockwise as seen from behind it.
 
         Args:
             R_world_tool: Its orientation (3, 3).
-            heading_rad: Where it points, for a tool that is upright.
+            heading_rad: Its heading, for a tool that is upright.
         """
         own = self.heading_rad(R_world_tool)
         level = _level_left(heading_rad if own is None else own)
@@ -54,7 +54,7 @@ class ToolFrame:
         return math.atan2(float(left @ np.cross(ahead, level)), float(left @ level))
 
     def rotation(self, heading_rad: float, pitch_rad: float, roll_rad: float) -> Matrix:
-        """Return the orientation R_world_tool (3, 3) of a tool that stands so."""
+        """Return the orientation R_world_tool (3, 3) of a tool with these angles."""
         ahead = direction_from_angles(heading_rad, pitch_rad)
         level = _level_left(heading_rad)
         left = math.cos(roll_rad) * level + math.sin(roll_rad) * np.cross(ahead, level)
@@ -73,10 +73,10 @@ def direction_from_angles(heading_rad: float, pitch_rad: float) -> Vector:
 
 
 def tool_frame(model: Model) -> ToolFrame:
-    """Return the axes of an arm's tool, out of its geometry.
+    """Return the axes of an arm's tool, computed from its geometry.
 
-    The tool axis is the axis of the tip's frame nearest to the way from the last joint that swings
-    the tip to the tip; left is the one of the others that lies level in the pose home.
+    The tool axis is the axis of the tip's frame nearest to the vector from the last joint that
+    moves the tip to the tip; left is the one of the others that is horizontal in the pose home.
     """
     chain = model.chain
     q = model.chain_pose("home") if "home" in model.poses else chain.mid_range()
@@ -90,12 +90,12 @@ def tool_frame(model: Model) -> ToolFrame:
 
 
 def _level_left(heading_rad: float) -> Vector:
-    """Return the level direction (3,) to the left of a heading."""
+    """Return the horizontal direction (3,) to the left of a heading."""
     return np.array([-math.sin(heading_rad), math.cos(heading_rad), 0.0])
 
 
 def _lever_to_tip(chain: Chain, q: Vector) -> Vector:
-    """Return the way (3,) from the last joint that swings the tip to the tip, world axes."""
+    """Return the vector (3,) from the last joint that moves the tip to the tip, world axes."""
     J = chain.jacobian(q)
     swinging = np.flatnonzero(np.linalg.norm(J[:3], axis=0) > _SWINGS_M_PER_RAD)
     last = int(swinging[-1]) if len(swinging) else chain.dof - 1
@@ -115,7 +115,7 @@ def _nearest_axis(v: Vector) -> Vector:
 # A joint that moves the tip by less than this for a radian rolls the tool.
 _ROLLS_M_PER_RAD = 0.03
 _AHEAD_M = 0.01
-_WORDS = (
+_DIRECTIONS = (
     ("forwards", "back"),
     ("to the left (seen from behind the base)", "to the right (seen from behind the base)"),
     ("up", "down"),
@@ -123,16 +123,16 @@ _WORDS = (
 
 
 def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int) -> str:
-    """Return how to move a joint from a pose so that its position grows, or falls.
+    """Describe how to move a joint from a pose so that its position increases or decreases.
 
-    Forwards is where the tool is in the pose ``home``, seen from the base; left is the left of
-    somebody who looks that way.
+    Forwards is the direction of the tool in the pose ``home``, seen from the base; left is the
+    left of that direction.
 
     Args:
         model: The arm.
-        joint: Which of its joints.
-        pose: Where the arm is; a named pose.
-        towards: +1 for growing positions, -1 for falling ones.
+        joint: The joint.
+        pose: The named pose of the arm.
+        towards: +1 for increasing positions, -1 for decreasing ones.
     """
     if joint.name not in model.chain.names:
         return _describe_gripper_motion(model, joint, towards)
@@ -143,7 +143,7 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
         axis: Vector = towards * J[3:, column]
         return _describe_roll(axis, T[:3, 3] - _joint_origin(model, joint, pose))
     along = int(np.argmax(np.abs(speed)))
-    return f"so that the tool goes {_WORDS[along][0 if speed[along] > 0 else 1]}"
+    return f"so that the tool goes {_DIRECTIONS[along][0 if speed[along] > 0 else 1]}"
 
 
 def view_axes(model: Model) -> Vector:
@@ -157,13 +157,13 @@ def view_axes(model: Model) -> Vector:
 
 
 def _describe_roll(axis: Vector, ahead: Vector) -> str:
-    """Name a roll as seen from behind the tool: about an axis that points ahead it is clockwise."""
-    turn = "clockwise" if float(axis @ ahead) > 0.0 else "counter-clockwise"
-    return f"{turn}, seen along the tool"
+    """Name a roll as seen from behind the tool: clockwise about an axis that points ahead."""
+    sense = "clockwise" if float(axis @ ahead) > 0.0 else "counter-clockwise"
+    return f"{sense}, seen along the tool"
 
 
 def _describe_gripper_motion(model: Model, joint: ModelJoint, towards: int) -> str:
-    """Open is the way from the pose rest to the pose home."""
+    """Name the direction from the pose rest to the pose home as open."""
     opening = model.pose("home")[joint.name] - model.pose("rest")[joint.name]
     return "so that it opens" if opening * towards >= 0.0 else "so that it closes"
 

@@ -1,7 +1,7 @@
-"""The touch-off as a pure state machine: readings and answers in, states out.
+"""The touch-off as a pure state machine: readings and operator input to states.
 
-``touch -> review``. It knows no terminal, no bus and no clock, like the calibration by hand, so
-a terminal, a page and a script drive the very same conversation. Every step returns a new one.
+``touch -> review``. It uses no terminal, no bus and no clock, like the calibration by hand, so
+a terminal, a web page and a script use the same procedure. Every step returns a new state.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ _MOVED_TICKS = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchTarget:
-    """A point that the tip shall be put on.
+    """A point to touch with the tip.
 
     Attributes:
-        name: As on the sheet: ``B3``; ``B3 block`` on top of a block that stands there.
-        position_m: Where it is (3,), metres, base frame; None where nobody has measured it.
+        name: As on the sheet: ``B3``; ``B3 block`` on top of a block there.
+        position_m: Its position (3,), metres, base frame; None if not measured.
     """
 
     name: str
@@ -77,12 +77,12 @@ def grid_points() -> Iterator[tuple[str, float, float]]:
 def place_sheet(
     model: Model, edge_m: float | None, block_m: float | None
 ) -> tuple[float, list[TouchTarget]]:
-    """Return the sheet as it lies before an arm.
+    """Return the points of the sheet before an arm.
 
     Args:
-        model: The arm; straight ahead is where its tool is in the pose ``home``.
+        model: The arm; straight ahead is the direction of its tool in the pose ``home``.
         edge_m: From the arm's base frame straight ahead to the near edge; None for where the
-            middle of the sheet lies beneath that tool.
+            middle of the sheet is beneath that tool.
         block_m: How high a block is that the tip is put on at every other cross, if there is one.
 
     Returns:
@@ -109,14 +109,14 @@ class TouchOffState:
 
     Attributes:
         chain: The arm as described.
-        present: The arm as it is believed at present.
-        maps: What the ticks of each of the chain's joints mean.
-        places: What is still to be touched, in order.
-        touches: What has been touched.
-        stillness: What was read in the last half second.
-        ticks: By servo id, where the last touch was taken; empty before the first.
-        found: What the touches say, once they are reviewed.
-        before: The state before the person's last answer.
+        present: The arm as calibrated at present.
+        maps: The conversion of ticks of each of the chain's joints.
+        places: The remaining targets, in order.
+        touches: The recorded touches.
+        stillness: The readings of the last half second.
+        ticks: Of the last touch, by servo id; empty before the first.
+        found: The result of the touches, once they are evaluated.
+        before: The state before the last input.
     """
 
     chain: Chain
@@ -136,11 +136,11 @@ class TouchOffState:
         """Return a touch-off at its first point."""
         return cls(chain, present, tuple(maps), tuple(places))
 
-    # --- what is so now ---
+    # --- queries ---
 
     @property
     def current_target(self) -> TouchTarget | None:
-        """Return the point that the tip shall be put on next; None after the last."""
+        """Return the next target; None after the last."""
         return self.places[0] if self.places and self.found is None else None
 
     @property
@@ -153,20 +153,20 @@ class TouchOffState:
         """Return whether the arm has been moved since the last touch."""
         if not self.ticks or not self.stillness.readings:
             return True
-        here = self.stillness.readings[-1][1].items()
-        return any(abs(tick - self.ticks[servo_id]) > _MOVED_TICKS for servo_id, tick in here)
+        readings = self.stillness.readings[-1][1].items()
+        return any(abs(tick - self.ticks[servo_id]) > _MOVED_TICKS for servo_id, tick in readings)
 
-    # --- what can happen ---
+    # --- events ---
 
     def update(self, at_s: float, ticks: Mapping[int, int]) -> TouchOffState:
-        """Take a reading of the servos, ticks as reported by id, at a time [s]."""
+        """Add a reading of the servos, ticks as reported by id, at a time [s]."""
         return replace(self, stillness=self.stillness.add_reading(at_s, ticks))
 
     def record_touch(self) -> TouchOffState:
-        """Take where the arm is held for the point that is asked for.
+        """Record the arm's position as a touch of the current target.
 
         Raises:
-            CalibrationError: The arm still moves, or nothing is asked for.
+            CalibrationError: The arm still moves, or there is no target.
         """
         if self.current_target is None:
             raise CalibrationError("Every point has been touched.", "Evaluate (a), or undo (u).")
@@ -181,17 +181,17 @@ class TouchOffState:
         )
 
     def skip(self) -> TouchOffState:
-        """Leave the point out that is asked for."""
+        """Skip the current target."""
         return replace(self, places=self.places[1:], before=self)
 
     def undo(self) -> TouchOffState:
-        """Take the last answer back."""
+        """Undo the last input."""
         if self.before is None:
             return self
         return replace(self.before, stillness=self.stillness)
 
     def accept(self) -> TouchOffState:
-        """End the touching and work out what it says.
+        """Evaluate the touches.
 
         Raises:
             CalibrationError: There are too few touches, or they contradict each other.
@@ -215,70 +215,74 @@ _MAX_SCRIPT_BYTES = 64 * 1024
 _TIMEOUT_S = 60.0
 
 
-def apply_answer(talk: TouchOffState, word: str) -> TouchOffState:
-    """Return the conversation after an answer.
+def apply_answer(state: TouchOffState, text: str) -> TouchOffState:
+    """Return the state after an input.
 
     Raises:
-        BadValueError: It is no answer.
-        CalibrationError: It cannot be said now; says why.
+        BadValueError: It is no valid input.
+        CalibrationError: It is not possible now; names the cause.
     """
     steps = {
-        "touch": talk.record_touch,
-        "skip": talk.skip,
-        "undo": talk.undo,
-        "accept": talk.accept,
+        "touch": state.record_touch,
+        "skip": state.skip,
+        "undo": state.undo,
+        "accept": state.accept,
     }
-    if word not in steps:
-        raise BadValueError("The answer", repr(word), f"one of: {', '.join(TOUCH_ANSWERS)}")
-    return steps[word]()
+    if text not in steps:
+        raise BadValueError("The answer", repr(text), f"one of: {', '.join(TOUCH_ANSWERS)}")
+    return steps[text]()
 
 
 def read_touch_script(path: Path) -> list[str]:
-    """Return the answers in a file, one a line; ``#`` begins a remark.
+    """Return the inputs in a file, one a line; ``#`` begins a comment.
 
     Raises:
-        FileFormatError: The file cannot be read, or a line is no answer.
+        FileFormatError: The file cannot be read, or a line is no valid input.
     """
-    answers: list[str] = []
+    entries: list[str] = []
     for number, line in enumerate(read_text(path, _MAX_SCRIPT_BYTES).splitlines(), start=1):
-        word = line.partition("#")[0].strip()
-        if word and word not in TOUCH_ANSWERS:
+        text = line.partition("#")[0].strip()
+        if text and text not in TOUCH_ANSWERS:
             expected = f"one of: {', '.join(TOUCH_ANSWERS)}"
             raise FileFormatError(path, f"line {number}", "is not an answer", expected)
-        answers += [word] if word else []
-    return answers
+        entries += [text] if text else []
+    return entries
 
 
 class ScriptedTouchAnswers:
-    """Gives answers one after the other, each when its moment has come.
+    """Supplies inputs one after the other, each when it is due.
 
     ``touch`` waits until the arm has been moved since the last one and is held still.
 
     Args:
-        answers: In order; None to touch every point and accept.
+        entries: In order; None to touch every point and accept.
     """
 
-    def __init__(self, answers: Iterable[str] | None = None) -> None:
-        self._patient = answers is None
-        self._answers: Iterator[str] = repeat("") if answers is None else iter(answers)
-        self._next = deque([next(self._answers, "accept")])
+    def __init__(self, entries: Iterable[str] | None = None) -> None:
+        self._automatic = entries is None
+        self._entries: Iterator[str] = repeat("") if entries is None else iter(entries)
+        self._next = deque([next(self._entries, "accept")])
         self._since_s: float | None = None
 
-    def next_answer(self, talk: TouchOffState, at_s: float) -> str | None:
-        """Return the next answer if its moment has come.
+    def next_answer(self, state: TouchOffState, at_s: float) -> str | None:
+        """Return the next input if it is due.
 
         Raises:
-            CalibrationError: It has not come for a minute.
+            CalibrationError: It was not due for a minute.
         """
         self._since_s = at_s if self._since_s is None else self._since_s
-        word = ("touch" if talk.current_target else "accept") if self._patient else self._next[0]
-        if word != "touch" or talk.current_target is None or (talk.is_at_rest and talk.has_moved):
-            self._next[0] = next(self._answers, "accept")
+        text = ("touch" if state.current_target else "accept") if self._automatic else self._next[0]
+        if (
+            text != "touch"
+            or state.current_target is None
+            or (state.is_at_rest and state.has_moved)
+        ):
+            self._next[0] = next(self._entries, "accept")
             self._since_s = at_s
-            return word
+            return text
         if at_s - self._since_s > _TIMEOUT_S:
             raise CalibrationError(
-                f"Timeout: the tip was not put on {talk.current_target.name} within 60 s.",
+                f"Timeout: the tip was not put on {state.current_target.name} within 60 s.",
                 "Guide the tip there and keep it still.",
             )
         return None

@@ -137,16 +137,16 @@ _PACKAGE, _FILE = "package://", "file://"
 
 
 def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
-    """Return the file that a mesh's name means if it lies under the model's folder, else None.
+    """Return the file of a mesh's name if it is under the model's folder, else None.
 
-    A relative name counts from the URDF; ``package://NAME/REST`` is REST, or NAME/REST, in the
-    model's folder or in the URDF's; ``file://`` is an absolute path. The spelling is judged first:
-    nothing outside is looked at.
+    A relative name is resolved from the URDF; ``package://NAME/REST`` is REST, or NAME/REST, in the
+    model's folder or in the URDF's; ``file://`` is an absolute path. The spelling is checked first:
+    nothing outside is read.
 
     Args:
-        filename: As the URDF has it.
-        urdf: The file it stands in.
-        folder: The model's folder, under which the URDF lies.
+        filename: As in the URDF.
+        urdf: The URDF file.
+        folder: The model's folder, which contains the URDF.
     """
     if filename.startswith(_PACKAGE):
         return _resolve_package_path(filename.removeprefix(_PACKAGE), (folder, urdf.parent))
@@ -177,7 +177,7 @@ def _resolve_file_url(url: str, folder: Path) -> Path | None:
 
 
 def _resolve_relative_path(filename: str, urdf: Path, folder: Path) -> Path | None:
-    """Return the file of a name that leads out of the URDF's folder, not out of the model's."""
+    """Return the file of a name outside the URDF's folder but inside the model's."""
     home, place = folder.resolve(), urdf.parent.resolve()
     if not filename.startswith("../") or not place.is_relative_to(home):
         return None
@@ -268,10 +268,10 @@ _Part = UrdfLink | UrdfJoint
 
 
 def find_root(path: Path, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]) -> str:
-    """Return the name of the one link that no joint carries.
+    """Return the name of the one link that is no joint's child.
 
     Raises:
-        FileFormatError: Names occur twice, links are missing, or the links form no single tree.
+        FileFormatError: Names occur twice, links are missing, or the links are not one tree.
     """
     if not links:
         raise FileFormatError(path, "", "the robot has no links", "at least one <link>")
@@ -354,14 +354,14 @@ def _format_choices(name: str, names: Collection[str]) -> str:
     return f"the name of a <link>, perhaps {quote(close[0])}" if close else "the name of a <link>"
 
 
-# A little more than a turn, since some arms round 2*pi up.
+# A little more than a revolution, since some arms round 2*pi up.
 _FULL_TURN_RAD = 2 * math.pi + 1e-3
 
 
 def lint_urdf(
     root: XmlElement, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]
 ) -> tuple[str, ...]:
-    """Return one line for each thing that is allowed but looks like a slip."""
+    """Return one line for each thing that is allowed but probably a mistake."""
     return (*_find_degree_limits(joints), *_find_ignored_limits(root), *_find_outside_meshes(links))
 
 
@@ -405,13 +405,13 @@ _EXPAND = "plain URDF; run: xacro arm.urdf.xacro > arm.urdf"
 
 
 def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
-    """Read the links, joints and simple shapes of a URDF; anything else in it is passed over.
+    """Read the links, joints and simple shapes of a URDF; anything else in it is ignored.
 
     Nothing but the file itself is opened: no meshes, no includes, no document types.
 
     Args:
         path: The file; macros of one that ends in .xacro are expanded, where xacro is installed.
-        folder: Under which its meshes may lie; its own if None.
+        folder: The folder of its meshes; its own if None.
 
     Source: the URDF XML specification, http://wiki.ros.org/urdf/XML
 

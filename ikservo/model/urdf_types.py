@@ -61,8 +61,8 @@ class UrdfJoint:
     Attributes:
         name: Unique in the file.
         kind: How it moves.
-        parent: Name of the link it sits on.
-        child: Name of the link it carries.
+        parent: Name of its parent link.
+        child: Name of its child link.
         xyz_m: Origin of the child frame in the parent frame.
         rpy_rad: Orientation of the child frame, fixed axes: ``Rz(yaw) @ Ry(pitch) @ Rx(roll)``.
         axis: Unit vector in the child frame; without meaning, and (1, 0, 0), on a fixed joint.
@@ -122,8 +122,8 @@ class Mesh:
     """A reference to a mesh; the reader never opens it.
 
     Attributes:
-        filename: What the file says.
-        path: The resolved file if it lies under the model's own folder, else None.
+        filename: As in the file.
+        path: The resolved file if it is under the model's own folder, else None.
         scale: Factor along each axis.
         xyz_m: Origin in the link frame.
         rpy_rad: Orientation in the link frame.
@@ -181,8 +181,8 @@ class Urdf:
         name: The robot's name; empty where the file gives none.
         links: In file order.
         joints: In file order, which need not be the order of the tree.
-        root: Name of the one link that nothing carries.
-        warnings: Things that are allowed but look like a slip, one line each.
+        root: Name of the one link that is no joint's child.
+        warnings: Things that are allowed but probably a mistake, one line each.
     """
 
     name: str

@@ -30,7 +30,7 @@ _MAX_NAME_CHARS = 128
 
 @dataclass(slots=True)
 class XmlElement:
-    """One XML element; every complaint about it names the file and its line."""
+    """One XML element; its errors name the file and its line."""
 
     path: Path
     tag: str
@@ -67,7 +67,7 @@ class XmlElement:
         return self.attributes[attribute]
 
     def name(self, attribute: str = "name") -> str:
-        """Return an attribute that names something: printable, neither empty nor endless."""
+        """Return an attribute that is a name: printable, neither empty nor too long."""
         name = self.text(attribute)
         if not name.strip() or not name.isprintable() or len(name) > _MAX_NAME_CHARS:
             expected = f"1 to {_MAX_NAME_CHARS} printable characters"
@@ -81,7 +81,7 @@ class XmlElement:
         return self._parse_numbers(attribute, 1, "one finite number")[0]
 
     def vector(self, attribute: str, default: float | None = None) -> tuple[float, float, float]:
-        """Return three finite numbers; ``default`` stands for all three."""
+        """Return three finite numbers; ``default`` is used for all three."""
         if default is not None and attribute not in self.attributes:
             return (default, default, default)
         x, y, z = self._parse_numbers(attribute, 3, "three finite numbers")
@@ -89,11 +89,11 @@ class XmlElement:
 
     def _parse_numbers(self, attribute: str, count: int, expected: str) -> list[float]:
         text = self.text(attribute)
-        words = text.split(maxsplit=count)
+        parts = text.split(maxsplit=count)
         if "${" in text:
             expected = "plain numbers; expand the macros first: xacro arm.urdf.xacro > arm.urdf"
-        numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
-        if len(words) != count or len(numbers) != count or not all(map(math.isfinite, numbers)):
+        numbers = [float(part) for part in parts if _NUMBER.fullmatch(part)]
+        if len(parts) != count or len(numbers) != count or not all(map(math.isfinite, numbers)):
             raise self.error(f"<{self.tag}> has {attribute}={quote(text)}", expected)
         return numbers
 
@@ -108,7 +108,7 @@ def parse_xml(path: Path, text: str) -> XmlElement:
     """Return the outermost element of an XML text.
 
     Args:
-        path: Where the text came from, for the messages; nothing is read from there.
+        path: The origin of the text, for the messages; nothing is read from there.
         text: The whole document. An encoding declared inside is ignored: it is text already.
 
     Raises:
@@ -130,7 +130,7 @@ def parse_xml(path: Path, text: str) -> XmlElement:
 
 
 class _ElementBuilder:
-    """What the parser calls; builds elements and watches depth and bulk."""
+    """Called by the parser; builds elements and limits depth and size."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -141,7 +141,7 @@ class _ElementBuilder:
 
     @property
     def where(self) -> str:
-        """The place the parser has come to."""
+        """The place of the parser."""
         return f"line {self.expat.CurrentLineNumber}"
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -180,16 +180,16 @@ _RUN = "import sys, xacro; sys.argv = ['xacro', sys.argv[1]]; xacro.main()"
 
 
 def expand_xacro(path: Path) -> str:
-    """Return the URDF that a xacro file stands for.
+    """Return the URDF that a xacro file expands to.
 
-    xacro evaluates expressions of the file: only one that is trusted is to be given.
+    xacro evaluates expressions of the file: pass trusted files only.
 
     Raises:
-        FileFormatError: xacro is not installed, or does not accept the file; says why.
+        FileFormatError: xacro is not installed, or does not accept the file; names the cause.
     """
     command = _xacro_command(path)
     try:
-        done = subprocess.run(  # noqa: S603  # a program of the person's own, one file name
+        done = subprocess.run(  # noqa: S603  # noqa: S603  # a program of the user's own, one file name
             command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -201,7 +201,7 @@ def expand_xacro(path: Path) -> str:
 
 
 def _xacro_command(path: Path) -> list[str]:
-    """Return what to run: the package of this Python first, else the program."""
+    """Return the command to run: the package of this Python first, else the program."""
     program = shutil.which("xacro")
     if importlib.util.find_spec("xacro") is not None:
         return [sys.executable, "-c", _RUN, str(path.absolute())]
