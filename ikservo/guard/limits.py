@@ -238,5 +238,7 @@ class LeadLimiter:
         return tick
 
     def _recent_tick(self, joint: str, now_s: float) -> int | None:
-        tick, measured_s = self._measured.get(joint, (0, -math.inf))
+        if joint not in self._measured:
+            return None
+        tick, measured_s = self._measured[joint]
         return tick if now_s - measured_s <= _STALE_S else None

@@ -1,0 +1,69 @@
+"""Between two samples of a path more are taken where a collision is possible."""
+
+import numpy as np
+import pytest
+
+from ikservo.errors import RefusedError
+from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.kinematics import Chain, Joint, JointType
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.se3 import make_pose
+
+BALL_RADIUS_M = 0.1
+
+
+def slider():
+    """Return the body of a ball that slides along x, half a metre above the table."""
+    origin = make_pose(np.array([0.0, 0.0, 0.5]))
+    along_x = np.array([1.0, 0.0, 0.0])
+    joint = Joint("reach", JointType.PRISMATIC, "base", "ball", origin, along_x, -9.0, 9.0)
+    capsule = Capsule("ball", np.zeros(3), np.zeros(3), BALL_RADIUS_M)
+    return CollisionBody(Chain.from_joints([joint], "base", "ball"), [capsule])
+
+
+def plate(middle_m, thickness_m=0.002, name="the plate"):
+    half_m = np.array([thickness_m / 2, 0.2, 0.2])
+    centre_m = np.array([middle_m, 0.0, 0.5])
+    return KeepOutBox(name, centre_m - half_m, centre_m + half_m)
+
+
+def check(path_m, *boxes):
+    CollisionChecker(slider(), boxes=boxes).check_path([np.array([x]) for x in path_m])
+
+
+@pytest.mark.parametrize(
+    ("path_m", "percent"),
+    [
+        ([1.37, 1.63], 50),  # the middle of the plate is the first sample between both ends
+        ([0.9, 3.3], 25),  # the second, after 2.1 m was free
+        ([3.3, 0.9], 75),
+        ([0.5, 0.9, 3.3, 3.5], 42),  # a quarter of the second interval of three
+        ([3.5, 3.3, 0.9, 0.5], 58),
+    ],
+)
+def test_the_place_on_the_path_is_where_the_refined_sample_lies(path_m, percent):
+    with pytest.raises(RefusedError, match=rf"ball-the plate, 100\.0 mm, at {percent} %"):
+        check(path_m, plate(1.5))
+
+
+def test_the_first_of_two_plates_between_two_samples_is_named():
+    with pytest.raises(RefusedError, match="the near plate"):
+        check([0.5, 4.5], plate(1.5, name="the near plate"), plate(3.5, name="the far plate"))
+
+
+def test_a_path_beside_a_plate_is_free_in_both_directions():
+    for path_m in ([0.5, 1.39], [1.39, 0.5], [1.61, 2.5], [2.5, 1.61], [0.5, 1.39, 0.5]):
+        check(path_m, plate(1.5))
+
+
+def test_a_body_that_leaves_a_plate_is_not_stopped_on_its_way_out():
+    check([1.45, 2.5], plate(1.5))
+    with pytest.raises(RefusedError, match="the far plate"):
+        check([1.45, 4.5], plate(1.5), plate(3.5, name="the far plate"))
+
+
+def test_a_plate_is_found_however_far_apart_the_samples_are():
+    for end_m in np.linspace(2.0, 8.5, 27):
+        with pytest.raises(RefusedError, match="the plate"):
+            check([0.0, end_m], plate(1.5))
