@@ -4,12 +4,12 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check campaign mutate bench pictures clean
+.PHONY: demo test check campaign mutate bench build sanitize pictures clean
 
-demo: $(VENV)/installed  ## move the simulated SO-101 to a coordinate and print the report
+demo: build  ## move the simulated SO-101 to a coordinate and print the report
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
 
-test: $(VENV)/tested  ## the whole suite on the simulated bus, on every core
+test: $(VENV)/tested build  ## the whole suite on the simulated bus, on every core
 	$(BIN)/python -m pytest -n auto
 
 check: $(VENV)/checked  ## what a commit must pass besides the tests
@@ -19,20 +19,26 @@ check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/lint-imports
 	$(BIN)/codespell
 
-campaign: $(VENV)/tested  ## long seeded campaigns
+build: $(VENV)/installed  ## compile the kernels where they have changed; says whether they are compiled
+	@$(BIN)/python tools/kernel/build_kernels.py
+
+sanitize: $(VENV)/tested  ## the kernels' tests with checked indices and sanitizers
+	$(BIN)/python tools/kernel/sanitize.py
+
+campaign: $(VENV)/tested build  ## long seeded campaigns
 	$(BIN)/python -m pytest -m campaign
 
-mutate: $(VENV)/tested  ## every small change of guard, kinematics and calibration must make a test fail
+mutate: $(VENV)/tested build  ## every small change of guard, kinematics and calibration must make a test fail
 	$(BIN)/python tools/mutate.py
 
-bench: $(VENV)/tested  ## how long the commands take; results belong in docs/benchmarks.md
+bench: $(VENV)/tested build  ## how long the commands take; results belong in docs/benchmarks.md
 	$(BIN)/python tools/bench/startup.py
 
-pictures: $(VENV)/tested  ## the page's pictures in the README, by way of its browser tests
+pictures: $(VENV)/tested build  ## the page's pictures in the README, by way of its browser tests
 	IKSERVO_PICTURES=docs/pictures $(BIN)/python -m pytest -m browser tests/browser/test_browser_pictures.py
 
 clean:
-	rm -rf $(VENV) build dist
+	rm -rf $(VENV) build dist ikservo/ik/kernel/_compiled.*
 
 $(VENV)/bin/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "ikservo needs Python 3.11 or newer; try: make PYTHON=python3.12"; exit 1; }
@@ -40,7 +46,7 @@ $(VENV)/bin/pip:
 	$(BIN)/pip install --quiet --upgrade "pip>=25.1"
 
 $(VENV)/installed: $(VENV)/bin/pip pyproject.toml
-	$(BIN)/pip install --quiet --editable .
+	$(BIN)/pip install --quiet --editable . "setuptools>=70"
 	@touch $@
 
 $(VENV)/tested: $(VENV)/installed

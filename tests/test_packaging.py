@@ -9,16 +9,22 @@ from pathlib import Path
 
 import pytest
 
+from ikservo.ik.kernel.compiled import is_compiled
 from tests.oracle import ARMS
 
 ROOT = Path(__file__).parents[1]
 
 
+def build_wheel(folder, **environment):
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder]
+    return subprocess.run(command, cwd=ROOT, env=os.environ | environment, check=False,
+                          capture_output=True, text=True)  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder],
-                   cwd=ROOT, check=True, capture_output=True)  # fmt: skip
+    assert build_wheel(folder).returncode == 0
     (path,) = folder.glob("*.whl")
     return zipfile.ZipFile(path)
 
@@ -42,8 +48,12 @@ def test_the_wheel_carries_the_page_of_the_view(wheel):
 def test_the_wheel_carries_the_simulator_and_its_entry_points(wheel):
     names = wheel.namelist()
     assert "servosim/__init__.py" in names
-    points = next(name for name in names if name.endswith("entry_points.txt"))
-    assert "sim = servosim:open_port" in wheel.read(points).decode()
+    points = wheel.read(metadata(wheel, "entry_points.txt")).decode()
+    assert "sim = servosim:open_port" in points
+
+
+def metadata(wheel, file):
+    return next(name for name in wheel.namelist() if name.endswith(f".dist-info/{file}"))
 
 
 def test_the_unpacked_wheel_moves_an_arm(wheel, tmp_path):
@@ -53,10 +63,36 @@ def test_the_unpacked_wheel_moves_an_arm(wheel, tmp_path):
         "assert ikservo.__file__.startswith(sys.argv[1]);"
         "print(ikservo.open_arm('so101', port='sim').move_to((0.25, 0.05, 0.15)).reached)"
     )
-    interpreted = os.environ | {"NUMBA_DISABLE_JIT": "1"}  # a new place: all would be compiled anew
     done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=tmp_path,
-                          env=interpreted, capture_output=True, text=True, check=False)  # fmt: skip
+                          capture_output=True, text=True, check=False)  # fmt: skip
     assert done.stdout.strip() == "True", done.stderr
+
+
+def test_the_wheel_carries_the_compiled_kernels_and_says_for_which_machine(wheel):
+    if not is_compiled():
+        pytest.skip("no C compiler")
+    (tag,) = [
+        line
+        for line in wheel.read(metadata(wheel, "WHEEL")).decode().splitlines()
+        if "Tag:" in line
+    ]
+    assert tag.startswith("Tag: cp311-abi3-")
+    module = [name for name in wheel.namelist() if name.endswith((".so", ".pyd"))]
+    assert module == [f"ikservo/ik/kernel/{Path(module[0]).name}"]
+
+
+def test_without_a_compiler_the_wheel_is_pure_python(tmp_path):
+    done = build_wheel(tmp_path, IKSERVO_COMPILED="0")
+    assert done.returncode == 0
+    (path,) = tmp_path.glob("*-py3-none-any.whl")
+    names = zipfile.ZipFile(path).namelist()
+    assert not [name for name in names if name.endswith((".so", ".pyd"))]
+
+
+def test_where_it_must_be_compiled_a_broken_compiler_is_an_error(tmp_path):
+    done = build_wheel(tmp_path, IKSERVO_COMPILED="1", CC="false")
+    assert done.returncode != 0
+    assert "not compiled" in done.stderr
 
 
 def test_the_installed_package_finds_the_simulator():

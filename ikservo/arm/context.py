@@ -97,7 +97,7 @@ class ArmContext:
         self.drive(lambda here: JointMove(here, np.clip(here, lower, upper), paces), None, "slow")
 
     def warm_up(self) -> None:
-        """Load what is compiled: the first look takes seconds, and no goal may wait for it."""
+        """Load what solving and checking need: no goal may wait for it."""
         q = self.chain.clip(np.zeros(self.chain.dof))
         Solver(self.chain, "position").track(self.chain.forward(q), q)
         if self.space is not None:

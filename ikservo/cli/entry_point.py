@@ -132,8 +132,8 @@ class _Ended:
 def console() -> NoReturn:
     """Run the shell's words as a process of its own, and leave at once.
 
-    Everything that has to be closed is closed by now; unloading the compiled solver would take a
-    fifth of a second more. A command that Ctrl-C has stopped ends by SIGINT.
+    Everything that has to be closed is closed by now. A command that Ctrl-C has stopped ends by
+    SIGINT.
     """
     ended = _ended(sys.argv[1:])
     with contextlib.suppress(OSError, ValueError):

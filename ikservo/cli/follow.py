@@ -22,7 +22,7 @@ from ikservo.cli.options import (
     complete_arms,
     parse_time_s,
 )
-from ikservo.cli.session import confirm_motion, open_from_options
+from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.terminal import format_point, format_port, print_json, print_lines, print_status
 from ikservo.model import load_model
 
@@ -69,6 +69,7 @@ def command(
         open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine,
     ):
         _print_start(leading, machine)
+        warn_uncompiled()
         confirm_motion(machine, yes=yes)
         if not no_wiggle:
             check_directions_once(machine, yes=yes)

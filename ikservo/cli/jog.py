@@ -26,7 +26,7 @@ from ikservo.cli.options import (
     parse_length_m,
     parse_time_s,
 )
-from ikservo.cli.session import confirm_motion, open_from_options
+from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.terminal import (
     Keys,
     format_point,
@@ -87,6 +87,7 @@ def command(
         )
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         wished = _parse_speed(machine, what, speed)
+        warn_uncompiled()
         if time is not None:  # else the key that is held agrees
             print_status(f"{machine.model.title} on {format_port(machine.port_name)}: "
                  f"{what} for {time:g} s.")  # fmt: skip

@@ -14,6 +14,7 @@ from ikservo.cli.terminal import confirm, format_point, format_port, print_statu
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stopping import RELAX_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError
+from ikservo.ik.kernel.compiled import is_compiled
 
 __all__ = [
     "announce",
@@ -22,6 +23,7 @@ __all__ = [
     "open_from_options",
     "progress_bar",
     "second_interrupt_lowers",
+    "warn_uncompiled",
 ]
 
 
@@ -175,6 +177,13 @@ def progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
             )
 
         yield draw
+
+
+def warn_uncompiled() -> None:
+    """Say, before goals are streamed, that the solver is slow because it is not compiled."""
+    if not is_compiled():
+        print_status("The solver is not compiled: goals are late. Install a C compiler, then")
+        print_status("install ikservo again (in a clone: make build).")
 
 
 def _warn_uncalibrated(machine: Arm) -> None:

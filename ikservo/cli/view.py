@@ -16,6 +16,7 @@ import typer
 
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, CollisionOption, PortOption, UncalibratedOption
+from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.errors import InputError
 
@@ -58,6 +59,7 @@ def command(
         print_status(f"To watch only: {urls.watch}")
         for warning in urls.warnings:
             print_status(warning)
+        warn_uncompiled()
         print_status("Ctrl-C ends; torque then stays on.")
         sys.stdout.flush()
         with _browser_opened(urls.control, wanted=not no_open and _has_display()):

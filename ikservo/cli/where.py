@@ -101,7 +101,7 @@ def command(
 def _find_visible_links(
     model: Model, here: ArmState, eye_m: tuple[float, float, float]
 ) -> tuple[LinkVisibility, ...]:
-    from ikservo.view.visibility import visible_from  # noqa: PLC0415  # few ask, numba loads
+    from ikservo.view.visibility import visible_from  # noqa: PLC0415  # few ask
 
     return visible_from(model, here.positions, eye_m)
 

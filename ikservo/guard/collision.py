@@ -164,7 +164,7 @@ class CollisionChecker:
 
     def distances(self, path: Sequence[Vector] | Matrix) -> Matrix:
         """Return the distance of each pair (n, pairs) [m] in postures (n, dof)."""
-        from ikservo.guard.collision_kernel import min_distances  # noqa: PLC0415  # imports numba
+        from ikservo.guard.collision_kernel import min_distances  # noqa: PLC0415
 
         body, q = self._body, finite_vectors(np.array(path), self._body.dof, "q")
         distances = np.full((len(q), len(self.pairs)), np.inf)

@@ -1,4 +1,4 @@
-"""Compiled minimum distances between the capsules of an arm and its surroundings.
+"""Minimum distances, compiled, between the capsules of an arm and its surroundings.
 
 Scalar arithmetic on preallocated arrays: one posture takes some hundredths of a millisecond, so
 that a stream of goals can be checked in real time. The distances equal those of
@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 
-from ikservo.ik.kernel.jit import jit, jit_entry
+from ikservo.ik.kernel.compiled import entry
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import (
     AXIS,
+    CAPSULE_WIDTH,
     END,
     IS_PRISMATIC,
     LINK,
     LINK_POSE,
+    LINK_WIDTH,
     MIMIC_COLUMN,
     MIMIC_OFFSET,
     MIMIC_SCALE,
@@ -33,7 +35,46 @@ _GOLDEN = (5**0.5 - 1) / 2
 _SECTIONS = 40  # the rest of a segment of one metre is then 4 nm
 
 
-@jit_entry
+def distances_fit(
+    links: Matrix,
+    capsules: Matrix,
+    pairs: Matrix,
+    floor_m: float,
+    boxes: Matrix,
+    postures: Matrix,
+    places: Matrix,
+    ends: Matrix,
+    distances: Matrix,
+) -> bool:
+    """Return whether arrays have the shapes that ``min_distances`` needs, and indices exist."""
+    if not _is_tree(links, postures.shape[1]) or capsules.shape[1] != CAPSULE_WIDTH:
+        return False
+    between = distances.shape[1] - len(links) * (1 + len(boxes))
+    for i in range(len(capsules)):
+        link = capsules[i, LINK]
+        if not 0.0 <= link < len(links):
+            return False
+    if len(pairs) > 0 and pairs.shape[1] != 3:
+        return False
+    for k in range(len(pairs)):
+        first, second, column = pairs[k, 0], pairs[k, 1], pairs[k, 2]
+        if not (0.0 <= first < len(capsules) and 0.0 <= second < len(capsules)):
+            return False
+        if not 0.0 <= column < between:
+            return False
+    return (
+        between >= 0
+        and boxes.shape[1] == 6
+        and len(places) == len(links)
+        and places.shape[1] == 12
+        and len(ends) == len(capsules)
+        and ends.shape[1] == 6
+        and len(distances) == len(postures)
+        and floor_m < math.inf
+    )
+
+
+@entry(distances_fit)
 def min_distances(
     links: Matrix,
     capsules: Matrix,
@@ -48,7 +89,7 @@ def min_distances(
     """Compute the distances [m] of all pairs for every posture of a path.
 
     Args:
-        links: One row a link, parents first; see ``kinematics.packed_body``.
+        links: One row a link, parents first; see ``kinematics.packed``.
         capsules: One row each.
         pairs: (m, 3) rows of two capsules, and their column of ``distances``.
         floor_m: The height of the table; minus infinity where there is none.
@@ -63,11 +104,10 @@ def min_distances(
         _place_links(links, postures[n], places)
         _place_capsules(capsules, places, ends)
         for k in range(len(pairs)):
-            i, j, column = int(pairs[k, 0]), int(pairs[k, 1]), int(pairs[k, 2])
-            radii_m = capsules[i, RADIUS] + capsules[j, RADIUS]
-            distances[n, column] = min(
-                distances[n, column], _segment_distance(ends, i, j) - radii_m
-            )
+            first, second, column = int(pairs[k, 0]), int(pairs[k, 1]), int(pairs[k, 2])
+            gap_m = _segment_distance(ends, first, second)
+            gap_m -= capsules[first, RADIUS] + capsules[second, RADIUS]
+            distances[n, column] = min(distances[n, column], gap_m)
         for i in range(len(capsules)):
             column = between + int(capsules[i, LINK])
             gap_m = min(ends[i, 2], ends[i, 5]) - capsules[i, RADIUS] - floor_m
@@ -78,14 +118,42 @@ def min_distances(
                 distances[n, at] = min(distances[n, at], gap_m)
 
 
-@jit_entry
+def torques_fit(
+    links: Matrix, masses: Matrix, postures: Matrix, places: Matrix, torques: Matrix
+) -> bool:
+    """Return whether arrays have the shapes that ``gravity_torques_kernel`` needs."""
+    return (
+        _is_tree(links, postures.shape[1])
+        and len(masses) == len(links)
+        and masses.shape[1] == 4
+        and len(places) == len(links)
+        and places.shape[1] == 12
+        and len(torques) == len(postures)
+        and torques.shape[1] == postures.shape[1]
+    )
+
+
+def _is_tree(links: Matrix, dof: int) -> bool:
+    """Return whether links have their parents before them, and joints a column of q."""
+    if links.shape[1] != LINK_WIDTH:
+        return False
+    for i in range(len(links)):
+        parent, column = links[i, PARENT], links[i, MIMIC_COLUMN]
+        if not -1.0 <= parent < i:
+            return False
+        if parent >= 0.0 and not 0.0 <= column < dof:
+            return False
+    return True
+
+
+@entry(torques_fit)
 def gravity_torques_kernel(
     links: Matrix, masses: Matrix, postures: Matrix, places: Matrix, torques: Matrix
 ) -> None:
     """Compute the torques of gravity on the joints (n, dof) [N m], for g = 1 m/s².
 
     Args:
-        links: One row a link, parents first; see ``kinematics.packed_body``.
+        links: One row a link, parents first; see ``kinematics.packed``.
         masses: (links, 4) mass [kg] and centre in the link's frame [m].
         postures: Joint vectors (n, dof).
         places: (links, 12), work array: the pose of each link.
@@ -108,7 +176,6 @@ def gravity_torques_kernel(
                     j = int(links[j, PARENT])
 
 
-@jit
 def _mass_centre_xy(places: Matrix, i: int, masses: Matrix) -> tuple[float, float]:
     """Return x and y of a link's centre of mass in the base frame."""
     x, y = places[i, 9], places[i, 10]
@@ -118,7 +185,6 @@ def _mass_centre_xy(places: Matrix, i: int, masses: Matrix) -> tuple[float, floa
     return x, y
 
 
-@jit
 def _height_derivative(links: Matrix, places: Matrix, j: int, x: float, y: float) -> float:
     """Return the height change of a point per rad or m of the joint of link ``j``."""
     ax = ay = az = 0.0
@@ -131,14 +197,13 @@ def _height_derivative(links: Matrix, places: Matrix, j: int, x: float, y: float
     return ax * (y - places[j, 10]) - ay * (x - places[j, 9])
 
 
-@jit
 def _place_links(links: Matrix, q: Vector, places: Matrix) -> None:
     """Compute R_world_link row by row, then p, of each link: parent, origin, motion."""
     for i in range(len(links)):
         parent = int(links[i, PARENT])
         if parent < 0:
             for k in range(12):
-                places[i, k] = 1.0 if k in (0, 4, 8) else 0.0
+                places[i, k] = 1.0 if k % 4 == 0 else 0.0
             continue
         _compose_pose(places, parent, links, i, places, i)
         _apply_joint_motion(
@@ -149,7 +214,6 @@ def _place_links(links: Matrix, q: Vector, places: Matrix) -> None:
         )
 
 
-@jit
 def _compose_pose(a: Matrix, i: int, links: Matrix, j: int, out: Matrix, k: int) -> None:
     """Write row ``i`` of ``a`` times the origin of link ``j`` to row ``k`` of ``out``."""
     for r in range(3):
@@ -168,7 +232,6 @@ def _compose_pose(a: Matrix, i: int, links: Matrix, j: int, out: Matrix, k: int)
         )
 
 
-@jit
 def _apply_joint_motion(places: Matrix, i: int, links: Matrix, value: float) -> None:
     """Rotate or translate row ``i`` by its joint's value, in its own axes (Rodrigues)."""
     ax, ay, az = links[i, AXIS], links[i, AXIS + 1], links[i, AXIS + 2]
@@ -187,14 +250,14 @@ def _apply_joint_motion(places: Matrix, i: int, links: Matrix, value: float) -> 
         places[i, 3 * r + 2] = z + s * (x * ay - y * ax) + v * (along * az - z)
 
 
-@jit
 def _place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
     for i in range(len(capsules)):
         link = int(capsules[i, LINK])
         for r in range(3):
             x, y, z = places[link, 3 * r], places[link, 3 * r + 1], places[link, 3 * r + 2]
-            for end, at in ((0, START), (3, END)):
-                ends[i, end + r] = (
+            for end in range(2):
+                at = START + end * (END - START)
+                ends[i, 3 * end + r] = (
                     places[link, 9 + r]
                     + x * capsules[i, at]
                     + y * capsules[i, at + 1]
@@ -202,7 +265,6 @@ def _place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
                 )
 
 
-@jit
 def _segment_distance(ends: Matrix, i: int, j: int) -> float:
     """Return the distance of two segments; see ``kinematics.capsules.segment_distance``."""
     a = e = b = c = f = 0.0
@@ -223,7 +285,6 @@ def _segment_distance(ends: Matrix, i: int, j: int) -> float:
     return math.sqrt(gap2)
 
 
-@jit
 def _segment_box_distance(ends: Matrix, i: int, boxes: Matrix, b: int) -> float:
     """Return the distance of a segment from a box; 0 inside. The distance is convex along it."""
     low, high = 0.0, 1.0
@@ -236,7 +297,6 @@ def _segment_box_distance(ends: Matrix, i: int, boxes: Matrix, b: int) -> float:
     return math.sqrt(_box_distance_at(ends, i, 0.5 * (low + high), boxes, b))
 
 
-@jit
 def _box_distance_at(ends: Matrix, i: int, fraction: float, boxes: Matrix, b: int) -> float:
     total = 0.0
     for k in range(3):
@@ -246,6 +306,5 @@ def _box_distance_at(ends: Matrix, i: int, fraction: float, boxes: Matrix, b: in
     return total
 
 
-@jit
 def _clamp_unit_interval(x: float) -> float:
     return min(max(x, 0.0), 1.0)

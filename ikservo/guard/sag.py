@@ -45,7 +45,7 @@ def sag_of(body: CollisionBody, weight: Weight) -> Sag:
         masses[packed.names.index(mass.link)] = (mass.mass_kg, *mass.centre_m)
 
     def sag(q: Matrix) -> Matrix:
-        from ikservo.guard.collision_kernel import gravity_torques_kernel  # noqa: PLC0415  # imports numba
+        from ikservo.guard.collision_kernel import gravity_torques_kernel  # noqa: PLC0415
 
         q = np.ascontiguousarray(q, dtype=np.float64)
         torque, places = np.zeros(q.shape), np.empty((len(packed.names), 12))

@@ -110,7 +110,8 @@ def solve_batch(
             settings,
             starts[rows],
             ready.seeds,
-            own.desk,
+            own.work,
+            own.scores,
             own.trace,
             answers[rows],
         )

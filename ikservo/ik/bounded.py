@@ -95,7 +95,8 @@ def bounded(
         pack_settings(kind, chain.dof, options),
         worker.start,
         seeds,
-        worker.desk,
+        worker.work,
+        worker.scores,
         worker.trace,
         worker.answer,
     )

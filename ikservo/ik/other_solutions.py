@@ -190,7 +190,8 @@ def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options
         settings,
         starts,
         ready.seeds,
-        worker.desk,
+        worker.work,
+        worker.scores,
         worker.trace,
         worker.answer,
     )

@@ -20,6 +20,9 @@ from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik.kernel.layout import (
+    PROBLEM_SIZE,
+    RESULT_TAIL,
+    SCORE_ROWS,
     SEED_COS_Q1,
     SEED_POSITION,
     SEED_Q1,
@@ -27,6 +30,7 @@ from ikservo.ik.kernel.layout import (
     SEED_ROTATION,
     SEED_SIN_Q1,
     SEED_SIZE,
+    work_shape,
 )
 from ikservo.ik.problem import Options
 from ikservo.kinematics import Chain, JointType, pack_chain
@@ -184,8 +188,8 @@ def target_kind(name: str) -> TargetKind:
 
 @cache
 def load_kernel() -> Callable[..., int]:
-    """Return the compiled search; numba is imported here and nowhere before."""
-    from ikservo.ik.kernel.search import solve_all  # noqa: PLC0415  # see above
+    """Return the search, compiled where that is possible."""
+    from ikservo.ik.kernel.search import solve_all  # noqa: PLC0415  # loads with the first solve
 
     return solve_all
 
@@ -201,13 +205,8 @@ class SolverBuffers:
     """
 
     def __init__(self, dof: int, restarts: int, questions: int = 1, traced: int = 0) -> None:
-        from ikservo.ik.kernel.layout import (  # noqa: PLC0415
-            PROBLEM_SIZE,
-            RESULT_TAIL,
-            work_shape,  # imports nothing
-        )
-
-        self.desk: Matrix = np.zeros(work_shape(dof, restarts))
+        self.work: Matrix = np.zeros(work_shape(dof, restarts))
+        self.scores: Matrix = np.zeros((SCORE_ROWS, restarts))
         self.question: Matrix = np.zeros((questions, PROBLEM_SIZE))
         self.start: Matrix = np.zeros((questions, dof))
         self.answer: Matrix = np.zeros((questions, 2 * dof + RESULT_TAIL))

@@ -182,8 +182,8 @@ class Solver:
             self._check_out(out)
         self._write_problem(T, q0)
         if self._search(
-            self._arm, worker.question, settings, worker.start, self._seeds, worker.desk,
-            worker.trace, worker.answer,
+            self._arm, worker.question, settings, worker.start, self._seeds, worker.work,
+            worker.scores, worker.trace, worker.answer,
         ) >= 0:  # fmt: skip
             self._raise_invalid(T, q0)
         self._asked, answer = True, worker.answer[0]

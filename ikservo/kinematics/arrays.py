@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from ikservo.errors import BadValueError
 
 __all__ = [
+    "IntMatrix",
+    "IntVector",
     "Matrix",
     "Vector",
     "as_floats",
@@ -20,6 +22,8 @@ __all__ = [
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+IntVector = NDArray[np.int64]
+IntMatrix = NDArray[np.int64]
 
 
 def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:

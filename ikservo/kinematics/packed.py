@@ -21,6 +21,7 @@ from ikservo.kinematics.se3 import make_pose, skew
 
 __all__ = [
     "AXIS",
+    "CAPSULE_WIDTH",
     "COLUMN",
     "DOF",
     "END",
@@ -30,6 +31,7 @@ __all__ = [
     "IS_REVOLUTE",
     "LINK",
     "LINK_POSE",
+    "LINK_WIDTH",
     "LOWER",
     "MIMIC_COLUMN",
     "MIMIC_OFFSET",
@@ -163,6 +165,7 @@ ORIGIN, LINK_POSE, AXIS = 0, 9, 12  # link: R row by row (9), p (3); axis (3)
 # link: value = MIMIC_SCALE * q[MIMIC_COLUMN] + MIMIC_OFFSET
 PARENT, IS_PRISMATIC, MIMIC_COLUMN, MIMIC_SCALE, MIMIC_OFFSET = 15, 16, 17, 18, 19
 START, END, RADIUS, LINK             = 0, 3, 6, 7          # capsule: both ends (3), in its link
+LINK_WIDTH, CAPSULE_WIDTH            = 20, 8
 # fmt: on
 
 
@@ -199,7 +202,7 @@ class PackedBody:
 def pack_links(chain: Chain) -> tuple[tuple[str, ...], Matrix]:
     """Return the names of all links, parents first, and a row for each (links, 20)."""
     names = chain.frames
-    rows = np.zeros((len(names), 20))
+    rows = np.zeros((len(names), LINK_WIDTH))
     for row, name in zip(rows, names, strict=True):
         path = chain.joints_to(name)
         row[PARENT] = names.index(path[-1].joint.parent) if path else -1
@@ -211,7 +214,7 @@ def pack_links(chain: Chain) -> tuple[tuple[str, ...], Matrix]:
 def pack_capsules(capsules: Sequence[Capsule], links: Sequence[str]) -> Matrix:
     """Return a row for each capsule (n, 8)."""
     rows = [[*c.start_m, *c.end_m, c.radius_m, links.index(c.link)] for c in capsules]
-    return np.array(rows, dtype=np.float64).reshape(len(rows), 8)
+    return np.array(rows, dtype=np.float64).reshape(len(rows), CAPSULE_WIDTH)
 
 
 def _fill_link_row(row: Matrix, step: ChainJoint) -> None:

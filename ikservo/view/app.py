@@ -31,7 +31,7 @@ _SWITCH_S = 0.0005
 def low_jitter() -> Generator[None]:
     """Let threads take turns often, and keep what is loaded out of the garbage collector's rounds.
 
-    A full round over all that numba and pydantic have loaded takes a tenth of a second, in which
+    A full round over all that pydantic has loaded takes a tenth of a second, in which
     no thread runs; frozen, what has been loaded is not looked at again.
     """
     before = sys.getswitchinterval()

@@ -4,8 +4,6 @@ The lines of sight through a square of pixels are a pyramid (a prism without per
 falls in the square where a shape of it meets that body: nothing is sampled, so a wire thinner than
 a pixel is found wherever it is. View coordinates are right, up and depth; an image point is
 right and up over depth (right and up themselves without perspective), counted from the pointer.
-
-All in one file, for what numba keeps on disk is only compared with the file of its entry.
 """
 
 from __future__ import annotations
@@ -13,14 +11,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ikservo.ik.kernel.jit import jit, jit_entry
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.ik.kernel.compiled import entry
+from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
+from ikservo.view.bvh import COUNT, FIRST, LEFT, ROW_WIDTH
+from ikservo.view.bvh import RIGHT as RIGHT_CHILD
+from ikservo.view.raycast import is_node
 
 __all__ = ["AWAY", "DEPTH", "RIGHT", "ROW", "UP", "find_in_square"]
-
-Whole = NDArray[np.int64]
 
 # What is found of a link: how far from the pointer, where in the image, how deep, which row.
 AWAY, RIGHT, UP, DEPTH, ROW = 0, 1, 2, 3, 4
@@ -33,14 +31,39 @@ _NARROWING_STEPS = 1e-10
 _DIAGONAL = math.sqrt(2.0)
 
 
-@jit_entry
+def square_fits(
+    T_view_link: Matrix,
+    eye: Vector,
+    half: float,
+    roots: IntVector,
+    boxes: Matrix,
+    nodes: IntMatrix,
+    rows: Matrix,
+    found: Matrix,
+) -> bool:
+    """Return whether arrays have the shapes that ``find_in_square`` needs; half is no NaN."""
+    return (
+        len(T_view_link) == len(roots)
+        and T_view_link.shape[1] == 12
+        and len(eye) == 3
+        and half == half  # noqa: PLR0124  # no NaN
+        and len(boxes) == len(nodes)
+        and boxes.shape[1] == 6
+        and nodes.shape[1] == 4
+        and rows.shape[1] == ROW_WIDTH
+        and len(found) == len(roots)
+        and found.shape[1] == 5
+    )
+
+
+@entry(square_fits)
 def find_in_square(
     T_view_link: Matrix,
     eye: Vector,
     half: float,
-    roots: Whole,
+    roots: IntVector,
     boxes: Matrix,
-    nodes: Whole,
+    nodes: IntMatrix,
     rows: Matrix,
     found: Matrix,
 ) -> int:
@@ -60,42 +83,48 @@ def find_in_square(
     Returns:
         How many shapes were looked at.
     """
-    looked, stack = 0, np.empty(_MAX_STACK, np.int64)
-    points, best = np.empty((3, 3)), np.empty(5)
+    looked = 0
+    stack = np.empty(_MAX_STACK, np.int64)
+    points = np.empty((3, 3))
+    best = np.empty(5)
     for link in range(len(roots)):
         best[AWAY], best[DEPTH], best[ROW] = half, _NONE, -1.0
         top, stack[0] = 1, roots[link]
         while top > 0:
             top -= 1
             node = stack[top]
+            if not is_node(nodes, node, rows):
+                continue
             if not _may_contain(T_view_link[link], eye, best[AWAY], boxes[node]):
                 continue
-            if nodes[node, 3] == 0:
-                stack[top], stack[top + 1] = nodes[node, 0], nodes[node, 1]
-                top += 2
+            if nodes[node, COUNT] == 0:
+                if top < _MAX_STACK - 1:
+                    stack[top], stack[top + 1] = nodes[node, LEFT], nodes[node, RIGHT_CHILD]
+                    top += 2
                 continue
-            for row in range(nodes[node, 2], nodes[node, 2] + nodes[node, 3]):
+            for row in range(nodes[node, FIRST], nodes[node, FIRST] + nodes[node, COUNT]):
                 looked += 1
                 _test_shape(T_view_link[link], eye, rows, row, points, best)
-        found[link] = best
+        for i in range(5):
+            found[link, i] = best[i]
         if best[ROW] < 0.0:
             found[link, AWAY] = _NONE
     return looked
 
 
-@jit
 def _transform_point(T: Vector, x: float, y: float, z: float, at: Vector) -> None:
     """Take a point of a link into view coordinates."""
     for i in range(3):
         at[i] = T[3 * i] * x + T[3 * i + 1] * y + T[3 * i + 2] * z + T[9 + i]
 
 
-@jit
 def _may_contain(T: Vector, eye: Vector, half: float, box: Vector) -> bool:
     """Return whether the ball around a box may meet the square's lines of sight."""
-    at, size2 = np.empty(3), 0.0
+    size2 = 0.0
+    at = np.empty(3)
     for i in range(3):
-        size2 += (0.5 * (box[3 + i] - box[i])) ** 2
+        half_side = 0.5 * (box[3 + i] - box[i])
+        size2 += half_side * half_side
     _transform_point(
         T, 0.5 * (box[0] + box[3]), 0.5 * (box[1] + box[4]), 0.5 * (box[2] + box[5]), at
     )
@@ -103,14 +132,23 @@ def _may_contain(T: Vector, eye: Vector, half: float, box: Vector) -> bool:
     if at[2] + radius <= 0.0:
         return False
     if eye[2] == 0.0:
-        return math.hypot(at[0] - eye[0], at[1] - eye[1]) <= radius + _DIAGONAL * half
+        return _hypot(at[0] - eye[0], at[1] - eye[1]) <= radius + _DIAGONAL * half
     # The pyramid is inside a cone about the pointer's line of sight that is as wide as its corner.
-    across = math.hypot(at[0] - eye[0] * at[2], at[1] - eye[1] * at[2])
+    across = _hypot(at[0] - eye[0] * at[2], at[1] - eye[1] * at[2])
     length = math.sqrt(1.0 + eye[0] * eye[0] + eye[1] * eye[1])
     return across <= length * radius + _DIAGONAL * half * (at[2] + radius)
 
 
-@jit
+def _hypot(a: float, b: float) -> float:
+    """Return the length of (a, b); ``math.hypot`` rounds otherwise than the C library's."""
+    return math.sqrt(a * a + b * b)
+
+
+def _copy(source: Vector, to: Vector, count: int) -> None:
+    for i in range(count):
+        to[i] = source[i]
+
+
 def _test_shape(
     T: Vector, eye: Vector, rows: Matrix, row: int, points: Matrix, best: Vector
 ) -> None:
@@ -125,14 +163,13 @@ def _test_shape(
         _test_capsule(eye, points[0], points[1], rows[row, 7], seen)
     nearer = seen[AWAY] < best[AWAY] or (seen[AWAY] == best[AWAY] and seen[DEPTH] < best[DEPTH])
     if nearer:
-        best[:4] = seen
+        _copy(seen, best, 4)
         best[ROW] = row
 
 
 # --- capsules: a ball that moves along a segment ---
 
 
-@jit
 def _test_capsule(eye: Vector, a: Vector, b: Vector, radius: float, seen: Vector) -> None:
     """Find the ball along a segment that is nearest to the pointer.
 
@@ -145,55 +182,61 @@ def _test_capsule(eye: Vector, a: Vector, b: Vector, radius: float, seen: Vector
         return
     if min(a[2], b[2]) < nearest:  # what is beside or behind the eye is cut off
         cut = (nearest - a[2]) / (b[2] - a[2])
-        low, high = (cut, 1.0) if a[2] < b[2] else (0.0, cut)
-    c, one, other = np.empty(3), np.empty(4), np.empty(4)
+        if a[2] < b[2]:
+            low = cut
+        else:
+            high = cut
+    one = np.empty(4)
+    other = np.empty(4)
     s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    _test_sphere(eye, _point_along(a, b, s, c), radius, one)
-    _test_sphere(eye, _point_along(a, b, t, c), radius, other)
+    _test_sphere_along(eye, a, b, s, radius, one)
+    _test_sphere_along(eye, a, b, t, radius, other)
     while high - low > _NARROWING_STEPS:
         if one[AWAY] <= other[AWAY]:
             high, t = t, s
-            other[:] = one
+            _copy(one, other, 4)
             s = high - _GOLDEN * (high - low)
-            _test_sphere(eye, _point_along(a, b, s, c), radius, one)
+            _test_sphere_along(eye, a, b, s, radius, one)
         else:
             low, s = s, t
-            one[:] = other
+            _copy(other, one, 4)
             t = low + _GOLDEN * (high - low)
-            _test_sphere(eye, _point_along(a, b, t, c), radius, other)
-    _test_sphere(eye, _point_along(a, b, low, c), radius, seen)
+            _test_sphere_along(eye, a, b, t, radius, other)
+    _test_sphere_along(eye, a, b, low, radius, seen)
     if one[AWAY] < seen[AWAY]:
-        seen[:] = one
-    _test_sphere(eye, _point_along(a, b, high, c), radius, other)
+        _copy(one, seen, 4)
+    _test_sphere_along(eye, a, b, high, radius, other)
     if other[AWAY] < seen[AWAY]:
-        seen[:] = other
+        _copy(other, seen, 4)
 
 
-@jit
 def _near_plane_m(eye: Vector) -> float:
     return _MIN_DEPTH_M if eye[2] != 0.0 else 0.0
 
 
-@jit
-def _point_along(a: Vector, b: Vector, share: float, at: Vector) -> Vector:
+def _test_sphere_along(
+    eye: Vector, a: Vector, b: Vector, share: float, radius: float, seen: Vector
+) -> None:
+    """Find the ball that has gone a share of the way from a to b; see ``_test_sphere``."""
+    centre = np.empty(3)
     for i in range(3):
-        at[i] = a[i] + share * (b[i] - a[i])
-    return at
+        centre[i] = a[i] + share * (b[i] - a[i])
+    _test_sphere(eye, centre, radius, seen)
 
 
-@jit
 def _contains_eye(a: Vector, b: Vector, radius: float) -> bool:
     bb = ab = 0.0
     for i in range(3):
-        bb, ab = bb + (b[i] - a[i]) ** 2, ab - a[i] * (b[i] - a[i])
+        way = b[i] - a[i]
+        bb, ab = bb + way * way, ab - a[i] * way
     share = min(max(ab / bb, 0.0), 1.0) if bb > 0.0 else 0.0
     away2 = 0.0
     for i in range(3):
-        away2 += (a[i] + share * (b[i] - a[i])) ** 2
+        at = a[i] + share * (b[i] - a[i])
+        away2 += at * at
     return away2 <= radius * radius
 
 
-@jit
 def _test_sphere(eye: Vector, c: Vector, radius: float, seen: Vector) -> None:
     """Find the point of a ball's picture that is nearest to the pointer.
 
@@ -206,15 +249,17 @@ def _test_sphere(eye: Vector, c: Vector, radius: float, seen: Vector) -> None:
     seen[AWAY] = _NONE
     if m[5] >= 0.0 and _keep_if_nearer(eye, c, m, 0.0, 0.0, seen):
         return
-    for sign in (-1.0, 1.0):
+    for i in range(2):
+        sign = 2.0 * i - 1.0
         _test_tangent_squares(eye, c, m, sign, seen)
-        for other in (-1.0, 1.0):
+        for j in range(2):
+            other = 2.0 * j - 1.0
             square = m[0] + 2.0 * sign * other * m[1] + m[2]
-            for way in _quadratic_roots(square, sign * m[3] + other * m[4], m[5]):
-                _keep_if_nearer(eye, c, m, sign * way, other * way, seen)
+            first, second = _quadratic_roots(square, sign * m[3] + other * m[4], m[5])
+            _keep_if_nearer(eye, c, m, sign * first, other * first, seen)
+            _keep_if_nearer(eye, c, m, sign * second, other * second, seen)
 
 
-@jit
 def _sphere_conic(eye: Vector, c: Vector, radius: float, m: Vector) -> None:
     """Write A to F of a ball's picture."""
     r2 = radius * radius
@@ -232,27 +277,29 @@ def _sphere_conic(eye: Vector, c: Vector, radius: float, m: Vector) -> None:
     m[5] = r2 * (eye[0] * eye[0] + eye[1] * eye[1] + 1.0) - (px * px + py * py + pz * pz)
 
 
-@jit
 def _test_tangent_squares(eye: Vector, c: Vector, m: Vector, sign: float, seen: Vector) -> None:
     """Look at the squares whose sides at u = sign h and at v = sign h touch the picture."""
     square = m[1] * m[1] - m[0] * m[2]
     if m[2] != 0.0:
-        for way in _quadratic_roots(
+        first, second = _quadratic_roots(
             square, sign * (m[1] * m[4] - m[2] * m[3]), m[4] * m[4] - m[2] * m[5]
-        ):
-            across = -(m[1] * sign * way + m[4]) / m[2]
-            if abs(across) <= way:
-                _keep_if_nearer(eye, c, m, sign * way, across, seen)
+        )
+        for i in range(2):
+            half = first if i == 0 else second
+            across = -(m[1] * sign * half + m[4]) / m[2]
+            if abs(across) <= half:
+                _keep_if_nearer(eye, c, m, sign * half, across, seen)
     if m[0] != 0.0:
-        for way in _quadratic_roots(
+        first, second = _quadratic_roots(
             square, sign * (m[1] * m[3] - m[0] * m[4]), m[3] * m[3] - m[0] * m[5]
-        ):
-            across = -(m[1] * sign * way + m[3]) / m[0]
-            if abs(across) <= way:
-                _keep_if_nearer(eye, c, m, across, sign * way, seen)
+        )
+        for i in range(2):
+            half = first if i == 0 else second
+            across = -(m[1] * sign * half + m[3]) / m[0]
+            if abs(across) <= half:
+                _keep_if_nearer(eye, c, m, across, sign * half, seen)
 
 
-@jit
 def _quadratic_roots(square: float, half_linear: float, constant: float) -> tuple[float, float]:
     """Return the roots of a x² + 2 b x + c = 0; infinite where there are none."""
     under = half_linear * half_linear - square * constant
@@ -263,7 +310,6 @@ def _quadratic_roots(square: float, half_linear: float, constant: float) -> tupl
     return first, (constant / away if away != 0.0 else first)
 
 
-@jit
 def _keep_if_nearer(eye: Vector, c: Vector, m: Vector, u: float, v: float, seen: Vector) -> bool:
     """Keep a point of the picture where it is nearer to the pointer, and before the eye."""
     away = max(abs(u), abs(v))
@@ -284,7 +330,6 @@ def _keep_if_nearer(eye: Vector, c: Vector, m: Vector, u: float, v: float, seen:
 # --- triangles: a polygon in the image ---
 
 
-@jit
 def _test_triangle(eye: Vector, corners: Matrix, seen: Vector) -> None:
     """Find the point of a triangle's picture that is nearest to the pointer."""
     seen[AWAY] = _NONE
@@ -294,7 +339,7 @@ def _test_triangle(eye: Vector, corners: Matrix, seen: Vector) -> None:
         return
     turns, against = False, False
     for i in range(count):
-        j = (i + 1) % count
+        j = i + 1 if i + 1 < count else 0
         turn = ring[i, 0] * ring[j, 1] - ring[i, 1] * ring[j, 0]
         turns, against = turns or turn > 0.0, against or turn < 0.0
     if turns != against:  # the pointer is on one side of every edge
@@ -303,15 +348,15 @@ def _test_triangle(eye: Vector, corners: Matrix, seen: Vector) -> None:
             seen[AWAY], seen[RIGHT], seen[UP], seen[DEPTH] = 0.0, 0.0, 0.0, depth
             return
     for i in range(count):
-        _test_edge(eye, ring[i], ring[(i + 1) % count], seen)
+        _test_edge(eye, ring[i], ring[i + 1 if i + 1 < count else 0], seen)
 
 
-@jit
 def _clip_triangle(eye: Vector, corners: Matrix, ring: Matrix) -> int:
     """Write the picture of a triangle and its depths (k, 3), cut off beside the eye; return k."""
     count, nearest = 0, _near_plane_m(eye)
     for i in range(3):
-        a, b = corners[i], corners[(i + 1) % 3]
+        a = corners[i]
+        b = corners[(i + 1) % 3]
         if a[2] >= nearest:
             _project_point(eye, a[0], a[1], a[2], ring[count])
             count += 1
@@ -323,16 +368,16 @@ def _clip_triangle(eye: Vector, corners: Matrix, ring: Matrix) -> int:
     return count
 
 
-@jit
 def _project_point(eye: Vector, x: float, y: float, z: float, at: Vector) -> None:
     scale = 1.0 / z if eye[2] != 0.0 else 1.0
     at[0], at[1], at[2] = x * scale - eye[0], y * scale - eye[1], z
 
 
-@jit
 def _depth_under_pointer(eye: Vector, corners: Matrix) -> float:
     """Return how deep the triangle's plane is under the pointer; infinite where it is edge-on."""
-    a, b, c = corners[0], corners[1], corners[2]
+    a = corners[0]
+    b = corners[1]
+    c = corners[2]
     nx = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     ny = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
     nz = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -343,7 +388,6 @@ def _depth_under_pointer(eye: Vector, corners: Matrix) -> float:
     return (way - nx * eye[0] - ny * eye[1]) / nz if nz != 0.0 else _NONE
 
 
-@jit
 def _test_edge(eye: Vector, a: Vector, b: Vector, seen: Vector) -> None:
     """Look at an edge where max(|u|, |v|) may be least: its ends, its axes, its diagonals."""
     du, dv = b[0] - a[0], b[1] - a[1]
@@ -359,7 +403,6 @@ def _test_edge(eye: Vector, a: Vector, b: Vector, seen: Vector) -> None:
         _test_edge_point(eye, a, b, -(a[0] + a[1]) / (du + dv), seen)
 
 
-@jit
 def _test_edge_point(eye: Vector, a: Vector, b: Vector, share: float, seen: Vector) -> None:
     if not 0.0 <= share <= 1.0:
         return

@@ -124,7 +124,7 @@ class Picker:
         self, camera: Camera, poses: Mapping[str, Matrix], at: Vector, half_px: float
     ) -> dict[str, Hit]:
         """Return what falls in the square around the pointer, by link."""
-        from ikservo.view.pick_region import (  # noqa: PLC0415  # compiled, loaded when first used
+        from ikservo.view.pick_region import (  # noqa: PLC0415  # loads when first used
             AWAY,
             DEPTH,
             RIGHT,
@@ -156,7 +156,7 @@ class Picker:
         self, origins: Matrix, directions: Matrix, poses: Mapping[str, Matrix]
     ) -> tuple[Matrix, NDArray[np.int64]]:
         """Return how far rays (k, 3) go to each link (k, links), and the rows they meet."""
-        from ikservo.view.raycast import raycast  # noqa: PLC0415  # numba loads for a second
+        from ikservo.view.raycast import raycast  # noqa: PLC0415  # loads when first used
 
         forest = self._forest
         T = np.array([poses[link] for link in forest.links]).reshape(-1, 4, 4)

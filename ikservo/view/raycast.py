@@ -1,21 +1,16 @@
-"""Ray casting through bounding volumes and shapes, compiled.
-
-All in one file, for what numba keeps on disk is only compared with the file of its entry.
-"""
+"""Ray casting through bounding volumes and shapes, compiled."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ikservo.ik.kernel.jit import jit, jit_entry
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.ik.kernel.compiled import entry
+from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
+from ikservo.view.bvh import COUNT, FIRST, LEFT, RIGHT, ROW_WIDTH
 
-__all__ = ["raycast", "raycast_brute_force"]
-
-IntArray = NDArray[np.int64]
+__all__ = ["is_node", "raycast", "raycast_brute_force"]
 
 _MAX_STACK = 64
 _NONE = math.inf
@@ -23,19 +18,68 @@ _BEFORE_M = -1e-8  # a shape may touch the face of its box, where the ray enters
 _PARALLEL = 1e-12
 
 
-@jit_entry
+def cast_fits(
+    origins: Matrix,
+    directions: Matrix,
+    rotations: Matrix,
+    places: Matrix,
+    around: Matrix,
+    roots: IntVector,
+    boxes: Matrix,
+    nodes: IntMatrix,
+    rows: Matrix,
+    ways: Matrix,
+    hit: IntMatrix,
+) -> bool:
+    """Return whether arrays have the shapes that ``raycast`` needs; see ``is_node``, too."""
+    rays, links = len(origins), len(roots)
+    return (
+        origins.shape[1] == 3
+        and len(directions) == rays
+        and directions.shape[1] == 3
+        and len(rotations) == links
+        and rotations.shape[1] == 9
+        and len(places) == links
+        and places.shape[1] == 3
+        and len(around) == links
+        and around.shape[1] == 6
+        and len(boxes) == len(nodes)
+        and boxes.shape[1] == 6
+        and nodes.shape[1] == 4
+        and rows.shape[1] == ROW_WIDTH
+        and len(ways) == rays
+        and ways.shape[1] == links
+        and len(hit) == rays
+        and hit.shape[1] == links
+    )
+
+
+def is_node(nodes: IntMatrix, node: int, rows: Matrix) -> bool:
+    """Return whether a node exists, its children come after it, and its shapes exist.
+
+    A tree is only looked at where a ray leads, so that is where it is checked.
+    """
+    if not 0 <= node < len(nodes):
+        return False
+    first, count = nodes[node, FIRST], nodes[node, COUNT]
+    if count > 0:
+        return first >= 0 and first <= len(rows) and count <= len(rows) - first
+    return nodes[node, LEFT] > node and nodes[node, RIGHT] > node
+
+
+@entry(cast_fits)
 def raycast(
     origins: Matrix,
     directions: Matrix,
     rotations: Matrix,
     places: Matrix,
     around: Matrix,
-    roots: IntArray,
+    roots: IntVector,
     boxes: Matrix,
-    nodes: IntArray,
+    nodes: IntMatrix,
     rows: Matrix,
     ways: Matrix,
-    hit: IntArray,
+    hit: IntMatrix,
 ) -> int:
     """Find the first shape of every link on every ray, down the trees of boxes.
 
@@ -55,8 +99,11 @@ def raycast(
     Returns:
         How many shapes were looked at.
     """
-    looked, ray, stack = 0, np.empty(6), np.empty(_MAX_STACK, np.int64)
-    far, near = np.empty(6), np.empty(2)
+    looked = 0
+    ray = np.empty(6)
+    stack = np.empty(_MAX_STACK, np.int64)
+    far = np.empty(6)
+    near = np.empty(2)
     for k in range(len(origins)):
         for i in range(3):
             far[i], far[3 + i] = origins[k, i], directions[k, i]
@@ -70,7 +117,17 @@ def raycast(
     return looked
 
 
-@jit_entry
+def brute_force_fits(origin: Vector, direction: Vector, rows: Matrix, nearest: Vector) -> bool:
+    """Return whether arrays have the shapes that ``raycast_brute_force`` needs."""
+    return (
+        len(origin) == 3
+        and len(direction) == 3
+        and rows.shape[1] == ROW_WIDTH
+        and len(nearest) == 2
+    )
+
+
+@entry(brute_force_fits)
 def raycast_brute_force(origin: Vector, direction: Vector, rows: Matrix, nearest: Vector) -> int:
     """Look at every shape in turn, without boxes: the reference for ``raycast`` and its benchmark.
 
@@ -87,7 +144,6 @@ def raycast_brute_force(origin: Vector, direction: Vector, rows: Matrix, nearest
     return len(rows)
 
 
-@jit
 def _transform_ray(
     far: Vector, enter: float, rotations: Matrix, places: Matrix, link: int, ray: Vector
 ) -> None:
@@ -101,14 +157,13 @@ def _transform_ray(
         ray[i], ray[3 + i] = start, way
 
 
-@jit
 def _traverse_tree(
     ray: Vector,
     root: int,
     boxes: Matrix,
-    nodes: IntArray,
+    nodes: IntMatrix,
     rows: Matrix,
-    stack: IntArray,
+    stack: IntVector,
     near: Vector,
 ) -> int:
     """Find the first shape of one tree; boxes behind what is found already are left out."""
@@ -118,30 +173,41 @@ def _traverse_tree(
     while top > 0:
         top -= 1
         node = stack[top]
+        if not is_node(nodes, node, rows):
+            continue
         if _intersect_box(ray, boxes, node, near[0]) == _NONE:
             continue
-        if nodes[node, 3] > 0:
-            for row in range(nodes[node, 2], nodes[node, 2] + nodes[node, 3]):
+        if nodes[node, COUNT] > 0:
+            for row in range(nodes[node, FIRST], nodes[node, FIRST] + nodes[node, COUNT]):
                 looked += 1
                 way = _intersect_shape(ray, rows, row)
                 if way < near[0]:
                     near[0], near[1] = way, row
-        else:
+        elif top < _MAX_STACK - 1:
             top = _push_children(ray, node, boxes, nodes, stack, top, near[0])
     return looked
 
 
-@jit
 def _push_children(
-    ray: Vector, node: int, boxes: Matrix, nodes: IntArray, stack: IntArray, top: int, limit: float
+    ray: Vector,
+    node: int,
+    boxes: Matrix,
+    nodes: IntMatrix,
+    stack: IntVector,
+    top: int,
+    limit: float,
 ) -> int:
     """Put the children that are met on the stack, the nearer one on top."""
-    left, right = nodes[node, 0], nodes[node, 1]
+    left, right = nodes[node, LEFT], nodes[node, RIGHT]
+    if left >= len(nodes) or right >= len(nodes):
+        return top
     to_left, to_right = (
         _intersect_box(ray, boxes, left, limit),
         _intersect_box(ray, boxes, right, limit),
     )
-    first, second = (left, right) if to_left > to_right else (right, left)
+    first, second = right, left
+    if to_left > to_right:
+        first, second = left, right
     if max(to_left, to_right) < _NONE:
         stack[top] = first
         top += 1
@@ -151,7 +217,6 @@ def _push_children(
     return top
 
 
-@jit
 def _intersect_box(ray: Vector, boxes: Matrix, node: int, limit: float) -> float:
     """Return how far along a ray it enters a box, 0 inside; infinite if not before ``limit``."""
     enter, leave = 0.0, limit
@@ -168,7 +233,6 @@ def _intersect_box(ray: Vector, boxes: Matrix, node: int, limit: float) -> float
     return enter if enter <= leave else _NONE
 
 
-@jit
 def _intersect_shape(ray: Vector, rows: Matrix, row: int) -> float:
     """Return how far along a ray it meets the near side of a shape; infinite if it does not."""
     if rows[row, 0] == 1.0:
@@ -176,7 +240,6 @@ def _intersect_shape(ray: Vector, rows: Matrix, row: int) -> float:
     return _intersect_capsule(ray, rows, row)
 
 
-@jit
 def _intersect_capsule(ray: Vector, rows: Matrix, row: int) -> float:
     """Solve |o + t d - (a + s (b - a))| = r for the side first, then for the ball it leads to."""
     bb = bd = bo = do = oo = 0.0
@@ -202,7 +265,6 @@ def _intersect_capsule(ray: Vector, rows: Matrix, row: int) -> float:
     return _intersect_sphere(ray, rows, row, 1 if along <= 0.0 else 4, r2)
 
 
-@jit
 def _intersect_sphere(ray: Vector, rows: Matrix, row: int, centre: int, r2: float) -> float:
     do = oo = 0.0
     for i in range(3):
@@ -215,7 +277,6 @@ def _intersect_sphere(ray: Vector, rows: Matrix, row: int, centre: int, r2: floa
     return way if way >= _BEFORE_M else _NONE
 
 
-@jit
 def _intersect_triangle(ray: Vector, rows: Matrix, row: int) -> float:
     """Solve o + t d = a + u e + v f (Möller and Trumbore, 1997); either side counts."""
     ox, oy, oz = ray[0] - rows[row, 1], ray[1] - rows[row, 2], ray[2] - rows[row, 3]

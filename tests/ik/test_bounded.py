@@ -1,9 +1,6 @@
 """The production solver on the shipped arms: seeded, short; the long versions are campaigns."""
 
 import math
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -259,41 +256,6 @@ def test_a_batch_of_points_has_positions_only():
 def test_a_batch_that_makes_no_sense_is_refused(targets, q0s):
     with pytest.raises(BadValueError):
         solve_batch(planar(0.3, 0.2), targets, q0s)
-
-
-def test_numba_is_not_imported_before_a_solve_needs_it():
-    code = "import sys, ikservo.ik, ikservo.cli.solve; sys.exit('numba' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_without_the_compiler_the_same_code_gives_the_same_answer():
-    code = (
-        "import ikservo; m = ikservo.load_model('so101');"
-        "print(ikservo.solve(m.chain, ikservo.Target((0.25, 0.05, 0.15)), m.chain_pose('home'),"
-        "'bounded').q.tolist())"
-    )
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    said = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-    )
-    model = load_model("so101")
-    compiled = solve(model.chain, Target((0.25, 0.05, 0.15)), model.chain_pose("home"), "bounded")
-    np.testing.assert_allclose(eval(said.stdout), compiled.q, atol=1e-9)
-
-
-@pytest.mark.campaign
-@pytest.mark.timeout(600)
-def test_the_first_compilation_announces_itself_and_the_second_process_is_silent(tmp_path):
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    code = "import ikservo.ik.prepare as p, ikservo; m = ikservo.load_model('so101');" \
-        "ikservo.Solver(m.chain)(m.chain.forward(m.chain.middle()), m.chain.middle())"  # fmt: skip
-    said = [
-        subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True,
-                       text=True, check=True).stderr
-        for _ in range(2)
-    ]  # fmt: skip
-    assert "Compiling the solver" in said[0]
-    assert said[1] == ""
 
 
 def test_what_a_caller_does_with_its_arrays_later_is_no_part_of_the_question():

@@ -53,7 +53,7 @@ def preload() -> None:
     sys.path[:0] = [str(ROOT), str(ROOT / "sim")]
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     os.chdir(ROOT)
-    for name in ("numpy", "scipy.optimize", "numba"):
+    for name in ("numpy", "scipy.optimize"):
         importlib.import_module(name)
     from hypothesis import HealthCheck, Phase, settings  # noqa: PLC0415  # after numpy's threads
 

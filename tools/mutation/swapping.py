@@ -6,6 +6,7 @@ import ast
 import gc
 import importlib.abc
 import importlib.util
+import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.machinery import ModuleSpec
@@ -114,9 +115,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 def import_anew(mutant: Mutant) -> None:
     """Let everything of ours be imported anew, and the mutant in place of its module."""
     if mutant.package.is_plain(mutant.module):
-        import numba  # noqa: PLC0415  # preloaded, but only in the processes of mutants
-
-        numba.config.DISABLE_JIT = True
+        os.environ["IKSERVO_COMPILED"] = "0"
     for name in list(sys.modules):
         if name.split(".")[0] in ("ikservo", "servosim", "tests"):
             del sys.modules[name]

@@ -1,4 +1,4 @@
-"""The production solver's inner loops, compiled: scalar arithmetic on arrays laid out before.
+"""The production solver's inner loops: scalar arithmetic on packed arrays.
 
-Importing this package imports numba; ``ikservo.ik`` does so at the first solve.
+Plain Python that is translated to C where a compiler is available, see docs/kernels.md.
 """

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 
-from ikservo.ik.kernel.jit import jit_inline
 from ikservo.ik.kernel.layout import (
     DIRECTION,
     J_WEIGHTED,
@@ -35,6 +34,8 @@ __all__ = ["converged", "evaluate", "forward_kinematics", "residual_rows", "sinc
 # A quarter turn in two parts: the first has so few digits that whole multiples of it are exact.
 _QUARTER, _REST = 1.57079632673412561417, 6.07710050650619224932e-11
 _QUARTERS = 2.0 / math.pi
+# Numbers of this size have no digits after the point: adding it rounds to the nearest integer.
+_ROUND = 1.5 * 2.0**52
 # Minimax polynomials for |r| <= π/4, from fdlibm (Sun Microsystems, 1993), k_sin.c and k_cos.c.
 _S1, _S2, _S3 = -1.66666666666666324348e-1, 8.33333333332248946124e-3, -1.98412698298579493134e-4
 _S4, _S5, _S6 = 2.75573137070700676789e-6, -2.50507602534068634195e-8, 1.58969099521155010221e-10
@@ -42,10 +43,9 @@ _C1, _C2, _C3 = 4.16666666666666019037e-2, -1.38888888888741095749e-3, 2.4801587
 _C4, _C5, _C6 = -2.75573143513906633035e-7, 2.08757232129817482790e-9, -1.13596475577881948265e-11
 
 
-@jit_inline
 def sincos(angle_rad: float) -> tuple[float, float]:
     """Return cosine and sine, to the last digit or two up to a million radians."""
-    quarters = math.floor(angle_rad * _QUARTERS + 0.5)
+    quarters = (angle_rad * _QUARTERS + _ROUND) - _ROUND
     r = (angle_rad - quarters * _QUARTER) - quarters * _REST
     z = r * r
     z2 = z * z
@@ -54,22 +54,24 @@ def sincos(angle_rad: float) -> tuple[float, float]:
     cos = (_C1 + z * _C2) + z2 * ((_C3 + z * _C4) + z2 * (_C5 + z * _C6))
     sin, cos = r + r * z * sin, (1.0 - 0.5 * z) + z2 * cos
     quadrant = int(quarters) & 3
-    if quadrant & 1:
+    if quadrant % 2 == 1:
         cos, sin = -sin, cos
-    return (-cos, -sin) if quadrant & 2 else (cos, sin)
+    if quadrant >= 2:
+        return -cos, -sin
+    return cos, sin
 
 
-@jit_inline
-def forward_kinematics(arm: Matrix, desk: Matrix) -> None:
-    """Walk from the base to the tool for the joints Q; fill J (6, n) and TOOL (12,).
+def forward_kinematics(arm: Matrix, work: Matrix) -> None:
+    """Compute the tool pose for the joints Q; fill J (6, n) and TOOL_POSE (12,).
 
-    (x, y, z) are the columns of R_world_joint and p its origin. A turning joint's column is
-    ``z x (tip - p) = p x z + z x tip``: the first part is known on the way, the second at its end.
+    (x, y, z) are the columns of R_world_joint and p its origin. A revolute joint's column is
+    ``z x (tip - p) = p x z + z x tip``: the first term is known at the joint, the second only at
+    the tip.
     """
     steps, n = int(arm[0, STEPS]), int(arm[0, DOF])
     for r in range(6):
         for j in range(n):
-            desk[J + r, j] = 0.0
+            work[J + r, j] = 0.0
     x0, x1, x2 = 1.0, 0.0, 0.0
     y0, y1, y2 = 0.0, 1.0, 0.0
     z0, z1, z2 = 0.0, 0.0, 1.0
@@ -97,120 +99,118 @@ def forward_kinematics(arm: Matrix, desk: Matrix) -> None:
             x2 * a1 + y2 * b1 + z2 * c1,
             x2 * a2 + y2 * b2 + z2 * c2,
         )
-        if i > steps:  # the tool does not move against the last joint
+        if i > steps:  # the row of the tool, which has no joint
             break
         column, scale = int(arm[i, COLUMN]), arm[i, SCALE]
-        value = scale * desk[Q, column] + arm[i, SHIFT]
+        value = scale * work[Q, column] + arm[i, SHIFT]
         if arm[i, IS_REVOLUTE] == 0.0:
             p0, p1, p2 = p0 + value * z0, p1 + value * z1, p2 + value * z2
-            desk[J, column] += scale * z0
-            desk[J + 1, column] += scale * z1
-            desk[J + 2, column] += scale * z2
+            work[J, column] += scale * z0
+            work[J + 1, column] += scale * z1
+            work[J + 2, column] += scale * z2
             continue
         cos, sin = sincos(value)
         x0, y0 = cos * x0 + sin * y0, cos * y0 - sin * x0
         x1, y1 = cos * x1 + sin * y1, cos * y1 - sin * x1
         x2, y2 = cos * x2 + sin * y2, cos * y2 - sin * x2
-        desk[J, column] += scale * (p1 * z2 - p2 * z1)
-        desk[J + 1, column] += scale * (p2 * z0 - p0 * z2)
-        desk[J + 2, column] += scale * (p0 * z1 - p1 * z0)
-        desk[J + 3, column] += scale * z0
-        desk[J + 4, column] += scale * z1
-        desk[J + 5, column] += scale * z2
+        work[J, column] += scale * (p1 * z2 - p2 * z1)
+        work[J + 1, column] += scale * (p2 * z0 - p0 * z2)
+        work[J + 2, column] += scale * (p0 * z1 - p1 * z0)
+        work[J + 3, column] += scale * z0
+        work[J + 4, column] += scale * z1
+        work[J + 5, column] += scale * z2
     for j in range(n):
-        w0, w1, w2 = desk[J + 3, j], desk[J + 4, j], desk[J + 5, j]
-        desk[J, j] += w1 * p2 - w2 * p1
-        desk[J + 1, j] += w2 * p0 - w0 * p2
-        desk[J + 2, j] += w0 * p1 - w1 * p0
-    desk[TOOL_POSE, 0], desk[TOOL_POSE, 1], desk[TOOL_POSE, 2] = x0, y0, z0
-    desk[TOOL_POSE, 3], desk[TOOL_POSE, 4], desk[TOOL_POSE, 5] = x1, y1, z1
-    desk[TOOL_POSE, 6], desk[TOOL_POSE, 7], desk[TOOL_POSE, 8] = x2, y2, z2
-    desk[TOOL_POSE, 9], desk[TOOL_POSE, 10], desk[TOOL_POSE, 11] = p0, p1, p2
+        w0, w1, w2 = work[J + 3, j], work[J + 4, j], work[J + 5, j]
+        work[J, j] += w1 * p2 - w2 * p1
+        work[J + 1, j] += w2 * p0 - w0 * p2
+        work[J + 2, j] += w0 * p1 - w1 * p0
+    work[TOOL_POSE, 0], work[TOOL_POSE, 1], work[TOOL_POSE, 2] = x0, y0, z0
+    work[TOOL_POSE, 3], work[TOOL_POSE, 4], work[TOOL_POSE, 5] = x1, y1, z1
+    work[TOOL_POSE, 6], work[TOOL_POSE, 7], work[TOOL_POSE, 8] = x2, y2, z2
+    work[TOOL_POSE, 9], work[TOOL_POSE, 10], work[TOOL_POSE, 11] = p0, p1, p2
 
 
-@jit_inline
 def residual_rows(kind: int, weight: float) -> int:
-    """Return how many rows the error has; a weight of 0 leaves the position only."""
+    """Return the number of residual rows; a rotation weight of 0 leaves the position only."""
     if kind == POSITION_ONLY or weight == 0.0:
         return 3
     return 5 if kind == DIRECTION else 6
 
 
-@jit_inline
-def evaluate(arm: Matrix, question: Vector, kind: int, weight: float, desk: Matrix) -> float:
-    """Place the arm at Q; fill ERROR, G, PULL and GAUGE; return half the squared error."""
+def evaluate(arm: Matrix, problem: Vector, kind: int, weight: float, work: Matrix) -> float:
+    """Evaluate the residual at Q: fill RESIDUAL, J_WEIGHTED, NEG_GRAD and NORMS.
+
+    Returns half the squared weighted residual.
+    """
     n, rows = int(arm[0, DOF]), residual_rows(kind, weight)
-    forward_kinematics(arm, desk)
-    half = _position_rows(question, n, desk)
+    forward_kinematics(arm, work)
+    half = _position_rows(problem, n, work)
     if kind == DIRECTION:
-        desk[NORMS, ROT_ERR2] = _direction_rows(question, weight, n, desk)
+        work[NORMS, ROT_ERR2] = _direction_rows(problem, weight, n, work)
     elif kind != POSITION_ONLY:
-        desk[NORMS, ROT_ERR2] = _pose_rows(question, weight, n, desk)
+        work[NORMS, ROT_ERR2] = _pose_rows(problem, weight, n, work)
     for j in range(n):
-        pull = 0.0
+        s = 0.0
         for r in range(rows):
-            pull += desk[J_WEIGHTED + r, j] * desk[RESIDUAL, r]
-        desk[NEG_GRAD, j] = pull
-    return half + 0.5 * weight * weight * desk[NORMS, ROT_ERR2]
+            s += work[J_WEIGHTED + r, j] * work[RESIDUAL, r]
+        work[NEG_GRAD, j] = s
+    return half + 0.5 * weight * weight * work[NORMS, ROT_ERR2]
 
 
-@jit_inline
-def converged(settings: Vector, share: float, desk: Matrix) -> bool:
-    """Return whether gap and chord are within a share of their tolerances."""
+def converged(settings: Vector, share: float, work: Matrix) -> bool:
+    """Return whether position error and chord are within a share of their tolerances."""
     a, b = share * settings[TOLERANCE_M], share * settings[TOLERANCE_CHORD]
-    return desk[NORMS, POS_ERR2] <= a * a and desk[NORMS, ROT_ERR2] <= b * b
+    return work[NORMS, POS_ERR2] <= a * a and work[NORMS, ROT_ERR2] <= b * b
 
 
-@jit_inline
-def _position_rows(question: Vector, n: int, desk: Matrix) -> float:
-    gap2 = 0.0
+def _position_rows(problem: Vector, n: int, work: Matrix) -> float:
+    squared = 0.0
     for r in range(3):
-        gap = question[WANTED_POSITION + r] - desk[TOOL_POSE, 9 + r]
-        desk[RESIDUAL, r] = gap
-        gap2 += gap * gap
+        error = problem[WANTED_POSITION + r] - work[TOOL_POSE, 9 + r]
+        work[RESIDUAL, r] = error
+        squared += error * error
         for j in range(n):
-            desk[J_WEIGHTED + r, j] = desk[J + r, j]
-    desk[NORMS, POS_ERR2] = gap2
-    desk[NORMS, ROT_ERR2] = 0.0
-    return 0.5 * gap2
+            work[J_WEIGHTED + r, j] = work[J + r, j]
+    work[NORMS, POS_ERR2] = squared
+    work[NORMS, ROT_ERR2] = 0.0
+    return 0.5 * squared
 
 
-@jit_inline
-def _direction_rows(question: Vector, weight: float, n: int, desk: Matrix) -> float:
-    """Fill two rows: turns about the tool's x and y; those about its own z do not matter."""
-    x0, y0, z0 = desk[TOOL_POSE, 0], desk[TOOL_POSE, 1], desk[TOOL_POSE, 2]
-    x1, y1, z1 = desk[TOOL_POSE, 3], desk[TOOL_POSE, 4], desk[TOOL_POSE, 5]
-    x2, y2, z2 = desk[TOOL_POSE, 6], desk[TOOL_POSE, 7], desk[TOOL_POSE, 8]
-    d0 = question[WANTED_ROTATION + 2]
-    d1 = question[WANTED_ROTATION + 5]
-    d2 = question[WANTED_ROTATION + 8]
-    desk[RESIDUAL, 3] = -weight * (d0 * y0 + d1 * y1 + d2 * y2)
-    desk[RESIDUAL, 4] = weight * (d0 * x0 + d1 * x1 + d2 * x2)
+def _direction_rows(problem: Vector, weight: float, n: int, work: Matrix) -> float:
+    """Fill two rows: rotation about the tool's x and y; rotation about its z does not matter."""
+    x0, y0, z0 = work[TOOL_POSE, 0], work[TOOL_POSE, 1], work[TOOL_POSE, 2]
+    x1, y1, z1 = work[TOOL_POSE, 3], work[TOOL_POSE, 4], work[TOOL_POSE, 5]
+    x2, y2, z2 = work[TOOL_POSE, 6], work[TOOL_POSE, 7], work[TOOL_POSE, 8]
+    d0 = problem[WANTED_ROTATION + 2]
+    d1 = problem[WANTED_ROTATION + 5]
+    d2 = problem[WANTED_ROTATION + 8]
+    work[RESIDUAL, 3] = -weight * (d0 * y0 + d1 * y1 + d2 * y2)
+    work[RESIDUAL, 4] = weight * (d0 * x0 + d1 * x1 + d2 * x2)
     for j in range(n):
-        w0, w1, w2 = desk[J + 3, j], desk[J + 4, j], desk[J + 5, j]
-        desk[J_WEIGHTED + 3, j] = weight * (x0 * w0 + x1 * w1 + x2 * w2)
-        desk[J_WEIGHTED + 4, j] = weight * (y0 * w0 + y1 * w1 + y2 * w2)
-        desk[J_WEIGHTED + 5, j] = 0.0
-    return (d0 - z0) ** 2 + (d1 - z1) ** 2 + (d2 - z2) ** 2
+        w0, w1, w2 = work[J + 3, j], work[J + 4, j], work[J + 5, j]
+        work[J_WEIGHTED + 3, j] = weight * (x0 * w0 + x1 * w1 + x2 * w2)
+        work[J_WEIGHTED + 4, j] = weight * (y0 * w0 + y1 * w1 + y2 * w2)
+        work[J_WEIGHTED + 5, j] = 0.0
+    return (d0 - z0) * (d0 - z0) + (d1 - z1) * (d1 - z1) + (d2 - z2) * (d2 - z2)
 
 
-@jit_inline
-def _pose_rows(question: Vector, weight: float, n: int, desk: Matrix) -> float:
-    """Fill three rows: the turn ``sin(angle) axis = ½ Σ r_k x d_k`` that is left."""
+def _pose_rows(problem: Vector, weight: float, n: int, work: Matrix) -> float:
+    """Fill three rows: the remaining rotation ``sin(angle) axis = ½ Σ r_k x d_k``."""
     t0, t1, t2, chord2 = 0.0, 0.0, 0.0, 0.0
     for k in range(3):
-        r0, r1, r2 = desk[TOOL_POSE, k], desk[TOOL_POSE, 3 + k], desk[TOOL_POSE, 6 + k]
-        d0 = question[WANTED_ROTATION + k]
-        d1 = question[WANTED_ROTATION + 3 + k]
-        d2 = question[WANTED_ROTATION + 6 + k]
+        r0, r1, r2 = work[TOOL_POSE, k], work[TOOL_POSE, 3 + k], work[TOOL_POSE, 6 + k]
+        d0 = problem[WANTED_ROTATION + k]
+        d1 = problem[WANTED_ROTATION + 3 + k]
+        d2 = problem[WANTED_ROTATION + 6 + k]
         t0 += r1 * d2 - r2 * d1
         t1 += r2 * d0 - r0 * d2
         t2 += r0 * d1 - r1 * d0
-        chord2 += (r0 - d0) ** 2 + (r1 - d1) ** 2 + (r2 - d2) ** 2
-    desk[RESIDUAL, 3] = 0.5 * weight * t0
-    desk[RESIDUAL, 4] = 0.5 * weight * t1
-    desk[RESIDUAL, 5] = 0.5 * weight * t2
+        e0, e1, e2 = r0 - d0, r1 - d1, r2 - d2
+        chord2 += e0 * e0 + e1 * e1 + e2 * e2
+    work[RESIDUAL, 3] = 0.5 * weight * t0
+    work[RESIDUAL, 4] = 0.5 * weight * t1
+    work[RESIDUAL, 5] = 0.5 * weight * t2
     for r in range(3, 6):
         for j in range(n):
-            desk[J_WEIGHTED + r, j] = weight * desk[J + r, j]
+            work[J_WEIGHTED + r, j] = weight * work[J + r, j]
     return 0.5 * chord2

@@ -70,97 +70,96 @@ __all__ = [
 
 
 # fmt: off
-# Rows with one entry a joint.
-Q        = 0        # where the search stands
-Q_PREV     = 1        # where it stood before the step
-STEP     = 2        # the step
-NEG_GRAD     = 3        # downhill: minus the gradient of half the squared error
-FREE     = 4        # 1 for joints that the step may move, 0 for those on a limit
-LOWER_LIMIT      = 5        # the limits that this search respects
-UPPER_LIMIT     = 6
-ACTIVE     = 7        # -1, 0 or 1: the limit that the descent pressed against
-RHS      = 8        # right-hand side of a system in the joints
-Q_BEST     = 9        # where a slide has been best
-Q_SAVED     = 10       # where a walk was before it was nudged
+# The work array: rows with one entry a joint.
+Q                = 0        # the joints
+Q_PREV           = 1        # the joints before the step
+STEP             = 2        # the step
+NEG_GRAD         = 3        # minus the gradient of half the squared residual
+FREE             = 4        # 1 for joints that the step may move, 0 for those fixed at a limit
+LOWER_LIMIT      = 5        # the limits that this attempt respects
+UPPER_LIMIT      = 6
+ACTIVE           = 7        # -1, 0 or 1: the limit that blocks the descent
+RHS              = 8        # right-hand side of a system in the joints
+Q_BEST           = 9        # the best joints of a descent in the null space
+Q_SAVED          = 10       # the joints before a perturbation
 
 # Short rows.
-TOOL_POSE     = 11       # the tool's R row by row, then p (12)
-RESIDUAL    = 12       # the weighted error (3, 5 or 6)
-RHS_ERROR        = 13       # right-hand side of a system in the error
-NORMS    = 14       # entries GAP2, CHORD2, NOTED
+TOOL_POSE        = 11       # the tool's R row by row, then p (12)
+RESIDUAL         = 12       # the weighted residual (3, 5 or 6)
+RHS_ERROR        = 13       # right-hand side of a system in the residual
+NORMS            = 14       # entries POS_ERR2, ROT_ERR2, TRACE_LEN
 
 # Matrices.
-J        = 15       # (6, n) Jacobian of the tool: linear rows, angular rows
-J_WEIGHTED        = 21       # (6, n) Jacobian of the weighted error
-NORMAL   = 27       # (6, 6) G Gᵀ
-HESSIAN        = 33       # (n, n) second derivative of half the squared error; last its diagonal
-END_POINTS     = 33       # (restarts, n) ends of quick attempts, n rows further down; then
-                    # scores, see below
+J                = 15       # (6, n) Jacobian of the tool: linear rows, angular rows
+J_WEIGHTED       = 21       # (6, n) Jacobian of the weighted residual, G
+NORMAL           = 27       # (6, 6) G Gᵀ
+HESSIAN          = 33       # (n, n) second derivative of half the squared residual; column n keeps
+                            # its diagonal
+END_POINTS       = 33       # (restarts, n) ends of quick attempts, from n rows further down
 
-# Entries of GAUGE.
-POS_ERR2     = 0        # squared distance from the wanted position
-ROT_ERR2   = 1        # squared chord from the wanted orientation
-TRACE_LEN    = 2        # rows of the trace that are filled
+# Entries of NORMS.
+POS_ERR2         = 0        # squared distance from the wanted position
+ROT_ERR2         = 1        # squared chord from the wanted orientation
+TRACE_LEN        = 2        # rows of the trace that are filled
 
-# Rows of the scores, with one entry a seed.
-SEED_COST  = 0        # the squared error that it promises
-SEED_COS    = 1        # its part that goes with the cosine of the first joint's swing
-SEED_SIN   = 2        # and that with the sine
-END_COST   = 3        # the squared error at the end of each attempt, the start's first
-SCORE_ROWS   = 4
+# Rows of the scores (SCORE_ROWS, restarts), with one entry a seed.
+SEED_COST        = 0        # its expected squared error
+SEED_COS         = 1        # the error's coefficient of the cosine of the first joint's turn
+SEED_SIN         = 2        # and of the sine
+END_COST         = 3        # the squared error at the end of each attempt, the start's first
+SCORE_ROWS       = 4
 # fmt: on
 
 
 def work_shape(n: int, restarts: int) -> tuple[int, int]:
-    """Return the shape of the desk for n joints and some starting points."""
-    width = max(n + 2, 12)
-    return END_POINTS + n + restarts + -(-SCORE_ROWS * restarts // width), width
+    """Return the shape of the work array for n joints and a number of starting points."""
+    return END_POINTS + n + restarts, max(n + 2, 12)
 
 
-# Kinds of target, and how many rows their error has.
+# Kinds of target, and how many rows their residual has.
 POSITION_ONLY, DIRECTION, POSE = 0, 1, 2
 ROWS = (3, 5, 6)
 
 MAX_POSITION_M = 1000.0
-"""Beyond it squares of distances drown what a joint can do, and nobody has such an arm."""
+"""Beyond this, squares of distances hide what a joint can change."""
 
 MAX_ANGLE_RAD = 1e6
-"""A million radians still have a tenth of a nanoradian between two numbers."""
+"""The largest start: at a million radians numbers are still a tenth of a nanoradian apart."""
 
 # fmt: off
-# A question (QUESTION_SIZE,): the tool's pose that is wanted.
+# A problem (PROBLEM_SIZE,): the wanted pose of the tool.
 WANTED_POSITION  = 0        # (3,) metres
 WANTED_ROTATION  = 3        # (9,) row by row; its last column is the wanted direction
-PROBLEM_SIZE    = 12
+PROBLEM_SIZE     = 12
 
-# Settings (SETTINGS_SIZE,): how the question is meant.
+# Settings (SETTINGS_SIZE,).
 KIND             = 0        # POSITION_ONLY, DIRECTION, POSE
 TOLERANCE_M      = 1
 TOLERANCE_CHORD  = 2        # 2 sin(angle / 2)
-ROTATION_WEIGHT      = 3        # metres of position error that one radian is worth
-POSITION_FIRST         = 4        # 1: position first, orientation as well as possible
+ROTATION_WEIGHT  = 3        # metres of position error that one radian is worth
+POSITION_FIRST   = 4        # 1: position first, orientation as well as possible
 TRACK            = 5        # 1: one descent from the start, never past a limit, no full turns
 RESTARTS         = 6        # how many starting points at most, the start included
-EXTRA_RESTARTS   = 7        # how many more after the first success, to prefer what is nearest
-MAX_STEPS           = 8        # how many steps from one starting point
+EXTRA_RESTARTS   = 7        # how many more after the first success, to prefer the nearest
+MAX_STEPS        = 8        # how many steps from one starting point
 SETTINGS_SIZE    = 9
 
-# A seed is a column (dof + SEED_SIZE,): its joints, then, as seen from the first joint's frame,
+# A seed is a column (dof + SEED_SIZE,): its joints, then, in the first joint's frame,
 SEED_ROTATION    = 0        # (9,) the tool's R row by row
-SEED_POSITION    = 9        # (3,) where the tool is, metres
-SEED_RADIUS2        = 12       # the square of how far that is
-SEED_Q1       = 13       # where the first joint stands for that,
-SEED_COS_Q1      = 14       # and the cosine and sine of how far it may swing to either side
-SEED_SIN_Q1        = 15
+SEED_POSITION    = 9        # (3,) the tool's position, metres
+SEED_RADIUS2     = 12       # the square of its distance
+SEED_Q1          = 13       # the first joint's position for these,
+SEED_COS_Q1      = 14       # and the cosine and sine of how far it may turn to either side
+SEED_SIN_Q1      = 15
 SEED_SIZE        = 16
 
-# An answer (2 * dof + ANSWER_TAIL,): q, then -1, 0 or 1 a joint for the limit that binds, then
+# A result (2 * dof + RESULT_TAIL,): q, then -1, 0 or 1 a joint for the active limit, then
 REACHED          = 0
-POSITION_ERROR              = 1        # metres from the wanted position
-ROTATION_ERROR             = 2        # radians from the wanted direction or orientation
-REACHED_POINT          = 3        # (3,) where the point is
+POSITION_ERROR   = 1        # metres from the wanted position
+ROTATION_ERROR   = 2        # radians from the wanted direction or orientation
+REACHED_POINT    = 3        # (3,) the tool's position
 ITERATIONS       = 6
-SEED_INDEX             = 7        # which starting point led there, 0 for the start
-TRACE_LENGTH_OUT           = 8        # how many rows of the trace are filled
+SEED_INDEX       = 7        # the starting point it comes from, 0 for the start
+TRACE_LENGTH_OUT = 8        # how many rows of the trace are filled
 RESULT_TAIL      = 9
 # fmt: on

@@ -1,15 +1,16 @@
-"""The multi-start search, its entry points and the result record."""
+"""The multi-start search, its entry point and the result record."""
 
 from __future__ import annotations
 
 import math
 
+from ikservo.ik.kernel.compiled import entry
 from ikservo.ik.kernel.descent import mark_active_limits, minimise, set_bounds, wrap_full_turns
 from ikservo.ik.kernel.forward_kinematics import converged
-from ikservo.ik.kernel.jit import jit, jit_entry, jit_inline
 from ikservo.ik.kernel.layout import (
     ACTIVE,
     DIRECTION,
+    END_POINTS,
     EXTRA_RESTARTS,
     ITERATIONS,
     KIND,
@@ -20,13 +21,18 @@ from ikservo.ik.kernel.layout import (
     POSITION_ERROR,
     POSITION_FIRST,
     POSITION_ONLY,
+    PROBLEM_SIZE,
     REACHED,
     REACHED_POINT,
     RESTARTS,
+    RESULT_TAIL,
     ROT_ERR2,
     ROTATION_ERROR,
     ROTATION_WEIGHT,
+    SCORE_ROWS,
     SEED_INDEX,
+    SEED_SIZE,
+    SETTINGS_SIZE,
     TOLERANCE_M,
     TOOL_POSE,
     TRACE_LEN,
@@ -42,16 +48,16 @@ from ikservo.ik.kernel.seeding import (
     THOROUGH,
     record_end,
     reset_scores,
-    score_view,
     start_attempt,
 )
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.packed import DOF
+from ikservo.kinematics.packed import COLUMN, DOF, STEPS, WIDTH
 
 __all__ = [
     "all_within",
     "attempt",
     "distance_from",
+    "fits",
     "is_better",
     "is_rotation",
     "solve_all",
@@ -59,217 +65,265 @@ __all__ = [
 ]
 
 
-# Two answers whose errors differ by less are equally good: the one nearer the start is taken.
+# Results whose errors differ by less are equally good: the one nearer the start is taken.
 _SAME_M, _SAME_CHORD = 1e-7, 1e-6
 
 
-@jit_inline
-def distance_from(start: Vector, n: int, desk: Matrix) -> float:
-    """Return the squared length of the way from the start to Q."""
-    way = 0.0
+def distance_from(start: Vector, n: int, work: Matrix) -> float:
+    """Return the squared joint distance from the start to Q."""
+    squared = 0.0
     for j in range(n):
-        way += (desk[Q, j] - start[j]) ** 2
-    return way
+        difference = work[Q, j] - start[j]
+        squared += difference * difference
+    return squared
 
 
-@jit_inline
 def is_better(
-    settings: Vector, reached: bool, way: float, best_way: float, desk: Matrix, best: Vector
+    settings: Vector, reached: bool, distance: float, least: float, work: Matrix, best: Vector
 ) -> bool:
-    """Compare the desk with the best answer: by success, by error, by the way from the start."""
+    """Compare Q with the best result: by success, by error, by the distance from the start."""
     if reached or best[REACHED] == 1.0:
-        return reached and (best[REACHED] == 0.0 or way < best_way)
-    gap, chord = math.sqrt(desk[NORMS, POS_ERR2]), math.sqrt(desk[NORMS, ROT_ERR2])
-    best_gap, best_chord = (
+        return reached and (best[REACHED] == 0.0 or distance < least)
+    error_m, chord = math.sqrt(work[NORMS, POS_ERR2]), math.sqrt(work[NORMS, ROT_ERR2])
+    best_m, best_chord = (
         best[POSITION_ERROR],
         2.0 * math.sin(0.5 * min(best[ROTATION_ERROR], math.pi)),
     )
     if settings[KIND] == POSITION_ONLY or settings[POSITION_FIRST] == 1.0:
-        gap = max(gap, settings[TOLERANCE_M])
-        best_gap = max(best_gap, settings[TOLERANCE_M])
+        error_m = max(error_m, settings[TOLERANCE_M])
+        best_m = max(best_m, settings[TOLERANCE_M])
     else:
-        gap = math.hypot(gap, settings[ROTATION_WEIGHT] * chord)
-        best_gap = math.hypot(best_gap, settings[ROTATION_WEIGHT] * best_chord)
+        error_m = _hypot(error_m, settings[ROTATION_WEIGHT] * chord)
+        best_m = _hypot(best_m, settings[ROTATION_WEIGHT] * best_chord)
         chord, best_chord = 0.0, 0.0
-    if not abs(gap - best_gap) < _SAME_M:
-        return gap < best_gap
+    if not abs(error_m - best_m) < _SAME_M:
+        return error_m < best_m
     if abs(chord - best_chord) > _SAME_CHORD:
         return chord < best_chord
-    return way < best_way
+    return distance < least
 
 
-@jit
+def _hypot(a: float, b: float) -> float:
+    """Return the length of (a, b); ``math.hypot`` rounds otherwise than the C library's."""
+    return math.sqrt(a * a + b * b)
+
+
 def write_result(
-    reached: bool, seed: int, n: int, trace: Matrix, desk: Matrix, answer: Vector
+    reached: bool, seed: int, n: int, trace: Matrix, work: Matrix, result: Vector
 ) -> None:
-    """Write the desk into the answer, and move the trace to the half that is kept."""
-    for r in range(int(desk[NORMS, TRACE_LEN])):
+    """Write the attempt into the result, and copy its trace to the half that is returned."""
+    for r in range(int(work[NORMS, TRACE_LEN])):
         for j in range(n):
             trace[len(trace) // 2 + r, j] = trace[r, j]
     for j in range(n):
-        answer[j] = desk[Q, j]
-        answer[n + j] = desk[ACTIVE, j]
-    tail = answer[2 * n :]
+        result[j] = work[Q, j]
+        result[n + j] = work[ACTIVE, j]
+    tail = result[2 * n :]
     tail[REACHED] = 1.0 if reached else 0.0
-    tail[POSITION_ERROR] = math.sqrt(desk[NORMS, POS_ERR2])
-    tail[ROTATION_ERROR] = 2.0 * math.asin(min(1.0, 0.5 * math.sqrt(desk[NORMS, ROT_ERR2])))
+    tail[POSITION_ERROR] = math.sqrt(work[NORMS, POS_ERR2])
+    tail[ROTATION_ERROR] = 2.0 * math.asin(min(1.0, 0.5 * math.sqrt(work[NORMS, ROT_ERR2])))
     for r in range(3):
-        tail[REACHED_POINT + r] = desk[TOOL_POSE, 9 + r]
-    tail[SEED_INDEX], tail[TRACE_LENGTH_OUT] = float(seed), desk[NORMS, TRACE_LEN]
+        tail[REACHED_POINT + r] = work[TOOL_POSE, 9 + r]
+    tail[SEED_INDEX], tail[TRACE_LENGTH_OUT] = float(seed), work[NORMS, TRACE_LEN]
 
 
-@jit
 def attempt(
     arm: Matrix,
-    question: Vector,
+    problem: Vector,
     settings: Vector,
     start: Vector,
-    patience: int,
+    max_stalled: int,
     thorough: bool,
-    placing: bool,
+    position_only: bool,
     trace: Matrix,
-    desk: Matrix,
+    work: Matrix,
 ) -> int:
-    """Walk from Q towards the target and end inside the limits; return the steps.
+    """Descend from Q and end inside the limits; return the steps.
 
-    When placing, only the position counts. A thorough attempt with priority puts the position
-    first and then turns the tool where that leaves the position alone.
+    A thorough attempt with POSITION_FIRST solves the position and then reduces the orientation
+    error in its null space.
     """
     n, weight, steps = int(arm[0, DOF]), settings[ROTATION_WEIGHT], 0
     free_turns = settings[TRACK] == 0.0 and not thorough
     first = thorough and settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY
-    desk[NORMS, TRACE_LEN] = 0.0
-    if first or placing:
+    work[NORMS, TRACE_LEN] = 0.0
+    if first or position_only:
         weight = 0.0
-    set_bounds(arm, free_turns, desk)
-    steps += minimise(arm, question, settings, weight, patience, trace, desk)
-    if free_turns and wrap_full_turns(arm, start, desk):
-        # once more, with the gap of a range that is not quite a full turn
-        set_bounds(arm, False, desk)
-        steps += minimise(arm, question, settings, weight, patience, trace, desk)
-    if first and not converged(settings, 1.0, desk):
-        steps += nullspace_descent(arm, question, settings, trace, desk)
-    mark_active_limits(n, desk)
+    set_bounds(arm, free_turns, work)
+    steps += minimise(arm, problem, settings, weight, max_stalled, trace, work)
+    if free_turns and wrap_full_turns(arm, start, work):
+        # again, with the gap of a range that is not quite a full turn
+        set_bounds(arm, False, work)
+        steps += minimise(arm, problem, settings, weight, max_stalled, trace, work)
+    if first and not converged(settings, 1.0, work):
+        steps += nullspace_descent(arm, problem, settings, trace, work)
+    mark_active_limits(n, work)
     return steps
 
 
 _ROTATION_TOLERANCE = 1e-5
 
 
-@jit_inline
 def all_within(values: Vector, furthest: float) -> bool:
     """Return whether no value is further from 0 than that, nor NaN."""
-    for value in values:  # noqa: SIM110  # numba compiles no generators
-        if not abs(value) <= furthest:
+    for i in range(len(values)):  # noqa: SIM110  # generators are not translated
+        if not abs(values[i]) <= furthest:
             return False
     return True
 
 
-@jit_inline
-def is_rotation(question: Vector, kind: int) -> bool:
+def is_rotation(problem: Vector, kind: int) -> bool:
     """Return whether the wanted columns are unit vectors, right-handed and at right angles."""
     if kind == POSITION_ONLY:
         return True
     W = WANTED_ROTATION
-    z0, z1, z2 = question[W + 2], question[W + 5], question[W + 8]
+    z0, z1, z2 = problem[W + 2], problem[W + 5], problem[W + 8]
     off = abs(z0 * z0 + z1 * z1 + z2 * z2 - 1.0)
     if kind != DIRECTION:
-        x0, x1, x2 = question[W], question[W + 3], question[W + 6]
-        y0, y1, y2 = question[W + 1], question[W + 4], question[W + 7]
+        x0, x1, x2 = problem[W], problem[W + 3], problem[W + 6]
+        y0, y1, y2 = problem[W + 1], problem[W + 4], problem[W + 7]
         off += abs(x1 * y2 - x2 * y1 - z0) + abs(x2 * y0 - x0 * y2 - z1)
         off += abs(x0 * y1 - x1 * y0 - z2) + abs(y1 * z2 - y2 * z1 - x0)
         off += abs(y2 * z0 - y0 * z2 - x1) + abs(y0 * z1 - y1 * z0 - x2)
     return off < _ROTATION_TOLERANCE
 
 
-# How many slow steps in a row end a quick attempt: the start is given more than the others.
+# Slow steps in a row that end a quick attempt: more from the start than from other seeds.
 _MAX_STALLED_STEPS, _MAX_STALLED_AT_START, _UNLIMITED = 2, 4, 1 << 30
-# A solution that was found this early is worth a look for a nearer one.
+# After a solution this early, further attempts look for a nearer one.
 _EARLY = 4
-# How many ends are refined; with priority all, for which turns out best shows only then.
+# How many ends are refined; with position first all, since the best shows only then.
 _REFINED = 24
 
 
-@jit_entry
-def solve_all(
+def fits(
     arm: Matrix,
-    questions: Matrix,
+    problems: Matrix,
     settings: Vector,
     starts: Matrix,
     seeds: Matrix,
-    desk: Matrix,
+    work: Matrix,
+    scores: Matrix,
     trace: Matrix,
-    answers: Matrix,
+    results: Matrix,
+) -> bool:
+    """Return whether arrays have the shapes that ``solve_all`` needs, and indices are in range."""
+    if len(settings) != SETTINGS_SIZE or not _is_packed_chain(arm):
+        return False
+    n, restarts, count = int(arm[0, DOF]), int(settings[RESTARTS]), len(problems)
+    if restarts < 1 or len(starts) != count or len(results) != count:
+        return False
+    if restarts > 1 and (len(seeds) != n + SEED_SIZE or seeds.shape[1] < restarts - 1):
+        return False
+    return (
+        problems.shape[1] == PROBLEM_SIZE
+        and starts.shape[1] == n
+        and results.shape[1] == 2 * n + RESULT_TAIL
+        and len(work) >= END_POINTS + n + restarts
+        and work.shape[1] >= max(n + 2, 12)
+        and len(scores) == SCORE_ROWS
+        and scores.shape[1] >= restarts
+        and trace.shape[1] == n
+    )
+
+
+def _is_packed_chain(arm: Matrix) -> bool:
+    """Return whether an array is of a packed chain's shape, and its columns exist."""
+    if len(arm) < 2 or arm.shape[1] != WIDTH:
+        return False
+    steps, n = int(arm[0, STEPS]), int(arm[0, DOF])
+    if steps < 0 or n < 0 or len(arm) != 2 + steps + n:
+        return False
+    for i in range(1, steps + 1):
+        column = arm[i, COLUMN]
+        if not 0.0 <= column < n:
+            return False
+    return True
+
+
+@entry(fits)
+def solve_all(
+    arm: Matrix,
+    problems: Matrix,
+    settings: Vector,
+    starts: Matrix,
+    seeds: Matrix,
+    work: Matrix,
+    scores: Matrix,
+    trace: Matrix,
+    results: Matrix,
 ) -> int:
-    """Answer every question from its own start; see ``layout`` for the arrays.
+    """Solve every problem from its own start; see ``layout`` for the arrays.
 
     Args:
         arm: The packed chain.
-        questions: (m, QUESTION_SIZE).
+        problems: (m, PROBLEM_SIZE).
         settings: (SETTINGS_SIZE,).
         starts: (m, dof).
-        seeds: (dof + SEED_SIZE, RESTARTS - 1) further starting points.
-        desk: ``work_shape(dof, RESTARTS)``, memory.
+        seeds: (dof + SEED_SIZE, at least RESTARTS - 1) further starting points.
+        work: At least ``work_shape(dof, RESTARTS)``, memory.
+        scores: (SCORE_ROWS, at least RESTARTS), memory.
         trace: (t, dof), its second half for the iterates of the best attempt; may have no rows.
-        answers: (m, 2 * dof + ANSWER_TAIL), filled.
+        results: (m, 2 * dof + RESULT_TAIL), filled.
 
     Returns:
-        The first question that makes no sense, because a number is not finite or too large, or its
-        rotation is none; then nothing is filled. -1 if there is none.
+        The first invalid problem: a number is not finite or too large, or its rotation is none;
+        then nothing is filled. -1 if all are valid.
     """
-    for i in range(len(questions)):
-        if not (all_within(questions[i], MAX_POSITION_M) and all_within(starts[i], MAX_ANGLE_RAD)):
+    for i in range(len(problems)):
+        if not (all_within(problems[i], MAX_POSITION_M) and all_within(starts[i], MAX_ANGLE_RAD)):
             return i
-        if not is_rotation(questions[i], int(settings[KIND])):
+        if not is_rotation(problems[i], int(settings[KIND])):
             return i
-    for i in range(len(questions)):
-        _solve_one(arm, questions[i], settings, starts[i], seeds, trace, desk, answers[i])
+    for i in range(len(problems)):
+        _solve_one(arm, problems[i], settings, starts[i], seeds, trace, work, scores, results[i])
     return -1
 
 
-@jit
 def _solve_one(
     arm: Matrix,
-    question: Vector,
+    problem: Vector,
     settings: Vector,
     start: Vector,
     seeds: Matrix,
     trace: Matrix,
-    desk: Matrix,
-    answer: Vector,
+    work: Matrix,
+    scores: Matrix,
+    result: Vector,
 ) -> None:
     """Try the starting points in turn until one reaches; if none does, refine the best ends.
 
-    Three phases: quick attempts from the start and the table; more of them, see below; thorough
-    attempts from the best ends. More are, by weights, attempts from points between the best end so
-    far and the table (a local minimum near the target is often next to the way). With priority
-    they are walks to the wanted position alone, from where the first attempts ended and began.
+    Three phases: QUICK attempts from the start and the seeds; MORE, see below; THOROUGH attempts
+    from the best ends. With weights the phase MORE starts between the best end and the seeds (a
+    local minimum near the target is often beside the path). With POSITION_FIRST it descends to
+    the wanted position alone, from where the first attempts ended and started.
     """
     n, restarts = int(arm[0, DOF]), int(settings[RESTARTS])
     first = settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY
-    tail = answer[2 * n :]
+    tail = result[2 * n :]
     tail[REACHED], tail[POSITION_ERROR], tail[ROTATION_ERROR] = 0.0, math.inf, math.inf
-    scores = score_view(n, restarts, desk)
     phase = THOROUGH if settings[TRACK] == 1.0 else QUICK
-    steps, best_way, k, last = 0, math.inf, 0, restarts
+    steps, least, k, last = 0, math.inf, 0, restarts
     while k < last:
-        thorough, placing = phase == THOROUGH, first and phase == MORE
-        seed = start_attempt(arm, question, settings, start, seeds, phase, k, n, scores, desk)
-        patience = (
+        thorough, position_only = phase == THOROUGH, first and phase == MORE
+        seed = start_attempt(arm, problem, settings, start, seeds, phase, k, n, scores, work)
+        max_stalled = (
             _UNLIMITED if thorough else _MAX_STALLED_AT_START if k == 0 else _MAX_STALLED_STEPS
         )
-        steps += attempt(arm, question, settings, start, patience, thorough, placing, trace, desk)
-        way, reached = distance_from(start, n, desk), converged(settings, 1.0, desk)
+        steps += attempt(
+            arm, problem, settings, start, max_stalled, thorough, position_only, trace, work
+        )
+        distance, reached = distance_from(start, n, work), converged(settings, 1.0, work)
         if not (reached or thorough):
             if phase == QUICK and k == 0:
                 reset_scores(restarts, scores)
-            record_end(settings, placing, seed, n, scores, desk)
-        counts = reached or thorough or placing
-        if counts and is_better(settings, reached, way, best_way, desk, tail):
+            record_end(settings, position_only, seed, n, scores, work)
+        counts = reached or thorough or position_only
+        if counts and is_better(settings, reached, distance, least, work, tail):
             if reached and tail[REACHED] == 0.0:
                 last = min(last, k + 1 + (int(settings[EXTRA_RESTARTS]) if 0 < k < _EARLY else 0))
-            best_way = way
-            write_result(reached, seed, n, trace, desk, answer)
+            least = distance
+            write_result(reached, seed, n, trace, work, result)
         k += 1
         if k == last and not thorough and tail[REACHED] == 0.0:
             phase, k = THOROUGH if phase == MORE or restarts == 1 else MORE, 0
@@ -277,7 +331,6 @@ def _solve_one(
     tail[ITERATIONS] = steps
 
 
-@jit_inline
 def _attempt_count(phase: int, restarts: int, first: bool) -> int:
     """Return how many attempts the second and the third phase make at most."""
     if first:

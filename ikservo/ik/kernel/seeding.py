@@ -1,15 +1,13 @@
 """Score start configurations and set up an attempt.
 
-The tool's pose at a seed, seen from the first joint's frame, turns about that frame's z as the
-joint swings by δ. So what it shares with the wanted pose is ``a cos δ + b sin δ + c``, and the best
-swing is known in closed form.
+Turning the first joint by δ rotates a seed's tool pose about that joint's z. The inner product
+with the wanted pose is therefore ``a cos δ + b sin δ + c``, whose maximum has a closed form.
 """
 
 from __future__ import annotations
 
 import math
 
-from ikservo.ik.kernel.jit import jit, jit_inline
 from ikservo.ik.kernel.layout import (
     DIRECTION,
     END_COST,
@@ -22,7 +20,6 @@ from ikservo.ik.kernel.layout import (
     RESTARTS,
     ROT_ERR2,
     ROTATION_WEIGHT,
-    SCORE_ROWS,
     SEED_COS,
     SEED_COS_Q1,
     SEED_COST,
@@ -50,30 +47,29 @@ __all__ = [
     "record_end",
     "reset_scores",
     "score_seeds",
-    "score_view",
     "start_attempt",
 ]
 
 
-@jit
 def score_seeds(
-    arm: Matrix, question: Vector, settings: Vector, seeds: Matrix, n: int, scores: Matrix
+    arm: Matrix, problem: Vector, settings: Vector, seeds: Matrix, n: int, scores: Matrix
 ) -> None:
-    """Write down the squared error that every seed promises, but for what all have in common."""
+    """Fill SEED_COST with every seed's squared error at its best first joint, up to a constant."""
     kind, count = int(settings[KIND]), int(settings[RESTARTS]) - 1
     for k in range(count):
         scores[SEED_COS, k], scores[SEED_SIN, k] = 0.0, 0.0
         scores[SEED_COST, k] = seeds[n + SEED_RADIUS2, k]
     W = WANTED_POSITION
-    v0 = question[W] - arm[1, POSITION]
-    v1 = question[W + 1] - arm[1, POSITION + 1]
-    v2 = question[W + 2] - arm[1, POSITION + 2]
+    v0 = problem[W] - arm[1, POSITION]
+    v1 = problem[W + 1] - arm[1, POSITION + 1]
+    v2 = problem[W + 2] - arm[1, POSITION + 2]
     _add_seed_products(arm, v0, v1, v2, 1.0, seeds, n + SEED_POSITION, 1, count, scores)
     if kind != POSITION_ONLY:
-        share = settings[ROTATION_WEIGHT] ** 2 * (1.0 if kind == DIRECTION else 0.5)
+        weight = settings[ROTATION_WEIGHT]
+        share = weight * weight * (1.0 if kind == DIRECTION else 0.5)
         for c in range(2 if kind == DIRECTION else 0, 3):
             W = WANTED_ROTATION + c
-            v0, v1, v2 = question[W], question[W + 3], question[W + 6]
+            v0, v1, v2 = problem[W], problem[W + 3], problem[W + 6]
             _add_seed_products(
                 arm, v0, v1, v2, share, seeds, n + SEED_ROTATION + c, 3, count, scores
             )
@@ -84,9 +80,8 @@ def score_seeds(
         scores[SEED_COST, k] -= 2.0 * (best if a >= cosine * best else end)
 
 
-@jit_inline
 def best_seed(settings: Vector, scores: Matrix) -> int:
-    """Return the number of the best seed that was not tried yet, and cross it out."""
+    """Return the number of the best seed that was not tried yet, and mark it as tried."""
     best = 0
     for k in range(1, int(settings[RESTARTS]) - 1):
         if scores[SEED_COST, k] < scores[SEED_COST, best]:
@@ -95,20 +90,18 @@ def best_seed(settings: Vector, scores: Matrix) -> int:
     return best + 1
 
 
-@jit
 def align_first_joint(
-    arm: Matrix, seeds: Matrix, seed: int, n: int, scores: Matrix, desk: Matrix
+    arm: Matrix, seeds: Matrix, seed: int, n: int, scores: Matrix, work: Matrix
 ) -> None:
-    """Put the first joint of Q, which stands on a seed, where that comes nearest."""
+    """Turn the first joint of Q, which is a seed, to where the error is smallest."""
     k = seed - 1
     a, b, cosine = scores[SEED_COS, k], scores[SEED_SIN, k], seeds[n + SEED_COS_Q1, k]
     turn = math.atan2(b, a)
     if a < cosine * math.sqrt(a * a + b * b):
         turn = math.copysign(math.acos(cosine), b)
-    desk[Q, int(arm[1, COLUMN])] = seeds[n + SEED_Q1, k] + turn
+    work[Q, int(arm[1, COLUMN])] = seeds[n + SEED_Q1, k] + turn
 
 
-@jit
 def _add_seed_products(
     arm: Matrix,
     v0: float,
@@ -121,7 +114,7 @@ def _add_seed_products(
     count: int,
     scores: Matrix,
 ) -> None:
-    """Add what a wanted vector (v0, v1, v2) shares with that of every seed, which begins in row."""
+    """Add the inner products of a wanted vector (v0, v1, v2) with every seed's, from ``row`` on."""
     x = share * (arm[1, 0] * v0 + arm[1, 3] * v1 + arm[1, 6] * v2)
     y = share * (arm[1, 1] * v0 + arm[1, 4] * v1 + arm[1, 7] * v2)
     z = share * (arm[1, 2] * v0 + arm[1, 5] * v1 + arm[1, 8] * v2)
@@ -134,16 +127,15 @@ def _add_seed_products(
 
 
 QUICK, MORE, THOROUGH = 0, 1, 2
-# How far a hop leaves the best end towards a seed.
+# Share of the way from the best end to a seed where a further attempt starts.
 _HOP_FRACTION = 0.35
-# With priority ends that miss the position come after all that meet it.
+# With position first, ends that miss the position rank after all that reach it.
 _FAR = 1e6
 
 
-@jit
 def start_attempt(
     arm: Matrix,
-    question: Vector,
+    problem: Vector,
     settings: Vector,
     start: Vector,
     seeds: Matrix,
@@ -151,58 +143,52 @@ def start_attempt(
     k: int,
     n: int,
     scores: Matrix,
-    desk: Matrix,
+    work: Matrix,
 ) -> int:
-    """Put Q on the starting point of attempt k; return the number of the seed it comes from."""
+    """Set Q to the start of attempt k; return the number of the seed it comes from."""
     if phase == QUICK or settings[TRACK] == 1.0:
         if k == 1:
-            score_seeds(arm, question, settings, seeds, n, scores)
+            score_seeds(arm, problem, settings, seeds, n, scores)
         seed = 0 if k == 0 else best_seed(settings, scores)
-        _load_seed(start, seeds, seed, n, desk)
+        _load_seed(start, seeds, seed, n, work)
         if k > 0:
-            align_first_joint(arm, seeds, seed, n, scores, desk)
+            align_first_joint(arm, seeds, seed, n, scores, work)
         return seed
     if phase == THOROUGH:
         seed = _best_end_index(settings, scores)
-        _load_end(seed, n, desk)
+        _load_end(seed, n, work)
         scores[END_COST, seed] = math.inf
         return seed
     if settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY:
-        return _restart_from_scores(settings, start, seeds, k, n, scores, desk)
-    _start_between(settings, start, seeds, k, n, scores, desk)
+        return _restart_from_scores(settings, start, seeds, k, n, scores, work)
+    _start_between(settings, start, seeds, k, n, scores, work)
     return k
 
 
-@jit_inline
-def score_view(n: int, restarts: int, desk: Matrix) -> Matrix:
-    """Return the part of the desk (4, restarts) where seeds and ends are scored."""
-    flat, first = desk.reshape(desk.size), (END_POINTS + n + restarts) * desk.shape[1]
-    return flat[first : first + SCORE_ROWS * restarts].reshape((SCORE_ROWS, restarts))
-
-
-@jit_inline
 def reset_scores(restarts: int, scores: Matrix) -> None:
-    """Forget where the attempts of the question before ended."""
+    """Forget the ends of the previous problem's attempts."""
     for k in range(restarts):
         scores[END_COST, k] = math.inf
 
 
-@jit
 def record_end(
-    settings: Vector, placing: bool, seed: int, n: int, scores: Matrix, desk: Matrix
+    settings: Vector, position_only: bool, seed: int, n: int, scores: Matrix, work: Matrix
 ) -> None:
-    """Note where a quick attempt ended, unless that seed has led somewhere better."""
-    row = END_POINTS + n + seed
-    error = desk[NORMS, POS_ERR2] + settings[ROTATION_WEIGHT] ** 2 * desk[NORMS, ROT_ERR2]
-    if placing and desk[NORMS, POS_ERR2] > settings[TOLERANCE_M] ** 2:
+    """Store where a quick attempt ended, unless its seed has led to a better end before."""
+    row, weight, tolerance_m = (
+        END_POINTS + n + seed,
+        settings[ROTATION_WEIGHT],
+        settings[TOLERANCE_M],
+    )
+    error = work[NORMS, POS_ERR2] + weight * weight * work[NORMS, ROT_ERR2]
+    if position_only and work[NORMS, POS_ERR2] > tolerance_m * tolerance_m:
         error += _FAR
     if error < scores[END_COST, seed]:
         for j in range(n):
-            desk[row, j] = desk[Q, j]
+            work[row, j] = work[Q, j]
         scores[END_COST, seed] = error
 
 
-@jit
 def _restart_from_scores(
     settings: Vector,
     start: Vector,
@@ -210,19 +196,18 @@ def _restart_from_scores(
     k: int,
     n: int,
     scores: Matrix,
-    desk: Matrix,
+    work: Matrix,
 ) -> int:
-    """Stand on every end, then on every seed; the ends by weights no longer count."""
+    """Start from every end, then from every seed; the ends' errors by weights are dropped."""
     restarts = int(settings[RESTARTS])
     if k >= restarts:
-        _load_seed(start, seeds, k - restarts, n, desk)
+        _load_seed(start, seeds, k - restarts, n, work)
         return k - restarts
-    _load_end(k, n, desk)
+    _load_end(k, n, work)
     scores[END_COST, k] = math.inf
     return k
 
 
-@jit
 def _start_between(
     settings: Vector,
     start: Vector,
@@ -230,28 +215,25 @@ def _start_between(
     k: int,
     n: int,
     scores: Matrix,
-    desk: Matrix,
+    work: Matrix,
 ) -> None:
-    """Stand between the best end and a seed."""
-    _load_seed(start, seeds, k, n, desk)
+    """Start between the best end and a seed."""
+    _load_seed(start, seeds, k, n, work)
     best = END_POINTS + n + _best_end_index(settings, scores)
     for j in range(n):
-        desk[Q, j] = desk[best, j] + _HOP_FRACTION * (desk[Q, j] - desk[best, j])
+        work[Q, j] = work[best, j] + _HOP_FRACTION * (work[Q, j] - work[best, j])
 
 
-@jit_inline
-def _load_seed(start: Vector, seeds: Matrix, k: int, n: int, desk: Matrix) -> None:
+def _load_seed(start: Vector, seeds: Matrix, k: int, n: int, work: Matrix) -> None:
     for j in range(n):
-        desk[Q, j] = start[j] if k == 0 else seeds[j, k - 1]
+        work[Q, j] = start[j] if k == 0 else seeds[j, k - 1]
 
 
-@jit_inline
-def _load_end(k: int, n: int, desk: Matrix) -> None:
+def _load_end(k: int, n: int, work: Matrix) -> None:
     for j in range(n):
-        desk[Q, j] = desk[END_POINTS + n + k, j]
+        work[Q, j] = work[END_POINTS + n + k, j]
 
 
-@jit_inline
 def _best_end_index(settings: Vector, scores: Matrix) -> int:
     best = 0
     for k in range(1, int(settings[RESTARTS])):

@@ -1,0 +1,248 @@
+"""The compiled kernels do what the Python code does, bit for bit, and refuse what cannot fit."""
+
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ikservo.ik.kernel import compiled, search
+from ikservo.ik.kernel.layout import (
+    KIND,
+    PROBLEM_SIZE,
+    RESTARTS,
+    RESULT_TAIL,
+    SCORE_ROWS,
+    SETTINGS_SIZE,
+    work_shape,
+)
+from ikservo.ik.prepare import TargetKind, pack_problem, pack_settings
+from ikservo.ik.problem import Options
+from ikservo.model import load_model
+
+needs_extension = pytest.mark.skipif(not compiled.is_compiled(), reason="no C compiler")
+ARMS = ("so101", "wx250s", "koch")
+RESTART_COUNT = 20
+
+
+class Search:
+    """The arguments of ``solve_all`` for one arm, kind and some targets, out of reach or not."""
+
+    def __init__(self, name, kind, seed, count, *, stretched=1.0, traced=0):
+        chain = load_model(name).chain
+        rng, n = np.random.default_rng(seed), chain.dof
+        T = chain.forward(rng.uniform(chain.lower_rad, chain.upper_rad, (count, n)))
+        problem = pack_problem(chain, None, None, None, RESTART_COUNT)
+        self.arm, self.seeds = problem.arm, problem.seeds
+        self.problems = np.zeros((count, PROBLEM_SIZE))
+        self.problems[:, :3] = stretched * T[:, :3, 3]
+        self.problems[:, 3:] = T[:, :3, :3].reshape(-1, 9)
+        self.settings = pack_settings(kind, n, Options(restarts=RESTART_COUNT))
+        self.starts = rng.uniform(chain.lower_rad, chain.upper_rad, (count, n))
+        self.work = np.zeros(work_shape(n, RESTART_COUNT))
+        self.scores = np.zeros((SCORE_ROWS, RESTART_COUNT))
+        self.trace = np.zeros((traced, n))
+        self.results = np.zeros((count, 2 * n + RESULT_TAIL))
+
+    def arguments(self, **changed):
+        names = ("arm", "problems", "settings", "starts", "seeds", "work", "scores", "trace")
+        return [changed.get(name, getattr(self, name)) for name in (*names, "results")]
+
+
+def same_both_ways(name, kind, seed, count, **options):
+    """Return the share of targets that were reached; compiled and uncompiled must agree."""
+    one, other = (Search(name, kind, seed, count, **options) for _ in range(2))
+    assert search.solve_all(*one.arguments()) == -1
+    assert compiled.uncompiled["solve_all"](*other.arguments()) == -1
+    for array in ("results", "trace", "scores"):
+        np.testing.assert_array_equal(getattr(one, array), getattr(other, array), strict=True)
+    return float(np.mean(one.results[:, -RESULT_TAIL]))
+
+
+@needs_extension
+@pytest.mark.parametrize("kind", TargetKind)
+@pytest.mark.parametrize("name", ARMS)
+def test_compiled_and_uncompiled_search_give_the_same_bits(name, kind):
+    assert same_both_ways(name, kind, 1, 12, traced=40) > 0.9
+
+
+@needs_extension
+@pytest.mark.parametrize("kind", TargetKind)
+def test_they_give_the_same_bits_out_of_reach(kind):
+    assert same_both_ways("so101", kind, 2, 1, stretched=3.0) == 0.0
+
+
+@needs_extension
+@pytest.mark.campaign
+@pytest.mark.timeout(20_000)
+@pytest.mark.parametrize("kind", TargetKind)
+@pytest.mark.parametrize("name", ARMS)
+def test_thousands_of_targets_give_the_same_bits(name, kind):
+    for seed in range(100):
+        same_both_ways(name, kind, seed, 100)
+    for seed in range(5):
+        same_both_ways(name, kind, seed, 10, stretched=1.005)
+
+
+@pytest.mark.parametrize(
+    ("argument", "shape"),
+    [
+        ("arm", (1, 16)),
+        ("arm", (8, 16)),
+        ("arm", (12, 15)),
+        ("problems", (3, 11)),
+        ("problems", (2, 12)),
+        ("settings", (8,)),
+        ("starts", (3, 4)),
+        ("starts", (4, 5)),
+        ("seeds", (20, 19)),
+        ("seeds", (21, 18)),
+        ("work", (57, 12)),
+        ("work", (58, 11)),
+        ("scores", (3, 20)),
+        ("scores", (4, 19)),
+        ("trace", (10, 4)),
+        ("results", (3, 18)),
+        ("results", (2, 19)),
+        ("results", (0, 0)),
+    ],
+)
+@pytest.mark.parametrize("way", ["compiled", "uncompiled"])
+def test_arrays_that_do_not_fit_together_are_refused(way, argument, shape):
+    run = search.solve_all if way == "compiled" else compiled.uncompiled["solve_all"]
+    call = Search("so101", TargetKind.POSITION, 1, 3)
+    old = getattr(call, argument)
+    new = np.zeros(shape)
+    common = tuple(slice(min(a, b)) for a, b in zip(shape, old.shape, strict=True))
+    new[common] = old[common]
+    with pytest.raises(ValueError, match="fit"):
+        run(*call.arguments(**{argument: new}))
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value"),
+    [(0, 0, 4.0), (0, 0, 1e300), (0, 1, -1.0), (1, 13, 5.0), (5, 13, -1.0), (3, 13, math.nan)],
+)
+def test_a_packed_arm_with_an_index_out_of_range_is_refused(row, column, value):
+    call = Search("so101", TargetKind.POSITION, 1, 1)
+    arm = call.arm.copy()
+    arm[row, column] = value
+    with pytest.raises(ValueError, match="fit"):
+        search.solve_all(*call.arguments(arm=arm))
+
+
+@needs_extension
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda a: a.astype(np.float32),
+        lambda a: a.astype(np.int64),
+        lambda a: a.astype(">f8"),
+        np.asfortranarray,
+        lambda a: np.repeat(a, 2, axis=1)[:, ::2],
+        lambda a: a[:, :, None],
+        lambda a: a.ravel(),
+        lambda a: a.tolist(),
+        lambda _: None,
+    ],
+)
+def test_an_array_of_another_type_or_order_is_refused(change):
+    call = Search("so101", TargetKind.POSITION, 1, 3)
+    with pytest.raises((TypeError, ValueError, BufferError)):
+        search.solve_all(*call.arguments(problems=change(call.problems)))
+
+
+@needs_extension
+def test_an_array_that_is_written_to_must_be_writable_and_the_others_need_not():
+    call = Search("so101", TargetKind.POSITION, 1, 3)
+    for array in (call.arm, call.problems, call.settings, call.starts, call.seeds):
+        array.flags.writeable = False
+    assert search.solve_all(*call.arguments()) == -1
+    call.results.flags.writeable = False
+    with pytest.raises((ValueError, BufferError)):
+        search.solve_all(*call.arguments())
+
+
+@needs_extension
+@pytest.mark.parametrize("count", [0, 8, 10])
+def test_the_wrong_number_of_arguments_is_refused(count):
+    call = Search("so101", TargetKind.POSITION, 1, 3)
+    with pytest.raises(TypeError):
+        search.solve_all(*[*call.arguments(), None][:count])
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize("argument", ["problems", "starts"])
+def test_a_number_that_is_not_finite_names_its_problem(argument, value):
+    call = Search("so101", TargetKind.POSE, 1, 3)
+    getattr(call, argument)[1, 2] = value
+    assert search.solve_all(*call.arguments()) == 1
+    assert not call.results.any()
+
+
+@needs_extension
+def test_settings_that_make_no_sense_give_the_same_bits_where_python_gives_any():
+    rng, same = np.random.default_rng(3), 0
+    for _ in range(40):
+        kind = TargetKind(int(rng.integers(3)))
+        seed = int(rng.integers(1000))
+        one, other = (Search("wx250s", kind, seed, 2) for _ in range(2))
+        settings = one.settings.copy()
+        for i in rng.integers(SETTINGS_SIZE, size=2):
+            settings[i] = rng.choice([0.0, -1.0, 0.5, 3.0, 1e9, -1e300, math.inf, math.nan])
+        settings[KIND] = kind
+        settings[RESTARTS] = min(settings[RESTARTS], 2.0) if settings[RESTARTS] >= 1.0 else 1.0
+        first = search.solve_all(*one.arguments(settings=settings))
+        try:
+            second = compiled.uncompiled["solve_all"](*other.arguments(settings=settings))
+        except ValueError:  # a NaN that Python makes no whole number of
+            continue
+        same += 1
+        assert first == second
+        np.testing.assert_array_equal(one.results, other.results)
+    assert same > 20
+
+
+@needs_extension
+def test_a_changed_kernel_is_run_as_python_with_a_warning(tmp_path):
+    package = Path(compiled.__file__).parents[2]
+    copy = tmp_path / "ikservo"
+    subprocess.run(["cp", "-r", package, copy], check=True)
+    kernel = copy / "ik" / "kernel" / "descent.py"
+    kernel.write_text(kernel.read_text() + "\n# changed\n")
+    done = told("from ikservo.ik.kernel import compiled; print(compiled.is_compiled())", tmp_path)
+    assert done.stdout.split() == ["False"]
+    assert "make build" in done.stderr
+
+
+def test_without_the_extension_the_same_code_gives_the_same_bits():
+    code = (
+        "import ikservo; m = ikservo.load_model('so101');"
+        "r = ikservo.solve(m.chain, ikservo.Target((0.25, 0.05, 0.15)), m.chain_pose('home'));"
+        "from ikservo.ik.kernel import compiled;"
+        "print(compiled.is_compiled(), [x.hex() for x in r.q.tolist()])"
+    )
+    here = Path(compiled.__file__).parents[3]
+    plain = told(code, here, IKSERVO_COMPILED="0").stdout
+    assert plain.startswith("False")
+    if compiled.is_compiled():
+        assert told(code, here).stdout == plain.replace("False", "True")
+
+
+def told(code, folder, **environment):
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, env=os.environ | environment,
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+
+
+def test_the_caches_of_versions_that_compiled_at_the_first_use_are_removed(tmp_path):
+    if sys.platform != "linux":
+        pytest.skip("the cache directory is elsewhere")
+    for name in ("kernels-0123456789ab", "other"):
+        (tmp_path / "ikservo" / name / "part").mkdir(parents=True)
+    told("import ikservo.ik.kernel.search", Path.cwd(), XDG_CACHE_HOME=str(tmp_path))
+    assert [folder.name for folder in (tmp_path / "ikservo").iterdir()] == ["other"]

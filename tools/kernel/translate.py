@@ -1,0 +1,485 @@
+"""Translate kernels, plain Python on arrays, to C. The subset is described in docs/kernels.md.
+
+What is not in the subset is refused with its file and line: the C code does what the Python code
+does, to the last bit, or there is none. Standard library only, as it runs when ikservo is built.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+__all__ = ["TranslationError", "translate"]
+
+NUMBERS = ("float", "int")
+# Item type and dimensions of an array, and its letter in the table of entries.
+ARRAYS = {
+    "Vector": ("double", 1, "v"), "Matrix": ("double", 2, "m"),
+    "IntVector": ("int64_t", 1, "w"), "IntMatrix": ("int64_t", 2, "x"),
+}  # fmt: skip
+C_TYPES = {name: name for name in (*ARRAYS, "FloatPair")}
+C_TYPES |= {"float": "double", "int": "int64_t", "bool": "bool", "None": "void"}
+MATH = {"sqrt": 1, "sin": 1, "cos": 1, "asin": 1, "acos": 1, "floor": 1, "ceil": 1}
+MATH |= {"atan2": 2, "copysign": 2}
+SIGNS: dict[type[ast.AST], str] = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">",
+    ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.And: " && ", ast.Or: " || ",
+}  # fmt: skip
+WHOLE: dict[type[ast.AST], str] = {ast.FloorDiv: "floor_div", ast.Mod: "floor_mod"}
+Number = int | float
+Typed = tuple[str, str]
+"""An expression in C, and its type in Python."""
+
+
+class TranslationError(Exception):
+    """A kernel uses what is not in the subset."""
+
+
+@dataclass
+class Module:
+    """A source file: its constants and functions, and the modules that other names come from."""
+
+    name: str
+    path: Path
+    constants: dict[str, Number] = field(default_factory=dict[str, Number])
+    functions: dict[str, ast.FunctionDef] = field(default_factory=dict[str, ast.FunctionDef])
+    origins: dict[str, Typed] = field(default_factory=dict[str, Typed])
+
+    def refusal(self, node: ast.AST, what: str = "") -> TranslationError:
+        """Return the error that names a place."""
+        line = getattr(node, "lineno", 0)
+        return TranslationError(f"{self.path}:{line}: {what or ast.unparse(node) + ': not known'}")
+
+
+class Program:
+    """The entries of some modules and all functions that they need, in C."""
+
+    def __init__(self, root: Path) -> None:
+        self.root, self.modules = root, dict[str, Module]()
+        self.functions: dict[tuple[str, str], Function] = {}
+        self.c, self.table = list[str](), list[str]()
+
+    def load(self, name: str) -> Module:
+        """Parse a module once; note its constants, functions and imports."""
+        if name not in self.modules:
+            path = self.root.joinpath(*name.split(".")).with_suffix(".py")
+            module = self.modules[name] = Module(name, path)
+            for node in ast.parse(path.read_text("utf-8")).body:
+                if isinstance(node, ast.FunctionDef):
+                    module.functions[node.name] = node
+                elif isinstance(node, ast.ImportFrom):
+                    for each in node.names:
+                        module.origins[each.asname or each.name] = (node.module or "", each.name)
+                elif isinstance(node, ast.Assign):
+                    self._read_constants(module, node)
+        return self.modules[name]
+
+    def _read_constants(self, module: Module, node: ast.Assign) -> None:
+        used = [each.id for each in ast.walk(node.value) if isinstance(each, ast.Name)]
+        known: dict[str, object] = {name: self.constant(module, name) for name in used}
+        known |= {"math": math, "__builtins__": {}}
+        if None in known.values():
+            return
+        value = eval(compile(ast.Expression(node.value), str(module.path), "eval"), known)
+        (target,) = node.targets
+        several = isinstance(target, ast.Tuple)
+        names, values = (target.elts, value) if several else ([target], [value])
+        for each, number in zip(names, values, strict=True):
+            if ast.unparse(each) in module.constants:
+                raise module.refusal(node, f"{ast.unparse(each)} is assigned twice")
+            if isinstance(number, (int, float)):
+                module.constants[ast.unparse(each)] = number
+
+    def constant(self, module: Module, name: str) -> Number | None:
+        """Return the value of a module's constant, maybe imported; None if it is none."""
+        home, original = module.origins.get(name, ("", ""))
+        if home and self.root.joinpath(*home.split(".")).with_suffix(".py").is_file():
+            return self.constant(self.load(home), original)
+        return module.constants.get(name)
+
+    def function(self, module: Module, name: str, node: ast.AST) -> Function:
+        """Return a function, which is translated if it was not yet."""
+        if name in module.origins:
+            home, original = module.origins[name]
+            return self.function(self.load(home), original, node)
+        if name not in module.functions:
+            raise module.refusal(node, f"{name}() is not known")
+        key = (module.name, name)
+        if key not in self.functions:
+            self.functions[key] = Function(self, module, module.functions[name])
+            self.functions[key].translate()
+        if not self.functions[key].is_complete:
+            raise module.refusal(node, f"{name}() calls itself")
+        return self.functions[key]
+
+    def add_entries(self, module: Module) -> None:
+        """Translate every function with ``@entry(check)``, and the check of its arrays."""
+        for node in list(module.functions.values()):
+            for mark in node.decorator_list:
+                if not isinstance(mark, ast.Call) or ast.unparse(mark.func) != "entry":
+                    raise module.refusal(node, f"@{ast.unparse(mark)} is not known")
+                check = self.function(module, ast.unparse(mark.args[0]), node)
+                self._add_entry(module, node, check)
+
+    def _add_entry(self, module: Module, node: ast.FunctionDef, check: Function) -> None:
+        run = self.function(module, node.name, node)
+        if check.given != run.given or check.returns != "bool" or check.writes:
+            raise module.refusal(node, "The check has the same parameters and returns a bool")
+        letters = ""
+        for name, kind in run.given.items():
+            letter = ARRAYS[kind][2] if kind in ARRAYS else kind[0]
+            letters += letter.upper() if name in run.writes else letter
+        given = ", ".join(f"as_{kind}(a + {i})" for i, kind in enumerate(run.given.values()))
+        result = {"None": "", "float": "out->real = "}.get(run.returns, "out->whole = ")
+        self.c.append(
+            f"static bool enter_{node.name}(const Argument *a, Argument *out) {{\n"
+            f"    if (!{check.c_name}({given})) return false;\n"
+            f"    {result}{run.c_name}({given});\n    return true;\n}}\n"
+        )
+        row = f'"{node.name}", "{letters}", \'{run.returns[0]}\', enter_{node.name}'
+        self.table.append(f"    {{{row}}},")
+
+
+class Function:
+    """One function: its locals with their types, and its statements in C."""
+
+    def __init__(self, program: Program, module: Module, node: ast.FunctionDef) -> None:
+        self.program, self.module, self.node = program, module, node
+        self.c_name = f"{module.name.rpartition('.')[2]}_{node.name}"
+        self.is_complete, self.writes = False, set[str]()
+        self.lines, self.memory, self.loops = list[str](), list[str](), set[str]()
+        rest = (node.args.vararg, node.args.kwarg, *node.args.kwonlyargs, *node.args.defaults)
+        if any(rest) or node.args.posonlyargs:
+            raise module.refusal(node, "Parameters have a name and a type only")
+        self.given = {each.arg: self._annotated(each.annotation) for each in node.args.args}
+        self.returns, self.types = self._annotated(node.returns), self.given.copy()
+        # The parameter that an array is or is a part of; nothing for memory of the function.
+        self.behind = {name: name for name, kind in self.given.items() if kind in ARRAYS}
+
+    def translate(self) -> None:
+        """Add the function to the program, after those that it calls."""
+        self._block(self.node.body, 1)
+        if self.returns != "None" and not _returns(self.node.body[-1]):
+            raise self.module.refusal(self.node, "The end of the function returns nothing")
+        own = [
+            f"    {C_TYPES[kind]} v_{name} = {'{0}' if kind in ARRAYS else '0'};"
+            for name, kind in self.types.items()
+            if name not in self.given
+        ]
+        head = ", ".join(f"{C_TYPES[kind]} v_{name}" for name, kind in self.given.items())
+        first = f"static {C_TYPES[self.returns]} {self.c_name}({head}) {{"
+        where = f"/* {self.module.name}, line {self.node.lineno} */"
+        self.program.c += [where, first, *self.memory, *own, *self.lines, "}\n"]
+        self.is_complete = True
+
+    def _annotated(self, node: ast.expr | None) -> str:
+        kind = ast.unparse(node) if node else ""
+        kind = "FloatPair" if kind == "tuple[float, float]" else kind
+        if kind not in C_TYPES:
+            raise self.module.refusal(node or self.node, "A parameter or result of no known type")
+        return kind
+
+    # --- statements ---
+
+    def _block(self, statements: list[ast.stmt], depth: int) -> None:
+        for node in statements:
+            self._statement(node, depth)
+
+    def _emit(self, depth: int, line: str) -> None:
+        self.lines.append("    " * depth + line)
+
+    def _statement(self, node: ast.stmt, depth: int) -> None:  # noqa: PLR0912  # one case a kind
+        match node:
+            case ast.Expr(ast.Constant(str())) if node is self.node.body[0]:
+                pass  # the docstring
+            case ast.Expr(ast.Call() as call):
+                self._emit(depth, f"{self._value(call)[0]};")
+            case ast.Assign([ast.Name(name)], ast.Call(function, sizes)) if (
+                ast.unparse(function) == "np.empty"
+            ):
+                self._allocate(node, name, sizes, depth)
+            case ast.Assign([ast.Tuple(targets)], value):
+                self._assign(targets, value, depth)
+            case ast.Assign(targets, value) if len(targets) == 1 or isinstance(value, ast.Constant):
+                for target in targets:
+                    self._assign([target], value, depth)
+            case ast.AugAssign(target, operator, value):
+                whole = ast.copy_location(ast.BinOp(target, operator, value), node)
+                self._assign([target], whole, depth)
+            case ast.If(test, body, orelse):
+                self._emit(depth, f"if ({self._typed(test, 'bool')}) {{")
+                self._block(body, depth + 1)
+                if orelse:
+                    self._emit(depth, "} else {")
+                    self._block(orelse, depth + 1)
+                self._emit(depth, "}")
+            case ast.While(test, body, []):
+                self._emit(depth, f"while ({self._typed(test, 'bool')}) {{")
+                self._block(body, depth + 1)
+                self._emit(depth, "}")
+            case ast.For(ast.Name(i), ast.Call(ast.Name("range"), limits, []), body, []):
+                self._loop(node, i, limits, body, depth)
+            case ast.Break() | ast.Continue():
+                self._emit(depth, f"{ast.unparse(node)};")
+            case ast.Return(None) if self.returns == "None":
+                self._emit(depth, "return;")
+            case ast.Return(ast.Tuple([first, second])) if self.returns == "FloatPair":
+                pair = f"{self._typed(first, 'float')}, {self._typed(second, 'float')}"
+                self._emit(depth, f"return (FloatPair){{{pair}}};")
+            case ast.Return(ast.expr() as value) if self.returns not in ARRAYS:
+                self._emit(depth, f"return {self._typed(value, self.returns)};")
+            case _:
+                raise self.module.refusal(node)
+
+    def _assign(self, targets: list[ast.expr], value: ast.expr, depth: int) -> None:
+        """Evaluate all values, then assign them: a, b = c, d and a, b = f() and a = b."""
+        sources = value.elts if isinstance(value, ast.Tuple) else [value]
+        values = [self._value(each) for each in sources]
+        self._emit(depth, "{")
+        for i, (code, kind) in enumerate(values):
+            if kind == "None" or (kind in ARRAYS and not isinstance(sources[i], ast.Subscript)):
+                raise self.module.refusal(value, f"{ast.unparse(value)} cannot be assigned")
+            self._emit(depth + 1, f"{C_TYPES[kind]} new_{i} = {code};")
+        new = [(f"new_{i}", kind) for i, (_, kind) in enumerate(values)]
+        if values[0][1] == "FloatPair":
+            new = [("new_0.first", "float"), ("new_0.second", "float")]
+        if len(new) != len(targets):
+            raise self.module.refusal(value)
+        for target, each in zip(targets, new, strict=True):
+            self._emit(depth + 1, f"{self._target(target, each[1], sources[0])} = {each[0]};")
+        self._emit(depth, "}")
+
+    def _target(self, node: ast.expr, kind: str, source: ast.expr) -> str:
+        """Return what is assigned to, and note that it is."""
+        if isinstance(node, ast.Subscript):
+            item, wanted = self._item(node)
+            if wanted not in NUMBERS or kind not in (wanted, "int"):
+                raise self.module.refusal(node, f"{ast.unparse(node)} takes no {kind}")
+            self._note_write(node)
+            return item
+        if not isinstance(node, ast.Name) or node.id in self.loops or node.id in self.behind:
+            raise self.module.refusal(node, f"{ast.unparse(node)} cannot be assigned here")
+        if self.types.setdefault(node.id, kind) != kind:
+            raise self.module.refusal(node, f"{node.id} is {self.types[node.id]} and {kind}")
+        if kind in ARRAYS:
+            self.behind[node.id] = self._array_behind(source)
+        return f"v_{node.id}"
+
+    def _allocate(self, node: ast.stmt, name: str, given: list[ast.expr], depth: int) -> None:
+        """Translate np.empty: memory of a constant size that belongs to the call."""
+        sizes = given[0].elts if isinstance(given[0], ast.Tuple) else given[:1]
+        shape = [self._typed(each, "int") for each in sizes]
+        item = {(): "double", ("np.int64",): "int64_t"}.get(tuple(map(ast.unparse, given[1:])), "")
+        kinds = {(each[0], each[1]): kind for kind, each in ARRAYS.items()}
+        kind = kinds.get((item, len(shape)), "")
+        if not kind or name in self.types or not all(each.isdecimal() for each in shape):
+            raise self.module.refusal(node)
+        self.types[name], self.behind[name] = kind, ""
+        self.memory.append(f"    {item} memory_{name}[{' * '.join(shape)}];")
+        self._emit(depth, f"v_{name} = ({kind}){{memory_{name}, {', '.join(shape)}}};")
+
+    def _loop(
+        self, node: ast.For, i: str, limits: list[ast.expr], body: list[ast.stmt], depth: int
+    ) -> None:
+        """Translate for i in range(...); i is known inside only."""
+        step = ast.unparse(limits[2]) if len(limits) == 3 else "1"
+        codes = [self._typed(each, "int") for each in limits[:2]]
+        if i in self.types or step not in ("1", "-1"):
+            raise self.module.refusal(node, f"{i} is in use, or the step is neither 1 nor -1")
+        first = codes[0] if len(codes) == 2 else "0"
+        self._emit(depth, f"for (int64_t v_{i} = {first}, end_{i} = {codes[-1]};")
+        self._emit(depth, f"     v_{i} {'<' if step == '1' else '>'} end_{i}; v_{i} += {step}) {{")
+        self.types[i] = "int"
+        self.loops.add(i)
+        self._block(body, depth + 1)
+        self.loops.remove(i)
+        del self.types[i]
+        self._emit(depth, "}")
+
+    # --- expressions ---
+
+    def _value(self, node: ast.expr) -> Typed:
+        self._check_order(node)
+        return self._expression(node)
+
+    def _typed(self, node: ast.expr, *wanted: str) -> str:
+        code, kind = self._value(node)
+        if kind not in wanted:
+            raise self.module.refusal(node, f"{ast.unparse(node)} is {kind}, not {wanted[0]}")
+        return code
+
+    def _expression(self, node: ast.expr) -> Typed:  # noqa: PLR0912
+        match node:
+            case ast.Constant(bool(value)):
+                return str(value).lower(), "bool"
+            case ast.Constant(int() | float() as value):
+                return _literal(value)
+            case ast.Name(name) if name in self.types:
+                return f"v_{name}", self.types[name]
+            case ast.Name(name) if (known := self.program.constant(self.module, name)) is not None:
+                return _literal(known)
+            case ast.Attribute(ast.Name("math"), "pi" | "inf" as name):
+                return _literal(getattr(math, name))
+            case ast.UnaryOp(ast.USub(), operand):
+                return f"(-{self._typed(operand, *NUMBERS)})", self._expression(operand)[1]
+            case ast.UnaryOp(ast.Not(), operand):
+                return f"(!{self._typed(operand, 'bool')})", "bool"
+            case ast.BinOp(left, operator, right):
+                return self._arithmetic(node, self._expression(left), operator, right)
+            case ast.BoolOp(operator, values):
+                parts = [self._typed(each, "bool") for each in values]
+                return f"({SIGNS[type(operator)].join(parts)})", "bool"
+            case ast.Compare():
+                return self._comparison(node), "bool"
+            case ast.IfExp(test, body, orelse):
+                one, kind = self._value(body)
+                return f"({self._typed(test, 'bool')} ? {one} : {self._typed(orelse, kind)})", kind
+            case ast.Call(function, arguments, []):
+                return self._call(node, ast.unparse(function), list(map(self._value, arguments)))
+            case ast.Subscript():
+                return self._item(node)
+            case _:
+                raise self.module.refusal(node)
+
+    def _arithmetic(
+        self, node: ast.BinOp, left: Typed, operator: ast.operator, right_node: ast.expr
+    ) -> Typed:
+        right = self._expression(right_node)
+        kind = "int" if left[1] == right[1] == "int" else "float"
+        if left[1] in NUMBERS and right[1] in NUMBERS:
+            if type(operator) in SIGNS:
+                return f"(({C_TYPES[kind]}){left[0]} {SIGNS[type(operator)]} {right[0]})", kind
+            if isinstance(operator, ast.Div):
+                return f"((double){left[0]} / (double){right[0]})", "float"
+            if type(operator) in WHOLE and kind == "int" and right[0].strip("0").isdecimal():
+                return f"{WHOLE[type(operator)]}({left[0]}, {right[0]})", kind
+            if isinstance(operator, ast.BitAnd) and kind == "int":
+                return f"({left[0]} & {right[0]})", kind
+        raise self.module.refusal(node)
+
+    def _comparison(self, node: ast.Compare) -> str:
+        sides = [self._expression(each) for each in (node.left, *node.comparators)]
+        for each in node.comparators[:-1]:  # which C evaluates twice
+            if not isinstance(each, (ast.Name, ast.Constant)):
+                raise self.module.refusal(node)
+        parts: list[str] = []
+        for (a, one), sign, (b, other) in zip(sides, node.ops, sides[1:], strict=False):
+            same = one == other == "bool" and isinstance(sign, (ast.Eq, ast.NotEq))
+            if type(sign) not in SIGNS or not (same or {one, other} <= set(NUMBERS)):
+                raise self.module.refusal(node)
+            parts.append(f"({a} {SIGNS[type(sign)]} {b})")
+        return f"({' && '.join(parts)})"
+
+    def _call(self, node: ast.Call, name: str, given: list[Typed]) -> Typed:
+        codes, kinds = [code for code, _ in given], [kind for _, kind in given]
+        one, kind = given[0] if len(given) == 1 else ("", "")
+        if name[5:] in MATH and name == f"math.{name[5:]}" and kinds == ["float"] * MATH[name[5:]]:
+            return f"{name[5:]}({', '.join(codes)})", "float"
+        if name in NUMBERS and kind in NUMBERS:
+            return f"{'to_int' if name == 'int' != kind else f'({C_TYPES[name]})'}({one})", name
+        if name == "abs" and kind == "float":
+            return f"fabs({one})", kind
+        if name == "len" and kind in ARRAYS:
+            return f"{one}.rows", "int"
+        if (
+            name in ("min", "max")
+            and len(given) > 1
+            and kinds in ([k] * len(given) for k in NUMBERS)
+        ):
+            for other in codes[1:]:
+                codes[0] = f"{name}_{kinds[0]}({codes[0]}, {other})"
+            return codes[0], kinds[0]
+        if not isinstance(node.func, ast.Name):
+            raise self.module.refusal(node)
+        called = self.program.function(self.module, name, node)
+        if list(called.given.values()) != kinds:
+            raise self.module.refusal(node, f"{name}() takes {', '.join(called.given.values())}")
+        for parameter, argument in zip(called.given, node.args, strict=True):
+            if parameter in called.writes:
+                self._note_write(argument)
+        return f"{called.c_name}({', '.join(codes)})", called.returns
+
+    def _item(self, node: ast.Subscript) -> Typed:
+        """Translate an item, row or slice of an array, or a part of its shape."""
+        if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
+            code, index = self._typed(node.value.value, "Matrix", "IntMatrix"), node.slice
+            if isinstance(index, ast.Constant) and index.value in (0, 1):
+                return f"{code}.{'width' if index.value else 'rows'}", "int"
+        code, kind = self._expression(node.value)
+        number = "float" if kind in ("Vector", "Matrix") else "int"
+        match kind, node.slice:
+            case (("Matrix" | "IntMatrix"), ast.Tuple([row, column])):
+                indices = f"{self._typed(row, 'int')}, {self._typed(column, 'int')}"
+                return f"CELL({code}, {indices})", number
+            case (("Vector" | "IntVector"), ast.expr() as index) if not isinstance(
+                index, ast.Slice
+            ):
+                return f"ITEM({code}, {self._typed(index, 'int')})", number
+            case "Vector", ast.Slice(ast.expr() as first, None, None):
+                return f"tail_of({code}, {self._typed(first, 'int')})", kind
+            case "Matrix", ast.expr() as row if not isinstance(row, ast.Slice):
+                return f"row_of({code}, {self._typed(row, 'int')})", "Vector"
+            case _:
+                raise self.module.refusal(node)
+
+    # --- what is written, and when ---
+
+    def _array_behind(self, node: ast.expr) -> str:
+        while isinstance(node, ast.Subscript):
+            node = node.value
+        return self.behind.get(ast.unparse(node), "")
+
+    def _note_write(self, node: ast.expr) -> None:
+        if self._array_behind(node):
+            self.writes.add(self._array_behind(node))
+
+    def _check_order(self, node: ast.expr) -> None:
+        """Refuse a call that writes to an array beside others that read: C has no order there."""
+        if isinstance(node, ast.BoolOp):  # its operands are evaluated one after the other
+            return
+        known = self.module.functions.keys() | self.module.origins.keys()
+        calls = [each for each in ast.walk(node) if isinstance(each, ast.Call)]
+        calls = [each for each in calls if ast.unparse(each.func) in known]
+        writing = [
+            each
+            for each in calls
+            if self.program.function(self.module, ast.unparse(each.func), each).writes
+        ]
+        if writing:
+            inside = {id(each) for given in writing[0].args for each in ast.walk(given)}
+            beside = [each for each in ast.walk(node) if id(each) not in inside]
+            if len(calls) > 1 or any(isinstance(each, ast.Subscript) for each in beside):
+                raise self.module.refusal(node, "A call that writes needs its own statement")
+
+
+def _literal(value: Number) -> Typed:
+    code = "INFINITY" if math.isinf(value) else repr(abs(value))
+    return (f"(-{code})" if math.copysign(1.0, value) < 0 else code), type(value).__name__
+
+
+def _returns(node: ast.stmt) -> bool:
+    if isinstance(node, ast.If):
+        return bool(node.orelse) and _returns(node.body[-1]) and _returns(node.orelse[-1])
+    return isinstance(node, ast.Return)
+
+
+def translate(root: Path, modules: list[str]) -> tuple[str, list[Path], str]:
+    """Return the entries of some modules in C, the files they come from, and those files' digest.
+
+    Args:
+        root: The folder that holds the package.
+        modules: Their dotted names.
+
+    Raises:
+        TranslationError: A kernel uses what is not in the subset; names the file and line.
+    """
+    program = Program(root)
+    for name in modules:
+        program.add_entries(program.load(name))
+    table = ["static const Entry ENTRIES[] = {", *program.table, "    {NULL, NULL, 0, NULL},", "};"]
+    sources = sorted(module.path for module in program.modules.values())
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    return "\n".join([*program.c, *table, ""]), sources, digest
