@@ -1,4 +1,4 @@
-"""A box of bus servos becomes an arm that goes where you point.
+"""Control of robot arms built from serial bus servos.
 
 ::
 

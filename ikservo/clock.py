@@ -9,10 +9,10 @@ __all__ = ["Clock", "RealClock"]
 
 
 class Clock(Protocol):
-    """What everything that waits is given; a simulated bus brings its own virtual one."""
+    """The clock of all code that waits; a simulated bus has its own virtual one."""
 
     def now_s(self) -> float:
-        """Return seconds since an arbitrary start; never runs backwards."""
+        """Return seconds since an arbitrary start; monotonic."""
         ...
 
     def sleep_until(self, deadline_s: float) -> None:
@@ -21,7 +21,7 @@ class Clock(Protocol):
 
 
 class RealClock:
-    """The machine's monotonic clock; stepping the wall clock does not touch it."""
+    """The machine's monotonic clock; changes of the wall clock do not affect it."""
 
     def now_s(self) -> float:
         """Return the monotonic time in seconds."""

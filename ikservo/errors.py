@@ -1,10 +1,10 @@
-"""Every way ikservo can fail, as one tree.
+"""All errors of ikservo, as one tree.
 
-Each error says what was asked, what was found and what to do next, and also inherits
+Each error states what was requested, what was found and what to do next, and also inherits
 the builtin that fits, so that ``except TimeoutError`` works for a silent servo::
 
     IkservoError                       exit 1
-    ├── InputError        ValueError   exit 2   something the person gave
+    ├── InputError        ValueError   exit 2   invalid input of the user
     │   ├── UnknownNameError LookupError        a name that is not among the known ones
     │   ├── BadValueError                       a number or text that cannot be used
     │   └── FileFormatError                     a file: where in it, what was expected
@@ -12,19 +12,19 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     │   ├── NoPortError
     │   ├── PortBusyError
     │   └── PortLostError
-    ├── BusError                       exit 4   the line answers wrongly or not at all
+    ├── BusError                       exit 4   wrong or missing replies on the bus
     │   ├── ServoSilentError TimeoutError
     │   ├── BadReplyError
-    │   └── ServoRefusedError
-    ├── ServoAlarmError                exit 5   a servo reports overload, heat, voltage …
+    │   └── ServoRejectedError
+    ├── ServoAlarmError                exit 5   a servo reports overload, temperature, voltage …
     ├── RegisterAccessError ValueError exit 1   a write that the register forbids
     ├── CalibrationError               exit 6   not calibrated, or contradicts the servos
-    ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits gets there
-    │   ├── LineError                           not on a straight line; says where it fails
-    │   └── OrientationError                    the point, but not with the tool standing so
-    ├── RefusedError                   exit 8   the guard will not pass a goal on
+    ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits for it
+    │   ├── CartesianPathError                  not along the path; names the place
+    │   └── OrientationError                    the point, but not in this orientation
+    ├── RefusedError                   exit 8   the guard does not allow a goal
     ├── NotSettledError   TimeoutError exit 1   the arm did not arrive
-    └── StoppedError                   exit 130 the person stopped it
+    └── StoppedError                   exit 130 stopped by the user
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ __all__ = [
 
 
 class ExitCode(IntEnum):
-    """What the shell sees; printed by ``ikservo --help``."""
+    """Exit codes of the command line; printed by ``ikservo --help``."""
 
     DONE = 0
     FAILED = 1
@@ -81,7 +81,7 @@ class ExitCode(IntEnum):
 
     @property
     def meaning(self) -> str:
-        """Return the words ``--help`` prints beside the number."""
+        """Return the text that ``--help`` prints beside the number."""
         return _MEANINGS[self]
 
 
@@ -100,12 +100,12 @@ _MEANINGS = {
 
 
 class IkservoError(Exception):
-    """Anything that goes wrong in ikservo.
+    """Base of all errors of ikservo.
 
     Attributes:
-        command_message: What happened, in the words of the command line, one line.
+        command_message: What happened, in terms of the command line, one line.
         command_hint: What to do now, likewise, or empty.
-        exit_code: What the command line returns.
+        exit_code: The exit code of the command line.
     """
 
     exit_code: ExitCode = ExitCode.FAILED
@@ -117,12 +117,12 @@ class IkservoError(Exception):
 
     @property
     def message(self) -> str:
-        """Return what happened in the words of a program, one line."""
+        """Return what happened in terms of the Python interface, one line."""
         return in_python(self.command_message)
 
     @property
     def hint(self) -> str:
-        """Return what to do now in the words of a program: ``arm.relax()``; one line, or empty."""
+        """Return what to do in terms of the Python interface, ``arm.relax()``; may be empty."""
         return in_python(self.command_hint)
 
     def __str__(self) -> str:
@@ -130,7 +130,7 @@ class IkservoError(Exception):
 
 
 class InputError(IkservoError, ValueError):
-    """Something the person gave cannot be used."""
+    """The user's input cannot be used."""
 
     exit_code = ExitCode.USAGE
 
@@ -187,7 +187,7 @@ class NoPortError(PortError):
 
 
 class PortBusyError(PortError):
-    """Another process holds the port; it is named where the system tells."""
+    """Another process uses the port; it is named if the system reports it."""
 
     def __init__(self, name: str, holder: str = "") -> None:
         self.name, self.holder = name, holder
@@ -196,7 +196,7 @@ class PortBusyError(PortError):
 
 
 class PortLostError(PortError):
-    """The port was there and is gone: unplugged, or its server ended."""
+    """The port was lost: unplugged, or its server ended."""
 
     def __init__(self, name: str, why: str = "") -> None:
         self.name, self.why = name, why
@@ -207,11 +207,11 @@ class PortLostError(PortError):
 
 
 class BusError(IkservoError):
-    """The line answers wrongly or not at all.
+    """Wrong or missing replies on the bus.
 
     Attributes:
         servo: Joint name and id, for example ``elbow_flex (id 3)``.
-        servo_id: The id alone, where one servo is meant.
+        servo_id: The id alone, if one servo is concerned.
         port: The port's name.
         request: What was requested of the servo.
         found: What happened instead.
@@ -242,11 +242,11 @@ class BusError(IkservoError):
 
     @property
     def detail(self) -> str:
-        """Return the bytes of question and answer in hex, for a bug report."""
+        """Return the bytes of request and reply in hex, for a bug report."""
         if not self.sent:
             return ""
-        heard = self.received.hex(" ").upper() or "nothing"
-        return f"Sent {self.sent.hex(' ').upper()}, received {heard}."
+        received = self.received.hex(" ").upper() or "nothing"
+        return f"Sent {self.sent.hex(' ').upper()}, received {received}."
 
     def __str__(self) -> str:
         return "\n".join(filter(None, (super().__str__(), self.detail)))
@@ -256,21 +256,21 @@ class BusError(IkservoError):
 
 
 class ServoSilentError(BusError, TimeoutError):
-    """No status packet from a servo within the answer window."""
+    """No status packet from a servo within the reply timeout."""
 
     def _hint(self) -> str:
         return "Check its power, the cable that leads to it, its id and the baud rate."
 
 
 class BadReplyError(BusError):
-    """A status packet that cannot be the answer: checksum, length or id."""
+    """A status packet that cannot be the reply: checksum, length or id."""
 
     def _hint(self) -> str:
         return "Check for loose plugs, two servos with one id, and another program on the port."
 
 
 class ServoRejectedError(BusError):
-    """A servo answered that it will not do what was asked."""
+    """A servo refused a request."""
 
 
 class ServoAlarmError(IkservoError):
@@ -305,9 +305,9 @@ class UnreachableError(IkservoError, ValueError):
     """No joint vector inside the limits brings the tool to the target.
 
     Attributes:
-        target_m: The wanted position, metres, arm's base frame.
+        target_m: The target position, metres, arm's base frame.
         nearest_m: The closest position found, same frame.
-        binding: The limits that hold the arm back.
+        binding: The active limits.
         instead_m: A point nearby, in whole millimetres, that was checked to be reachable.
     """
 
@@ -324,11 +324,11 @@ class UnreachableError(IkservoError, ValueError):
         self.binding, self.instead_m = tuple(binding), instead_m and tuple(instead_m)
         gap_m = math.dist(target_m, nearest_m)
         held = f" ({', '.join(self.binding)})" if self.binding else ""
-        words = "" if instead_m is None else " ".join(f"{x:z.3f}" for x in instead_m)
+        coordinates = "" if instead_m is None else " ".join(f"{x:z.3f}" for x in instead_m)
         super().__init__(
             f"({_format_metres(target_m)}) m cannot be reached{held}.",
             f"Nearest reachable point: ({_format_metres(nearest_m)}) m, {gap_m * 1000:.1f} mm away."
-            + (f" Try: ikservo move {words}" if words else ""),
+            + (f" Try: ikservo move {coordinates}" if coordinates else ""),
         )
 
 
@@ -336,7 +336,7 @@ class CartesianPathError(UnreachableError):
     """A path of the tool cannot be followed to its end without a jump of the joints.
 
     Attributes:
-        along_m: How far along the path it fails.
+        along_m: The distance along the path at which it fails.
     """
 
     def __init__(
@@ -359,10 +359,10 @@ class OrientationError(UnreachableError):
     """The point can be reached, but not in the requested orientation.
 
     Attributes:
-        asked: The requested orientation, in words.
-        instead: The closest possible one, in words.
+        asked: The requested orientation, as text.
+        instead: The closest possible one, as text.
         left_rad: The angle between the two.
-        freedom: What the arm lacks for it, in words; empty where it lacks no joint.
+        freedom: The joint that the arm lacks for it, as text; empty if it lacks none.
     """
 
     def __init__(
@@ -388,13 +388,13 @@ class OrientationError(UnreachableError):
 
 
 class RefusedError(IkservoError):
-    """The guard will not pass a goal on to the servos; nothing was sent."""
+    """The guard does not allow a goal; nothing was sent."""
 
     exit_code = ExitCode.REFUSED
 
 
 class HeldUpError(RefusedError):
-    """The program was held up in a motion for so long that servos stopped themselves."""
+    """The program was stalled in a motion for so long that servos stopped themselves."""
 
 
 class NotSettledError(IkservoError, TimeoutError):
@@ -402,7 +402,7 @@ class NotSettledError(IkservoError, TimeoutError):
 
 
 class StoppedError(IkservoError):
-    """The person stopped the motion; the arm holds."""
+    """The user stopped the motion; the arm holds."""
 
     exit_code = ExitCode.STOPPED
 

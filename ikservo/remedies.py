@@ -1,6 +1,6 @@
-"""Remedies in the words of a program: errors name commands, a program has methods and arguments.
+"""Remedies for both interfaces: the command line has commands, a program methods and arguments.
 
-Hints are written once, as a person at a terminal would type them; what a program reads is derived
+Hints are written once, as a user at a terminal would type them; the text for programs is derived
 from that. Commands that no method replaces (``ikservo calibrate``, ``ikservo setup``) stay.
 """
 
@@ -12,7 +12,7 @@ __all__ = ["in_python"]
 
 _NUMBER = r"(-?[\d.]+\d)"
 
-_WORDS = [
+_REPLACEMENTS = [
     (rf"ikservo move {_NUMBER} {_NUMBER} {_NUMBER}", r"arm.move_to((\1, \2, \3))"),
     (r"ikservo (relax|where|stop)\b(?! [A-Z<])", r"arm.\1()"),
     (r"acknowledge the stop\b", "call arm.acknowledge()"),
@@ -33,11 +33,11 @@ _WORDS = [
     (r"with --arm\b", "by the first argument of open_arm"),
     (r" \(--tip\)", ""),
 ]  # fmt: skip
-_REMEDIES = [(re.compile(pattern), words) for pattern, words in _WORDS]
+_REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _REPLACEMENTS]
 
 
 def in_python(hint: str) -> str:
     """Return a hint with methods and arguments in place of commands and their options."""
-    for pattern, words in _REMEDIES:
-        hint = pattern.sub(words, hint)
+    for pattern, replacement in _REMEDIES:
+        hint = pattern.sub(replacement, hint)
     return hint

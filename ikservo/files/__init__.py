@@ -1,1 +1,1 @@
-"""Small text files: read with suspicion, written whole or not at all."""
+"""Small text files: checked reading, atomic writing."""

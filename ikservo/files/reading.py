@@ -40,14 +40,14 @@ def read_text(path: Path, limit_bytes: int) -> str:
 
 
 def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None) -> Any:  # noqa: ANN401
-    """Return what a JSON text says; a key that appears twice, NaN and Infinity are refused.
+    """Return the value of a JSON text; a key that appears twice, NaN and Infinity are refused.
 
     Args:
         text: The text.
-        parse_int: Reads whole numbers, where not all are wanted.
+        parse_int: Parses integers, if not all are accepted.
 
     Raises:
-        ValueError: It is no such JSON, or not UTF-8.
+        ValueError: It is not such JSON, or not UTF-8.
         RecursionError: It is nested too deeply.
     """
     return json.loads(
@@ -67,10 +67,10 @@ def _no_number(name: str) -> NoReturn:
 
 
 def path_inside(folder: Path, name: str) -> Path | None:
-    """Return the resolved file that a relative name means if it lies under ``folder``, else None.
+    """Return the resolved file of a relative name if it is under ``folder``, else None.
 
-    The spelling is judged first, so nothing outside is so much as looked at; then symbolic
-    links are followed, so that none leads out. The file itself is not opened and may be missing.
+    The spelling is checked first, so that no file outside is accessed; then symbolic links are
+    followed, so that none leads out. The file itself is not opened and may be missing.
     """
     if not name or len(name) > _MAX_NAME_CHARS or any(sign in name for sign in _OUTWARD):
         return None
@@ -126,10 +126,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(path: Path, text: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; ``path`` is where it came from, for messages.
+    """Return the tables of a TOML text; ``path`` is its origin, for messages.
 
     Raises:
-        FileFormatError: The text is not TOML, or built to cost more than it is worth.
+        FileFormatError: The text is not TOML, or would be too expensive to parse.
     """
     _check_dot_count(path, text)
     try:

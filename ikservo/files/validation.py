@@ -1,4 +1,4 @@
-"""Turn validation errors into one readable message that names the key."""
+"""Format validation errors as one readable message that names the key."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class ValidationIssue(NamedTuple):
-    """One thing that is wrong, and where."""
+    """One validation issue and its location."""
 
     location: Location
     found: str
     expected: str
 
 
-def first_issue(complaints: Sequence[ValidationIssue], path: Path) -> FileFormatError:
-    """Return the first complaint as an error about the file; it says how many more there are."""
-    first, more = complaints[0], len(complaints) - 1
+def first_issue(issues: Sequence[ValidationIssue], path: Path) -> FileFormatError:
+    """Return the first issue as an error about the file, with the number of further issues."""
+    first, more = issues[0], len(issues) - 1
     rest = f" (and {more} more to correct)" if more else ""
     return FileFormatError(
         path, format_key_path(first.location), first.found + rest, first.expected
@@ -47,7 +47,7 @@ def first_issue(complaints: Sequence[ValidationIssue], path: Path) -> FileFormat
 
 
 def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[ValidationIssue]:
-    """Return what pydantic found, unknown keys first: a misspelled key is missing as well."""
+    """Return pydantic's errors, unknown keys first: a misspelled key is missing as well."""
     details = error.errors(include_url=False, include_context=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     return [_make_issue(detail, model) for detail in details]
@@ -75,7 +75,7 @@ def _unknown_key_issue(location: Location, model: type[BaseModel]) -> Validation
 
 
 def _resolve_location(location: Location, model: type[BaseModel]) -> tuple[type[BaseModel], str]:
-    """Follow a location down; return the last model on the way and the last description."""
+    """Follow a location down; return the last model on the path and the last description."""
     expected, keys = "", iter(location)
     for key in keys:
         field = model.model_fields.get(str(key))
@@ -115,7 +115,7 @@ def _format_value(value: object) -> str:
 
 
 def format_key_path(location: Location) -> str:
-    """Return ``joints[2].servo.id``; keys that are not bare are quoted."""
+    """Return ``joints[2].servo.id``; keys that are not bare TOML keys are quoted."""
     steps = [f"[{key}]" if isinstance(key, int) else f".{_format_key(key)}" for key in location]
     return "".join(steps).removeprefix(".")
 
@@ -125,9 +125,9 @@ def _format_key(key: str) -> str:
 
 
 class StrictModel(BaseModel):
-    """A table that is refused where a key is unknown, or a value not of the type that it must be.
+    """A table that is refused for an unknown key, or for a value of another type.
 
-    No float is infinite or NaN. It is never changed.
+    No float is infinite or NaN. It is immutable.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)

@@ -1,7 +1,7 @@
 """Write files atomically and durably, with a checksum line where one is needed.
 
 The first line is ``checksum = "sha256:…"`` over everything after it: a file that was cut short,
-mixed with another or changed by hand is refused before any of its values is looked at.
+mixed with another or changed by hand is refused before any of its values is used.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ _UNCHANGED = "The existing file is unchanged"
 
 
 class FileWriteError(IkservoError, OSError):
-    """A file could not be written; what was there before is still there, unless ``changed``.
+    """A file could not be written; the old content is unchanged, unless ``changed``.
 
     Attributes:
         path: The file.
-        why: What the system says.
-        changed: Whether the file is as it should be, but the disk did not take its folder.
+        why: The system's error text.
+        changed: Whether the file is written, but its folder could not be synced.
     """
 
     def __init__(self, path: Path, why: str, *, changed: bool = False) -> None:
@@ -51,18 +51,18 @@ class FileWriteError(IkservoError, OSError):
 
 
 def write_atomic(path: Path, text: str, *, keep_old: bool = False) -> None:
-    """Replace a file by a whole new one, or leave it as it was.
+    """Replace a file atomically, or leave it unchanged.
 
-    The text goes to a temporary file in the same folder, then to the disk, then takes the name;
-    last the folder itself is put on the disk, or the new name would not outlive a power cut.
+    The text is written to a temporary file in the same folder, synced, and renamed; last the folder
+    itself is synced, or the new name could be lost in a power cut.
 
     Args:
-        path: The file; its folder is made if need be.
-        text: What it shall hold.
+        path: The file; its folder is created if needed.
+        text: Its new content.
         keep_old: Whether the present content is kept beside it with ``.bak``.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; says whether the file is changed.
+        FileWriteError: The disk is full, read-only or broken; tells whether the file is changed.
     """
     with _translating_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -75,7 +75,7 @@ def write_atomic(path: Path, text: str, *, keep_old: bool = False) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Refuse a folder that takes no file, before somebody has worked for what shall lie there.
+    """Raise if a folder is not writable, before work whose result is to be stored there.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken.
@@ -86,10 +86,10 @@ def check_writable(folder: Path) -> None:
 
 
 def remove_durably(path: Path) -> None:
-    """Remove a file for good; one that is not there is no trouble.
+    """Remove a file durably; a missing one is no error.
 
     Raises:
-        FileWriteError: It stays, or may come back after a power cut; says which.
+        FileWriteError: It stays, or may come back after a power cut; tells which.
     """
     with _translating_os_errors(path):
         path.unlink(missing_ok=True)
@@ -110,7 +110,7 @@ def _replace_file(path: Path, data: bytes) -> None:
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         _write_out(handle, data)
-        os.replace(name, path)  # noqa: PTH105  # one seam for tests that cut the power
+        os.replace(name, path)  # noqa: PTH105  # tests replace this call to cut the power
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(name)  # noqa: PTH108
@@ -141,15 +141,15 @@ _CHECKSUM = 'checksum = "sha256:'
 
 
 def with_checksum(body: str) -> str:
-    """Return a body with the line before it that guards it."""
+    """Return a body with its checksum line."""
     return f"{_first_line(body)}\n{body}"
 
 
 def strip_checksum(path: Path, text: str) -> str:
-    """Return what stands below the checksum, if it is what the checksum was made of.
+    """Return the body below the checksum, if the checksum is right.
 
     Raises:
-        FileFormatError: There is not a checksum, or it is not this text's.
+        FileFormatError: There is no checksum, or it is not this text's.
     """
     first, _, body = text.replace("\r\n", "\n").partition("\n")
     if not first.startswith(_CHECKSUM):

@@ -1,4 +1,4 @@
-"""From a point in the world to joints inside the limits: pure functions on arrays."""
+"""Inverse kinematics inside the joint limits: pure functions on arrays."""
 
 from ikservo.ik.batch import BatchResult, solve_batch
 from ikservo.ik.other_solutions import solution_set

@@ -42,13 +42,13 @@ _CHUNK = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchResult:
-    """The answers to m questions, row by row.
+    """The results of m targets, row by row.
 
     Attributes:
         q: Joints (m, dof), rad or m, always inside the limits.
         reached: Whether position and orientation are within the tolerance (m,).
-        position_error_m: Distance from the wanted point (m,).
-        orientation_error_rad: Angle from the wanted direction or orientation (m,); 0 if none.
+        position_error_m: Distance from the target point (m,).
+        orientation_error_rad: Angle from the target direction or orientation (m,); 0 if none.
         iterations: Steps taken, restarts included (m,).
     """
 
@@ -79,25 +79,25 @@ def solve_batch(
         q0s: Starts (m, dof), or one for all (dof,); the middle of the ranges if None.
         workers: How many threads; as many as there are cores if None.
         kind: What of the poses counts, ``position``, ``direction`` or ``pose``; ``pose`` if None.
-        tool_axis: The axis (3,) in the frame's coordinates that ``direction`` speaks of.
-        frame: The link that shall go there; the tip if None.
+        tool_axis: The axis (3,) in the frame's coordinates for ``direction``.
+        frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.
-        options: How close counts as reached, how hard to try.
+        options: Tolerance and search limits.
 
     Raises:
-        BadValueError: A shape is wrong, a number is not finite, a rotation is none.
+        BadValueError: A shape is wrong, a number is not finite, a rotation is not one.
         UnknownNameError: No such kind or frame.
     """
     check_chain(chain)
     _check_workers(workers)
     options = options or Options()
     check_options(options)
-    questions, asked = _problem_rows(targets, kind, normalise(tool_axis, "tool_axis"))
+    questions, kind_code = _problem_rows(targets, kind, normalise(tool_axis, "tool_axis"))
     starts = _start_rows(chain, q0s, len(questions))
     offset = None if offset_m is None else check_position(offset_m, "offset_m")
-    axis = normalise(tool_axis, "tool_axis") if asked is TargetKind.DIRECTION else None
+    axis = normalise(tool_axis, "tool_axis") if kind_code is TargetKind.DIRECTION else None
     ready = pack_problem(chain, frame, offset, axis, options.restarts)
-    settings = pack_settings(asked, chain.dof, options)
+    settings = pack_settings(kind_code, chain.dof, options)
     answers = SolverBuffers(chain.dof, options.restarts, len(questions)).answer
     search = load_kernel()
 
@@ -121,7 +121,7 @@ def solve_batch(
         wrong = [bad for bad in pool.map(work, range(0, len(questions), _CHUNK)) if bad >= 0]
     if wrong:
         raise BadValueError(f"The rotation of target {wrong[0]}", "none", "R Rᵀ = 1, det R = 1")
-    for joint in ready.idle[asked]:
+    for joint in ready.idle[kind_code]:
         stay = [joint.resting_position(start) for start in starts[:, joint.column].tolist()]
         answers[:, joint.column] = stay
     return _make_batch_result(chain.dof, answers)
@@ -130,7 +130,7 @@ def solve_batch(
 def _problem_rows(
     targets: ArrayLike, kind: TargetKindName | None, axis: Vector
 ) -> tuple[Matrix, TargetKind]:
-    """Return the rows that the kernels read (m, 12), and what they ask for."""
+    """Return the kernels' target rows (m, 12), and the kind of target."""
     array = as_floats(targets, "targets", "numbers of shape (m, 3) or (m, 4, 4)")
     count = len(array) if array.ndim else 0
     questions = np.zeros((count, 12))
@@ -140,13 +140,13 @@ def _problem_rows(
     poses = finite_array(array, (count, 4, 4), "targets")
     check_homogeneous_row(poses, "a target")
     _check_positions(poses[:, :3, 3])
-    asked = TargetKind.POSE if kind is None else target_kind(kind)
+    kind_code = TargetKind.POSE if kind is None else target_kind(kind)
     questions[:, :3] = poses[:, :3, 3]
-    if asked is TargetKind.POSE:
+    if kind_code is TargetKind.POSE:
         questions[:, 3:] = poses[:, :3, :3].reshape(-1, 9)
-    elif asked is TargetKind.DIRECTION:
+    elif kind_code is TargetKind.DIRECTION:
         questions[:, 5::3] = poses[:, :3, :3] @ axis
-    return questions, asked
+    return questions, kind_code
 
 
 def _check_positions(points_m: Matrix) -> Matrix:

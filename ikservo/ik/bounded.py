@@ -44,7 +44,7 @@ __all__ = [
 
 
 def unpack_result(chain: Chain, answer: Vector, method: str) -> Result:
-    """Return the result that one row of answers (2 dof + ANSWER_TAIL,) means."""
+    """Return the result in one row of kernel output (2 dof + RESULT_TAIL,)."""
     n = chain.dof
     tail: list[float] = answer[2 * n :].tolist()
     reached = tail[REACHED] == 1.0
@@ -61,7 +61,7 @@ def unpack_result(chain: Chain, answer: Vector, method: str) -> Result:
 
 
 def _active_limits(chain: Chain, held: list[float]) -> tuple[ActiveLimit, ...]:
-    """Name the limits that the search pressed against to the end."""
+    """Return the limits that were active at the end of the search."""
     return tuple(
         ActiveLimit(name, "lower" if side < 0.0 else "upper")
         for name, side in zip(chain.names, held, strict=True)
@@ -77,8 +77,8 @@ def bounded(
 ) -> Result:
     """Search from q0, then from the points of ``first``, then from a fixed table.
 
-    The first solution ends the search, or, where q0 leads to none, the nearest to q0 of the first
-    few. Without a solution the answer is the closest that any starting point led to.
+    The first solution ends the search, or, if q0 leads to none, the nearest to q0 of the first
+    few. Without a solution the result is the closest over all starting points.
     """
     restarts = 1 if options.track else options.restarts
     kind, ready = target_kind_of(target), problem_for_target(chain, target, restarts)
@@ -110,7 +110,7 @@ def bounded(
 
 
 def _read_trace(chain: Chain, q0: Vector, worker: SolverBuffers) -> tuple[Vector, ...]:
-    """Return the start, then the iterates of the attempt that led to the answer."""
+    """Return the start, then the iterates of the attempt that led to the result."""
     kept = worker.trace[_TRACED // 2 :][: int(worker.answer[0, 2 * chain.dof + TRACE_LENGTH_OUT])]
     steps = [chain.clip(row) for row in kept]
     start = chain.clip(q0)
@@ -120,14 +120,14 @@ def _read_trace(chain: Chain, q0: Vector, worker: SolverBuffers) -> tuple[Vector
 
 
 def target_kind_of(target: Target) -> TargetKind:
-    """Return what of a pose a target asks for."""
+    """Return the kind of a target."""
     if target.direction is not None:
         return TargetKind.DIRECTION
     return TargetKind.POSITION if target.orientation is None else TargetKind.POSE
 
 
 def problem_for_target(chain: Chain, target: Target, restarts: int = 1) -> PackedProblem:
-    """Return the arm made ready for a target and so many starting points; it is kept."""
+    """Return the arm packed for a target and so many starting points; it is cached."""
     axis = target.axis if target_kind_of(target) is TargetKind.DIRECTION else None
     return pack_problem(chain, target.frame, _offset_array(target), axis, restarts)
 
@@ -137,7 +137,7 @@ def _offset_array(target: Target) -> Vector | None:
 
 
 def pack_target(target: Target) -> Vector:
-    """Return a target as the kernels read it (QUESTION_SIZE,); of a direction only z counts."""
+    """Return a target as the kernels read it (PROBLEM_SIZE,); a direction uses only z."""
     question = np.zeros(PROBLEM_SIZE)
     question[:3] = target.position
     if target.rotation is not None:

@@ -1,8 +1,8 @@
-"""Cyclic coordinate descent (lecture L12): joint by joint the best that this joint alone can do.
+"""Cyclic coordinate descent: move one joint after the other to its best position.
 
 One joint alone moves the tip along a circle or a straight line, and which point of it is nearest
 to the target is known exactly. No matrix is inverted and the error never grows; but joints that
-ought to move together take turns, which is slow along narrow valleys.
+must move together alternate, which is slow along narrow valleys.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from ikservo.kinematics.arrays import Vector
 __all__ = ["MAX_STEP", "best_rotation", "best_translation", "ccd", "clamp_angle_to_range"]
 
 MAX_STEP = math.radians(5.0)
-"""The furthest a joint goes in one sweep, else the last joints curl up before the first have
-moved; for a slide as many metres (87 mm)."""
+"""The maximum motion of a joint in one sweep, else the last joints curl up before the first have
+moved; for a prismatic joint as many metres (87 mm)."""
 
 _MAX_ITERATIONS = 1000
-# A joint whose lever times distance [m²] is this small does nothing, and shall not spin for it.
+# A joint whose lever times distance [m²] is this small does nothing, and must not rotate for it.
 _MIN_LEVER = 1e-15
 
 
 def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
-    """Sweep over the joints from the last to the first, again and again, from ``q0`` (L12)."""
+    """Sweep over the joints from the last to the first, again and again, from ``q0``."""
     task = ResidualFunction(chain, target)
 
     def sweep(here: Linearisation) -> Linearisation:
@@ -43,14 +43,14 @@ def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
 def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
     """Return the angle [rad] about a joint's axis that brings the tip nearest to the target.
 
-    Turning by t moves a point of velocity v by ``v sin t + n (1 - cos t)`` with ``n = axis × v``,
+    Rotating by t moves a point of velocity v by ``v sin t + n (1 - cos t)`` with ``n = axis × v``,
     which leads to the circle's centre. Seen from there the target is at ``F = E - n``, and what
     is left is ``|E(t)|² = |F|² + |n|² + 2 F·n cos t - 2 F·v sin t``.
 
     Args:
         E: M - f(q) of one point or several, stacked (3 k,) [m].
         v: Their velocities (3 k,) [m/rad].
-        axis: The unit axis (3,) they all turn about.
+        axis: The unit axis (3,) of their rotation.
     """
     n = np.cross(axis, v.reshape(-1, 3)).ravel()
     F = E - n
@@ -64,11 +64,11 @@ def best_translation(E: Vector, v: Vector) -> float:
     return float(E @ v) / size if size > _MIN_LEVER else 0.0
 
 
-def clamp_angle_to_range(wish_rad: float, low_rad: float, high_rad: float) -> float:
-    """Return the angle of an arc, no longer than a turn, that is nearest on the circle."""
-    if low_rad <= wish_rad <= high_rad:
-        return wish_rad
-    return max(low_rad, high_rad, key=lambda end: math.cos(end - wish_rad))
+def clamp_angle_to_range(angle_rad: float, low_rad: float, high_rad: float) -> float:
+    """Return the angle of an arc, no longer than a revolution, nearest on the circle."""
+    if low_rad <= angle_rad <= high_rad:
+        return angle_rad
+    return max(low_rad, high_rad, key=lambda end: math.cos(end - angle_rad))
 
 
 def _move_joint(task: ResidualFunction, here: Linearisation, joint: int) -> Linearisation:

@@ -36,12 +36,12 @@ __all__ = [
 
 _STEPS = 6
 _CONVERGED = 1e-10
-# Singular values this much below the largest belong to turns that move nothing.
+# Singular values this much below the largest belong to rotations that move nothing.
 _TRUNCATE = 1e-5
 
 
 def refine_newton(chain: Chain, target: Target, q: Vector) -> Vector | None:
-    """Return the joints (dof,) near q that meet the target, None if the limits are in the way."""
+    """Return the joints (dof,) near q that meet the target; None if the limits prevent it."""
     for _ in range(_STEPS):
         T, J = chain.forward_and_jacobian(q, target.frame, target.offset_m)
         E, rows = target.position - T[:3, 3], J[:3]
@@ -55,7 +55,7 @@ def refine_newton(chain: Chain, target: Target, q: Vector) -> Vector | None:
 
 
 def _newton_update(chain: Chain, q: Vector, J: Matrix, E: Vector) -> Vector:
-    """Return q + J⁺ E, without the joints that would leave their limits (lecture L8, L9)."""
+    """Return q + J⁺ E, without the joints that would leave their limits."""
     free = np.ones(chain.dof, dtype=np.bool_)
     while True:
         moved = q + np.linalg.pinv(J * free, rcond=_TRUNCATE) @ E
@@ -66,37 +66,37 @@ def _newton_update(chain: Chain, q: Vector, J: Matrix, E: Vector) -> Vector:
 
 
 def _rotation_rows(angular: Matrix, T: Matrix, target: Target) -> Matrix:
-    """Return the rows that turn the tool; a wanted direction does not care for turns about it."""
+    """Return the rows that rotate the tool; for a direction without rotations about it."""
     if target.rotation is not None:
         return angular
     axis = T[:3, :3] @ target.axis
     return angular - np.outer(axis, axis @ angular)
 
 
-# Two solutions this near [rad] are one, met by rounding from two sides.
+# Two solutions this near [rad] are equal, found by rounding from two sides.
 _ONE_SOLUTION_RAD = 1e-7
 # Wrists to try, as parts of the ranges, where the start's own does not reach.
 _WRIST_SAMPLES = (0.5, 0.2, 0.8, 0.02, 0.98)
-# Axes that are not quite parallel turn the tool up to this many times as far from the wanted; the
-# worst is near the axis of yaw. Sharpening tells who was meant.
+# Axes that are not quite parallel increase the orientation error up to this many times; the worst
+# is near the axis of yaw. Refinement decides between solutions.
 _MISSED_PER_DEVIATION = 1e3
 
 
 def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
     """Return joints (dof,) that meet the target, one for each branch, nearest to q0 first.
 
-    Where the target leaves freedom, each branch answers with the choice nearest the start: the
-    wrist stays, and the last link keeps its direction as well as the limits allow (lecture L4).
-    Angles that differ by full turns are one solution; the turn nearest q0 stands for it.
+    If the target leaves freedom, each branch returns the choice nearest the start: the wrist
+    stays, and the last link keeps its direction as well as the limits allow. Angles that differ
+    by full revolutions are one solution; the one nearest q0 is returned.
 
     Args:
         chain: The arm.
-        target: What is wanted.
-        q0: Where the arm comes from (dof,), rad; the middle of the limits if None.
+        target: The target.
+        q0: The start (dof,), rad; the middle of the limits if None.
 
     Returns:
-        Joints inside the limits; none where the target is out of reach, or where the arm has no
-        closed form for it (``structure`` tells).
+        Joints inside the limits; none if the target is out of reach, or if the arm has no closed
+            form for it (see ``recognise_structure``).
 
     Raises:
         BadValueError: q0 has a wrong shape or is not finite.
@@ -111,38 +111,38 @@ def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tupl
     return rank_by_distance(found, start)
 
 
-def approximate_solutions(chain: Chain, target: Target, asked: AnalyticProblem) -> list[Vector]:
+def approximate_solutions(chain: Chain, target: Target, problem: AnalyticProblem) -> list[Vector]:
     """Return the solutions of the recognised structure, in no order.
 
     They are the arm's own where the structure is exact.
     """
     if target.only_position:
-        attempts = joined((solve_position(asked),), _with_another_wrist(chain, target, asked))
+        attempts = joined((solve_position(problem),), _with_another_wrist(chain, target, problem))
         return [c.q for c in next((found for found in attempts if found), ())]
-    if len(asked.arm.wrist) < 2:
-        met = 2.0 * ROUNDED + _MISSED_PER_DEVIATION * asked.arm.deviation
-        return [candidate.q for candidate in solve_direction(asked) if candidate.miss < met]
-    if asked.arm.orient is None:
+    if len(problem.arm.wrist) < 2:
+        met = 2.0 * ROUNDED + _MISSED_PER_DEVIATION * problem.arm.deviation
+        return [candidate.q for candidate in solve_direction(problem) if candidate.miss < met]
+    if problem.arm.orient is None:
         return []
-    R_start = chain.forward(asked.start, target.frame)[:3, :3]
+    R_start = chain.forward(problem.start, target.frame)[:3, :3]
     for R in candidate_orientations(target, R_start):
-        if found := list(solve_pose(asked, target, R)):
+        if found := list(solve_pose(problem, target, R)):
             return found
     return []
 
 
 def _with_another_wrist(
-    chain: Chain, target: Target, asked: AnalyticProblem
+    chain: Chain, target: Target, problem: AnalyticProblem
 ) -> Iterator[tuple[Candidate, ...]]:
-    """Yield what six joints reach when the wrist does not stay as at the start.
+    """Yield the candidates of six joints when the wrist does not stay as at the start.
 
     First the forearm's roll at zero makes three parallel links, then a few wrists are tried.
     """
-    arm, start = asked.arm, asked.start
+    arm, start = problem.arm, problem.start
     if arm.with_wrist_locked:
         yield solve_position(make_problem(chain, arm.with_wrist_locked, target, start))
     if len(arm.wrist) > 1:
-        for wrist in product(*(turn.sample_range(_WRIST_SAMPLES) for turn in arm.wrist[:2])):
+        for wrist in product(*(joint.sample_range(_WRIST_SAMPLES) for joint in arm.wrist[:2])):
             yield solve_position(make_problem(chain, arm, target, start, wrist))
 
 
@@ -156,7 +156,7 @@ def rank_by_distance(found: Iterable[Vector], start: Vector) -> tuple[Vector, ..
 
 
 def _is_same_solution(a: Vector, b: Vector) -> bool:
-    """Return whether two joint vectors (dof,) differ by full turns at most."""
+    """Return whether two joint vectors (dof,) differ by full revolutions at most."""
     apart = a - b
     apart -= FULL_TURN_RAD * np.round(apart / FULL_TURN_RAD)
     return float(np.abs(apart).max()) < _ONE_SOLUTION_RAD
@@ -174,8 +174,8 @@ def direction_intervals(
 
     Args:
         chain: The arm.
-        target: Its point is used; what it wants of the tool is not.
-        q0: Where the wrist stays (dof,), rad; the middle of the limits if None.
+        target: Its point is used; its direction or orientation is not.
+        q0: The start (dof,), rad, for the wrist; the middle of the limits if None.
 
     Returns:
         The intervals of each yaw and elbow inside the limits; none where the point is out of
@@ -186,13 +186,13 @@ def direction_intervals(
     arm = arm.with_wrist_locked or arm if arm else None
     if arm is None or len(arm.plane.pivots) != 3:
         return ()
-    asked = make_problem(chain, arm, target, initial_joints(chain, q0))
-    links = arm.plane.links(asked.tip.in_plane_part(asked.start_roll))
+    problem = make_problem(chain, arm, target, initial_joints(chain, q0))
+    links = arm.plane.links(problem.tip.in_plane_part(problem.start_roll))
     return tuple(
         DirectionInterval(yaw, elbow, arc.lower_rad, arc.upper_rad)
-        for yaw in asked.yaws(asked.tip.normal_part(asked.start_roll))
+        for yaw in problem.yaws(problem.tip.normal_part(problem.start_roll))
         for elbow, arcs in enumerate(
-            allowed_arcs(links, arm.plane.limits, asked.target_in_plane(yaw))
+            allowed_arcs(links, arm.plane.limits, problem.target_in_plane(yaw))
         )
         for arc in arcs
     )
@@ -201,69 +201,75 @@ def direction_intervals(
 def closest_solution(
     chain: Chain, target: Target, q0: ArrayLike | None = None
 ) -> tuple[Vector, ...]:
-    """Return joints (dof,) that come as close to an unreachable target as any, if that is known.
+    """Return joints (dof,) that come closest to an unreachable target, if that is known.
 
     Known in closed form are the nearest point of a planar arm, and the nearest direction of an
-    arm whose wrist cannot help: it meets the point, and turns the tool as far as the limits go.
-    The best is among what is returned; all of it is inside the limits.
+    arm whose wrist cannot help: it meets the point, and rotates the tool as far as the limits
+    allow. The best is among the returned joints; all are inside the limits.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None or not arm.is_exact:
         return ()
-    asked = make_problem(chain, arm, target, start)
+    problem = make_problem(chain, arm, target, start)
     if arm.yaw is None:
-        in_plane = [candidate.q for candidate in asked.planar_candidates(0.0, 0.0, bend=True)]
-        return rank_by_distance(in_plane, start) or _nearest_stretched(asked, 0.0)
-    if target.only_position or len(arm.wrist) > 1 or _has_redundancy(asked):
+        in_plane = [candidate.q for candidate in problem.planar_candidates(0.0, 0.0, bend=True)]
+        return rank_by_distance(in_plane, start) or _nearest_stretched(problem, 0.0)
+    if target.only_position or len(arm.wrist) > 1 or _has_redundancy(problem):
         return ()
-    return rank_by_distance((candidate.q for candidate in solve_position(asked)), start)
+    return rank_by_distance((candidate.q for candidate in solve_position(problem)), start)
 
 
-def _has_redundancy(asked: AnalyticProblem) -> bool:
+def _has_redundancy(problem: AnalyticProblem) -> bool:
     """Return whether roll or yaw can trade the point against the direction."""
-    sways = [aim.tool.amplitude for aim in asked.aims]
-    on_yaw_axis = asked.point.angles_at_normal(asked.tip.normal_part(asked.start_roll)) is None
-    return on_yaw_axis or max(sways, default=0.0) > NO_FREEDOM or asked.tip.amplitude > NO_FREEDOM
+    amplitudes = [aim.tool.amplitude for aim in problem.aims]
+    on_yaw_axis = (
+        problem.point.angles_at_normal(problem.tip.normal_part(problem.start_roll)) is None
+    )
+    return (
+        on_yaw_axis
+        or max(amplitudes, default=0.0) > NO_FREEDOM
+        or problem.tip.amplitude > NO_FREEDOM
+    )
 
 
 def analytic_seeds(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
     """Return joints (dof,) inside the limits that are good starts for a search.
 
-    They are the solutions of the recognised structure, where there are none the joints that meet
-    the point alone, and where the point is out of reach the links stretched towards it.
+    They are the solutions of the recognised structure, if there are none the joints that meet
+    the point alone, and if the point is out of reach the links stretched towards it.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None:
         return ()
-    asked = make_problem(chain, arm, target, start)
-    found = approximate_solutions(chain, target, asked) or [c.q for c in solve_position(asked)]
+    problem = make_problem(chain, arm, target, start)
+    found = approximate_solutions(chain, target, problem) or [c.q for c in solve_position(problem)]
     if found:
         return rank_by_distance(found, start)
-    yaws = tuple(asked.yaws(asked.tip.normal_part(asked.start_roll))) or (asked.start_yaw,)
-    return tuple(q for yaw in yaws for q in _nearest_stretched(asked, yaw)[:1])
+    yaws = tuple(problem.yaws(problem.tip.normal_part(problem.start_roll))) or (problem.start_yaw,)
+    return tuple(q for yaw in yaws for q in _nearest_stretched(problem, yaw)[:1])
 
 
-def _nearest_stretched(asked: AnalyticProblem, yaw: float) -> tuple[Vector, ...]:
+def _nearest_stretched(problem: AnalyticProblem, yaw: float) -> tuple[Vector, ...]:
     """Return the joints whose planar links come nearest, best first."""
-    plane = asked.arm.plane
+    plane = problem.arm.plane
     found = nearest_planar_angles(
-        plane.links(asked.tip.in_plane_part(asked.start_roll)),
+        plane.links(problem.tip.in_plane_part(problem.start_roll)),
         plane.limits,
-        asked.target_in_plane(yaw),
-        plane.angles(asked.start),
+        problem.target_in_plane(yaw),
+        plane.angles(problem.start),
     )
-    return tuple(asked.joints(yaw, angles, (asked.start_roll,)) for angles in found)
+    return tuple(problem.joints(yaw, angles, (problem.start_roll,)) for angles in found)
 
 
 def closed_form(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
-    """Answer with the solution nearest the start, or the closest where that is known exactly.
+    """Return the solution nearest the start, or the closest posture if that is known exactly.
 
-    Where neither is known in closed form, ``bounded`` answers, starting from what the closed form
-    comes near with, and the result says so.
+    If neither is known in closed form, ``bounded`` searches from what the closed form comes near
+    with, and ``method`` of the result is "bounded".
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
 
-    def judged(q: Vector) -> Result:
+    def evaluated(q: Vector) -> Result:
         for joint in idle:
             q[joint.column] = joint.resting_position(float(q0[joint.column]))
         trace = (chain.clip(q0), q) if options.trace else ()
@@ -274,10 +280,10 @@ def closed_form(chain: Chain, target: Target, q0: Vector, options: Options) -> R
     def better(best: Result, other: Result) -> Result:
         return other if is_closer(other, best, options.tolerance) else best
 
-    nearest = tuple(map(judged, solutions(chain, target, q0)[:1]))
+    nearest = tuple(map(evaluated, solutions(chain, target, q0)[:1]))
     if nearest and nearest[0].reached:
         return nearest[0]
     met_first = options.position_first is not False
     if met_first and (found := closest_solution(chain, target, q0)):
-        return reduce(better, map(judged, found))
+        return reduce(better, map(evaluated, found))
     return bounded(chain, target, q0, options, analytic_seeds(chain, target, q0))

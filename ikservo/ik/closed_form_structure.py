@@ -2,7 +2,7 @@
 
 While all joints are zero, every joint is a line in space. Parallel lines make the plane of the
 arm; a first line across them is the base yaw, the lines behind them are the wrist. Offsets of any
-kind are allowed, for turning parallel joints never changes what is across their plane.
+kind are allowed, for rotations of parallel joints never change what is across their plane.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _EXACT = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RevoluteAxis:
-    """One turning joint while all joints are zero.
+    """One revolute joint while all joints are zero.
 
     Attributes:
-        column: Its place in q.
+        column: Its index in q.
         axis: Unit vector (3,), base frame.
         point: A point (3,) on the axis, m, base frame.
         lower: Lower limit, rad.
@@ -45,13 +45,13 @@ class RevoluteAxis:
     upper: float
 
     def sample_range(self, parts: Sequence[float]) -> tuple[float, ...]:
-        """Return angles inside the limits at the given parts of the range, a turn if unlimited."""
+        """Return angles at the given fractions of the range, of a revolution if unlimited."""
         lower = self.lower if math.isfinite(self.lower) else min(-math.pi, self.upper)
         upper = self.upper if math.isfinite(self.upper) else max(math.pi, lower)
         return tuple(min(lower + part * (upper - lower), upper) for part in parts)
 
     def rotate_pose(self, angle_rad: float, T: Matrix) -> Matrix:
-        """Return the pose (4, 4) turned by this joint."""
+        """Return the pose (4, 4) rotated by this joint."""
         R = exp_so3(angle_rad * self.axis)
         return make_pose(R @ (T[:3, 3] - self.point) + self.point, R @ T[:3, :3])
 
@@ -62,9 +62,9 @@ class PlanarSubchain:
 
     Attributes:
         frame: Rows e1, e2, n (3, 3), base frame; n is the common axis.
-        pivots: The joints' places in the plane, e1 + i e2, m.
-        columns: Their places in q.
-        signs: +1 where the joint turns about n, -1 where it turns against it.
+        pivots: The joints' positions in the plane, e1 + i e2, m.
+        columns: Their indices in q.
+        signs: +1 if the joint rotates about n, -1 if it rotates against it.
         limits: Lower and upper limit of each angle about n, rad.
     """
 
@@ -86,21 +86,21 @@ class PlanarSubchain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmStructure:
-    """A chain as base yaw, planar links and wrist, each where the arm has it.
+    """A chain as base yaw, planar links and wrist, as far as the arm has them.
 
     Attributes:
-        yaw: The first joint, where it is not one of the plane.
+        yaw: The first joint, if it is not one of the plane.
         plane: Two or three parallel joints.
         wrist: The joints behind them.
         centre: The point (3,) where the axes of a wrist of two or three joints meet, or None.
         tool: Pose (4, 4) of the frame while all joints are zero.
         deviation: How far axes are from parallel [rad] or from meeting [m].
-        yaw_back: Takes points of the base back by the yaw.
-        roll: Turns points by the wrist's first joint.
-        orient: The last three turns, where they meet in the centre.
-        locked_joint: The column of a joint that this structure asks to stand at zero, or None.
-        with_wrist_locked: The same arm with the wrist's first joint at zero, where that makes a
-            third parallel link; None elsewhere.
+        yaw_back: Rotates points of the base back by the yaw.
+        roll: Rotates points by the wrist's first joint.
+        orient: The last three rotations, if they meet in the centre.
+        locked_joint: The column of a joint that must be zero for this structure, or None.
+        with_wrist_locked: The same arm with the wrist's first joint at zero, if that makes a
+            third parallel link; else None.
     """
 
     yaw: RevoluteAxis | None
@@ -117,7 +117,7 @@ class ArmStructure:
 
     @property
     def is_exact(self) -> bool:
-        """Return whether the closed form is the arm's own; else it is a very good seed."""
+        """Return whether the closed form is exact for the arm; else it is a good seed."""
         return self.deviation < _EXACT
 
     def __str__(self) -> str:
@@ -137,11 +137,11 @@ _SAME_POSE = 1e-9
 
 
 def recognise_structure(chain: Chain, frame: str | None = None) -> ArmStructure | None:
-    """Return what kind of arm moves a frame (the tip if None), or None if it is none of ours."""
-    known = _structure_cache.setdefault(chain, {})
-    if frame not in known:
-        known[frame] = _recognise_chain(chain, frame)
-    return known[frame]
+    """Return the structure of the arm that moves a frame (the tip if None), or None."""
+    cached = _structure_cache.setdefault(chain, {})
+    if frame not in cached:
+        cached[frame] = _recognise_chain(chain, frame)
+    return cached[frame]
 
 
 _structure_cache: WeakKeyDictionary[Chain, dict[str | None, ArmStructure | None]] = (
@@ -150,25 +150,25 @@ _structure_cache: WeakKeyDictionary[Chain, dict[str | None, ArmStructure | None]
 
 
 def _recognise_chain(chain: Chain, frame: str | None) -> ArmStructure | None:
-    turns = _revolute_axes(chain, frame)
+    joints = _revolute_axes(chain, frame)
     tool = chain.forward(np.zeros(chain.dof), frame)
-    if turns is None or not _matches_chain(turns, tool, chain, frame):
+    if joints is None or not _matches_chain(joints, tool, chain, frame):
         return None
-    found = _assemble_structure(turns, tool)
+    found = _assemble_structure(joints, tool)
     return (
         None
         if found is None
-        else replace(found, with_wrist_locked=_with_locked_wrist_joint(found, turns))
+        else replace(found, with_wrist_locked=_with_locked_wrist_joint(found, joints))
     )
 
 
-def _assemble_structure(turns: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmStructure | None:
-    """Return yaw, parallel links and wrist of the turns, or None if they are not in that order."""
-    if len(turns) < 2:
+def _assemble_structure(joints: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmStructure | None:
+    """Return yaw, parallel links and wrist of the joints, or None if not in that order."""
+    if len(joints) < 2:
         return None
-    first = 0 if _are_parallel(turns[0], turns[1]) else 1
-    count = _parallel_run(turns[first:])
-    yaw, parallel, wrist = turns[:first], turns[first : first + count], turns[first + count :]
+    first = 0 if _are_parallel(joints[0], joints[1]) else 1
+    count = _parallel_run(joints[first:])
+    yaw, parallel, wrist = joints[:first], joints[first : first + count], joints[first + count :]
     if count not in (2, 3) or (wrist and not yaw):
         return None
     plane, tilt = _fit_plane(parallel)
@@ -191,54 +191,54 @@ def _assemble_structure(turns: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmStr
 
 
 def _with_locked_wrist_joint(
-    arm: ArmStructure, turns: tuple[RevoluteAxis, ...]
+    arm: ArmStructure, joints: tuple[RevoluteAxis, ...]
 ) -> ArmStructure | None:
-    """Return two links and a wrist as three links, where the wrist's first joint can be zero."""
+    """Return two links and a wrist as three links, if the wrist's first joint can be zero."""
     if len(arm.plane.pivots) != 2 or len(arm.wrist) < 2:
         return None
     roll = arm.wrist[0]
-    straight = _assemble_structure(tuple(turn for turn in turns if turn is not roll), arm.tool)
+    straight = _assemble_structure(tuple(joint for joint in joints if joint is not roll), arm.tool)
     if straight is None or not straight.is_exact or len(straight.plane.pivots) != 3:
         return None
     return replace(straight, locked_joint=roll.column) if roll.lower <= 0.0 <= roll.upper else None
 
 
 def _orienting_joints(plane: PlanarSubchain, wrist: tuple[RevoluteAxis, ...]) -> EulerAngles | None:
-    """Return the three last turns that orient the tool without moving the wrist's centre.
+    """Return the three last rotations that orient the tool about the wrist's centre.
 
     Two links leave them to a wrist of three joints; three links give the first of them.
     """
-    axes = [turn.axis for turn in wrist]
+    axes = [joint.axis for joint in wrist]
     if len(plane.pivots) == 3:
         axes.insert(0, plane.frame[2])
     return EulerAngles(*axes) if len(axes) == 3 else None
 
 
 def _revolute_axes(chain: Chain, frame: str | None) -> tuple[RevoluteAxis, ...] | None:
-    """Read every joint that moves the frame from the Jacobian; None if one does not turn.
+    """Read every joint that moves the frame from the Jacobian; None if one is not revolute.
 
     A column is (axis × r, axis) with r from the axis to the frame, so r = (axis × r) × axis.
     """
     T, J = chain.forward_and_jacobian(np.zeros(chain.dof), frame)
-    turns: list[RevoluteAxis] = []
+    joints: list[RevoluteAxis] = []
     for i in np.flatnonzero(np.abs(J).sum(axis=0)):
         if chain.kinds[i] is not JointType.REVOLUTE:
             return None
         lower, upper = float(chain.lower_rad[i]), float(chain.upper_rad[i])
         axis, r = J[3:, i], np.cross(J[:3, i], J[3:, i])
-        turns.append(RevoluteAxis(int(i), axis, T[:3, 3] - r, lower, upper))
-    return tuple(turns)
+        joints.append(RevoluteAxis(int(i), axis, T[:3, 3] - r, lower, upper))
+    return tuple(joints)
 
 
 def _matches_chain(
-    turns: tuple[RevoluteAxis, ...], tool: Matrix, chain: Chain, frame: str | None
+    joints: tuple[RevoluteAxis, ...], tool: Matrix, chain: Chain, frame: str | None
 ) -> bool:
-    """Return whether the turns move the frame as the chain does; a mimicking joint would not."""
+    """Return whether the joints move the frame as the chain does; a mimic joint would not."""
     for seed in (0.3, -1.1):
         q = seed + 0.7 * np.arange(chain.dof)
         T = tool
-        for turn in reversed(turns):
-            T = turn.rotate_pose(float(q[turn.column]), T)
+        for joint in reversed(joints):
+            T = joint.rotate_pose(float(q[joint.column]), T)
         if float(np.abs(T - chain.forward(q, frame)).max()) > _SAME_POSE:
             return False
     return True
@@ -249,37 +249,39 @@ def _are_parallel(a: RevoluteAxis, b: RevoluteAxis) -> bool:
     return float(np.sqrt(sine @ sine)) < _NEARLY_PARALLEL_RAD
 
 
-def _parallel_run(turns: tuple[RevoluteAxis, ...]) -> int:
+def _parallel_run(joints: tuple[RevoluteAxis, ...]) -> int:
     """Return how many joints from the first on are parallel to it."""
-    different = (i for i, turn in enumerate(turns) if not _are_parallel(turns[0], turn))
-    return next(different, len(turns))
+    different = (i for i, joint in enumerate(joints) if not _are_parallel(joints[0], joint))
+    return next(different, len(joints))
 
 
-def _fit_plane(turns: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]:
-    """Return the plane across parallel joints, and how far the worst is from parallel [rad]."""
-    n = turns[0].axis
+def _fit_plane(joints: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]:
+    """Return the plane across parallel joints, and the largest deviation from parallel [rad]."""
+    n = joints[0].axis
     frame = plane_frame(n)
-    signs = tuple(1 if float(turn.axis @ n) > 0 else -1 for turn in turns)
+    signs = tuple(1 if float(joint.axis @ n) > 0 else -1 for joint in joints)
     return PlanarSubchain(
         frame=frame,
-        pivots=tuple(complex(*(frame[:2] @ turn.point)) for turn in turns),
-        columns=tuple(turn.column for turn in turns),
+        pivots=tuple(complex(*(frame[:2] @ joint.point)) for joint in joints),
+        columns=tuple(joint.column for joint in joints),
         signs=signs,
-        limits=tuple(_signed_limits(turn, sign) for turn, sign in zip(turns, signs, strict=True)),
-    ), max(float(np.abs(s * t.axis - n).max()) for s, t in zip(signs, turns, strict=True))
+        limits=tuple(
+            _signed_limits(joint, sign) for joint, sign in zip(joints, signs, strict=True)
+        ),
+    ), max(float(np.abs(s * t.axis - n).max()) for s, t in zip(signs, joints, strict=True))
 
 
-def _signed_limits(turn: RevoluteAxis, sign: int) -> tuple[float, float]:
-    return (turn.lower, turn.upper) if sign > 0 else (-turn.upper, -turn.lower)
+def _signed_limits(joint: RevoluteAxis, sign: int) -> tuple[float, float]:
+    return (joint.lower, joint.upper) if sign > 0 else (-joint.upper, -joint.lower)
 
 
-def _meeting_point(turns: tuple[RevoluteAxis, ...]) -> tuple[Vector | None, float]:
-    """Return where the axes of two or three joints meet (3,), and how far they pass by it [m]."""
-    if len(turns) not in (2, 3) or _are_parallel(turns[0], turns[1]):
+def _meeting_point(joints: tuple[RevoluteAxis, ...]) -> tuple[Vector | None, float]:
+    """Return the meeting point (3,) of the axes of two or three joints, and its error [m]."""
+    if len(joints) not in (2, 3) or _are_parallel(joints[0], joints[1]):
         return None, 0.0
-    beside = [np.eye(3) - np.outer(turn.axis, turn.axis) for turn in turns]
-    offsets = [B @ turn.point for B, turn in zip(beside, turns, strict=True)]
+    beside = [np.eye(3) - np.outer(joint.axis, joint.axis) for joint in joints]
+    offsets = [B @ joint.point for B, joint in zip(beside, joints, strict=True)]
     centre = np.asarray(np.linalg.solve(sum(beside), sum(offsets)), dtype=np.float64)
-    gaps = [np.linalg.norm(B @ centre - o) for B, o in zip(beside, offsets, strict=True)]
-    gap_m = float(max(gaps))
+    distances = [np.linalg.norm(B @ centre - o) for B, o in zip(beside, offsets, strict=True)]
+    gap_m = float(max(distances))
     return (centre, gap_m) if gap_m < _NEARLY_MEETING_M else (None, 0.0)

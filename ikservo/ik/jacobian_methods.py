@@ -1,13 +1,13 @@
 """Jacobian methods: pseudo-inverse and transpose, and their step rules.
 
-Close to a solution this is Newton's method and each step doubles the digits. It does not ask
-whether a step was good: the error may grow on the way, and at the edge of the reach the joints
-may swing back and forth by the 2° they are allowed. The answer is the best iterate.
+Close to a solution this is Newton's method and each step doubles the digits. Steps are not
+checked: the error may grow meanwhile, and at the edge of the reach the joints may oscillate by
+the 2° they are allowed. The result is the best iterate.
 
-A force F at the tip and the torques τ of joints that give way to it do the same virtual work,
-``Fᵀ J dq = τᵀ dq``, hence ``τ = Jᵀ F``. Let the error pull: ``Δ = α Jᵀ E`` is steepest descent on
-``|E|²``. It is cheap, never ends further from the target than it began, and slow, because it goes
-as if all joints had the same lever.
+A force F at the tip and the torques τ of compliant joints do the same virtual work,
+``Fᵀ J dq = τᵀ dq``, hence ``τ = Jᵀ F``. With E as force, ``Δ = α Jᵀ E`` is steepest descent on
+``|E|²``. It is cheap, never ends further from the target than it began, and slow, because it moves
+all joints as if they had the same lever.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ class Linearisation:
 
     Attributes:
         q: Joints (dof,), rad or m.
-        E: What is left, M - f(q) (m,), metres.
-        J: df/dq (m, dof), metres per rad or m (lecture L6).
-        axes: What each joint turns the frame about (3, dof), rad per rad; 0 for a slide.
+        E: The residual M - f(q) (m,), metres.
+        J: df/dq (m, dof), metres per rad or m.
+        axes: The rotation axis of each joint (3, dof), rad per rad; 0 for a prismatic joint.
     """
 
     q: Vector
@@ -69,16 +69,16 @@ class Linearisation:
 
     @property
     def cost(self) -> float:
-        """Return ``|E|²`` [m²], which every method brings down (lecture L13)."""
+        """Return ``|E|²`` [m²], which every method minimises."""
         return float(self.E @ self.E)
 
 
 class ResidualFunction:
-    """A target, asked of a chain.
+    """The residual of a target as a function of the joints.
 
-    f(q) stacks the point and, where a direction or an orientation is wanted, the tips of the
-    tool's axes a lever's length away: one axis for a direction, all three for an orientation. So
-    every row is in metres, and a position and an orientation can be weighed against each other.
+    f(q) stacks the point and, for a direction or an orientation, the tips of the tool's axes a
+    lever's length away: one axis for a direction, all three for an orientation. So every row is in
+    metres, and a position and an orientation can be weighed against each other.
     """
 
     def __init__(self, chain: Chain, target: Target) -> None:
@@ -95,28 +95,30 @@ class ResidualFunction:
         return Linearisation(q, self._M - f, np.vstack([J[:3], *swings]), J[3:])
 
     def is_met(self, here: Linearisation, tolerance: Tolerance) -> bool:
-        """Return whether what is left is at most half the tolerance.
+        """Return whether the residual is at most half the tolerance.
 
-        Half, so that no rounding between here and the answer makes a miss of it.
+        Half, so that rounding before the result is returned makes no miss of it.
         """
-        gap_m, turn_rad = (
+        gap_m, rotation_rad = (
             _vector_length(here.E[:3]),
             _vector_length(here.E[3:]) / ORIENTATION_LEVER_M,
         )
-        return gap_m <= 0.5 * tolerance.position_m and turn_rad <= 0.5 * tolerance.orientation_rad
+        return (
+            gap_m <= 0.5 * tolerance.position_m and rotation_rad <= 0.5 * tolerance.orientation_rad
+        )
 
 
 def active_limits(chain: Chain, q: Vector, tau: Vector) -> NDArray[np.bool_]:
-    """Return the joints (dof,) that stand on a limit and that tau (dof,) pulls against it."""
+    """Return the joints (dof,) at a limit that tau (dof,) pulls against it."""
     return ((q <= chain.lower_rad) & (tau < 0.0)) | ((q >= chain.upper_rad) & (tau > 0.0))
 
 
 def _watched_axes(target: Target) -> tuple[Matrix, Matrix]:
-    """Return the axes (k, 3) to watch, in the tool's coordinates, and where they shall point."""
+    """Return the axes (k, 3), in the tool's coordinates, and their target directions."""
     if target.rotation is not None:
-        # A small turn moves two of three axes: each has its share of the weight.
-        share_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
-        return share_m * np.eye(3), share_m * target.rotation.T
+        # A small rotation moves two of three axes: the weight is divided between them.
+        weight_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
+        return weight_m * np.eye(3), weight_m * target.rotation.T
     if target.wanted_axis is not None:
         return ORIENTATION_LEVER_M * target.axis[None, :], ORIENTATION_LEVER_M * target.wanted_axis[
             None, :
@@ -129,27 +131,27 @@ def _vector_length(v: Vector) -> float:
 
 
 MAX_STEP_RAD = math.radians(2.0)
-"""The longest step of a joint: 2°, and for a slide as many metres (35 mm)."""
+"""The maximum step of a joint: 2°, and for a prismatic joint as many metres (35 mm)."""
 
 # A step this small moves the tool by less than a nanometre.
 _STEP_END = 1e-9
-# A walk that has come neither a thousandth nor a micrometre closer for so long goes in circles.
+# An iteration without a thousandth or a micrometre of progress for so many steps has stalled.
 _MAX_STALLED_STEPS, _PROGRESS, _PROGRESS_M = 50, 0.999, 1e-6
 # A step halved so often is lost in the rounding of the error.
 _HALVINGS = 40
 
 Step = Callable[[Linearisation], Linearisation]
-"""One iteration of a method: from the error here to the error where it steps."""
+"""One iteration of a method: from the linearisation here to the one after the step."""
 
 
 def scale_step(step: Vector) -> Vector:
-    """Return the step (dof,), scaled as a whole so that no joint goes further than 2° (L7)."""
+    """Return the step (dof,), scaled as a whole so that no joint moves further than 2°."""
     largest = float(np.abs(step).max(initial=0.0))
     return step if largest <= MAX_STEP_RAD else step * (MAX_STEP_RAD / largest)
 
 
 def backtrack(task: ResidualFunction, here: Linearisation, step: Vector) -> Linearisation:
-    """Go the step (dof,) or the longest half, quarter, … of it that makes nothing worse."""
+    """Take the step (dof,) or the largest half, quarter, … of it that increases no error."""
     for _ in range(_HALVINGS):
         there = task.linearise(task.chain.clip(here.q + step))
         if there.cost <= here.cost:
@@ -166,40 +168,39 @@ def iterate(
     options: Options,
     max_iterations: int,
     *,
-    settle: bool = False,
+    until_rest: bool = False,
 ) -> Result:
-    """Step from ``q0`` until the target is met, nothing moves any more or patience ends (L7).
+    """Step from ``q0`` until the target is met, nothing moves any more or the limit is reached.
 
-    One walk without restarts: as in the lecture it goes on from where the arm is, and where it
-    gets stuck it says so. The answer is the best iterate.
+    One start without restarts: if it stalls there, the search ends. The result is the best iterate.
 
     Args:
         method: The method's name, for the result.
-        step: What the method does in one iteration.
-        task: What is wanted of which chain.
-        q0: Start (dof,), rad or m; one outside the limits is first put onto them.
-        options: Tolerance, iterations at most, whether to keep them.
-        max_iterations: Iterations at most where the options leave it to the method.
-        settle: Whether to go on after the target is met, until nothing moves.
+        step: One iteration of the method.
+        task: The residual function.
+        q0: Start (dof,), rad or m; one outside the limits is first clipped to them.
+        options: Tolerance, maximum iterations, whether to keep them.
+        max_iterations: Maximum iterations if the options do not set them.
+        until_rest: Whether to continue after the target is met, until nothing moves.
     """
-    walk = _Iteration(task, options.tolerance, task.linearise(task.chain.clip(q0)))
+    iteration = _Iteration(task, options.tolerance, task.linearise(task.chain.clip(q0)))
     for _ in range(options.max_iterations or max_iterations):
-        if walk.is_finished(settle=settle):
+        if iteration.is_finished(until_rest=until_rest):
             break
-        walk.move_to(step(walk.here))
+        iteration.move_to(step(iteration.here))
     return evaluate(
         task.chain,
         task.target,
-        walk.best.q,
+        iteration.best.q,
         options.tolerance,
         method=method,
-        iterations=len(walk.trace) - 1,
-        trace=tuple(walk.trace) if options.trace else (),
+        iterations=len(iteration.trace) - 1,
+        trace=tuple(iteration.trace) if options.trace else (),
     )
 
 
 class _Iteration:
-    """Where a walk is, where it was best, and how long it has not come closer."""
+    """The present and the best iterate, and the number of steps without progress."""
 
     def __init__(self, task: ResidualFunction, tolerance: Tolerance, start: Linearisation) -> None:
         self.here = self.best = start
@@ -208,8 +209,8 @@ class _Iteration:
         self._met = task.is_met(start, tolerance)
         self._still, self._mark_m, self._since = False, math.sqrt(start.cost), 0
 
-    def is_finished(self, *, settle: bool) -> bool:
-        return self._still or self._since > _MAX_STALLED_STEPS or (self._met and not settle)
+    def is_finished(self, *, until_rest: bool) -> bool:
+        return self._still or self._since > _MAX_STALLED_STEPS or (self._met and not until_rest)
 
     def move_to(self, there: Linearisation) -> None:
         self._still = float(np.abs(there.q - self.here.q).max()) <= _STEP_END
@@ -226,40 +227,42 @@ class _Iteration:
 
 
 EPSILON = 5e-3
-"""Singular values below this part of the largest count as zero (lecture L8).
+"""Singular values below this fraction of the largest count as zero.
 
-About what the arm has left of the way outwards one degree before it is stretched. With less it
-would swing through the stretched pose, 2° back and forth, for ever; with more it would stop early.
+About the radial singular value one degree before the arm is stretched. With less it would
+oscillate through the stretched pose, 2° back and forth, for ever; with more it would stop early.
 """
 
 _PINV_MAX_ITERATIONS = 500
 
 
 def pseudo_inverse(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
-    """Walk from ``q0`` in small steps that solve the linearised problem (lecture L7).
+    """Iterate from ``q0`` in small steps that solve the linearised problem.
 
-    With a posture in the options the walk leans towards it as far as the target leaves freedom,
-    and ends when both have come to rest (lecture L10).
+    With a posture in the options the joints move towards it as far as the target leaves freedom,
+    and the iteration ends when both have come to rest.
 
     Raises:
         BadValueError: The posture has the wrong shape, is not finite, or a weight is negative.
     """
     task = ResidualFunction(chain, target)
-    wish, weights = _posture_gradient(chain, options.posture)
+    preferred, weights = _posture_gradient(chain, options.posture)
 
     def step(here: Linearisation) -> Linearisation:
-        C = weights * (here.q - wish)
+        C = weights * (here.q - preferred)
         return task.linearise(chain.clip(here.q + limited_step(here, chain, C)))
 
-    settle = options.posture is not None
-    return iterate("pseudo_inverse", step, task, q0, options, _PINV_MAX_ITERATIONS, settle=settle)
+    until_rest = options.posture is not None
+    return iterate(
+        "pseudo_inverse", step, task, q0, options, _PINV_MAX_ITERATIONS, until_rest=until_rest
+    )
 
 
 _NOTHING = 1e-150  # below it even the reciprocal is no number
 
 
 def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
-    """Return the pseudo-inverse (n, m) of J (m, n) by truncated SVD (lecture L8).
+    """Return the pseudo-inverse (n, m) of J (m, n) by truncated SVD.
 
     ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` where ``s < ε s_max``. ``Δ = J⁺ E`` is the
     least-squares solution of ``J Δ = E`` where there is none, the least norm where there are many.
@@ -270,28 +273,28 @@ def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
 
 
 def nullspace_step(J: Matrix, E: Vector, C: Vector) -> Vector:
-    """Return ``Δ = J⁺ E + (J⁺ J - I) C`` (dof,) (lecture L10).
+    """Return ``Δ = J⁺ E + (J⁺ J - I) C`` (dof,).
 
-    The second part goes along ``-C`` only as far as the tip does not feel it: ``J (J⁺ J - I) = 0``.
+    The second part moves along ``-C`` without moving the tip: ``J (J⁺ J - I) = 0``.
     """
     J_plus = pinv(J)
     return J_plus @ (E + J @ C) - C
 
 
 def limited_step(here: Linearisation, chain: Chain, C: Vector) -> Vector:
-    """Return the step (dof,): no joint over 2° (lecture L7), none beyond its limits (L9).
+    """Return the step (dof,): no joint over 2°, none beyond its limits.
 
-    The step of a joint that would leave its range ends on the limit. Its column is struck out, and
-    the others are solved again for what it leaves to them, until no joint leaves. A joint that
-    stands on its limit and that the error pulls against it is struck out from the start, else the
-    walk could end where the others still had a way down. Every iteration begins anew, so that a
-    joint may come back off its limit.
+    The step of a joint that would leave its range ends on the limit. Its column is removed, and
+    the others are solved again for the remaining error, until no joint leaves. A joint at its
+    limit that the error pulls against it is removed from the start, else the iteration could end
+    where the others still had a descent direction. Every iteration starts with all joints, so that
+    a joint may come back off its limit.
     """
     to_lower, to_upper = chain.lower_rad - here.q, chain.upper_rad - here.q
     step, free = np.zeros(chain.dof), ~active_limits(chain, here.q, here.J.T @ here.E - C)
     while free.any():
-        left = here.E - here.J[:, ~free] @ step[~free]
-        step[free] = scale_step(nullspace_step(here.J[:, free], left, C[free]))
+        remaining = here.E - here.J[:, ~free] @ step[~free]
+        step[free] = scale_step(nullspace_step(here.J[:, free], remaining, C[free]))
         leaves = free & ((step < to_lower) | (step > to_upper))
         if not leaves.any():
             break
@@ -307,7 +310,7 @@ def _posture_gradient(chain: Chain, posture: Posture | None) -> tuple[Vector, Ve
     weights = finite_vector(posture.weights, chain.dof, "The posture's weights")
     if (weights < 0.0).any():
         raise BadValueError("A posture's weight", float(weights.min()), "0 or more")
-    # A weight of 1 goes all the way in one step; one of 2 would swing for ever.
+    # A weight of 1 reaches the posture in one step; one of 2 would oscillate for ever.
     return finite_vector(posture.q, chain.dof, "The posture"), weights / max(1.0, weights.max())
 
 
@@ -315,7 +318,7 @@ _MAX_TRANSPOSE_ITERATIONS = 2000
 
 
 def transpose(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
-    """Follow the pull of the error from ``q0``, downhill all the way (lecture L11)."""
+    """Follow the negative gradient of the error from ``q0``, always downhill."""
     task = ResidualFunction(chain, target)
 
     def step(here: Linearisation) -> Linearisation:
@@ -326,7 +329,7 @@ def transpose(chain: Chain, target: Target, q0: Vector, options: Options) -> Res
 
 
 def gradient_torque(here: Linearisation, chain: Chain) -> Vector:
-    """Return ``τ = Jᵀ E`` (dof,); a joint that is pulled against its limit stays there."""
+    """Return ``τ = Jᵀ E`` (dof,); 0 for a joint that is pulled against its limit."""
     tau = here.J.T @ here.E
     return np.where(active_limits(chain, here.q, tau), 0.0, tau)
 

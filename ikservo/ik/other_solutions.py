@@ -1,7 +1,7 @@
-"""Whether a solution is unique, one of several or of a family; the one nearest to the start.
+"""Other solutions of a target: one, several or a family; the one nearest to the start.
 
-A search goes to the solution that its steps lead to, which on six joints is the nearest in about
-two cases of three. The closed form knows every solution; without one, searches from around the
+A search converges to the solution that its steps lead to, which on six joints is the nearest in
+about two cases of three. The closed form has every solution; without one, searches from around the
 start find most of those that are near.
 """
 
@@ -25,18 +25,18 @@ from ikservo.kinematics.conditioning import ordinary_postures
 
 __all__ = ["nearest_solution", "solution_set"]
 
-# Singular values below this part of the largest are none, in an ordinary posture and at a solution.
+# Singular values below this fraction of the largest are zero, in general and at a solution.
 _RANK, _SINGULAR = 1e-7, 1e-6
-# To see whether a solution has neighbours it is left by so much [rad] and met again nearby: one
-# that stands alone draws the arm back.
+# To test whether a solution has neighbours it is left by so much [rad] and solved again nearby: an
+# isolated one pulls the arm back.
 _OFFSET_RAD, _STEPS, _MIN_OFFSET_FRACTION = 0.02, 10, 0.5
-_TURN_RAD = 2.0 * np.pi
+_REVOLUTION_RAD = 2.0 * np.pi
 _SAME_RAD = 1e-4
 
-# Ways from the start that differ by less [rad] are equally long.
+# Distances from the start that differ by less [rad] are equal.
 _SAME_LENGTH_RAD = 1e-6
-# How far single joints are turned aside for another walk, and how many steps it has: a walk that
-# has not come to a solution by then seldom does.
+# Offset of single joints for another search, and its maximum steps: a search that has not converged
+# by then seldom does.
 _START_OFFSET_RAD = 1.0
 _NEARBY_STEPS = 20
 
@@ -44,11 +44,11 @@ _NEARBY_STEPS = 20
 def solution_set(
     chain: Chain, target: Target, q: Vector, tolerance: Tolerance | None = None
 ) -> SolutionSet:
-    """Tell what joints (dof,) that meet a target are one of.
+    """Return how many solutions a target has around joints (dof,) that meet it.
 
     Args:
         chain: The arm.
-        target: What is wanted.
+        target: The target.
         q: Joints (dof,) inside the limits.
         tolerance: How close counts as met.
     """
@@ -59,9 +59,10 @@ def solution_set(
     moving = _moving_joints(chain, target)
     freedom = len(moving) - _usual_rank(task, moving)
     J = here.J[:, moving]
-    ways = _null_space(J)
-    if len(ways) and any(
-        _continues_along(task, tolerance, q, moving, way) for way in (*ways, *-ways)
+    null_directions = _null_space(J)
+    if len(null_directions) and any(
+        _continues_along(task, tolerance, q, moving, direction)
+        for direction in (*null_directions, *-null_directions)
     ):
         free = max(freedom, 1)
         directions = (
@@ -91,19 +92,19 @@ def _moving_joints(chain: Chain, target: Target) -> list[int]:
 
 
 def _usual_rank(task: ResidualFunction, moving: list[int]) -> int:
-    """Return how many directions of the task the joints have in an ordinary posture."""
+    """Return how many directions of the task the joints have in general."""
     postures = ordinary_postures(task.chain.dof)
     ranks = [_numerical_rank(task.linearise(q).J[:, moving], _RANK) for q in postures]
     return max(ranks)
 
 
-def _numerical_rank(J: Matrix, share: float) -> int:
+def _numerical_rank(J: Matrix, tolerance_ratio: float) -> int:
     values = np.linalg.svd(J, compute_uv=False)
-    return int((values > share * values.max(initial=0.0)).sum())
+    return int((values > tolerance_ratio * values.max(initial=0.0)).sum())
 
 
 def _null_space(J: Matrix) -> Matrix:
-    """Return the ways (k, n) in which joints move without moving what is wanted."""
+    """Return the directions (k, n) in which joints move without moving the target point."""
     _, _, Vt = np.linalg.svd(J)
     return Vt[_numerical_rank(J, _SINGULAR) :]
 
@@ -117,11 +118,11 @@ def _is_planar_3r(chain: Chain, target: Target, freedom: int) -> bool:
 
 
 def _continues_along(
-    task: ResidualFunction, tolerance: Tolerance, q: Vector, moving: list[int], way: Vector
+    task: ResidualFunction, tolerance: Tolerance, q: Vector, moving: list[int], direction: Vector
 ) -> bool:
-    """Return whether there are solutions beside q along a way (n,) of the moving joints."""
+    """Return whether there are solutions beside q along a direction (n,) of the moving joints."""
     chain, there = task.chain, q.copy()
-    there[moving] += _OFFSET_RAD * way
+    there[moving] += _OFFSET_RAD * direction
     there = chain.clip(there)
     for _ in range(_STEPS):
         local = task.linearise(there)
@@ -131,7 +132,7 @@ def _continues_along(
         step = np.zeros(chain.dof)
         step[free] = pinv(local.J[:, free], _SINGULAR) @ local.E
         there = chain.clip(there + step)
-    aside = float((there[moving] - q[moving]) @ way)
+    aside = float((there[moving] - q[moving]) @ direction)
     return (
         task.is_met(task.linearise(there), tolerance) and aside > _MIN_OFFSET_FRACTION * _OFFSET_RAD
     )
@@ -139,7 +140,7 @@ def _continues_along(
 
 def _is_same_solution(a: Vector, b: Vector) -> bool:
     apart = a - b
-    apart -= _TURN_RAD * np.round(apart / _TURN_RAD)
+    apart -= _REVOLUTION_RAD * np.round(apart / _REVOLUTION_RAD)
     return float(np.abs(apart).max()) < _SAME_RAD
 
 
@@ -150,20 +151,20 @@ def nearest_solution(
 
     Args:
         chain: The arm.
-        target: What is wanted.
+        target: The target.
         q0: The start (dof,), rad or m, anywhere.
-        options: What counts as reached.
+        options: The tolerance.
         found: A solution.
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
-    best, way_rad = found, _joint_distance_rad(found.q, q0)
+    best, distance_rad = found, _joint_distance_rad(found.q, q0)
     for q in _other_solutions(chain, target, q0, options):
         for joint in idle:
             q[joint.column] = joint.resting_position(float(q0[joint.column]))
-        if _joint_distance_rad(q, q0) < way_rad - _SAME_LENGTH_RAD:
+        if _joint_distance_rad(q, q0) < distance_rad - _SAME_LENGTH_RAD:
             other = _make_result(chain, target, q0, q, options, found)
             if other.reached:
-                best, way_rad = other, _joint_distance_rad(q, q0)
+                best, distance_rad = other, _joint_distance_rad(q, q0)
     return best
 
 
@@ -176,7 +177,7 @@ def _other_solutions(
 
 
 def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options) -> Matrix:
-    """Return the solutions (m, dof) that walks from around the start lead to."""
+    """Return the solutions (m, dof) of searches from around the start."""
     aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts = np.ascontiguousarray(chain.clip(np.vstack([q0 + aside, q0 - aside])))
     kind, ready = target_kind_of(target), problem_for_target(chain, target)

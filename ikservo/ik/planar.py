@@ -1,18 +1,18 @@
 """Planar chains with two or three joints, and the intervals of their tool direction.
 
-Points of the plane are complex numbers, so that a turn by θ is a factor e^{iθ}. A link ``l`` is
+Points of the plane are complex numbers, so that a rotation by θ is a factor e^{iθ}. A link ``l`` is
 the vector to the next joint, or to the tip, while all joints are zero: it may be bent, as the
-upper arm of most real arms is. The tip stands at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^{iθ3} l3))``.
+upper arm of most real arms is. The tip is at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^{iθ3} l3))``.
 
 With the direction free, the solutions of a point are intervals. Their ends are known in closed
-form: there the two first links are stretched or folded, or a joint stands at a limit, which leaves
-two links. Between neighbouring ends nothing changes, so that one look in the middle is enough.
+form: there the two first links are stretched or folded, or a joint is at a limit, which leaves
+two links. Between neighbouring ends nothing changes, so that one sample in the middle is enough.
 
-Along an arc the joints slide through the null space of the planar arm: the tip stays, the last
-link turns. Steps along it towards the start are the lecture's L10 with one free parameter.
+Along an arc the joints move through the null space of the planar arm: the tip stays, the last
+link rotates. Steps along it towards the start have one free parameter.
 
-At the nearest point every joint stands at a limit or cannot help: its pivot, the tip and the wanted
-point lie on one line. Each joint is therefore at its lower limit, at its upper one, or free, and
+At the nearest point every joint is at a limit or cannot help: its pivot, the tip and the target
+point are on one line. Each joint is therefore at its lower limit, at its upper one, or free, and
 the free ones stretch or fold the links along the line: a handful of candidates, all exact.
 """
 
@@ -46,12 +46,12 @@ __all__ = [
 Angles = tuple[float, ...]
 Limits = Sequence[tuple[float, float]]
 
-# A link shorter than this [m] is none: its joint does not move the tip.
+# A link shorter than this [m] has no length: its joint does not move the tip.
 _NO_LENGTH_M = 1e-9
 
 
 def planar_tip(links: Sequence[complex], angles: Sequence[float]) -> complex:
-    """Return where the tip of n links stands (lecture L2)."""
+    """Return the tip of n links."""
     tip, heading = 0j, 1.0 + 0j
     for link, angle in zip(links, angles, strict=True):
         heading *= cmath.rect(1.0, angle)
@@ -62,10 +62,10 @@ def planar_tip(links: Sequence[complex], angles: Sequence[float]) -> complex:
 def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
     """Return both elbows (θ1, θ2) that bring the tip to ``m``, none outside the annulus.
 
-    With L1 = |l1|, L2 = |l2|, d = |m| (lecture L3):
+    With L1 = |l1|, L2 = |l2|, d = |m|:
     ``cos φ2 = (d² - L1² - L2²) / (2 L1 L2)`` and
     ``φ1 = arg m - atan2(L2 sin φ2, L1 + L2 cos φ2)``,
-    counted from straight links: φ1 = θ1 + arg l1, φ2 = θ2 + arg l2 - arg l1. The first elbow has
+    measured from straight links: φ1 = θ1 + arg l1, φ2 = θ2 + arg l2 - arg l1. The first elbow has
     φ2 >= 0, the second φ2 <= 0; on the boundary of the annulus they are one.
     """
     L1, L2, d = abs(l1), abs(l2), abs(m)
@@ -85,24 +85,24 @@ def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
 def solve_planar_3r(
     l1: complex, l2: complex, l3: complex, m: complex, alpha_rad: float
 ) -> tuple[Angles, ...]:
-    """Return both elbows (θ1, θ2, θ3) that bring the tip to ``m`` with the last link turned by α.
+    """Return both elbows (θ1, θ2, θ3) that bring the tip to ``m`` with the last link at α.
 
-    The direction of the last link is the parameter that three links have more than two
-    (lecture L4): it puts the third joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.
+    The direction of the last link is the parameter that three links have more than two: it puts
+    the third joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.
     """
     wrist = m - cmath.rect(1.0, alpha_rad) * l3
     return tuple((a, b, alpha_rad - a - b) for a, b in solve_planar_2r(l1, l2, wrist))
 
 
 def within_limits(angles: Angles, limits: Limits, start: Angles) -> Angles | None:
-    """Return the turns of the angles inside the limits, nearest the start, or None."""
-    turns: list[float] = []
+    """Return the equivalent angles inside the limits, nearest the start, or None."""
+    inside: list[float] = []
     for angle, (lower, upper), near in zip(angles, limits, start, strict=True):
-        turn = nearest_equivalent_angle(angle, lower, upper, near)
-        if turn is None:
+        equivalent = nearest_equivalent_angle(angle, lower, upper, near)
+        if equivalent is None:
             return None
-        turns.append(turn)
-    return tuple(turns)
+        inside.append(equivalent)
+    return tuple(inside)
 
 
 # Ends of an arc are computed, not exact: a choice stays this far inside [rad].
@@ -112,13 +112,13 @@ _ANYWHERE = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class DirectionInterval:
-    """Directions of the last planar link with which a point can be reached (lecture L4).
+    """Directions of the last planar link with which a point can be reached.
 
     Attributes:
-        yaw_rad: The base yaw that goes with them; 0 for arms without.
+        yaw_rad: The base yaw of the interval; 0 for arms without.
         elbow: 0 or 1.
-        lower_rad: First direction, counted from the link's direction while all joints are zero.
-        upper_rad: Last direction, at most a full turn further.
+        lower_rad: First direction, measured from the link's direction while all joints are zero.
+        upper_rad: Last direction, at most a full revolution further.
     """
 
     yaw_rad: float
@@ -129,7 +129,7 @@ class DirectionInterval:
 
 @dataclass(frozen=True, slots=True)
 class DirectionArc:
-    """The directions from ``lower_rad`` to ``upper_rad``, at most a full turn further."""
+    """The directions from ``lower_rad`` to ``upper_rad``, at most a full revolution further."""
 
     lower_rad: float
     upper_rad: float
@@ -138,17 +138,17 @@ class DirectionArc:
         """Return the direction inside that is nearest α on the circle."""
         margin = min(_MARGIN_RAD, 0.5 * (self.upper_rad - self.lower_rad))
         low, high = self.lower_rad + margin, self.upper_rad - margin
-        if (turn := nearest_equivalent_angle(alpha_rad, low, high, alpha_rad)) is not None:
-            return turn
+        if (equivalent := nearest_equivalent_angle(alpha_rad, low, high, alpha_rad)) is not None:
+            return equivalent
         return min(low, high, key=lambda end: abs(wrap_angle(end - alpha_rad)))
 
 
 def nearest_direction(
     links: Sequence[complex], limits: Limits, m: complex, alpha_rad: float, start: Angles
 ) -> Iterator[Angles]:
-    """Yield, for each elbow and each arc, the angles whose direction is nearest the wanted α.
+    """Yield, for each elbow and each arc, the angles whose direction is nearest the target α.
 
-    Where an elbow can have the wanted direction itself, that is its only answer.
+    If an elbow can have the target direction itself, only that is yielded for it.
     """
     wanted = elbow_solutions(links, limits, m, alpha_rad, start)
     yield from (angles for angles in wanted if angles is not None)
@@ -169,19 +169,21 @@ def allowed_arcs(
     Args:
         links: The three links while all angles are zero.
         limits: Lower and upper limit of each angle.
-        m: The wanted point, from the first joint.
+        m: The target point, from the first joint.
 
     Returns:
         The arcs of the elbow with φ2 >= 0, and those of the elbow with φ2 <= 0.
     """
-    # Where no end is known, any direction is as good as 0 to look from: all are open, or none.
+    # Without known ends, direction 0 is sampled: all directions are open, or none.
     ends = sorted({wrap_angle(alpha) for alpha in _possible_ends(links, limits, m)}) or [0.0]
     following = [*ends[1:], ends[0] + FULL_TURN_RAD]
     middles = [0.5 * (a + b) for a, b in zip(ends, following, strict=True)]
     at_ends = [_allowed_elbows(links, limits, m, alpha) for alpha in ends]
     between = [_allowed_elbows(links, limits, m, alpha) for alpha in middles]
     first, second = (
-        _open_arcs(ends, [looks[elbow] for looks in at_ends], [looks[elbow] for looks in between])
+        _open_arcs(
+            ends, [samples[elbow] for samples in at_ends], [samples[elbow] for samples in between]
+        )
         for elbow in (0, 1)
     )
     return first, second
@@ -250,7 +252,7 @@ def _allowed_elbows(
 def elbow_solutions(
     links: Sequence[complex], limits: Limits, m: complex, alpha_rad: float, start: Angles
 ) -> tuple[Angles | None, Angles | None]:
-    """Return both elbows with the last link turned by α, each None where limits forbid it."""
+    """Return both elbows with the last link at α, each None if limits forbid it."""
     l1, l2, l3 = links
     found = solve_planar_3r(l1, l2, l3, m, alpha_rad)
     if not found:
@@ -260,7 +262,7 @@ def elbow_solutions(
 
 _STEPS = 20
 _STEP_END_RAD = 1e-6
-# Where to look first beside the start's own direction, as parts of the arc.
+# Samples beside the start's own direction, as fractions of the arc.
 _SAMPLES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 
 
@@ -281,14 +283,14 @@ def _nearest_on_arc(
     arc: DirectionArc,
     start: Angles,
 ) -> Iterator[Angles]:
-    """Yield the angles that minimise ``|θ(α) - θ_start|²`` on one arc, from the best look."""
+    """Yield the angles that minimise ``|θ(α) - θ_start|²`` on one arc, from the best sample."""
 
     def at(alpha_rad: float) -> Angles | None:
         return elbow_solutions(links, limits, m, arc.clamp_direction(alpha_rad), start)[elbow]
 
     span = arc.upper_rad - arc.lower_rad
-    looks = (sum(start), *(arc.lower_rad + part * span for part in _SAMPLES))
-    found = [angles for angles in map(at, looks) if angles is not None]
+    samples = (sum(start), *(arc.lower_rad + part * span for part in _SAMPLES))
+    found = [angles for angles in map(at, samples) if angles is not None]
     if not found:
         return
     best, scale = min(found, key=lambda angles: _squared_distance(angles, start)), 1.0
@@ -307,7 +309,7 @@ def _nearest_on_arc(
 def _step_towards(links: Sequence[complex], angles: Angles, start: Angles) -> float:
     """Return the change of α that brings the angles nearest the start, to first order.
 
-    The links v1, v2, v3 as they stand close with the wanted point; keeping it, the angles change
+    The rotated links v1, v2, v3 close with the target point; keeping it, the angles change
     along ``t = (v2×v3, -v1×v3 - v2×v3, v1×v2 + v1×v3)``, and α with the sum of t, v1×v2.
     """
     heading, v = 1.0 + 0j, list[complex]()
@@ -338,7 +340,7 @@ def nearest_planar_angles(
         links: The links while all angles are zero.
         limits: Lower and upper limit of each angle.
         m: A point out of reach, from the first joint.
-        start: Which turn of an angle to prefer.
+        start: Of equivalent angles the one nearest to it is preferred.
     """
     candidates = (
         within_limits(angles, limits, start)
@@ -350,7 +352,7 @@ def nearest_planar_angles(
 
 
 def _fixed_positions(limit: tuple[float, float]) -> tuple[float | None, ...]:
-    """Return where a joint may stand: free (None), or at one of its limits."""
+    """Return the possible positions of a joint: free (None), or at one of its limits."""
     return (None, *filter(math.isfinite, limit))
 
 
@@ -371,14 +373,14 @@ def _rigid_pieces(links: Sequence[complex], held: Sequence[float | None]) -> lis
 
     The first piece is held by limits alone, in the coordinates of the base.
     """
-    pieces, turned = [0j], 0.0
+    pieces, rotation_rad = [0j], 0.0
     for link, angle in zip(links, held, strict=True):
         if angle is None:
             pieces.append(0j)
-            turned = 0.0
+            rotation_rad = 0.0
         else:
-            turned += angle
-        pieces[-1] += cmath.rect(1.0, turned) * link
+            rotation_rad += angle
+        pieces[-1] += cmath.rect(1.0, rotation_rad) * link
     return pieces
 
 

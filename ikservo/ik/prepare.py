@@ -1,8 +1,8 @@
 """Prepare a solve: pack chain and options for the kernel, choose start configurations.
 
 Joints that do not influence a target keep their start position: joints behind the frame, and
-joints on whose axis the wanted point lies. A search that starts elsewhere, or leaves a saddle,
-would move them with all others, and nothing would lead them back.
+joints whose axis contains the target point. A search that starts elsewhere, or leaves a saddle,
+would move them with all others, and nothing would move them back.
 """
 
 from __future__ import annotations
@@ -63,40 +63,42 @@ def prepare_seeds(
     q: Matrix,
     frame: str | None,
     offset_m: Vector | None,
-    turn: Matrix,
+    R_frame_tool: Matrix,
     *,
     swinging: bool,
 ) -> Matrix:
-    """Return joints (m, dof) as columns (dof + SEED_SIZE, m).
+    """Return joints (m, dof) as seed columns (dof + SEED_SIZE, m).
 
     Args:
         chain: The arm.
         arm: The arm, packed.
         q: Starting points inside the limits (m, dof).
-        frame: The link that shall go there.
+        frame: The link to move there.
         offset_m: The point of it.
-        turn: R_frame_tool (3, 3).
-        swinging: Whether the search may swing the first joint to where the tool comes nearest.
+        R_frame_tool: R_frame_tool (3, 3).
+        swinging: Whether the search may rotate the first joint to where the tool comes nearest.
     """
     n, first = chain.dof, int(arm[1, COLUMN])
-    half_rad, stood = 0.0, q.copy()
+    half_rad, start = 0.0, q.copy()
     if swinging and arm[0, FIRST_INDEPENDENT] == 1.0:
         middle, half_rad = _half_range(float(chain.lower_rad[first]), float(chain.upper_rad[first]))
-        stood[:, first] = middle
-    T = chain.forward(stood, frame, offset_m)
+        start[:, first] = middle
+    T = chain.forward(start, frame, offset_m)
     base = arm[1, ROTATION : ROTATION + 9].reshape(3, 3)
     p = (T[:, :3, 3] - arm[1, POSITION : POSITION + 3]) @ base
     columns = np.zeros((n + SEED_SIZE, len(q)))
     columns[:n], marks = q.T, columns[n:]
-    marks[SEED_ROTATION : SEED_ROTATION + 9] = (base.T @ T[:, :3, :3] @ turn).reshape(-1, 9).T
+    marks[SEED_ROTATION : SEED_ROTATION + 9] = (
+        (base.T @ T[:, :3, :3] @ R_frame_tool).reshape(-1, 9).T
+    )
     marks[SEED_POSITION : SEED_POSITION + 3], marks[SEED_RADIUS2] = p.T, np.sum(p * p, axis=1)
-    marks[SEED_Q1] = stood[:, first]
+    marks[SEED_Q1] = start[:, first]
     marks[SEED_COS_Q1], marks[SEED_SIN_Q1] = math.cos(half_rad), math.sin(half_rad)
     return columns
 
 
 def _half_range(lower_rad: float, upper_rad: float) -> tuple[float, float]:
-    """Return the middle of a joint's swing and how far it goes to either side, at most a turn."""
+    """Return the middle of a joint's range and half its width, at most half a revolution."""
     if upper_rad - lower_rad >= 2.0 * math.pi:
         return min(max(0.0, lower_rad + math.pi), upper_rad - math.pi), math.pi
     return 0.5 * (lower_rad + upper_rad), 0.5 * (upper_rad - lower_rad)
@@ -105,7 +107,7 @@ def _half_range(lower_rad: float, upper_rad: float) -> tuple[float, float]:
 def seeds(chain: Chain, count: int) -> Matrix:
     """Return (count, dof) joint vectors inside the limits: the middle, then an even filling.
 
-    The sequence is the same every time: the same question gets the same answer.
+    The sequence is the same every time, so that results are reproducible.
 
     Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: point i is
     ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dof + 1) = φ + 1``.
@@ -117,7 +119,7 @@ def seeds(chain: Chain, count: int) -> Matrix:
 
 
 def _sampling_limits(chain: Chain) -> tuple[Vector, Vector]:
-    """Return the limits (dof,) each, of more than a turn the one that is nearest to zero."""
+    """Return the limits (dof,) each, of more than a revolution the one nearest to zero."""
     low, high = chain.lower_rad.copy(), chain.upper_rad.copy()
     wide = (high - low > math.tau) & [kind is not JointType.PRISMATIC for kind in chain.kinds]
     wide |= ~np.isfinite(low) | ~np.isfinite(high)
@@ -150,7 +152,7 @@ _MAX_PREPARED = 16
 
 
 class TargetKind(IntEnum):
-    """What a target asks for; the numbers are the kernels'."""
+    """The kind of a target; the numbers are the kernels'."""
 
     POSITION = 0
     DIRECTION = 1
@@ -158,13 +160,13 @@ class TargetKind(IntEnum):
 
 
 def check_chain(chain: object) -> None:
-    """Raise BadValueError where something else is given for a chain."""
+    """Raise BadValueError if this is no chain."""
     if not isinstance(chain, Chain):
         raise BadValueError("The chain", repr(chain), 'a Chain, as in load_model("so101").chain')
 
 
 def check_options(options: object) -> None:
-    """Raise BadValueError where something else is given for options."""
+    """Raise BadValueError if these are no options."""
     if not isinstance(options, Options):
         raise BadValueError("The options", repr(options), "Options, as in Options(restarts=20)")
 
@@ -195,11 +197,11 @@ def load_kernel() -> Callable[..., int]:
 
 
 class SolverBuffers:
-    """The memory in which one question at a time is worked on; one for each thread.
+    """The work arrays of one solve at a time; one for each thread.
 
     Attributes:
-        question: (m, 12) wanted position, then rotation row by row.
-        start: (m, dof) where to start.
+        question: (m, 12) target position, then rotation row by row.
+        start: (m, dof) start joints.
         answer: (m, 2 dof + 9), see ``kernel.layout``.
         trace: (t, dof) iterates.
     """
@@ -213,20 +215,20 @@ class SolverBuffers:
         self.trace: Matrix = np.zeros((traced, dof))
 
 
-# A joint that moves the point this little [m/rad], or turns its axis, does nothing: the tip of an
+# A joint that moves the point this little [m/rad], or rotates its axis, does nothing: the tip of an
 # arm with a calibrated roll is further from the axis of that roll.
 _NOTHING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class IdleJoint:
-    """A joint that stays, and its range.
+    """A joint that keeps its position, and its range.
 
     Attributes:
-        column: Its place in q.
+        column: Its index in q.
         lower: Lower limit, rad or m.
         upper: Upper limit.
-        period: A turn, after which it stands the same; infinite for a slide.
+        period: A full revolution; infinite for a prismatic joint.
     """
 
     column: int
@@ -235,31 +237,36 @@ class IdleJoint:
     period: float
 
     def resting_position(self, start: float) -> float:
-        """Return the start, or the value inside the limits that is the same or the nearest."""
+        """Return the start, or the equivalent or nearest value inside the limits."""
         if start > self.upper and math.isfinite(self.period):
-            turned = start - self.period * math.ceil((start - self.upper) / self.period)
-            return turned if turned >= self.lower else self.upper
+            equivalent = start - self.period * math.ceil((start - self.upper) / self.period)
+            return equivalent if equivalent >= self.lower else self.upper
         if start < self.lower and math.isfinite(self.period):
-            turned = start + self.period * math.ceil((self.lower - start) / self.period)
-            return turned if turned <= self.upper else self.lower
+            equivalent = start + self.period * math.ceil((self.lower - start) / self.period)
+            return equivalent if equivalent <= self.upper else self.lower
         return min(max(start, self.lower), self.upper)
 
 
 def idle_joints(
-    chain: Chain, frame: str | None, offset_m: Vector | None, axis: Vector | None, *, whole: bool
+    chain: Chain,
+    frame: str | None,
+    offset_m: Vector | None,
+    axis: Vector | None,
+    *,
+    orientation: bool,
 ) -> tuple[IdleJoint, ...]:
-    """Return the joints that move neither the point nor what else is wanted of it.
+    """Return the joints that move neither the point nor its target orientation.
 
     Args:
         chain: The arm.
         frame: The link; the tip if None.
         offset_m: The point (3,) of it; its origin if None.
-        axis: An axis (3,) of the link whose direction is wanted, or None.
-        whole: Whether the whole orientation is wanted.
+        axis: An axis (3,) of the link with a target direction, or None.
+        orientation: Whether the whole orientation is a target.
     """
     T, J = chain.forward_and_jacobian(ordinary_postures(chain.dof), frame, offset_m)
     moving = _moving_joints(J[:, :3])
-    if whole:
+    if orientation:
         moving |= _moving_joints(J[:, 3:])
     elif axis is not None:
         pointing = (T[:, :3, :3] @ axis)[:, :, None]
@@ -268,7 +275,7 @@ def idle_joints(
 
 
 def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
-    """Return which joints (dof,) do anything in rows (looks, 3, dof)."""
+    """Return which joints (dof,) move anything in rows (samples, 3, dof)."""
     return np.abs(rows).max(axis=(0, 1)) > _NOTHING
 
 
@@ -280,14 +287,14 @@ def _make_idle_joint(chain: Chain, column: int) -> IdleJoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PackedProblem:
-    """An arm with one point of it, as the kernels read them.
+    """An arm and one point of it, packed for the kernels.
 
-    It must not hold the chain, which is the key that it is kept under: neither would ever go.
+    It must not contain the chain, its key in the cache: neither would ever be freed.
 
     Attributes:
         arm: The packed chain.
         seeds: Starting points beside the caller's (dof + SEED_SIZE, m).
-        idle: The joints that stay where they are, by the kind of target.
+        idle: The joints that keep their position, by the kind of target.
     """
 
     frame: str | None
@@ -299,8 +306,10 @@ class PackedProblem:
 
     def make_seeds(self, chain: Chain, q: Matrix, *, swinging: bool = True) -> Matrix:
         """Return joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernel.layout``."""
-        turn = np.eye(3) if self.tool_axis is None else rotation_z_to(self.tool_axis)
-        return prepare_seeds(chain, self.arm, q, self.frame, self.offset_m, turn, swinging=swinging)
+        R_frame_tool = np.eye(3) if self.tool_axis is None else rotation_z_to(self.tool_axis)
+        return prepare_seeds(
+            chain, self.arm, q, self.frame, self.offset_m, R_frame_tool, swinging=swinging
+        )
 
 
 def pack_problem(
@@ -310,7 +319,7 @@ def pack_problem(
     tool_axis: Vector | None,
     restarts: int,
 ) -> PackedProblem:
-    """Return the arm made ready for so many starting points; the last few are kept."""
+    """Return the arm packed for so many starting points; the last few are cached."""
     key = (None if frame is None else str(frame), _array_bytes(offset_m), _array_bytes(tool_axis))
     kept = _prepared.setdefault(chain, {})
     ready = kept.get(key)
@@ -330,14 +339,14 @@ def _find_idle_joints(
     chain: Chain, frame: str | None, offset_m: Vector | None, tool_axis: Vector | None
 ) -> Mapping[TargetKind, tuple[IdleJoint, ...]]:
     return {
-        TargetKind.POSITION: idle_joints(chain, frame, offset_m, None, whole=False),
-        TargetKind.DIRECTION: idle_joints(chain, frame, offset_m, tool_axis, whole=False),
-        TargetKind.POSE: idle_joints(chain, frame, offset_m, None, whole=True),
+        TargetKind.POSITION: idle_joints(chain, frame, offset_m, None, orientation=False),
+        TargetKind.DIRECTION: idle_joints(chain, frame, offset_m, tool_axis, orientation=False),
+        TargetKind.POSE: idle_joints(chain, frame, offset_m, None, orientation=True),
     }
 
 
 def pack_settings(kind: TargetKind, dof: int, options: Options) -> Vector:
-    """Return the rules of a search as the kernels read them, see ``kernel.layout``."""
+    """Return the settings of a search as the kernels read them, see ``kernel.layout``."""
     tolerance = options.tolerance
     return np.array(
         [

@@ -31,15 +31,15 @@ _ROTATION_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A position for a point of the arm, with a direction or an orientation if wanted.
+    """A position for a point of the arm, with an optional direction or orientation.
 
     Attributes:
-        position_m: Where the point shall be (3,), metres, arm's base frame.
-        direction: Where the tool axis shall point (3,), base frame; any length but zero.
-        orientation: The whole orientation R_world_tool (3, 3); not together with direction.
+        position_m: Target position of the point (3,), metres, arm's base frame.
+        direction: Target direction of the tool axis (3,), base frame; any length but zero.
+        orientation: Target orientation R_world_tool (3, 3); not together with direction.
         frame: The link the point belongs to; the tip if None.
         offset_m: The point in that link's coordinates (3,), metres; its origin if None.
-        tool_axis: The axis (3,) in the link's coordinates that ``direction`` speaks of.
+        tool_axis: The axis (3,) in the link's coordinates for ``direction``.
 
     Raises:
         BadValueError: A number is not finite, a shape is wrong, an axis has no length, the
@@ -63,12 +63,12 @@ class Target:
 
     @cached_property
     def position(self) -> Vector:
-        """Return the wanted position (3,) [m]."""
+        """Return the target position (3,) [m]."""
         return check_position(self.position_m, "The target position")
 
     @cached_property
     def wanted_axis(self) -> Vector | None:
-        """Return the wanted direction of the tool axis as a unit vector (3,), or None."""
+        """Return the target direction of the tool axis as a unit vector (3,), or None."""
         return None if self.direction is None else normalise(self.direction, "The wanted direction")
 
     @cached_property
@@ -78,32 +78,32 @@ class Target:
 
     @cached_property
     def rotation(self) -> Matrix | None:
-        """Return the wanted orientation (3, 3), or None."""
+        """Return the target orientation (3, 3), or None."""
         return None if self.orientation is None else _check_rotation(self.orientation)
 
     @property
     def only_position(self) -> bool:
-        """Return True when any orientation of the tool will do."""
+        """Return whether the orientation of the tool is free."""
         return self.direction is None and self.orientation is None
 
     def orientation_error(self, R_world_tool: Matrix) -> Vector:
-        """Return the rotation vector (3,) [rad] from the tool's pose to the wanted one."""
+        """Return the rotation vector (3,) [rad] from the tool's orientation to the target."""
         if self.rotation is not None:
             return log_so3(self.rotation @ R_world_tool.T)
         if self.wanted_axis is not None:
-            return _turn_between(R_world_tool @ self.axis, self.wanted_axis)
+            return _rotation_between(R_world_tool @ self.axis, self.wanted_axis)
         return np.zeros(3)
 
 
-def _turn_between(a: Vector, b: Vector) -> Vector:
-    """Return the shortest rotation vector (3,) that takes unit vector a to unit vector b."""
+def _rotation_between(a: Vector, b: Vector) -> Vector:
+    """Return the shortest rotation vector (3,) that rotates unit vector a to unit vector b."""
     normal = np.cross(a, b)
     sin, cos = math.sqrt(float(normal @ normal)), float(a @ b)
     if sin < 1e-12:
         # Parallel: nothing to do. Opposite: any axis across a is as short as another.
         return np.zeros(3) if cos > 0 else math.pi * _perpendicular_vector(a)
-    turn: Vector = normal * (math.atan2(sin, cos) / sin)
-    return turn
+    rotation: Vector = normal * (math.atan2(sin, cos) / sin)
+    return rotation
 
 
 def _perpendicular_vector(a: Vector) -> Vector:
@@ -118,15 +118,15 @@ def _check_frame(frame: object) -> None:
 
 
 def check_position(v: ArrayLike, what: str) -> Vector:
-    """Return a point (3,) [m] of one's own; BadValueError where it is none or beyond 1 km."""
+    """Return a copy of a point (3,) [m]; BadValueError if it is none or beyond 1 km."""
     point = finite_vector(v, 3, what)
     if float(np.abs(point).max()) > MAX_POSITION_M:
         raise BadValueError(what, point.tolist(), "metres, within 1 km")
-    return point.copy()  # what the caller does with theirs later is no part of the question
+    return point.copy()  # later changes by the caller must not change the target
 
 
 def normalise(v: ArrayLike, what: str) -> Vector:
-    """Return a direction (3,) with length one; BadValueError where it has none."""
+    """Return a direction (3,) with length one; BadValueError if it has none."""
     vector = finite_vector(v, 3, what)
     length = math.hypot(*vector.tolist())
     if length < 1e-12:
@@ -146,19 +146,19 @@ def _check_rotation(R: ArrayLike) -> Matrix:
 
 
 DEFAULT_RESTARTS = 400
-"""How many starting points a search tries at most, if nobody says otherwise."""
+"""Default maximum number of starting points of a search."""
 
 _FULL_POSE_DOF = 6
-# More starting points than this are a slip of the pen: their table would fill the memory.
+# More starting points than this are a mistake: their table would fill the memory.
 _MAX_COUNT = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How close counts as reached.
+    """The largest errors that count as reached.
 
     Raises:
-        BadValueError: No number above 0.
+        BadValueError: A value is not a number above 0.
     """
 
     position_m: float = 1e-5
@@ -171,11 +171,11 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """A configuration to lean towards where the target leaves freedom (lecture L10).
+    """A preferred configuration where the target leaves freedom.
 
     Attributes:
         q: The preferred joints (dof,), rad or m.
-        weights: How strongly each leans (dof,); 0 leaves a joint alone.
+        weights: The weight of each (dof,); 0 leaves a joint free.
     """
 
     q: ArrayLike
@@ -184,21 +184,21 @@ class Posture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Options:
-    """What every method is given beside the question.
+    """The options of every method.
 
     Attributes:
         tolerance: How close counts as reached.
-        restarts: How many starting points to try at most, the given one first; the lecture's
-            methods know no other than that.
-        max_iterations: How many steps from one start; None for the method's own.
-        posture: What to lean towards; methods without a null space ignore it.
-        trace: Whether the result shall carry every iterate.
+        restarts: Maximum number of starting points, the given one first; the Jacobian
+            methods use only that.
+        max_iterations: Maximum steps from one start; None for the method's own.
+        posture: Preferred configuration; methods without a null space ignore it.
+        trace: Whether the result contains every iterate.
         position_first: Whether the position is met exactly, and the orientation as well as what
             remains allows, rather than both weighed; None for arms with fewer than six joints.
-        turn_weight_m_rad: How many metres of position error a radian is worth (``bounded``).
-        track: One walk from the start, never past a limit, never to another branch (``bounded``).
-        nearest: Whether to look for the solution nearest the start where there are several
-            (``auto``); without, the first that is found is the answer.
+        turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
+        track: One start, never past a limit, never to another branch (``bounded``).
+        nearest: Whether to search the solution nearest the start if there are several
+            (``auto``); without, the first that is found is returned.
     """
 
     tolerance: Tolerance = field(default_factory=Tolerance)

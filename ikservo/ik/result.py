@@ -52,14 +52,14 @@ _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four"}
 class SolutionSet:
     """How many solutions a target has inside the limits.
 
-    Joints that do not move the point, and full turns of a joint, make no solutions of their own.
+    Joints that do not move the point, and full revolutions of a joint, add no solutions.
 
     Attributes:
-        kind: ``none`` found, the only ``one``, one of ``several``, one of a ``family`` that goes
-            on continuously, or ``unknown`` where this is one and nobody knows of others.
+        kind: ``none`` found, the only ``one``, one of ``several``, one of a continuous
+            ``family``, or ``unknown`` if this is one and others are not known.
         count: How many solutions, or branches of a family; None where that is not known.
         freedom: How many parameters the family has; 0 without.
-        directions: The directions that the last of three links may have in a family (lecture L4).
+        directions: The directions that the last of three links may have in a family.
     """
 
     kind: Literal["none", "one", "several", "family", "unknown"]
@@ -68,7 +68,7 @@ class SolutionSet:
     directions: tuple[DirectionInterval, ...] = ()
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Describe it."""
         if self.kind == "none":
             return "no solution found"
         if self.kind == "one":
@@ -84,7 +84,7 @@ class SolutionSet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolvedProblem:
-    """What a result answers: the arm, the target, and how to find the other solutions."""
+    """The arm and the target of a result, and how to find the other solutions."""
 
     chain: Chain
     target: Target
@@ -93,19 +93,19 @@ class SolvedProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """A solution, or the closest that the limits allow (lecture L5).
+    """A solution, or the closest that the limits allow.
 
     Attributes:
         q: Joint vector (dof,), rad or m, always inside the limits.
         reached: Whether position and orientation are within the tolerance.
-        position_error_m: Distance from the wanted point.
-        orientation_error_rad: Angle from the wanted direction or orientation; 0 if none wanted.
+        position_error_m: Distance from the target point.
+        orientation_error_rad: Angle from the target direction or orientation; 0 if none.
         binding: The limits that hold the arm back; empty when reached.
         iterations: Steps taken, restarts included.
-        nearest_m: Where the point is at ``q`` (3,), metres, base frame.
+        nearest_m: The point at ``q`` (3,), metres, base frame.
         method: The solver that found it.
-        trace: Every iterate (dof,), the start first, where it was asked for.
-        question: What was asked; None for the answers of a prepared solver.
+        trace: Every iterate (dof,), the start first, if requested.
+        question: The solved problem; None for results of a prepared solver.
     """
 
     q: Vector
@@ -121,7 +121,7 @@ class Result:
 
     @property
     def solutions(self) -> SolutionSet:
-        """Tell whether there are other solutions; computed when it is read, in some ms."""
+        """Whether there are other solutions; computed when it is read, in some ms."""
         if not self.reached:
             return SolutionSet("none", 0)
         if self.question is None:
@@ -130,27 +130,27 @@ class Result:
 
     @property
     def conditioning(self) -> Conditioning | None:
-        """Measure how freely the point moves at ``q``; None where the question is not known."""
+        """The mobility of the point at ``q``; None if the problem is not known."""
         if self.question is None:
             return None
-        asked = self.question.target
-        return conditioning(self.question.chain, self.q, asked.frame, asked.offset_m)
+        target = self.question.target
+        return conditioning(self.question.chain, self.q, target.frame, target.offset_m)
 
     @property
     def singularity(self) -> Singularity | None:
-        """Look for the singular posture nearest to ``q``, some tens of ms; None if none is found.
+        """The singular posture nearest to ``q``, some tens of ms; None if none is found.
 
-        Where more than a position is wanted, one in which the link cannot turn counts as well.
+        If the target is more than a position, a lost rotation of the link counts as well.
         """
         if self.question is None:
             return None
-        asked = self.question.target
+        target = self.question.target
         return nearest_singularity(
             self.question.chain,
             self.q,
-            asked.frame,
-            asked.offset_m,
-            rotation=not asked.only_position,
+            target.frame,
+            target.offset_m,
+            rotation=not target.only_position,
         )
 
 
@@ -164,19 +164,19 @@ def evaluate(
     iterations: int,
     trace: tuple[Vector, ...] = (),
 ) -> Result:
-    """Return what joints (dof,) inside the limits are worth against a target."""
+    """Return the result of joints (dof,) inside the limits for a target."""
     T, J = chain.forward_and_jacobian(q, target.frame, target.offset_m)
-    gap_m, turn_rad = target.position - T[:3, 3], target.orientation_error(T[:3, :3])
-    position_error_m, orientation_error_rad = _vector_norm(gap_m), _vector_norm(turn_rad)
+    gap_m, rotation_rad = target.position - T[:3, 3], target.orientation_error(T[:3, :3])
+    position_error_m, orientation_error_rad = _vector_norm(gap_m), _vector_norm(rotation_rad)
     met = position_error_m <= tolerance.position_m
     reached = met and orientation_error_rad <= tolerance.orientation_rad
-    pull = J[3:].T @ turn_rad if met else J[:3].T @ gap_m
+    gradient = J[3:].T @ rotation_rad if met else J[:3].T @ gap_m
     return Result(
         q=q,
         reached=reached,
         position_error_m=position_error_m,
         orientation_error_rad=orientation_error_rad,
-        binding=() if reached else _binding_limits(chain, q, pull),
+        binding=() if reached else _binding_limits(chain, q, gradient),
         iterations=iterations,
         nearest_m=T[:3, 3],
         method=method,
@@ -185,7 +185,7 @@ def evaluate(
 
 
 def is_closer(a: Result, b: Result, tolerance: Tolerance) -> bool:
-    """Return whether a is the better answer: by position first, then by orientation."""
+    """Return whether a is the better result: by position first, then by orientation."""
     return _rank_result(a, tolerance) < _rank_result(b, tolerance)
 
 
@@ -193,13 +193,13 @@ def _rank_result(result: Result, tolerance: Tolerance) -> tuple[float, float]:
     return max(0.0, result.position_error_m - tolerance.position_m), result.orientation_error_rad
 
 
-def _binding_limits(chain: Chain, q: Vector, pull: Vector) -> tuple[ActiveLimit, ...]:
-    """Name the joints that stand at a limit and would go on if they could."""
+def _binding_limits(chain: Chain, q: Vector, gradient: Vector) -> tuple[ActiveLimit, ...]:
+    """Return the joints at a limit that the error pulls further."""
     found: list[ActiveLimit] = []
     for i, name in enumerate(chain.names):
-        if q[i] <= chain.lower_rad[i] and pull[i] < 0:
+        if q[i] <= chain.lower_rad[i] and gradient[i] < 0:
             found.append(ActiveLimit(name, "lower"))
-        elif q[i] >= chain.upper_rad[i] and pull[i] > 0:
+        elif q[i] >= chain.upper_rad[i] and gradient[i] > 0:
             found.append(ActiveLimit(name, "upper"))
     return tuple(found)
 

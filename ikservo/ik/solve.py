@@ -26,7 +26,7 @@ __all__ = ["METHODS", "Method", "get_method", "in_millimetres", "solve"]
 
 
 Method = Callable[[Chain, Target, Vector, Options], Result]
-"""Chain, target, start (dof,) anywhere, options: an answer inside the limits."""
+"""Chain, target, start (dof,) anywhere, options: a result inside the limits."""
 
 METHODS: Mapping[str, Method] = {
     "bounded": bounded,
@@ -38,12 +38,12 @@ METHODS: Mapping[str, Method] = {
 
 
 def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
-    """Ask ``bounded``, which is compiled; where it finds no way, ask the closed form besides.
+    """Run ``bounded``, which is compiled; if it fails, also try the closed form.
 
-    What it finds is exchanged for a solution nearer to the start, where one is known or found.
+    Its solution is replaced by one nearer to the start, if one is known or found.
 
-    A search that may not restart or leave its branch is ``bounded``'s alone. Towards a posture
-    ``pseudo_inverse`` goes on from the solution.
+    A search that may not restart or leave its branch uses ``bounded`` alone. With a posture
+    ``pseudo_inverse`` continues from the solution.
     """
     found = bounded(chain, target, q0, options)
     if found.reached and options.posture is not None and not options.track:
@@ -59,10 +59,10 @@ def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
 
 
 def get_method(name: str) -> Method:
-    """Return the method of that name; ``auto`` is the one that suits the arm.
+    """Return the method of that name; ``auto`` selects by arm and result.
 
     Raises:
-        UnknownNameError: There is none; those that there are, are listed.
+        UnknownNameError: There is none; the existing ones are listed.
     """
     if name == "auto":
         return auto
@@ -87,32 +87,32 @@ def solve(
     track: bool = False,
     nearest: bool = True,
 ) -> Result:
-    """Find joints inside the limits that bring the point to the target (lecture L5, L13).
+    """Find joints inside the limits that bring the point to the target.
 
     With fewer than six joints the position comes first: it is met exactly where the limits
     allow, and the orientation as well as what remains allows.
 
     Args:
         chain: The arm; its limits are never left, not even by one ulp.
-        target: What is wanted.
-        q0: Where to start (dof,), rad or m; may lie outside the limits. The middle if None.
+        target: The target.
+        q0: The start (dof,), rad or m; may be outside the limits. The middle if None.
         method: ``auto`` or one of ``METHODS``.
-        tolerance: How close counts as reached.
-        restarts: How many starting points to try at most, the given one first.
-        max_iterations: How many steps from one start; the method's own number if None.
-        posture: A configuration to lean towards where the target leaves freedom (``auto`` and
+        tolerance: The largest errors that count as reached.
+        restarts: Maximum number of starting points, the given one first.
+        max_iterations: Maximum steps from one start; the method's own number if None.
+        posture: A preferred configuration where the target leaves freedom (``auto`` and
             ``pseudo_inverse``; the other methods have no null space and ignore it).
-        trace: Whether the result shall carry every iterate.
+        trace: Whether the result contains every iterate.
         position_first: Whether the position is met exactly, and the orientation as well as what
             remains allows; if None for arms with fewer than six joints. Else both are weighed.
-        turn_weight_m_rad: How many metres of position error a radian is worth (``bounded``).
-        track: Follow a path: one walk from ``q0``, never to another branch (``bounded``).
-        nearest: Look for the solution nearest to ``q0`` where there are several (``auto``): among
+        turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
+        track: Follow a path: one start at ``q0``, never to another branch (``bounded``).
+        nearest: Search the solution nearest to ``q0`` if there are several (``auto``): among
             those of the closed form where the arm has one, else from some starts around ``q0``.
             ``False`` takes the first that is found, in a twentieth of the time.
 
     Returns:
-        The solution, or the nearest point that was found and the limits that bind there.
+        The solution, or the nearest posture that was found and its active limits.
 
     Raises:
         BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or there is
@@ -156,7 +156,7 @@ def in_millimetres(chain: Chain, position_m: Sequence[float]) -> str:
         position_m: A point (3,) that the arm does not reach as metres.
 
     Returns:
-        Nothing where the arm does not reach it as millimetres either.
+        Nothing if the arm does not reach it as millimetres either.
     """
     point = np.asarray(position_m, dtype=float)
     if float(np.abs(point).max()) < _FAR_M:

@@ -32,22 +32,22 @@ from ikservo.kinematics.arrays import Vector
 __all__ = ["BranchMemory", "Solver"]
 
 
-# A start this near to the last answer goes on from there.
+# A start this near to the last result continues its path.
 _SAME_RAD = 0.01
-# So far from a straight pose it is clear to which side it bends, and joints that are free besides
-# are led back, too: at their limits they would be in the way later.
+# So far from a straight pose the bending side is unambiguous, and redundant joints are moved back,
+# too: at their limits they would block later.
 _MIN_BEND_RAD = 0.3
 
 
 class BranchMemory:
-    """What one path was like before its target went out of reach.
+    """The posture of a path before its target went out of reach.
 
-    Out of reach an arm stretches until it is straight, and straight it bends to either side as
-    well. The walk to the first target within reach again therefore begins a little towards the
-    last joints that reached theirs.
+    Out of reach an arm stretches until it is straight, from where it can bend to either side. The
+    search for the first target within reach again therefore starts a little towards the last
+    joints that reached theirs.
 
     Args:
-        dof: How many joints there are.
+        dof: Number of joints.
     """
 
     def __init__(self, dof: int) -> None:
@@ -55,16 +55,16 @@ class BranchMemory:
         self._out = False
 
     def is_beyond_reach(self, q0: ArrayLike) -> bool:
-        """Return whether a path that stands at ``q0`` (dof,) is out of reach by now."""
+        """Return whether a path at ``q0`` (dof,) is out of reach at present."""
         return self._out and self._is_same_path(q0)
 
     def start_joints(self) -> Vector:
-        """Return where to walk from (dof,) to a target that is within reach again."""
+        """Return the start (dof,) for a target that is within reach again."""
         back: Vector = np.clip(self._bent - self._last, -_MIN_BEND_RAD, _MIN_BEND_RAD)
         return self._last + back
 
     def update(self, q0: ArrayLike, q: Vector, *, reached: bool) -> None:
-        """Take the answer ``q`` (dof,) to a question of a path that stood at ``q0`` (dof,)."""
+        """Update with the solution ``q`` (dof,) found from ``q0`` (dof,)."""
         if reached:
             self._bent[:] = q
         elif not self._is_same_path(q0):
@@ -76,26 +76,26 @@ class BranchMemory:
 
 
 class Solver:
-    """A question prepared once and asked in a loop; one object for each thread.
+    """A solver prepared once for calls in a loop; one object for each thread.
 
-    Calling it is ``solve(…, nearest=False)``: it begins at ``q0`` and starts again elsewhere where
-    that leads nowhere. Joints that do not move the point stay at ``q0``. ``track`` follows a path:
-    it walks from ``q0`` only, never jumps to another branch, and where a limit blocks it goes as
-    near as it can. A path that goes on from the last answer and stretched the arm straight comes
-    back on the side that it went out by.
+    A call is ``solve(…, nearest=False)``: it starts at ``q0`` and restarts elsewhere if that fails.
+    Joints that do not move the point stay at ``q0``. ``track`` follows a path: it searches from
+    ``q0`` only, never jumps to another branch, and moves as near as it can if a limit blocks. A
+    path that continues from the last result and has stretched the arm straight returns on the
+    side from which it came.
 
     Args:
         chain: The arm.
-        kind: What of the wanted pose counts: its position, also the direction of the tool axis,
-            or all of it.
-        tool_axis: The axis (3,) in the frame's coordinates that "direction" speaks of.
-        frame: The link that shall go there; the tip if None.
+        kind: What of the pose counts: its position, also the direction of the tool axis, or all of
+            it.
+        tool_axis: The axis (3,) in the frame's coordinates for "direction".
+        frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.
-        tolerance: How close counts as reached.
-        options: How hard to try and what comes first; has a tolerance of its own.
+        tolerance: The largest errors that count as reached.
+        options: Search limits and priorities; has a tolerance of its own.
 
     Raises:
-        BadValueError: An axis or offset makes no sense.
+        BadValueError: An axis or offset is invalid.
         UnknownNameError: No such kind or frame.
     """
 
@@ -132,7 +132,7 @@ class Solver:
         self._side, self._asked = BranchMemory(chain.dof), False
 
     def __repr__(self) -> str:
-        """Return what is asked of which chain."""
+        """Return the kind of target and the chain."""
         return f"Solver(kind={self.kind!r}, {self.chain.dof} joints to {self.chain.tip!r})"
 
     def __call__(
@@ -165,10 +165,10 @@ class Solver:
 
     @property
     def result(self) -> Result:
-        """Return the whole answer to the last question: what is left, which limits bind.
+        """Return the whole result of the last call: errors and active limits.
 
         Raises:
-            BadValueError: Nothing was asked yet.
+            BadValueError: There was no call yet.
         """
         if not self._asked:
             raise BadValueError("The last question", "none", "a call before its result")
@@ -213,7 +213,7 @@ class Solver:
         self._worker.start[0] = start
 
     def _raise_invalid(self, T: ArrayLike, q0: ArrayLike) -> NoReturn:
-        """Say what is wrong with a question that the kernel did not accept."""
+        """Raise the error for a target that the kernel did not accept."""
         start = finite_vector(q0, self.chain.dof, "q0")
         if float(np.abs(start).max()) > MAX_ANGLE_RAD:
             raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
@@ -221,7 +221,7 @@ class Solver:
         raise BadValueError("The rotation of T_world_tool", "none", "R Rᵀ = 1 and det R = 1")
 
     def _check_out(self, out: Vector) -> None:
-        """Raise BadValueError where the joints cannot be written as they are."""
+        """Raise BadValueError if the joints cannot be written to it."""
         array = np.asarray(out)
         if array is not out or array.shape != self._shape or array.dtype != np.float64:
             raise BadValueError("out", f"{out!r}", f"an array of floats of shape {self._shape}")

@@ -1,13 +1,13 @@
 """Geometric subproblems: a cos + b sin = c, circles, rotations about two and three axes.
 
 The plane is a (3, 3) ``frame`` with rows e1, e2, n: a vector is e1 + i e2 *along* the plane and n
-*across* it. Turning the parallel joints of the arm never changes what is across, which is why yaw
+*across* it. Rotating the parallel joints of the arm never changes what is across, which is why yaw
 and roll can be found before them.
 
 With the yaw φ and the roll ψ two equations must hold together::
 
-    M(φ) = w(ψ)     the wanted point and the tool point are equally far across the plane
-    d(φ) = a(ψ)     the wanted direction and the tool axis lean equally far out of it
+        M(φ) = w(ψ)     the target point and the tool point are equally far across the plane
+        d(φ) = a(ψ)     the target direction and the tool axis have equal parts across it
 
 Both sides are linear in cos and sin, so that eliminating φ leaves an equation of fourth degree
 in e^{iψ}.
@@ -27,9 +27,9 @@ from ikservo.kinematics.se3 import exp_so3, skew
 
 __all__ = [
     "FULL_TURN_RAD",
+    "LIMIT_TOLERANCE_RAD",
     "NO_FREEDOM",
     "ROUNDED",
-    "SLACK",
     "AxisRotation",
     "CircleTrace",
     "EulerAngles",
@@ -44,9 +44,9 @@ __all__ = [
 
 
 FULL_TURN_RAD = 2.0 * math.pi
-# Rounding may push a solution that stands on a limit past it by this much [rad]; it is put back,
+# Rounding may move a solution at a limit past it by this much [rad]; it is clamped,
 # which moves the tool by less than a nanometre.
-SLACK = 1e-9
+LIMIT_TOLERANCE_RAD = 1e-9
 # A cosine this far past one is a point on the boundary, met by rounding.
 _EDGE = 1e-10
 # An amplitude [m or 1] this small means that the angle does not matter.
@@ -68,22 +68,26 @@ def clamped_acos(cosine: float) -> float | None:
 def nearest_equivalent_angle(
     angle_rad: float, lower: float, upper: float, near_rad: float
 ) -> float | None:
-    """Return the turn of an angle, angle + 2πk, inside the limits and nearest ``near_rad``.
+    """Return the equivalent angle, angle + 2πk, inside the limits and nearest ``near_rad``.
 
-    None where no turn of it is inside.
+    None if there is none inside.
     """
-    turn = angle_rad + FULL_TURN_RAD * round((near_rad - angle_rad) / FULL_TURN_RAD)
-    if turn > upper:
-        turn -= FULL_TURN_RAD * math.ceil((turn - upper - SLACK) / FULL_TURN_RAD)
-    elif turn < lower:
-        turn += FULL_TURN_RAD * math.ceil((lower - turn - SLACK) / FULL_TURN_RAD)
-    if lower - SLACK <= turn <= upper + SLACK:
-        return min(max(turn, lower), upper)
+    wrapped = angle_rad + FULL_TURN_RAD * round((near_rad - angle_rad) / FULL_TURN_RAD)
+    if wrapped > upper:
+        wrapped -= FULL_TURN_RAD * math.ceil(
+            (wrapped - upper - LIMIT_TOLERANCE_RAD) / FULL_TURN_RAD
+        )
+    elif wrapped < lower:
+        wrapped += FULL_TURN_RAD * math.ceil(
+            (lower - wrapped - LIMIT_TOLERANCE_RAD) / FULL_TURN_RAD
+        )
+    if lower - LIMIT_TOLERANCE_RAD <= wrapped <= upper + LIMIT_TOLERANCE_RAD:
+        return min(max(wrapped, lower), upper)
     return None
 
 
 def solve_acos_bsin(a: float, b: float, c: float) -> tuple[float, ...] | None:
-    """Return the angles θ with ``a cos θ + b sin θ = c``: two, none, or None where any will do."""
+    """Return the angles θ with ``a cos θ + b sin θ = c``: two, none, or None if any will do."""
     amplitude = math.hypot(a, b)
     if amplitude < _NEAR_ZERO:
         return None if abs(c) < _NEAR_ZERO else ()
@@ -114,21 +118,21 @@ class CircleTrace:
         return self.a0 + self.a1 * math.cos(theta_rad) + self.a2 * math.sin(theta_rad)
 
     def slope(self, theta_rad: float) -> float:
-        """Return how fast ``across`` changes with θ."""
+        """Return the derivative of ``across`` by θ."""
         return self.a2 * math.cos(theta_rad) - self.a1 * math.sin(theta_rad)
 
     def angles_at_normal(self, value: float) -> tuple[float, ...] | None:
-        """Return the angles at which ``across`` has the value; None where every angle has it."""
+        """Return the angles at which ``across`` has the value; None if every angle has it."""
         return solve_acos_bsin(self.a1, self.a2, value - self.a0)
 
     @property
     def amplitude(self) -> float:
-        """Return how far the circle leaves its middle across the plane."""
+        """Return the amplitude of the circle across the plane."""
         return math.hypot(self.a1, self.a2)
 
 
 class AxisRotation:
-    """Turns about one axis, prepared: ``R(θ) x = a (a·x) + cos θ (x - a (a·x)) + sin θ a × x``.
+    """Rotations about one axis, prepared: ``R(θ) x = a (a·x) + cos θ (x - a (a·x)) + sin θ a × x``.
 
     Without an axis nothing moves.
     """
@@ -147,11 +151,11 @@ class AxisRotation:
             self._shift[:3] += frame @ point
 
     def trace_point(self, x: Vector) -> CircleTrace:
-        """Return the orbit of a point (3,), m."""
+        """Return the circle of a point (3,), m."""
         return _make_trace(self._map @ x + self._shift)
 
     def trace_vector(self, v: Vector) -> CircleTrace:
-        """Return the orbit of a vector (3,)."""
+        """Return the circle of a vector (3,)."""
         return _make_trace(self._map @ v)
 
 
@@ -172,7 +176,7 @@ def _make_trace(rows: Vector) -> CircleTrace:
 NO_FREEDOM = 1e-6
 # Published axes are rounded to about 1e-5 rad: straight down is straight down for every yaw.
 ROUNDED = 1e-5
-# A root of the quartic may stand this far beside the unit circle where two roots nearly agree.
+# A root of the quartic may be this far beside the unit circle where two roots nearly agree.
 _BESIDE_CIRCLE = 1e-3
 _NEWTON_STEPS = 4
 _RESIDUAL = 1e-11
@@ -206,7 +210,7 @@ def _solve_with_fixed_roll(
 ) -> Iterator[tuple[float, float]]:
     phi, psi = held_rad
     angles = M.angles_at_normal(w.normal_part(psi))
-    if angles is None:  # the point is on the axis of yaw: only the direction can tell
+    if angles is None:  # the point is on the axis of yaw: only the direction decides
         angles = d.angles_at_normal(a.normal_part(psi))
     yield from ((angle, psi) for angle in ((phi,) if angles is None else angles))
 
@@ -261,7 +265,7 @@ def _is_same_pair(one: tuple[float, float], other: tuple[float, float]) -> bool:
     return all(abs(wrap_angle(p - q)) < _ONE_PAIR for p, q in zip(one, other, strict=True))
 
 
-# A vector this close to its axis of turning has no angle about it.
+# A vector this close to its axis of rotation has no angle about it.
 _NO_EULER_ANGLE = 1e-9
 
 
@@ -275,10 +279,10 @@ class EulerAngles:
         self._a_by_b = AxisRotation(self._across_c, -b).trace_vector(a)
 
     def __call__(self, R: Matrix, near_alpha_rad: float) -> Iterator[tuple[float, float, float]]:
-        """Yield both ways to turn by R (3, 3), none where the axes do not allow it.
+        """Yield both solutions for R (3, 3), none if the axes do not allow it.
 
         ``a·R c = a·Rb(β) c`` gives β; what R c and R⁻¹ a then lack about a and c gives α and γ.
-        Where c ends along a only α + γ (or α - γ) is determined, and α stays as near.
+        If c ends along a, only α + γ (or α - γ) is determined, and α is ``near_alpha_rad``.
         """
         Rc, Ra = self._across_a @ (R @ self._c), self._across_c @ (R.T @ self._a)
         for beta in self._c_by_b.angles_at_normal(float(Rc[2])) or ():
@@ -290,8 +294,8 @@ class EulerAngles:
             yield alpha, beta, cmath.phase(self._a_by_b.in_plane_part(beta) / complex(Ra[0], Ra[1]))
 
     def _last(self, R: Matrix, alpha: float, beta: float) -> float:
-        """Return γ: by how much Rc(γ) = Rb(β)⁻¹ Ra(α)⁻¹ R turns a vector across c."""
+        """Return γ: the angle by which Rc(γ) = Rb(β)⁻¹ Ra(α)⁻¹ R rotates a vector across c."""
         u = self._across_c[0]
-        turned = exp_so3(-beta * self._b) @ exp_so3(-alpha * self._a) @ R @ u
-        e1, e2, _ = self._across_c @ turned
+        rotated = exp_so3(-beta * self._b) @ exp_so3(-alpha * self._a) @ R @ u
+        e1, e2, _ = self._across_c @ rotated
         return float(np.arctan2(e2, e1))

@@ -58,9 +58,9 @@ class Workspace:
         return corner + cells.min(axis=0) * cell_m, corner + (cells.max(axis=0) + 1) * cell_m
 
     def contains(self, point_m: ArrayLike) -> bool:
-        """Return whether a point (3,) of the base frame lies in a reachable cell.
+        """Return whether a point (3,) of the base frame is in a reachable cell.
 
-        A point farther than half a cell from the plane of a slice lies in no cell of it.
+        A point farther than half a cell from the plane of a slice is in no cell of it.
         """
         return bool(self.contains_many([finite_vector(point_m, 3, "point_m")])[0])
 
@@ -70,7 +70,7 @@ class Workspace:
         return np.logical_and(exist, self.reachable[tuple(cells.T)])
 
     def mask(self, along: int = 2) -> NDArray[np.bool_]:
-        """Return what is reachable as seen along a grid axis; of a volume that is its shadow."""
+        """Return what is reachable as seen along a grid axis; of a volume its projection."""
         return np.any(self.reachable, axis=along)
 
     def outline(self, along: int = 2) -> tuple[Matrix, ...]:
@@ -85,7 +85,7 @@ class Workspace:
 
 
 def quasi_random_joints(chain: Chain, count: int) -> Matrix:
-    """Return ``count`` joint vectors (count, dof) inside the limits; full turns where free.
+    """Return ``count`` joint vectors (count, dof) inside the limits; within ±π if unlimited.
 
     An additive recurrence: point k is the fraction of ``k / g^j`` in joint j, with the root g of
     ``g^(dof+1) = g + 1``, the generalised golden ratio (Roberts 2018), which leaves no clusters.
@@ -98,7 +98,7 @@ def quasi_random_joints(chain: Chain, count: int) -> Matrix:
 
 
 def tip_positions(chain: Chain, q: Matrix) -> Matrix:
-    """Return where the tip is (n, 3), metres, at each of the joint vectors (n, dof)."""
+    """Return the tip positions (n, 3), metres, of joint vectors (n, dof)."""
     return chain.forward(q)[:, :3, 3]
 
 
@@ -110,12 +110,12 @@ def _golden_ratio(dimensions: int) -> float:
 
 
 Clear = Callable[[Matrix], NDArray[np.bool_]]
-"""From joint vectors (n, dof) to whether each may be taken (n,)."""
+"""From joint vectors (n, dof) to whether each is allowed (n,)."""
 
 _SLICE_CELL_M, _VOLUME_CELL_M = 0.005, 0.025
 _SAMPLES = 2**16
-# The start is a neighbouring cell's; a few others find the way round a limit. A volume has so
-# many cells on its border, each with several neighbours, that fewer will do.
+# The start is a neighbouring cell's; a few others get around a limit. A volume has so many cells on
+# its border, each with several neighbours, that fewer will do.
 _SLICE_RESTARTS, _VOLUME_RESTARTS = 8, 2
 _NEIGHBOURS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
@@ -129,20 +129,20 @@ def workspace(
 ) -> Workspace:
     """Find the cells that the tip can be in, inside the chain's limits.
 
-    Joint vectors that fill the limits evenly say where the tip can be at all; from those cells
-    the solver goes outwards: it is asked for the middle of every cell beside a reachable one.
-    An island of reach that holds no sample is missed.
+    Joint vectors that fill the limits evenly give the first reachable cells; from those the
+    solver continues outwards: it solves for the centre of every cell beside a reachable one. An
+    island of reach without a sample is missed.
 
     Args:
-        chain: The arm; its limits are the limits.
+        chain: The arm.
         T_world_plane: The frame (4, 4) in whose plane w = 0 to cut; None for the whole volume.
         cell_m: Edge of the cells; 5 mm for a slice and 25 mm for a volume if None.
         samples: How many joint vectors to try first.
-        clear: From joint vectors (n, dof) to whether each may be taken (n,), for example because
-            it is free of collisions; all may if None.
+        clear: From joint vectors (n, dof) to whether each is allowed (n,), for example because
+            it is free of collisions; all are if None.
 
     Raises:
-        BadValueError: The cells have no size, or would be too many.
+        BadValueError: The cells have no size, or are too many.
     """
     q = quasi_random_joints(chain, samples)
     tip_m = tip_positions(chain, q)
@@ -157,7 +157,7 @@ def workspace(
 
 
 class _FloodFill:
-    """What is known of each cell so far: whether it is reached, and with which joints."""
+    """Flood fill: whether each cell is reached so far, and with which joints."""
 
     def __init__(self, chain: Chain, grid: VoxelGrid, restarts: int, clear: Clear | None) -> None:
         self._chain, self._grid, self._options = chain, grid, Options(restarts=restarts)
@@ -178,9 +178,9 @@ class _FloodFill:
         return np.unique(cells[fresh], axis=0)
 
     def spread(self, cells: Cells) -> None:
-        """Ask for the cells around newly reached ones (n, 3) until no more are reached.
+        """Solve for the cells around newly reached ones (n, 3) until no more are reached.
 
-        A cell on the border is asked for from each of its neighbours: their joints differ.
+        A cell on the border is solved from each of its neighbours: their joints differ.
         """
         while len(cells):
             around, starts = self._open_neighbours(cells)

@@ -26,9 +26,9 @@ __all__ = [
 
 
 Cells = NDArray[np.intp]
-"""Whole-numbered places (n, 3) of cells in a grid."""
+"""Integer indices (n, 3) of cells in a grid."""
 
-# A slice or a volume of more cells than this is a slip of the unit, not a wish.
+# A slice or a volume of more cells than this is a wrong unit.
 _MAX_CELLS = 5_000_000
 
 
@@ -37,7 +37,7 @@ class VoxelGrid:
     """Cubes along the axes u, v, w of a frame.
 
     Attributes:
-        T_world_grid: The frame (4, 4) whose axes the cubes are laid along.
+        T_world_grid: The frame (4, 4) of the cubes.
         first_m: The outer corner (3,) of cell (0, 0, 0) in that frame, metres.
         shape: How many cells along u, v and w.
         cell_m: The edge of a cell.
@@ -61,7 +61,7 @@ class VoxelGrid:
         return world
 
     def cells_of(self, points_m: ArrayLike) -> tuple[Cells, NDArray[np.bool_]]:
-        """Return the cells (n, 3) that points (n, 3) lie in, and which of them exist (n,)."""
+        """Return the cells (n, 3) of points (n, 3), and which of them exist (n,)."""
         places = np.floor((self.to_grid(points_m) - self.first_m) / self.cell_m)
         exist: NDArray[np.bool_] = np.all((places >= 0) & (places < self.shape), axis=1)
         return np.where(exist[:, None], places, 0).astype(np.intp), exist
@@ -72,14 +72,14 @@ class VoxelGrid:
 
 
 def grid_around(points_m: Matrix, cell_m: float) -> VoxelGrid:
-    """Lay cubes along the base frame's axes, with room to spare around the points (n, 3)."""
+    """Return cubes along the base frame's axes, with a margin around the points (n, 3)."""
     frame = np.eye(4)
     lower, upper = _bounding_box(points_m, frame)
     return _make_grid(frame, lower, upper, cell_m)
 
 
 def slice_around(points_m: Matrix, T_world_plane: Matrix, cell_m: float) -> VoxelGrid:
-    """Lay one sheet of cubes whose middles are in the plane w = 0 of a frame (4, 4)."""
+    """Return one layer of cubes whose centres are in the plane w = 0 of a frame (4, 4)."""
     lower, upper = _bounding_box(points_m, T_world_plane)
     lower[2] = upper[2] = 0.0
     return _make_grid(T_world_plane, lower, upper, cell_m)
@@ -94,9 +94,9 @@ def _bounding_box(points_m: Matrix, frame: Matrix) -> tuple[Vector, Vector]:
 
 
 def _make_grid(frame: Matrix, lower: Vector, upper: Vector, cell_m: float) -> VoxelGrid:
-    """Fill the box with an odd number of cells each way, so that its middle is a cell's middle.
+    """Fill the box with an odd number of cells along each axis, so that a cell is centred.
 
-    What is flat, such as the reach of an arm in one plane, then lies in one sheet of cells.
+    A flat region, such as the reach of an arm in one plane, is then in one layer of cells.
     """
     if not (math.isfinite(cell_m) and cell_m > 0):
         raise BadValueError("cell_m", cell_m, "a length above 0")
@@ -124,47 +124,47 @@ def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
     """Return closed polygons (k, 2) around the True cells of (nu, nv), in cells.
 
     The set is on the left: islands run counterclockwise, holes clockwise. The first corner is
-    not repeated, and no corner lies on a straight line between its neighbours.
+    not repeated, and no corner is on a straight line between its neighbours.
     """
-    ways = _border_edges(mask)
+    edges = _border_edges(mask)
     loops: list[Matrix] = []
-    while ways:
-        loops.append(_drop_collinear_corners(_take_loop(ways)))
+    while edges:
+        loops.append(_drop_collinear_corners(_take_loop(edges)))
     return tuple(loops)
 
 
 def _border_edges(mask: NDArray[np.bool_]) -> dict[Corner, list[Corner]]:
-    """Return where the border leads from each corner."""
+    """Return the end corners of the border edges from each corner."""
     padded = np.pad(mask, 1)
-    ways: dict[Corner, list[Corner]] = {}
+    edges: dict[Corner, list[Corner]] = {}
     for (du, dv), start, end in _SIDES:
         open_side = mask & ~np.roll(padded, (-du, -dv), (0, 1))[1:-1, 1:-1]
         for u, v in np.argwhere(open_side).tolist():
-            ways.setdefault((u + start[0], v + start[1]), []).append((u + end[0], v + end[1]))
-    return ways
+            edges.setdefault((u + start[0], v + start[1]), []).append((u + end[0], v + end[1]))
+    return edges
 
 
-def _take_loop(ways: dict[Corner, list[Corner]]) -> list[Corner]:
-    """Take one loop out of the border."""
-    first = at = min(ways)
+def _take_loop(edges: dict[Corner, list[Corner]]) -> list[Corner]:
+    """Remove one loop from the border and return it."""
+    first = at = min(edges)
     loop: list[Corner] = []
     while not loop or at != first:
         loop.append(at)
-        onward = ways[at]
-        following = onward.pop()
-        if not onward:
-            del ways[at]
+        ends = edges[at]
+        following = ends.pop()
+        if not ends:
+            del edges[at]
         at = following
     return loop
 
 
 def _drop_collinear_corners(loop: list[Corner]) -> Matrix:
     corners = np.array(loop, dtype=np.float64)
-    turned = (np.roll(corners, -1, axis=0) - corners) != (corners - np.roll(corners, 1, axis=0))
-    return corners[turned.any(axis=1)]
+    is_corner = (np.roll(corners, -1, axis=0) - corners) != (corners - np.roll(corners, 1, axis=0))
+    return corners[is_corner.any(axis=1)]
 
 
-# A tool that hangs a little beside its arm's middle shall not turn the plane of the arm.
+# A tool slightly beside its arm's middle must not rotate the plane of the arm.
 _YAW_STEP_RAD = math.radians(15)
 
 
@@ -174,7 +174,7 @@ def side_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> M
     Args:
         chain: The arm.
         home: Joints (dof,) that point the arm where it usually works.
-        yaw_rad: Where the plane looks, about z; where ``home`` points if None.
+        yaw_rad: Direction of the plane, about z; that of ``home`` if None.
 
     Returns:
         T_world_plane (4, 4): u outward, v up, w across; u counts from the base's origin.

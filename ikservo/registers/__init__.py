@@ -1,4 +1,4 @@
-"""What a servo's memory means: one typed table per servo model."""
+"""Control tables: one typed table per servo model."""
 
 from __future__ import annotations
 

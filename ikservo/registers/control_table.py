@@ -21,7 +21,7 @@ __all__ = [
 
 
 class Alarm(StrEnum):
-    """Something a servo reports about itself; the value is what a person reads."""
+    """An alarm that a servo reports; the value is its text for the user."""
 
     VOLTAGE = "supply voltage outside its limits"
     ENCODER = "position sensor fault"
@@ -37,8 +37,8 @@ def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
 
     Args:
         bits: The byte as the servo gives it.
-        meaning: Bit number to alarm, from the servo's table. A bit that the sheet does not
-            name is reported as ``Alarm.UNKNOWN`` rather than passed over.
+        meaning: Bit number to alarm, from the servo's table. A bit that the datasheet does
+            not name is reported as ``Alarm.UNKNOWN``.
     """
     if not bits:
         return frozenset()
@@ -47,7 +47,7 @@ def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
 
 
 class Family(StrEnum):
-    """The dialect a servo speaks; the value is what arm.toml says."""
+    """Protocol family of a servo; the value is that of arm.toml."""
 
     FEETECH_STS = "feetech_sts"
     FEETECH_SCS = "feetech_scs"
@@ -56,7 +56,7 @@ class Family(StrEnum):
 
 
 class OperatingMode(IntEnum):
-    """What a Dynamixel X controls: its register ``operating_mode`` (e-manual, address 11)."""
+    """Control mode of a Dynamixel X: its register ``operating_mode`` (e-manual, address 11)."""
 
     CURRENT = 0
     VELOCITY = 1
@@ -67,7 +67,7 @@ class OperatingMode(IntEnum):
 
 
 class FeetechMode(IntEnum):
-    """What a Feetech STS controls: its register ``operating_mode`` (memory table, address 33)."""
+    """Control mode of a Feetech STS: its register ``operating_mode`` (memory table, address 33)."""
 
     POSITION = 0
     SPEED = 1
@@ -78,7 +78,7 @@ class FeetechMode(IntEnum):
 class RegisterName(StrEnum):
     """Registers that most families have, whatever their vendors call them.
 
-    ``bus.read(3, Role.PRESENT_VOLTAGE)`` finds ``present_voltage`` in a Feetech servo and
+    ``bus.read(3, RegisterName.PRESENT_VOLTAGE)`` finds ``present_voltage`` in a Feetech servo and
     ``present_input_voltage`` in a Dynamixel.
     """
 
@@ -107,22 +107,22 @@ class RegisterName(StrEnum):
 
 
 class ControlTable:
-    """The memory of one servo model; never instantiated.
+    """The control table of one servo model; never instantiated.
 
     Attributes:
         model_name: As on the case and in arm.toml.
-        number: What the servo's own model register says.
-        family: The dialect.
-        byte_order: Of words on the line.
-        ticks_per_turn: Counts of the present position in one whole turn of the horn; no whole
-            number where the sensor sees less than a turn.
+        number: Value of the servo's model register.
+        family: The protocol family.
+        byte_order: Of 16- and 32-bit values on the line.
+        ticks_per_turn: Counts of the present position in a full revolution of the horn; not an
+            integer if the sensor covers less than a revolution.
         baud_rates: Code in the baud rate register to bits a second.
         alarm_bits: Bit of the alarm register to its meaning.
-        eeprom_lock: The register that must be 0 for EEPROM writes to last, where the family has
-            one that can be opened again.
-        bulk_read: Protocol 1.0 only: the model knows the instruction.
-        missing: Roles that no register of the model fills.
-        non_idempotent: Raw writes never to be repeated after a lost answer, as (name, number).
+        eeprom_lock: The register that must be 0 for EEPROM writes to be stored, if the family has
+            one that can be unlocked again.
+        bulk_read: Protocol 1.0 only: the model supports the instruction.
+        missing: Register names that the model does not have.
+        non_idempotent: Raw writes never to be repeated after a lost reply, as (name, number).
         registers: Every register by its vendor's name, by address.
     """
 
@@ -170,7 +170,7 @@ class ControlTable:
 
     @classmethod
     def find(cls, wanted: Register | RegisterName) -> Register:
-        """Return this model's own register for a role, or of the same name as a register.
+        """Return this model's register of a name, or of the same name as a register.
 
         Raises:
             UnknownNameError: This model has no such register.
@@ -186,5 +186,5 @@ class ControlTable:
 
     @classmethod
     def decode_alarms(cls, bits: int) -> frozenset[Alarm]:
-        """Return what the bits of the alarm register mean."""
+        """Return the alarms in the bits of the alarm register."""
         return decode_alarms(bits, cls.alarm_bits)

@@ -37,12 +37,12 @@ UINT, SINT, SIGN10 = Unsigned(), TwosComplement(), SignMagnitude(10)
 AX_BAUD_RATES = {1: 1_000_000, 3: 500_000,  4: 400_000, 7: 250_000, 9: 200_000,
                  16: 115_200,  34: 57_600, 103: 19_200, 207: 9_600}
 MX_BAUD_RATES = AX_BAUD_RATES | {0: 2_000_000, 250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
-# Bits 1, 3, 4 and 6 of the error byte blame the question, not the servo.
+# Bits 1, 3, 4 and 6 of the error byte concern the request, not the servo.
 ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 5: Alarm.OVERLOAD}
 
 
 class AX12A(ControlTable):
-    """The old small one: 10-bit potentiometer over 300 degrees, alarms only in its answers."""
+    """Small servo: 10-bit potentiometer over 300 degrees, alarms only in its replies."""
 
     model_name = "AX-12A"
     number = 12
@@ -97,7 +97,7 @@ class AX12A(ControlTable):
 
 
 class MX28(ControlTable):
-    """The old middle one: 12-bit magnetic encoder, PID gains, bulk read."""
+    """Medium servo: 12-bit magnetic encoder, PID gains, bulk read."""
 
     model_name = "MX-28"
     number = 29

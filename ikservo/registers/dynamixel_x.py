@@ -36,7 +36,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 3: Alarm.ENCODER, 4: Alarm.SHOCK,
 
 
 class DynamixelX:
-    """What all X servos share: 12-bit encoder, little-endian words, two's complement."""
+    """Rows of all X servos: 12-bit encoder, little-endian, two's complement."""
 
     family = Family.DYNAMIXEL_2
     ticks_per_turn = 4096
@@ -80,7 +80,7 @@ class DynamixelX:
     bus_watchdog           = Register(  98, 1,  SINT, MS_20,        RW,  RAM,        0,      127)
     goal_pwm               = Register( 100, 2,  SINT, PWM_885,      RW,  RAM,     -885,      885)
     goal_velocity          = Register( 104, 4,  SINT, RPM_0_229,    RW,  RAM,    -1023,     1023)
-    # Milliseconds instead where bit 2 of drive_mode asks for time-based profiles.
+    # Milliseconds instead if bit 2 of drive_mode selects time-based profiles.
     profile_acceleration   = Register( 108, 4,  UINT, RPM2_214_577, RW,  RAM,        0,    32767)
     profile_velocity       = Register( 112, 4,  UINT, RPM_0_229,    RW,  RAM,        0,    32767)
     goal_position          = Register( 116, 4,  SINT, TICK_4096,    RW,  RAM, -1048575,  1048575)
@@ -168,7 +168,7 @@ class XM430W350(DynamixelX, ControlTable):
 
 
 class XM540W270(DynamixelX, ControlTable):
-    """The strong one of the shoulder; twice the current of its small sister."""
+    """Servo for shoulders, with twice the current of the XM430."""
 
     model_name = "XM540-W270"
     number = 1120

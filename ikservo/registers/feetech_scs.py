@@ -33,7 +33,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 5: Alarm.OVERLOAD}
 
 
 class FeetechSCS:
-    """What all SCS servos share: 10-bit potentiometer, big-endian words, no sync read."""
+    """Rows of all SCS servos: 10-bit potentiometer, big-endian, no sync read."""
 
     family = Family.FEETECH_SCS
     byte_order = "big"
@@ -93,14 +93,14 @@ class FeetechSCS:
 
 
 class SCS0009(FeetechSCS, ControlTable):
-    """The small one: 6 V, 2.3 kg·cm, 1024 steps over 300 degrees."""
+    """Small servo: 6 V, 2.3 kg·cm, 1024 steps over 300 degrees."""
 
     model_name = "SCS0009"
     number = 1284
 
 
 class SCS15(FeetechSCS, ControlTable):
-    """The one in standard size: 1024 steps over 200 degrees."""
+    """Standard-size servo: 1024 steps over 200 degrees."""
 
     model_name = "SCS15"
     number = 1295  # assumed: no sheet gives it

@@ -35,13 +35,13 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 1: Alarm.ENCODER, 2: Alarm.HEAT, 3: Alarm.CURREN
 
 
 class FeetechSTS:
-    """What all STS servos share: 12-bit magnetic encoder, little-endian words."""
+    """Rows of all STS servos: 12-bit magnetic encoder, little-endian."""
 
     family = Family.FEETECH_STS
     ticks_per_turn = 4096
     baud_rates = BAUD_RATES
     alarm_bits = ALARM_BITS
-    # 128 makes the present position tick 2048; repeated after a move it would mean another place.
+    # 128 makes the present position tick 2048; repeated after a move it would set another offset.
     non_idempotent = frozenset({("torque_enable", 128)})
 
     #                                addr size codec   unit        access area    raw range
@@ -97,7 +97,7 @@ class FeetechSTS:
     target_position       = Register(  67, 2,  SIGN15, TICK_4096,  RO,    RAM)
     present_current       = Register(  69, 2,  UINT,   MA_6_5,     RO,    RAM)
 
-    # The maker's own settings, behind the RAM; kept without power all the same
+    # The vendor's own settings, behind the RAM; stored without power, too
     moving_threshold      = Register(  80, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
     dts                   = Register(  81, 1,  UINT,   MS_1,       RW,    EEP,       0,   254)
     speed_unit            = Register(  82, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
@@ -122,7 +122,7 @@ class STS3215(FeetechSTS, ControlTable):
 
 
 class STS3250(FeetechSTS, ControlTable):
-    """Its 12 V sister with 50 kg·cm and steel gears."""
+    """12 V servo with 50 kg·cm and steel gears."""
 
     model_name = "STS3250"
     number = 2825

@@ -1,4 +1,4 @@
-"""One register of a control table: address, access, unit, and how its bits spell a number."""
+"""One register of a control table: address, access, unit, and the encoding of its number."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ __all__ = [
 
 
 class Codec(Protocol):
-    """Turns a number into the word that stands in memory, and back."""
+    """Encodes a number as an unsigned word in memory, and decodes it."""
 
     def to_word(self, number: int, size: int) -> int:
-        """Return the word of ``size`` bytes that stands for ``number``."""
+        """Return the word of ``size`` bytes that encodes ``number``."""
         ...
 
     def to_number(self, word: int, size: int) -> int:
-        """Return the number that a word of ``size`` bytes stands for."""
+        """Return the number that a word of ``size`` bytes encodes."""
         ...
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return the least and the greatest number a word of ``size`` bytes can hold."""
+        """Return the lowest and the highest number a word of ``size`` bytes can encode."""
         ...
 
 
@@ -55,18 +55,18 @@ class Unsigned:
 
 @dataclass(frozen=True, slots=True)
 class TwosComplement:
-    """Dynamixel protocol 2.0: the highest bit of the word weighs negative."""
+    """Dynamixel protocol 2.0: the highest bit of the word has negative weight."""
 
     def to_word(self, number: int, size: int) -> int:
         """Return the number modulo the word's span."""
         return number & (1 << 8 * size) - 1
 
     def to_number(self, word: int, size: int) -> int:
-        """Return the word, less its span where the highest bit is set."""
+        """Return the word, less its span if the highest bit is set."""
         return word - (1 << 8 * size) if word >> 8 * size - 1 else word
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return the one more negative and the positive half."""
+        """Return the negative and the positive half of the span."""
         half = 1 << 8 * size - 1
         return -half, half - 1
 
@@ -82,7 +82,7 @@ class SignMagnitude:
     bit: int
 
     def to_word(self, number: int, size: int) -> int:
-        """Return the magnitude, with the direction bit where the number is negative."""
+        """Return the magnitude, with the direction bit if the number is negative."""
         return 1 << self.bit | -number if number < 0 else number
 
     def to_number(self, word: int, size: int) -> int:
@@ -91,16 +91,16 @@ class SignMagnitude:
         return -magnitude if word >> self.bit & 1 else magnitude
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return the same magnitude to both sides; zero has two words."""
-        most = (1 << self.bit) - 1
-        return -most, most
+        """Return the same magnitude in both directions; zero has two words."""
+        highest = (1 << self.bit) - 1
+        return -highest, highest
 
 
 ByteOrder = Literal["little", "big"]
 
 
 class Access(Enum):
-    """Who may change a register."""
+    """Access to a register."""
 
     RO = "read-only"
     RW = "read and write"
@@ -124,15 +124,15 @@ class Register:
     Attributes:
         address: First byte.
         size: Bytes.
-        codec: How a signed number stands in the word.
-        unit: What one count is worth.
+        codec: The encoding of the number.
+        unit: The quantity of one count.
         access: Whether it can be written.
         area: EEPROM or RAM.
-        lower: Least raw number that may be written; by default the least that fits.
-        upper: Greatest raw number that may be written.
+        lower: Lowest raw number that may be written; by default the lowest possible.
+        upper: Highest raw number that may be written.
         name: The vendor's English name in snake_case, taken from the table's attribute.
-        byte_order: Taken from the table that holds the register.
-        range: The least and the greatest raw number that may be written.
+        byte_order: Taken from the table of the register.
+        range: The lowest and the highest raw number that may be written.
     """
 
     address: int
@@ -148,9 +148,9 @@ class Register:
     range: tuple[int, int] = field(init=False)
 
     def __post_init__(self) -> None:
-        least, most = self.codec.span(self.size)
-        lower = least if self.lower is None else self.lower
-        upper = most if self.upper is None else self.upper
+        lowest, highest = self.codec.span(self.size)
+        lower = lowest if self.lower is None else self.lower
+        upper = highest if self.upper is None else self.upper
         object.__setattr__(self, "range", (lower, upper))
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -161,7 +161,7 @@ class Register:
 
     @property
     def end(self) -> int:
-        """Return the first address behind the register."""
+        """Return the first address after the register."""
         return self.address + self.size
 
     @property
@@ -170,11 +170,11 @@ class Register:
         return self.access is Access.RW or self.area is Area.EEPROM
 
     def encode(self, raw: int) -> bytes:
-        """Return the bytes that stand for a raw number."""
+        """Return the bytes of a raw number."""
         return self.codec.to_word(raw, self.size).to_bytes(self.size, self.byte_order)
 
     def decode(self, data: bytes) -> int:
-        """Return the raw number that ``size`` bytes stand for."""
+        """Return the raw number in ``size`` bytes."""
         return self.codec.to_number(int.from_bytes(data, self.byte_order), self.size)
 
     def to_value(self, raw: int) -> float:

@@ -1,4 +1,4 @@
-"""What one step of a register is worth, in SI units."""
+"""Quantity of one count of a register, in SI units."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Unit:
 
     Attributes:
         symbol: The unit of the quantity, or empty for a plain number.
-        step: The quantity that one count stands for, or ``None`` for a plain number.
+        step: The quantity of one count, or ``None`` for a plain number.
     """
 
     symbol: str
@@ -30,7 +30,7 @@ class Unit:
 
 
 RPM = tau / 60  # rad/s
-"""One turn a minute in radians a second."""
+"""One revolution a minute in radians a second."""
 
 # fmt: off
 NUMBER       = Unit("",       None)           # a code, a gain, a set of bits
@@ -43,7 +43,7 @@ TICK_RATE_200 = Unit("rad/s", radians(200) / 1024)
 TICK_ACCEL   = Unit("rad/s²", 100 * tau / 4096)
 DECI_VOLT    = Unit("V",      0.1)
 CELSIUS      = Unit("°C",     1.0)
-PER_MILLE    = Unit("1",      0.001)          # of the most there is
+PER_MILLE    = Unit("1",      0.001)  # fraction of the maximum
 PER_1023     = Unit("1",      1 / 1023)
 PERCENT      = Unit("1",      0.01)
 US_2         = Unit("s",      2e-6)
@@ -57,7 +57,7 @@ PWM_885      = Unit("1",      1 / 885)        # 885 counts are the full supply v
 RPM_0_111    = Unit("rad/s",  0.111 * RPM)
 RPM_0_114    = Unit("rad/s",  0.114 * RPM)
 RPM_0_229    = Unit("rad/s",  0.229 * RPM)
-RPM2_214_577 = Unit("rad/s²", 214.577 * tau / 3600)  # 214.577 turns a minute squared
+RPM2_214_577 = Unit("rad/s²", 214.577 * tau / 3600)  # 214.577 revolutions a minute squared
 DEG_S2_8_583 = Unit("rad/s²", radians(8.583))
 MV_PER_MS    = Unit("V/s",    1.977)
 # fmt: on
