@@ -189,7 +189,7 @@ class CollisionChecker:
         fractions, gap_m = np.linspace(0.0, 1.0, len(path)), self._distances_with_sag(path, load)
         for _ in range(_MAX_HALVINGS):
             unresolved = self._unresolved_intervals(path, gap_m)
-            if not len(unresolved) or _touching_pairs(gap_m).any():
+            if not len(unresolved):
                 break
             between = 0.5 * (path[unresolved] + path[unresolved + 1])
             middle = 0.5 * (fractions[unresolved] + fractions[unresolved + 1])

@@ -52,6 +52,11 @@ def test_the_first_of_two_plates_between_two_samples_is_named():
         check([0.5, 4.5], plate(1.5, name="the near plate"), plate(3.5, name="the far plate"))
 
 
+def test_a_plate_that_is_found_later_and_lies_nearer_is_named():
+    with pytest.raises(RefusedError, match="the near plate"):
+        check([0.5, 4.5], plate(2.5, name="the far plate"), plate(1.5, name="the near plate"))
+
+
 def test_a_path_beside_a_plate_is_free_in_both_directions():
     for path_m in ([0.5, 1.39], [1.39, 0.5], [1.61, 2.5], [2.5, 1.61], [0.5, 1.39, 0.5]):
         check(path_m, plate(1.5))

@@ -38,6 +38,11 @@ def test_from_rest_joints_of_one_pace_go_straight_to_the_goal(start, goal):
     np.testing.assert_allclose(across, 0, atol=1e-6)
 
 
+def test_a_fast_motion_has_as_many_samples_as_its_distance_needs():
+    path = sample_path(lambda time_s: np.array([3.0 * time_s]), 2.0, 3.0)
+    assert len(path) == 1 + round(6.0 / MAX_SAMPLE_STEP_RAD)
+
+
 @given(joints, joints)
 def test_a_line_is_sampled_evenly_from_end_to_end(start, goal):
     path = sample_line(start, goal)
@@ -49,6 +54,10 @@ def test_a_slide_is_sampled_by_the_angle_of_its_horn():
     start, goal = np.zeros(2), np.array([0.1, 0.10])  # rad and m
     path = sample_line(start, goal, np.array([1.0, 0.01]))  # 10 rad of the slide's horn
     assert len(path) == 1 + round(10.0 / MAX_SAMPLE_STEP_RAD)
+
+
+def test_a_line_of_rotations_is_sampled_by_their_angle():
+    assert len(sample_line(np.zeros(2), np.array([0.2, -1.0]))) == 1 + 20
 
 
 def test_a_line_of_no_length_has_two_samples():
@@ -69,3 +78,8 @@ def test_a_dense_path_is_thinned_by_the_distance_travelled_not_by_where_it_ends(
     path = thin_path(there_and_back)
     assert path.max() > 1.0 - MAX_SAMPLE_STEP_RAD
     assert 40 <= len(path) <= 43
+
+
+def test_a_dense_path_keeps_one_row_a_step_though_one_joint_rests():
+    dense = np.column_stack([np.linspace(0.0, 1.0, 1001), np.zeros(1001)])
+    np.testing.assert_allclose(thin_path(dense)[:, 0], np.linspace(0.0, 1.0, 21), atol=0.0011)
