@@ -1,10 +1,10 @@
-"""Whole runs of ``calibrate --auto`` on a busy machine, one of them interrupted and gone on with.
+"""Complete runs of ``calibrate --auto`` on a busy machine, one of them interrupted and resumed.
 
-Run ``python tools/auto_campaign.py --load 6``: the arm is served limp on a pseudo-terminal in real
-time, and so many busy processes run beside it. The first run begins as the arm lies and is
-interrupted while a joint is driven to its stop: it must end with 130 and keep what it measured. A
-hand then brings the arm back into its pose; the second run must end with 0 and measure only the
-others. With ``--whole`` nothing is interrupted.
+Run ``python tools/auto_campaign.py --load 6``: the arm is served with torque off on a
+pseudo-terminal in real time, and so many busy processes run beside it. The first run starts from
+the arm's rest and is interrupted while a joint is driven to its stop: it must end with 130 and keep
+what it measured. A hand then moves the arm back into its pose; the second run must end with 0 and
+measure only the others. With ``--whole`` nothing is interrupted.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from served_arm import SERVE, Served, served
 import ikservo
 from ikservo.calibration.calibration_file import calibration_path, read_calibration
 
-STRONG = 60.0  # N m: such hands hold any arm
-INTERRUPTED_AT, MOST_RUNS = 5, 5  # an end of the third joint; as often as a person would try
+STRONG = 60.0  # N m: enough to hold any arm
+INTERRUPTED_AT, MOST_RUNS = 5, 5  # an end of the third joint; the maximum number of runs
 SEARCHING, KEPT, LET_GO = ": searching", "They are not measured again", "Torque is on."
 
 
@@ -41,12 +41,12 @@ class Run:
     duration_s: float
 
     def searched(self) -> int:
-        """Return how many ends were looked for."""
+        """Return how many ends were searched."""
         return sum(SEARCHING in line for line in self.lines)
 
 
 def calibrate(arm: Served, home: Path, interrupt_at: int | None = None) -> Run:
-    """Run the command; press Ctrl-C while the end of that number is looked for."""
+    """Run the command; press Ctrl-C during the search of the end of that number."""
     words = ["calibrate", arm.name, "--port", str(arm.port), "--auto", "--yes"]
     lines: list[str] = []
     begin_s = time.monotonic()
@@ -55,21 +55,21 @@ def calibrate(arm: Served, home: Path, interrupt_at: int | None = None) -> Run:
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "IKSERVO_HOME": str(home)},
     ) as process:  # fmt: skip
-        assert process.stderr is not None  # it was asked for
+        assert process.stderr is not None  # it is a pipe
         for line in process.stderr:
             lines.append(line.rstrip())
             print(f"  {time.monotonic() - begin_s:6.1f} s  {lines[-1]}", flush=True)
             if LET_GO in line:
                 release(arm)
             if SEARCHING in line and sum(SEARCHING in each for each in lines) == interrupt_at:
-                time.sleep(1.0)  # it is on its way
+                time.sleep(1.0)  # the search is under way
                 process.send_signal(signal.SIGINT)
     code = 128 - process.returncode if process.returncode < 0 else process.returncode  # as shells
     return Run(code, lines, time.monotonic() - begin_s)
 
 
 def hold_in_pose(arm: Served, pose: str = "rest") -> None:
-    """Switch torque off, and let strong hands bring the arm into a pose and hold it there."""
+    """Switch torque off, and let strong hands move the arm into a pose and hold it there."""
     words = ["relax", "--arm", arm.name, "--port", str(arm.port), "--yes"]
     subprocess.run([sys.executable, "-c", SERVE, "ikservo", *words], check=False)
     for joint, position in ikservo.load_model(arm.name).pose(pose).items():
@@ -79,16 +79,15 @@ def hold_in_pose(arm: Served, pose: str = "rest") -> None:
 
 
 def release(arm: Served) -> None:
-    """Take the hands away; where there are none nothing changes."""
+    """Remove the hands, if any."""
     for joint in ikservo.load_model(arm.name).joints:
         arm.ask({"do": "hand", "joint": joint.name, "release": True})
 
 
 def campaign(name: str, load: int, *, whole: bool) -> bool:
-    """Calibrate one arm; print what came of each joint, and return whether all went well.
+    """Calibrate one arm; print the result of each joint, and return whether all is well.
 
-    A run that fails is gone on with, as a person would, so that it shows what was kept; well is
-    only what needed no such help.
+    A run that fails is resumed, to show what was kept; all is well only if that was not needed.
     """
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -113,7 +112,7 @@ def campaign(name: str, load: int, *, whole: bool) -> bool:
 
 
 def told(run: Run) -> bool:
-    """Return whether a run went on with what another had measured."""
+    """Return whether a run continued from the measurements of another."""
     return any(KEPT in line for line in run.lines)
 
 

@@ -1,10 +1,10 @@
 """Recompute every ``<inertial>`` of the shipped arms from their masses and simple shapes.
 
-``python tools/inertias.py`` reports links whose numbers differ and leaves with 1;
-``python tools/inertias.py --write`` puts them right in place.
+``python tools/inertias.py`` reports links whose numbers differ and exits with 1;
+``python tools/inertias.py --write`` corrects them in place.
 
 The mass of a link is given in its file. A shape whose name ends in a servo model weighs what
-the datasheet says; the other shapes share what is left of the mass in proportion to their
+the datasheet gives; the other shapes divide the remaining mass in proportion to their
 volume. Each shape is solid and of even density.
 """
 
@@ -57,7 +57,7 @@ class Solid:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Check all arms, or write what is computed when asked to."""
+    """Check all arms, or write the computed values."""
     differing = [path for path in sorted(CONFIGS.glob("*/arm.urdf")) if is_stale(path)]
     for path in differing:
         print(f"{path.parent.name}: inertials differ from what the shapes give")
@@ -67,13 +67,13 @@ def main(argv: Sequence[str]) -> int:
 
 
 def is_stale(path: Path) -> bool:
-    """Say whether a file's inertials are not those of its shapes."""
+    """Return whether a file's inertials are not those of its shapes."""
     text = path.read_text()
     return rewritten(text) != text
 
 
 def rewritten(urdf: str) -> str:
-    """Return the text of an URDF with every ``<inertial>`` computed anew."""
+    """Return the text of an URDF with every ``<inertial>`` recomputed."""
     for link in ET.fromstring(urdf).iter("link"):
         if link.find("inertial") is not None:
             urdf = _with_inertial(urdf, link.attrib["name"], inertial_lines(link))

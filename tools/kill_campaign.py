@@ -1,8 +1,8 @@
-"""Programs that die in the middle of a motion: how far the arm still goes, and the next start.
+"""Programs killed in the middle of a motion: remaining travel of the arm, and the next start.
 
 Run ``python tools/kill_campaign.py --kills 200``. An arm is served by ``ikservo sim`` on a
 pseudo-terminal in real time; ``ikservo move`` runs against it and is sent a signal at a random
-instant. What the joints did is read past every driver, through the simulator's control socket.
+instant. The joints' motion is read without any driver, through the simulator's control socket.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ import ikservo
 SIGNALS = {"KILL": signal.SIGKILL, "INT": signal.SIGINT, "TERM": signal.SIGTERM,
            "HUP": signal.SIGHUP}  # fmt: skip
 MOST_TRAVEL, MOST_JUMP = 60, 2  # ticks
-REST_S = 0.7  # after which every joint stands
+REST_S = 0.7  # after which every joint is at rest
 STOPPED = 130
 
 
 @dataclass
 class Tally:
-    """What became of the signals sent to one arm.
+    """The results of the signals sent to one arm.
 
     Attributes:
-        travels: The furthest that a joint still went, each time, ticks, from a look right before
-            the signal.
-        later: The same from a look right after it: what went on in between is in one of the two.
+        travels: The maximum remaining travel of a joint, each time, ticks, from a sample right
+            before the signal.
+        later: The same from a sample right after it: motion in between is in one of the two.
         jumps: The furthest that a joint moved at the next start.
-        moving: How many signals met a moving arm.
+        moving: How many signals reached a moving arm.
         let_go: How often a servo had no torque afterwards.
         failed: How often the next program could not start.
-        goals: How many the servos were told.
+        goals: Number of goals sent to the servos.
         outside: How many of these were outside the servos' limits.
         codes: Exit codes of programs that could catch the signal.
     """
@@ -58,7 +58,7 @@ class Tally:
     codes: list[int] = field(default_factory=list[int])
 
     def words(self, name: str, signal_name: str) -> str:
-        """Return one line for a person."""
+        """Return one line of text."""
         return (
             f"{name}: {len(self.travels)} x SIG{signal_name}, {self.moving} in motion; travel "
             f"after it at most {max(self.travels)} ticks, "
@@ -71,7 +71,7 @@ class Tally:
         )
 
     def good(self, signal_name: str) -> bool:
-        """Whether the promise was kept; a program that can brake travels while it does."""
+        """Whether the limit was kept; a program that can brake travels while it does."""
         short = signal_name != "KILL" or max(self.travels) <= MOST_TRAVEL
         return (
             short
@@ -81,7 +81,7 @@ class Tally:
 
 
 def strike(arm: Served, number: int, dice: random.Random, tally: Tally) -> None:
-    """Start a motion, send it a signal at a random instant, look, and start anew."""
+    """Start a motion, send it a signal at a random instant, observe, and start again."""
     child = begun(arm, dice)
     time.sleep(dice.uniform(0.15, 2.5))
     before_s, before = time.monotonic(), arm.ticks()

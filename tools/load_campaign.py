@@ -2,7 +2,7 @@
 
 Run ``python tools/load_campaign.py --runs 20 --load 6``: so many busy processes run beside the
 simulator, which is served on a pseudo-terminal in real time, and beside the program that moves the
-arm. Each run is a program of its own, as a person starts it; it must end with exit code 0.
+arm. Each run is a program of its own, as a user starts it; it must end with exit code 0.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.auto_calibration import probe_end_stop
 
-WISHES_S, RATE_HZ = 4.0, 60.0
+FOLLOW_S, RATE_HZ = 4.0, 60.0
 AWAY_M = 0.04
 SEARCHED = {"so101": "gripper", "koch": "gripper"}
 Task = Callable[[Arm], bool]
@@ -46,7 +46,7 @@ def line(arm: Arm) -> bool:
 
 
 def follow(arm: Arm) -> bool:
-    """Follow wishes on a circle that come at 60 Hz."""
+    """Follow setpoints on a circle at 60 Hz."""
     centre = arm.where().tip_m
     report = arm.follow(_circle(centre), speed="fast")
     well = report.ended == "end of the targets" and report.refused == 0
@@ -56,7 +56,7 @@ def follow(arm: Arm) -> bool:
 
 
 def search(arm: Arm) -> bool:
-    """Drive one joint gently towards where it is stopped, as ``calibrate --auto`` does."""
+    """Drive one joint gently towards its stop, as ``calibrate --auto`` does."""
     joint = SEARCHED[arm.model.name]
     workings, bus = arm.workings, _bus_of(arm)
     low, _ = workings.limits()
@@ -78,18 +78,18 @@ def _there_and_back(arm: Arm) -> list[Vector]:
 
 
 def _circle(centre: Vector) -> Iterator[Vector | None]:
-    """Yield a wish whenever the next one is due at 60 Hz, else None."""
+    """Yield a setpoint whenever the next one is due at 60 Hz, else None."""
     begin_s, told = time.monotonic(), -1
-    while (now_s := time.monotonic() - begin_s) < WISHES_S:
+    while (now_s := time.monotonic() - begin_s) < FOLLOW_S:
         due = int(now_s * RATE_HZ)
-        angle = math.tau * due / RATE_HZ / WISHES_S
+        angle = math.tau * due / RATE_HZ / FOLLOW_S
         turned = np.array([0.0, math.sin(angle), 1.0 - math.cos(angle)])
         yield centre + 0.5 * AWAY_M * turned if due != told else None
         told = due
 
 
 def attempt(arm: Served, task: Task) -> int:
-    """Do a task in a program of its own; return its exit code: 0 done, 1 done badly."""
+    """Run a task in its own process; return its exit code: 0 success, 1 failure."""
     try:
         with open_arm(arm.name, port=str(arm.port), collisions=False) as machine:
             machine.pose("home")

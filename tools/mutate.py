@@ -7,7 +7,7 @@
 Each mutant is one change: a comparison, a sign, a constant, a condition, a statement left out. It
 is put in place of the original in a forked process, and the tests that call what is changed run
 there until one fails. Survivors are printed with their place and difference; the exit code is 1 if
-there are any. Those that no test can see are excused, with the reason, in
+there are any. Equivalent mutants are excused, with the reason, in
 ``tools/mutation/excused.py``.
 """
 
@@ -29,7 +29,7 @@ _MOST = "tests of so many seconds in all for each mutant, the likeliest to fail 
 
 
 def main() -> int:
-    """Run all mutants of the chosen packages and say how many were killed."""
+    """Run all mutants of the chosen packages and print how many were killed."""
     given = _options()
     survivors = 0
     if not given.list:

@@ -1,8 +1,8 @@
-"""Programs that are suspended in the middle of a motion, and go on: SIGSTOP, then SIGCONT.
+"""Programs suspended in the middle of a motion and resumed: SIGSTOP, then SIGCONT.
 
 Run ``python tools/pause_campaign.py --pauses 100``; see ``served_arm.py`` for how an arm is
-served and looked at. What goes wrong where a motion is resumed shows as a long step between two
-goals, which the simulator's own audit has.
+served and observed. An error in resuming a motion is visible as a long step between two goals in
+the simulator's own audit.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from served_arm import Served, apart, begun, forked, served, somewhere, start_an
 
 import ikservo
 
-ENDED_WELL, HELD_UP = 0, 8  # Dynamixels have stopped themselves, which is refused to be made up for
+ENDED_WELL, HELD_UP = 0, 8  # Dynamixels have stopped themselves; the motion is refused
 LONGEST_S, SLACK = 0.05, 1.2  # of a step; docs/faults.md
 
 
 @dataclass
 class Pauses:
-    """What became of the pauses of one arm.
+    """The results of the pauses of one arm.
 
     Attributes:
-        travels: How far a joint still went while its program was suspended, each time, ticks.
-        codes: How the programs ended.
+        travels: How far a joint still moved while its program was suspended, each time, ticks.
+        codes: Exit codes of the programs.
         failed: How often the next program could not start.
     """
 
@@ -44,7 +44,7 @@ class Pauses:
 
 
 def pause(arm: Served, dice: random.Random, pauses: Pauses) -> None:
-    """Suspend a program at a random instant for a random time, let it end, and start anew."""
+    """Suspend a program at a random instant for a random time, let it end, and start the next."""
     child = begun(arm, dice)
     time.sleep(dice.uniform(0.15, 2.0))
     before = arm.ticks()
@@ -65,7 +65,7 @@ def longest_ticks(name: str) -> float:
 
 
 def campaign(name: str, count: int, seed: int) -> bool:
-    """Suspend programs that move one arm, print what became of it, and say whether it was well."""
+    """Suspend programs that move one arm, print the results, and return whether all is well."""
     dice, pauses = random.Random(seed), Pauses()
     model = ikservo.load_model(name)  # the solver is compiled once, before anything is timed
     ikservo.solve(model.chain, ikservo.Target(somewhere(name, dice)))

@@ -37,11 +37,11 @@ class Served:
     audit: Path
 
     def state(self) -> list[dict[str, Any]]:
-        """Return what the simulator knows about each servo."""
+        """Return the simulator's state of each servo."""
         return self.ask({"do": "state"})["servos"]
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Send the simulator a request; return its answer."""
+        """Send the simulator a request; return its response."""
         with socket.socket(socket.AF_UNIX) as line:
             line.connect(str(self.control))
             line.sendall(json.dumps(request).encode() + b"\n")
@@ -62,7 +62,7 @@ class Served:
 
 @contextmanager
 def served(name: str, folder: Path, pose: str = "home") -> Generator[Served]:
-    """Serve an arm, limp in a pose at first, until the block ends."""
+    """Serve an arm, first in a pose with torque off, until the block ends."""
     arm = Served(name, *(folder / f"{name}.{part}" for part in ("port", "control", "audit")))
     words = ["sim", name, "--link", str(arm.port), "--control", str(arm.control), "--pose", pose,
              "--audit", str(arm.audit)]  # fmt: skip
@@ -70,7 +70,7 @@ def served(name: str, folder: Path, pose: str = "home") -> Generator[Served]:
         [sys.executable, "-c", SERVE, "ikservo", *words],
         stdout=subprocess.PIPE, text=True, start_new_session=True,
     ) as server:  # fmt: skip
-        assert server.stdout is not None  # it was asked for
+        assert server.stdout is not None  # it is a pipe
         server.stdout.readline()
         try:
             yield arm
@@ -79,7 +79,7 @@ def served(name: str, folder: Path, pose: str = "home") -> Generator[Served]:
 
 
 def forked(do: Callable[[], int], *, quiet: bool = True) -> int:
-    """Do something in a process of its own; return its id."""
+    """Run a function in its own process; return its id."""
     child = os.fork()
     if child:
         return child
@@ -119,7 +119,7 @@ def start_anew(arm: Served) -> int:
 
 
 def somewhere(name: str, dice: random.Random) -> list[float]:
-    """Return a point that the arm reaches, not far from its home pose."""
+    """Return a point in the arm's reach, not far from its home pose."""
     model = ikservo.load_model(name)
     home = model.chain_pose("home")
     q = [x + dice.uniform(-0.8, 0.8) for x in home]
@@ -129,5 +129,5 @@ def somewhere(name: str, dice: random.Random) -> list[float]:
 
 
 def apart(one: Ticks, other: Ticks) -> int:
-    """Return the furthest that any servo is from where it was."""
+    """Return the maximum distance of any servo from its earlier position."""
     return max(abs(one[i] - other[i]) for i in one)

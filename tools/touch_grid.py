@@ -1,6 +1,6 @@
 """Draw the sheet of crosses for touch-offs: ``python tools/touch_grid.py > docs/touch-grid.svg``.
 
-One unit of the drawing is a millimetre of an A4 sheet that lies before the arm, its long edge
+One unit of the drawing is a millimetre of an A4 sheet before the arm, its long edge
 across; the near edge is the lower one.
 """
 

@@ -69,7 +69,7 @@ class ReceiveBuffer:
         return bytes(taken)
 
     def arrival_time_s(self, count: int) -> float | None:
-        """Return when ``count`` bytes will be there, or None if so many are not on their way."""
+        """Return when ``count`` bytes will have arrived, or None if fewer are pending."""
         for burst in self._bursts:
             if count <= len(burst.data):
                 return burst.arrival_time_s(count)
@@ -77,21 +77,21 @@ class ReceiveBuffer:
         return None
 
     def next_end_s(self) -> float | None:
-        """Return when the first burst will have arrived, or None when nothing is on its way."""
+        """Return when the first burst will have arrived, or None if none is pending."""
         if not self._bursts:
             return None
         first = self._bursts[0]
         return first.arrival_time_s(len(first.data))
 
     def last_s(self) -> float | None:
-        """Return when everything on its way will have arrived, or None when nothing is."""
+        """Return when all pending bytes will have arrived, or None if none are."""
         if not self._bursts:
             return None
         last = self._bursts[-1]
         return last.arrival_time_s(len(last.data))
 
     def clear(self, now_s: float) -> None:
-        """Throw away what has arrived; what is still on the wire comes."""
+        """Discard received bytes; those still on the wire arrive later."""
         self.take(self.count_arrived(now_s), now_s)
 
 
@@ -102,10 +102,10 @@ MAX_DELAY_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class AdapterOptions:
-    """How the adapter delays what it carries.
+    """Delays of the adapter.
 
     Attributes:
-        echo: Whether the host hears its own bytes: adapters without echo cancellation.
+        echo: Whether the host receives its own bytes: adapters without echo cancellation.
         usb_frame_s: Packets travel only at multiples of this time (1 ms at full speed); 0 = none.
         latency_s: How long an unfilled packet waits in the chip (FTDI: 16 ms unless set); 0 = none.
     """

@@ -1,4 +1,4 @@
-"""Arm files: which servos turn which joints, how they are mounted and how they were delivered."""
+"""Arm files: the servos of each joint, their mounting and delivery settings."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class ServoEntry:
 
     Attributes:
         id: On the bus.
-        model: As the datasheet calls it.
+        model: As in the datasheet.
         sign: Direction of growing ticks in the joint's coordinate.
         zero_tick: Reported tick at joint zero.
         transmission: Between its horn and the joint.
-        eeprom: Register values it was delivered with.
+        eeprom: Register values as delivered.
     """
 
     id: int
@@ -72,7 +72,7 @@ class SimulatedArmFile:
 
 
 def read_arm_file(path: Path) -> SimulatedArmFile:
-    """Return what an ``arm.toml`` says.
+    """Return the contents of an ``arm.toml``.
 
     Raises:
         ArmFileError: The file is missing, no TOML, or lacks a key.
@@ -131,5 +131,5 @@ def _parse_transmission(entry: dict[str, Any]) -> Transmission:
 
 
 def _parse_pose(table: dict[str, Any]) -> dict[str, float]:
-    turned = {name: math.radians(value) for name, value in table.get("deg", {}).items()}
-    return turned | {name: float(value) for name, value in table.get("m", {}).items()}
+    revolute = {name: math.radians(value) for name, value in table.get("deg", {}).items()}
+    return revolute | {name: float(value) for name, value in table.get("m", {}).items()}

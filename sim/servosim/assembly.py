@@ -1,4 +1,4 @@
-"""Putting a bus together: servos on the joints of an arm, or loose on a desk."""
+"""Assemble a bus: servos on the joints of an arm, or on a bench without an arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from servosim.world import ExternalDynamics, World
 
 __all__ = ["BenchServo", "make_arm_world", "make_bench_world"]
 
-STOP_MARGIN_RAD = math.radians(2.0)  # hard stops lie this far beyond the URDF's limits
+STOP_MARGIN_RAD = math.radians(2.0)  # hard stops are this far beyond the URDF's limits
 STOP_MARGIN_M = 0.0005
 MAX_PLAY_DEG = 10.0
 
@@ -30,8 +30,8 @@ class BenchServo:
 
     Attributes:
         id: On the bus.
-        model: As the datasheet calls it.
-        baud: The rate it is set to; None for that of all loose servos.
+        model: As in the datasheet.
+        baud: Its baud rate; None for the common one.
     """
 
     id: int
@@ -47,14 +47,14 @@ def make_arm_world(
     physics: bool = False,
     backlash_deg: float | None = None,
 ) -> World:
-    """Return an arm at a pose, torque off, its servos as they were delivered.
+    """Return an arm at a pose, torque off, its servos as delivered.
 
     Args:
         arm: The arm.
-        pose: Where it starts.
+        pose: The start pose.
         seed: Of the servos' tolerances.
         physics: True for bodies and contacts from MuJoCo instead of independent joints.
-        backlash_deg: Free play of every servo's gears; None for what its maker promises.
+        backlash_deg: Backlash of every servo's gears; None for the vendor's figure.
 
     Raises:
         ArmFileError: No such pose, or a URDF without the joints or the tip.
@@ -100,23 +100,23 @@ def make_bench_world(
     seed: int = 0,
     protocol: int | None = None,
 ) -> World:
-    """Return servos on a desk, each turning nothing but itself.
+    """Return servos on a bench, each driving nothing but itself.
 
     Args:
-        servos: Which.
-        baud: The rate of those that have none of their own; None for that of the factory.
+        servos: The servos.
+        baud: The rate of those without their own; None for the factory default.
         seed: Of their tolerances.
-        protocol: 1 or 2 for Dynamixel X servos; None for that of the factory.
+        protocol: 1 or 2 for Dynamixel X servos; None for the factory default.
 
     Raises:
         SimulatorError: A rate or protocol that a servo does not have.
         UnknownModelError: A servo model without a table.
     """
     joints: list[SimulatedJoint] = []
-    for place, loose in enumerate(servos, start=1):
-        table = table_for(loose.model)
-        rate = loose.baud or baud
-        delivered = {"id": loose.id} | ({} if rate is None else _baud_registers(table, rate))
+    for place, bench in enumerate(servos, start=1):
+        table = table_for(bench.model)
+        rate = bench.baud or baud
+        delivered = {"id": bench.id} | ({} if rate is None else _baud_registers(table, rate))
         delivered |= _protocol_registers(table, protocol)
         shaft = HornMounting(1, table.middle_tick, table.ticks_per_turn)
         half_rad = table.travel_rad / 2.0
@@ -136,10 +136,10 @@ def _make_joint(
 ) -> SimulatedJoint:
     transmission = entry.servos[0].transmission
     margin = _stop_margin(transmission.is_prismatic)
-    turned_rad = transmission.turned_rad(position)
+    horn_rad = transmission.turned_rad(position)
     stops = sorted(transmission.turned_rad(end) for end in (limits[0] - margin, limits[1] + margin))
     servos = tuple(
-        _make_servo(arm, servo, turned_rad, stops, seed + servo.id, backlash_deg)
+        _make_servo(arm, servo, horn_rad, stops, seed + servo.id, backlash_deg)
         for servo in entry.servos
     )
     return SimulatedJoint(entry.name, servos, transmission)
@@ -170,8 +170,10 @@ def _motor_parameters(model: str, backlash_deg: float | None) -> MotorParameters
 
 
 def _protocol_registers(table: ServoTable, protocol: int | None) -> dict[str, int]:
-    spoken = {SimulatedFamily.DYNAMIXEL_X: 2, SimulatedFamily.DYNAMIXEL_1: 1}.get(table.family)
-    if protocol is None or protocol == spoken:
+    default_protocol = {SimulatedFamily.DYNAMIXEL_X: 2, SimulatedFamily.DYNAMIXEL_1: 1}.get(
+        table.family
+    )
+    if protocol is None or protocol == default_protocol:
         return {}
     row = table.by_name.get("protocol_type")
     if row is None or not row.accepts(protocol):

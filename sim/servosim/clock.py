@@ -12,7 +12,7 @@ MIN_SLEEP_S = 0.001
 
 
 class Clock(Protocol):
-    """Monotonic seconds, and a way to wait for them."""
+    """Monotonic seconds, and waiting for them."""
 
     def now_s(self) -> float:
         """Return seconds since an arbitrary start; never runs backwards."""
@@ -24,9 +24,9 @@ class Clock(Protocol):
 
 
 class VirtualClock:
-    """Time that stands still until somebody waits; waiting costs nothing.
+    """Time that advances only by waiting; waiting costs nothing.
 
-    ``on_advance`` is told each new time: the world that goes by this clock.
+    ``on_advance`` is called with each new time, for the world on this clock.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class VirtualClock:
         return self._now_s
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Jump to the deadline; stay where time is if that has passed."""
+        """Jump to the deadline; no change if that has passed."""
         if deadline_s <= self._now_s:
             return
         self._now_s = deadline_s
@@ -49,7 +49,7 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """Virtual time that keeps step with the machine's, for a person who watches.
+    """Virtual time synchronised with the machine's, for display.
 
     Waits below a millisecond are saved up, for the kernel cannot sleep so short; where the machine
     was slow, time catches up with it at the next wait.
@@ -63,7 +63,7 @@ class PacedClock(VirtualClock):
         self._start_s = self._machine.now_s()
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Wait as long as a person would have to."""
+        """Advance virtual time and wait for the machine's."""
         machine_s = self._machine.now_s() - self._start_s
         super().sleep_until(max(deadline_s, machine_s))
         if self.now_s() - machine_s >= MIN_SLEEP_S:

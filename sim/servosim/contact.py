@@ -1,4 +1,4 @@
-"""What a limp arm lies on: the table and its own links push back where shapes overlap."""
+"""Contacts of an arm with torque off: table and links push back where shapes overlap."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ __all__ = ["Contacts"]
 
 # Of the impulse that would end an overlap, or its growth, within one interval; a soft contact.
 _STIFFNESS, _DAMPING = 0.05, 0.5
-# Deeper than this nothing pushes harder: somebody has put the arm there.
+# Deeper than this the force does not increase: the arm was put there.
 _MAX_DEPTH_M = 0.006
 _TABLE = -1
 
 
 @dataclass(frozen=True, slots=True)
 class _ContactPatch:
-    """Where two bodies touch.
+    """The contact of two bodies.
 
     Attributes:
-        point_m: In the middle of what overlaps (3,), base frame.
+        point_m: Centre of the overlap (3,), base frame.
         normal: Out of the second body (3,).
-        depth_m: How deep the first is inside it.
+        depth_m: Penetration of the first.
     """
 
     point_m: Matrix
@@ -37,7 +37,7 @@ class _ContactPatch:
     def from_points(
         cls, points_m: Matrix, depths_m: Matrix, normal: Matrix
     ) -> _ContactPatch | None:
-        """Return the touch of points (k, 3) at depths (k,) [m]; None where there are none."""
+        """Return the contact of points (k, 3) at depths (k,) [m]; None if there are none."""
         if not len(points_m):
             return None
         middle_m = depths_m @ points_m / depths_m.sum()
@@ -45,17 +45,17 @@ class _ContactPatch:
 
 
 class Contacts:
-    """Forces where the shapes of an arm overlap, turned into torques on its joints.
+    """Contact forces where the shapes of an arm overlap, as torques on its joints.
 
-    One force acts for each pair of bodies, and for each body on the table, in the middle of what
-    overlaps. Bodies that hang on each other, and those that overlap in one of the given postures,
-    are left out: shapes are simpler than the parts.
+    One force acts for each pair of bodies, and for each body on the table, at the centre of the
+    overlap. Bodies that are connected, and those that overlap in one of the given postures, are
+    left out: shapes are simpler than the parts.
 
     Args:
         joints: The arm's moving joints.
-        driven: Who moves each of them.
+        driven: The driver of each of them.
         shapes: See `read_shapes`.
-        tree: Knows their frames.
+        tree: Their frames.
         floor_m: Height of the table in the base frame; None for none.
         postures: Positions of the driven joints, free of contact.
     """
@@ -96,8 +96,8 @@ class Contacts:
         Args:
             positions: Of the driven joints [rad or m].
             velocities: Likewise.
-            inertias: What a force on each has to move; infinite where a servo holds it.
-            interval_s: Until the next look.
+            inertias: Inertia of each; infinite if a servo holds it.
+            interval_s: Until the next evaluation.
         """
         places, frames = self._world_frames(positions)
         loads = np.zeros(len(positions))
@@ -116,7 +116,7 @@ class Contacts:
     def _find_contacts(
         self, places: Matrix, frames: Matrix, count: int
     ) -> list[tuple[Matrix, float]]:
-        """Return for each contact how it opens with each driven joint, and its depth [m]."""
+        """Return for each contact its Jacobian by each driven joint, and its depth [m]."""
         touches = [(body, _TABLE, self._table_contact(places, body)) for body in self._on_table]
         touches += [
             (a, b, self._body_contact(places, rows)) for (a, b), rows in self._nearby_pairs(places)
@@ -130,19 +130,19 @@ class Contacts:
     def _contact_jacobian(
         self, frames: Matrix, touch: _ContactPatch, a: int, b: int, count: int
     ) -> Matrix:
-        """Return how fast body a leaves body b where they touch, for each driven joint."""
+        """Return the separating velocity of bodies a and b, for each driven joint."""
         slope = np.zeros(count)
         for sign, end in ((1.0, a), (-1.0, b)):
             for body in self._ancestors(end):
                 driver, multiplier, _ = self._driven[body]
                 if driver >= 0:
                     axis, arm_m = frames[body, :3, 2], touch.point_m - frames[body, :3, 3]
-                    way = axis if self._joints[body].sliding else np.cross(axis, arm_m)
-                    slope[driver] += sign * multiplier * float(way @ touch.normal)
+                    direction = axis if self._joints[body].sliding else np.cross(axis, arm_m)
+                    slope[driver] += sign * multiplier * float(direction @ touch.normal)
         return slope
 
     def _ancestors(self, body: int) -> Iterator[int]:
-        """Yield a body and those it hangs on, the base left out."""
+        """Yield a body and its ancestors, without the base."""
         while body >= 0:
             yield body
             body = self._joints[body].parent
@@ -166,12 +166,12 @@ class Contacts:
             T, into = places[i], places[j]
             points = self._shapes[i].points_m @ T[:3, :3].T + T[:3, 3]
             inner = (points - into[:3, 3]) @ into[:3, :3]
-            room = self._shapes[j].half_m - np.abs(inner)
-            depths = room.min(axis=1)
+            margin = self._shapes[j].half_m - np.abs(inner)
+            depths = margin.min(axis=1)
             inside = depths > 0.0
             if inside.any():
                 k = int(np.argmax(depths))
-                side = int(np.argmin(room[k]))
+                side = int(np.argmin(margin[k]))
                 normal = into[:3, side] * np.sign(inner[k, side])
                 found.append((float(depths[k]), points[inside], depths[inside], normal))
         if not found:
@@ -190,7 +190,7 @@ class Contacts:
         return [(self._pairs[k], rows[pairs == k]) for k in np.unique(pairs).tolist()]
 
     def _set_pairs(self, pairs: Sequence[tuple[int, int]]) -> None:
-        """Look at these pairs of bodies from now on, the points of the first in the second."""
+        """Check these pairs of bodies from now on, the points of the first in the second."""
         self._pairs = list(pairs)
         rows = [
             (i, j, k)

@@ -29,7 +29,7 @@ def trapezoid(
     e-manual, "Profile Velocity", Feetech "acceleration" and "goal speed").
 
     Args:
-        distance_rad: Signed way to the goal.
+        distance_rad: Signed distance to the goal.
         velocity_rad_s: Present velocity.
         limit_rad_s: Cruising speed; 0 = none.
         acceleration_rad_s2: Slope of both ramps; 0 = none: the velocity jumps.
@@ -96,7 +96,7 @@ def _rectangle_profile(distance_rad: float, limit_rad_s: float) -> list[ProfileS
 
 
 class ProfileGenerator:
-    """A point that travels along a profile; exact at any step length."""
+    """A reference that moves along a profile; exact at any step length."""
 
     __slots__ = (
         "_elapsed_s", "_end_rad", "_end_rad_s", "_pieces", "_start_rad",
@@ -111,20 +111,20 @@ class ProfileGenerator:
         self.running = False
 
     def reset_to(self, position_rad: float, velocity_rad_s: float = 0.0) -> None:
-        """Forget the profile and stand at a place."""
+        """Discard the profile and rest at a position."""
         self.position_rad = position_rad
         self.follow((), position_rad, velocity_rad_s)
 
     def follow(
         self, pieces: Sequence[ProfileSegment], end_rad: float, end_rad_s: float = 0.0
     ) -> None:
-        """Travel along `pieces` from here, and end exactly at a place with a velocity."""
+        """Move along `pieces` from here, and end exactly at a position with a velocity."""
         self._pieces = [piece for piece in reversed(pieces) if piece.duration_s > 0.0]
         self._end_rad, self._end_rad_s = end_rad, end_rad_s
         self._start_segment()
 
     def advance(self, dt_s: float) -> None:
-        """Travel for `dt_s` seconds."""
+        """Advance by `dt_s` seconds."""
         elapsed_s = self._elapsed_s + dt_s
         while self.running and elapsed_s >= self._pieces[-1].duration_s:
             elapsed_s -= self._finish_segment()
@@ -155,7 +155,7 @@ class ProfileGenerator:
 
 
 class ControlMode(Enum):
-    """The quantity that the firmware's control loop holds."""
+    """The controlled quantity of the firmware."""
 
     POSITION = "position"
     VELOCITY = "velocity"
@@ -166,7 +166,7 @@ class ControlMode(Enum):
 
 @dataclass(slots=True)
 class DriveCommand:
-    """The orders of a servo's memory in SI units; the servo sets the fields, the motor reads them.
+    """The commands of a servo's memory in SI units; set by the servo, read by the motor.
 
     The position loop works as the datasheets draw it, on the bridge's duty (PWM, -1..1):
     `duty = kp e + ki ∫e dt + kd de/dt + feedforward`, with `e = reference - encoder` in radians.
@@ -177,7 +177,7 @@ class DriveCommand:
     changes; a servo that takes new limits only with the next goal writes them together with it.
 
     Attributes:
-        torque_on: False opens the bridge: the shaft can be turned by hand.
+        torque_on: False opens the bridge: the shaft can be moved by hand.
         mode: What is controlled.
         goal_rad: Goal of POSITION and CURRENT_POSITION.
         goal_velocity_rad_s: Goal of VELOCITY.
@@ -190,10 +190,10 @@ class DriveCommand:
         kp: Position gain [1/rad].
         ki: Position gain [1/(rad s)].
         kd: Position gain [s/rad].
-        integral_limit: Largest size of the integral's share of the duty, 0..1.
+        integral_limit: Largest size of the integral's part of the duty, 0..1.
         velocity_kp: Velocity gain [s/rad].
         velocity_ki: Velocity gain [1/rad].
-        feed_forward: Share of the duty that the profile needs by itself (the back-EMF of its
+        feed_forward: Fraction of the duty that the profile needs by itself (the back-EMF of its
             velocity, the torque of its acceleration, friction) which the firmware adds, 0..1.
         dead_zone_rad: Errors up to this size count as none.
         minimum_pwm: Smallest duty for an error outside the dead zone ("punch", "startup force").
@@ -236,7 +236,7 @@ class Controller:
     """The control loop of every mode, on the position and velocity of the output shaft.
 
     Attributes:
-        reference: Where the profile is.
+        reference: The position of the profile.
         derivative: The gain that damps: duty for each rad/s.
         saturated: Set by the motor when a limit cut the duty: the integral then waits.
     """
@@ -251,7 +251,7 @@ class Controller:
         self.saturated = False
 
     def release(self, position_rad: float) -> None:
-        """Torque is off: follow the shaft and remember nothing."""
+        """Torque is off: follow the shaft and reset the state."""
         if self._order is RELEASED:
             self.reference.position_rad = position_rad
             return
@@ -268,12 +268,12 @@ class Controller:
         velocity_rad_s: float,
         full_nm: float,
     ) -> float:
-        """The duty that the gains ask for, not yet limited; the profile then moves on.
+        """The duty of the gains, not yet limited; then the profile advances.
 
         Args:
             dt_s: Time until the next call.
-            drive: The orders.
-            position_rad: What the sensor sees.
+            drive: The commands.
+            position_rad: The sensor's position.
             velocity_rad_s: Its derivative.
             full_nm: Stall torque at the present supply voltage.
         """
@@ -328,7 +328,7 @@ class Controller:
         return self._integral
 
     def _feedforward_nm(self) -> float:
-        """Torque that the profile's motion takes when nothing hangs on the shaft."""
+        """Torque that the profile's motion takes without an external load."""
         motor, reference = self._parameters, self.reference
         velocity_rad_s = reference.velocity_rad_s
         needed_nm = motor.armature_kg_m2 * reference.acceleration_rad_s2
@@ -344,7 +344,7 @@ class Controller:
         position_rad: float,
         velocity_rad_s: float,
     ) -> None:
-        """Plan anew; a fresh torque or a fresh mode starts from the shaft itself."""
+        """Plan again; after torque on or a new mode, from the shaft itself."""
         if order[0] is not self._order[0]:
             self.reference.reset_to(position_rad, velocity_rad_s)
             self._integral = self.derivative = 0.0

@@ -59,7 +59,7 @@ class Tip:
     def posture_at(self, point_m: Sequence[float], start: Sequence[float]) -> list[float]:
         """Return positions inside the limits with the tip at a point, near to those at the start.
 
-        Where limits are in the way from the start, the search begins again in the middle of the
+        If limits are in the way from the start, the search starts again in the middle of the
         joints' ranges.
 
         Args:
@@ -80,7 +80,7 @@ class Tip:
         raise SimulatorError(f"the tip cannot be led to ({place}) m: {short}")
 
     def _search(self, goal_m: Matrix, q: Matrix) -> tuple[Matrix, float]:
-        """Return the positions that damped least squares ends with, and how far off the tip is.
+        """Return the positions found by damped least squares, and the error of the tip.
 
         Wampler 1986; a joint at a limit is left out of the steps that would push it further.
         """
@@ -106,7 +106,7 @@ class Tip:
         return T[:3, :3] @ self._offset_m + T[:3, 3]
 
     def _slopes(self, frames: Matrix) -> Matrix:
-        """Return how the tip moves with each position (3, n)."""
+        """Return the derivative of the tip by each position (3, n)."""
         tip_m, J = self._origin_m(frames), np.zeros((3, len(self._lower)))
         for i in self._chain:
             driver, multiplier, _ = self._driven[i]
@@ -134,7 +134,7 @@ def _least_squares(J: Matrix, gap_m: Matrix) -> Matrix:
 
 
 class Dynamics(Protocol):
-    """Joints with limits, the torque that the world puts on them, and their inertia.
+    """Joints with limits, their external torque, and their inertia.
 
     Positions are in the joints' own units: rad and N m, on sliding joints m and N.
     """
@@ -150,16 +150,16 @@ class Dynamics(Protocol):
         ...
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
-        """Outer torque (force) on each joint; positive turns it forward."""
+        """External torque (force) on each joint; positive towards larger positions."""
         ...
 
     def inertia(self, positions: Sequence[float]) -> list[float]:
-        """What each joint alone would have to accelerate [kg m², on sliding joints kg]."""
+        """Inertia of each joint alone [kg m², on sliding joints kg]."""
         ...
 
 
 class FreeBody:
-    """Joints with nothing on them: servos on a desk."""
+    """Joints without a load: servos on a bench."""
 
     def __init__(
         self, names: Sequence[str], limits: Sequence[tuple[float, float]] | None = None
@@ -169,18 +169,18 @@ class FreeBody:
         self._nothing = [0.0] * len(self.names)
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
-        """Nothing pulls."""
+        """Return no load."""
         return self._nothing
 
     def inertia(self, positions: Sequence[float]) -> list[float]:
-        """Nothing hangs."""
+        """Return no inertia."""
         return self._nothing
 
 
 class GravityBody:
     """An arm read from its URDF, its base on a level table, each joint for itself.
 
-    Gravity is exact for any tree of turning and sliding joints, mimic joints included; velocity
+    Gravity is exact for any tree of revolute and prismatic joints, mimic joints included; velocity
     forces and the pull of one joint's acceleration on another are left out.
 
     Args:
@@ -213,7 +213,7 @@ class GravityBody:
         return self._tree.inertias(positions)
 
     def contacts(self, floor_m: float | None, postures: Sequence[Sequence[float]]) -> Contacts:
-        """Return what the arm lies on where no servo holds it; see `Contacts`.
+        """Return the contacts of the arm where no servo holds it; see `Contacts`.
 
         Args:
             floor_m: Height of the table in the base frame; None for none.

@@ -17,7 +17,7 @@ __all__ = ["ANGLE", "HEAT", "OVERLOAD", "VOLTAGE", "Dynamixel1", "Dynamixel1Prot
 
 VOLTAGE, ANGLE, HEAT, OVERLOAD = 0x01, 0x02, 0x04, 0x20
 OVERLOAD_AFTER_S = 2.0  # assumed: the sheets say "persistent"
-OVERLOAD_FRACTION = 0.9  # assumed share of the largest output that counts as overload
+OVERLOAD_FRACTION = 0.9  # assumed fraction of the largest output that counts as overload
 
 
 class Dynamixel1Protections:
@@ -28,7 +28,7 @@ class Dynamixel1Protections:
         self.start()
 
     def start(self) -> None:
-        """Begin anew after power-up."""
+        """Start again after power-up."""
         self.bits = 0
         self.injected = 0
         self._overload_s = 0.0
@@ -39,12 +39,12 @@ class Dynamixel1Protections:
         self.injected = bits
 
     def clear_overload(self) -> None:
-        """Torque limit written: an overload gets another chance."""
+        """Torque limit written: resets an overload."""
         self.bits &= ~OVERLOAD
         self._overload_s = 0.0
 
     def check(self, dt_s: float) -> None:
-        """Check everything once; ``dt_s`` is the time since the last look."""
+        """Check everything once; ``dt_s`` is the time since the last check."""
         get, servo, motor = self.servo.memory.get, self.servo, self.servo.motor
         volts = round(servo.supply_v * 10)
         self._set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
@@ -101,7 +101,7 @@ class Dynamixel1(Servo):
         self._list_effects()
         self.start()
 
-    # The line's questions.
+    # Status for the line.
 
     @property
     def return_delay_s(self) -> float:
@@ -119,7 +119,7 @@ class Dynamixel1(Servo):
         return self.watch.bits
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Judge a write: read-only registers and values out of range are range errors."""
+        """Check a write: read-only registers and values out of range are range errors."""
         end = address + len(data)
         if not data or end > self.table.size:
             return InstructionError.RANGE
@@ -135,7 +135,7 @@ class Dynamixel1(Servo):
         return None
 
     def _is_goal_outside(self, row: SimulatedRegister, value: int) -> bool:
-        """Say whether a goal lies outside the angle limits."""
+        """Return whether a goal is outside the angle limits."""
         if row.name == "lock":
             return value == 0 and bool(self.memory.get("lock"))
         if row.name != "goal_position":
@@ -147,7 +147,7 @@ class Dynamixel1(Servo):
         self.watch.inject_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Say whether a goal position lies inside the angle limits."""
+        """Return whether a goal position is inside the angle limits."""
         lower, upper = self.memory.get("cw_angle_limit"), self.memory.get("ccw_angle_limit")
         return self.is_wheel_mode or self.is_multi_turn or lower <= goal <= upper
 
@@ -160,7 +160,7 @@ class Dynamixel1(Servo):
 
     @property
     def is_multi_turn(self) -> bool:
-        """Both angle limits are 4095 on an MX: positions count turns."""
+        """Both angle limits are 4095 on an MX: positions are multi-turn."""
         limits = self.memory.get("cw_angle_limit"), self.memory.get("ccw_angle_limit")
         return self.is_mx and limits == (MULTI_TURN, MULTI_TURN)
 
@@ -203,13 +203,13 @@ class Dynamixel1(Servo):
         self.set_goal()
 
     def set_position_goal(self) -> None:
-        """Goal position written: that turns the torque on."""
+        """Goal position written: enables torque."""
         self.memory.put("torque_enable", 1)
         self.watch.bits &= ~ANGLE
         self.set_torque()
 
     def set_goal(self) -> None:
-        """A goal register was written: hand goal, speed and acceleration over together."""
+        """A goal register was written: apply goal, speed and acceleration together."""
         drive, get = self.drive, self.memory.get
         speed_rad_s = get("moving_speed") * self.speed_unit_rad_s
         if self.is_mx:
@@ -225,7 +225,7 @@ class Dynamixel1(Servo):
         return ControlMode.VELOCITY if self.is_mx else ControlMode.PWM
 
     def set_gains(self) -> None:
-        """Hand the gains over in SI: a slope of n steps is the MX's P gain of 1024 / n."""
+        """Apply the gains in SI: a slope of n steps is the MX's P gain of 1024 / n."""
         drive, get = self.drive, self.memory.get
         drive.minimum_pwm = get("punch") / FULL
         if self.is_mx:
@@ -238,15 +238,15 @@ class Dynamixel1(Servo):
         drive.kp = 1.0 / (_slope_steps(get("cw_compliance_slope")) * SLOPE_RAD)
 
     def set_limits(self) -> None:
-        """Torque limit written: after a shutdown it frees the motor again."""
+        """Torque limit written: after a shutdown it enables the motor again."""
         self.watch.clear_overload()
         self.drive.torque_limit = self.memory.get("torque_limit") / FULL
 
     def run_protections(self, dt_s: float) -> None:
-        """Look after heat, load and voltage."""
+        """Check temperature, load and voltage."""
         self.watch.check(dt_s)
 
-    # Tables of what is measured and what is set off.
+    # Tables of measured registers and of write effects.
 
     def _list_live(self) -> None:
         motor, unit = self.motor, self.speed_unit_rad_s
@@ -275,5 +275,5 @@ class Dynamixel1(Servo):
 
 
 def _slope_steps(slope: int) -> int:
-    """Return the step that a slope stands for: the power of two below it, at least 2."""
+    """Return the step of a slope: the power of two below it, at least 2."""
     return max(2, 1 << slope.bit_length() - 1) if slope else 2

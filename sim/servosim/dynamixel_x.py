@@ -30,10 +30,10 @@ CONTROL_HZ = 1000.0  # assumed rate of the position loop that the I and D gains 
 
 
 class DriveMapper:
-    """Hands one servo's registers over to its drive, in SI.
+    """Applies one servo's registers to its drive, in SI.
 
     Attributes:
-        servo: Whose.
+        servo: The servo.
         senses_current: Whether the model has a current sensor.
         current_unit_a: One step of its current registers.
     """
@@ -45,7 +45,7 @@ class DriveMapper:
         self._profile = (0.0, 0.0, 0.0, 0.0)  # times, then limits, as the drive has them
 
     def set_position_goal(self) -> None:
-        """A goal position was written: hand it over with the profile that belongs to it."""
+        """A goal position was written: apply it with its profile."""
         drive = self.servo.drive
         (
             drive.profile_time_s, drive.acceleration_time_s,
@@ -54,7 +54,7 @@ class DriveMapper:
         drive.goal_rad = self.servo.angle_at(self.servo.memory.get("goal_position"))
 
     def set_goal(self) -> None:
-        """Any goal was written, or what goals mean has changed: hand all of them over."""
+        """Any goal was written, or the meaning of goals has changed: apply all of them."""
         self.set_position_goal()
         drive, get, sign = self.servo.drive, self.servo.memory.get, self.servo.direction
         drive.goal_velocity_rad_s = sign * get("goal_velocity") * VELOCITY_RAD_S
@@ -76,12 +76,12 @@ class DriveMapper:
         self._profile = (0.0, 0.0, limit * VELOCITY_RAD_S, acceleration * ACCELERATION_RAD_S2)
 
     def apply_settings(self) -> None:
-        """Hand gains and profile over, as the control table has them."""
+        """Apply gains and profile, as in the control table."""
         self.set_gains()
         self.update_profile()
 
     def set_gains(self) -> None:
-        """Hand the gains over in SI: the sheets' outputs are PWM steps, their errors ticks."""
+        """Apply the gains in SI: outputs in the datasheets are PWM steps, their errors ticks."""
         drive, get = self.servo.drive, self.servo.memory.get
         drive.kp = get("position_p_gain") / 128 * TICKS_PER_RAD / PWM_FULL
         drive.ki = get("position_i_gain") / 65536 * TICKS_PER_RAD * CONTROL_HZ / PWM_FULL
@@ -90,7 +90,7 @@ class DriveMapper:
         drive.velocity_ki = get("velocity_i_gain") / 65536 * CONTROL_HZ / VELOCITY_RAD_S / PWM_FULL
 
     def set_limits(self) -> None:
-        """Hand the limits of the EEPROM over."""
+        """Apply the limits of the EEPROM."""
         drive, get = self.servo.drive, self.servo.memory.get
         drive.moving_threshold_rad_s = get("moving_threshold") * VELOCITY_RAD_S
         if self.senses_current:
@@ -98,7 +98,7 @@ class DriveMapper:
 
 
 def live_registers(servo: SimulatedDynamixelX) -> dict[str, Callable[[], int]]:
-    """Return how each measured register gets its number."""
+    """Return the getter of each measured register."""
     motor = servo.motor
     stall_nm, unit_a = motor.parameters.stall_torque_nm, servo.orders.current_unit_a
 
@@ -123,7 +123,7 @@ def live_registers(servo: SimulatedDynamixelX) -> dict[str, Callable[[], int]]:
 
 
 def write_effects(servo: SimulatedDynamixelX) -> dict[str, Callable[[], None]]:
-    """Return what a write to each register sets off."""
+    """Return the effect of a write to each register."""
     orders = servo.orders
     groups: dict[Callable[[], None], tuple[str, ...]] = {
         servo.set_mode: ("operating_mode",),
@@ -190,7 +190,7 @@ class SimulatedDynamixelX(Servo):
         self.effects = write_effects(self)
         self.start()
 
-    # The line's questions.
+    # Status for the line.
 
     @property
     def return_delay_s(self) -> float:
@@ -217,7 +217,7 @@ class SimulatedDynamixelX(Servo):
         )
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Judge a write by the rules of the family."""
+        """Check a write by the rules of the family."""
         return self.rules.check_write(address, data)
 
     def read_bytes(self, address: int, length: int) -> bytes:
@@ -234,16 +234,16 @@ class SimulatedDynamixelX(Servo):
             self.rules.store(address, data, super().store)
 
     def run_protections(self, dt_s: float) -> None:
-        """Look after heat, load, voltage and the bus."""
+        """Check temperature, load, voltage and the bus."""
         self.watch.check(dt_s)
 
     def inject_alarm(self, bits: int) -> None:
-        """Raise hardware error bits; only a reboot takes them back."""
+        """Raise hardware error bits; only a reboot clears them."""
         if bits:
             self.watch.raise_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Say whether a goal position lies inside the limits of position mode."""
+        """Return whether a goal position is inside the limits of position mode."""
         if self.mode != 3:
             return True
         return (
@@ -259,12 +259,12 @@ class SimulatedDynamixelX(Servo):
 
     @property
     def offset_tick(self) -> int:
-        """The homing offset that is in force: position mode ignores more than a quarter turn."""
+        """The effective homing offset: position mode ignores more than a quarter revolution."""
         offset = self.memory.get("homing_offset")
         return offset if self.mode != 3 or abs(offset) <= 1024 else 0
 
     def actual_tick(self) -> int:
-        """Return the sensor's tick over all turns, in the direction of the drive mode."""
+        """Return the sensor's multi-turn tick, in the direction of the drive mode."""
         tick = self.shaft.tick_at(self.motor.encoder_rad)
         return -tick if self.reversed else tick
 
@@ -278,7 +278,7 @@ class SimulatedDynamixelX(Servo):
         return self.shaft.angle_at(-tick if self.reversed else tick)
 
     def reset_turns(self) -> None:
-        """Count the present position from its single turn again."""
+        """Reduce the present position to a single revolution."""
         self.turn_base_tick = self.actual_tick() // 4096 * 4096
 
     @property
@@ -289,7 +289,7 @@ class SimulatedDynamixelX(Servo):
     # From memory to drive.
 
     def set_protocol(self) -> None:
-        """Protocol type written: 1 speaks protocol 1.0."""
+        """Protocol type written: 1 selects protocol 1.0."""
         old = self.memory.get("protocol_type") == 1
         self.protocol = BusProtocol.DYNAMIXEL_1 if old else BusProtocol.DYNAMIXEL_2
         self.framing = self.protocol.framing
@@ -313,7 +313,7 @@ class SimulatedDynamixelX(Servo):
             self.set_torque()
 
     def set_mode(self) -> None:
-        """Operating mode written: gains, profile and goals back to defaults, one turn."""
+        """Operating mode written: gains, profile and goals back to defaults, single turn."""
         mode = self.memory.get("operating_mode")
         if mode == self.mode:
             return
@@ -329,12 +329,12 @@ class SimulatedDynamixelX(Servo):
             effect()
 
     def set_drive_mode(self) -> None:
-        """Drive mode written: bit 0 counts positions the other way round."""
+        """Drive mode written: bit 0 reverses the direction of positions."""
         self.reversed = bool(self.memory.get("drive_mode") & 1)
         self.reset_goals_to_present()
 
     def set_torque(self) -> None:
-        """Torque enable written: position mode starts again from one turn."""
+        """Torque enable written: position mode is single turn again."""
         on = bool(self.memory.get("torque_enable"))
         if on and not self.drive.torque_on and self.mode == 3:
             self.reset_turns()
@@ -343,7 +343,7 @@ class SimulatedDynamixelX(Servo):
             self.orders.set_goal()
 
     def set_position_goal(self) -> None:
-        """Goal position written; drive mode bit 3 turns the torque on with it."""
+        """Goal position written; drive mode bit 3 enables torque with it."""
         if self.memory.get("drive_mode") & 8 and not self.drive.torque_on:
             self.memory.put("torque_enable", 1)
             self.set_torque()
@@ -355,7 +355,7 @@ class SimulatedDynamixelX(Servo):
         return (-tick if self.reversed else tick) - self.turn_base_tick + self.offset_tick
 
     def reset_goals_to_present(self) -> None:
-        """What goals mean has changed: start from where the servo is."""
+        """The meaning of goals has changed: start from the present position."""
         self._reset_goals()
         self.orders.set_goal()
 
@@ -381,7 +381,7 @@ class SimulatedDynamixelX(Servo):
             put("goal_current", get("current_limit"))
 
     def _to_sensor_tick(self, delivered: Mapping[str, int]) -> None:
-        """Turn a zero tick given for reported positions into one of the bare sensor."""
+        """Convert a zero tick of reported positions to one of the bare sensor."""
         tick = self.shaft.zero_tick - delivered.get("homing_offset", 0)
         if delivered.get("drive_mode", 0) & 1:
             self.shaft = HornMounting(-self.shaft.sign, -tick, self.shaft.ticks)

@@ -19,13 +19,13 @@ _GOALS = frozenset((*_LIMIT_OF, "goal_position"))
 
 
 class AccessRules:
-    """Judges writes to one servo's memory.
+    """Checks writes to one servo's memory.
 
     Args:
-        servo: Whose memory it is.
+        servo: The servo.
         protections: Refuse torque after a shutdown.
         modes: The operating modes that the servo has.
-        current_mode: Returns the operating mode that is in force.
+        current_mode: Returns the effective operating mode.
 
     Attributes:
         first_data: Where indirect data begin; below it no address is indirect.
@@ -51,7 +51,7 @@ class AccessRules:
         self.first_data = min(self._data)
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Return why a write is refused; runs through indirect data are judged where they land."""
+        """Return why a write is refused; runs through indirect data are checked at their target."""
         if address + len(data) <= self.first_data:
             return self._check_direct_write(address, data)
         for start, part in self._split_runs(address, data):
@@ -129,7 +129,7 @@ class AccessRules:
 
 VOLTAGE, HEAT, ENCODER, SHOCK, OVERLOAD = 0x01, 0x04, 0x08, 0x10, 0x20
 OVERLOAD_AFTER_S = 2.0  # assumed: the sheets say "persistent"
-OVERLOAD_FRACTION = 0.9  # assumed share of the largest output that counts as overload
+OVERLOAD_FRACTION = 0.9  # assumed fraction of the largest output that counts as overload
 IN_POSITION_TICK = 8  # assumed
 FOLLOWING_TICK = 200  # assumed
 
@@ -153,7 +153,7 @@ class DynamixelXProtections:
         self._injected = 0
 
     def start(self) -> None:
-        """Begin anew after power-up; only this clears a shutdown."""
+        """Start again after power-up; only this clears a shutdown."""
         self.shut_down = False
         self._overload_s = 0.0
         self._injected = 0
@@ -168,7 +168,7 @@ class DynamixelXProtections:
             servo.cut_torque()
 
     def check(self, dt_s: float) -> None:
-        """Check everything once; ``dt_s`` is the time since the last look."""
+        """Check everything once; ``dt_s`` is the time since the last check."""
         get, servo = self.servo.memory.get, self.servo
         if servo.motor.temperature_c > get("temperature_limit"):
             self.raise_alarm(HEAT)
@@ -179,7 +179,7 @@ class DynamixelXProtections:
 
     def start_watchdog(self) -> None:
         """Bus watchdog written: the interval counts from now."""
-        self.servo.heard_s = self.servo.time_s
+        self.servo.received_s = self.servo.time_s
 
     def moving_status(self) -> int:
         """Return the moving status register: arrival, running profile and its kind, lag."""
@@ -208,18 +208,18 @@ class DynamixelXProtections:
     def _check_bus_watchdog(self) -> None:
         servo = self.servo
         steps = servo.memory.get("bus_watchdog")
-        late = servo.time_s - servo.heard_s > steps * 0.020
+        late = servo.time_s - servo.received_s > steps * 0.020
         if steps > 0 and servo.drive.torque_on and late:
             servo.memory.put("bus_watchdog", -1)
             self._hold_position()
 
 
 class ControlTableBackup:
-    """The kept copy of one servo's writable RAM; goals and torque are not part of it.
+    """The stored copy of one servo's writable RAM, without goals and torque.
 
     Args:
         servo: The servo.
-        apply_settings: Hands gains and profile over to its drive after they were put back.
+        apply_settings: Applies gains and profile to its drive after they were restored.
     """
 
     def __init__(self, servo: Servo, apply_settings: Callable[[], None]) -> None:
@@ -239,14 +239,14 @@ class ControlTableBackup:
         return self._kept is not None
 
     def store(self) -> InstructionError | None:
-        """Keep the present values."""
+        """Store the present values."""
         if self.servo.drive.torque_on:
             return InstructionError.RESULT_FAIL
         self._kept = {row.name: self.servo.memory.get(row.name) for row in self._rows}
         return None
 
     def restore(self) -> InstructionError | None:
-        """Put the kept values back."""
+        """Restore the stored values."""
         if self._kept is None or self.servo.drive.torque_on:
             return InstructionError.RESULT_FAIL
         for name, value in self._kept.items():

@@ -1,4 +1,4 @@
-"""What can go wrong around the simulated bus; servos themselves answer with error numbers."""
+"""Errors around the simulated bus; servos themselves reply with error numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["ArmFileError", "FaultError", "PortClosedError", "SimulatorError", "U
 
 
 class SimulatorError(Exception):
-    """Anything that keeps a simulated bus from being set up."""
+    """Base of errors in the set-up of a simulated bus."""
 
 
 class ArmFileError(SimulatorError, ValueError):
@@ -20,7 +20,7 @@ class ArmFileError(SimulatorError, ValueError):
 
 
 class FaultError(SimulatorError, ValueError):
-    """A fault that cannot be: unknown kind, key or value."""
+    """An invalid fault: unknown kind, key or value."""
 
 
 class UnknownModelError(SimulatorError, LookupError):
@@ -32,7 +32,7 @@ class UnknownModelError(SimulatorError, LookupError):
 
 
 class PortClosedError(OSError):
-    """The port was closed or its cable pulled; the text is the one pyserial uses."""
+    """The port was closed or unplugged; the text is that of pyserial."""
 
     def __init__(self, message: str = "device disconnected") -> None:
         super().__init__(message)

@@ -49,13 +49,13 @@ _RANGES = {
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that goes wrong.
+    """A fault to inject.
 
     Attributes:
         kind: A key of ``EVENTS`` or ``REPLY_FAULTS``, or ``LOST``.
-        id: The servo it happens to; None for all.
-        at_s: When it begins, in seconds of the simulation.
-        for_s: How long it lasts.
+        id: The servo concerned; None for all.
+        at_s: Its start, in seconds of the simulation.
+        for_s: Its duration.
         count: At most so often (faults of replies and instructions).
         probability: Chance each time (faults of replies and instructions).
         delay_s: Of a late reply.
@@ -63,7 +63,7 @@ class Fault:
         bits: Flipped in a reply, or set in an alarm.
         volts: Of a wrong supply.
         celsius: Of an overheated servo.
-        grip: Share of the torque that slipping gears pass on.
+        grip: Fraction of the torque that slipping gears transmit.
     """
 
     kind: str
@@ -111,7 +111,7 @@ def read_faults(path: Path) -> list[Fault]:
     """Return the faults of a file: TOML with ``[[fault]]`` tables, or JSON with a list.
 
     Raises:
-        FaultError: The file cannot be read, or a fault in it is none.
+        FaultError: The file cannot be read, or a fault in it is invalid.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -130,7 +130,7 @@ Undo = Callable[[], None]
 
 
 class FaultyLine(Protocol):
-    """A line that faults happen on.
+    """A line with faults.
 
     Attributes:
         plugged: Whether the cable is plugged in.
@@ -245,20 +245,20 @@ def _drop_torque(line: FaultyLine, fault: Fault) -> Undo:
 
 EVENTS: dict[str, Callable[[FaultyLine, Fault], Undo]] = {
     "unplug": _unplug_cable,  # the cable is pulled; plugged in again at the end
-    "brownout": _apply_brownout,  # no supply: deaf and limp; at the end they boot with an empty RAM
-    "reset": _reset_servos,  # the firmware starts anew in mid-motion
+    "brownout": _apply_brownout,  # no supply and no torque; at the end they boot with an empty RAM
+    "reset": _reset_servos,  # the firmware restarts in mid-motion
     "alarm": _raise_alarm,  # `bits` of the error byte
     "hot": _overheat_servo,  # the servo is at `celsius`, and cools from there
     "stuck": _block_joint,  # the shaft does not move
-    "slipping": _slip_joint,  # the gears pass `grip` of the torque on
+    "slipping": _slip_joint,  # the gears transmit `grip` of the torque
     "voltage": _change_voltage,  # the supply gives `volts`
-    "torque_lost": _drop_torque,  # the bridge is off although the register says on
+    "torque_lost": _drop_torque,  # the bridge is off although the register reads on
 }
 
 
 Arrival = tuple[float, bytes]  # delay behind the moment at which it was due [s], bytes
 
-LOST = "lost"  # the host's instruction does not come through
+LOST = "lost"  # the host's instruction is not received
 
 
 def _drop_reply(_: bytes, __: Fault, ___: Random) -> list[Arrival]:
@@ -297,7 +297,7 @@ def _duplicate_reply(data: bytes, fault: Fault, _: Random) -> list[Arrival]:
 
 
 REPLY_FAULTS: dict[str, Callable[[bytes, Fault, Random], list[Arrival]]] = {
-    "silent": _drop_reply,  # no answer at all
+    "silent": _drop_reply,  # no reply at all
     "late": _delay_reply,  # delay_s behind: it meets the next request
     "short": _shorten_reply,  # only the first `bytes`
     "flipped": _flip_bits,  # `bits` of it, anywhere
@@ -310,7 +310,7 @@ REPLY_FAULTS: dict[str, Callable[[bytes, Fault, Random], list[Arrival]]] = {
 
 @dataclass(slots=True)
 class _ActiveFault:
-    """A fault of replies or instructions, and how often it has struck."""
+    """A fault of replies or instructions, and how often it was applied."""
 
     fault: Fault
     strikes: int = 0
@@ -325,7 +325,7 @@ class _ActiveFault:
 
 
 class FaultScript:
-    """Everything that goes wrong on one line; the same seed makes the same things go wrong."""
+    """All faults of one line; the same seed gives the same faults."""
 
     def __init__(self, line: FaultyLine, seed: int) -> None:
         self._line = line
@@ -334,7 +334,7 @@ class FaultScript:
         self._lost: list[_ActiveFault] = []
 
     def add(self, fault: Fault) -> None:
-        """Let a fault happen at its time, or now when that has passed.
+        """Schedule a fault at its time, or now if that has passed.
 
         Raises:
             FaultError: No such kind of fault.
@@ -350,12 +350,12 @@ class FaultScript:
             raise FaultError(f"no fault is named {fault.kind!r}; known: {known}")
 
     def clear(self) -> None:
-        """Forget the faults of replies and instructions."""
+        """Remove the faults of replies and instructions."""
         self._replies.clear()
         self._lost.clear()
 
     def loses_instruction(self, at_s: float) -> bool:
-        """Say whether an instruction does not come through."""
+        """Return whether an instruction is not received."""
         return any(running.is_triggered(at_s, self._random) for running in self._lost)
 
     def faulty_arrivals(self, servo: Servo | None, at_s: float, data: bytes) -> list[Arrival]:

@@ -1,4 +1,4 @@
-"""Feetech firmware: clipping, lock, alarms, protections; what the series differ in is a part."""
+"""Feetech firmware: clipping, lock, alarms, protections; differences of the series are a part."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not block
 
 
 class FeetechProtections:
-    """Protections of one servo; a bit goes away with its cause, an overload with a new torque."""
+    """Protections of one servo; a bit clears with its cause, an overload with a new torque."""
 
     def __init__(self, servo: Servo) -> None:
         self.servo = servo
@@ -27,7 +27,7 @@ class FeetechProtections:
         self.start()
 
     def start(self) -> None:
-        """Begin anew after power-up."""
+        """Start again after power-up."""
         self.bits = 0
         self.injected = 0
         self._overload_s = 0.0
@@ -39,20 +39,20 @@ class FeetechProtections:
         self.injected = bits
 
     def clear_overload(self) -> None:
-        """Torque or goal written: an overload gets another chance."""
+        """Torque or goal written: resets an overload."""
         self.bits &= ~(OVERLOAD | CURRENT)
         self._overload_s = self._over_current_s = 0.0
         self.servo.drive.torque_limit = self.torque_limit()
 
     def torque_limit(self) -> float:
-        """Return the limit in force, 0..1: protective torque after an overload."""
+        """Return the effective limit, 0..1: protective torque after an overload."""
         get = self.servo.memory.get
         name = "torque_limit" if self._has_current else "max_torque"
         limit = min(1.0, get(name) / 1000)
         return min(limit, get("protective_torque") / 100) if self.bits & OVERLOAD else limit
 
     def check(self, dt_s: float) -> None:
-        """Check everything once; ``dt_s`` is the time since the last look."""
+        """Check everything once; ``dt_s`` is the time since the last check."""
         get, servo, motor = self.servo.memory.get, self.servo, self.servo.motor
         volts = round(servo.supply_v * 10)
         self._set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
@@ -96,17 +96,17 @@ class FeetechProtections:
 BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400,
          19_200, 14_400, 9_600, 4_800)
 # fmt: on
-DAMPING = 2  # written to torque_enable: the shaft turns heavily
+DAMPING = 2  # written to torque_enable: the motor brakes the shaft
 PHASE_ZERO_IS_MAX = 0x08  # goal speed 0 means the greatest speed
 
 
 class FeetechSeries:
-    """What the series differ in: units, modes and goals of one servo.
+    """Differences between the series: units, modes and goals of one servo.
 
     Attributes:
         bauds: Rates by the numbers of the baud register.
-        instructions: Those that the series knows.
-        answers_broadcast_ping: Whether it does.
+        instructions: The supported instructions.
+        answers_broadcast_ping: Whether it replies to a broadcast ping.
     """
 
     bauds: Mapping[int, float]
@@ -118,7 +118,7 @@ class FeetechSeries:
 
     @staticmethod
     def sensor_mounting(shaft: HornMounting, delivered: Mapping[str, int]) -> HornMounting:
-        """Return how the bare sensor sits on the joint, from where reported positions have 0."""
+        """Return the mounting of the bare sensor, from the zero of reported positions."""
         return shaft
 
     def start(self) -> None:
@@ -133,31 +133,31 @@ class FeetechSeries:
         return self.servo.shaft.angle_at(position_tick)
 
     def calibrate(self) -> None:
-        """Make the present position the middle of the range, where the series can."""
+        """Make the present position the middle of the range, if the series supports it."""
 
     def reset_turns(self) -> None:
-        """Count turns from the present one again, where the series counts them."""
+        """Reduce the position to a single revolution, if the series counts several."""
 
     def refresh_goal(self) -> None:
-        """Hand the goal over again where it depends on the present position."""
+        """Apply the goal again where it depends on the present position."""
 
     def apply_gains(self) -> None:
-        """Hand over gains that only this series has."""
+        """Apply gains that only this series has."""
 
     def requested_mode(self) -> ControlMode:
-        """Return the mode that the memory asks for."""
+        """Return the mode in the memory."""
         raise NotImplementedError
 
     def set_goal(self) -> None:
-        """A goal register was written: hand goal and profile over together."""
+        """A goal register was written: apply goal and profile together."""
         raise NotImplementedError
 
     def live_registers(self) -> dict[str, Callable[[], int]]:
-        """Return how each measured register of the series gets its number."""
+        """Return the getter of each measured register of the series."""
         raise NotImplementedError
 
     def write_effects(self) -> dict[str, Callable[[], None]]:
-        """Return what a write to each register sets off besides, or instead."""
+        """Return the effect of a write to each register, in addition or instead."""
         return {}
 
 
@@ -200,7 +200,7 @@ class Feetech(Servo):
         self.effects = self._write_effects() | self.series.write_effects()
         self.start()
 
-    # The line's questions.
+    # Status for the line.
 
     @property
     def return_delay_s(self) -> float:
@@ -209,7 +209,7 @@ class Feetech(Servo):
 
     @property
     def status_level(self) -> int:
-        """The response level: 1 answers everything, 0 only pings and reads."""
+        """The response level: 1 replies to everything, 0 only to pings and reads."""
         return 2 if self.memory.get("response_level") else 1
 
     @property
@@ -223,7 +223,7 @@ class Feetech(Servo):
         return self.memory.get("lock") == 0
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Refuse what lies outside the memory; the rest is the register's own business."""
+        """Refuse what is outside the memory; the registers check the rest."""
         return None if data and address + len(data) <= self.table.size else InstructionError.RANGE
 
     def store(self, address: int, data: bytes) -> None:
@@ -246,7 +246,7 @@ class Feetech(Servo):
         self.apply_write_effects(address, len(data))
 
     def run_protections(self, dt_s: float) -> None:
-        """Look after heat, load and voltage."""
+        """Check temperature, load and voltage."""
         self.watch.check(dt_s)
         self.series.refresh_goal()
 
@@ -255,7 +255,7 @@ class Feetech(Servo):
         self.watch.inject_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Say whether a goal position lies inside the limits; both zero are none."""
+        """Return whether a goal position is inside the limits; both zero are none."""
         lower, upper = self.memory.get("min_position_limit"), self.memory.get("max_position_limit")
         return lower == upper == 0 or lower <= goal <= upper
 
@@ -270,11 +270,11 @@ class Feetech(Servo):
         return self.series.angle_at(position_tick)
 
     def calibrate(self) -> None:
-        """Make the present position the middle of the range, where the series can."""
+        """Make the present position the middle of the range, if the series supports it."""
         self.series.calibrate()
 
     def reset_turns(self) -> None:
-        """Count turns from the present one again, where the series counts them."""
+        """Reduce the position to a single revolution, if the series counts several."""
         self.series.reset_turns()
 
     def hold_position(self) -> None:
@@ -285,7 +285,7 @@ class Feetech(Servo):
     # From memory to drive.
 
     def start(self) -> None:
-        """Set everything from the memory after power-up; the goal is where the servo is."""
+        """Set everything from the memory after power-up; the goal is the present position."""
         self.series.start()
         self.drive.torque_on = False
         self.watch.start()
@@ -308,11 +308,11 @@ class Feetech(Servo):
             self.drive.goal_pwm = 0.0
 
     def set_goal(self) -> None:
-        """A goal register was written: hand goal and profile over together."""
+        """A goal register was written: apply goal and profile together."""
         self.series.set_goal()
 
     def set_gains(self) -> None:
-        """Hand the gains over in SI."""
+        """Apply the gains in SI."""
         drive, get = self.drive, self.memory.get
         drive.kp = get("p_gain") * self.kp_per_gain
         drive.kd = get("d_gain") * self.kd_per_gain
@@ -322,7 +322,7 @@ class Feetech(Servo):
         self.series.apply_gains()
 
     def set_limits(self) -> None:
-        """Hand the limits over; an overload keeps its own torque limit."""
+        """Apply the limits; an overload keeps its own torque limit."""
         self.drive.torque_limit = self.watch.torque_limit()
 
     def clamped_goal(self) -> int:
@@ -333,11 +333,11 @@ class Feetech(Servo):
         return goal if lower == upper == 0 else max(lower, min(upper, goal))
 
     def profile_speed(self, speed_rad_s: float) -> float:
-        """Return the speed limit for a goal speed: 0 means the greatest, or to stand still."""
+        """Return the speed limit for a goal speed: 0 means the maximum, or no motion."""
         stands = speed_rad_s == 0.0 and not self.memory.get("phase") & PHASE_ZERO_IS_MAX
         return 1e-6 if stands else speed_rad_s
 
-    # Tables of what is measured and what is set off.
+    # Tables of measured registers and of write effects.
 
     def _live_registers(self) -> dict[str, Callable[[], int]]:
         motor = self.motor

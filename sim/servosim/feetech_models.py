@@ -13,7 +13,7 @@ __all__ = ["ScsSeries", "StsSeries"]
 
 
 CURRENT_UNIT_A = 0.0065
-CALIBRATE = 128  # written to torque_enable: here is tick 2048
+CALIBRATE = 128  # written to torque_enable: the present position becomes tick 2048
 STEP = 3  # operating mode: goals are added to each other
 PHASE_FINE_SPEED, PHASE_TURNS = 0x04, 0x10
 
@@ -36,25 +36,26 @@ class StsSeries(FeetechSeries):
 
     @staticmethod
     def sensor_mounting(shaft: HornMounting, delivered: Mapping[str, int]) -> HornMounting:
-        """Return how the bare sensor sits on the joint: without the homing offset."""
+        """Return the mounting of the bare sensor: without the homing offset."""
         offset = delivered.get("homing_offset", 0)
         return HornMounting(shaft.sign, shaft.zero_tick + offset, shaft.ticks)
 
     # Position.
 
     def actual_tick(self) -> int:
-        """Return the sensor's tick, turns counted since power-up."""
+        """Return the sensor's tick, multi-turn since power-up."""
         return self.shaft.tick_at(self.motor.encoder_rad) - self.turn_base_tick
 
     def present_tick(self) -> int:
-        """Return the present position: wrapped into one turn unless phase bit 4 is set."""
+        """Return the present position: single turn unless phase bit 4 is set."""
         tick = self.actual_tick() - self.memory.get("homing_offset")
         return tick if self.memory.get("phase") & PHASE_TURNS else tick % 4096
 
     def angle_at(self, position_tick: int) -> float:
         """Return the joint angle [rad] that a position register's number means now.
 
-        The firmware compares goal and present inside one turn, so it never crosses the seam.
+        The firmware compares goal and present within one revolution, so no motion crosses the
+        wrap-around.
         """
         actual = self.actual_tick()
         return self.shaft.angle_at(
@@ -69,25 +70,25 @@ class StsSeries(FeetechSeries):
         self.servo.hold_position()
 
     def reset_turns(self) -> None:
-        """Count turns from the present one again."""
+        """Reduce the position to a single revolution."""
         self.turn_base_tick = self.shaft.tick_at(self.motor.encoder_rad) // 4096 * 4096
         self.set_goal()
 
     # From memory to drive.
 
     def start(self) -> None:
-        """Set turns, torque limit and units from the memory after power-up."""
+        """Set revolutions, torque limit and units from the memory after power-up."""
         self.turn_base_tick = self.shaft.tick_at(self.motor.encoder_rad) // 4096 * 4096
         self.memory.put("torque_limit", self.memory.get("max_torque"))
         self.set_phase()
 
     def refresh_goal(self) -> None:
-        """Hand the goal over again: behind the seam the same number lies elsewhere."""
+        """Apply the goal again: across the wrap-around the same number is another position."""
         if self.drive.torque_on and self.memory.get("operating_mode") == 0:
             self.drive.goal_rad = self.angle_at(self.servo.clamped_goal())
 
     def requested_mode(self) -> ControlMode:
-        """Return the mode of the operating mode register; step mode starts where the servo is."""
+        """Return the mode of the operating mode register; step mode starts at the present tick."""
         self.step_goal_tick = self.actual_tick()
         return (ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.PWM, ControlMode.POSITION)[
             self.memory.get("operating_mode")
@@ -109,7 +110,7 @@ class StsSeries(FeetechSeries):
         self.drive.moving_threshold_rad_s = threshold * self.speed_unit_rad_s
 
     def set_goal(self) -> None:
-        """A goal register was written: hand goal, speed and acceleration over together."""
+        """A goal register was written: apply goal, speed and acceleration together."""
         drive, get, sign = self.drive, self.memory.get, self.shaft.sign
         speed_rad_s = get("goal_speed") * self.speed_unit_rad_s
         drive.acceleration_rad_s2 = get("acceleration") * 100 * self.shaft.rad_per_tick
@@ -122,19 +123,19 @@ class StsSeries(FeetechSeries):
             drive.goal_rad = self.angle_at(self.servo.clamped_goal())
 
     def set_position_goal(self) -> None:
-        """Goal position written; in step mode it is added to where the servo was to go."""
+        """Goal position written; in step mode it is added to the previous goal."""
         if self.memory.get("operating_mode") == STEP:
             self.step_goal_tick += self.memory.get("goal_position")
         self.set_goal()
 
     def apply_gains(self) -> None:
-        """Hand the limit of the integral over."""
+        """Apply the limit of the integral."""
         self.drive.integral_limit = self.memory.get("integral_limit") * 4 / 1000 or 1.0
 
-    # Tables of what is measured and what is set off.
+    # Tables of measured registers and of write effects.
 
     def live_registers(self) -> dict[str, Callable[[], int]]:
-        """Return how each measured register of the series gets its number."""
+        """Return the getter of each measured register of the series."""
         motor, sign = self.motor, self.shaft.sign
         return {
             "present_speed": lambda: round(sign * motor.velocity_rad_s / self.speed_unit_rad_s),
@@ -143,7 +144,7 @@ class StsSeries(FeetechSeries):
         }
 
     def write_effects(self) -> dict[str, Callable[[], None]]:
-        """Return what a write to each register sets off besides, or instead."""
+        """Return the effect of a write to each register, in addition or instead."""
         servo = self.servo
         return {
             "torque_enable": self.set_torque,
@@ -183,7 +184,7 @@ class ScsSeries(FeetechSeries):
         drive.goal_rad = self.angle_at(servo.clamped_goal())
 
     def live_registers(self) -> dict[str, Callable[[], int]]:
-        """Return how each measured register of the series gets its number."""
+        """Return the getter of each measured register of the series."""
         motor, shaft = self.servo.motor, self.servo.shaft
         return {
             "present_speed": lambda: round(shaft.sign * motor.velocity_rad_s / shaft.rad_per_tick),

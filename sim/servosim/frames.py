@@ -26,7 +26,7 @@ class Frame:
     """One frame with a good checksum.
 
     Attributes:
-        id: The addressed servo, or the servo that answers.
+        id: The addressed servo, or the servo that replies.
         instruction: The instruction byte; in a protocol 1 status, the error byte.
         params: What follows the instruction, stuffing removed, without the checksum.
         end: Bytes of the feed that completed the frame, counted from that feed's start.
@@ -66,7 +66,7 @@ class FrameReader:
         return frames
 
     def reset(self) -> None:
-        """Forget a frame that never came to its end."""
+        """Discard an incomplete frame."""
         self.junk_bytes += len(self._buffer)
         self._buffer.clear()
 
@@ -85,7 +85,7 @@ class FrameReader:
         del self._buffer[:start]
 
     def _take_frame(self, at: int, start: int, size: int, before: int, frames: list[Frame]) -> int:
-        """Append the frame at ``start`` if it is one; return where the search goes on."""
+        """Append the frame at ``start`` if it is one; return where the search continues."""
         self.junk_bytes += start - at
         if size > 0:
             frame = self._parse(bytes(self._buffer[start : start + size]), start + size - before)

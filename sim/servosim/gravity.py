@@ -1,4 +1,4 @@
-"""What gravity does to a tree of joints: torques at rest and the inertia of each joint."""
+"""Gravity on a tree of joints: torques at rest and the inertia of each joint."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GRAVITY_M_S2 = 9.81
 
 
 class MimicDrive(NamedTuple):
-    """Who moves a joint: `q = multiplier * positions[driver] + offset`; driver -1: nobody."""
+    """Driver of a joint: `q = multiplier * positions[driver] + offset`; driver -1: none."""
 
     driver: int
     multiplier: float
@@ -73,9 +73,9 @@ class MassTree:
         self._tensors = np.array([joint.body.inertia_kg_m2 for joint in joints])
 
     def torques(self, positions: Sequence[float]) -> list[float]:
-        """The slope of the potential energy, downhill, along each driven position.
+        """The negative gradient of the potential energy by each driven position.
 
-        Under vertical gravity a joint is turned by the horizontal place of the masses only, so
+        Under vertical gravity the torque depends on the horizontal position of the masses only, so
         the x and y rows of the frames are all that is computed.
         """
         frames: list[_Frame] = []
@@ -122,7 +122,7 @@ class MassTree:
     def _inertias_about(
         self, axes: Matrix, origins_m: Matrix, centres_m: Matrix, tensors: Matrix
     ) -> Matrix:
-        """Parallel axes: what hangs behind each joint, about its z axis; slid along it, a mass."""
+        """Parallel axes: inertia behind each joint about its z axis; mass if it slides along it."""
         r = centres_m - origins_m[:, None]  # from each joint to each body
         along_m = (r @ axes[:, :, None])[:, :, 0]
         arms_m2 = (r * r).sum(axis=2) - along_m**2  # |axis × r|²
@@ -148,7 +148,7 @@ class MassTree:
         return frames
 
     def _joint_motions(self, positions: Sequence[float]) -> Matrix:
-        """What each joint's own coordinate does: a turn about z, or a slide along it."""
+        """The motion of each joint's own coordinate: rotation about z, or translation along it."""
         T = np.zeros((len(self._joints), 4, 4)) + np.eye(4)
         for index, (driver, multiplier, offset) in enumerate(self._driven):
             q = offset if driver < 0 else multiplier * positions[driver] + offset

@@ -1,4 +1,4 @@
-"""Instructions of protocol 1.0, which Feetech servos share."""
+"""Instructions of protocol 1.0 and of Feetech servos."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class Reply(NamedTuple):
 
 
 class ReplySlot(NamedTuple):
-    """A place in the order of answers.
+    """A place in the order of replies.
 
     Attributes:
-        replies: Everybody who takes this place; more than one collide.
-        size: Bytes that the next in line waits for when nobody takes it.
+        replies: The replies in this place; more than one collide.
+        size: Bytes that the next one waits for if there is no reply.
         slot: A fixed place counted in packets from the instruction (broadcast ping), or None to
-            follow the turn before.
-        prompt: True to follow the turn before without a return delay (fast reads).
+            follow the place before.
+        prompt: True to follow the place before without a return delay (fast reads).
     """
 
     replies: tuple[Reply, ...]
@@ -39,7 +39,7 @@ class ReplySlot(NamedTuple):
 
 
 def servos_by_id(servos: Sequence[Servo]) -> dict[int, list[Servo]]:
-    """Return who answers to which id."""
+    """Return the servos at each id."""
     found: dict[int, list[Servo]] = {}
     for servo in servos:
         found.setdefault(servo.id, []).append(servo)
@@ -47,14 +47,14 @@ def servos_by_id(servos: Sequence[Servo]) -> dict[int, list[Servo]]:
 
 
 def single_slot(replies: list[Reply]) -> list[ReplySlot]:
-    """Return the turns of an instruction to one id: everybody with that id answers at once."""
+    """Return the reply slot of an instruction to one id: all servos with that id reply at once."""
     return [ReplySlot(tuple(replies))] if replies else []
 
 
 PING, READ, WRITE, REG_WRITE, ACTION, RECOVERY = 1, 2, 3, 4, 5, 6
 REBOOT, RESET_TURNS, CALIBRATE = 0x08, 0x0A, 0x0B
 SYNC_READ, SYNC_WRITE, BULK_READ = 0x82, 0x83, 0x92
-MAX_DATA_BYTES = 253  # what the length byte of a status can tell
+MAX_DATA_BYTES = 253  # limit of the length byte of a status
 
 _ERRORS = {
     InstructionError.LIMIT: 0x02,
@@ -65,9 +65,9 @@ _Outcome = bytes | InstructionError | None
 
 
 def respond(frame: Frame, servos: Sequence[Servo]) -> list[ReplySlot]:
-    """Let the servos do what a frame asks; return who answers in which order."""
+    """Execute a frame on the servos; return the reply slots in order."""
     for servo in servos:
-        servo.heard_s = servo.time_s
+        servo.received_s = servo.time_s
     if frame.instruction in _TO_MANY:
         return _TO_MANY[frame.instruction](frame.params, servos)
     if frame.id == BROADCAST:
@@ -79,7 +79,7 @@ def respond(frame: Frame, servos: Sequence[Servo]) -> list[ReplySlot]:
 def _respond_to_one(frame: Frame, servo: Servo) -> Iterator[Reply]:
     known = frame.instruction in _TO_ONE and frame.instruction in servo.instructions
     if not known and servo.protocol is BusProtocol.FEETECH:
-        return  # assumed: Feetech servos keep silent about what they do not know
+        return  # assumed: Feetech servos do not reply to unknown instructions
     perform = _TO_ONE[frame.instruction] if known else _reject_unknown
     outcome = perform(servo, frame.params)
     if servo.status_level >= _LEVELS.get(frame.instruction, 2):

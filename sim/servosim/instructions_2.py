@@ -28,7 +28,7 @@ __all__ = [
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT = 1, 2, 3, 4, 5, 6, 8
 CLEAR, BACKUP, STATUS = 0x10, 0x20, 0x55
 
-LEVELS = {PING: 0, READ: 1}  # status return level from which an instruction is answered; else 2
+LEVELS = {PING: 0, READ: 1}  # status return level from which there is a reply; else 2
 
 _ERRORS = {
     InstructionError.RESULT_FAIL: 1,
@@ -42,7 +42,7 @@ Outcome = bytes | InstructionError | None
 
 
 def execute_instruction(instruction: int, params: bytes, servo: Servo) -> Outcome:
-    """Let a servo do what an instruction asks; return its data, or why it refuses."""
+    """Execute an instruction on a servo; return its data, or why it refuses."""
     do = _TO_ONE.get(instruction)
     return do(servo, params) if do else InstructionError.INSTRUCTION
 
@@ -55,7 +55,7 @@ def status_packet(id_: int, servo: Servo, outcome: Outcome) -> bytes:
 
 
 def touches_eeprom(servo: Servo, params: bytes) -> bool:
-    """Say whether a write's parameters reach into the EEPROM."""
+    """Return whether a write's parameters reach into the EEPROM."""
     rows = servo.table.registers_in(read_uint16(params, 0), len(params) - 2)
     return any(row.area is SimulatedArea.EEPROM for row in rows)
 
@@ -197,7 +197,7 @@ def _execute_bulk_write(params: bytes, servos: Sequence[Servo]) -> list[ReplySlo
 
 
 def _write_targets(servos: Sequence[Servo]) -> dict[int, list[Servo]]:
-    """Return who obeys writes to which id, secondary ids included."""
+    """Return the servos that accept writes to each id, secondary ids included."""
     found = servos_by_id(servos)
     for servo in servos:
         if servo.secondary_id is not None:
@@ -234,11 +234,11 @@ def _read_reply_slot(request: _ReadRequest, servos: Sequence[Servo]) -> ReplySlo
 
 
 def _fast_reply_slots(requests: list[_ReadRequest], servos: Sequence[Servo]) -> list[ReplySlot]:
-    """One status packet in shares; the chain breaks at the first servo that is missing."""
+    """One status packet in parts; the chain breaks at the first servo that is missing."""
     everybody = servos_by_id(servos)
     length = 1 + sum(4 + request[2] for request in requests)
     if length > MAX_FRAME_BYTES:
-        return []  # assumed: nobody answers what fits into no packet
+        return []  # assumed: no reply if it does not fit into a packet
     so_far = HEADER + bytes((BROADCAST, length & 0xFF, length >> 8, STATUS))
     turns: list[ReplySlot] = []
     for id_, address, size in requests:
@@ -264,9 +264,9 @@ TO_MANY: dict[int, Callable[[bytes, Sequence[Servo]], list[ReplySlot]]] = {
 
 
 def answer(frame: Frame, servos: Sequence[Servo]) -> list[ReplySlot]:
-    """Let the servos do what a frame asks; return who answers in which order."""
+    """Execute a frame on the servos; return the reply slots in order."""
     for servo in servos:
-        servo.heard_s = servo.time_s
+        servo.received_s = servo.time_s
     if frame.instruction == STATUS:
         return []
     if frame.instruction in TO_MANY:
@@ -308,7 +308,7 @@ def _ping_reply_slot(servo: Servo) -> ReplySlot:
 
 
 def _execute_for_secondary_id(frame: Frame, servo: Servo) -> None:
-    """A secondary id takes instructions, but neither reads nor writes to EEPROM."""
+    """A secondary id accepts instructions, but neither reads nor writes to EEPROM."""
     writes = frame.instruction in (WRITE, REG_WRITE)
     allowed = writes and not touches_eeprom(servo, frame.params)
     if allowed or frame.instruction in (ACTION, REBOOT, CLEAR):

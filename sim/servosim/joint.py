@@ -21,15 +21,15 @@ class Transmission(Protocol):
         ...
 
     def position(self, turned_rad: float) -> float:
-        """Return where the joint is when the horn has turned so far from joint zero."""
+        """Return the joint position for a rotation of the horn from joint zero."""
         ...
 
     def turned_rad(self, position: float) -> float:
-        """Return how far the horn has turned when the joint is there."""
+        """Return the rotation of the horn for a joint position."""
         ...
 
     def slope(self, turned_rad: float) -> float:
-        """Return by how much the joint moves for a small turn of the horn, rad or m a rad."""
+        """Return the derivative of the joint position by the horn's rotation, rad or m a rad."""
         ...
 
 
@@ -38,7 +38,7 @@ class Ratio:
     """A horn on the joint itself, a gear, or a rack: the same everywhere.
 
     Attributes:
-        per_rad: How far the joint goes for one radian of the horn, rad or m.
+        per_rad: Joint motion for one radian of the horn, rad or m.
         is_prismatic: Whether the joint is prismatic.
     """
 
@@ -46,11 +46,11 @@ class Ratio:
     is_prismatic: bool = False
 
     def position(self, turned_rad: float) -> float:
-        """Return where the joint is."""
+        """Return the joint position."""
         return turned_rad * self.per_rad
 
     def turned_rad(self, position: float) -> float:
-        """Return how far the horn has turned."""
+        """Return the rotation of the horn."""
         return position / self.per_rad
 
     def slope(self, turned_rad: float) -> float:
@@ -60,10 +60,10 @@ class Ratio:
 
 @dataclass(frozen=True, slots=True)
 class CrankAndRod:
-    """A crank that pushes a slide by a rod: `x = r cos φ + sqrt(l² - r² sin² φ)`.
+    """A crank that pushes a slider by a rod: `x = r cos φ + sqrt(l² - r² sin² φ)`.
 
-    The horn turns φ back from its angle at joint zero, so that a growing angle pushes outwards;
-    near its dead centres the slide hardly moves.
+    φ decreases from its angle at joint zero, so that a growing angle pushes outwards; near its
+    dead centres the slider hardly moves.
 
     Attributes:
         radius_m: From the horn's axis to the pin.
@@ -81,13 +81,13 @@ class CrankAndRod:
         return True
 
     def position(self, turned_rad: float) -> float:
-        """Return where the slide is."""
+        """Return the slider's position."""
         return self._slide_position(self.zero_rad - turned_rad) - self._slide_position(
             self.zero_rad
         )
 
     def turned_rad(self, position: float) -> float:
-        """Return how far the horn has turned; out of reach, where the slide comes nearest."""
+        """Return the rotation of the horn; out of reach, that with the slider nearest."""
         x, r, rod = position + self._slide_position(self.zero_rad), self.radius_m, self.rod_m
         x = min(rod + r, max(rod - r, x))
         cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
@@ -112,17 +112,17 @@ DIRECT = Ratio()
 
 Path = Callable[[float], tuple[float, float]]  # seconds since the grasp -> position, velocity
 
-HAND_SPEED = 1.0  # rad/s, or m/s / 10 on a sliding joint: how fast a hand leads a joint
+HAND_SPEED = 1.0  # rad/s, or m/s / 10 on a prismatic joint: speed of a hand
 STIFFNESS_RAD_S = 150.0  # natural frequency of the grip; stable at steps of 2 ms
 
 
 def hold(position: float) -> Path:
-    """Stay at a position (rad, or m for a sliding joint)."""
+    """Stay at a position (rad, or m for a prismatic joint)."""
     return lambda _: (position, 0.0)
 
 
 def push(direction: float) -> Path:
-    """Push with the hand's whole force towards the sign of `direction`, wherever the joint is."""
+    """Push with the hand's full force towards the sign of `direction`, at any position."""
     return hold(math.copysign(math.inf, direction))
 
 
@@ -157,10 +157,10 @@ class Hand:
     """A grip on one joint: a critically damped spring that follows a path.
 
     Attributes:
-        path: Where the hand wants to be.
-        limit: Its greatest force: N m, or N on a sliding joint.
-        only: +1 or -1 for one that lies there and pushes only that way: an obstacle. 0 for a grip.
-        force: What it pressed with in the last step; positive forward.
+        path: The path of the hand.
+        limit: Its maximum force: N m, or N on a prismatic joint.
+        only: +1 or -1 for an obstacle that pushes only in that direction. 0 for a grip.
+        force: Its force in the last step; positive forward.
         time_s: Since the grasp.
     """
 
@@ -183,7 +183,7 @@ class Hand:
 
 
 STEP_S = 0.001
-COUPLING = 0.05  # share of the stiffest spring that a step of STEP_S can carry
+COUPLING = 0.05  # fraction of the stiffest spring that a step of STEP_S can carry
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +194,7 @@ class SimulatedJoint:
 
     Attributes:
         name: The joint's name in the body.
-        servos: Those that turn it; all but the first are tied to it by a stiff spring.
+        servos: Its servos; all but the first are tied to it by a stiff spring.
         transmission: Between their horns and the joint.
     """
 
@@ -209,7 +209,7 @@ class SimulatedJoint:
 
     @property
     def m_per_rad(self) -> float:
-        """Joint motion for one radian of the horn, where it stands: 1 without a transmission."""
+        """Joint motion for one radian of the horn here: 1 without a transmission."""
         return self.transmission.slope(self.servos[0].motor.position_rad)
 
     @property
@@ -224,7 +224,7 @@ class SimulatedJoint:
 
     @property
     def inertia(self) -> float:
-        """What a force on the joint has to move: rotors, gears and what hangs on them."""
+        """Inertia of the joint: rotors, gears and its load."""
         motors = [servo.motor for servo in self.servos]
         total = sum(m.parameters.armature_kg_m2 + m.load_inertia_kg_m2 for m in motors)
         return total / self.m_per_rad**2
@@ -235,12 +235,12 @@ class SimulatedJoint:
         return not any(servo.drive.torque_on for servo in self.servos)
 
     def place(self, position: float) -> None:
-        """Put the joint somewhere, at rest."""
+        """Set the joint's position, at rest."""
         for servo in self.servos:
             servo.motor.place(self.transmission.turned_rad(position))
 
     def set_inertia(self, inertia: float) -> None:
-        """Hang a body of this inertia on the joint."""
+        """Set the inertia of the joint's load."""
         for servo in self.servos:
             servo.motor.load_inertia_kg_m2 = inertia * self.m_per_rad**2 / len(self.servos)
 
@@ -249,17 +249,17 @@ class SimulatedJoint:
         return hand.hand_force(STEP_S, self.position, self.velocity, self.inertia)
 
     def step_servos(self, load: float) -> None:
-        """Let the servos turn for one step under an outer load, which they share."""
+        """Step the servos under an external load, which is divided between them."""
         lead = self.servos[0]
         if len(self.servos) == 1:
             lead.step(STEP_S, load * self.m_per_rad)
             return
-        share_nm = load * self.m_per_rad / len(self.servos)
+        load_nm = load * self.m_per_rad / len(self.servos)
         for follower in self.servos[1:]:
             pull_nm = _coupling_nm(lead, follower)
-            follower.step(STEP_S, share_nm + pull_nm)
-            share_nm -= pull_nm
-        lead.step(STEP_S, share_nm)
+            follower.step(STEP_S, load_nm + pull_nm)
+            load_nm -= pull_nm
+        lead.step(STEP_S, load_nm)
 
     def drive_force(self) -> float:
         """Let carried servos work for one step; return their force on the joint."""
@@ -270,7 +270,7 @@ class SimulatedJoint:
         return pressed_nm / self.m_per_rad
 
     def set_state(self, position: float, velocity: float) -> None:
-        """Take the servos to where the joint turned out to be."""
+        """Set the servos to the state of the joint."""
         turned_rad = self.transmission.turned_rad(position)
         for servo in self.servos:
             servo.motor.set_state(turned_rad, velocity / self.transmission.slope(turned_rad))

@@ -37,11 +37,11 @@ def resolve_collision(
     """Return what a receiver makes of bytes that overlap on a line where low wins.
 
     Args:
-        speeches: Start [s] and bytes of everybody who speaks.
+        speeches: Start [s] and bytes of each transmission.
         byte_s: Time of one byte [s]; zero when the wire takes none.
 
     Returns:
-        The start of the first speech and the bytes that a UART reads.
+        The start of the first transmission and the bytes that a UART reads.
     """
     start_s = min(at_s for at_s, _ in speeches)
     if byte_s <= 0.0:
@@ -120,7 +120,7 @@ class LineOptions:
 
 @dataclass(slots=True)
 class _BusTransmission:
-    """Bytes somebody puts on the line."""
+    """Bytes transmitted on the line."""
 
     start_s: float
     byte_s: float
@@ -135,7 +135,7 @@ class _BusTransmission:
 
 @dataclass(slots=True)
 class _Delivery:
-    """A frame that servos will have heard completely at ``at_s``."""
+    """A frame that servos will have received completely at ``at_s``."""
 
     at_s: float
     framing: type[FrameReader]
@@ -145,7 +145,7 @@ class _Delivery:
 
 
 class Line:
-    """The wire between a host's adapter and its servos, in the time of whoever drives it.
+    """The wire between a host's adapter and its servos, in the time of its caller.
 
     The owner of a clock calls ``host_write`` when the host writes and ``run_until`` when time
     has passed; replies pile up in ``inbox`` with the moments at which they arrive, and
@@ -154,9 +154,9 @@ class Line:
     Attributes:
         world: The servos and what they move.
         baud: The host's rate.
-        inbox: What is on its way to the host.
-        faults: What goes wrong.
-        witnesses: Who is told of every frame.
+        inbox: Bytes that will arrive at the host.
+        faults: The injected faults.
+        witnesses: Listeners to every frame.
         plugged: False while the adapter's cable is pulled.
     """
 
@@ -191,7 +191,7 @@ class Line:
 
     @property
     def all_received_s(self) -> float:
-        """When everything the host has written will have been heard."""
+        """When all bytes written by the host will have been received."""
         return max((at_s for at_s, _, _ in self._due), default=self.host_end_s)
 
     @property
@@ -201,17 +201,17 @@ class Line:
 
     @property
     def next_event_s(self) -> float | None:
-        """When the next frame will have been heard, or None when the line is idle."""
+        """When the next frame will have been received, or None if the line is idle."""
         return self._due[0][0] if self._due else None
 
     def set_baud(self, baud: int) -> None:
-        """Set the host's rate; servos at another rate see noise and forget half a frame."""
+        """Set the host's rate; servos at another rate receive noise and discard half a frame."""
         if baud != self.baud:
             self.baud = baud
             self._reset_partial_frames()
 
     def host_write(self, data: bytes, now_s: float) -> float:
-        """Put bytes on the line behind those already there; return when the last has left."""
+        """Put bytes on the line after those already there; return when the last has left."""
         self.run_until(now_s)
         start_s = max(self.adapter.departure_s(now_s), self.host_end_s)
         if start_s - self.host_end_s > self.options.gap_s:
@@ -227,12 +227,12 @@ class Line:
         return speech.end_s
 
     def run_until(self, now_s: float) -> None:
-        """Let time pass: servos turn, hear the frames that have come through, and answer."""
+        """Advance time: servos move, receive complete frames, and reply."""
         while self._due and self._due[0][0] <= now_s:
-            heard = heapq.heappop(self._due)[2]
-            self.world.advance_to(heard.at_s)
-            if not heard.speech.garbled and not self.faults.loses_instruction(heard.at_s):
-                self._process_delivery(heard)
+            delivery = heapq.heappop(self._due)[2]
+            self.world.advance_to(delivery.at_s)
+            if not delivery.speech.garbled and not self.faults.loses_instruction(delivery.at_s):
+                self._process_delivery(delivery)
         self.world.advance_to(now_s)
 
     def _deliver_to_servos(self, framing: type[FrameReader], speech: _BusTransmission) -> None:
@@ -241,34 +241,36 @@ class Line:
             reader = self.readers[framing] = framing()
         for frame in reader.feed(speech.data):
             at_s = speech.start_s + frame.end * speech.byte_s
-            heard = _Delivery(at_s, framing, self.baud, frame, speech)
-            heapq.heappush(self._due, (at_s, next(self._order), heard))
+            delivery = _Delivery(at_s, framing, self.baud, frame, speech)
+            heapq.heappush(self._due, (at_s, next(self._order), delivery))
 
-    def _process_delivery(self, heard: _Delivery) -> None:
+    def _process_delivery(self, delivery: _Delivery) -> None:
         groups: dict[BusProtocol, list[Servo]] = {}
         for servo in self.world.servos:
-            if servo.framing is heard.framing and servo.is_listening(heard.baud, heard.at_s):
+            if servo.framing is delivery.framing and servo.is_listening(
+                delivery.baud, delivery.at_s
+            ):
                 groups.setdefault(servo.protocol, []).append(servo)
         for witness in self.witnesses:
-            witness.on_frame(heard.at_s, heard.frame, heard.framing)
+            witness.on_frame(delivery.at_s, delivery.frame, delivery.framing)
         for protocol, servos in groups.items():
-            self._schedule_replies(ANSWERS[protocol](heard.frame, servos), heard)
+            self._schedule_replies(ANSWERS[protocol](delivery.frame, servos), delivery)
 
-    def _schedule_replies(self, turns: Sequence[ReplySlot], heard: _Delivery) -> None:
-        """Give every turn its time; the speeches that overlap collide."""
-        byte_s = heard.speech.byte_s
-        at_s = heard.at_s
+    def _schedule_replies(self, slots: Sequence[ReplySlot], delivery: _Delivery) -> None:
+        """Schedule the reply of each slot; overlapping transmissions collide."""
+        byte_s = delivery.speech.byte_s
+        at_s = delivery.at_s
         speeches: list[_BusTransmission] = []
-        for turn in turns:
-            slot_s = 0.0 if turn.slot is None else turn.slot * (PING_PACKET * byte_s + PING_PAUSE_S)
-            base_s = at_s if turn.slot is None else heard.at_s + slot_s
-            if not turn.replies:
-                at_s += turn.size * byte_s + FRAME_TIMEOUT_S
-            for reply in turn.replies:
-                speech = self._make_transmission(reply, base_s, byte_s, prompt=turn.prompt)
+        for slot in slots:
+            slot_s = 0.0 if slot.slot is None else slot.slot * (PING_PACKET * byte_s + PING_PAUSE_S)
+            base_s = at_s if slot.slot is None else delivery.at_s + slot_s
+            if not slot.replies:
+                at_s += slot.size * byte_s + FRAME_TIMEOUT_S
+            for reply in slot.replies:
+                speech = self._make_transmission(reply, base_s, byte_s, prompt=slot.prompt)
                 speeches.append(speech)
                 at_s = max(at_s, speech.end_s)
-        self._replies = [s for s in self._replies if s.end_s > heard.at_s]
+        self._replies = [s for s in self._replies if s.end_s > delivery.at_s]
         for speech in _merge_overlapping(speeches):
             self._deliver_reply(speech)
 
@@ -280,7 +282,7 @@ class Line:
         return _BusTransmission(base_s + delay_s, byte_s, reply.data, servo)
 
     def _deliver_reply(self, speech: _BusTransmission) -> None:
-        """Send a reply to the host, unless the host itself is speaking over it."""
+        """Send a reply to the host, unless the host itself is transmitting."""
         for host in self._hosts:
             if _is_overlapping(host, speech):
                 host.garbled = speech.garbled = True
@@ -295,7 +297,7 @@ class Line:
             )
 
     def _garble_overlapped(self, speech: _BusTransmission) -> None:
-        """Garble what the host says into a reply that is still on the line."""
+        """Garble a transmission of the host during a reply."""
         for reply in self._replies:
             if _is_overlapping(reply, speech):
                 speech.garbled = True
@@ -315,12 +317,12 @@ class Line:
 
 
 def _is_overlapping(one: _BusTransmission, other: _BusTransmission) -> bool:
-    """Return whether two speak at once, by more than sums of byte times are wrong."""
+    """Return whether two transmissions overlap, beyond rounding of byte times."""
     return one.start_s < other.end_s - ROUNDING_S and other.start_s < one.end_s - ROUNDING_S
 
 
 def _merge_overlapping(speeches: list[_BusTransmission]) -> list[_BusTransmission]:
-    """Turn speeches that overlap into the one that a receiver makes of them."""
+    """Merge transmissions that overlap into the one that a receiver reads."""
     if len(speeches) < 2:
         return speeches
     merged: list[_BusTransmission] = []

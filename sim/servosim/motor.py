@@ -11,7 +11,7 @@ __all__ = ["PARAMETERS", "ControlMode", "DriveCommand", "Motor", "MotorParameter
 
 
 class ThermalModel:
-    """The temperature that a servo's own sensor sees.
+    """The temperature at a servo's own sensor.
 
     `C dT/dt = P - (T - room) / R`, with the winding's loss P. One body for winding and case: the
     sensors of these servos sit on the circuit board between the two.
@@ -26,14 +26,14 @@ class ThermalModel:
         self.temperature_c = room_c
 
     def step(self, dt_s: float, power_w: float) -> None:
-        """Let `dt_s` seconds pass under a loss of `power_w` watts."""
+        """Advance `dt_s` seconds under a loss of `power_w` watts."""
         flow_w = power_w - (self.temperature_c - self.room_c) / self._resistance_k_w
         self.temperature_c += flow_w * dt_s / self._capacity_j_k
 
 
-PLAY_HZ = 45.0  # a load sinks through the play as through grease: inertia times this damping
+PLAY_HZ = 45.0  # a load moves through the play with this damping: inertia times this rate
 AT_REST_RAD_S = 1e-6  # a motion slower than this sticks
-FREE_PLAY_FRACTION = 1e-3  # loads below this share of the stall torque do not take up the play
+FREE_PLAY_FRACTION = 1e-3  # loads below this fraction of the stall torque do not take up the play
 
 
 class Motor:
@@ -44,32 +44,54 @@ class Motor:
     everything that damps and explicit in the rest: the stiffest gains stay stable at steps of
     1 ms and the steady state is exact.
 
-    The free play lies between the gears and the output shaft. The position sensor sits on the
+    The free play is between the gears and the output shaft. The position sensor is on the
     output shaft (magnetic on STS, X and MX, a potentiometer on SCS and AX) and sees the joint:
     the play shows as lost motion when the load changes sides, not as an error of the reading.
 
     Attributes:
-        position_rad: Where the output shaft is: the joint's truth.
+        position_rad: Position of the output shaft: the true joint position.
         velocity_rad_s: Speed of the gears: the shaft's, but while it crosses the play.
         torque_nm: Torque of the motor at the shaft, before friction.
         current_a: Signed current of the winding.
         pwm: Signed duty of the bridge, -1..1.
         moving: Whether the shaft is faster than the drive's threshold or the profile runs.
-        heat: What warms and cools the servo.
+        heat: The thermal model of the servo.
         lower_stop_rad: Where a hard stop holds the shaft.
         upper_stop_rad: Likewise on the other side.
-        load_inertia_kg_m2: Inertia of what hangs on the shaft.
-        carried: Somebody else integrates the motion and tells by `carry`; a step only presses.
+        load_inertia_kg_m2: Inertia of the load on the shaft.
+        carried: Another body integrates the motion and sets it by `set_state`; a step only
+            computes the torque.
         stuck: A fault: the shaft does not move.
-        grip: A fault: the share of the motor's torque that reaches the shaft; 1 = sound gears.
+        grip: A fault: the fraction of the motor's torque that reaches the shaft; 1 = sound gears.
     """
 
     __slots__ = (
-        "_back_emf", "_controller", "_full_nm", "_gear_rad", "_half_play_rad",
-        "_lash_rad", "_nm_per_a", "_nm_per_v", "_resistance_ohm", "_slack_nm", "_slope",
-        "_viscous", "carried", "current_a", "grip", "heat", "load_inertia_kg_m2",
-        "lower_stop_rad", "moving", "parameters", "position_rad", "pwm", "stuck", "torque_nm",
-        "upper_stop_rad", "velocity_rad_s",
+        "_back_emf",
+        "_controller",
+        "_free_play_nm",
+        "_full_nm",
+        "_gear_rad",
+        "_half_play_rad",
+        "_lash_rad",
+        "_nm_per_a",
+        "_nm_per_v",
+        "_resistance_ohm",
+        "_slope",
+        "_viscous",
+        "carried",
+        "current_a",
+        "grip",
+        "heat",
+        "load_inertia_kg_m2",
+        "lower_stop_rad",
+        "moving",
+        "parameters",
+        "position_rad",
+        "pwm",
+        "stuck",
+        "torque_nm",
+        "upper_stop_rad",
+        "velocity_rad_s",
     )  # fmt: skip
 
     def __init__(
@@ -95,12 +117,12 @@ class Motor:
         self._nm_per_v = parameters.stall_torque_nm / parameters.nominal_v
         self._resistance_ohm = parameters.resistance_ohm
         self._half_play_rad = parameters.backlash_rad / 2.0
-        self._slack_nm = FREE_PLAY_FRACTION * parameters.stall_torque_nm
+        self._free_play_nm = FREE_PLAY_FRACTION * parameters.stall_torque_nm
         self._controller = Controller(parameters, position_rad)
         self.place(position_rad)
 
     def place(self, position_rad: float) -> None:
-        """Put the shaft somewhere inside its stops, at rest, in the middle of its play."""
+        """Set the shaft's position inside its stops, at rest, in the middle of its play."""
         position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
         self._gear_rad = self.position_rad = position_rad
         self._lash_rad = self.velocity_rad_s = 0.0
@@ -110,27 +132,27 @@ class Motor:
 
     @property
     def encoder_rad(self) -> float:
-        """What the position sensor sees: the output shaft."""
+        """The position sensor's angle: that of the output shaft."""
         return self.position_rad
 
     @property
     def inertia_kg_m2(self) -> float:
-        """All that the shaft accelerates: rotor, gears and what hangs on it."""
+        """The inertia of the shaft: rotor, gears and load."""
         return self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
 
     @property
     def temperature_c(self) -> float:
-        """What the temperature sensor sees."""
+        """The temperature sensor's reading."""
         return self.heat.temperature_c
 
     @property
     def reference_rad(self) -> float:
-        """Where the profile is; the shaft's position while torque is off."""
+        """The position of the profile; the shaft's position while torque is off."""
         return self._controller.reference.position_rad
 
     @property
     def reference_velocity_rad_s(self) -> float:
-        """How fast the profile moves."""
+        """The velocity of the profile."""
         return self._controller.reference.velocity_rad_s
 
     @property
@@ -139,12 +161,12 @@ class Motor:
         return self._controller.reference.running
 
     def step(self, dt_s: float, load_nm: float, drive: DriveCommand, supply_v: float) -> None:
-        """Let `dt_s` seconds pass (at most 2 ms) under an outer torque and a supply voltage.
+        """Advance `dt_s` seconds (at most 2 ms) under an external torque and a supply voltage.
 
         Args:
             dt_s: Time that passes [s].
-            load_nm: Torque that the world puts on the shaft [N m]; positive turns it forward.
-            drive: The firmware's orders.
+            load_nm: External torque on the shaft [N m]; positive is forward.
+            drive: The firmware's commands.
             supply_v: Voltage at the servo's plug [V].
         """
         pressed_nm = self._motor_torque(dt_s, drive, supply_v)
@@ -158,13 +180,13 @@ class Motor:
         )
 
     def set_state(self, position_rad: float, velocity_rad_s: float) -> None:
-        """Be moved to where the joint turned out to be."""
+        """Set the state to that of the joint."""
         self.position_rad = position_rad
         self._gear_rad = position_rad - self._lash_rad
         self.velocity_rad_s = velocity_rad_s
 
     def _motor_torque(self, dt_s: float, drive: DriveCommand, supply_v: float) -> float:
-        """The torque that bridge and winding press with at the present velocity [N m]."""
+        """The torque of bridge and winding at the present velocity [N m]."""
         full_nm = self._nm_per_v * supply_v
         if not drive.torque_on or full_nm <= 0.0:
             self._controller.release(self.position_rad)
@@ -203,7 +225,7 @@ class Motor:
         if speed_rad_s:
             travel_rad = speed_rad_s * dt_s
             self._gear_rad += travel_rad
-            if -self._slack_nm <= load_nm <= self._slack_nm:
+            if -self._free_play_nm <= load_nm <= self._free_play_nm:
                 half_rad = self._half_play_rad
                 self._lash_rad = min(half_rad, max(-half_rad, self._lash_rad - travel_rad))
         elif not falling:
@@ -213,7 +235,7 @@ class Motor:
             self._hit_stop()
 
     def _step_velocity(self, dt_s: float, torque_nm: float) -> float:
-        """The velocity after the step; dry friction stops a motion but never turns it round."""
+        """The velocity after the step; dry friction stops a motion but never reverses it."""
         before_rad_s, motor = self.velocity_rad_s, self.parameters
         if before_rad_s:
             torque_nm -= self._viscous * before_rad_s
@@ -229,8 +251,8 @@ class Motor:
         return 0.0 if stops else after_rad_s
 
     def _take_up_backlash(self, dt_s: float, load_nm: float) -> bool:
-        """Let the load sink through the play; true while it has not reached the next tooth."""
-        if -self._slack_nm <= load_nm <= self._slack_nm:
+        """Let the load move through the play; true while it has not reached the next tooth."""
+        if -self._free_play_nm <= load_nm <= self._free_play_nm:
             return False
         half_rad = self._half_play_rad if load_nm > 0.0 else -self._half_play_rad
         if self._lash_rad == half_rad:
@@ -247,7 +269,7 @@ class Motor:
         self.position_rad = stop_rad
 
     def _update_sensors(self, dt_s: float, torque_nm: float, drive: DriveCommand) -> None:
-        """What the servo's other sensors see of the step."""
+        """Update the servo's other sensors after the step."""
         self.torque_nm = torque_nm
         current_a = self.current_a = torque_nm / self._nm_per_a
         full_nm, back_emf_nm = self._full_nm, self._back_emf * self.velocity_rad_s

@@ -11,14 +11,14 @@ import numpy as np
 from servosim.errors import ArmFileError
 from servosim.parameters import MotorParameters
 
-FRICTION_HOLDS = 0.9999  # MuJoCo's own 0.95 lets a limp joint creep by degrees a second
+FRICTION_HOLDS = 0.9999  # MuJoCo's own 0.95 lets a joint without torque creep by degrees a second
 
 
 class MujocoBody:
-    """An arm on a floor in MuJoCo: all joints pull at each other, links collide.
+    """An arm on a floor in MuJoCo: all joints are coupled, links collide.
 
-    It moves the joints itself: a world hands it the torques of the motors and carries the motors
-    to where the joints went (`Motor.carried`, `Motor.carry`). Dry and viscous friction, rotor
+    It integrates the joints itself: a world passes the torques of the motors and sets the motors to
+    the joints' state (`Motor.carried`, `Motor.set_state`). Dry and viscous friction, rotor
     inertia and the joint stops are MuJoCo's; play is left out.
 
     Args:
@@ -61,13 +61,13 @@ class MujocoBody:
         self.set_transmission_slopes([1.0] * len(ids))
 
     def place(self, positions: Sequence[float]) -> None:
-        """Put the arm somewhere, at rest."""
+        """Set the arm's positions, at rest."""
         self._data.qpos[self._qpos] = positions
         self._data.qvel[:] = 0.0
         mujoco.mj_forward(self._model, self._data)
 
     def set_transmission_slopes(self, slopes: Sequence[float]) -> None:
-        """Let the motors' inertia and friction act on the joints through their transmissions.
+        """Apply the motors' inertia and friction to the joints through their transmissions.
 
         Args:
             slopes: Joint motion for one radian of each horn [rad or m].
@@ -80,7 +80,7 @@ class MujocoBody:
         self._model.dof_frictionloss[self._dof] = self._friction_nm / ratio
 
     def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Let time pass under the motors' and hands' torques (forces on sliding joints).
+        """Advance time under the motors' and hands' torques (forces on prismatic joints).
 
         Returns:
             Positions and velocities of the joints.

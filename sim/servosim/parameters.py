@@ -22,15 +22,15 @@ class MotorParameters:
         stall_torque_nm: Torque of the blocked shaft at full duty.
         stall_current_a: Current of the blocked shaft at full duty.
         no_load_speed_rad_s: Speed of the free shaft at full duty.
-        no_load_current_a: Current of the free shaft at full duty: friction, as the motor feels it.
-        gear_ratio: Turns of the motor for one of the shaft.
+        no_load_current_a: Current of the free shaft at full duty: friction at the motor.
+        gear_ratio: Revolutions of the motor for one of the shaft.
         coulomb_friction_nm: Friction of the moving shaft that does not depend on its speed.
         static_friction_nm: Torque that sets the resting shaft in motion.
         armature_kg_m2: Inertia of rotor and gears, at the shaft.
         backlash_rad: Free play of the gears, from one tooth face to the other.
         mass_kg: Mass of the whole servo.
         heat_capacity_j_k: Heat that warms the whole servo by one kelvin.
-        thermal_resistance_k_w: Kelvin above the room for each watt, at rest.
+        thermal_resistance_k_w: Kelvin above ambient for each watt, at rest.
     """
 
     nominal_v: float
@@ -95,8 +95,8 @@ def _row(
     )
 
 
-# Volts, torque, currents, speed, gears, mass: the makers' sheets. The letters say where a row
-# has its other figures from:
+# Volts, torque, currents, speed, gears, mass: the vendors' datasheets. The letters are the source
+# of the other figures of a row:
 # b  identified on a pendulum by Rhoban's BAM (Apache-2.0), params/feetech_sts3215_7_4V and
 #    params/xl330, model m1. Its STS3215 is the one of the SO-101 MJCF: force 3.35, frictionloss
 #    0.052, armature 0.028, damping 0.60 (back-EMF included), kp 17.8 at P = 32.
@@ -106,7 +106,7 @@ def _row(
 # e  friction (1.5 to 3 % of stall), armature and, for Dynamixel, free current estimated.
 # x  all but the torque estimated.
 # Play: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100 issue
-# 134), 1° stands in its MJCF. ROBOTIS says 0.25° for XM540, 0.33° for MX-28, nothing for others.
+# 134), its MJCF has 1°. ROBOTIS gives 0.25° for XM540, 0.33° for MX-28, nothing for others.
 # fmt: off
 #                           V     N m     A    rpm  free A  gears friction armature play°  g
 PARAMETERS: dict[str, MotorParameters] = {

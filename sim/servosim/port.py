@@ -16,7 +16,7 @@ from servosim.world import RangeSweep
 
 __all__ = ["SimulatedPort", "open_port"]
 
-POLL_S = 10e-6  # virtual time that a look at the buffer costs, so that no polling loop hangs
+POLL_S = 10e-6  # virtual time that a poll of the buffer costs, so that no polling loop hangs
 
 
 def open_port(url: str) -> SimulatedPort:
@@ -56,15 +56,15 @@ def open_port(url: str) -> SimulatedPort:
 
 
 class _Query:
-    """The part of a URL behind the question mark."""
+    """The query of a URL."""
 
     def __init__(self, text: str) -> None:
         self._values = {key: values[-1] for key, values in parse_qs(text).items()}
-        self._asked: set[str] = set()
+        self._used_keys: set[str] = set()
 
     def text(self, key: str, default: str) -> str:
-        """Return a value as it stands."""
-        self._asked.add(key)
+        """Return a value as text."""
+        self._used_keys.add(key)
         return self._values.get(key, default)
 
     def number(self, key: str, default: float) -> float:
@@ -94,18 +94,18 @@ class _Query:
         )
 
     def check(self) -> None:
-        """Refuse keys that nobody has asked for."""
-        unknown = sorted(set(self._values) - self._asked)
+        """Raise for keys that were not used."""
+        unknown = sorted(set(self._values) - self._used_keys)
         if unknown:
-            known = ", ".join(sorted(self._asked))
+            known = ", ".join(sorted(self._used_keys))
             raise SimulatorError(f"a simulated bus has no option {unknown[0]!r}; known: {known}")
 
 
 class SimulatedPort:
     """A serial port whose other end is a simulated line.
 
-    Time is virtual: it passes in ``read`` while bytes are on their way, and in
-    ``clock.sleep_until``; nothing sleeps, unless time is ``paced`` for a person who watches.
+    Time is virtual: it passes in ``read`` while bytes are pending, and in ``clock.sleep_until``;
+    nothing sleeps, unless time is ``paced`` for display.
 
     Attributes:
         port: The address it was opened with.
@@ -124,7 +124,7 @@ class SimulatedPort:
 
     @property
     def baudrate(self) -> int:
-        """Bits a second; servos at another rate do not answer."""
+        """Bits a second; servos at another rate do not reply."""
         return self.line.baud
 
     @baudrate.setter
@@ -152,7 +152,7 @@ class SimulatedPort:
         return data
 
     def write(self, data: bytes) -> int:
-        """Give bytes to the adapter; they leave one after the other while time passes."""
+        """Pass bytes to the adapter; they leave one after the other while time passes."""
         self._check_open()
         self.line.host_write(bytes(data), self.clock.now_s())
         return len(data)
@@ -163,12 +163,12 @@ class SimulatedPort:
         self.clock.sleep_until(self.line.host_end_s)
 
     def reset_input_buffer(self) -> None:
-        """Throw away what has arrived."""
+        """Discard what has arrived."""
         self._check_open()
         self.line.inbox.clear(self.clock.now_s())
 
     def reset_output_buffer(self) -> None:
-        """Do nothing: an adapter sends what it was given."""
+        """Do nothing: an adapter sends what it has received."""
         self._check_open()
 
     def close(self) -> None:
@@ -182,7 +182,7 @@ class SimulatedPort:
         self.close()
 
     def _is_read_complete(self, size: int, deadline_s: float | None) -> bool:
-        """Say whether a read may return; if not, let time pass up to the next event."""
+        """Return whether a read may return; if not, advance time to the next event."""
         now_s = self.clock.now_s()
         self.line.run_until(now_s)
         if self.line.inbox.count_arrived(now_s) >= size:

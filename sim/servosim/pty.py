@@ -23,7 +23,7 @@ __all__ = ["PtyBus", "line_speed", "point_link", "remove_link"]
 
 
 def point_link(link: Path, port: Path) -> None:
-    """Make a symbolic link to a port; an older link gives way, anything else does not.
+    """Make a symbolic link to a port; an older link is replaced, anything else is not.
 
     Raises:
         SimulatorError: Something else has that name.
@@ -36,7 +36,7 @@ def point_link(link: Path, port: Path) -> None:
 
 
 def remove_link(link: Path, port: Path) -> None:
-    """Remove the link, unless somebody else has pointed it to another port."""
+    """Remove the link, unless another process has pointed it to another port."""
     if link.is_symlink() and link.readlink() == port:
         link.unlink()
 
@@ -51,7 +51,7 @@ _NAMED = {
 
 
 def line_speed(fd: int) -> int | None:
-    """Return the output speed of the terminal's slave end [bit/s], or None if it cannot be told."""
+    """Return the output speed of the terminal's slave end [bit/s], or None if unknown."""
     try:
         if sys.platform == "linux":
             raw = fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size))
@@ -65,20 +65,20 @@ def line_speed(fd: int) -> int | None:
 SPIN_S = 100e-6  # the kernel wakes us about this late: the rest is waited for awake
 ACTIVE_STEP_S = 0.002  # a world in motion is kept up to date in small steps
 IDLE_STEP_S = 0.050
-NO_CLIENT_STEP_S = 0.010  # between two looks whether somebody has opened the terminal
+NO_CLIENT_STEP_S = 0.010  # between two polls whether a client has opened the terminal
 
 
 class PtyBus:
     """A pseudo-terminal whose master end is the line.
 
-    Answers are written at the moment at which their last byte is due: the simulator's own work
-    hides in the time that the bytes take. Nobody holds the slave end but the client, so that
-    exclusive opening and hanging up work as on a real port.
+    Replies are written when their last byte is due: the simulator's own work is done during the
+    transmission time of the bytes. Only the client holds the slave end open, so that exclusive
+    opening and hanging up work as on a real port.
 
     Attributes:
         path: The slave's device file.
         link: A symbolic link to it, or None.
-        follow_baud: Whether the line goes at the rate that the client has set.
+        follow_baud: Whether the line uses the rate that the client has set.
     """
 
     def __init__(self, line: Line, link: Path | None = None) -> None:
@@ -101,7 +101,7 @@ class PtyBus:
             point_link(self.link, self.path)
 
     def unplug(self) -> None:
-        """Close the terminal: the client sees what a pulled USB cable gives."""
+        """Close the terminal: the client gets the error of an unplugged USB cable."""
         if self._master >= 0:
             os.close(self._master)
             self._master = -1
@@ -159,7 +159,7 @@ class PtyBus:
     def _split_after_instructions(self, data: bytes) -> list[bytes]:
         """Cut what was read behind each instruction, so that each waits for the reply before it.
 
-        Nobody knows when waiting bytes were written. A server that was not scheduled in time finds
+        The times of waiting bytes are unknown. A server that was not scheduled in time finds
         an instruction and its repetition in one read; taken for one burst they would collide with
         the reply, as they never do on servos, which reply at once.
         """
@@ -181,7 +181,7 @@ class PtyBus:
             return b""
 
     def _handle_no_client(self) -> None:
-        """No client has the terminal open: forget its answers and look again a little later."""
+        """No client has the terminal open: discard its replies and poll again a little later."""
         time.sleep(NO_CLIENT_STEP_S)
         now_s, world = self.now_s(), self.line.world
         if not world.is_idle or now_s - world.time_s > IDLE_STEP_S:

@@ -24,14 +24,14 @@ Order = Literal["little", "big"]
 
 
 class SimulatedArea(Enum):
-    """EEPROM survives the power; RAM does not."""
+    """EEPROM survives loss of power; RAM does not."""
 
     EEPROM = "E"
     RAM = "M"
 
 
 class Sign(Enum):
-    """How a register spells negative numbers; the value is the sign bit's number."""
+    """Encoding of negative numbers; the value is the sign bit's number."""
 
     NONE = -1
     TWOS = 0
@@ -41,7 +41,7 @@ class Sign(Enum):
 
 
 class SimulatedFamily(Enum):
-    """Servos that share a protocol and the behaviour of their registers."""
+    """Servos with the same protocol and the same behaviour of their registers."""
 
     DYNAMIXEL_X = "dynamixel_2"
     DYNAMIXEL_1 = "dynamixel_1"
@@ -62,9 +62,9 @@ class SimulatedRegister:
         default: Value of a servo fresh from the factory, or after power-up for RAM.
         lower: Smallest value a write may carry.
         upper: Largest value a write may carry.
-        sign: How negative numbers are spelled.
+        sign: Encoding of negative numbers.
         order: Byte order.
-        end: First byte behind it.
+        end: First address after it.
         sign_bit: The bit that makes a sign-magnitude number negative, or 0.
         twos: Whether negative numbers are two's complements.
         mask: All its bits.
@@ -93,7 +93,7 @@ class SimulatedRegister:
         object.__setattr__(self, "mask", (1 << 8 * self.size) - 1)
 
     def decode(self, raw: bytes | bytearray) -> int:
-        """Return the number that ``raw`` spells."""
+        """Return the number in ``raw``."""
         value = int.from_bytes(raw, self.order, signed=self.twos)
         bit = self.sign_bit
         if not bit:
@@ -109,7 +109,7 @@ class SimulatedRegister:
         return (value & self.mask).to_bytes(self.size, self.order)
 
     def accepts(self, value: int) -> bool:
-        """Say whether the datasheet's range holds ``value``."""
+        """Return whether ``value`` is in the datasheet's range."""
         return self.lower <= value <= self.upper
 
 
@@ -123,9 +123,9 @@ class ServoTable:
         number: The model number in its memory.
         firmware: The firmware version that the defaults belong to.
         registers: Rows in the order of their addresses.
-        ticks_per_turn: Steps of the sensor in one turn.
+        ticks_per_turn: Steps of the sensor in one revolution.
         middle_tick: The tick in the middle of the travel.
-        travel_rad: How far the shaft turns; infinite when nothing stops it.
+        travel_rad: Range of the shaft; infinite if it has no stops.
         size: First address behind the table.
     """
 
@@ -153,7 +153,7 @@ class ServoTable:
         object.__setattr__(self, "by_byte", tuple(bytes_))
 
     def is_gapless(self, address: int, length: int) -> bool:
-        """Say whether every byte of a range belongs to a register."""
+        """Return whether every byte of a range belongs to a register."""
         return (
             length > 0
             and None not in self.by_byte[address : address + length]
@@ -161,7 +161,7 @@ class ServoTable:
         )
 
     def registers_in(self, address: int, length: int) -> tuple[SimulatedRegister, ...]:
-        """Return the registers that a range of bytes touches, in order."""
+        """Return the registers that a range of bytes overlaps, in order."""
         found = self._covered.get((address, length))
         if found is None:
             touched = {id(row): row for row in self.by_byte[address : address + length] if row}
@@ -174,7 +174,7 @@ class ServoTable:
 class Memory:
     """The bytes behind a control table.
 
-    ``image`` is what instructions read and write; ``eeprom`` is what is still there after the
+    ``image`` is what instructions read and write; ``eeprom`` is what survives loss of power.
     power was off. Nothing here checks access: that is the servo's firmware.
     """
 
@@ -183,7 +183,7 @@ class Memory:
         self._eeprom_end = max(
             row.end for row in table.registers if row.area is SimulatedArea.EEPROM
         )
-        self.image = bytearray(table.size)  # one object for ever: the line below holds on to it
+        self.image = bytearray(table.size)  # always the same object: live servos reference it
         self._rows = {
             row.name: (
                 partial(Struct(_struct_format(row)).unpack_from, self.image, row.address),
@@ -218,18 +218,18 @@ class Memory:
         self.image[row.address : row.end] = row.encode(value)
 
     def persist_value(self, name: str) -> None:
-        """Make a register's present number survive the power, lock or not."""
+        """Make a register's present number survive loss of power, lock or not."""
         self._persist_register(self.table.by_name[name])
 
     def write(self, address: int, data: bytes, *, persist: bool = True) -> None:
-        """Store bytes in the image, and those of EEPROM registers for good if ``persist``."""
+        """Store bytes in the image, and those of EEPROM registers permanently if ``persist``."""
         self.image[address : address + len(data)] = data
         if persist and address < self._eeprom_end:
             for row in self.table.registers_in(address, len(data)):
                 self._persist_register(row)
 
     def power_cycle(self) -> None:
-        """Forget the RAM: defaults for it, the kept bytes for the EEPROM."""
+        """Reset the RAM to its defaults and restore the EEPROM's bytes."""
         for row in self.table.registers:
             if row.area is SimulatedArea.EEPROM:
                 self.image[row.address : row.end] = self.eeprom[row.address : row.end]

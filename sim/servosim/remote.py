@@ -31,7 +31,7 @@ __all__ = ["RemoteControl", "joint_state", "servo_state"]
 
 
 def servo_state(joint: SimulatedJoint, servo: Servo) -> dict[str, Any]:
-    """Return what a servo's memory and motor say; positions in ticks of its registers."""
+    """Return a servo's registers and motor state; positions in ticks of its registers."""
     motor = servo.motor
     return {
         "id": servo.id,
@@ -66,7 +66,7 @@ _INVALID_REQUEST = (ValueError, KeyError, TypeError, AttributeError, OverflowErr
 
 
 class RemoteControl:
-    """Listens on a socket, if there is one, between two looks at the line."""
+    """Serves requests on a socket, if there is one, between two steps of the line."""
 
     def __init__(self, path: Path | None, line: Line) -> None:
         self._path, self._line = path, line
@@ -91,18 +91,18 @@ class RemoteControl:
         return [*([self._server.fileno()] if self._server else []), *self._clients]
 
     def serve(self, ready: list[int]) -> bool:
-        """Answer what has come; true when somebody wants the server to end."""
+        """Serve received requests; true if a client requests the end of the server."""
         for fd in ready:
             if fd in self._clients:
                 self._receive_line(fd)
             elif self._server is not None and fd == self._server.fileno():
                 client = self._server.accept()[0]
-                client.setblocking(False)  # who does not read his answers is hung up on
+                client.setblocking(False)  # a client that does not read is disconnected
                 self._clients[client.fileno()] = (client, bytearray())
         return self._quit
 
     def respond(self, text: str | bytes) -> Request:
-        """Do what one line asks; return the answer."""
+        """Execute one line; return the response."""
         try:
             request: Request = json.loads(text)
             return {"ok": True, **self._execute_request(request)}
@@ -174,7 +174,7 @@ class RemoteControl:
         world.grasp(name, Hand(path, limit=force))
 
     def _release(self, request: Request) -> None:
-        """Let go of one joint, or of all."""
+        """Release one joint, or all."""
         world = self._line.world
         named = [world.joint(request["joint"]).name] if "joint" in request else [*world.hands]
         for name in named:
@@ -203,7 +203,7 @@ class RemoteControl:
         self._line.plugged = plugged
 
     def _set_servo_connected(self, request: Request, *, connected: bool) -> None:
-        """Put the plug of one servo, counted from 1 along the bus, in or out: line and supply."""
+        """Connect or disconnect one servo, counted from 1 along the bus: line and supply."""
         servos, place = self._line.world.servos, request["servo"]
         if not (isinstance(place, int) and 1 <= place <= len(servos)):
             raise SimulatorError(f"servo = {place!r} is not one of 1 to {len(servos)}")
@@ -218,7 +218,7 @@ class RemoteControl:
 
 
 def _listen_at(path: Path) -> socket.socket:
-    """Return a socket that listens at a path; an older socket gives way, anything else does not."""
+    """Return a socket listening at a path; an older socket is replaced, anything else is not."""
     if path.exists() and not path.is_socket():
         raise SimulatorError(f"{path} is there already and is no socket; choose another name")
     path.unlink(missing_ok=True)

@@ -37,7 +37,7 @@ EPILOG = """examples:
 
 
 class ServerOptions(argparse.Namespace):
-    """What the command line says."""
+    """The command line options."""
 
     arm: Path | None
     groups: list[list[BenchServo]] | None
@@ -179,7 +179,7 @@ class StatusScreen:
             self._write_text("\x1b[?25h")
 
     def announce(self) -> None:
-        """Tell the port."""
+        """Print the port."""
         self._write_text(
             f"{self._bus.link or self._bus.path}\n" if self._live else f"{self._bus.path}\n"
         )
@@ -187,7 +187,7 @@ class StatusScreen:
             self._write_text("\x1b[?25l")
 
     def refresh(self) -> None:
-        """Bring the table up to date, if there is one and it is time."""
+        """Update the table, if there is one and it is time."""
         now_s = self._bus.now_s()
         if not self._live or now_s < self._next_s:
             return
@@ -204,7 +204,7 @@ class StatusScreen:
         return [HEAD, *(_format_servo_row(row) for row in rows)]
 
     def _write_text(self, text: str) -> None:
-        with contextlib.suppress(OSError):  # the terminal may be gone: the servos go on
+        with contextlib.suppress(OSError):  # the terminal may be gone: the servos keep running
             sys.stdout.write(text)
             sys.stdout.flush()
 
@@ -223,7 +223,7 @@ GAP_S = 0.020  # a client's scheduler tears frames apart where a wire would not
 
 
 def serve(argv: Sequence[str]) -> int:
-    """Serve an arm or loose servos until SIGINT, SIGTERM or SIGHUP; the first line is the port.
+    """Serve an arm or single servos until SIGINT, SIGTERM or SIGHUP; the first line is the port.
 
     Args:
         argv: Path of an ``arm.toml`` or ``--servo``, then options; ``--help`` lists them.
@@ -245,7 +245,7 @@ def serve(argv: Sequence[str]) -> int:
 def _open_server(
     options: ServerOptions, stack: contextlib.ExitStack
 ) -> tuple[PtyBus, RemoteControl, StatusScreen]:
-    """Build and open everything; the stack puts it away again, the port last."""
+    """Build and open everything; the stack closes it again, the port last."""
     line = build_line(options)
     bus = PtyBus(line, options.link)
     stack.callback(bus.unplug)
@@ -322,7 +322,7 @@ def _work_until_signal(bus: PtyBus, remote: RemoteControl, screen: StatusScreen)
 
 
 def _raise_priority() -> None:
-    """Run before other programs, where that is permitted: real servos share no processor."""
+    """Raise the priority of this process, if permitted: real servos share no processor."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, REAL_TIME_NICENESS)
         if os.getsid(0) == os.getpid():  # Linux may first divide the processors among sessions
@@ -332,7 +332,7 @@ def _raise_priority() -> None:
 
 @contextlib.contextmanager
 def _signals_as_pipe() -> Generator[int, None, None]:
-    """Give a file descriptor that can be read once a signal to end has arrived."""
+    """Yield a file descriptor that is readable once a signal to end has arrived."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     before = signal.set_wakeup_fd(writer)
@@ -348,4 +348,4 @@ def _signals_as_pipe() -> Generator[int, None, None]:
 
 
 def _ignore_signal(_: int, __: object) -> None:
-    """The wake-up pipe tells."""
+    """Ignored: the wake-up pipe reports it."""

@@ -1,4 +1,4 @@
-"""A servo: memory, firmware, motor, horn mounting; what all families share."""
+"""A servo: memory, firmware, motor, horn mounting; common to all families."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ __all__ = ["BusProtocol", "HornMounting", "InstructionError", "Servo"]
 
 
 class BusProtocol(Enum):
-    """What a servo speaks; two of them share a framing."""
+    """Protocol of a servo; two of them have the same framing."""
 
     DYNAMIXEL_1 = "dynamixel 1.0"
     DYNAMIXEL_2 = "dynamixel 2.0"
     FEETECH = "feetech"
 
-    __hash__ = object.__hash__  # every frame asks for it, and an Enum's own is slow
+    __hash__ = object.__hash__  # used for every frame, and an Enum's own is slow
 
     @property
     def framing(self) -> type[FrameReader]:
@@ -32,7 +32,7 @@ class BusProtocol(Enum):
 
 
 class InstructionError(Enum):
-    """Why a servo will not do what an instruction asks."""
+    """Why a servo refuses an instruction."""
 
     RESULT_FAIL = "result fail"
     INSTRUCTION = "instruction"
@@ -44,12 +44,12 @@ class InstructionError(Enum):
 
 @dataclass(slots=True)
 class HornMounting:
-    """How a servo is mounted: hidden truth that no register tells.
+    """The mounting of a servo, which no register reports.
 
     Attributes:
         sign: +1 or -1, direction of growing ticks in the joint's coordinate.
         zero_tick: Tick of the sensor at joint zero; may be fractional.
-        ticks: Ticks of one turn of the servo's shaft.
+        ticks: Ticks of one revolution of the servo's shaft.
         rad_per_tick: Radians of one tick.
     """
 
@@ -62,12 +62,12 @@ class HornMounting:
         self.rad_per_tick = 2.0 * math.pi / self.ticks
 
     def tick_at(self, angle_rad: float) -> int:
-        """Return the nearest tick, counted on over whole turns."""
-        turns = angle_rad / (2.0 * math.pi)
-        return round(self.zero_tick + self.sign * turns * self.ticks)
+        """Return the nearest tick, multi-turn."""
+        revolutions = angle_rad / (2.0 * math.pi)
+        return round(self.zero_tick + self.sign * revolutions * self.ticks)
 
     def angle_at(self, tick: float) -> float:
-        """Return the joint angle [rad] at a tick counted over whole turns."""
+        """Return the joint angle [rad] at a multi-turn tick."""
         return self.sign * (tick - self.zero_tick) * self.rad_per_tick
 
 
@@ -75,23 +75,23 @@ _Live = tuple[int, int, SimulatedRegister, Callable[[], int]]
 
 
 class Servo:
-    """A servo on the line: its memory is all that instructions can see of it.
+    """A servo on the line: instructions access its memory only.
 
     The families fill ``live`` (registers that the firmware measures, by name) and ``effects``
-    (what a write to a register sets off), and answer ``refusal`` for their access rules.
+    (effects of a write to a register), and define ``check_write`` for their access rules.
 
     Attributes:
         memory: The control table's bytes.
         motor: The physics behind it.
-        drive: What the firmware asks of the motor.
-        shaft: How the sensor sits on the joint.
+        drive: The firmware's commands to the motor.
+        shaft: The mounting of the sensor on the joint.
         supply_v: Voltage at its plug.
-        time_s: The simulated time that the firmware has seen.
-        deaf_until_s: While booting a servo neither hears nor answers.
-        heard_s: When the last instruction packet came by.
+        time_s: The simulated time of the firmware.
+        booting_until_s: While booting a servo neither receives nor replies.
+        received_s: Time of the last instruction packet.
         pending: A registered write that waits for its action.
         changed: Called when an instruction or a script has changed something.
-        asked: Told of every write before it is judged.
+        on_write: Called with every write before it is checked.
     """
 
     reboot_s = 0.3  # assumed; the sheets give none
@@ -99,7 +99,7 @@ class Servo:
     framing: type[FrameReader] = Dynamixel2Reader
     bauds: Mapping[int, float] = {}  # rate by number of the baud register
     registered_flag = "registered_instruction"
-    instructions: frozenset[int] = frozenset()  # those of protocol 1 framing that it knows
+    instructions: frozenset[int] = frozenset()  # the supported ones of protocol 1 framing
     answers_broadcast_ping = False
     kept_by_recovery: tuple[str, ...] = ()
 
@@ -117,28 +117,28 @@ class Servo:
         self._id_at = table.by_name["id"].address
         self._baud_at = table.by_name["baud_rate"].address
         self.supply_v = motor.parameters.nominal_v
-        self.time_s = self.boot_s = self.heard_s = 0.0
-        self.deaf_until_s = 0.0
+        self.time_s = self.boot_s = self.received_s = 0.0
+        self.booting_until_s = 0.0
         self.powered = True
         self.pending: tuple[int, bytes] | None = None
         self.random = random.Random(seed)  # noqa: S311 - a crystal's tolerance, not a secret
         self.live: dict[str, Callable[[], int]] = {}
         self.effects: dict[str, Callable[[], None]] = {}
         self.changed: Callable[[], None] = _no_effect
-        self.asked: Callable[[int, bytes], None] | None = None
+        self.on_write: Callable[[int, bytes], None] | None = None
         self._plans: dict[tuple[int, int], tuple[_Live, ...]] = {}
         self._effects: dict[tuple[int, int], tuple[Callable[[], None], ...]] = {}
 
-    # What the line needs to know, kept at hand because every frame asks for it.
+    # Cached values that every frame needs.
 
     @property
     def id(self) -> int:
-        """The id it answers to."""
+        """Its bus id."""
         return self.memory.image[self._id_at]
 
     @property
     def baud(self) -> int:
-        """The rate that the baud register names."""
+        """The rate in the baud register."""
         return round(self.bauds.get(self.memory.image[self._baud_at], 0.0))
 
     @property
@@ -148,12 +148,12 @@ class Servo:
 
     @property
     def status_level(self) -> int:
-        """Which instructions are answered: 0 ping only, 1 also reads, 2 all."""
+        """The instructions with a reply: 0 ping only, 1 also reads, 2 all."""
         raise NotImplementedError
 
     @property
     def secondary_id(self) -> int | None:
-        """A second id whose instructions are obeyed without an answer."""
+        """A second id whose instructions are executed without a reply."""
         return None
 
     @property
@@ -164,7 +164,7 @@ class Servo:
     # Memory as instructions see it.
 
     def read_bytes(self, address: int, length: int) -> bytes:
-        """Return bytes of the memory, measured registers fresh."""
+        """Return bytes of the memory, with measured registers updated."""
         plan = self._plans.get((address, length))
         if plan is None:
             plan = self._plans[address, length] = self._live_registers_in(address, length)
@@ -174,25 +174,25 @@ class Servo:
         return self.memory.read(address, length)
 
     def write_bytes(self, address: int, data: bytes) -> InstructionError | None:
-        """Do what a write instruction asks, or say why not; a refused write changes nothing."""
-        if self.asked is not None:
-            self.asked(address, data)
+        """Execute a write instruction, or return why not; a refused write changes nothing."""
+        if self.on_write is not None:
+            self.on_write(address, data)
         refusal = self.check_write(address, data)
         if refusal is None:
             self.store(address, data)
         return refusal
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Say why a write is not allowed, or None."""
+        """Return why a write is not allowed, or None."""
         raise NotImplementedError
 
     def store(self, address: int, data: bytes) -> None:
-        """Write without asking and set off what the registers set off."""
+        """Write without checks and run the effects of the registers."""
         self.memory.write(address, data, persist=self.is_eeprom_unlocked)
         self.apply_write_effects(address, len(data))
 
     def apply_write_effects(self, address: int, length: int) -> None:
-        """Run what a write to these addresses sets off, each effect once."""
+        """Run the effects of a write to these addresses, each once."""
         effects = self._effects.get((address, length))
         if effects is None:
             rows = [row for row in self.table.registers_in(address, length) if row.writable]
@@ -203,7 +203,7 @@ class Servo:
         self.changed()
 
     def register_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Keep a write until its action comes."""
+        """Store a write until its action comes."""
         refusal = self.check_write(address, data)
         if refusal is None:
             self.pending = (address, data)
@@ -211,7 +211,7 @@ class Servo:
         return refusal
 
     def execute_registered(self) -> InstructionError | None:
-        """Do the registered write."""
+        """Execute the registered write."""
         if self.pending is None:
             return InstructionError.INSTRUCTION
         (address, data), self.pending = self.pending, None
@@ -219,7 +219,7 @@ class Servo:
         return self.write_bytes(address, data)
 
     def factory_reset(self, keep: tuple[str, ...]) -> None:
-        """Set the memory back to the datasheet's defaults and start anew."""
+        """Reset the memory to the datasheet's defaults and restart."""
         self.memory.restore_factory(keep)
         self.reboot()
 
@@ -227,17 +227,17 @@ class Servo:
         """Make the present position the middle of the range; most families cannot."""
 
     def reset_turns(self) -> None:
-        """Count turns from the present one again."""
+        """Reduce the position to a single revolution."""
 
     @property
     def is_eeprom_unlocked(self) -> bool:
-        """Whether writes to EEPROM registers survive the power."""
+        """Whether writes to EEPROM registers survive loss of power."""
         return True
 
     # Memory as tests and scripts see it.
 
     def read(self, name: str) -> int:
-        """Return a register's number as a read instruction would spell it."""
+        """Return a register's number as a read instruction would return it."""
         row = self.table.by_name[name]
         return row.decode(self.read_bytes(row.address, row.size))
 
@@ -249,7 +249,7 @@ class Servo:
     # Time and power.
 
     def step(self, dt_s: float, load_nm: float) -> None:
-        """Let the motor turn for ``dt_s`` seconds under an outer torque."""
+        """Advance the motor by ``dt_s`` seconds under an external torque."""
         self.time_s += dt_s
         self.motor.step(dt_s, load_nm, self.drive, self.supply_v)
 
@@ -259,22 +259,22 @@ class Servo:
         return self.drive.torque_on and (self.motor.profile_running or self.drive.ki > 0.0)
 
     def advance_heating(self, dt_s: float) -> None:
-        """Let the winding heat the servo while nothing turns."""
+        """Advance the thermal model while nothing moves."""
         motor = self.motor
         watts = motor.current_a**2 * motor.parameters.resistance_ohm
         motor.heat.step(dt_s, watts)
 
     def run_protections(self, dt_s: float) -> None:
-        """What the firmware watches every few milliseconds: heat, load, voltage, watchdog."""
+        """Periodic checks of the firmware: temperature, load, voltage, watchdog."""
         raise NotImplementedError
 
     def reboot(self) -> None:
-        """Start the firmware anew: RAM to defaults, torque off, deaf for a while."""
-        self.deaf_until_s = self.time_s + self.reboot_s
+        """Restart the firmware: RAM to defaults, torque off, unresponsive for a while."""
+        self.booting_until_s = self.time_s + self.reboot_s
         self.power_up()
 
     def power_up(self) -> None:
-        """What the firmware does when the power comes."""
+        """Start the firmware at power-up."""
         self.powered = True
         self.boot_s = self.time_s
         self.pending = None
@@ -283,12 +283,12 @@ class Servo:
         self.changed()
 
     def power_down(self) -> None:
-        """The supply is gone: deaf and limp."""
+        """Lose the supply: unresponsive, torque off."""
         self.powered = False
         self.cut_torque()
 
     def cut_torque(self) -> None:
-        """The bridge goes off, whatever the memory says."""
+        """Open the bridge, whatever the memory contains."""
         self.drive.torque_on = False
         self.changed()
 
@@ -297,7 +297,7 @@ class Servo:
         raise NotImplementedError
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Say whether a goal position lies inside the limits of the memory."""
+        """Return whether a goal position is inside the limits of the memory."""
         raise NotImplementedError
 
     def start(self) -> None:
@@ -305,8 +305,8 @@ class Servo:
         raise NotImplementedError
 
     def is_listening(self, baud: int, now_s: float) -> bool:
-        """Say whether bytes at ``baud`` reach the firmware: within 3 % of its own rate, awake."""
-        if not self.powered or now_s < self.deaf_until_s:
+        """Return whether bytes at ``baud`` reach the firmware: within 3 % of its rate, booted."""
+        if not self.powered or now_s < self.booting_until_s:
             return False
         own = self.bauds.get(self.memory.image[self._baud_at], 0.0)
         return abs(own - baud) <= 0.03 * baud
@@ -321,4 +321,4 @@ class Servo:
 
 
 def _no_effect() -> None:
-    """Nobody wants to know."""
+    """No callback."""

@@ -42,7 +42,7 @@ _BAUDS: dict[SimulatedFamily, Mapping[int, float]] = {
 
 
 def table_for(model: str) -> ServoTable:
-    """Return the table of a model; capitals do not matter.
+    """Return the table of a model; case does not matter.
 
     Raises:
         UnknownModelError: No table for such a model.
@@ -60,7 +60,7 @@ def make_servo(
     delivered: Mapping[str, int] | None = None,
     seed: int = 0,
 ) -> Servo:
-    """Return a servo of a model, powered up, as it was delivered.
+    """Return a servo of a model, powered up, as delivered.
 
     Raises:
         UnknownModelError: No table for such a model.

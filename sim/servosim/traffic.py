@@ -15,7 +15,7 @@ __all__ = ["Audit", "FrameListener", "TrafficLog"]
 
 @dataclass(slots=True)
 class ServoAudit:
-    """What was asked of one servo; positions in ticks of its registers.
+    """Statistics of the instructions to one servo; positions in ticks of its registers.
 
     Attributes:
         id: At the time of the report.
@@ -24,7 +24,7 @@ class ServoAudit:
         goals_outside_limits: Of these, outside the servo's own position limits.
         largest_goal_step: Between two goals that followed each other.
         largest_goal_distance: From a goal to the present position when it was written.
-        eeprom_writes: Registers of the EEPROM that were written for good.
+        eeprom_writes: Registers of the EEPROM that were written permanently.
     """
 
     id: int
@@ -45,7 +45,7 @@ class Audit:
         self._records = [ServoAudit(servo.id, servo.table.model) for servo in servos]
         self._last: list[int | None] = [None] * len(servos)
         for place, servo in enumerate(servos):
-            servo.asked = self._register_watcher(place)
+            servo.on_write = self._register_watcher(place)
             servo.memory.eeprom_writes = 0
 
     def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
@@ -53,7 +53,7 @@ class Audit:
         self.frames += 1
 
     def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
-        """Count an answer."""
+        """Count a reply."""
         self.replies += 1
         self.collisions += servo is None
 
@@ -123,7 +123,7 @@ class TrafficLog:
         self._servos = servos
 
     def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
-        """Write down what the host says."""
+        """Log a frame of the host."""
         wide = framing is Dynamixel2Reader
         name = _INSTRUCTIONS.get(frame.instruction, f"instruction 0x{frame.instruction:02X}")
         to = "all" if frame.id == 0xFE else str(frame.id)
@@ -132,7 +132,7 @@ class TrafficLog:
         )
 
     def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
-        """Write down what a servo answers."""
+        """Log a reply of a servo."""
         if servo is None:
             meaning = "collision"
         else:
@@ -148,7 +148,7 @@ class TrafficLog:
         self._file.write(f"{at_s:12.6f} {arrow} {raw.hex(' ').upper()}  {meaning}\n")
 
     def _describe_register(self, frame: Frame, *, wide: bool) -> str:
-        """Say which register an instruction is about."""
+        """Describe the register of an instruction."""
         size = 2 if wide else 1
         if frame.instruction not in _ADDRESSED or len(frame.params) < size:
             return ""
@@ -161,12 +161,12 @@ class TrafficLog:
 
 
 class FrameListener(Protocol):
-    """Somebody who listens to the line without taking part."""
+    """A passive listener on the line."""
 
     def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
-        """The host's frame has come through."""
+        """Called for a frame of the host."""
         ...
 
     def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
-        """A servo starts to answer; None when several speak at once."""
+        """Called when a reply starts; servo is None if several collide."""
         ...

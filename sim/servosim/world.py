@@ -1,9 +1,9 @@
 """The simulated world: servos, power supply, body and the scripted hand, stepped together.
 
-The hands bring the limp arm into the pose in which it started and hold it there, move each joint
-in turn a little towards where it has more room, twice, and then sweep all joints.
-They start over when a joint becomes limp, and when a host speaks after a silence: a program that
-calibrates finds the arm held still in its pose.
+The hands move the arm, torque off, into its start pose and hold it there, move each joint in turn
+a little in the direction with the larger range, twice, and then sweep all joints. They start over
+when the torque of a joint is switched off, and when a host transmits after a silence: a program
+that calibrates finds the arm at rest in its pose.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ class PowerSupply:
     def voltage_v(self, motors: Iterable[Motor]) -> float:
         """Voltage at the servos' plugs.
 
-        A bridge draws the winding's current for the share of time that its duty says; a motor
+        A bridge draws the winding's current for the fraction of time of its duty; a motor
         that brakes feeds none back (the servos have no such path).
         """
         drawn_a = self.standby_a + sum(max(0.0, m.current_a * m.pwm) for m in motors)
         return max(0.0, self.open_v - self.resistance_ohm * drawn_a)
 
 
-GRAVITY_STEPS = 4  # steps between two looks at the arm's posture
-PROTECTION_STEPS = 10  # steps between two looks of the firmware at heat, load and watchdog
+GRAVITY_STEPS = 4  # steps between two evaluations of the arm's posture
+PROTECTION_STEPS = 10  # steps between two checks of temperature, load and watchdog by the firmware
 IDLE_CHECK_STEPS = 20  # likewise while nothing moves
-AT_REST_STEPS = 20  # steps without any motion after which the world may doze
+AT_REST_STEPS = 20  # steps without any motion after which the world may be idle
 MAX_REST_DRIFT_RAD, DRIFT_CHECK_STEPS = 1e-4, 100  # likewise for a body with soft friction (MuJoCo)
 
 
@@ -65,15 +65,15 @@ class ExternalDynamics(Protocol):
     limits: tuple[tuple[float, float], ...]
 
     def place(self, positions: Sequence[float]) -> None:
-        """Put the body somewhere, at rest."""
+        """Set the body's positions, at rest."""
         ...
 
     def set_transmission_slopes(self, slopes: Sequence[float]) -> None:
-        """Take over where the transmissions stand: joint motion for one radian of each horn."""
+        """Set the slopes of the transmissions: joint motion for one radian of each horn."""
         ...
 
     def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Let time pass under the motors' torques; return positions and velocities."""
+        """Advance time under the motors' torques; return positions and velocities."""
         ...
 
 
@@ -82,13 +82,13 @@ class World:
 
     ``rails`` are the supplies by nominal voltage: a Koch arm has one of 12 V and one of 5 V.
 
-    ``contacts`` carry what is limp: a servo that holds does not feel them, and while a hand leads
-    the arm it is kept clear of what is around it.
+    ``contacts`` act on joints without torque: a servo that holds does not feel them, and while a
+    hand moves the arm it is kept clear of its surroundings.
 
     ``limits`` are the body's, by joint; ``tip`` is the arm's, None for servos without an arm.
 
-    Nothing happens between two steps; ``advance_to`` makes as many as time asks for. A world in
-    which nothing moves and nothing changes dozes: only heat and supervision go on.
+    Nothing happens between two steps; ``advance_to`` makes as many as needed. A world in which
+    nothing moves and nothing changes is idle: only temperature and protections are updated.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class World:
         return self._still >= (AT_REST_STEPS if self._mover is None else DRIFT_CHECK_STEPS)
 
     def advance_to(self, time_s: float) -> None:
-        """Let time pass up to the last whole step before ``time_s``."""
+        """Advance time to the last full step before ``time_s``."""
         target = int(time_s / STEP_S + 1e-6)
         while self.steps < target:
             while self._events and self._events[0][0] <= self.time_s:
@@ -150,7 +150,7 @@ class World:
                 self._run_step()
 
     def schedule(self, time_s: float, do: Callable[[], None]) -> None:
-        """Let something happen at a time, or with the next step when that has passed."""
+        """Schedule a callback at a time, or with the next step if that has passed."""
         if time_s < math.inf:
             heapq.heappush(self._events, (time_s, next(self._order), do))
 
@@ -163,11 +163,11 @@ class World:
         ]
 
     def leave_idle(self) -> None:
-        """Something has changed: look again."""
+        """Leave the idle state after a change."""
         self._still = 0
 
     def place(self, name: str, position: float) -> None:
-        """Put a joint somewhere, at rest, as a person would who carries the arm there."""
+        """Set a joint's position, at rest, as by hand."""
         self.joint(name).place(position)
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
@@ -186,14 +186,14 @@ class World:
         raise SimulatorError(f"no joint is named {name!r}; known: {known}")
 
     def grasp(self, name: str, hand: Hand) -> None:
-        """Let a hand take a joint."""
+        """Let a hand grasp a joint."""
         self.hands[self.joint(name).name] = hand
         self.leave_idle()
 
     def lead_tip(
         self, point_m: Sequence[float], speed: float = HAND_SPEED, limit: float = 10.0
     ) -> None:
-        """Let hands take the joints that move the tip and bring it to a point, all in one time.
+        """Let hands grasp the joints that move the tip and move it to a point, all in one time.
 
         Args:
             point_m: In the base frame.
@@ -207,15 +207,15 @@ class World:
             raise SimulatorError("these servos have no arm with a tip")
         goals = self.tip.posture_at(point_m, [joint.position for joint in self.joints])
         led = [(self.joints[i], goals[i]) for i in self.tip.moved_by]
-        ways = [abs(goal - j.position) * (10.0 if j.is_prismatic else 1.0) for j, goal in led]
-        duration_s = max(ways) / speed
+        distances = [abs(goal - j.position) * (10.0 if j.is_prismatic else 1.0) for j, goal in led]
+        duration_s = max(distances) / speed
         for joint, goal in led:
-            way = abs(goal - joint.position)
-            path = glide(joint.position, goal, way / duration_s) if way else hold(goal)
+            distance = abs(goal - joint.position)
+            path = glide(joint.position, goal, distance / duration_s) if distance else hold(goal)
             self.grasp(joint.name, Hand(path, limit=limit))
 
     def release(self, name: str) -> None:
-        """Let go of a joint."""
+        """Release a joint."""
         self.hands.pop(name, None)
         self.leave_idle()
 
@@ -238,14 +238,14 @@ class World:
         self._still = 0 if busy else self._still + 1
 
     def _has_moved(self, positions: list[float]) -> bool:
-        """Say whether the servos are elsewhere than when last seen to move."""
+        """Return whether the servos have moved since the last motion."""
         if self._mover is None or not self._positions:
             return positions != self._positions
-        ways = zip(positions, self._positions, strict=True)
-        return any(abs(now - before) > MAX_REST_DRIFT_RAD for now, before in ways)
+        paths = zip(positions, self._positions, strict=True)
+        return any(abs(now - before) > MAX_REST_DRIFT_RAD for now, before in paths)
 
     def _step_joints(self) -> None:
-        """Turn each joint for itself under gravity and the hands."""
+        """Step each joint by itself under gravity and the hands."""
         if self.steps % GRAVITY_STEPS == 0:
             self._update_gravity()
         for joint, load in zip(self.joints, self._loads, strict=True):
@@ -253,7 +253,7 @@ class World:
             joint.step_servos(load if hand is None else load + joint.hand_force(hand))
 
     def _step_body(self, mover: ExternalDynamics) -> None:
-        """Let the body turn all joints at once under the motors and the hands."""
+        """Step the body with all joints at once under the motors and the hands."""
         forces = [joint.drive_force() for joint in self.joints]
         for k, joint in enumerate(self.joints):
             if joint.name in self.hands:
@@ -280,7 +280,7 @@ class World:
     def _update_contacts(
         self, contacts: Contacts, positions: list[float], velocities: list[float]
     ) -> None:
-        """Let limp joints lie on the table and on the arm's own links."""
+        """Apply contacts to joints without torque: the table and the arm's own links."""
         inertias = [joint.inertia if joint.is_free else math.inf for joint in self.joints]
         pushed = contacts.torques(positions, velocities, inertias, STEP_S * GRAVITY_STEPS)
         self._loads = [
@@ -296,7 +296,7 @@ class World:
                 servo.run_protections(dt_s)
 
     def _advance_idle(self, steps: int) -> None:
-        """Pass time in which nothing turns; heat and supervision take it in larger portions."""
+        """Advance time without motion; temperature and protections in larger steps."""
         self.steps += steps
         for servo in self.servos:
             servo.time_s += steps * STEP_S
@@ -308,56 +308,56 @@ class World:
             self._unheated = 0
 
 
-POLL_PERIOD_S = 0.05  # between two looks at which joints are limp
+POLL_PERIOD_S = 0.05  # between two polls of which joints are without torque
 SILENCE_S = 2.0  # of the host, after which the script starts over with its next packet
 RETURN_S = 2.0  # into the pose
 HOLD_S = 6.0  # in the pose
 SHOW_S = 0.5  # of a joint's motion in its shown direction, and of the one back
-SHOWN_S = 4 * SHOW_S  # twice, as a sign that differs from the arm file is asked for again
+SHOWN_S = 4 * SHOW_S  # twice, as an opposite sign must be confirmed
 SWEEP_S = 24.0
 ONE_WAY_S = 4.0  # from one end of the travel to the other
 SHOWN_RAD = math.radians(25.0)
 SHOWN_FRACTION = 0.45  # of the travel, at most
 OPEN_TRAVEL_RAD = math.radians(300.0)  # of a joint without limits
-MAX_OVERSHOOT = 0.02  # share of the travel by which the hand presses on into the stops
+MAX_OVERSHOOT = 0.02  # fraction of the travel by which the hand pushes beyond the stops
 
 
 class RangeSweep:
-    """Grasps joints whose torque goes off and lets go of those whose torque comes on.
+    """Grasps joints whose torque is switched off and releases those whose torque is on.
 
-    It may be a witness of the line, to hear when a host starts to speak.
+    It may listen to the line, to detect when a host starts to transmit.
     """
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._pose = {joint.name: joint.position for joint in world.joints}
-        self._limp = {joint.name for joint in world.joints if joint.is_free}
+        self._torque_off = {joint.name for joint in world.joints if joint.is_free}
         self._run = 0
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._schedule_run()
         self._poll_host()
 
     def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
         """Start over if the host has been silent for a while."""
-        silence_s, self._heard_s = at_s - self._heard_s, at_s
+        silence_s, self._received_s = at_s - self._received_s, at_s
         if silence_s > SILENCE_S:
             self._schedule_run()
 
     def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
-        """Pay no attention to what the servos answer."""
+        """Ignore replies of the servos."""
 
     def _poll_host(self) -> None:
         world = self._world
-        limp = {joint.name for joint in world.joints if joint.is_free}
-        for name in world.hands.keys() - limp:
+        torque_off = {joint.name for joint in world.joints if joint.is_free}
+        for name in world.hands.keys() - torque_off:
             world.release(name)
-        if limp - self._limp:
+        if torque_off - self._torque_off:
             self._schedule_run()
-        self._limp = limp
+        self._torque_off = torque_off
         world.schedule(world.time_s + POLL_PERIOD_S, self._poll_host)
 
     def _schedule_run(self) -> None:
-        """Schedule one run of the script and, behind it, the next; a run under way ends."""
+        """Schedule one run of the script and, after it, the next; a present run ends."""
         self._run += 1
         names = list(self._pose)
         shown_s = RETURN_S + HOLD_S
@@ -390,17 +390,18 @@ class RangeSweep:
 
     def _path_to_pose(self, name: str) -> Path:
         here, pose = self._world.joint(name).position, self._pose[name]
-        way = abs(pose - here)
-        return glide(here, pose, way / RETURN_S) if way else hold(pose)
+        distance = abs(pose - here)
+        return glide(here, pose, distance / RETURN_S) if distance else hold(pose)
 
     def _direction_path(self, name: str) -> Path:
-        """Move towards where there is more room from the pose and back, twice."""
+        """Move in the direction with the larger range from the pose and back, twice."""
         pose, (lower, upper) = self._pose[name], self._joint_travel(name)
-        way = SHOWN_FRACTION * (upper - lower)
+        distance = SHOWN_FRACTION * (upper - lower)
         if not self._world.joint(name).is_prismatic:
-            way = min(way, SHOWN_RAD)
-        shown = pose + way if upper - pose >= pose - lower else pose - way
-        out, back = glide(pose, shown, way / SHOW_S), glide(shown, pose, way / SHOW_S)
+            distance = min(distance, SHOWN_RAD)
+        shown = pose + distance if upper - pose >= pose - lower else pose - distance
+        speed = distance / SHOW_S
+        out, back = glide(pose, shown, speed), glide(shown, pose, speed)
 
         def path(time_s: float) -> tuple[float, float]:
             part_s = time_s % (2 * SHOW_S) if time_s < SHOWN_S else 2 * SHOW_S
@@ -409,7 +410,7 @@ class RangeSweep:
         return path
 
     def _sweep_path(self, name: str) -> Path:
-        """Press on the nearer end first: both are reached after one and a half ways."""
+        """Push at the nearer end first: both are reached after one and a half travels."""
         lower, upper = self._joint_travel(name)
         more, ends = MAX_OVERSHOOT * (upper - lower), lower + upper
         start = max(lower, min(upper, self._pose[name]))

@@ -37,7 +37,7 @@ class Auditor:
     def __post_init__(self):
         self.line = line_of(self.arm)
         for servo in self.line.world.servos:
-            servo.asked = self._watcher(servo)
+            servo.on_write = self._watcher(servo)
         self.limits = _limits(self.arm.model.name)
         self.eeprom_writes = lambda: sum(s.memory.eeprom_writes for s in self.line.world.servos)
         self._eeprom_before = self.eeprom_writes()

@@ -71,7 +71,7 @@ def test_a_line_ends_on_its_line_whatever_play_is_known(arm_file):
         arm.pose("home")
         plan = arm.plan_line(np.add(arm.where().tip_m, (0.0, -0.03, 0.0)))
         told = []
-        line_of(arm).servos[ID].asked = lambda *_: told.append(
+        line_of(arm).servos[ID].on_write = lambda *_: told.append(
             line_of(arm).servos[ID].memory.get("goal_position")
         )
         arm.execute(plan)

@@ -141,7 +141,7 @@ class Written:
     def __init__(self, line):
         self.words = []
         for servo in line.world.servos:
-            servo.asked = self._watcher(servo)
+            servo.on_write = self._watcher(servo)
 
     def _watcher(self, servo):
         watched = [servo.table.by_name[name] for name in ("goal_position", "torque_enable")]

@@ -30,7 +30,7 @@ class Wire:
     def __init__(self, line):
         self.packets, self.goals = 0, {}
         for servo_id, servo in line.servos.items():
-            servo.asked = self._watcher(servo_id, servo.table.by_name["goal_position"])
+            servo.on_write = self._watcher(servo_id, servo.table.by_name["goal_position"])
         line.witnesses.append(self)
 
     def on_frame(self, at_s, frame, framing):

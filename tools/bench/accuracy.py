@@ -1,10 +1,10 @@
-"""How near the true tip comes to where it was told to go: with correction, and with plain rounding.
+"""Error of the true tip at its goal: with correction, and with plain rounding.
 
 Run ``python tools/bench/accuracy.py``; the tables go to docs/benchmarks.md. Simulated arms under
-gravity with free play in every servo go to targets drawn from one seed, in virtual time. The judge
-is the joints' true positions inside the simulator, finer than any tick, and Pinocchio's forward
-kinematics; the registers' word stands beside it. Plain rounding is the same planned motion, its
-last goals the nearest ticks, and two seconds to come to rest.
+gravity with backlash in every servo move to targets drawn from one seed, in virtual time. The
+reference are the joints' true positions inside the simulator, finer than any tick, and Pinocchio's
+forward kinematics; the error by the registers is given beside it. Plain rounding is the same
+planned motion, its last goals the nearest ticks, and two seconds to come to rest.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ REST_S = 2.0
 
 @dataclass(frozen=True)
 class Trial:
-    """One target, reached or not, one way.
+    """One target, reached or not, with one method.
 
     Attributes:
         true_m: From the target to the true tip.
-        read_m: From the target to the tip that the position registers mean.
-        turned_rad: From how the tool should stand to how it truly stands.
-        hidden_m: What joints somewhere within their ticks make of the tip, one draw of chance.
+        read_m: From the target to the tip at the positions in the registers.
+        turned_rad: From the desired to the true orientation of the tool.
+        hidden_m: Random error of the tip within the ticks of the joints.
         stretch: Duration of the motion over the planned, which is ruckig's optimum.
         settling_s: From the end of the motion to rest.
     """
@@ -72,7 +72,7 @@ class Judge:
     def trial(
         self, plan: MotionPlan, stretch: float = math.nan, settling_s: float = math.nan
     ) -> Trial:
-        """Judge where the arm stands now."""
+        """Measure the errors of the arm at its present position."""
         arm = self._arm
         names = [state.name for state in arm.where().joints]
         wanted = arm.chain.forward(plan.goal[[names.index(name) for name in arm.chain.names]])
@@ -142,7 +142,7 @@ def _corrected(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
 
 
 def _plain(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
-    """Carry out the same plan without what makes it arrive."""
+    """Execute the same plan without the correction at the goal."""
     servos, stream, planner = arm._servos, arm._stream, arm._planner  # pyright: ignore[reportPrivateUsage]
     with arm._motion_turn():  # pyright: ignore[reportPrivateUsage]
         stream.run(

@@ -1,9 +1,9 @@
 """Reading six positions and writing six goals: ours, the vendors' SDKs and rustypot side by side.
 
 Run ``python tools/bench/bus.py``; the table goes to docs/benchmarks.md. Each line is served by
-``ikservo sim`` behind a pseudo-terminal in real time, with wire time; peers take turns on it, so
-that a slow moment of the machine hits all alike; ratios and shares are of medians, which a busy
-machine disturbs least. rustypot gets a virtual environment of its own.
+``ikservo sim`` behind a pseudo-terminal in real time, with wire time; peers alternate on it, so
+that a slow moment of the machine affects all equally; ratios and fractions are of medians, which
+a busy machine disturbs least. rustypot gets a virtual environment of its own.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ COUNT, BITS_PER_BYTE = 6, 10
 
 @dataclass(frozen=True)
 class Bench:
-    """A line and who is measured on it.
+    """A line and the peers measured on it.
 
     Attributes:
         title: For the table.
         model: All six servos.
-        family: Their dialect, as arm.toml says it.
+        family: Their protocol family, as in arm.toml.
         baud: Of the line.
-        wire_bytes: Of the shortest question, answers and goals that the protocol has.
+        wire_bytes: Of the shortest request, replies and goals of the protocol.
         peers: Names in ``line_peers.py``.
     """
 
@@ -56,7 +56,7 @@ class Bench:
 
 @dataclass
 class Result:
-    """What one peer needed."""
+    """The measurements of one peer."""
 
     took_s: list[float] = field(default_factory=list[float])
     busy_s: list[float] = field(default_factory=list[float])

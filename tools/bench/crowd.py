@@ -1,8 +1,8 @@
-"""What a crowd at the door of the page costs the arm: the beat with and without it, in turn.
+"""The load of many clients of the web page on the arm: the cycle time with and without them.
 
 Run ``python tools/bench/crowd.py``; results belong in docs/benchmarks.md. The bus is simulated, in
-this process, at real speed; the crowd is a process of its own. Each crowd is measured between two
-rounds without one, so that what else the machine does weighs on both.
+this process, at real speed; the clients are a process of their own. Each crowd is measured between
+two rounds without one, so that other load of the machine affects both.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ while True:
 
 @contextmanager
 def crowded(crowd: str, url: str) -> Generator[None]:
-    """Let a crowd stand at the door as long as the block lasts."""
+    """Keep a crowd of clients connected as long as the block lasts."""
     host, port = url.removeprefix("http://").split(":")
     command = [sys.executable, "-c", _OPEN + _CROWDS[crowd], host, port]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
@@ -76,7 +76,7 @@ def crowded(crowd: str, url: str) -> Generator[None]:
 
 
 def beats_ms(house: ViewApp, page: Page) -> list[float]:
-    """Return the times between beats while the arm is dragged by a page that draws."""
+    """Return the cycle times while the arm is dragged by a page that draws."""
     at_s: list[float] = []
     see = house.pilot.on_cycle
 

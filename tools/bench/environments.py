@@ -17,7 +17,7 @@ _INSTALL_TIMEOUT_S = 900
 
 @dataclass(frozen=True)
 class Peer:
-    """A solver to be measured.
+    """A solver to measure.
 
     Attributes:
         name: What the table calls it.

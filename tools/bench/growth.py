@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def _planar(count: int) -> ikservo.Chain:
-    """Return a chain of equal links that turn about z, from l0 to the tip."""
+    """Return a chain of equal links that rotate about z, from l0 to the tip."""
     length_m = 1.0 / count
     joints = [
         Joint(
@@ -72,7 +72,7 @@ def _targets() -> NDArray[np.float64]:
 
 
 def _prepared(chain: ikservo.Chain) -> tuple[NDArray[np.float64], float]:
-    """Return the times [µs] and the share of targets reached."""
+    """Return the times [µs] and the fraction of targets reached."""
     solver, start = ikservo.Solver(chain, "position"), _start(chain)
     return _timed(lambda T: solver(T, start)[1])
 

@@ -31,7 +31,7 @@ _TIMEOUT_S = 900
 
 @dataclass
 class Talk:
-    """One peer's answers to one arm and kind, or why there are none."""
+    """One peer's results for one arm and kind, or why there are none."""
 
     peer: Peer
     answer: dict[str, Any] = field(default_factory=dict[str, Any])
@@ -39,7 +39,7 @@ class Talk:
 
 
 def main() -> None:
-    """Ask everybody everything and print what came of it."""
+    """Run all peers and print the results."""
     options = _options()
     rows: list[Row] = []
     refusals: list[tuple[str, str, str, str]] = []
@@ -83,7 +83,7 @@ def _ask(
     rounds: dict[str, dict[str, Any]],
     options: argparse.Namespace,
 ) -> Talk:
-    """Start the peer's runner, give it the problem and wait for its answer."""
+    """Start the peer's runner, send it the problem and wait for its results."""
     print(f"{model.name}, {kind}: {peer.name} …", file=sys.stderr, flush=True)
     request = {"problem": problem_of(model, kind), "rounds": rounds, "budget_s": options.budget}
     try:
@@ -111,7 +111,7 @@ def _ask(
 def _rows(
     model: ikservo.Model, kind: str, rounds: dict[str, dict[str, Any]], talks: list[Talk]
 ) -> list[Row]:
-    """Judge all answers; a point of a line counts where at least one solver reached it."""
+    """Score all results; a point of a line counts if at least one solver reached it."""
     scores: dict[str, dict[str, Score]] = {talk.peer.name: {} for talk in talks}
     for name, targets in rounds.items():
         reached: dict[str, Array] = {
@@ -119,7 +119,7 @@ def _rows(
             for talk in talks
         }
         possible: Flags = np.any([hits == 1.0 for hits in reached.values()], axis=0)
-        possible |= name != "line"  # only what lines lead through may lie out of reach
+        possible |= name != "line"  # only points between those of lines may be out of reach
         for talk in talks:
             own = reached[talk.peer.name]
             answer = talk.answer["rounds"][name]

@@ -1,8 +1,8 @@
-"""How steady goals are streamed, with the bus on a pseudo-terminal and a core kept busy.
+"""Jitter of streamed goals, with the bus on a pseudo-terminal and a core kept busy.
 
-Run ``python tools/bench/jitter.py``; the table goes to docs/benchmarks.md. It tells by how much the
-time between two goals differs from the beat, and how many beats were left out. The servos of an arm
-have processors of their own: where it may, the simulator goes before what else the computer does.
+Run ``python tools/bench/jitter.py``; the table goes to docs/benchmarks.md. It shows by how much the
+time between two goals differs from the cycle time, and how many cycles were missed. The servos of
+an arm have processors of their own: if permitted, the simulator has a higher priority than others.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from ikservo.motion import TrajectoryPoint
 SERVE = (
     "import sys; from ikservo.cli.entry_point import console; sys.argv = sys.argv[1:]; console()"
 )
-SWING_RAD, TURN_S = 0.2, 4.0
+SWING_RAD, PERIOD_S = 0.2, 4.0
 
 
 class Swing:
-    """A course that swings one joint back and forth, softly in and out."""
+    """A trajectory that moves one joint back and forth, with smooth ends."""
 
     def __init__(self, start: TrajectoryPoint, duration_s: float) -> None:
         self._start, self.duration_s = start, duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Return where the joints (n,) shall be."""
-        share = min(max(time_s / self.duration_s, 0.0), 1.0)
-        soft = math.sin(math.pi * share) ** 2
+        """Return the joints (n,) at a time."""
+        fraction = min(max(time_s / self.duration_s, 0.0), 1.0)
+        soft = math.sin(math.pi * fraction) ** 2
         position = self._start.position.copy()
-        position[0] += SWING_RAD * soft * math.sin(math.tau * time_s / TURN_S)
+        position[0] += SWING_RAD * soft * math.sin(math.tau * time_s / PERIOD_S)
         return TrajectoryPoint.at_rest(position)
 
 
@@ -72,7 +72,7 @@ def served(name: str) -> Generator[str]:
         with subprocess.Popen(
             [sys.executable, "-c", SERVE, *words], stdout=subprocess.PIPE, text=True
         ) as server:
-            assert server.stdout is not None  # it was asked for
+            assert server.stdout is not None  # it is a pipe
             server.stdout.readline()
             try:
                 yield link
@@ -91,16 +91,16 @@ def measure(port: str, name: str, rate_hz: float, duration_s: float) -> list[flo
         def note(_: ControlCycle) -> None:
             sent_s.append(clock.now_s())
 
-        course = Swing(TrajectoryPoint.at_rest(servos.goals()), duration_s)
-        ControlLoop(servos, 1.0 / rate_hz).run(course, note, speed_rad_s=1.0)
+        trajectory = Swing(TrajectoryPoint.at_rest(servos.goals()), duration_s)
+        ControlLoop(servos, 1.0 / rate_hz).run(trajectory, note, speed_rad_s=1.0)
     return sent_s
 
 
 def words(title: str, sent_s: list[float], rate_hz: float) -> str:
     """Return one row of the table."""
-    beat_s = 1.0 / rate_hz
-    gaps_ms = 1000.0 * np.abs(np.diff(sent_s) - beat_s)
-    missed = int(np.maximum(np.round(np.diff(sent_s) / beat_s) - 1, 0).sum())
+    cycle_s = 1.0 / rate_hz
+    gaps_ms = 1000.0 * np.abs(np.diff(sent_s) - cycle_s)
+    missed = int(np.maximum(np.round(np.diff(sent_s) / cycle_s) - 1, 0).sum())
     p50, p99, p999 = np.percentile(gaps_ms, [50, 99, 99.9])
     return (
         f"| {title} | {len(sent_s)} | {p50:.2f} | {p99:.2f} | {p999:.2f} | {gaps_ms.max():.2f} "

@@ -1,4 +1,4 @@
-"""How much faster picking is through boxes than by looking at every shape.
+"""How much faster picking is through boxes than by testing every shape.
 
 Usage: python tools/bench/pick.py
 

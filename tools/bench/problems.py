@@ -1,4 +1,4 @@
-"""What all solvers are asked: the same arms, targets and starts, drawn from one seed."""
+"""The problems of all solvers: the same arms, targets and starts, drawn from one seed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 KINDS = ("position", "direction", "pose")
 TOOL_AXIS = (0.0, 0.0, 1.0)
-# Asked of every solver; judged ten times wider.
+# Requested of every solver; scored with ten times the tolerance.
 _POSITION_M, _ANGLE_RAD = 1e-5, 1e-4
 _NEAR_RAD = np.radians(5.0)
 _LINE_POINTS = 1000
@@ -83,7 +83,7 @@ def _lines(chain: ikservo.Chain, count: int, rng: np.random.Generator) -> dict[s
 
 
 def _straight(A: Array, B: Array) -> list[Array]:
-    """Return poses evenly between two, turning about one axis on the way."""
+    """Return poses evenly between two, rotating about one axis."""
     turn = log_so3(B[:3, :3] @ A[:3, :3].T)
     poses: list[Array] = []
     for share in np.linspace(0.0, 1.0, _LINE_POINTS):

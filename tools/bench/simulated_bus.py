@@ -44,10 +44,10 @@ def main() -> None:
 
 
 def idle_share(arm: str) -> float:
-    """Leave a served arm alone; return the share of a core that it uses."""
+    """Leave a served arm idle; return the fraction of a core that it uses."""
     command = [sys.executable, "-c", SERVE, str(CONFIGS / arm / "arm.toml")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        time.sleep(SETTLE_S)  # the limp arm comes to rest
+        time.sleep(SETTLE_S)  # the arm, torque off, comes to rest
         before_s = _used_s(server.pid)
         time.sleep(IDLE_S)
         used_s = _used_s(server.pid) - before_s
@@ -81,7 +81,7 @@ def cycles_per_second(arm: str) -> float:
 
 
 def pty_overhead_s(arm: str) -> tuple[float, float]:
-    """Ask six servos through a pseudo-terminal; return median and 99 % of the time too much."""
+    """Read six servos through a pseudo-terminal; return median and 99 % of the excess time."""
     feetech = arm.startswith("so")
     command = [sys.executable, "-c", SERVE, str(CONFIGS / arm / "arm.toml")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:

@@ -1,4 +1,4 @@
-"""How long whole commands take, against the start of Python itself, measured in turn.
+"""How long whole commands take, against the start of Python itself, measured alternately.
 
 Run ``python tools/bench/startup.py``; the table goes to docs/benchmarks.md.
 """
@@ -25,13 +25,13 @@ COMMANDS = {
 
 
 def main() -> None:
-    """Time every command in turn, so that a slow moment of the machine hits all alike."""
+    """Time every command in turn, so that a slow moment of the machine affects all equally."""
     ikservo = shutil.which("ikservo", path=str(sys.prefix) + "/bin") or "ikservo"
     times_s: dict[str, list[float]] = {name: [] for name in COMMANDS}
     for turn in range(RUNS + 1):
         for name, words in COMMANDS.items():
             elapsed_s = _timed([ikservo if word == "ikservo" else word for word in words])
-            if turn:  # the first turn fills the caches
+            if turn:  # the first round fills the caches
                 times_s[name].append(elapsed_s)
     bare_s = statistics.median(times_s["python -c pass"])
     print("| command | median | fastest | slowest | of bare Python |")

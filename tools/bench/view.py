@@ -30,7 +30,7 @@ EVENTS, MOVES, SECONDS = 300, 200, 5
 
 
 def latencies_ms() -> list[float]:
-    """Return how long single pointer events take to the first goal on the bus that obeys them."""
+    """Return the time from single pointer events to the first goal on the bus."""
     took: list[float] = []
     with served("so101", "home") as (house, page):
         out = _goal_times(house)
@@ -45,14 +45,14 @@ def latencies_ms() -> list[float]:
 
 
 def _goal_times(house: ViewApp) -> list[tuple[float, object]]:
-    """Return a list that grows by the time and the wish behind each goal that is sent."""
+    """Return a list that grows by the time and the command of each goal that is sent."""
     out: list[tuple[float, object]] = []
     servos = house.pilot.arm.workings.servos
     send: Callable[[Vector, float], bool] = servos.send_goals
     see = house.pilot.on_cycle
     taken: list[object] = [None]
 
-    def seen(beat: ControlCycle) -> None:  # a beat's wish is in the goals of the next
+    def seen(beat: ControlCycle) -> None:  # a cycle's command is in the goals of the next
         see(beat)
         taken[:] = [house.pilot.command.goal]
 
@@ -80,7 +80,7 @@ def _obeyed_s(
 
 
 def drag() -> tuple[int, int]:
-    """Return how many of the moves of a drag were heard, and by how many it lagged at most."""
+    """Return how many moves of a drag were received, and the maximum lag."""
     with served("so101", "home") as (house, page):
         heard: list[int] = []
         hear: Callable[..., None] = house.desk.receive
@@ -127,7 +127,7 @@ def frames_per_second() -> tuple[float, float]:
         return found[0], found[1]
 
 
-# The pointer is moved inside the page at each refresh: the test's own pipe is not what is measured.
+# The pointer is moved inside the page at each refresh: the test's own pipe is not measured.
 # A frame counts if what was drawn is not what was drawn before.
 DRAW_ON = """() => {
   const canvas = document.getElementById("drawing");

@@ -18,7 +18,7 @@ __all__ = ["Page", "served"]
 
 
 class Page:
-    """A page that is no browser: it says when it says something.
+    """A client of the page without a browser.
 
     Attributes:
         url: Where the page is served.
@@ -40,17 +40,17 @@ class Page:
         return message
 
     def say(self, kind: str, **fields: object) -> None:
-        """Say something now."""
+        """Send a message."""
         self._seq += 1
         message = {"kind": kind, "seq": self._seq, "seen": self._seen, **fields}
         self._socket.send(json.dumps(message))
 
     def point(self, phase: str, x: float, y: float) -> None:
-        """Say where the pointer is."""
+        """Send the pointer's position."""
         self.say("pointer", phase=phase, x=x, y=y, button=0, pointer=1)
 
     def live_for(self, seconds: float) -> None:
-        """Hear scenes and beat, as a page does."""
+        """Receive scenes and send heartbeats, as a page does."""
         end_s = time.monotonic() + seconds
         while True:
             try:
@@ -62,7 +62,7 @@ class Page:
 
 @contextmanager
 def served(arm: str, pose: str) -> Generator[tuple[ViewApp, Page]]:
-    """Serve an arm and visit it with Live thrown."""
+    """Serve an arm and connect to it with Live on."""
     house = ViewApp(load_model(arm), f"sim:?pose={pose}", dead_man_s=5.0)
     with ExitStack() as stack:
         urls = stack.enter_context(house)

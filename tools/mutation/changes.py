@@ -35,7 +35,7 @@ _CALLS = {
 
 
 def changed_trees(source: str) -> Iterator[tuple[int, str, ast.Module]]:
-    """Yield every changed module of a source, with the line and the change in words."""
+    """Yield every changed module of a source, with the line and a description."""
     for index, place in enumerate(_walk(ast.parse(source))):
         for k in range(len(_changes(place))):
             tree = ast.parse(source)
@@ -98,7 +98,7 @@ Change = tuple[str, Callable[[], None]]
 
 
 def _changes(place: _Place) -> list[Change]:
-    """Return the changes that a node offers, in words and as what makes them."""
+    """Return the possible changes of a node, with descriptions and replacements."""
     if not place.is_code:
         return []
     node = place.node

@@ -1,4 +1,4 @@
-"""Mutants that no test can tell from the original, each with the reason."""
+"""Mutants that are equivalent to the original, each with the reason."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ _AS_FINE = "one section more or less of sixty makes no difference"
 _VALLEY = "nearer = _box_distance_at(a, b, s, low_m, high_m) <= _box_distance_at("
 _FINITE = "finite_vector(np.where(open_ended, 0.0, array), self.dof, what)"
 _NO_OFFSET = 'offset = joint.servo.holds.get("homing_offset", 0)'
-_HELPER = "any axis helps that is not parallel to the one that is asked for"
+_HELPER = "any axis helps that is not parallel to the given one"
 _WIDE = "wide = chain.upper_rad[i] - chain.lower_rad[i] >= _FULL_TURN_RAD"
 _ANY_READING = "every reading has the same servos"
-_ROWS = "return [[ticks[i] for _, ticks in self.seen] for i in self.seen[-1][1]]"
-_MEANS = "return dict(zip(self.seen[-1][1], means, strict=True))"
+_ROWS = "return [[ticks[i] for _, ticks in self.readings] for i in self.readings[-1][1]]"
+_MEANS = "return dict(zip(self.readings[-1][1], means, strict=True))"
 _LEAST = "wide = (rows[0].range[0], rows[1].range[1])"
 _ZERO_TICK = (
     "return anchor_tick - self.joint_map.with_mounting(sign, 0.0).ticks_from_zero(self.pose)"
 )
 _WHEREVER = "ticks are counted from zero, wherever that is"
-_AMBIGUOUS = "ambiguous = other_way <= _MAX_TURNS_PER_S * self.turn * (at_s - self.at_s)"
+_AMBIGUOUS = (
+    "ambiguous = other_direction <= _MAX_TURNS_PER_S * self.ticks_per_turn * (at_s - self.at_s)"
+)
 _HELD = "return ChainJoint(self.joint, 0, 0.0, value).motion(_ORIGIN)"
 _FALSE = "None is as false"
 _TYPES = "is read by type checkers only"
 _SERIES = "where the series begins both forms agree to the last digits"
 _FINER = "the motion between two samples is below a millimetre after far fewer halvings"
-_ROOM = "memory may be wider than what is written to it"
+_UNUSED_MEMORY = "memory may be wider than what is written to it"
 _BUFFERS = "places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))"
 EXCUSED: dict[tuple[str, str, str], str] = {
     ("guard.collision_kernel", "_NOTHING = 1e-30", "number"): _NO_ZERO,
@@ -40,7 +42,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "guard.collision_kernel",
         "_SECTIONS = 40  # the rest of a segment of one metre is then 4 nm",
         "40 -> 41",
-    ): ("one section more makes a right answer finer"),
+    ): ("one section more makes a right result finer"),
     (
         "guard.collision_kernel",
         _TIE,
@@ -54,8 +56,8 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ("guard.collision", "may_touch = gap_m[:-1] + gap_m[1:] < nearer_m", "Lt -> LtE"): (
         "bodies that can just meet do not overlap"
     ),
-    ("guard.collision", _BUFFERS, "12 -> 13"): _ROOM,
-    ("guard.collision", _BUFFERS, "6 -> 7"): _ROOM,
+    ("guard.collision", _BUFFERS, "12 -> 13"): _UNUSED_MEMORY,
+    ("guard.collision", _BUFFERS, "6 -> 7"): _UNUSED_MEMORY,
     ("calibration.joint_map", _TICKS_INSIDE, "number"): _ANY_SMALL,
     ("calibration.joint_map", _ANGLES, "180.0 -> 225.0"): _FINE,
     ("calibration.joint_map", _ANGLES, "180.0 -> 144.0"): _FINE,
@@ -80,7 +82,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "calibration.calibration_file",
         _NO_OFFSET,
         "number",
-    ): "any small number stands for a register that is told to be missing",
+    ): "any small number stands for a missing register",
     (
         "calibration.lerobot",
         "_MAX_BYTES = 64 * 1024",
@@ -96,7 +98,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "tables = parse_toml(path, strip_checksum(path, read_text(path, 4 * MAX_BYTES)))",
         "number",
     ): "two calibrations and a header fit into any of them",
-    ("kinematics.packed", "WIDTH = 16", "16 -> 17"): _ROOM,
+    ("kinematics.packed", "WIDTH = 16", "16 -> 17"): _UNUSED_MEMORY,
     ("kinematics.se3", "_SMALL_RAD = 1e-4", "number"): _SERIES,
     ("kinematics.se3", "_NEAR_PI_RAD = 1e-3", "number"): _SERIES,
     ("kinematics.se3", "if math.pi - theta < _NEAR_PI_RAD:", "Lt -> LtE"): _SERIES,
@@ -106,7 +108,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "return axis_sin * (1.0 + theta * theta / 6.0 if theta < _SMALL_RAD else theta / sin)",
         "Lt -> LtE",
     ): _SERIES,
-    ("kinematics.packed", "rows = np.zeros((len(names), 20))", "20 -> 21"): _ROOM,
+    ("kinematics.packed", "rows = np.zeros((len(names), 20))", "20 -> 21"): _UNUSED_MEMORY,
     (
         "kinematics.packed",
         "helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]",
@@ -128,7 +130,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "calibration.range_tracker",
         "at_rad: float = 0.0",
         "number",
-    ): "is not looked at before the joint has been seen",
+    ): "is not used before the first position sample",
     ("calibration.servo_config", _LEAST, "0 -> 1"): "both registers begin at the same number",
     ("calibration.servo_config", _LEAST, "0 -> -1"): "both registers begin at the same number",
     ("calibration.range_tracker", _ZERO_TICK, "0.0 -> 1.0"): _WHEREVER,
@@ -151,9 +153,9 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ("calibration.range_tracker", _AMBIGUOUS, "LtE -> Lt"): "no hand is as fast to the last bit",
     (
         "calibration.script",
-        'self._next[0] = next(self._answers, "")',
+        'self._next[0] = next(self._entries, "")',
         "0 -> -1",
-    ): "there is one next answer",
+    ): "there is one next input",
     (
         "calibration.script",
         "_MAX_SCRIPT_BYTES = 64 * 1024",
@@ -161,7 +163,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ): "any size far above that of a script",
     (
         "kinematics.joints",
-        "_swing_twice: Matrix = field(init=False, repr=False)",
+        "_twist_squared: Matrix = field(init=False, repr=False)",
         "False -> True",
     ): ("how a step is shown"),
     (
@@ -172,7 +174,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ("kinematics.joints", _HELD, "0 -> -1"): "the first of one number is the last",
     ("kinematics.joints", _HELD, "0.0 -> 1.0"): "what it scales is zero",
     ("kinematics.joints", _HELD, "0.0 -> -1.0"): "what it scales is zero",
-    ("kinematics.joints", "_ORIGIN = read_only(np.zeros(1))", "1 -> 2"): _ROOM,
+    ("kinematics.joints", "_ORIGIN = read_only(np.zeros(1))", "1 -> 2"): _UNUSED_MEMORY,
     (
         "kinematics.joints",
         "return ChainJoint(joint, 0, 0.0, scale * _clamp_zero(leader) + shift)",
@@ -186,7 +188,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ("calibration.procedure", "return False", "return None"): _FALSE,
     (
         "calibration.procedure",
-        "return gaps[sign] > _MIRRORED_RAD and gaps[-sign] < gaps[sign] / 3",
+        "return mismatches[sign] > _MIRRORED_RAD and mismatches[-sign] < mismatches[sign] / 3",
         "Lt -> LtE",
     ): "no gap is a third of the other to the last bit",
 }

@@ -56,7 +56,7 @@ class Failures:
         self.any = False
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Hear how a test went."""
+        """Record the result of a test."""
         self.any = self.any or report.failed
 
 

@@ -26,7 +26,7 @@ class Mutant:
         package: The package.
         module: The module's name below it.
         line: Where the change is.
-        what: The change in words.
+        what: Description of the change.
         tree: The changed module.
     """
 
@@ -47,7 +47,7 @@ class Mutant:
         return self.package.path_of(self.module)
 
     def excuse(self) -> str:
-        """Return why no test can see this one; empty where one must."""
+        """Return why the mutant is equivalent; empty if it is not."""
         line = self.path.read_text().splitlines()[self.line - 1].strip()
         place = f"{self.package.name}.{self.module}", line
         exact = EXCUSED.get((*place, self.what), "")

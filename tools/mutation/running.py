@@ -39,7 +39,7 @@ _POLL_S = 0.005
 _SURVIVED, _KILLED, _NOT_LOADED = 1, 0, 2
 # A mutant may make a loop run on: a test then has this many times as long as without it.
 _PATIENCE, _GRACE_S = 3.0, 2.0
-# Importing everything anew takes a few seconds, and kernels as plain Python are slow.
+# Importing everything again takes a few seconds, and kernels as plain Python are slow.
 _IMPORT_S, _PLAIN = 10.0, 30.0
 # A mutant may also wait for what never comes, which takes no time of the processor; others may
 # take most of that time.
@@ -77,7 +77,7 @@ def run(
 
     What is changed inside of a function or in a constant is put into the module as it is loaded.
     Where it lives on although it acts while modules are imported already, or the change is
-    somewhere else, everything is imported anew.
+    somewhere else, everything is imported again.
     """
     if not mutants:
         return []
@@ -167,7 +167,7 @@ class _Module:
         return [i for i in every if items[i].path in files] or list(every)
 
     def _likeliest(self, tests: Sequence[int]) -> list[int]:
-        """Return tests, the cheapest way to a kill first, as long as they fit into the time."""
+        """Return tests, the most effective for their time first, within the time."""
         ordered = sorted(tests, key=self._cost_of_a_kill)
         so_far_s = itertools.accumulate(self.tests.cost_s[i] for i in ordered)
         return [i for i, cost_s in zip(ordered, so_far_s, strict=True) if cost_s <= self.most_s]
@@ -242,7 +242,7 @@ def _fork(child: _Child, survives: Callable[[Mutant], bool]) -> int:
         code = _SURVIVED if survives(child.mutant) else _KILLED
     except NotLoadedError:
         code = _NOT_LOADED
-    except BaseException:  # a mutant that cannot be imported is as dead as one that fails a test
+    except BaseException:  # a mutant that cannot be imported is killed, too
         code = _KILLED
     finally:
         os._exit(code)

@@ -1,4 +1,4 @@
-"""A mutant in place of its original: the code of one function, or a module imported anew."""
+"""A mutant in place of its original: the code of one function, or a module imported again."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def import_anew(mutant: Mutant) -> None:
-    """Let everything of ours be imported anew, and the mutant in place of its module."""
+    """Import all our modules again, with the mutant in place of its module."""
     if mutant.package.is_plain(mutant.module):
         os.environ["IKSERVO_COMPILED"] = "0"
     for name in list(sys.modules):
@@ -131,7 +131,7 @@ class _Swap(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def find_spec(
         self, fullname: str, path: object = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Answer for the mutated module only."""
+        """Find the mutated module only."""
         if fullname != self._mutant.dotted:
             return None
         return importlib.util.spec_from_loader(fullname, self, origin=str(self._mutant.path))

@@ -1,4 +1,4 @@
-"""What every runner shares: read a problem on stdin, time each solve alike, answer on stdout.
+"""Common to all runners: read a problem from stdin, time each solve, write results to stdout.
 
 A runner is started by the interpreter of its own virtual environment, so this file needs no more
 than NumPy. One JSON object comes in (a problem), one goes out: ``{"cannot": reason}``, or
@@ -46,7 +46,7 @@ _BATCH = 20_000
 
 
 class CannotError(Exception):
-    """The peer cannot be asked this; the message says why."""
+    """The peer does not support the problem; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Problem:
         urdf: Path of the arm's URDF.
         base: Its root link.
         tip: The link that is the tool.
-        path: Links and joints in turn from the base to the tip, fixed joints included.
+        path: Links and joints alternately from the base to the tip, fixed joints included.
         joints: The names of the moving joints on that path.
         lower: Their lower limits, rad.
         upper: Their upper limits, rad.
@@ -65,9 +65,9 @@ class Problem:
         pivots: A point (dof, 3) on each of those axes, metres.
         tip_at_zero: T_world_tip (4, 4) when all joints are zero.
         kind: position, direction or pose.
-        tool_axis: The axis (3,) of the tip that a direction speaks of.
-        position_m: The position error to ask for.
-        angle_rad: The angle to ask for.
+        tool_axis: The axis (3,) of the tip for a direction.
+        position_m: The position tolerance to request.
+        angle_rad: The angular tolerance to request.
     """
 
     urdf: str
@@ -86,7 +86,7 @@ class Problem:
     angle_rad: float
 
     def only(self, *kinds: Kind) -> None:
-        """Raise CannotError unless the kind is among those that the peer knows."""
+        """Raise CannotError unless the peer supports the kind."""
         if self.kind not in kinds:
             raise CannotError(f"no {self.kind} targets")
 
@@ -98,16 +98,16 @@ def serve(
     prepare_line: Callable[[Problem], Solve] | None = None,
     prepare_batch: Callable[[Problem], Batch] | None = None,
 ) -> None:
-    """Answer the one request on stdin.
+    """Execute the one request on stdin.
 
     Args:
-        distribution: The package whose version is told.
-        prepare: Makes the solver; what it takes is not timed.
+        distribution: The package whose version is reported.
+        prepare: Makes the solver; not timed.
         prepare_line: Makes the solver that follows a path, where the peer has another for that.
         prepare_batch: Makes the solver of many targets at once, where the peer has one.
     """
     out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what libraries print shall not end up in the answer
+    os.dup2(2, 1)  # output of libraries must not get into the result
     request = json.load(sys.stdin)
     problem = _problem(request["problem"])
     try:
@@ -150,7 +150,7 @@ def _problem(fields: dict[str, Any]) -> Problem:
 
 
 def _run(solve: Solve, targets: dict[str, Any], budget_s: float) -> dict[str, Any]:
-    """Solve one target after another; a start that is null is the answer before it."""
+    """Solve one target after another; a start that is null is the result before it."""
     poses, starts = np.array(targets["T"], dtype=float), targets["q0"]
     solve(poses[0], np.array(starts[0], dtype=float))  # compile, fill caches
     q: Array = np.zeros(0)

@@ -8,7 +8,7 @@ import ikservo
 
 
 def prepare(problem: Problem) -> Solve:
-    """Prepare ``ikservo.Solver``; what it gives is judged, whether it calls it reached or not."""
+    """Prepare ``ikservo.Solver``; its result is scored, whether reached or not."""
     solver = _solver(problem)
 
     def solve(T: Array, q0: Array) -> Array | None:

@@ -10,12 +10,12 @@ import pinocchio as pin
 from protocol import Array, Problem, Solve, Tried, restarting, serve
 
 _ITERATIONS = 30
-# Damped as much as the error is large (Chan): far off careful, near by quick.
+# Damped in proportion to the error (Chan): careful far off, quick near by.
 _DAMPING, _LEAST_DAMPING = 0.1, 1e-8
 
 
 def prepare(problem: Problem) -> Solve:
-    """Step and clip until the error is small; joints beside the way to the tip stand still."""
+    """Step and clip until the error is small; joints beside the path to the tip are fixed."""
     model = pin.buildModelFromUrdf(problem.urdf)
     data, frame = model.createData(), model.getFrameId(problem.tip, pin.FrameType.BODY)
     joints = [model.joints[model.getJointId(name)] for name in problem.joints]

@@ -13,7 +13,7 @@ _ITERATIONS = 30
 
 
 def prepare(problem: Problem) -> Solve:
-    """Fix the base and everything beside the way to the tip; a task for what is wanted."""
+    """Fix the base and everything beside the path to the tip; add a task for the target."""
     robot = placo.RobotWrapper(problem.urdf, placo.Flags.ignore_collisions)
     solver = placo.KinematicsSolver(robot)
     solver.mask_fbase(True)

@@ -11,7 +11,7 @@ from ssik import Manipulator
 
 
 def prepare(problem: Problem) -> Solve:
-    """Let it classify the arm; it knows arms of six and seven turning joints."""
+    """Let it classify the arm; it supports arms of six and seven revolute joints."""
     problem.only("pose")
     try:
         arm = Manipulator.from_urdf(problem.urdf, base=problem.base, ee=problem.tip)
