@@ -52,6 +52,7 @@ __all__ = [
     "pack_problem",
     "pack_settings",
     "prepare_seeds",
+    "quasi_random_points",
     "seeds",
     "target_kind",
 ]
@@ -108,12 +109,9 @@ def seeds(chain: Chain, count: int) -> Matrix:
     """Return (count, dof) joint vectors inside the limits: the middle, then an even filling.
 
     The sequence is the same every time, so that results are reproducible.
-
-    Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: point i is
-    ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dof + 1) = φ + 1``.
     """
     low, high = _sampling_limits(chain)
-    points = chain.clip(low + (high - low) * _quasi_random_points(count, chain.dof))
+    points = chain.clip(low + (high - low) * quasi_random_points(count, chain.dof))
     points[:1] = chain.mid_range()
     return points
 
@@ -128,7 +126,12 @@ def _sampling_limits(chain: Chain) -> tuple[Vector, Vector]:
     return low, high
 
 
-def _quasi_random_points(count: int, dimensions: int) -> Matrix:
+def quasi_random_points(count: int, dimensions: int) -> Matrix:
+    """Return points (count, dimensions) that fill the unit cube evenly, without clusters.
+
+    The R-sequence of M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018:
+    point i is ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dimensions + 1) = φ + 1``.
+    """
     steps: Vector = _generalised_golden_ratio(dimensions) ** -np.arange(1.0, dimensions + 1)
     return (0.5 + np.outer(np.arange(count), steps)) % 1.0
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ikservo.ik.batch import solve_batch
 from ikservo.ik.problem import Options
 from ikservo.ik.workspace_grid import Cells, VoxelGrid, boundary_polygons, grid_around, slice_around
+from ikservo.ik.prepare import quasi_random_points
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 
@@ -87,11 +88,9 @@ class Workspace:
 def quasi_random_joints(chain: Chain, count: int) -> Matrix:
     """Return ``count`` joint vectors (count, dof) inside the limits; within ±π if unlimited.
 
-    An additive recurrence: point k is the fraction of ``k / g^j`` in joint j, with the root g of
-    ``g^(dof+1) = g + 1``, the generalised golden ratio (Roberts 2018), which leaves no clusters.
+    They leave no clusters, see ``quasi_random_points``.
     """
-    steps = _golden_ratio(chain.dof) ** -np.arange(1.0, chain.dof + 1)
-    evenly = (0.5 + np.outer(np.arange(1.0, count + 1), steps)) % 1.0
+    evenly = quasi_random_points(count + 1, chain.dof)[1:]
     low = np.maximum(chain.lower_rad, -math.pi)
     high = np.minimum(chain.upper_rad, math.pi)
     return chain.clip(low + (high - low) * evenly)
@@ -100,13 +99,6 @@ def quasi_random_joints(chain: Chain, count: int) -> Matrix:
 def tip_positions(chain: Chain, q: Matrix) -> Matrix:
     """Return the tip positions (n, 3), metres, of joint vectors (n, dof)."""
     return chain.forward(q)[:, :3, 3]
-
-
-def _golden_ratio(dimensions: int) -> float:
-    ratio = 2.0
-    for _ in range(64):
-        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
-    return ratio
 
 
 Clear = Callable[[Matrix], NDArray[np.bool_]]
