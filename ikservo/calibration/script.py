@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterable, Iterator
-from itertools import repeat
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Generic, TypeVar
 
 from ikservo.calibration.procedure import (
     CalibrationStage,
@@ -16,7 +17,17 @@ from ikservo.calibration.procedure import (
 from ikservo.errors import BadValueError, CalibrationError, FileFormatError
 from ikservo.files.reading import read_text
 
-__all__ = ["ANSWERS", "ScriptedAnswers", "apply_answer", "read_script"]
+__all__ = [
+    "ANSWERS",
+    "AnswerScript",
+    "ScriptedAnswers",
+    "apply_answer",
+    "read_entries",
+    "read_script",
+]
+
+State = TypeVar("State")
+
 
 ANSWERS = {
     "accept": "take the pose, end the sweep, or save",
@@ -57,77 +68,129 @@ def read_script(path: Path) -> list[str]:
     Raises:
         FileFormatError: The file cannot be read, or a line is no valid input.
     """
-    verbs = {text.partition(" ")[0] for text in ANSWERS}
+    return read_entries(path, tuple(ANSWERS))
+
+
+def read_entries(path: Path, known: Sequence[str]) -> list[str]:
+    """Return the inputs in a file, one a line; ``#`` begins a comment.
+
+    Args:
+        path: The file.
+        known: The valid inputs; a second word stands for any name.
+
+    Raises:
+        FileFormatError: The file cannot be read, or a line is no valid input.
+    """
+    verbs = {text.partition(" ")[0]: " " in text for text in known}  # to: whether a name follows
     entries: list[str] = []
     for number, line in enumerate(read_text(path, _MAX_SCRIPT_BYTES).splitlines(), start=1):
         text = line.partition("#")[0].strip()
-        if text and text.partition(" ")[0] not in verbs:
-            expected = f"one of: {', '.join(ANSWERS)}"
+        verb, _, rest = text.partition(" ")
+        if text and (verb not in verbs or (rest and not verbs[verb])):
+            expected = f"one of: {', '.join(known)}"
             raise FileFormatError(path, f"line {number}", "is not an answer", expected)
         entries += [text] if text else []
     return entries
 
 
-class ScriptedAnswers:
+class AnswerScript(ABC, Generic[State]):
     """Supplies inputs one after the other, each when it is due.
 
-    ``accept`` waits until the arm is held still, or until no range has grown for a while; all other
-    inputs wait for the sweep.
-
     Args:
-        answers: In order; None to accept whatever can be accepted.
+        entries: In order; None for the default input of every state.
+
+    Attributes:
+        final_entry: The input after the last one of a script; none if empty.
     """
 
+    final_entry = ""
+
     def __init__(self, entries: Iterable[str] | None = None) -> None:
-        self._entries: Iterator[str] = repeat("accept") if entries is None else iter(entries)
-        self._next = deque([next(self._entries, "")])
+        self._entries = None if entries is None else deque(entries)
         self._last: tuple[object, ...] = ()
         self._since_s: float | None = None
 
-    def next_answer(self, wizard: CalibrationState, at_s: float) -> str | None:
+    def next_answer(self, state: State, at_s: float) -> str | None:
         """Return the next input if it is due.
 
         Raises:
             CalibrationError: It was not due for a minute without changes; names the cause.
         """
-        unchanged_s = self._unchanged_for_s(wizard, at_s)
-        text = self._next[0]
-        if text and self._is_due(text, wizard, unchanged_s):
-            self._next[0] = next(self._entries, "")
+        unchanged_s = self._unchanged_for_s(state, at_s)
+        text = self._next_entry(state)
+        if text and self.is_due(text, state, unchanged_s):
+            if self._entries:
+                self._entries.popleft()
             self._since_s = None
             return text
         if unchanged_s > _TIMEOUT_S:
-            raise self._timeout_error(wizard)
+            raise self.timeout_error(text, state)
         return None
 
-    def _unchanged_for_s(self, wizard: CalibrationState, at_s: float) -> float:
+    def _next_entry(self, state: State) -> str:
+        if self._entries is None:
+            return self.default_entry(state)
+        return self._entries[0] if self._entries else self.final_entry
+
+    def _unchanged_for_s(self, state: State, at_s: float) -> float:
         """Return how long nothing has changed, seconds."""
-        present = (
-            wizard.stage,
-            wizard.current_joint,
-            *((t.low, t.high) for t in wizard.tracks.values()),
-        )
+        present = self.progress(state)
         if self._since_s is None or present != self._last:
             self._last, self._since_s = present, at_s
         return at_s - self._since_s
 
-    def _is_due(self, text: str, wizard: CalibrationState, unchanged_s: float) -> bool:
+    @abstractmethod
+    def default_entry(self, state: State) -> str:
+        """Return the input of a state where there is no script."""
+
+    @abstractmethod
+    def progress(self, state: State) -> tuple[object, ...]:
+        """Return values that differ where something has changed."""
+
+    @abstractmethod
+    def is_due(self, text: str, state: State, unchanged_s: float) -> bool:
+        """Return whether an input is due in a state that has not changed for a while."""
+
+    @abstractmethod
+    def timeout_error(self, text: str, state: State) -> CalibrationError:
+        """Return why an input was not due in time."""
+
+
+class ScriptedAnswers(AnswerScript[CalibrationState]):
+    """Supplies the inputs of a calibration by hand.
+
+    ``accept`` waits until the arm is held still, or until no range has grown for a while; all other
+    inputs wait for the sweep. Without a script everything is accepted.
+    """
+
+    def default_entry(self, state: CalibrationState) -> str:
+        """Return the input of a state where there is no script."""
+        return "accept"
+
+    def progress(self, state: CalibrationState) -> tuple[object, ...]:
+        """Return stage, joint and measured ranges."""
+        ranges = ((track.low, track.high) for track in state.tracks.values())
+        return (state.stage, state.current_joint, *ranges)
+
+    def is_due(self, text: str, state: CalibrationState, unchanged_s: float) -> bool:
+        """Return whether an input is due in a state that has not changed for a while."""
         if text != "accept":
-            return wizard.stage is CalibrationStage.SWEEP
-        if wizard.stage is CalibrationStage.REFERENCE_POSE:
-            return wizard.is_at_rest
-        if wizard.stage is CalibrationStage.SWEEP:
-            complete = all(range_complete(wizard, subject) for subject in wizard.subjects)
+            return state.stage is CalibrationStage.SWEEP
+        if state.stage is CalibrationStage.REFERENCE_POSE:
+            return state.is_at_rest
+        if state.stage is CalibrationStage.SWEEP:
+            complete = all(range_complete(state, subject) for subject in state.subjects)
             return unchanged_s > (_UNCHANGED_S if complete else _COMPLETE_AFTER_S) and not any(
-                blocking_issues(wizard)
+                blocking_issues(state)
             )
         return True
 
-    def _timeout_error(self, wizard: CalibrationState) -> CalibrationError:
-        if wizard.stage is CalibrationStage.REFERENCE_POSE:
+    def timeout_error(self, text: str, state: CalibrationState) -> CalibrationError:
+        """Return why an input was not due in time."""
+        if state.stage is CalibrationStage.REFERENCE_POSE:
             return CalibrationError(
                 "Timeout: the arm was not held still.", "Hold it still in the pose."
             )
-        if not self._next[0]:
+        if not text:
             return CalibrationError("The script ended before the calibration did.", "Add: accept")
-        return next(blocking_issues(wizard), CalibrationError("Timeout: no motion for 60 s."))
+        return next(blocking_issues(state), CalibrationError("Timeout: no motion for 60 s."))

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ikservo.ik.batch import solve_batch
+from ikservo.ik.prepare import quasi_random_points
 from ikservo.ik.problem import Options
 from ikservo.ik.workspace_grid import Cells, VoxelGrid, boundary_polygons, grid_around, slice_around
-from ikservo.ik.prepare import quasi_random_points
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 

@@ -7,18 +7,16 @@ a terminal, a web page and a script use the same procedure. Every step returns a
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 
 from ikservo.calibration import JointMap
 from ikservo.calibration.range_tracker import StillnessDetector
-from ikservo.errors import BadValueError, CalibrationError, FileFormatError
-from ikservo.files.reading import read_text
+from ikservo.calibration.script import AnswerScript, read_entries
+from ikservo.errors import BadValueError, CalibrationError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.kinematic_calibration import TouchPoint
@@ -211,9 +209,6 @@ class TouchOffState:
 
 TOUCH_ANSWERS = ("touch", "skip", "undo", "accept")
 
-_MAX_SCRIPT_BYTES = 64 * 1024
-_TIMEOUT_S = 60.0
-
 
 def apply_answer(state: TouchOffState, text: str) -> TouchOffState:
     """Return the state after an input.
@@ -239,50 +234,36 @@ def read_touch_script(path: Path) -> list[str]:
     Raises:
         FileFormatError: The file cannot be read, or a line is no valid input.
     """
-    entries: list[str] = []
-    for number, line in enumerate(read_text(path, _MAX_SCRIPT_BYTES).splitlines(), start=1):
-        text = line.partition("#")[0].strip()
-        if text and text not in TOUCH_ANSWERS:
-            expected = f"one of: {', '.join(TOUCH_ANSWERS)}"
-            raise FileFormatError(path, f"line {number}", "is not an answer", expected)
-        entries += [text] if text else []
-    return entries
+    return read_entries(path, TOUCH_ANSWERS)
 
 
-class ScriptedTouchAnswers:
-    """Supplies inputs one after the other, each when it is due.
+class ScriptedTouchAnswers(AnswerScript[TouchOffState]):
+    """Supplies the inputs of a touch-off.
 
-    ``touch`` waits until the arm has been moved since the last one and is held still.
-
-    Args:
-        entries: In order; None to touch every point and accept.
+    ``touch`` waits until the arm has been moved since the last one and is held still. Without a
+    script every point is touched, then accepted.
     """
 
-    def __init__(self, entries: Iterable[str] | None = None) -> None:
-        self._automatic = entries is None
-        self._entries: Iterator[str] = repeat("") if entries is None else iter(entries)
-        self._next = deque([next(self._entries, "accept")])
-        self._since_s: float | None = None
+    final_entry = "accept"
 
-    def next_answer(self, state: TouchOffState, at_s: float) -> str | None:
-        """Return the next input if it is due.
+    def default_entry(self, state: TouchOffState) -> str:
+        """Return the input of a state where there is no script."""
+        return "touch" if state.current_target else "accept"
 
-        Raises:
-            CalibrationError: It was not due for a minute.
-        """
-        self._since_s = at_s if self._since_s is None else self._since_s
-        text = ("touch" if state.current_target else "accept") if self._automatic else self._next[0]
-        if (
-            text != "touch"
-            or state.current_target is None
-            or (state.is_at_rest and state.has_moved)
-        ):
-            self._next[0] = next(self._entries, "accept")
-            self._since_s = at_s
-            return text
-        if at_s - self._since_s > _TIMEOUT_S:
-            raise CalibrationError(
-                f"Timeout: the tip was not put on {state.current_target.name} within 60 s.",
-                "Guide the tip there and keep it still.",
-            )
-        return None
+    def progress(self, state: TouchOffState) -> tuple[object, ...]:
+        """Return how many points were touched."""
+        return (len(state.touches),)
+
+    def is_due(self, text: str, state: TouchOffState, unchanged_s: float) -> bool:
+        """Return whether an input is due."""
+        if text != "touch" or state.current_target is None:
+            return True
+        return state.is_at_rest and state.has_moved
+
+    def timeout_error(self, text: str, state: TouchOffState) -> CalibrationError:
+        """Return why an input was not due in time."""
+        name = state.current_target.name if state.current_target else "the point"
+        return CalibrationError(
+            f"Timeout: the tip was not put on {name} within 60 s.",
+            "Guide the tip there and keep it still.",
+        )

@@ -153,11 +153,6 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ("calibration.range_tracker", _AMBIGUOUS, "LtE -> Lt"): "no hand is as fast to the last bit",
     (
         "calibration.script",
-        'self._next[0] = next(self._entries, "")',
-        "0 -> -1",
-    ): "there is one next input",
-    (
-        "calibration.script",
         "_MAX_SCRIPT_BYTES = 64 * 1024",
         "number",
     ): "any size far above that of a script",
