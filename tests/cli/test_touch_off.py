@@ -126,7 +126,7 @@ def test_too_few_touches_save_nothing(arm, truth, tmp_path, say):
 
 
 def test_nobody_at_the_arm_ends_with_what_is_missing(arm, tmp_path, say, monkeypatch):
-    monkeypatch.setattr("ikservo.model.touch_procedure._TIMEOUT_S", 3.0)
+    monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 3.0)
     (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
     done = say(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
@@ -135,7 +135,7 @@ def test_nobody_at_the_arm_ends_with_what_is_missing(arm, tmp_path, say, monkeyp
 def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
     arm, tmp_path, say, monkeypatch
 ):
-    monkeypatch.setattr("ikservo.model.touch_procedure._TIMEOUT_S", 1.0)
+    monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 1.0)
     done = say(f"{WORDS} --sheet-at 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err
     assert "put the tip on B1 at (0.280, 0.050, 0.000) m" in done.err
