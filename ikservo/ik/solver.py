@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NoReturn
+from typing import NoReturn, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
 from ikservo.ik.bounded import unpack_result
-from ikservo.ik.kernel.layout import MAX_ANGLE_RAD, REACHED
+from ikservo.ik.kernel.compiled import bind
+from ikservo.ik.kernel.layout import IDLE_WIDTH, IS_REACHED, MAX_ANGLE_RAD, NOT_HOMOGENEOUS
 from ikservo.ik.prepare import (
     HOMOGENEOUS_ROW,
+    PackedProblem,
     SolverBuffers,
     TargetKind,
     TargetKindName,
     check_chain,
     check_homogeneous_row,
     check_options,
-    load_kernel,
     pack_problem,
     pack_settings,
     target_kind,
@@ -31,6 +33,9 @@ from ikservo.kinematics.arrays import Vector
 
 __all__ = ["BranchMemory", "Solver"]
 
+
+PoseKernel = Callable[[ArrayLike, ArrayLike, Vector], int]
+"""Pose (4, 4), start (dof,) and result (dof,): see ``kernel.single``."""
 
 # A start this near to the last result continues its path.
 _SAME_RAD = 0.01
@@ -119,17 +124,27 @@ class Solver:
         offset = None if offset_m is None else check_position(offset_m, "offset_m")
         axis = self._axis if self._kind is TargetKind.DIRECTION else None
         ready = pack_problem(chain, frame, offset, axis, options.restarts)
-        self._arm, self._seeds = ready.arm, ready.seeds
         idle = ready.idle[self._kind]
         self._idle = tuple((each.column, each.lower, each.upper, each) for each in idle)
-        self._settings = pack_settings(self._kind, chain.dof, options)
-        self._track = pack_settings(self._kind, chain.dof, replace(options, track=True))
-        self._search = load_kernel()
-        self._worker = worker = SolverBuffers(chain.dof, options.restarts)
-        self._rotation = worker.question[0, 3:].reshape(3, 3)
+        self._worker = SolverBuffers(chain.dof, options.restarts)
+        self._solve = self._bound_kernel(ready, options)
+        self._track = self._bound_kernel(ready, replace(options, track=True))
         self._shape = (chain.dof,)
-        self._reached = 2 * chain.dof + REACHED
         self._side, self._asked = BranchMemory(chain.dof), False
+
+    def _bound_kernel(self, ready: PackedProblem, options: Options) -> PoseKernel:
+        """Return the kernel with all arguments but pose, start and result."""
+        from ikservo.ik.kernel import single  # noqa: PLC0415  # loads with the first solver
+
+        worker, idle = self._worker, np.zeros((len(self._idle), IDLE_WIDTH))
+        for row, (column, lower, upper, _) in zip(idle, self._idle, strict=True):
+            row[:] = column, lower, upper
+        settings = pack_settings(self._kind, self.chain.dof, options)
+        solve = bind(
+            single.NAME, ready.arm, worker.question, settings, worker.start, ready.seeds,
+            worker.work, worker.scores, worker.trace, worker.answer, self._axis, idle,
+        )  # fmt: skip
+        return cast("PoseKernel", solve)
 
     def __repr__(self) -> str:
         """Return the kind of target and the chain."""
@@ -146,7 +161,7 @@ class Solver:
             BadValueError: A shape is wrong, or a number that counts is not finite, too large or
                 no part of a rotation.
         """
-        return self._run_kernel(self._settings, T_world_tool, q0, out)
+        return self._run_kernel(self._solve, T_world_tool, q0, out)
 
     def track(
         self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
@@ -175,42 +190,38 @@ class Solver:
         return unpack_result(self.chain, self._worker.answer[0], "bounded")
 
     def _run_kernel(
-        self, settings: Vector, T: ArrayLike, q0: ArrayLike, out: Vector | None
+        self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector | None
     ) -> tuple[Vector, bool]:
-        worker = self._worker
-        if out is not None:
-            self._check_out(out)
-        self._write_problem(T, q0)
-        if self._search(
-            self._arm, worker.question, settings, worker.start, self._seeds, worker.work,
-            worker.scores, worker.trace, worker.answer,
-        ) >= 0:  # fmt: skip
-            self._raise_invalid(T, q0)
-        self._asked, answer = True, worker.answer[0]
-        for column, lower, upper, joint in self._idle:
-            start = worker.start.item(column)
-            answer[column] = start if lower <= start <= upper else joint.resting_position(start)
-        if out is None:
-            return answer[: self.chain.dof].copy(), bool(answer[self._reached])
-        out[:] = answer[: self.chain.dof]
-        return out, bool(answer[self._reached])
-
-    def _write_problem(self, T: ArrayLike, q0: ArrayLike) -> None:
+        q = np.empty(self._shape) if out is None else out
         try:
-            pose, start = np.asarray(T, dtype=np.float64), np.asarray(q0, dtype=np.float64)
+            status = solve(T, q0, q)
+        except (TypeError, ValueError, BufferError, AttributeError, IndexError):
+            status = NOT_HOMOGENEOUS  # no arrays as the kernel needs them
+        if status < 0:
+            status = self._run_with_copies(solve, T, q0, q)
+        self._asked = True
+        for column, lower, upper, joint in self._idle:
+            start = self._worker.start.item(column)
+            if not lower <= start <= upper:
+                q[column] = self._worker.answer[0, column] = joint.resting_position(start)
+        return q, status == IS_REACHED
+
+    def _run_with_copies(self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector) -> int:
+        """Solve for what is given as other than plain arrays, or say what is wrong with it."""
+        self._check_out(out)
+        try:
+            pose, start = np.array(T, dtype=np.float64, order="C"), np.array(q0, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             self._raise_invalid(T, q0)
         if pose.shape != (4, 4) or start.shape != self._shape:
             self._raise_invalid(T, q0)
-        if pose[3].tolist() != HOMOGENEOUS_ROW:
-            check_homogeneous_row(pose, "T_world_tool")
-        question = self._worker.question[0]
-        question[:3] = pose[:3, 3]
-        if self._kind is TargetKind.POSE:
-            self._rotation[:] = pose[:3, :3]
-        elif self._kind is TargetKind.DIRECTION:
-            self._rotation[:, 2] = pose[:3, :3] @ self._axis
-        self._worker.start[0] = start
+        check_homogeneous_row(pose, "T_world_tool")
+        pose[3], q = HOMOGENEOUS_ROW, np.empty(self._shape)
+        status = solve(pose, start, q)
+        if status < 0:
+            self._raise_invalid(T, q0)
+        out[:] = q
+        return status
 
     def _raise_invalid(self, T: ArrayLike, q0: ArrayLike) -> NoReturn:
         """Raise the error for a target that the kernel did not accept."""

@@ -89,6 +89,7 @@ def find_in_square(
     best = np.empty(5)
     for link in range(len(roots)):
         best[AWAY], best[DEPTH], best[ROW] = half, _NONE, -1.0
+        best[RIGHT], best[UP] = 0.0, 0.0
         top, stack[0] = 1, roots[link]
         while top > 0:
             top -= 1

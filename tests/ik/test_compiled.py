@@ -21,6 +21,7 @@ from ikservo.ik.kernel.layout import (
 )
 from ikservo.ik.prepare import TargetKind, pack_problem, pack_settings
 from ikservo.ik.problem import Options
+from ikservo.ik.solver import Solver
 from ikservo.model import load_model
 
 needs_extension = pytest.mark.skipif(not compiled.is_compiled(), reason="no C compiler")
@@ -172,6 +173,38 @@ def test_the_wrong_number_of_arguments_is_refused(count):
     call = Search("so101", TargetKind.POSITION, 1, 3)
     with pytest.raises(TypeError):
         search.solve_all(*[*call.arguments(), None][:count])
+
+
+@needs_extension
+@pytest.mark.parametrize("kind", ["position", "direction", "pose"])
+def test_a_solver_gives_the_same_bits_both_ways(monkeypatch, kind):
+    model = load_model("so101")
+    chain, rng = model.chain, np.random.default_rng(5)
+    T = chain.forward(rng.uniform(chain.lower_rad, chain.upper_rad, (8, chain.dof)))
+    one = Solver(chain, kind, tool_axis=(1.0, 0.0, 0.0))
+    monkeypatch.setattr(compiled, "_extension", lambda: None)
+    other, q0 = Solver(chain, kind, tool_axis=(1.0, 0.0, 0.0)), model.chain_pose("home")
+    for pose in T:
+        for name in ("__call__", "track"):
+            q, reached = getattr(one, name)(pose, q0)
+            python_q, python_reached = getattr(other, name)(pose, q0)
+            assert q.tobytes() == python_q.tobytes()
+            assert reached == python_reached
+
+
+@pytest.mark.parametrize(
+    "change", [np.asfortranarray, lambda T: T.tolist(), lambda T: T.astype("f4")]
+)
+def test_a_solver_takes_poses_and_starts_of_any_kind(change):
+    model = load_model("so101")
+    solver, T = Solver(model.chain, "pose"), np.eye(4)
+    T[:3, 3] = 0.25, 0.0, 0.125
+    q0 = model.chain_pose("home")
+    plain = solver(T, q0)[0]
+    joints = np.empty((5, 2))
+    q, _ = solver(change(T), q0.tolist(), joints[:, 1])
+    assert q.base is joints
+    np.testing.assert_array_equal(q, plain)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])

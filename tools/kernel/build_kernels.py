@@ -32,6 +32,7 @@ _NAME = "ikservo.ik.kernel._compiled"
 _SWITCH = "IKSERVO_COMPILED"
 _MODULES = [
     "ikservo.ik.kernel.search",
+    "ikservo.ik.kernel.single",
     "ikservo.guard.collision_kernel",
     "ikservo.view.raycast",
     "ikservo.view.pick_region",

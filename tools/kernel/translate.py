@@ -90,7 +90,7 @@ class Program:
         for each, number in zip(names, values, strict=True):
             if ast.unparse(each) in module.constants:
                 raise module.refusal(node, f"{ast.unparse(each)} is assigned twice")
-            if isinstance(number, (int, float)):
+            if type(number) in (int, float):
                 module.constants[ast.unparse(each)] = number
 
     def constant(self, module: Module, name: str) -> Number | None:
@@ -149,7 +149,7 @@ class Function:
     def __init__(self, program: Program, module: Module, node: ast.FunctionDef) -> None:
         self.program, self.module, self.node = program, module, node
         self.c_name = f"{module.name.rpartition('.')[2]}_{node.name}"
-        self.is_complete, self.writes = False, set[str]()
+        self.depth, self.is_complete, self.writes = 1, False, set[str]()
         self.lines, self.memory, self.loops = list[str](), list[str](), set[str]()
         rest = (node.args.vararg, node.args.kwarg, *node.args.kwonlyargs, *node.args.defaults)
         if any(rest) or node.args.posonlyargs:
@@ -161,7 +161,9 @@ class Function:
 
     def translate(self) -> None:
         """Add the function to the program, after those that it calls."""
-        self._block(self.node.body, 1)
+        head = ", ".join(f"{C_TYPES[kind]} v_{name}" for name, kind in self.given.items())
+        for statement in self.node.body:
+            self._statement(statement)
         if self.returns != "None" and not _returns(self.node.body[-1]):
             raise self.module.refusal(self.node, "The end of the function returns nothing")
         own = [
@@ -169,7 +171,6 @@ class Function:
             for name, kind in self.types.items()
             if name not in self.given
         ]
-        head = ", ".join(f"{C_TYPES[kind]} v_{name}" for name, kind in self.given.items())
         first = f"static {C_TYPES[self.returns]} {self.c_name}({head}) {{"
         where = f"/* {self.module.name}, line {self.node.lineno} */"
         self.program.c += [where, first, *self.memory, *own, *self.lines, "}\n"]
@@ -184,73 +185,72 @@ class Function:
 
     # --- statements ---
 
-    def _block(self, statements: list[ast.stmt], depth: int) -> None:
+    def _block(self, head: str, statements: list[ast.stmt]) -> None:
+        self._emit(head + " {")
         for node in statements:
-            self._statement(node, depth)
+            self._statement(node)
+        self._emit("}")
 
-    def _emit(self, depth: int, line: str) -> None:
-        self.lines.append("    " * depth + line)
+    def _emit(self, line: str) -> None:
+        self.depth -= line.startswith("}")
+        self.lines.append("    " * self.depth + line)
+        self.depth += line.endswith("{")
 
-    def _statement(self, node: ast.stmt, depth: int) -> None:  # noqa: PLR0912  # one case a kind
+    def _statement(self, node: ast.stmt) -> None:  # noqa: PLR0912  # one case a kind
         match node:
             case ast.Expr(ast.Constant(str())) if node is self.node.body[0]:
                 pass  # the docstring
             case ast.Expr(ast.Call() as call):
-                self._emit(depth, f"{self._value(call)[0]};")
+                self._emit(f"{self._value(call)[0]};")
             case ast.Assign([ast.Name(name)], ast.Call(function, sizes)) if (
                 ast.unparse(function) == "np.empty"
             ):
-                self._allocate(node, name, sizes, depth)
+                self._allocate(node, name, sizes)
             case ast.Assign([ast.Tuple(targets)], value):
-                self._assign(targets, value, depth)
+                self._assign(targets, value)
             case ast.Assign(targets, value) if len(targets) == 1 or isinstance(value, ast.Constant):
                 for target in targets:
-                    self._assign([target], value, depth)
+                    self._assign([target], value)
             case ast.AugAssign(target, operator, value):
                 whole = ast.copy_location(ast.BinOp(target, operator, value), node)
-                self._assign([target], whole, depth)
+                self._assign([target], whole)
             case ast.If(test, body, orelse):
-                self._emit(depth, f"if ({self._typed(test, 'bool')}) {{")
-                self._block(body, depth + 1)
+                self._block(f"if ({self._typed(test, 'bool')})", body)
                 if orelse:
-                    self._emit(depth, "} else {")
-                    self._block(orelse, depth + 1)
-                self._emit(depth, "}")
+                    self._block("else", orelse)
             case ast.While(test, body, []):
-                self._emit(depth, f"while ({self._typed(test, 'bool')}) {{")
-                self._block(body, depth + 1)
-                self._emit(depth, "}")
-            case ast.For(ast.Name(i), ast.Call(ast.Name("range"), limits, []), body, []):
-                self._loop(node, i, limits, body, depth)
+                self._block(f"while ({self._typed(test, 'bool')})", body)
+            case ast.For(ast.Name(i), ast.Call(ast.Name("range"), limits, []), _, []):
+                self._loop(node, i, limits)
             case ast.Break() | ast.Continue():
-                self._emit(depth, f"{ast.unparse(node)};")
+                self._emit(f"{ast.unparse(node)};")
             case ast.Return(None) if self.returns == "None":
-                self._emit(depth, "return;")
+                self._emit("return;")
             case ast.Return(ast.Tuple([first, second])) if self.returns == "FloatPair":
                 pair = f"{self._typed(first, 'float')}, {self._typed(second, 'float')}"
-                self._emit(depth, f"return (FloatPair){{{pair}}};")
+                self._emit(f"return (FloatPair){{{pair}}};")
             case ast.Return(ast.expr() as value) if self.returns not in ARRAYS:
-                self._emit(depth, f"return {self._typed(value, self.returns)};")
+                self._emit(f"return {self._typed(value, self.returns)};")
             case _:
                 raise self.module.refusal(node)
 
-    def _assign(self, targets: list[ast.expr], value: ast.expr, depth: int) -> None:
+    def _assign(self, targets: list[ast.expr], value: ast.expr) -> None:
         """Evaluate all values, then assign them: a, b = c, d and a, b = f() and a = b."""
         sources = value.elts if isinstance(value, ast.Tuple) else [value]
         values = [self._value(each) for each in sources]
-        self._emit(depth, "{")
+        self._emit("{")
         for i, (code, kind) in enumerate(values):
             if kind == "None" or (kind in ARRAYS and not isinstance(sources[i], ast.Subscript)):
                 raise self.module.refusal(value, f"{ast.unparse(value)} cannot be assigned")
-            self._emit(depth + 1, f"{C_TYPES[kind]} new_{i} = {code};")
+            self._emit(f"{C_TYPES[kind]} new_{i} = {code};")
         new = [(f"new_{i}", kind) for i, (_, kind) in enumerate(values)]
         if values[0][1] == "FloatPair":
             new = [("new_0.first", "float"), ("new_0.second", "float")]
         if len(new) != len(targets):
             raise self.module.refusal(value)
         for target, each in zip(targets, new, strict=True):
-            self._emit(depth + 1, f"{self._target(target, each[1], sources[0])} = {each[0]};")
-        self._emit(depth, "}")
+            self._emit(f"{self._target(target, each[1], sources[0])} = {each[0]};")
+        self._emit("}")
 
     def _target(self, node: ast.expr, kind: str, source: ast.expr) -> str:
         """Return what is assigned to, and note that it is."""
@@ -268,7 +268,7 @@ class Function:
             self.behind[node.id] = self._array_behind(source)
         return f"v_{node.id}"
 
-    def _allocate(self, node: ast.stmt, name: str, given: list[ast.expr], depth: int) -> None:
+    def _allocate(self, node: ast.stmt, name: str, given: list[ast.expr]) -> None:
         """Translate np.empty: memory of a constant size that belongs to the call."""
         sizes = given[0].elts if isinstance(given[0], ast.Tuple) else given[:1]
         shape = [self._typed(each, "int") for each in sizes]
@@ -279,25 +279,20 @@ class Function:
             raise self.module.refusal(node)
         self.types[name], self.behind[name] = kind, ""
         self.memory.append(f"    {item} memory_{name}[{' * '.join(shape)}];")
-        self._emit(depth, f"v_{name} = ({kind}){{memory_{name}, {', '.join(shape)}}};")
+        self._emit(f"v_{name} = ({kind}){{memory_{name}, {', '.join(shape)}}};")
 
-    def _loop(
-        self, node: ast.For, i: str, limits: list[ast.expr], body: list[ast.stmt], depth: int
-    ) -> None:
+    def _loop(self, node: ast.For, i: str, limits: list[ast.expr]) -> None:
         """Translate for i in range(...); i is known inside only."""
         step = ast.unparse(limits[2]) if len(limits) == 3 else "1"
-        codes = [self._typed(each, "int") for each in limits[:2]]
+        codes = ["0", *(self._typed(each, "int") for each in limits[:2])][-2:]
         if i in self.types or step not in ("1", "-1"):
             raise self.module.refusal(node, f"{i} is in use, or the step is neither 1 nor -1")
-        first = codes[0] if len(codes) == 2 else "0"
-        self._emit(depth, f"for (int64_t v_{i} = {first}, end_{i} = {codes[-1]};")
-        self._emit(depth, f"     v_{i} {'<' if step == '1' else '>'} end_{i}; v_{i} += {step}) {{")
         self.types[i] = "int"
         self.loops.add(i)
-        self._block(body, depth + 1)
+        first, sign = f"int64_t v_{i} = {codes[0]}, end_{i} = {codes[1]}", "<>"[step == "-1"]
+        self._block(f"for ({first}; v_{i} {sign} end_{i}; v_{i} += {step})", node.body)
         self.loops.remove(i)
         del self.types[i]
-        self._emit(depth, "}")
 
     # --- expressions ---
 
@@ -327,8 +322,8 @@ class Function:
                 return f"(-{self._typed(operand, *NUMBERS)})", self._expression(operand)[1]
             case ast.UnaryOp(ast.Not(), operand):
                 return f"(!{self._typed(operand, 'bool')})", "bool"
-            case ast.BinOp(left, operator, right):
-                return self._arithmetic(node, self._expression(left), operator, right)
+            case ast.BinOp():
+                return self._arithmetic(node)
             case ast.BoolOp(operator, values):
                 parts = [self._typed(each, "bool") for each in values]
                 return f"({SIGNS[type(operator)].join(parts)})", "bool"
@@ -344,31 +339,26 @@ class Function:
             case _:
                 raise self.module.refusal(node)
 
-    def _arithmetic(
-        self, node: ast.BinOp, left: Typed, operator: ast.operator, right_node: ast.expr
-    ) -> Typed:
-        right = self._expression(right_node)
-        kind = "int" if left[1] == right[1] == "int" else "float"
-        if left[1] in NUMBERS and right[1] in NUMBERS:
-            if type(operator) in SIGNS:
-                return f"(({C_TYPES[kind]}){left[0]} {SIGNS[type(operator)]} {right[0]})", kind
-            if isinstance(operator, ast.Div):
-                return f"((double){left[0]} / (double){right[0]})", "float"
-            if type(operator) in WHOLE and kind == "int" and right[0].strip("0").isdecimal():
-                return f"{WHOLE[type(operator)]}({left[0]}, {right[0]})", kind
-            if isinstance(operator, ast.BitAnd) and kind == "int":
-                return f"({left[0]} & {right[0]})", kind
+    def _arithmetic(self, node: ast.BinOp) -> Typed:
+        left, right = self._expression(node.left), self._expression(node.right)
+        kinds, operator = {left[1], right[1]}, type(node.op)
+        if operator in SIGNS and kinds <= set(NUMBERS):
+            kind = "int" if kinds == {"int"} else "float"
+            return f"(({C_TYPES[kind]}){left[0]} {SIGNS[operator]} {right[0]})", kind
+        if operator is ast.Div and kinds <= set(NUMBERS):
+            return f"((double){left[0]} / (double){right[0]})", "float"
+        if operator in WHOLE and kinds == {"int"} and right[0].strip("0").isdecimal():
+            return f"{WHOLE[operator]}({left[0]}, {right[0]})", "int"
         raise self.module.refusal(node)
 
     def _comparison(self, node: ast.Compare) -> str:
         sides = [self._expression(each) for each in (node.left, *node.comparators)]
-        for each in node.comparators[:-1]:  # which C evaluates twice
-            if not isinstance(each, (ast.Name, ast.Constant)):
-                raise self.module.refusal(node)
+        # C evaluates what is in the middle twice.
+        plain = all(isinstance(each, ast.Name | ast.Constant) for each in node.comparators[:-1])
         parts: list[str] = []
         for (a, one), sign, (b, other) in zip(sides, node.ops, sides[1:], strict=False):
-            same = one == other == "bool" and isinstance(sign, (ast.Eq, ast.NotEq))
-            if type(sign) not in SIGNS or not (same or {one, other} <= set(NUMBERS)):
+            same = one == other == "bool" and isinstance(sign, ast.Eq | ast.NotEq)
+            if type(sign) not in SIGNS or not plain or not (same or {one, other} <= set(NUMBERS)):
                 raise self.module.refusal(node)
             parts.append(f"({a} {SIGNS[type(sign)]} {b})")
         return f"({' && '.join(parts)})"

@@ -69,13 +69,11 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
 
 
 def bind(name: str, *arguments: object) -> Callable[..., object]:
-    """Return an entry with its first arguments given; arrays among them are read only once."""
+    """Return the entry of that name with its first arguments, which are examined only once."""
     extension = _extension()
-    return (
-        partial(uncompiled[name], *arguments)
-        if extension is None
-        else extension.bind(name, *arguments)
-    )
+    if extension is None:
+        return partial(uncompiled[name], *arguments)
+    return extension.bind(name, *arguments)
 
 
 def is_compiled() -> bool:

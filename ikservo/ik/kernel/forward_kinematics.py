@@ -53,7 +53,7 @@ def sincos(angle_rad: float) -> tuple[float, float]:
     sin = (_S1 + z * _S2) + z2 * ((_S3 + z * _S4) + z2 * (_S5 + z * _S6))
     cos = (_C1 + z * _C2) + z2 * ((_C3 + z * _C4) + z2 * (_C5 + z * _C6))
     sin, cos = r + r * z * sin, (1.0 - 0.5 * z) + z2 * cos
-    quadrant = int(quarters) & 3
+    quadrant = int(quarters) % 4
     if quadrant % 2 == 1:
         cos, sin = -sin, cos
     if quadrant >= 2:

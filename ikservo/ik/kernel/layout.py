@@ -10,6 +10,12 @@ __all__ = [
     "EXTRA_RESTARTS",
     "FREE",
     "HESSIAN",
+    "IDLE_COLUMN",
+    "IDLE_LOWER",
+    "IDLE_UPPER",
+    "IDLE_WIDTH",
+    "INVALID",
+    "IS_REACHED",
     "ITERATIONS",
     "J_WEIGHTED",
     "KIND",
@@ -20,6 +26,7 @@ __all__ = [
     "NEG_GRAD",
     "NORMAL",
     "NORMS",
+    "NOT_HOMOGENEOUS",
     "POSE",
     "POSITION_ERROR",
     "POSITION_FIRST",
@@ -162,4 +169,13 @@ ITERATIONS       = 6
 SEED_INDEX       = 7        # the starting point it comes from, 0 for the start
 TRACE_LENGTH_OUT = 8        # how many rows of the trace are filled
 RESULT_TAIL      = 9
+
+# A joint that does not move the tool (IDLE_WIDTH,).
+IDLE_COLUMN      = 0        # which joint
+IDLE_LOWER       = 1
+IDLE_UPPER       = 2
+IDLE_WIDTH       = 3
 # fmt: on
+
+# What ``solve_pose`` returns; 0 where the target is not reached.
+INVALID, NOT_HOMOGENEOUS, IS_REACHED = -1, -2, 1

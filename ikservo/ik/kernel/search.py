@@ -61,6 +61,7 @@ __all__ = [
     "is_better",
     "is_rotation",
     "solve_all",
+    "solve_rows",
     "write_result",
 ]
 
@@ -270,6 +271,21 @@ def solve_all(
         The first invalid problem: a number is not finite or too large, or its rotation is none;
         then nothing is filled. -1 if all are valid.
     """
+    return solve_rows(arm, problems, settings, starts, seeds, work, scores, trace, results)
+
+
+def solve_rows(
+    arm: Matrix,
+    problems: Matrix,
+    settings: Vector,
+    starts: Matrix,
+    seeds: Matrix,
+    work: Matrix,
+    scores: Matrix,
+    trace: Matrix,
+    results: Matrix,
+) -> int:
+    """Do what ``solve_all`` does, for other kernels."""
     for i in range(len(problems)):
         if not (all_within(problems[i], MAX_POSITION_M) and all_within(starts[i], MAX_ANGLE_RAD)):
             return i
