@@ -50,6 +50,14 @@ def test_jog_for_a_time(say):
     assert -0.2 < said.json["measured_rad"]["shoulder_pan"] < -0.05
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_jog_says_once_that_an_uncompiled_solver_is_slow(say, monkeypatch, compiled):
+    monkeypatch.setattr("ikservo.cli.session.is_compiled", lambda: compiled)
+    said = say(f"jog shoulder_pan --time 100ms {SIM} --json")
+    assert said.err.count("not compiled") == (not compiled)
+    assert said.code == 0
+
+
 @pytest.mark.parametrize(
     ("words", "found"),
     [
