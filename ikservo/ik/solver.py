@@ -195,7 +195,7 @@ class Solver:
         q = np.empty(self._shape) if out is None else out
         try:
             status = solve(T, q0, q)
-        except (TypeError, ValueError, BufferError, AttributeError, IndexError):
+        except (TypeError, ValueError, BufferError):
             status = NOT_HOMOGENEOUS  # no arrays as the kernel needs them
         if status < 0:
             status = self._run_with_copies(solve, T, q0, q)

@@ -12,13 +12,15 @@ import importlib
 import os
 import shutil
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial, wraps
 from pathlib import Path
 from typing import ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
 from platformdirs import user_cache_path
+
+from ikservo.kinematics.arrays import Matrix
 
 __all__ = ["bind", "entry", "is_compiled", "uncompiled"]
 
@@ -28,6 +30,12 @@ R = TypeVar("R")
 uncompiled: dict[str, Callable[..., object]] = {}
 """The entries as Python functions, by name, whether or not there are compiled ones."""
 
+_ARRAYS = {
+    "Vector": ("float64", 1),
+    "Matrix": ("float64", 2),
+    "IntVector": ("int64", 1),
+    "IntMatrix": ("int64", 2),
+}
 _SWITCH = "IKSERVO_COMPILED"  # 0: run the kernels as Python
 _PACKAGE = Path(__file__).parents[2]
 
@@ -48,15 +56,17 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
 
     Args:
         check: A kernel with the same parameters that returns whether the arrays have the shapes,
-            and indices in them the ranges, that the kernel relies on. Compiled, the types of the
-            arrays are checked besides.
+            and indices in them the ranges, that the kernel relies on. The types of the arrays are
+            checked besides: they raise TypeError.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         name, extension = function.__name__, _extension()
+        kinds = [_ARRAYS.get(str(kind)) for kind in function.__annotations__.values()]
 
         @wraps(function)
         def run(*arguments: P.args, **named: P.kwargs) -> R:
+            _check_types(name, kinds, arguments)
             if not check(*arguments, **named):
                 raise ValueError(f"{name}: the arrays do not fit together")
             with np.errstate(all="ignore"):  # as in C
@@ -66,6 +76,18 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
         return run if extension is None else cast("Callable[P, R]", extension.bind(name))
 
     return decorate
+
+
+def _check_types(
+    name: str, kinds: Sequence[tuple[str, int] | None], arguments: Sequence[object]
+) -> None:
+    """Raise TypeError where an argument is no array of the type that its parameter has."""
+    for kind, argument in zip(kinds, arguments, strict=False):
+        if kind is None:
+            continue
+        array = cast("Matrix", argument)
+        if not isinstance(argument, np.ndarray) or (array.dtype.name, array.ndim) != kind:
+            raise TypeError(f"{name}: no array of {kind[0]} with {kind[1]} dimension(s)")
 
 
 def bind(name: str, *arguments: object) -> Callable[..., object]:
