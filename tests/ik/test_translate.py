@@ -177,6 +177,7 @@ def test_entries_and_constants_that_are_not_in_the_subset_are_refused(translate,
         translated(body("return x"), head)
 
 
-def test_only_arrays_that_are_written_to_must_be_writable(translated):
-    code = translated(body("row = m[1]", "row[0] = read(v)", "return x"))
+@pytest.mark.parametrize("lines", [["row = m[1]"], ["y, row = x, m[1]"]])
+def test_only_arrays_that_are_written_to_must_be_writable(translated, lines):
+    code = translated(body(*lines, "row[0] = read(v)", "return x"))
     assert '{"kernel", "vMfi", \'f\', enter_kernel}' in code

@@ -248,8 +248,8 @@ class Function:
             new = [("new_0.first", "float"), ("new_0.second", "float")]
         if len(new) != len(targets):
             raise self.module.refusal(value)
-        for target, each in zip(targets, new, strict=True):
-            self._emit(f"{self._target(target, each[1], sources[0])} = {each[0]};")
+        for i, (target, (code, kind)) in enumerate(zip(targets, new, strict=True)):
+            self._emit(f"{self._target(target, kind, sources[i % len(sources)])} = {code};")
         self._emit("}")
 
     def _target(self, node: ast.expr, kind: str, source: ast.expr) -> str:
