@@ -72,7 +72,7 @@ class Motor:
         "_full_nm",
         "_gear_rad",
         "_half_play_rad",
-        "_lash_rad",
+        "lash_rad",
         "_nm_per_a",
         "_nm_per_v",
         "_resistance_ohm",
@@ -125,7 +125,7 @@ class Motor:
         """Set the shaft's position inside its stops, at rest, in the middle of its play."""
         position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
         self._gear_rad = self.position_rad = position_rad
-        self._lash_rad = self.velocity_rad_s = 0.0
+        self.lash_rad = self.velocity_rad_s = 0.0
         self.torque_nm = self.current_a = self.pwm = self._slope = self._full_nm = 0.0
         self.moving = False
         self._controller.release(position_rad)
@@ -182,7 +182,7 @@ class Motor:
     def set_state(self, position_rad: float, velocity_rad_s: float) -> None:
         """Set the state to that of the joint."""
         self.position_rad = position_rad
-        self._gear_rad = position_rad - self._lash_rad
+        self._gear_rad = position_rad - self.lash_rad
         self.velocity_rad_s = velocity_rad_s
 
     def _motor_torque(self, dt_s: float, drive: DriveCommand, supply_v: float) -> float:
@@ -227,10 +227,10 @@ class Motor:
             self._gear_rad += travel_rad
             if -self._free_play_nm <= load_nm <= self._free_play_nm:
                 half_rad = self._half_play_rad
-                self._lash_rad = min(half_rad, max(-half_rad, self._lash_rad - travel_rad))
+                self.lash_rad = min(half_rad, max(-half_rad, self.lash_rad - travel_rad))
         elif not falling:
             return
-        self.position_rad = self._gear_rad + self._lash_rad
+        self.position_rad = self._gear_rad + self.lash_rad
         if not self.lower_stop_rad <= self.position_rad <= self.upper_stop_rad:
             self._hit_stop()
 
@@ -255,10 +255,10 @@ class Motor:
         if -self._free_play_nm <= load_nm <= self._free_play_nm:
             return False
         half_rad = self._half_play_rad if load_nm > 0.0 else -self._half_play_rad
-        if self._lash_rad == half_rad:
+        if self.lash_rad == half_rad:
             return False
-        sunk_rad = self._lash_rad + load_nm * dt_s / (PLAY_HZ * self.inertia_kg_m2)
-        self._lash_rad = min(half_rad, sunk_rad) if load_nm > 0.0 else max(half_rad, sunk_rad)
+        sunk_rad = self.lash_rad + load_nm * dt_s / (PLAY_HZ * self.inertia_kg_m2)
+        self.lash_rad = min(half_rad, sunk_rad) if load_nm > 0.0 else max(half_rad, sunk_rad)
         return True
 
     def _hit_stop(self) -> None:

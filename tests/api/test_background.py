@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
+from tests.arm.simulated import clock_of, line_of, registers, servo_id, true_joints, true_tip_m
 
 NEAR = (0.23, 0.02, 0.10)
 
@@ -124,7 +124,7 @@ def test_waiting_no_longer_than_a_time_lets_the_motion_go_on(arm):
 
 
 def test_a_cancelled_motion_brakes_within_0_3_s_holds_and_is_told_as_stopped(arm):
-    clock, times = arm._port.clock, []
+    clock, times = clock_of(arm), []
     motion, gate = begun(arm, pan=1.6, at_s=0.6)
     times.append(clock.now_s())
     motion.cancel()

@@ -5,7 +5,7 @@ import pytest
 
 import ikservo
 from ikservo.arm import JointMoveResult, MoveResult
-from tests.arm.simulated import registers, true_tip_m
+from tests.arm.simulated import registers, servo_group, true_tip_m
 
 NEAR = (0.2, 0.03, 0.12)
 
@@ -33,7 +33,7 @@ def test_a_plan_of_joints_is_executed_and_reported_for_the_joints_that_it_moves(
 
 
 def test_a_plan_that_moves_no_joint_is_executed_at_once(arm):
-    report = arm.execute(arm.plan_joints(arm._servos.goals()))
+    report = arm.execute(arm.plan_joints(servo_group(arm).goals()))
     assert (report.goal_rad, report.error_rad, report.reached) == ({}, 0.0, True)
 
 

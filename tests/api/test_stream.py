@@ -10,7 +10,15 @@ import pytest
 import ikservo
 from ikservo.arm.setpoint_stream import SetpointMailbox
 from tests.arm.auditing import Auditor
-from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
+from tests.arm.simulated import (
+    clock_of,
+    line_of,
+    registers,
+    servo_group,
+    servo_id,
+    true_joints,
+    true_tip_m,
+)
 
 
 @pytest.fixture
@@ -35,7 +43,7 @@ def test_arrays_of_joints_are_followed_at_the_rate_of_the_program(arm):
 
 
 def test_a_paced_stream_takes_as_long_as_its_setpoints_on_the_arms_clock(arm):
-    clock, start = arm._port.clock, joints_of(arm)
+    clock, start = clock_of(arm), joints_of(arm)
     with arm.stream(rate_hz=50) as stream:
         stream.send(start)
         begun_s = clock.now_s()
@@ -93,11 +101,11 @@ def test_what_would_collide_is_refused_and_counted_and_the_arm_stays(arm):
 
 
 def test_it_holds_when_the_program_falls_silent_and_goes_on_with_the_next(arm):
-    clock = arm._port.clock
+    clock = clock_of(arm)
     with arm.stream(rate_hz=20) as stream:
         stream.send({"shoulder_pan": 1.2})
         deadline = time.monotonic() + 20.0
-        while arm._servos.torque.is_moving and time.monotonic() < deadline:
+        while servo_group(arm).torque.is_moving and time.monotonic() < deadline:
             time.sleep(0.01)  # the program is busy with something else
         held = true_joints(arm)["shoulder_pan"]
         assert 0.0 < held < 0.6
@@ -111,7 +119,7 @@ def test_it_holds_when_the_program_falls_silent_and_goes_on_with_the_next(arm):
 
 
 def test_without_a_rate_sending_returns_at_once_and_time_passes_as_for_a_person(arm):
-    clock, begun_s = arm._port.clock, time.monotonic()
+    clock, begun_s = clock_of(arm), time.monotonic()
     with arm.stream() as stream:
         stream.send({"wrist_roll": 0.1})
         assert time.monotonic() - begun_s < 1.0
@@ -163,7 +171,7 @@ def send_for_ever(stream):
 
 
 def test_a_stop_is_raised_by_the_next_send(arm):
-    arm._port.transport.line.world.schedule(
+    line_of(arm).world.schedule(
         line_of(arm).world.time_s + 0.5, lambda: arm.stop("the door was opened")
     )
     with pytest.raises(ikservo.StoppedError, match="door"), arm.stream(rate_hz=50) as stream:

@@ -4,7 +4,9 @@ What guards a long motion guards these at every beat; ten thousand of them take 
 """
 
 import ikservo
+from ikservo.control.loop import ControlLoop
 from ikservo.motion import JointMove
+from tests.arm.simulated import motion_limits, servo_group
 
 
 def opened(name, seed):
@@ -14,19 +16,19 @@ def opened(name, seed):
 
 def brief_move(arm, dice, speed, most_rad=0.1):
     """Return a course from the present goals by up to so much in every joint, inside its limits."""
-    servos = arm._servos
+    servos = servo_group(arm)
     start = servos.goals()
     goal = start.copy()
     for i, fence in enumerate(servos.fences):
         low, high = fence.position_range
         way = dice.uniform(-most_rad, most_rad) * fence.joint_map.unit_per_tick * 4096 / 6.2832
         goal[i] = min(max(start[i] + way, min(low, start[i])), max(high, start[i]))
-    return JointMove(start, goal, arm._planner.motion_limits(speed))
+    return JointMove(start, goal, motion_limits(arm, speed))
 
 
 def streamed(arm, dice, on_cycle=None):
     """Carry out a brief motion; return its course."""
     speed = dice.choice(("normal", "fast"))
     move = brief_move(arm, dice, speed)
-    arm._stream.run(move, on_cycle, speed_rad_s=arm.model.speed(speed).rad_s)
+    ControlLoop(servo_group(arm)).run(move, on_cycle, speed_rad_s=arm.model.speed(speed).rad_s)
     return move

@@ -15,7 +15,7 @@ from ikservo.errors import (
 )
 from servosim.faults import Fault
 from tests.arm.auditing import Auditor
-from tests.arm.simulated import line_of, registers, true_joints
+from tests.arm.simulated import clock_of, line_of, registers, servo_group, true_joints
 
 NAMED = (BusError, NotSettledError, PortLostError, RefusedError, ServoAlarmError)
 SPEEDS = ("slow", "normal", "fast")
@@ -45,7 +45,7 @@ def chance(seed):
 def swing(arm, dice, speed=None):
     """Return where every joint shall go: somewhere in the middle half of its range."""
     goals = {}
-    for fence in arm._servos.fences:
+    for fence in servo_group(arm).fences:
         low, high = fence.position_range
         goals[fence.joint] = low + (high - low) * dice.uniform(0.25, 0.75)
     return goals, speed or dice.choice(SPEEDS)
@@ -100,7 +100,7 @@ def _untrue(arm, report):
 
 def _later(arm, auditor):
     """Let a second pass without a program, and say what was still sent in it."""
-    clock = arm._port.transport.clock
+    clock = clock_of(arm)
     clock.sleep_until(clock.now_s() + 0.01)
     heard = len(auditor.goals), len(auditor.torque)
     clock.sleep_until(clock.now_s() + 1.0)

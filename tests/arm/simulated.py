@@ -1,11 +1,52 @@
-"""The simulated servos behind an open arm, seen past every driver."""
+"""The simulated servos behind an open arm, read past every driver.
 
+Only here do tests reach for the parts of an open arm: its port, its servos and its motion runner.
+"""
+
+import math
+
+from ikservo.motion import KinematicLimits
 from tests.oracle import arm_file, joints_from_ticks, tip_from_ticks
 
 
+def transport_of(arm):
+    """Return the simulated serial port of the arm."""
+    return arm._port.transport
+
+
 def line_of(arm):
-    """Return the simulated line that the arm's port is on."""
-    return arm._port.transport.line
+    """Return the simulated bus of the arm."""
+    return transport_of(arm).line
+
+
+def clock_of(arm):
+    """Return the virtual clock of the arm and its bus."""
+    return transport_of(arm).clock
+
+
+def servo_group(arm):
+    """Return the servos of the arm as its control loop has them: goals, limits, torque state."""
+    return arm._servos
+
+
+def motion_limits(arm, speed):
+    """Return the kinematic limits of every joint at a speed: slow, normal or fast."""
+    limits = arm.model.speed(speed)
+    horn = KinematicLimits(limits.rad_s, limits.rad_s2, limits.rad_s3)
+    joints = [arm.model.joint(name) for name in servo_group(arm).names]
+    return [horn.scale_units(joint.travel_per_turn / math.tau) for joint in joints]
+
+
+def run_trajectory(arm, make_trajectory, on_cycle, speed):
+    """Run a trajectory as every motion of the arm runs, without planning and settling.
+
+    Args:
+        arm: The arm.
+        make_trajectory: Called with the joints that the arm holds (n,).
+        on_cycle: Called in each control cycle, or None.
+        speed: slow, normal or fast.
+    """
+    arm._run_trajectory(make_trajectory, on_cycle, speed)
 
 
 def registers(arm, register):

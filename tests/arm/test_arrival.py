@@ -8,7 +8,16 @@ import pytest
 import ikservo
 from ikservo.arm.plan import rebase_trajectory
 from ikservo.errors import IkservoError
-from tests.arm.simulated import line_of, registers, servo_id, true_joints
+from tests.arm.simulated import (
+    clock_of,
+    line_of,
+    motion_limits,
+    registers,
+    run_trajectory,
+    servo_group,
+    servo_id,
+    true_joints,
+)
 from tests.oracle import tip_from_joints
 
 PORT = "sim:?backlash_deg=0.5"
@@ -38,11 +47,15 @@ def plans(arm, count):
 def left_by_rounding_m(name, count):
     with ikservo.open_arm(name, port=PORT) as arm:
         for plan in plans(arm, count):
-            servos = arm._servos
-            with arm._motion_turn():
-                paces = arm._planner.motion_limits(plan.speed)
-                arm._stream.run(rebase_trajectory(plan, servos.goals(), paces, servos.names))
-            servos.clock.sleep_until(servos.clock.now_s() + 2.0)
+            limits, names = motion_limits(arm, plan.speed), servo_group(arm).names
+            run_trajectory(
+                arm,
+                lambda goals, p=plan, m=limits, n=names: rebase_trajectory(p, goals, m, n),
+                None,
+                plan.speed,
+            )
+            clock = clock_of(arm)
+            clock.sleep_until(clock.now_s() + 2.0)
             yield np.linalg.norm(true_tip_m(arm) - plan.target_m)
 
 
@@ -103,7 +116,7 @@ def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm)
     wrist = true_joints(arm)["wrist_flex"]
     report = arm.move_joints({"wrist_flex": wrist + math.radians(3.0)}, speed="fast")
     lead = registers(arm, "goal_position")[held] - registers(arm, "present_position")[held]
-    assert abs(lead) <= arm._servos.fences[held - 1].max_lead_ticks(0.0) + 1
+    assert abs(lead) <= servo_group(arm).fences[held - 1].max_lead_ticks(0.0) + 1
     assert not report.reached
     assert report.binding == ("wrist_flex is 3.0° short: load too high (correction limit reached)",)
 

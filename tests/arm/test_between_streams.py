@@ -5,9 +5,10 @@ import contextlib
 import pytest
 
 import ikservo
+from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.errors import BusError, RefusedError, StoppedError
 from servosim.faults import Fault
-from tests.arm.simulated import line_of, registers
+from tests.arm.simulated import clock_of, line_of, registers, servo_group
 
 
 @pytest.fixture(params=["so101", "koch"])
@@ -17,7 +18,7 @@ def arm(request):
         yield machine
 
 
-def stands(arm):
+def holds(arm):
     before = registers(arm, "present_position")
     with pytest.raises(RefusedError, match="was stopped"):
         arm.move_joints({"shoulder_pan": 0.8}, speed="fast")
@@ -25,57 +26,57 @@ def stands(arm):
     return all(abs(after[i] - before[i]) <= 2 for i in before)
 
 
-def test_a_stop_after_the_last_beat_is_heeded_and_stays(arm, monkeypatch):
-    disarm = arm._servos._limits.disarm_watchdog
+def test_a_stop_after_the_last_cycle_is_obeyed_and_stays(arm, monkeypatch):
+    disarm = ServoRamLimits.disarm_watchdog
 
-    def asked_meanwhile():
+    def stopped_meanwhile(limits):
         arm.stop("Stopped by another terminal.")
-        disarm()
+        disarm(limits)
 
-    monkeypatch.setattr(arm._servos._limits, "disarm_watchdog", asked_meanwhile)
+    monkeypatch.setattr(ServoRamLimits, "disarm_watchdog", stopped_meanwhile)
     with pytest.raises(StoppedError, match="another terminal"):
         arm.move_joints({"shoulder_pan": 0.2})
-    assert stands(arm)
+    assert holds(arm)
 
 
 def test_a_stop_between_two_streams_of_a_motion_is_a_stop_and_no_refusal(arm, monkeypatch):
-    streaming, begun = arm._servos.streaming, []
+    streaming, begun = servo_group(arm).streaming, []
 
     @contextlib.contextmanager
-    def asked_before_the_second(speed_rad_s):
+    def stopped_before_the_second(speed_rad_s):
         begun.append(speed_rad_s)
         if len(begun) == 2:
             arm.stop("Stopped by another terminal.")
         with streaming(speed_rad_s):
             yield
 
-    monkeypatch.setattr(arm._servos, "streaming", asked_before_the_second)
+    monkeypatch.setattr(servo_group(arm), "streaming", stopped_before_the_second)
     with pytest.raises(StoppedError, match="another terminal") as caught:
         arm.move_joints({"shoulder_pan": 0.2})
     assert caught.value.exit_code == 130
-    assert stands(arm)
+    assert holds(arm)
 
 
-def test_after_a_release_that_failed_half_way_torque_is_looked_at_anew(arm):
+def test_after_a_release_that_failed_half_way_torque_is_read_again(arm):
     arm.pose("rest")
     world = line_of(arm).world
     line_of(arm).faults.add(Fault(kind="silent", id=6, at_s=world.time_s, for_s=0.6))
     with pytest.raises(BusError):
         arm.disable_torque()
-    arm._servos.clock.sleep_until(arm._servos.clock.now_s() + 1.5)
+    clock_of(arm).sleep_until(clock_of(arm).now_s() + 1.5)
     assert arm.move_joints({"wrist_roll": 0.1}).reached
 
 
 def test_a_watchdog_that_does_not_say_whether_it_has_tripped_counts_as_tripped(monkeypatch):
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         arm.move_joints({"shoulder_pan": 0.0})
-        limits = arm._servos._limits
+        limits = servo_group(arm)._limits
         limits.arm_watchdog()
         limits.check_watchdog_gap(0.2)
 
         def silent(*_, **__):
             raise BusError("nothing was heard")
 
-        monkeypatch.setattr(arm._servos._bus, "read", silent)
+        monkeypatch.setattr(servo_group(arm)._bus, "read", silent)
         with pytest.raises(RefusedError, match="watchdog stopped them"):
             limits.check_watchdog_gap(0.2)

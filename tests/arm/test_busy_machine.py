@@ -9,6 +9,7 @@ import ikservo
 from tests.arm.auditing import Auditor
 from tests.arm.line_tracing import PausedLines
 from tests.arm.misfortune import chance
+from tests.arm.simulated import clock_of
 
 PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
 MEAN_S = 0.008
@@ -43,7 +44,7 @@ def test_on_a_busy_machine_it_ends_well(name, task):
         arm.move_joints({"shoulder_pan": 0.05})
         arm.workings.warm_up()
         auditor = Auditor(arm, punctual=False)
-        with PausedLines(arm._servos.clock, busy) as traced:
+        with PausedLines(clock_of(arm), busy) as traced:
             traced.begin()
             assert task(arm)
         assert traced.pauses > 10

@@ -5,7 +5,7 @@ from ikservo.errors import RefusedError
 from tests.arm.auditing import Auditor
 from tests.arm.misfortune import chance, held, ids_of, motion_with, random_fault
 from tests.arm.seeds import share, tell, times
-from tests.arm.simulated import line_of, registers
+from tests.arm.simulated import clock_of, line_of, registers, servo_group
 
 FAMILIES = ("so101", "koch")
 BITS = {"so101": (0, 1, 2, 3, 5), "koch": (0, 2, 3, 4, 5)}  # of the datasheets
@@ -115,7 +115,7 @@ def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
         dice, name = chance(seed), FAMILIES[seed % 2]
         with ikservo.open_arm(name, port="sim", collisions=False) as arm:
             auditor, world = Auditor(arm), line_of(arm).world
-            for fence in arm._servos.fences:
+            for fence in servo_group(arm).fences:
                 low, high = fence.position_range
                 world.place(fence.joint, dice.uniform(low, high))
             before = registers(arm, "present_position")
@@ -133,7 +133,7 @@ def _nothing_switched_on(_arm, auditor, at_s):
 
 
 def _stays_down(arm, auditor, at_s):
-    clock = arm._port.clock
+    clock = clock_of(arm)
     clock.sleep_until(clock.now_s() + 3.0)
     try:
         arm.move_joints({arm.model.joints[0].name: 0.1})

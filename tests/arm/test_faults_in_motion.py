@@ -13,7 +13,7 @@ from ikservo.errors import (
 )
 from servosim.faults import Fault
 from tests.arm.auditing import Auditor
-from tests.arm.simulated import line_of, registers, servo_id
+from tests.arm.simulated import clock_of, line_of, registers, servo_group, servo_id, transport_of
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def inject(arm, kind, after_s=0.4, **details):
 
 def swing(arm, way_rad=0.4):
     """Move every joint of the arm a good way."""
-    here = zip(arm._servos.fences, arm._servos.measured_hold_positions(), strict=True)
+    here = zip(servo_group(arm).fences, servo_group(arm).measured_hold_positions(), strict=True)
     goals = {
         f.joint: at + (way_rad if at < sum(f.position_range) / 2 else -way_rad) for f, at in here
     }
@@ -49,7 +49,7 @@ def swing(arm, way_rad=0.4):
 
 
 def wait(arm, seconds):
-    clock = arm._port.clock
+    clock = clock_of(arm)
     clock.sleep_until(clock.now_s() + seconds)
 
 
@@ -115,7 +115,7 @@ def test_a_pulled_cable_is_said_at_once(arm):
 
 
 def test_after_the_cable_is_back_the_arm_goes_on_once_a_person_has_looked(either, monkeypatch):
-    transport = either._port.transport
+    transport = transport_of(either)
     again = "ikservo.hardware.remembered_port.open_transport"
     monkeypatch.setattr(again, lambda *_: setattr(transport, "is_open", True) or transport)
     inject(either, "unplug", for_s=0.5)
@@ -142,7 +142,7 @@ def test_dynamixels_stop_by_themselves_when_nobody_talks_to_them_any_more():
         inject(arm, "unplug")
         with pytest.raises(PortLostError):
             arm.move_joints({"shoulder_pan": 1.0}, speed="fast")
-        arm._port.transport.clock.sleep_until(arm._port.clock.now_s() + 0.5)
+        clock_of(arm).sleep_until(clock_of(arm).now_s() + 0.5)
         assert set(registers(arm, "bus_watchdog").values()) == {-1}
         goals, present = registers(arm, "goal_position"), registers(arm, "present_position")
         assert abs(goals[1] - present[1]) <= 12
@@ -240,6 +240,6 @@ def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
 
 def test_a_servo_that_tells_where_but_no_longer_how_it_is_stops_the_arm(arm, monkeypatch):
     arm.enable()
-    monkeypatch.setattr(arm._servos._round, "_read_registers", lambda *_: None)
+    monkeypatch.setattr(servo_group(arm)._round, "_read_registers", lambda *_: None)
     with pytest.raises(RefusedError, match=r"No status \(temperature, voltage, load\) from"):
         arm.move_joints({"shoulder_pan": 0.8})

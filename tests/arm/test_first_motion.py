@@ -9,7 +9,7 @@ import pytest
 import ikservo
 from ikservo.calibration import Limits
 from ikservo.errors import RefusedError
-from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
+from tests.arm.simulated import clock_of, line_of, registers, true_joints, true_tip_m
 from tests.oracle import ARMS, arm_file
 
 STAYS_RAD = math.radians(6.0)  # its end stops are 2° behind its limits
@@ -24,7 +24,7 @@ def home_tip_m(model):
 
 
 def pass_time(arm, seconds):
-    clock = arm._port.transport.clock
+    clock = clock_of(arm)
     clock.sleep_until(clock.now_s() + seconds)
 
 

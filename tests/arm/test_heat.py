@@ -7,7 +7,7 @@ import pytest
 import ikservo
 from ikservo.errors import RefusedError, ServoAlarmError
 from servosim.faults import Fault
-from tests.arm.simulated import line_of, registers, true_joints
+from tests.arm.simulated import line_of, registers, servo_group, true_joints
 
 SHOULDER, HOT = 2, 3  # the elbow is hot
 
@@ -67,7 +67,7 @@ def test_an_arm_too_hot_to_hold_lowers_itself_lets_go_and_stays_stopped():
 def test_where_it_cannot_be_lowered_it_holds_and_says_so():
     with opened(release_c=66.5) as arm:
         told = []
-        arm._servos.warn = told.append
+        servo_group(arm).warn = told.append
         jam(arm, SHOULDER)
         overheat(arm, 69.0)
         assert all(registers(arm, "torque_enable").values())

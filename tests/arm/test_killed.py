@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.control.loop import ControlLoop
 from ikservo.motion import JointMove
 from tests.arm.misfortune import SPEEDS, chance, swing
 from tests.arm.seeds import tell, times
-from tests.arm.simulated import registers
+from tests.arm.simulated import motion_limits, registers, servo_group
 
 MOST_TICKS = 60  # 5.3 degrees
 FAMILIES = ("so101", "koch")
@@ -31,10 +32,10 @@ def travel(name, dice):
     """Return how far the furthest joint goes once nobody speaks any more, ticks."""
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         arm.enable()
-        servos, speed = arm._servos, dice.choice(SPEEDS)
+        servos, speed = servo_group(arm), dice.choice(SPEEDS)
         goals, _ = swing(arm, dice)
         start, goal = servos.goals(), np.array([goals[joint] for joint in servos.names])
-        move = JointMove(start, goal, arm._planner.motion_limits(speed))
+        move = JointMove(start, goal, motion_limits(arm, speed))
         at_s, found = dice.uniform(0.0, move.duration_s), []
 
         def die(beat):
@@ -46,5 +47,5 @@ def travel(name, dice):
                 raise DeadError
 
         with pytest.raises(DeadError):
-            arm._stream.run(move, die, speed_rad_s=arm.model.speed(speed).rad_s)
+            ControlLoop(servo_group(arm)).run(move, die, speed_rad_s=arm.model.speed(speed).rad_s)
         return found[0]

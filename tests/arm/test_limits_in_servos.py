@@ -4,7 +4,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import ServoAlarmError
-from tests.arm.simulated import line_of, registers
+from tests.arm.simulated import clock_of, line_of, registers
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def test_the_watchdog_runs_while_goals_are_streamed_and_not_after(x_series):
         seen.append(set(registers(x_series, "bus_watchdog").values()))
 
     x_series.move_joints({joint(x_series): 0.2}, on_progress=look)
-    clock = x_series._port.clock
+    clock = clock_of(x_series)
     clock.sleep_until(clock.now_s() + 1.0)
     assert seen[5] == {5}
     assert set(registers(x_series, "bus_watchdog").values()) == {0}

@@ -14,7 +14,7 @@ from ikservo.errors import (
 )
 from tests.arm.auditing import Auditor
 from tests.arm.misfortune import chance
-from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
+from tests.arm.simulated import line_of, registers, servo_group, servo_id, true_joints, true_tip_m
 from tests.oracle import ARMS
 
 NEAR = (0.23, 0.02, 0.10)  # home: the first motion is slow
@@ -207,7 +207,7 @@ def test_relaxing_goes_round_what_is_in_the_way():
 def test_an_arm_that_falls_when_its_torque_comes_on_is_caught_and_goes_on_from_there(name):
     dice = chance(1)
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
-        for fence in arm._servos.fences:
+        for fence in servo_group(arm).fences:
             line_of(arm).world.place(fence.joint, dice.uniform(*fence.position_range))
         arm.plan_joints({arm.chain.names[0]: 0.0})
         assert arm.move_joints({arm.chain.names[0]: 0.0}).reached

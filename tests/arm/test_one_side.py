@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from tests.arm.simulated import line_of, registers, servo_id, true_joints
+from tests.arm.simulated import clock_of, line_of, registers, servo_group, servo_id, true_joints
 from tests.oracle import CONFIGS
 
 PAN, ID = "shoulder_pan", servo_id("so101", "shoulder_pan")
@@ -33,7 +33,7 @@ def flanks(arm):
             arm.move_joints({PAN: start}, speed="fast")
             arm.move_joints({PAN: 0.1}, speed=speed)
             assert true_joints(arm)[PAN] == pytest.approx(0.1, abs=0.003)
-            found.append(line_of(arm).servos[ID].motor._lash_rad > 0.0)
+            found.append(line_of(arm).servos[ID].motor.lash_rad > 0.0)
     return found
 
 
@@ -49,20 +49,20 @@ def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(a
 
 def test_it_does_not_go_below_its_limit_for_that(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
-        lowest = arm._servos.fences[0].position_range[0]
+        lowest = servo_group(arm).fences[0].position_range[0]
         report = arm.move_joints({PAN: lowest}, speed="fast")
         assert report.reached
         assert registers(arm, "goal_position")[ID] in range(
-            *sorted(arm._servos.fences[0].tick_range)
+            *sorted(servo_group(arm).fences[0].tick_range)
         )
 
 
 def test_the_report_counts_the_time_that_this_takes_as_settling(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")
-        before_s = arm._port.clock.now_s()
+        before_s = clock_of(arm).now_s()
         arrival = arm.execute(arm.plan_joints({PAN: 0.2}, speed="fast"))
-        took_s = arm._port.clock.now_s() - before_s
+        took_s = clock_of(arm).now_s() - before_s
     assert arrival.duration_s == pytest.approx(took_s, rel=0.1)
 
 

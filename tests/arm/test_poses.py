@@ -8,6 +8,7 @@ import ikservo
 from ikservo.arm.poses import PoseLibrary, known_pose_names, pose_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.writing import FileWriteError
+from tests.arm.simulated import line_of
 
 
 @pytest.fixture(autouse=True)
@@ -150,7 +151,7 @@ def test_teaching_relaxes_a_holding_arm_first_and_waits_for_the_person():
 
         def carry():
             seen.append(any(state.torque for state in arm.where().joints))
-            arm._port.transport.line.world.place("shoulder_pan", 0.7)
+            line_of(arm).world.place("shoulder_pan", 0.7)
 
         arm.teach("carried", carry, hold=True)
         assert seen == [False]
@@ -168,6 +169,6 @@ def test_a_bad_name_is_refused_before_anybody_carries_the_arm():
 def test_a_taught_pose_is_gone_to():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.teach("here")
-        arm._port.transport.line.world.place("gripper", 0.4)
+        line_of(arm).world.place("gripper", 0.4)
         assert arm.pose("here").reached
         assert arm.where().joints[-1].position_rad == pytest.approx(math.radians(30), abs=0.02)

@@ -7,7 +7,7 @@ from tests.arm.brief import brief_move, opened
 from tests.arm.line_tracing import FailingLine, LineTracer
 from tests.arm.misfortune import chance
 from tests.arm.seeds import part_of, tell
-from tests.arm.simulated import line_of, registers
+from tests.arm.simulated import clock_of, line_of, registers, run_trajectory
 
 PACKETS = 3  # to a joint
 TRAVEL_TICKS = 60  # what a dead program leaves, too
@@ -36,13 +36,13 @@ def loop_of(name):
 
 
 def move(arm, traced):
-    arm._run_trajectory(lambda _: brief_move(arm, chance(1), "normal"), traced.begin, "normal")
+    run_trajectory(arm, lambda _: brief_move(arm, chance(1), "normal"), traced.begin, "normal")
 
 
 def check_held(name, place, hits):
     with opened(name, 0) as arm:
         arm.enable()
-        auditor, clock = Auditor(arm), arm._servos.clock
+        auditor, clock = Auditor(arm), clock_of(arm)
         with (
             FailingLine(place, hits // 2) as traced,
             pytest.raises(ZeroDivisionError, match=str(place[1])),

@@ -8,6 +8,7 @@ from tests.arm.brief import brief_move, opened
 from tests.arm.line_tracing import PausedLines
 from tests.arm.misfortune import chance
 from tests.arm.seeds import part_of, tell, times
+from tests.arm.simulated import clock_of, run_trajectory, servo_group
 
 PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
 PAUSES_S = (0.002, 0.012, 0.06, 0.15, 0.4, 3.0)
@@ -55,7 +56,7 @@ def cycle_of(name):
     """Return each line that a motion executes again and again, and how often."""
     with opened(name, 0) as arm:
         arm.enable()
-        with PausedLines(arm._servos.clock, lambda *_: 0.0) as traced:
+        with PausedLines(clock_of(arm), lambda *_: 0.0) as traced:
             move(arm, traced)
     return traced.lines_of_a_cycle()
 
@@ -68,7 +69,7 @@ def move(arm, traced):
         courses.append(brief_move(arm, chance(1), "fast", most_rad=0.2))
         return courses[0]
 
-    arm._run_trajectory(begin, traced.begin, "fast")
+    run_trajectory(arm, begin, traced.begin, "fast")
     return courses[0]
 
 
@@ -77,11 +78,11 @@ def check(name, pause_s, where):
     with opened(name, 0) as arm:
         arm.enable()
         auditor = Auditor(arm, punctual=False)
-        with PausedLines(arm._servos.clock, pause_s) as traced:
+        with PausedLines(clock_of(arm), pause_s) as traced:
             course = move(arm, traced)
-        fences = arm._servos.fences
+        fences = servo_group(arm).fences
         units = np.array([fence.joint_map.unit_per_tick for fence in fences])
-        left = np.abs(arm._servos.goals() - course.goal) / units
+        left = np.abs(servo_group(arm).goals() - course.goal) / units
         assert (left <= 1.0).all(), (where, left)
         assert auditor.faults() == [], where
         return traced.pauses

@@ -5,7 +5,7 @@ from tests.arm.auditing import Auditor
 from tests.arm.brief import opened, streamed
 from tests.arm.misfortune import NAMED, chance, ids_of, random_fault
 from tests.arm.seeds import tell, times
-from tests.arm.simulated import line_of, registers
+from tests.arm.simulated import line_of, registers, servo_group
 
 FAMILIES = ("so101", "koch")
 EACH = 10  # motions of one arm
@@ -56,5 +56,5 @@ def test_brief_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(
 def furthest_from(arm, move):
     """Return how far a servo's goal register is from the end of a motion, ticks."""
     told = registers(arm, "goal_position")
-    ends = zip(arm._servos.fences, move.goal, strict=True)
+    ends = zip(servo_group(arm).fences, move.goal, strict=True)
     return max(abs(told[fence.servo_id] - fence.tick(float(end))) for fence, end in ends)

@@ -9,7 +9,7 @@ import ikservo
 from ikservo.errors import IkservoError
 from tests.arm.misfortune import chance
 from tests.arm.seeds import tell, times
-from tests.arm.simulated import line_of
+from tests.arm.simulated import line_of, servo_group
 from tests.cli.fixtures_ports import change_bus, run_command
 
 NONSENSE = [
@@ -76,7 +76,7 @@ def joint(arm, dice):
 
 def beyond(arm, dice):
     """Ask for the first tick beyond a limit."""
-    fence = dice.choice(arm._servos.fences)
+    fence = dice.choice(servo_group(arm).fences)
     end, outwards = dice.choice((0, 1)), dice.choice((1, 2, 50, 4096))
     tick = fence.position_range[end] + (2 * end - 1) * outwards * fence.joint_map.unit_per_tick
     return arm.move_joints({fence.joint: tick})
@@ -110,7 +110,7 @@ def skill(arm, dice):
 def tick(arm, dice):
     """Knock at the door below all others."""
     ticks = {"wrist_roll": 2048, dice.choice(arm.chain.names): dice.choice([*NONSENSE, 2048.0, -1])}
-    return arm._servos._gate.send(ticks)
+    return servo_group(arm)._gate.send(ticks)
 
 
 COMMANDS = [joint, beyond, stranger, point, skill, tick]

@@ -9,7 +9,7 @@ from tests.arm.auditing import Auditor
 from tests.arm.brief import brief_move
 from tests.arm.misfortune import SPEEDS, chance
 from tests.arm.seeds import share, tell, times
-from tests.arm.simulated import line_of, registers
+from tests.arm.simulated import line_of, registers, run_trajectory
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 FAMILIES = ("so101", "koch")
@@ -36,7 +36,7 @@ def struck_s(name, number, seed):
     move = brief_move(arm, dice, speed, most_rad=0.8)
     strike.at_s = move.duration_s * share(seed)
     with pytest.raises((KeyboardInterrupt, SystemExit)), arm:
-        arm._run_trajectory(lambda _: move, strike, speed)
+        run_trajectory(arm, lambda _: move, strike, speed)
     check_holds(arm, auditor, (seed, name, number))
     return strike.ended_s(auditor)
 

@@ -5,6 +5,7 @@ from tests.arm.auditing import Auditor
 from tests.arm.brief import brief_move, opened
 from tests.arm.misfortune import SPEEDS, chance
 from tests.arm.seeds import tell, times
+from tests.arm.simulated import clock_of, run_trajectory, transport_of
 
 FAMILIES = ("so101", "koch")
 OFTEN = 0.01  # of what is sent
@@ -32,7 +33,7 @@ def stalled(name, seed):
         speed = dice.choice(SPEEDS)
         move = brief_move(arm, dice, speed, most_rad=1.0)
         try:
-            arm._run_trajectory(lambda _: move, None, speed)
+            run_trajectory(arm, lambda _: move, None, speed)
         except RefusedError as error:
             if slow.stalls < MOST_RESTARTS or "watchdog stopped them" not in str(error):
                 raise
@@ -43,9 +44,9 @@ class Slow:
     """Holds the program up for 0.05 to 5 s, now and then, at any of its packets."""
 
     def __init__(self, arm, dice):
-        self._write, self._clock, self._dice = arm._port.transport.write, arm._servos.clock, dice
+        self._write, self._clock, self._dice = transport_of(arm).write, clock_of(arm), dice
         self.stalls = 0
-        arm._port.transport.write = self.write
+        transport_of(arm).write = self.write
 
     def write(self, data):
         chance = self._dice.random() / OFTEN

@@ -5,7 +5,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import IkservoError
-from tests.arm.simulated import line_of
+from tests.arm.simulated import line_of, servo_group
 
 DEEP_M = 0.001
 
@@ -24,7 +24,9 @@ class Table:
 
     def true_m(self):
         world = line_of(self._arm).world
-        return self.above_m(np.array([world.joint(n).position for n in self._arm._servos.names]))
+        return self.above_m(
+            np.array([world.joint(n).position for n in servo_group(self._arm).names])
+        )
 
 
 def campaign(name, speed, count, seed):
@@ -41,7 +43,7 @@ def campaign(name, speed, count, seed):
 
             def watch(_, true_m=true_m, goal_m=goal_m):
                 true_m.append(table.true_m())
-                goal_m.append(table.above_m(arm._servos.goals()))
+                goal_m.append(table.above_m(servo_group(arm).goals()))
 
             try:
                 arm.move_to(point, speed=speed, on_progress=watch)

@@ -8,7 +8,7 @@ import ikservo
 from tests.arm.brief import brief_move, opened
 from tests.arm.misfortune import chance
 from tests.arm.seeds import tell, times
-from tests.arm.simulated import line_of
+from tests.arm.simulated import line_of, run_trajectory
 
 PRODUCT = Path(ikservo.__file__).parent
 FAMILIES = ("so101", "koch")
@@ -75,7 +75,7 @@ def said_in(name, seed, on_cycle=None):
         arm.enable()
         line_of(arm).witnesses.append(Wiretap(said))
         move = brief_move(arm, chance(seed), "fast")
-        arm._run_trajectory(lambda _: move, on_cycle, "fast")
+        run_trajectory(arm, lambda _: move, on_cycle, "fast")
     return said
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import RefusedError
-from tests.arm.simulated import line_of, registers, true_tip_m
+from tests.arm.simulated import clock_of, line_of, registers, true_tip_m
 
 TARGET_M = (0.25, 0.05, 0.15)
 
@@ -16,7 +16,7 @@ def folded():
     with ikservo.open_arm("so101", port="sim") as arm:
         world = line_of(arm).world
         world._contacts = None
-        arm._port.transport.clock.sleep_until(world.time_s + 5.0)
+        clock_of(arm).sleep_until(world.time_s + 5.0)
         yield arm
 
 

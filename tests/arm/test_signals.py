@@ -6,7 +6,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import IkservoError, RefusedError, StoppedError
-from tests.arm.simulated import line_of, registers
+from tests.arm.simulated import clock_of, line_of, registers
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_a_signal_brakes_the_arm_and_leaves_it_holding(arm, number, ends, words)
 
 
 def test_the_arm_stands_within_0_3_s_of_a_signal(arm):
-    clock, times = arm._port.clock, []
+    clock, times = clock_of(arm), []
 
     def watch(progress):
         if progress.elapsed_s > 0.6 and not times:

@@ -10,6 +10,7 @@ import ikservo
 from ikservo.control.loop import ControlLoop
 from ikservo.motion import TrajectoryPoint
 from tests.arm.seeds import tell
+from tests.arm.simulated import servo_group
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
 
@@ -81,4 +82,4 @@ def streamed(name, beats, look):
     with ikservo.open_arm(name, port="sim") as arm:
         arm.enable()
         with pytest.raises(CountedError):
-            ControlLoop(arm._servos).run(ToAndFro(arm._servos.goals()), on_cycle)
+            ControlLoop(servo_group(arm)).run(ToAndFro(servo_group(arm).goals()), on_cycle)

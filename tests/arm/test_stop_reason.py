@@ -1,5 +1,6 @@
 """Why an arm was stopped, as a value: programs look at its kind, users read its text."""
 
+import contextlib
 import signal
 
 import pytest
@@ -9,6 +10,7 @@ from ikservo.arm.background_motion import CANCELLED
 from ikservo.control.stopping import CTRL_C, StopRequest
 from ikservo.errors import BusError, StoppedError
 from ikservo.guard import StopKind, StopReason
+from tests.arm.simulated import servo_group
 
 
 @pytest.fixture
@@ -59,13 +61,15 @@ def test_each_way_to_stop_a_motion_has_its_kind(arm, stop, kind):
 
 
 def test_a_signal_before_the_first_goal_keeps_its_kind(arm, monkeypatch):
-    ready = arm._servos._prepare_streaming
+    streaming = servo_group(arm).streaming
 
+    @contextlib.contextmanager
     def interrupted(speed_rad_s):
         signal.raise_signal(signal.SIGTERM)
-        ready(speed_rad_s)
+        with streaming(speed_rad_s):
+            yield
 
-    monkeypatch.setattr(arm._servos, "_prepare_streaming", interrupted)
+    monkeypatch.setattr(servo_group(arm), "streaming", interrupted)
     with pytest.raises(SystemExit):
         arm.move_joints({"shoulder_pan": 0.8})
     assert arm.stop_reason.kind is StopKind.TERMINATED

@@ -6,7 +6,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import RefusedError, StoppedError
-from tests.arm.simulated import registers, true_joints
+from tests.arm.simulated import line_of, registers, true_joints
 
 
 @pytest.fixture(params=["so101", "koch"])
@@ -76,7 +76,7 @@ def test_acknowledging_nothing_changes_no_motion(arm):
 
 
 def test_closing_in_a_callback_ends_the_motion_and_holds(arm):
-    line = arm._port.transport.line
+    line = line_of(arm)
     with pytest.raises(StoppedError, match="closed the arm during a motion") as caught:
         go(arm, arm.close)
     assert "sim:" not in str(caught.value)

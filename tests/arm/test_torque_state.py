@@ -14,7 +14,7 @@ from ikservo.errors import (
 )
 from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
-from tests.arm.simulated import line_of
+from tests.arm.simulated import line_of, servo_group
 
 UNKNOWN, OFF, FIRST_MOTION, HOLDING, MOVING, LOWERING = TorqueState
 
@@ -128,7 +128,7 @@ def arm():
 
 
 def state(arm):
-    return arm._servos.torque.state
+    return servo_group(arm).torque.state
 
 
 def test_a_motion_goes_through_its_states(arm):
@@ -184,18 +184,18 @@ def test_torque_that_could_not_be_switched_on_everywhere_is_unknown(arm, monkeyp
 
 def test_a_second_control_loop_is_refused_and_the_first_goes_on(arm):
     arm.move_joints({"shoulder_pan": 0.0})
-    start, refused = arm._servos.goals(), []
+    start, refused = servo_group(arm).goals(), []
     goal = start.copy()
     goal[0] += 0.2
     course = JointMove(start, goal, [KinematicLimits(1.0, 3.0, 30.0)] * len(start))
 
     def start_another(_):
         try:
-            ControlLoop(arm._servos).run(course)
+            ControlLoop(servo_group(arm)).run(course)
         except RefusedError as error:
             refused.append(error.message)
 
-    measured = ControlLoop(arm._servos).run(course, start_another)
+    measured = ControlLoop(servo_group(arm)).run(course, start_another)
     assert set(refused) == {"The arm is moving."}
     assert arm.stop_reason is None
     assert measured[0] == pytest.approx(goal[0], abs=0.1)
@@ -224,7 +224,7 @@ def test_an_overheated_arm_that_fails_again_while_it_is_lowered_is_lowered_once(
         started.append(state(arm))
         arm.move_joints({"shoulder_pan": 0.0}, on_progress=overheat)
 
-    monkeypatch.setattr(type(arm._servos), "overheated", True)
+    monkeypatch.setattr(type(servo_group(arm)), "overheated", True)
     monkeypatch.setattr(arm, "_lower", lower)
     with pytest.raises(IkservoError, match="too hot"):
         arm.move_joints({"shoulder_pan": 0.3}, on_progress=overheat)

@@ -8,7 +8,7 @@ import pytest
 import ikservo
 from ikservo.errors import RefusedError
 from ikservo.model.model import KeepOutBox
-from tests.arm.simulated import line_of
+from tests.arm.simulated import line_of, servo_group
 
 # A post where the tool passes when the base is turned from 0.38 rad to the right.
 POST = KeepOutBox("the post", (0.205, 0.034, 0.0), (0.211, 0.040, 0.1))
@@ -22,7 +22,7 @@ def so101(*boxes, **options):
 
 
 def goals(arm):
-    return arm._servos.goals()
+    return servo_group(arm).goals()
 
 
 def turned(arm):

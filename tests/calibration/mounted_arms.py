@@ -81,27 +81,34 @@ class MountedArm:
 
 
 def make_mounted_arm(name, seed, *, gravity=False, **how):
-    """Return an arm with random zeros within a revolution, signs, end stops and offsets."""
+    """Return an arm with random zeros within a revolution, signs, end stops and offsets.
+
+    Args:
+        name: The arm.
+        seed: Of everything random.
+        gravity: Whether the links have weight.
+        how: ``pose``; ``zero`` and ``sign`` instead of random ones, the sign of all or by joint;
+            ``spoiled=False`` for servos with the registers of their arm file.
+    """
     chance = random.Random(f"{name} {seed}")
     model = load_model(name)
     arm = read_arm_file(model.path)
-    entries = [_mounted(entry, chance, how) for entry in arm.joints]
+    entries = [_mount(entry, chance, how) for entry in arm.joints]
     arm = replace(arm, joints=tuple(entries))
-    world = make_arm_world(arm, how.get("pose", "home"), seed)
+    world = make_arm_world(arm, how.get("pose", "home"), seed, backlash_deg=0.5)
     if not gravity:
         world = World(world.joints)
     stops = {
         joint.name: _stop(world.joint(joint.name), joint, model, chance, how)
         for joint in model.joints
     }
-    for servo in world.servos:
-        servo.motor._half_play_rad = math.radians(0.25)
     port = SimulatedPort(Line(world, arm.baud, LineOptions(seed=seed)), f"bench:{name}")
     return MountedArm(name, seed, world, port, stops, how.get("pose", "home"))
 
 
-def _mounted(entry, chance, how):
-    sign = how.get("sign") or chance.choice([-1, 1])
+def _mount(entry, chance, how):
+    sign = how.get("sign")
+    sign = (sign[entry.name] if isinstance(sign, dict) else sign) or chance.choice([-1, 1])
     zero = how["zero"] if "zero" in how else chance.uniform(0, 4096)
     if len(entry.servos) > 1:  # two servos on one joint are mounted nearly alike
         zero = chance.uniform(1900, 2200)

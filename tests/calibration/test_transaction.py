@@ -1,8 +1,9 @@
 """Power is cut before every single write; the next start finds the old arm or the new one."""
 
+import os
 import random
+import stat
 from datetime import UTC, datetime
-from unittest.mock import Mock
 
 import pytest
 
@@ -212,7 +213,14 @@ def test_a_spoiled_journal_is_one_clear_error():
 def test_a_journal_that_the_disk_will_not_take_leaves_no_trace(monkeypatch):
     arm, outcome = arm_and_outcome("planar2")
     before = state_of(arm)
-    monkeypatch.setattr("ikservo.files.writing._sync_folder", Mock(side_effect=OSError("broken")))
+    fsync = os.fsync
+
+    def refuse_folders(handle):
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            raise OSError("broken")
+        fsync(handle)
+
+    monkeypatch.setattr("os.fsync", refuse_folders)
     with arm.open_bus() as bus, pytest.raises(FileWriteError):
         TorqueOffArm(load_model(arm.name), bus).save(outcome)
     assert state_of(arm) == before

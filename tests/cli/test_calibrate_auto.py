@@ -288,16 +288,8 @@ def test_each_joint_of_a_limp_shipped_arm_is_measured_or_named_with_the_reason(s
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", ["so101", "so100", "koch", "px100"])
 def test_shipped_arms_find_their_stops_under_gravity(monkeypatch, say, name, seed):
-    from tests.calibration import hidden
-
-    sides = {joint.name: joint.joint_map.sign for joint in load_model(name).joints}
-    mounted = hidden._mounted
-
-    def as_filed(entry, chance, how):
-        return mounted(entry, chance, {**how, "sign": sides[entry.name]})
-
-    monkeypatch.setattr(hidden, "_mounted", as_filed)
-    arm = connect_arm(monkeypatch, name, seed, gravity=True)
+    signs = {joint.name: joint.joint_map.sign for joint in load_model(name).joints}
+    arm = connect_arm(monkeypatch, name, seed, gravity=True, sign=signs)
     letting_go_when_it_holds(arm)
     done = say(f"calibrate {name} --port {PORT} --pose home --margin 0.3 --auto --yes")
     assert done.code == 0, done.err

@@ -12,6 +12,7 @@ from ikservo.cli.entry_point import main
 from ikservo.cli.session import second_interrupt_lowers
 from ikservo.errors import StoppedError
 from servosim.clock import VirtualClock
+from tests.arm.simulated import line_of
 
 
 @pytest.fixture
@@ -21,7 +22,7 @@ def servos(monkeypatch):
 
     def remember(*words, **options):
         arm = open_arm(*words, **options)
-        opened.update(arm._port.transport.line.servos)
+        opened.update(line_of(arm).servos)
         return arm
 
     monkeypatch.setattr(session, "open_arm", remember)
@@ -156,7 +157,7 @@ def test_a_script_has_a_second_by_the_given_clock_to_say_it_again(at_s, torque):
     with open_arm("so101", port="sim:?pose=home") as arm:
         with pytest.raises(StoppedError):
             interrupt_a_motion(arm, PressedAgain(at_s))
-        assert torques(arm._port.transport.line.servos) == {torque}
+        assert torques(line_of(arm).servos) == {torque}
 
 
 class Unheard(VirtualClock):
@@ -176,4 +177,4 @@ def test_no_second_signal_is_waited_for_after_a_stop_that_was_none(reason):
     with open_arm("so101", port="sim:?pose=home") as arm:
         with pytest.raises(StoppedError):
             stop_a_motion(arm, Unheard(), reason)
-        assert torques(arm._port.transport.line.servos) == {1}
+        assert torques(line_of(arm).servos) == {1}

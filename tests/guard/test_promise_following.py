@@ -9,7 +9,7 @@ from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
 from tests.arm.auditing import Auditor
 from tests.arm.seeds import campaign, share, tell
-from tests.arm.simulated import line_of
+from tests.arm.simulated import line_of, servo_group
 from tests.oracle import arm_file
 
 PACE = KinematicLimits(1.0, 3.0, 30.0)
@@ -22,7 +22,7 @@ def jam(name, joint, after_s):
     """Return the beats for which a jammed joint was too far behind, and the refusal."""
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         arm.enable()
-        servos, auditor = arm._servos, Auditor(arm)
+        servos, auditor = servo_group(arm), Auditor(arm)
         at, start = servos.names.index(joint), servos.goals()
         goal = start.copy()
         middle = [(f.limits.lower.value + f.limits.upper.value) / 2 for f in servos.fences]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import ikservo
 from ikservo.errors import IkservoError, RefusedError
 from tests.arm.seeds import tell, times
-from tests.arm.simulated import line_of
+from tests.arm.simulated import line_of, servo_group
 from tests.guard.gates import make_gate_at
 
 WIDE = {"suppress_health_check": list(HealthCheck), "deadline": None}
@@ -62,7 +62,7 @@ def wire(arm):
 
 
 def inside(arm, goals):
-    ranges = {fence.servo_id: fence.tick_range for fence in arm._servos.fences}
+    ranges = {fence.servo_id: fence.tick_range for fence in servo_group(arm).fences}
     return all(
         ranges[servo_id][0] <= tick <= ranges[servo_id][1]
         for servo_id, ticks in goals.items() for tick in ticks
@@ -101,7 +101,7 @@ def test_a_point_that_is_none_puts_no_packet_on_the_wire(arm, wire, point):
 @given(st.dictionaries(st.sampled_from(NAMES), st.one_of(odd, numbers), max_size=6))
 def test_goals_from_any_program_go_through_the_gate_whole_or_not_at_all(arm, wire, asked):
     """The door below all others: ticks of any kind for any joints."""
-    gate, before = arm._servos._gate, wire.packets
+    gate, before = servo_group(arm)._gate, wire.packets
     ticks = {n: v if not isinstance(v, float) else round(v, 3) for n, v in asked.items()}
     refused = told(lambda: gate.send(ticks))
     assert refused or not ticks
@@ -111,7 +111,7 @@ def test_goals_from_any_program_go_through_the_gate_whole_or_not_at_all(arm, wir
 @pytest.mark.parametrize("side", ["lower", "upper"])
 @pytest.mark.parametrize("name", NAMES)
 def test_every_joint_stops_at_its_last_tick(arm, wire, name, side):
-    fence = next(f for f in arm._servos.fences if f.joint == name)
+    fence = next(f for f in servo_group(arm).fences if f.joint == name)
     edge = fence.position_range[0 if side == "lower" else 1]
     outwards = -1 if side == "lower" else 1
     before = wire.packets

@@ -109,11 +109,6 @@ def test_many_are_read_and_told(bus):
     assert bus.sync_read([1, 2], RegisterName.GOAL_POSITION, raw=True).require_all() == ticks
 
 
-def test_packets_are_sent_at_once(bus):
-    connection = bus.port.transport._port._socket
-    assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-
-
 def test_sixty_cycles_of_reading_and_telling_take_less_than_two_seconds(bus):
     goals = bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).require_all()
     begin_s = time.monotonic()

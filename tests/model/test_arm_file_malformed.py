@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -176,8 +177,9 @@ def test_a_urdf_that_is_a_link_out_of_the_folder_is_refused(
 def test_in_the_catalogue_the_name_is_the_folder(
     arm_path: Path, arm_text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(catalogue, "_arm_folders", lambda: (tmp_path,))
-    error = refused(arm_path, arm_text.replace('name = "small"', 'name = "large"', 1))
+    monkeypatch.setattr(catalogue, "__file__", str(tmp_path / "ikservo/model/catalogue.py"))
+    folder = shutil.copytree(arm_path.parent, tmp_path / "configs" / "small")
+    error = refused(folder / "arm.toml", arm_text.replace('name = "small"', 'name = "large"', 1))
     assert (error.where, error.found) == ("name", 'is "large"')
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -13,42 +14,42 @@ from ikservo.model.catalogue import arm_names, catalogue_name, find_arm
 
 
 @pytest.fixture
-def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    shelf = tmp_path / "shelf"
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "ikservo" / "_configs"
     for name in ("so101", "koch"):
-        (shelf / name).mkdir(parents=True)
-        (shelf / name / "arm.toml").write_text("format = 1")
+        (folder / name).mkdir(parents=True)
+        (folder / name / "arm.toml").write_text("format = 1")
     (tmp_path / "arm.toml").write_text("format = 1")
-    monkeypatch.setattr(catalogue, "_arm_folders", lambda: (shelf,))
-    (tmp_path / "desk").mkdir()
-    monkeypatch.chdir(tmp_path / "desk")
-    return shelf
+    monkeypatch.setattr(catalogue, "__file__", str(tmp_path / "ikservo/model/catalogue.py"))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    return folder
 
 
-def test_names_are_sorted(shelf: Path) -> None:
+def test_names_are_sorted(folder: Path) -> None:
     assert arm_names() == ["koch", "so101"]
 
 
-def test_a_folder_without_arm_file_is_no_arm(shelf: Path) -> None:
-    (shelf / "half").mkdir()
+def test_a_folder_without_arm_file_is_no_arm(folder: Path) -> None:
+    (folder / "half").mkdir()
     assert "half" not in arm_names()
 
 
-def test_a_folder_with_an_odd_name_is_no_arm(shelf: Path) -> None:
-    (shelf / "koch").rename(shelf / "koch v1.1")
+def test_a_folder_with_an_odd_name_is_no_arm(folder: Path) -> None:
+    (folder / "koch").rename(folder / "koch v1.1")
     assert arm_names() == ["so101"]
 
 
-def test_a_missing_shelf_is_an_empty_one(shelf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogue, "_arm_folders", lambda: (shelf / "nowhere",))
+def test_without_a_folder_of_arms_there_are_none(folder: Path) -> None:
+    shutil.rmtree(folder)
     assert arm_names() == []
 
 
-def test_a_name_leads_to_its_file(shelf: Path) -> None:
-    assert find_arm("so101") == shelf / "so101" / "arm.toml"
+def test_a_name_leads_to_its_file(folder: Path) -> None:
+    assert find_arm("so101") == folder / "so101" / "arm.toml"
 
 
-def test_a_misspelled_name_offers_the_closest(shelf: Path) -> None:
+def test_a_misspelled_name_offers_the_closest(folder: Path) -> None:
     with pytest.raises(UnknownNameError) as caught:
         find_arm("so1O1")
     assert caught.value.hint == "Did you mean so101? Known: koch, so101."
@@ -60,30 +61,30 @@ def test_a_path_to_a_file_is_that_file(tmp_path: Path, file: str) -> None:
     assert find_arm(str(tmp_path / file)) == tmp_path / file
 
 
-def test_a_file_here_needs_no_separator(shelf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(shelf / "so101")
+def test_a_file_here_needs_no_separator(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder / "so101")
     assert find_arm("arm.toml") == Path("arm.toml")
 
 
-def test_a_path_to_a_folder_is_its_arm_file(shelf: Path) -> None:
-    assert find_arm(f"{shelf}/koch/") == shelf / "koch" / "arm.toml"
+def test_a_path_to_a_folder_is_its_arm_file(folder: Path) -> None:
+    assert find_arm(f"{folder}/koch/") == folder / "koch" / "arm.toml"
 
 
 def test_a_path_object_is_a_path_even_without_separator(
-    shelf: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(shelf)
+    monkeypatch.chdir(folder)
     assert find_arm(Path("koch")) == Path("koch/arm.toml")
 
 
-def test_an_arm_knows_its_name_in_the_catalogue(shelf: Path) -> None:
+def test_an_arm_knows_its_name_in_the_catalogue(folder: Path) -> None:
     assert catalogue_name(find_arm("koch")) == "koch"
 
 
 def test_an_arm_reached_by_a_relative_path_knows_its_name(
-    shelf: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(shelf / "so101")
+    monkeypatch.chdir(folder / "so101")
     assert catalogue_name(Path("arm.toml")) == "so101"
 
 
@@ -131,7 +132,7 @@ def refused(trick: str) -> None:
 
 
 def test_a_trick_in_a_name_finds_and_opens_nothing(
-    shelf: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[object] = []
     with monkeypatch.context() as watched:
@@ -143,7 +144,7 @@ def test_a_trick_in_a_name_finds_and_opens_nothing(
 
 
 def test_what_is_no_path_is_not_even_looked_for(
-    shelf: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_at: list[str] = []
     real_stat = os.stat
@@ -155,11 +156,11 @@ def test_what_is_no_path_is_not_even_looked_for(
     monkeypatch.setattr("os.stat", watched)
     for trick in NO_PATHS:
         refused(trick)
-    known = {str(shelf), str(shelf / "so101" / "arm.toml"), str(shelf / "koch" / "arm.toml")}
+    known = {str(folder), str(folder / "so101" / "arm.toml"), str(folder / "koch" / "arm.toml")}
     assert set(looked_at) == known
 
 
-def test_an_endless_name_is_cut_short_in_the_message(shelf: Path) -> None:
+def test_an_endless_name_is_cut_short_in_the_message(folder: Path) -> None:
     with pytest.raises(UnknownNameError) as caught:
         find_arm("a" * 100_000)
     assert len(str(caught.value)) < 200

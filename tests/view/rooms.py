@@ -9,7 +9,7 @@ from ikservo.view import messages as said
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.controller import SessionController
-from tests.arm.simulated import line_of, registers
+from tests.arm.simulated import clock_of, line_of, registers
 
 NUMBERS = itertools.count(1)
 
@@ -20,7 +20,7 @@ class Room:
     def __init__(self, arm=None):
         self.arm = arm or open_arm("so101", "sim:?pose=home")
         self.arm.enable()
-        self.clock = line_of(self.arm) and self.arm._port.clock
+        self.clock = line_of(self.arm) and clock_of(self.arm)
         self.pilot = ArmThread(lambda: self.arm, self.clock)
         self.desk = SessionController(self.pilot, self.clock)
         self.goals = []
