@@ -54,6 +54,7 @@ class Motor:
         torque_nm: Torque of the motor at the shaft, before friction.
         current_a: Signed current of the winding.
         pwm: Signed duty of the bridge, -1..1.
+        lash_rad: Offset of the shaft inside the free play of the gears.
         moving: Whether the shaft is faster than the drive's threshold or the profile runs.
         heat: The thermal model of the servo.
         lower_stop_rad: Where a hard stop holds the shaft.
@@ -72,7 +73,6 @@ class Motor:
         "_full_nm",
         "_gear_rad",
         "_half_play_rad",
-        "lash_rad",
         "_nm_per_a",
         "_nm_per_v",
         "_resistance_ohm",
@@ -82,6 +82,7 @@ class Motor:
         "current_a",
         "grip",
         "heat",
+        "lash_rad",
         "load_inertia_kg_m2",
         "lower_stop_rad",
         "moving",
