@@ -333,7 +333,7 @@ def test_cancelling_a_task_cancels_its_motion(arm):
     assert motion.done
 
 
-def test_an_error_that_nobody_waited_for_is_logged(arm, caplog):
+def test_an_error_that_was_not_waited_for_is_logged(arm, caplog):
     motion = arm.move_to((0.9, 0.0, 0.1), wait=False)
     motion.join()
     arm.close()

@@ -91,7 +91,7 @@ def test_the_report_parts_motion_from_settling(arm):
     assert report.duration_s == pytest.approx(report.motion_s + report.settling_s)
 
 
-def test_joints_that_nobody_named_stay_where_they_were(arm):
+def test_joints_that_were_not_named_stay_where_they_were(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     before = true_joints(arm)
     for angle in (0.2, 0.0):
@@ -100,7 +100,7 @@ def test_joints_that_nobody_named_stay_where_they_were(arm):
         assert true_joints(arm)[name] == pytest.approx(before[name], abs=math.radians(0.3))
 
 
-def test_a_gripper_that_nobody_named_keeps_its_goal(arm):
+def test_a_gripper_that_was_not_named_keeps_its_goal(arm):
     gripper = servo_id("so101", "gripper")
     arm.move_joints({"gripper": 0.5}, speed="fast")
     goal = registers(arm, "goal_position")[gripper]

@@ -53,14 +53,14 @@ def at(seconds, do):
     return on_progress
 
 
-def test_an_arm_at_rest_is_measured_for_whoever_asks(arm):
+def test_an_arm_at_rest_is_measured_on_request(arm):
     here, asked = arm.where(), elsewhere.query_state(arm.model, None)
     np.testing.assert_allclose(asked.tip_m, here.tip_m, atol=1e-3)
     assert [joint.name for joint in asked.joints] == [joint.name for joint in here.joints]
     assert asked.joints[0].limit_from == here.joints[0].limit_from
 
 
-def test_a_moving_arm_says_where_it_was_at_the_last_beat(arm, elsewhere_thread):
+def test_a_moving_arm_reports_where_it_was_in_the_last_cycle(arm, elsewhere_thread):
     seen = []
 
     def ask():
@@ -132,7 +132,7 @@ def test_every_arm_is_stopped_where_none_is_named(arm):
     assert stopped.arm == "so101"
 
 
-def test_where_nobody_owns_the_port_nobody_is_asked(device):
+def test_without_a_process_on_the_port_no_request_is_sent(device):
     model = ikservo.load_model("so101")
     assert elsewhere.query_state(model, None) is None
     assert elsewhere.request_relax(model, None) is None

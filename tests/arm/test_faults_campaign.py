@@ -30,7 +30,7 @@ def test_whatever_happens_goals_stay_sound_and_the_motion_ends_in_a_named_state(
 
 
 @times(1, 100)
-def test_a_servo_that_falls_silent_stops_the_arm_within_three_beats(seeds, capsys):
+def test_a_servo_that_falls_silent_stops_the_arm_within_three_cycles(seeds, capsys):
     most = 0
     for seed in seeds:
         dice, name = chance(seed), FAMILIES[seed % 2]

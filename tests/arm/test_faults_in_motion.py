@@ -57,7 +57,7 @@ def joint_of(arm, servo):
     return next(j.name for j in arm.model.joints if j.servo.id == servo)
 
 
-def test_a_servo_that_falls_silent_stops_the_others_within_three_beats_and_is_named(either):
+def test_a_servo_that_falls_silent_stops_the_others_within_three_cycles_and_is_named(either):
     auditor = Auditor(either)
     lost_s = inject(either, "silent", id=3)
     with pytest.raises(ServoSilentError, match=rf"{joint_of(either, 3)} \(id 3\)"):
@@ -136,7 +136,7 @@ def test_an_arm_waits_for_its_cable_for_a_time_that_is_one(arm, within_s):
         arm.reconnect(within_s)
 
 
-def test_dynamixels_stop_by_themselves_when_nobody_talks_to_them_any_more():
+def test_dynamixels_stop_by_themselves_without_further_packets():
     with ikservo.open_arm("koch", port="sim") as arm:
         arm.enable()
         inject(arm, "unplug")
@@ -187,7 +187,7 @@ def test_a_motor_that_gives_no_torque_although_it_says_so_stops_the_arm():
             arm.move_joints({"shoulder_pan": 1.2})
 
 
-def test_a_jammed_joint_stops_the_motion_within_three_beats_of_leading_too_far(arm):
+def test_a_jammed_joint_stops_the_motion_within_three_cycles_of_leading_too_far(arm):
     name = joint_of(arm, 1)
     auditor = Auditor(arm)
     inject(arm, "stuck", id=1)
@@ -238,7 +238,7 @@ def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
     assert abs(after[roll] - before[roll]) <= 2
 
 
-def test_a_servo_that_tells_where_but_no_longer_how_it_is_stops_the_arm(arm, monkeypatch):
+def test_a_servo_that_replies_with_positions_but_no_status_stops_the_arm(arm, monkeypatch):
     arm.enable()
     monkeypatch.setattr(servo_group(arm)._round, "_read_registers", lambda *_: None)
     with pytest.raises(RefusedError, match=r"No status \(temperature, voltage, load\) from"):

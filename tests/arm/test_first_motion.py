@@ -80,7 +80,7 @@ def test_a_plan_for_a_limp_arm_is_made_anew_where_it_has_sunk_since(name):
         np.testing.assert_allclose(true_tip_m(arm), plan.target_m, atol=2e-3)
 
 
-def test_an_arm_that_somebody_has_carried_elsewhere_goes_from_there():
+def test_an_arm_that_was_moved_by_hand_starts_from_there():
     with ikservo.open_arm("so101", port="sim") as arm:
         plan = arm.plan_to(home_tip_m(arm.model))
         line_of(arm).world.place("shoulder_pan", 1.0)

@@ -53,7 +53,7 @@ def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
         lambda T: {"gripper": 0.6},
     ],
 )
-def test_every_kind_of_wish_is_understood(arm, wish):
+def test_every_kind_of_setpoint_is_understood(arm, wish):
     joints = np.array([state.position_rad for state in arm.where().joints])
     T = arm.chain.forward(arm.workings.chain_joints(joints))
     report = arm.follow([wish(T)] * 5)
@@ -138,7 +138,7 @@ def test_a_stream_under_load_ends_within_a_millimetre_of_its_last_point(name):
         assert np.linalg.norm(exact_tip_m(arm) - last_m) < 1e-3
 
 
-def test_after_a_refused_wish_it_ends_at_the_one_before(arm):
+def test_after_a_refused_setpoint_it_ends_at_the_one_before(arm):
     point_m = np.add(arm.where().tip_m, (0.02, 0.0, 0.02))
     below_m = point_m * (1.0, 1.0, 0.0) - (0.0, 0.0, 0.05)
     report = arm.follow([*[point_m] * beats(arm, 1.5), *[below_m] * beats(arm, 0.2)])
@@ -156,7 +156,7 @@ def test_braked_on_its_way_it_does_not_sag(arm):
         assert end[joint] == pytest.approx(start[joint], abs=math.radians(0.3)), joint
 
 
-def test_joints_that_no_wish_named_stay_where_they_stood(arm):
+def test_joints_that_no_setpoint_named_stay_where_they_were(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     before = true_joints(arm)
     furthest = dict.fromkeys(before, 0.0)
@@ -171,7 +171,7 @@ def test_joints_that_no_wish_named_stay_where_they_stood(arm):
         assert furthest[joint] < math.radians(0.6), joint
 
 
-def test_a_stream_without_a_wish_moves_nothing(arm):
+def test_a_stream_without_a_setpoint_moves_nothing(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     before = registers(arm, "goal_position")
     report = arm.follow([None] * 5)
@@ -179,7 +179,7 @@ def test_a_stream_without_a_wish_moves_nothing(arm):
     assert registers(arm, "goal_position") == before
 
 
-def test_a_wish_that_stands_is_not_corrected_for_ever(arm):
+def test_a_constant_setpoint_is_not_corrected_for_ever(arm):
     line_of(arm).servos[servo_id("so101", "wrist_flex")].motor.stuck = True
     auditor = Auditor(arm)
     arm.follow([{"wrist_flex": true_joints(arm)["wrist_flex"] + 0.04}] * beats(arm, 6.0))
@@ -194,7 +194,7 @@ def test_a_wish_that_stands_is_not_corrected_for_ever(arm):
     [(0.1, 0.2), "there", (math.nan, 0, 0), {"elbow_flex": math.inf}, {"elbow_flex": "up"},
      {3: 0.1}, np.zeros((4, 4)), 7],
 )  # fmt: skip
-def test_a_wish_that_is_none_is_refused_and_the_arm_holds(arm, wish):
+def test_an_invalid_setpoint_is_refused_and_the_arm_holds(arm, wish):
     with pytest.raises(InputError):
         arm.follow([{"shoulder_pan": 0.1}, wish])
     assert all(registers(arm, "torque_enable").values())

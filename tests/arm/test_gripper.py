@@ -169,7 +169,7 @@ def test_a_width_that_the_jaws_do_not_have_moves_nothing(width_m):
         assert not any(registers(arm, "torque_enable").values())
 
 
-def test_a_width_is_refused_where_nobody_knows_widths(so101):
+def test_a_width_is_refused_without_known_widths(so101):
     with pytest.raises(BadValueError, match="has no widths"):
         so101.gripper(width_m=0.03)
 

@@ -67,11 +67,11 @@ def test_an_errand_is_done_and_answered(device, owner):
     assert owner.asked == ["stop"]
 
 
-def test_where_nobody_listens_there_is_no_answer(device, kind):
+def test_without_a_listener_there_is_no_response(device, kind):
     assert send_command(device, Command.STOP) is None
 
 
-def test_after_closing_nobody_listens_and_nothing_is_left(device, owner):
+def test_after_closing_there_is_no_listener_and_nothing_is_left(device, owner):
     owner.listener.close()
     assert send_command(device, Command.STOP) is None
     assert not socket_path(device).exists()

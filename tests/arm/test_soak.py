@@ -53,7 +53,7 @@ def test_beats_leave_no_objects_behind(name):
 @pytest.mark.timeout(0)
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads /proc")
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_a_million_beats_leave_memory_and_descriptors_as_they_were(name, capsys):
+def test_a_million_cycles_leave_memory_and_descriptors_as_they_were(name, capsys):
     beats = int(os.environ.get("IKSERVO_SOAK_BEATS", "1000000"))
     warm, seen = beats // 10, []
 

@@ -43,13 +43,13 @@ def course_of(servos: ServoGroup, way_rad=0.6):
     return JointMove(start, goal, [KinematicLimits(1.0, 3.0, 30.0)] * len(start))
 
 
-def test_a_course_is_carried_out_to_its_end(either):
+def test_a_trajectory_is_executed_to_its_end(either):
     course = course_of(servo_group(either))
     measured = ControlLoop(servo_group(either)).run(course, speed_rad_s=1.0)
     np.testing.assert_allclose(measured, course.goal, atol=0.16)
 
 
-def test_beats_come_at_their_rate_and_tell_the_time_of_the_motion(arm):
+def test_cycles_come_at_their_rate_and_have_the_time_of_the_motion(arm):
     stream, beats = ControlLoop(servo_group(arm)), []
     stream.run(course_of(servo_group(arm)), beats.append)
     times = [beat.time_s for beat in beats]
@@ -93,7 +93,7 @@ def test_a_stop_that_is_wanted_while_nothing_moves_keeps_the_next_motion_from_be
     assert registers(arm, "goal_position") == before
 
 
-def test_a_stop_stays_until_somebody_acknowledges_it(arm):
+def test_a_stop_stays_until_it_is_acknowledged(arm):
     stream = ControlLoop(servo_group(arm))
     with pytest.raises(StoppedError):
         stream.run(course_of(servo_group(arm)), lambda _: stream.request_stop(ENOUGH))
@@ -211,7 +211,7 @@ def test_in_mid_motion_nothing_else_is_begun(arm, what):
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_an_answer_that_is_lost_after_a_stall_is_asked_for_once_more(arm):
+def test_a_reply_that_is_lost_after_a_stall_is_requested_once_more(arm):
     stream, line, stalled = ControlLoop(servo_group(arm)), line_of(arm), []
 
     def stall(beat):

@@ -133,6 +133,6 @@ def test_a_range_without_an_inside_is_told(lower_deg, upper_deg):
 @pytest.mark.parametrize(
     "changes", [{"lower_deg": None}, {"upper_deg": None}, {"swept": "not swept"}]
 )
-def test_a_range_stands_in_the_file_exactly_where_somebody_swept_it(changes):
+def test_a_range_is_in_the_file_exactly_where_it_was_swept(changes):
     assert [*said_of(joint(**changes))] == [("joints", 0, "swept")]
     assert said_of(joint(lower_deg=None, upper_deg=None, swept="not swept")) == {}

@@ -36,7 +36,7 @@ def test_limits_lie_a_margin_inside_both_ends(sign):
     assert lopsided == pytest.approx((0.1, quarter - 0.1) if sign > 0 else (0.1 - quarter, -0.1))
 
 
-def test_what_nobody_swept_has_no_ends_and_keeps_the_arm_files_limits():
+def test_an_unswept_joint_has_no_ends_and_keeps_the_arm_files_limits():
     unswept = measured(swept="not swept")
     assert unswept.range_inside_margin(0.1) is None
     assert unswept.limits(EXPECTED, 0.1, None) == EXPECTED

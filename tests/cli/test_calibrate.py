@@ -174,7 +174,7 @@ def test_without_a_terminal_the_options_that_answer_are_named(desk, say, home):
     assert "--from-script" in done.err
 
 
-def test_nobody_at_the_arm_ends_with_what_is_missing(desk, say, home, monkeypatch):
+def test_without_an_operator_it_ends_with_what_is_missing(desk, say, home, monkeypatch):
     monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 3.0)
     done = say(f"calibrate planar2 --port {desk() and PORT} --pose home --yes")
     assert done.code == 6
@@ -401,7 +401,7 @@ def test_a_new_calibration_says_that_it_drops_what_a_touch_off_found(desk, say, 
     assert read_calibration(file_of(home)).geometry is None
 
 
-def test_a_closed_stdin_is_nobody_who_answers(desk, say, monkeypatch):
+def test_a_closed_stdin_gives_no_answer(desk, say, monkeypatch):
     monkeypatch.setattr("sys.stdin", None)
     done = say(f"calibrate planar2 --port {desk() and PORT} --pose home")
     sys.stdin.close()

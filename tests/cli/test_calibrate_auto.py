@@ -234,7 +234,7 @@ SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}
 
 
 @pytest.mark.parametrize("name", ["so100", pytest.param("wx250s", marks=pytest.mark.campaign)])
-def test_a_folded_arm_that_nobody_holds_first_makes_room_for_its_joints(say, name):
+def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(say, name):
     left_out = [joint.name for joint in load_model(name).joints if joint.name != "gripper"]
     done = limp(say, name, *(f"--skip {joint}" for joint in left_out))
     assert done.code == 0, done.err

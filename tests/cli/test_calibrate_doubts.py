@@ -115,7 +115,7 @@ def test_a_test_motion_that_is_put_off_stays_to_be_done(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("off_deg", [-28.0, 28.0])
-def test_a_pose_that_was_not_the_anchor_pose_is_refused_where_nobody_is_asked(desk, say, off_deg):
+def test_a_pose_that_was_not_the_anchor_pose_is_refused_without_a_prompt(desk, say, off_deg):
     arm = desk(sign=1, off_deg=off_deg)
     before = [servo.memory.eeprom_writes for servo in arm.world.servos]
     done = say(f"{WORDS} --yes")

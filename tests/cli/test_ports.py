@@ -176,7 +176,7 @@ def test_a_spoiled_memory_is_as_good_as_none(monkeypatch, text):
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
 
 
-def test_a_home_that_cannot_be_written_stops_nobody(monkeypatch, tmp_path):
+def test_a_user_folder_that_cannot_be_written_stops_nothing(monkeypatch, tmp_path):
     set_ports(monkeypatch, [FEETECH])
     (tmp_path / "file").touch()
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "file"))

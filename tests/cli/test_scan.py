@@ -121,7 +121,7 @@ def test_only_the_wanted_rate_is_tried(say):
 
 @pytest.mark.parametrize("echo", ["?echo=1", "?echo=1&usb_frame_ms=1"])
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_an_adapter_that_hears_itself_invents_no_servos(say, arm, echo):
+def test_an_adapter_that_echoes_invents_no_servos(say, arm, echo):
     servos = say(f"scan sim:{echo} --arm {arm} --json").json["servos"]
     assert [(s["id"], s["several"]) for s in servos] == [(i, False) for i in range(1, 7)]
 

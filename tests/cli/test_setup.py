@@ -210,7 +210,7 @@ def test_nobody_came_and_it_says_how_to_go_on(say, monkeypatch):
     assert "Go on with: ikservo setup so101 --start wrist_flex" in said.err
 
 
-def test_where_nobody_can_answer_the_flag_is_named(say, monkeypatch):
+def test_without_a_terminal_the_flag_is_named(say, monkeypatch):
     def change(line):
         all_but(6)(line)
         line.servos[6].memory.put("id", 9)

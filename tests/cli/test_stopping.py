@@ -118,7 +118,7 @@ def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, nu
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_second_one_is_heard_while_the_arm_already_stands(servos, monkeypatch, number):
+def test_a_second_one_is_handled_while_the_arm_is_already_at_rest(servos, monkeypatch, number):
     def again(*_):
         signal.raise_signal(number)
 

@@ -125,7 +125,7 @@ def test_too_few_touches_save_nothing(arm, truth, tmp_path, say):
     assert calibration_path(NAME, SERIAL).read_text() == before
 
 
-def test_nobody_at_the_arm_ends_with_what_is_missing(arm, tmp_path, say, monkeypatch):
+def test_without_an_operator_it_ends_with_what_is_missing(arm, tmp_path, say, monkeypatch):
     monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 3.0)
     (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
     done = say(f"{WORDS} --points {tmp_path / 'points'} --yes")

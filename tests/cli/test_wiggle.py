@@ -100,7 +100,7 @@ def test_a_replay_shows_the_joints_first(arm, say, watcher, tmp_path):
     assert done.err.count("then back") == 2
 
 
-def test_an_arm_that_nobody_calibrated_takes_its_agreed_step_and_no_other(monkeypatch, say):
+def test_an_uncalibrated_arm_takes_its_confirmed_step_and_no_other(monkeypatch, say):
     connect_arm(monkeypatch, NAME, zero=2048, sign=1, spoiled=False)
     done = say(f"joints joint1=5 --arm {NAME} --port {PORT} --no-collision --yes")
     assert "then back" not in done.err
@@ -115,7 +115,7 @@ def test_a_changed_calibration_is_shown_again(arm, say):
     assert not directions_confirmed(load_model(NAME), PORT)
 
 
-def test_with_nobody_there_an_arm_that_changed_does_not_move(arm, say):
+def test_without_an_operator_an_arm_that_changed_does_not_move(arm, say):
     before = arm.true_position("joint1")
     done = say(MOVE)
     assert (done.code, "--yes" in done.err) == (2, True)

@@ -7,7 +7,7 @@ import pytest
 from ikservo.guard import DeadManSwitch
 
 
-def test_a_switch_that_nobody_ever_pressed_has_expired():
+def test_a_dead_man_switch_never_pressed_has_expired():
     assert DeadManSwitch().expired(0.0)
 
 

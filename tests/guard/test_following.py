@@ -17,7 +17,7 @@ def following():
     return TrackingMonitor(["elbow", "wrist"], MOST)
 
 
-def test_the_third_beat_in_a_row_stops_the_motion_and_names_the_joint():
+def test_the_third_cycle_in_a_row_stops_the_motion_and_names_the_joint():
     watch = following()
     watch.update(GOALS, LATE)
     watch.update(GOALS, LATE)
@@ -25,7 +25,7 @@ def test_the_third_beat_in_a_row_stops_the_motion_and_names_the_joint():
         watch.update(GOALS, LATE)
 
 
-def test_a_beat_in_time_between_two_late_ones_starts_the_count_again():
+def test_a_cycle_in_time_between_two_late_ones_restarts_the_count():
     watch = following()
     for measured in (LATE, LATE, FINE, LATE, LATE):
         watch.update(GOALS, measured)
@@ -37,7 +37,7 @@ def test_exactly_as_far_as_allowed_is_allowed():
         watch.update(np.zeros(2), -MOST)
 
 
-def test_after_a_beat_in_time_the_third_late_one_stops_the_motion():
+def test_after_a_cycle_in_time_the_third_late_one_stops_the_motion():
     watch = following()
     for measured in (LATE, FINE, LATE, LATE):
         watch.update(GOALS, measured)
@@ -94,7 +94,7 @@ def test_a_slow_motion_is_watched_more_closely():
     )
 
 
-def test_a_joint_is_named_by_its_fence():
+def test_a_joint_is_named_by_its_limits():
     watch = TrackingMonitor.for_limits([make_limits("elbow"), make_limits("wrist", 4)])
     for _ in range(2):
         watch.update(np.zeros(2), np.array([0.0, 1.0]))

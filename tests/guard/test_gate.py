@@ -100,7 +100,7 @@ def test_an_unknown_joint_is_refused_for_all_joints():
     assert bus.sent == []
 
 
-def test_nothing_passes_before_somebody_has_measured_where_the_joint_is():
+def test_nothing_passes_before_the_joint_has_been_measured():
     bus = Recorder()
     gate = Gate([make_limits()], bus, ManualClock())
     with pytest.raises(RefusedError, match="The position of elbow has not been measured"):
@@ -201,7 +201,7 @@ def test_a_slow_motion_has_a_shorter_look_ahead():
     gate.send({"elbow": 2048 + 107})
 
 
-def test_a_joint_that_nobody_has_seen_gets_no_goal():
+def test_a_joint_that_was_not_measured_gets_no_goal():
     bus = Recorder()
     gate = Gate([make_limits()], bus, ManualClock())
     gate.reset_goals({"elbow": 2048})
@@ -211,7 +211,7 @@ def test_a_joint_that_nobody_has_seen_gets_no_goal():
 
 
 @pytest.mark.parametrize("call", ["update_measured", "set_speeds", "reset_goals", "hold"])
-def test_every_door_knows_the_joints(call):
+def test_every_entry_knows_the_joints(call):
     gate, bus, _ = make_gate_at(2048)
     rest = (0.02,) if call == "update_measured" else ()
     with pytest.raises(RefusedError, match="no joint 'elbo'"):

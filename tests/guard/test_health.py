@@ -24,7 +24,7 @@ def test_from_60_degrees_on_a_person_is_told(celsius):
     assert see(temperature_c=celsius) == (f"elbow is at {celsius:.0f} °C; motion stops at 65 °C.",)
 
 
-def test_below_60_degrees_nobody_is_told():
+def test_below_60_degrees_nothing_is_reported():
     assert see(temperature_c=59.9) == ()
 
 

@@ -111,7 +111,7 @@ def test_a_motion_never_goes_backwards(goal):
     assert seen_at(2048).allowed_advance_s({"elbow": goal}, 0.01) == 0.0
 
 
-def test_a_long_beat_leads_no_further_than_the_look_ahead():
+def test_a_long_cycle_leads_no_further_than_the_lead_limit():
     advance_s = seen_at(2048).allowed_advance_s({"elbow": 2048 + 37}, 0.2)
     assert advance_s == pytest.approx(100 / 2000)  # and one tick left for rounding
 

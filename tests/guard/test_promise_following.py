@@ -43,7 +43,7 @@ def jam(name, joint, after_s):
 
 
 @pytest.mark.parametrize(("name", "joint"), [*CASES[:6:2], CASES[7]])
-def test_a_jammed_joint_is_named_at_the_third_beat_that_it_is_too_far_behind(name, joint):
+def test_a_jammed_joint_is_named_at_the_third_cycle_that_it_is_too_far_behind(name, joint):
     beats, words = jam(name, joint, 0.4)
     assert words.startswith(f"{joint} does not follow its setpoint")
     assert beats <= 3

@@ -212,7 +212,7 @@ class TestErrors:
         ):
             readings.require_all()
 
-    def test_if_nobody_answers_it_is_power_or_rate(self, feetech, line):
+    def test_if_no_servo_replies_it_is_power_or_rate(self, feetech, line):
         line.expect("FF FF FE 06 82 38 02 01 02 3C")
         with pytest.raises(ServoSilentError, match=r"Check the power supply .* every baud rate"):
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()

@@ -89,7 +89,7 @@ def test_a_bad_line_is_not_taken_for_two_servos(models, adapter, seed):
     assert find_duplicate_ids(bus) == []
 
 
-def test_one_servo_on_an_adapter_that_hears_itself_is_one():
+def test_one_servo_on_an_adapter_that_echoes_is_one():
     assert find_duplicate_ids(make_bus({1: "STS3215"}, adapter=ECHO)) == []
 
 

@@ -109,7 +109,7 @@ def test_a_silent_one_costs_the_other_nothing_and_is_named(bus):
     assert isinstance(readings.errors[1], ServoSilentError)
 
 
-def test_rubbish_before_every_answer_is_passed_over(bus):
+def test_garbage_before_every_reply_is_skipped(bus):
     add_faults(bus, ("garbage", {"bytes": 5}))
     ticks = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True).require_all()
     assert ticks == {i: witness(bus, i, RegisterName.PRESENT_POSITION) for i in (1, 7)}

@@ -261,7 +261,7 @@ class TestF12Echo:
         line.expect("FF FF 01 04 02 03 02 F3", "FF FF 01 04 01 09 03 ED")
         assert feetech.ping(1).model_number == 777
 
-    def test_an_echoed_ping_to_nobody_is_silence_once_the_echo_is_known(self, feetech, line):
+    def test_an_echoed_ping_without_a_servo_is_silence_once_the_echo_is_known(self, feetech, line):
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         line.expect("FF FF 02 02 01 FA", "FF FF 02 02 01 FA")
         feetech.read(1, POSITION)
@@ -340,7 +340,7 @@ class TestF18HighErrorBits:
 
     ODD = "FF FF 01 04 80 00 08 72"
 
-    def test_stock_hears_nothing(self, stock, line):
+    def test_stock_receives_nothing(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION, self.ODD)
         assert handler.read2ByteTxRx(port, 1, 56)[1] != COMM_SUCCESS

@@ -203,7 +203,7 @@ class TestRollCall:
         bus.broadcast_ping(Family.DYNAMIXEL_2)
         assert bus.clock.now_s() - started_s < 0.1  # the SDK's own: 0.8
 
-    def test_it_finds_servos_that_nobody_knew_of(self):
+    def test_it_finds_servos_that_were_unknown(self):
         bus = make_bus({1: X, 200: X})
         known = ServoBus(bus.port, [ServoSpec(1, XL430W250)])
         assert known.broadcast_ping(Family.DYNAMIXEL_2, highest_id=252).replies.keys() == {1, 200}

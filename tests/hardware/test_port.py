@@ -203,7 +203,7 @@ class TestPatience:
                 port.reply_timeout.on_timeout()
             assert port.reply_timeout.timeout_s == 0.002
 
-    def test_it_doubles_while_nobody_answers_at_all(self, pty_name):
+    def test_it_doubles_while_no_servo_replies(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
                 port.reply_timeout.on_reply(0.0001)

@@ -99,11 +99,11 @@ def bus(served):
         yield bus
 
 
-def test_servos_answer(bus):
+def test_servos_reply(bus):
     assert [bus.ping(i).model_number for i in (1, 2)] == [777, 777]
 
 
-def test_many_are_read_and_told(bus):
+def test_many_are_read_and_written(bus):
     ticks = bus.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True).require_all()
     bus.sync_write(RegisterName.GOAL_POSITION, ticks, raw=True)
     assert bus.sync_read([1, 2], RegisterName.GOAL_POSITION, raw=True).require_all() == ticks

@@ -67,7 +67,7 @@ def test_a_second_copy_is_never_taken_for_the_answer_to_another_question(bus, mo
 
 
 @both
-def test_a_late_yes_to_one_write_is_not_taken_for_the_yes_to_the_next(bus, model):
+def test_a_late_reply_to_one_write_is_not_taken_for_the_reply_to_the_next(bus, model):
     add_faults(
         bus, ("late", {"delay_s": 0.003, "count": 1}), ("lost", {"at_s": 0.0016, "count": 1})
     )
@@ -95,7 +95,7 @@ class TestHealthyLine:
             line.expect(sync_request([1, 2], 56, 2), reply(1, 0, 8), reply(2, 0, 8))
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION)
 
-    def test_another_question_within_20_ms_gets_a_window_one_byte_wider(self, feetech, line):
+    def test_another_request_within_20_ms_gets_a_window_one_byte_wider(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(
             request(1, 10, 3), reply(1, 0, 255, 15)
         )
@@ -108,7 +108,7 @@ class TestHealthyLine:
         line.clock.s += 0.021
         feetech.read(1, STS3215.max_position_limit)
 
-    def test_another_servo_is_asked_as_ever(self, feetech, line):
+    def test_another_servo_is_read_as_before(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(request(2, 11, 2), reply(2, 255, 15))
         feetech.read(1, STS3215.min_position_limit)
         feetech.read(2, STS3215.max_position_limit)
@@ -122,7 +122,7 @@ class TestNewOrOddLine:
         port.health = LineHealth(clean_requests=5)
         return feetech
 
-    def test_two_readings_that_agree_are_believed(self, wary, line):
+    def test_two_readings_that_agree_are_accepted(self, wary, line):
         line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 5, 0))
         assert wary.read(1, STS3215.min_position_limit, raw=True) == 5
 
@@ -135,7 +135,7 @@ class TestNewOrOddLine:
         line.expect(request(1, 56, 2), reply(1, 0, 8))
         assert wary.read(1, STS3215.present_position, raw=True) == 2048
 
-    def test_something_odd_makes_every_question_different_from_the_last(self, feetech, port, line):
+    def test_an_odd_reply_makes_every_request_different_from_the_last(self, feetech, port, line):
         port.health.record(odd=True)
         line.expect(request(1, 56, 2), reply(1, 0, 8)).expect(request(1, 55, 3), reply(1, 0, 0, 8))
         for _ in range(2):

@@ -36,7 +36,7 @@ def test_a_ping_is_written_as_the_manuals_say(framing, servo_id, ping):
 
 @pytest.mark.parametrize("latency_ms", [0, 4, 16])
 @pytest.mark.parametrize(("arm", "framing"), [("so101", ONE), ("koch", TWO)])
-def test_an_answer_that_an_adapter_holds_back_is_heard_all_the_same(
+def test_a_reply_that_an_adapter_holds_back_is_received_all_the_same(
     on_line, arm, framing, latency_ms
 ):
     port = on_line(arm, f"?latency_ms={latency_ms}&usb_frame_ms=1")

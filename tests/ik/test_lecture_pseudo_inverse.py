@@ -181,7 +181,7 @@ def test_it_ends_where_no_step_in_the_null_space_leads_closer_to_the_posture():
     np.testing.assert_allclose(rest, 0.0, atol=1e-6)
 
 
-def test_a_joint_of_more_weight_comes_closer_to_its_wish():
+def test_a_joint_of_more_weight_comes_closer_to_its_target():
     light, heavy = leaning([0.1, 0.1, 0.1, 0.1]), leaning([0.1, 0.1, 0.1, 1.0])
     assert abs(heavy.q[3] + 1.0) < abs(light.q[3] + 1.0) - 0.1
 

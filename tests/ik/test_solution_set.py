@@ -102,7 +102,7 @@ def test_a_wrist_that_lines_up_leaves_a_family_of_one_pose():
     assert (found.kind, found.freedom) == ("family", 1)
 
 
-def test_of_an_arm_without_a_closed_form_nobody_knows_the_others():
+def test_an_arm_without_a_closed_form_has_no_other_solutions():
     chain = pantograph()
     result = solve(chain, Target(chain.forward([0.4, 0.5])[:3, 3]))
     assert (result.solutions.kind, str(result.solutions)) == ("unknown", "others not known")

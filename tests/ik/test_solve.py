@@ -133,7 +133,7 @@ def test_a_prepared_solver_follows_a_line_without_jumps():
     assert largest < 0.05
 
 
-def test_an_arm_that_nobody_uses_any_more_is_forgotten():
+def test_an_arm_that_is_no_longer_used_is_freed():
     chain = ARM.with_limits(ARM.lower_rad / 2, ARM.upper_rad / 2)
     solve(chain, Target([0.3, 0.2, 0.0]), method="bounded")
     known = weakref.ref(chain)

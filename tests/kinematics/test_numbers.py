@@ -60,7 +60,7 @@ def test_any_shape_of_numbers_is_numbers():
     assert as_floats([[1, math.inf]], "limits", "numbers").tolist() == [[1.0, math.inf]]
 
 
-def test_a_frozen_copy_cannot_be_written_to_and_follows_nobody():
+def test_a_frozen_copy_cannot_be_written_to_and_follows_nothing():
     original = np.array([1, 2])
     copy = read_only(original)
     original[0] = 9

@@ -35,7 +35,7 @@ def test_widths_may_fall_as_the_joint_goes_up(arm_path, arm_text):
     assert gripper.position(0.03) == pytest.approx(0.01)
 
 
-def test_without_widths_nobody_knows_them(arm_path):
+def test_without_widths_there_are_none(arm_path):
     gripper = load_model(arm_path).gripper
     assert (gripper.width_m(0.01), gripper.range_m()) == (None, None)
 

@@ -25,7 +25,7 @@ def test_beats_are_multiples_of_the_period():
     assert beats == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
 
-def test_a_late_beat_does_not_move_the_next_one():
+def test_a_late_cycle_does_not_move_the_next_one():
     clock = HandClock()
     beats = []
     for elapsed_s in itertools.islice(Rate(clock, 0.01), 4):
@@ -34,7 +34,7 @@ def test_a_late_beat_does_not_move_the_next_one():
     assert beats == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
 
-def test_missed_beats_are_left_out_and_not_made_up_for():
+def test_missed_cycles_are_left_out_and_not_made_up_for():
     clock = HandClock()
     metronome = Rate(clock, 0.01)
     beats = []

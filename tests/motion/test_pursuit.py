@@ -219,7 +219,7 @@ def test_many_chases_keep_every_law(seed):
     assert_smooth(course, count=3000)
 
 
-def test_a_way_that_somebody_objects_to_is_not_taken():
+def test_a_path_that_a_check_refuses_is_not_taken():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([0.5, 0.0, 0.0], 0.0)
 

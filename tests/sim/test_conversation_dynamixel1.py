@@ -146,7 +146,7 @@ class TestXSeriesWithProtocol1:
     def test_answers_the_old_frames(self):
         assert ask(self.make(), 1, 2, b"\x00\x02") == [(1, 0, b"\x24\x04")]
 
-    def test_is_deaf_to_the_new_frames(self):
+    def test_ignores_the_new_frames(self):
         port = self.make()
         port.write(bytes.fromhex("FFFFFD00010300 01194E".replace(" ", "")))
         assert port.read(20) == b""

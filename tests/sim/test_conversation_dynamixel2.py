@@ -49,7 +49,7 @@ def test_a_read_behind_the_table_is_an_access_error_without_data(desk):
     assert read(desk("XL430-W250"), 1, 660, 4) == [(1, 7, b"")]
 
 
-def test_an_instruction_nobody_knows_is_an_instruction_error(desk):
+def test_an_unknown_instruction_is_an_instruction_error(desk):
     assert ask(desk("XL430-W250"), 1, 0x77) == [(1, 2, b"")]
 
 
@@ -188,7 +188,7 @@ def test_a_new_baud_rate_counts_from_the_next_instruction(desk):
     assert (answer, len(ask(port, 1, 0x01))) == ([(1, 0, b"")], 1)
 
 
-def test_a_rebooting_servo_is_deaf_for_a_while(desk):
+def test_a_rebooting_servo_does_not_reply_for_a_while(desk):
     port = desk("XL430-W250")
     answers = [ask(port, 1, 0x08), ask(port, 1, 0x01)]
     port.clock.sleep_until(port.clock.now_s() + 0.5)

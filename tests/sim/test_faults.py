@@ -91,7 +91,7 @@ def test_a_pulled_cable_raises_and_comes_back(desk):
     assert ping(port) == PONG
 
 
-def test_a_brownout_makes_limp_and_deaf_and_empties_the_ram(desk):
+def test_a_brownout_switches_torque_off_stops_replies_and_empties_the_ram(desk):
     port = desk("STS3215")
     servo = port.line.servos[1]
     servo.write("acceleration", 30)

@@ -178,7 +178,7 @@ class TestReader:
         assert [frame.id for frame in ears.feed(encode(4, 1))] == [4]
 
     @given(noise=st.binary(max_size=60), cut=st.integers(0, 60))
-    def test_never_fails_and_hears_the_next_frame_after_a_pause(self, reader, encode, noise, cut):
+    def test_never_fails_and_reads_the_next_frame_after_a_pause(self, reader, encode, noise, cut):
         ears = reader()
         ears.feed(noise[:cut])
         ears.feed(noise[cut:])
