@@ -9,7 +9,7 @@ import pytest
 
 import ikservo
 from ikservo.arm.setpoint_stream import SetpointMailbox
-from tests.arm.auditing import Auditor
+from tests.arm.audit import Auditor
 from tests.arm.simulated import (
     clock_of,
     line_of,

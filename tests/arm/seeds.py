@@ -9,14 +9,14 @@ import pytest
 def part_of(many):
     """Return the seeds of a campaign, or those of a part: IKSERVO_PART=2/4 is the second of four.
 
-    Parts may run one beside the other; a small one, 1/100, tells how long the whole will take.
+    Parts may run in parallel; a small one, 1/100, shows how long the whole will take.
     """
     number, parts = (int(word) for word in os.environ.get("IKSERVO_PART", "1/1").split("/"))
     first, last = (-(-k * many // parts) for k in (number - 1, number))
     return range(first, last)
 
 
-def times(few, many):
+def few_or_many(few, many):
     """Run a test over a few seeds, and over many of them in a campaign."""
     return pytest.mark.parametrize("seeds", [pytest.param(range(few), id="few"), campaign(many)])
 
@@ -26,12 +26,12 @@ def campaign(many):
     return pytest.param(part_of(many), id="many", marks=marks)
 
 
-def share(seed):
-    """Return a number from 0 to 1; those of any seeds in a row are spread evenly."""
+def spread(seed):
+    """Return a number from 0 to 1; those of consecutive seeds are spread evenly."""
     return seed * 0.6180339887498949 % 1.0
 
 
-def tell(capsys, text):
-    """Print a number that is worth keeping."""
+def log(capsys, text):
+    """Print a result past the capture of the output."""
     with capsys.disabled():
         sys.stdout.write(f"\n  {text}\n")

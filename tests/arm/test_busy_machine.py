@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import ikservo
-from tests.arm.auditing import Auditor
+from tests.arm.audit import Auditor
 from tests.arm.line_tracing import PausedLines
-from tests.arm.misfortune import chance
+from tests.arm.random_faults import seeded
 from tests.arm.simulated import clock_of
 
 PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
@@ -35,7 +35,7 @@ def follow(arm):
 @pytest.mark.parametrize("task", [move, line, follow])
 @pytest.mark.parametrize("name", ["so101", pytest.param("koch", marks=pytest.mark.campaign)])
 def test_on_a_busy_machine_it_ends_well(name, task):
-    dice = chance(3)
+    dice = seeded(3)
 
     def busy(_place, _count):
         return dice.expovariate(1.0 / MEAN_S) if dice.random() < PAUSED / MEAN_S else 0.0

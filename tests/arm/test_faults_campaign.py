@@ -2,9 +2,15 @@
 
 import ikservo
 from ikservo.errors import RefusedError
-from tests.arm.auditing import Auditor
-from tests.arm.misfortune import chance, held, ids_of, motion_with, random_fault
-from tests.arm.seeds import share, tell, times
+from tests.arm.audit import Auditor
+from tests.arm.random_faults import (
+    move_with_fault,
+    random_fault,
+    seeded,
+    servo_ids,
+    servos_without_torque,
+)
+from tests.arm.seeds import few_or_many, log, spread
 from tests.arm.simulated import clock_of, line_of, registers, servo_group
 
 FAMILIES = ("so101", "koch")
@@ -17,102 +23,102 @@ COMPLAINTS = [
 ]
 
 
-@times(2, 1000)
+@few_or_many(2, 1000)
 def test_whatever_happens_goals_stay_sound_and_the_motion_ends_in_a_named_state(seeds, capsys):
     states = {}
     for seed in seeds:
-        dice, name = chance(seed), FAMILIES[seed % 2]
-        fault = random_fault(dice, ids_of(name))
-        outcome = motion_with(name, dice, fault)
+        dice, name = seeded(seed), FAMILIES[seed % 2]
+        fault = random_fault(dice, servo_ids(name))
+        outcome = move_with_fault(name, dice, fault)
         assert outcome.wrong == [], (seed, name, fault)
         states[outcome.state] = states.get(outcome.state, 0) + 1
-    tell(capsys, f"{len(seeds)} motions: {states}")
+    log(capsys, f"{len(seeds)} motions: {states}")
 
 
-@times(1, 100)
+@few_or_many(1, 100)
 def test_a_servo_that_falls_silent_stops_the_arm_within_three_cycles(seeds, capsys):
     most = 0
     for seed in seeds:
-        dice, name = chance(seed), FAMILIES[seed % 2]
-        fault = {"kind": "silent", "id": dice.choice(ids_of(name)),
-                 "at_share": 0.05 + 0.9 * share(seed)}  # fmt: skip
-        outcome = motion_with(name, dice, fault, speed="normal", hook=held)
+        dice, name = seeded(seed), FAMILIES[seed % 2]
+        fault = {"kind": "silent", "id": dice.choice(servo_ids(name)),
+                 "at_share": 0.05 + 0.9 * spread(seed)}  # fmt: skip
+        outcome = move_with_fault(name, dice, fault, speed="normal", hook=servos_without_torque)
         assert (outcome.state, outcome.wrong) == ("ServoSilentError", []), (seed, name, fault)
-        most = max(most, outcome.beats_after)
-    tell(capsys, f"{len(seeds)} phases: at most {most} writes of goals, two that hold included")
+        most = max(most, outcome.cycles_after)
+    log(capsys, f"{len(seeds)} phases: at most {most} writes of goals, two that hold included")
     assert most <= 5
 
 
-@times(1, 1000)
+@few_or_many(1, 1000)
 def test_a_reset_is_noticed_within_half_a_second_and_torque_stays_off(seeds, capsys):
     worst_s = 0.0
     for seed in seeds:
-        dice, name = chance(seed), FAMILIES[seed % 2]
-        fault = {"kind": "reset", "id": dice.choice(ids_of(name)),
+        dice, name = seeded(seed), FAMILIES[seed % 2]
+        fault = {"kind": "reset", "id": dice.choice(servo_ids(name)),
                  "at_share": dice.uniform(0.0, 0.6)}  # fmt: skip
-        outcome = motion_with(name, dice, fault, speed="slow", hook=_nothing_switched_on)
+        outcome = move_with_fault(name, dice, fault, speed="slow", hook=_nothing_switched_on)
         assert outcome.wrong == [], (seed, name, fault)
         assert outcome.state not in ("reached", "short"), (seed, name, fault)
         worst_s = max(worst_s, outcome.noticed_s)
-    tell(capsys, f"{len(seeds)} resets: noticed within {worst_s:.3f} s, 0 switched on again")
+    log(capsys, f"{len(seeds)} resets: noticed within {worst_s:.3f} s, 0 switched on again")
     assert worst_s <= 0.5
 
 
-@times(1, 1000)
+@few_or_many(1, 1000)
 def test_after_a_brown_out_nothing_moves_without_a_person(seeds, capsys):
     for seed in seeds:
-        dice, name = chance(seed), FAMILIES[seed % 2]
+        dice, name = seeded(seed), FAMILIES[seed % 2]
         fault = {"kind": "brownout", "for_s": dice.uniform(0.01, 2.0),
                  "at_share": dice.uniform(0.0, 0.6)}  # fmt: skip
-        outcome = motion_with(name, dice, fault, speed="slow", hook=_stays_down)
+        outcome = move_with_fault(name, dice, fault, speed="slow", hook=_stays_down)
         assert outcome.wrong == [], (seed, name, fault)
-    tell(capsys, f"{len(seeds)} brown-outs: 0 motions after the supply came back")
+    log(capsys, f"{len(seeds)} brown-outs: 0 motions after the supply came back")
 
 
-@times(2, len(COMPLAINTS))
+@few_or_many(2, len(COMPLAINTS))
 def test_whatever_a_servo_complains_about_is_noticed_within_half_a_second(seeds, capsys):
     worst_s = 0.0
     for seed in seeds:
         name, servo_id, bit = COMPLAINTS[seed]
-        fault = {"kind": "alarm", "id": servo_id, "bits": 1 << bit, "at_share": 0.6 * share(seed)}
-        outcome = motion_with(name, chance(seed), fault, speed="slow")
+        fault = {"kind": "alarm", "id": servo_id, "bits": 1 << bit, "at_share": 0.6 * spread(seed)}
+        outcome = move_with_fault(name, seeded(seed), fault, speed="slow")
         assert (outcome.state, outcome.wrong) == ("ServoAlarmError", []), (name, servo_id, bit)
         worst_s = max(worst_s, outcome.noticed_s)
-    tell(capsys, f"{len(seeds)} complaints: noticed within {worst_s:.3f} s")
+    log(capsys, f"{len(seeds)} complaints: noticed within {worst_s:.3f} s")
     assert worst_s <= 0.5
 
 
-@times(1, 1000)
+@few_or_many(1, 1000)
 def test_a_pulled_cable_ends_the_motion_within_a_tenth_of_a_second(seeds, capsys):
     worst_s = 0.0
     for seed in seeds:
-        dice, name = chance(seed), FAMILIES[seed % 2]
+        dice, name = seeded(seed), FAMILIES[seed % 2]
         fault = {"kind": "unplug", "at_share": dice.uniform(0.0, 0.9)}
-        outcome = motion_with(name, dice, fault, speed="normal")
+        outcome = move_with_fault(name, dice, fault, speed="normal")
         assert (outcome.state, outcome.wrong) == ("PortLostError", []), (seed, name)
         worst_s = max(worst_s, outcome.noticed_s)
-    tell(capsys, f"{len(seeds)} pulled cables: said within {worst_s * 1000:.0f} ms")
+    log(capsys, f"{len(seeds)} pulled cables: said within {worst_s * 1000:.0f} ms")
     assert worst_s <= 0.1
 
 
-@times(1, 200)
+@few_or_many(1, 200)
 def test_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(seeds, capsys):
     states = {}
     for seed in seeds:
-        dice, name = chance(seed), FAMILIES[seed % 2]
+        dice, name = seeded(seed), FAMILIES[seed % 2]
         fault = {"kind": "lost", "probability": 0.1, "at_share": 0.0}
-        outcome = motion_with(name, dice, fault, speed="normal")
+        outcome = move_with_fault(name, dice, fault, speed="normal")
         assert outcome.wrong == [], (seed, name)
         states[outcome.state] = states.get(outcome.state, 0) + 1
-    tell(capsys, f"{len(seeds)} motions with 10 % of the instructions lost: {states}")
+    log(capsys, f"{len(seeds)} motions with 10 % of the instructions lost: {states}")
     assert set(states) <= {"reached", "short"}
 
 
-@times(4, 1000)
+@few_or_many(4, 1000)
 def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
     worst = 0
     for seed in seeds:
-        dice, name = chance(seed), FAMILIES[seed % 2]
+        dice, name = seeded(seed), FAMILIES[seed % 2]
         with ikservo.open_arm(name, port="sim", collisions=False) as arm:
             auditor, world = Auditor(arm), line_of(arm).world
             for fence in servo_group(arm).fences:
@@ -124,7 +130,7 @@ def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
             stands = {goal.servo_id: goal for goal in auditor.goals if goal.time_s > world_s}
             worst = max(worst, *(abs(goal.tick - goal.present) for goal in stands.values()))
             assert len(before) == len(stands), seed
-    tell(capsys, f"{len(seeds)} placements: torque comes on at most {worst} ticks away")
+    log(capsys, f"{len(seeds)} placements: torque comes on at most {worst} ticks away")
     assert worst <= 2
 
 

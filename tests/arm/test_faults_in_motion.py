@@ -12,7 +12,7 @@ from ikservo.errors import (
     ServoSilentError,
 )
 from servosim.faults import Fault
-from tests.arm.auditing import Auditor
+from tests.arm.audit import Auditor
 from tests.arm.simulated import clock_of, line_of, registers, servo_group, servo_id, transport_of
 
 

@@ -10,7 +10,7 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, InputError, RefusedError, UnknownNameError
 from servosim.joint import Hand, glide
-from tests.arm.auditing import Auditor
+from tests.arm.audit import Auditor
 from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
 from tests.oracle import tip_from_joints
 

@@ -6,8 +6,8 @@ import pytest
 import ikservo
 from ikservo.control.loop import ControlLoop
 from ikservo.motion import JointMove
-from tests.arm.misfortune import SPEEDS, chance, swing
-from tests.arm.seeds import tell, times
+from tests.arm.random_faults import SPEEDS, random_goals, seeded
+from tests.arm.seeds import few_or_many, log
 from tests.arm.simulated import motion_limits, registers, servo_group
 
 MOST_TICKS = 60  # 5.3 degrees
@@ -18,13 +18,13 @@ class DeadError(BaseException):
     """The program is gone."""
 
 
-@times(4, 400)
+@few_or_many(4, 400)
 def test_no_joint_travels_further_than_60_ticks_after_its_program_has_died(seeds, capsys):
     worst = dict.fromkeys(FAMILIES, 0)
     for seed in seeds:
         name = FAMILIES[seed % 2]
-        worst[name] = max(worst[name], travel(name, chance(seed)))
-    tell(capsys, f"{len(seeds)} dead programs: at most {worst} ticks")
+        worst[name] = max(worst[name], travel(name, seeded(seed)))
+    log(capsys, f"{len(seeds)} dead programs: at most {worst} ticks")
     assert max(worst.values()) <= MOST_TICKS
 
 
@@ -33,7 +33,7 @@ def travel(name, dice):
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         arm.enable()
         servos, speed = servo_group(arm), dice.choice(SPEEDS)
-        goals, _ = swing(arm, dice)
+        goals, _ = random_goals(arm, dice)
         start, goal = servos.goals(), np.array([goals[joint] for joint in servos.names])
         move = JointMove(start, goal, motion_limits(arm, speed))
         at_s, found = dice.uniform(0.0, move.duration_s), []

@@ -12,8 +12,8 @@ from ikservo.errors import (
     UnknownNameError,
     UnreachableError,
 )
-from tests.arm.auditing import Auditor
-from tests.arm.misfortune import chance
+from tests.arm.audit import Auditor
+from tests.arm.random_faults import seeded
 from tests.arm.simulated import line_of, registers, servo_group, servo_id, true_joints, true_tip_m
 from tests.oracle import ARMS
 
@@ -205,7 +205,7 @@ def test_relaxing_goes_round_what_is_in_the_way():
 
 @pytest.mark.parametrize("name", ["koch", "px100"])
 def test_an_arm_that_falls_when_its_torque_comes_on_is_caught_and_goes_on_from_there(name):
-    dice = chance(1)
+    dice = seeded(1)
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         for fence in servo_group(arm).fences:
             line_of(arm).world.place(fence.joint, dice.uniform(*fence.position_range))

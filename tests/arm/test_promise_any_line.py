@@ -2,11 +2,11 @@
 
 import pytest
 
-from tests.arm.auditing import Auditor
-from tests.arm.brief import brief_move, opened
+from tests.arm.audit import Auditor
 from tests.arm.line_tracing import FailingLine, LineTracer
-from tests.arm.misfortune import chance
-from tests.arm.seeds import part_of, tell
+from tests.arm.random_faults import seeded
+from tests.arm.seeds import log, part_of
+from tests.arm.short_motions import open_simulated, short_move
 from tests.arm.simulated import clock_of, line_of, registers, run_trajectory
 
 PACKETS = 3  # to a joint
@@ -22,13 +22,13 @@ def test_whichever_line_fails_the_arm_is_told_to_hold(name, most, capsys):
     tried = [places[i] for i in part_of(len(places))][::every]
     for place, hits in tried:
         check_held(name, place, hits)
-    tell(capsys, f"{name}: {len(tried)} of {len(places)} lines failed, the arm held each time")
+    log(capsys, f"{name}: {len(tried)} of {len(places)} lines failed, the arm held each time")
     assert len(tried) >= (most or 1)
 
 
 def loop_of(name):
     """Return each line that a motion executes again and again, and how often."""
-    with opened(name, 0) as arm:
+    with open_simulated(name, 0) as arm:
         arm.enable()
         with LineTracer() as traced:
             move(arm, traced)
@@ -36,11 +36,11 @@ def loop_of(name):
 
 
 def move(arm, traced):
-    run_trajectory(arm, lambda _: brief_move(arm, chance(1), "normal"), traced.begin, "normal")
+    run_trajectory(arm, lambda _: short_move(arm, seeded(1), "normal"), traced.begin, "normal")
 
 
 def check_held(name, place, hits):
-    with opened(name, 0) as arm:
+    with open_simulated(name, 0) as arm:
         arm.enable()
         auditor, clock = Auditor(arm), clock_of(arm)
         with (

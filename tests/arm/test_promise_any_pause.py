@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tests.arm.auditing import Auditor
-from tests.arm.brief import brief_move, opened
+from tests.arm.audit import Auditor
 from tests.arm.line_tracing import PausedLines
-from tests.arm.misfortune import chance
-from tests.arm.seeds import part_of, tell, times
+from tests.arm.random_faults import seeded
+from tests.arm.seeds import few_or_many, log, part_of
+from tests.arm.short_motions import open_simulated, short_move
 from tests.arm.simulated import clock_of, run_trajectory, servo_group
 
 PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
@@ -29,19 +29,19 @@ def test_a_pause_between_any_two_lines_of_a_cycle_ends_no_motion(name, most, cap
             check(
                 name, lambda p, n, at=at, s=pause_s: s if at.get(p) == n else 0.0, (place, pause_s)
             )
-    tell(
+    log(
         capsys,
         f"{name}: held up before {len(tried)} of {len(places)} lines, each motion ended well",
     )
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-@times(2, 300)
+@few_or_many(2, 300)
 @pytest.mark.timeout(0)
 def test_pauses_now_and_then_as_on_a_busy_machine_end_no_motion(name, seeds, capsys):
     pauses = 0
     for seed in seeds:
-        dice = chance(seed)
+        dice = seeded(seed)
         mean_s = dice.choice((0.002, 0.008, 0.02))
         often = PAUSED / mean_s
 
@@ -49,12 +49,12 @@ def test_pauses_now_and_then_as_on_a_busy_machine_end_no_motion(name, seeds, cap
             return dice.expovariate(1.0 / mean_s) if dice.random() < often else 0.0
 
         pauses += check(name, busy, seed)
-    tell(capsys, f"{name}: {pauses} pauses in {len(seeds)} motions, each ended well")
+    log(capsys, f"{name}: {pauses} pauses in {len(seeds)} motions, each ended well")
 
 
 def cycle_of(name):
     """Return each line that a motion executes again and again, and how often."""
-    with opened(name, 0) as arm:
+    with open_simulated(name, 0) as arm:
         arm.enable()
         with PausedLines(clock_of(arm), lambda *_: 0.0) as traced:
             move(arm, traced)
@@ -66,7 +66,7 @@ def move(arm, traced):
     courses = []
 
     def begin(_here):
-        courses.append(brief_move(arm, chance(1), "fast", most_rad=0.2))
+        courses.append(short_move(arm, seeded(1), "fast", max_rad=0.2))
         return courses[0]
 
     run_trajectory(arm, begin, traced.begin, "fast")
@@ -75,7 +75,7 @@ def move(arm, traced):
 
 def check(name, pause_s, where):
     """Check that the motion ends at its goal and that no goal on the way was a wrong one."""
-    with opened(name, 0) as arm:
+    with open_simulated(name, 0) as arm:
         arm.enable()
         auditor = Auditor(arm, punctual=False)
         with PausedLines(clock_of(arm), pause_s) as traced:

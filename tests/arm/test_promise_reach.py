@@ -5,7 +5,7 @@ import pytest
 
 from ikservo.ik import Target, solve
 from ikservo.model import load_model
-from tests.arm.seeds import campaign, tell
+from tests.arm.seeds import campaign, log
 from tests.oracle import ARMS, tip_from_joints
 
 NEAR_M = 1e-4  # what a solver may call reached
@@ -37,7 +37,7 @@ def check_targets(name, seeds, capsys):
             assert result.position_error_m == pytest.approx(gap_m, abs=1e-9)
             count, missed = count + 1, missed + (not result.reached)
     assert 0.3 * count < missed < 0.9 * count
-    tell(capsys, f"{name}: {count} targets, {missed} out of reach, each of them flagged")
+    log(capsys, f"{name}: {count} targets, {missed} out of reach, each of them flagged")
 
 
 def targets(chain, random):

@@ -7,8 +7,8 @@ import pytest
 
 import ikservo
 from ikservo.errors import IkservoError
-from tests.arm.misfortune import chance
-from tests.arm.seeds import tell, times
+from tests.arm.random_faults import seeded
+from tests.arm.seeds import few_or_many, log
 from tests.arm.simulated import line_of, servo_group
 from tests.cli.fixtures_ports import change_bus, run_command
 
@@ -55,16 +55,16 @@ class Packets:
         pass
 
 
-@times(1, 1000)
+@few_or_many(1, 1000)
 def test_a_refused_command_puts_no_packet_on_the_wire(arm, seeds, capsys):
     packets = Packets(line_of(arm))
     for seed in seeds:
-        dice = chance(seed)
+        dice = seeded(seed)
         for _ in range(EACH):
             command = dice.choice(COMMANDS)
             with pytest.raises(IkservoError):
                 command(arm, dice)
-    tell(capsys, f"{EACH * len(seeds):,} refused commands: {packets.count} packets")
+    log(capsys, f"{EACH * len(seeds):,} refused commands: {packets.count} packets")
     assert packets.count == 0
 
 
@@ -122,16 +122,16 @@ COMMANDS = [joint, beyond, stranger, point, skill, tick]
 WORDS = ["nan", "inf", "-inf", "1e308", "far", "1,5", "", "0x10", "1e9", "--"]
 
 
-@times(3, 300)
+@few_or_many(3, 300)
 def test_a_command_that_is_refused_tells_no_servo_anything(seeds, capsys, monkeypatch):
     told = []
     change_bus(monkeypatch, lambda line: told.append(Written(line)))
     for seed in seeds:
-        said = run_command(typed(chance(seed)))
+        said = run_command(typed(seeded(seed)))
         assert said.code != 0, seed
         assert "Traceback" not in said.err, seed
     written = [words for opened in told for words in opened.words]
-    tell(capsys, f"{len(seeds)} refused commands, {len(told)} lines opened: {written} written")
+    log(capsys, f"{len(seeds)} refused commands, {len(told)} lines opened: {written} written")
     assert written == []
 
 

@@ -5,10 +5,10 @@ import signal
 import pytest
 
 import ikservo
-from tests.arm.auditing import Auditor
-from tests.arm.brief import brief_move
-from tests.arm.misfortune import SPEEDS, chance
-from tests.arm.seeds import share, tell, times
+from tests.arm.audit import Auditor
+from tests.arm.random_faults import SPEEDS, seeded
+from tests.arm.seeds import few_or_many, log, spread
+from tests.arm.short_motions import short_move
 from tests.arm.simulated import line_of, registers, run_trajectory
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -16,25 +16,25 @@ FAMILIES = ("so101", "koch")
 STANDS_S = 0.3
 
 
-@times(6, 1200)
+@few_or_many(6, 1200)
 def test_whenever_a_signal_comes_the_arm_stands_within_0_3_s_and_holds(seeds, capsys):
     slowest_s = 0.0
     for seed in seeds:
         number, name = SIGNALS[seed % 3], FAMILIES[seed // 3 % 2]
         slowest_s = max(slowest_s, struck_s(name, number, seed))
-    tell(capsys, f"{len(seeds)} signals: every arm held, at most {slowest_s:.3f} s later")
+    log(capsys, f"{len(seeds)} signals: every arm held, at most {slowest_s:.3f} s later")
     assert slowest_s <= STANDS_S
 
 
 def struck_s(name, number, seed):
     """Strike an arm in mid-motion; return how long it was told to go on."""
-    dice = chance(seed)
+    dice = seeded(seed)
     way = dice.choice(("hold", "relax"))  # neither lets go of an arm that was stopped
     arm = ikservo.open_arm(name, f"sim:?pose=home&seed={seed}", on_exit=way, collisions=False)
     arm.enable()
     auditor, strike, speed = Auditor(arm), Strike(arm, number), dice.choice(SPEEDS)
-    move = brief_move(arm, dice, speed, most_rad=0.8)
-    strike.at_s = move.duration_s * share(seed)
+    move = short_move(arm, dice, speed, max_rad=0.8)
+    strike.at_s = move.duration_s * spread(seed)
     with pytest.raises((KeyboardInterrupt, SystemExit)), arm:
         run_trajectory(arm, lambda _: move, strike, speed)
     check_holds(arm, auditor, (seed, name, number))

@@ -1,10 +1,10 @@
 """M3, M8: a program that is held up anywhere goes on from where its goals were, without a leap."""
 
 from ikservo.errors import RefusedError
-from tests.arm.auditing import Auditor
-from tests.arm.brief import brief_move, opened
-from tests.arm.misfortune import SPEEDS, chance
-from tests.arm.seeds import tell, times
+from tests.arm.audit import Auditor
+from tests.arm.random_faults import SPEEDS, seeded
+from tests.arm.seeds import few_or_many, log
+from tests.arm.short_motions import open_simulated, short_move
 from tests.arm.simulated import clock_of, run_trajectory, transport_of
 
 FAMILIES = ("so101", "koch")
@@ -12,7 +12,7 @@ OFTEN = 0.01  # of what is sent
 MOST_RESTARTS = 10  # of Dynamixels that stopped themselves, in one motion
 
 
-@times(2, 1500)
+@few_or_many(2, 1500)
 def test_a_program_that_stalls_for_up_to_five_seconds_never_makes_a_goal_leap(seeds, capsys):
     stalls = longest = 0
     for seed in seeds:
@@ -21,17 +21,17 @@ def test_a_program_that_stalls_for_up_to_five_seconds_never_makes_a_goal_leap(se
         assert auditor.faults() == [], (seed, name)
         steps = [abs(goal.tick - goal.last) for goal in auditor.goals]
         longest, stalls = max([longest, *steps]), stalls + held_up
-    tell(capsys, f"{stalls} stalls in {len(seeds)} motions: longest step {longest} ticks")
+    log(capsys, f"{stalls} stalls in {len(seeds)} motions: longest step {longest} ticks")
 
 
 def stalled(name, seed):
     """Move an arm a good way, held up at packets before or after they are sent."""
-    dice = chance(seed)
-    with opened(name, seed) as arm:
+    dice = seeded(seed)
+    with open_simulated(name, seed) as arm:
         arm.enable()
         auditor, slow = Auditor(arm, punctual=False), Slow(arm, dice)
         speed = dice.choice(SPEEDS)
-        move = brief_move(arm, dice, speed, most_rad=1.0)
+        move = short_move(arm, dice, speed, max_rad=1.0)
         try:
             run_trajectory(arm, lambda _: move, None, speed)
         except RefusedError as error:
@@ -49,11 +49,11 @@ class Slow:
         transport_of(arm).write = self.write
 
     def write(self, data):
-        chance = self._dice.random() / OFTEN
-        if chance < 0.5:
+        seeded = self._dice.random() / OFTEN
+        if seeded < 0.5:
             self._stall()
         written = self._write(data)
-        if 0.5 <= chance < 1.0:
+        if 0.5 <= seeded < 1.0:
             self._stall()
         return written
 

@@ -5,9 +5,9 @@ import time
 from pathlib import Path
 
 import ikservo
-from tests.arm.brief import brief_move, opened
-from tests.arm.misfortune import chance
-from tests.arm.seeds import tell, times
+from tests.arm.random_faults import seeded
+from tests.arm.seeds import few_or_many, log
+from tests.arm.short_motions import open_simulated, short_move
 from tests.arm.simulated import line_of, run_trajectory
 
 PRODUCT = Path(ikservo.__file__).parent
@@ -36,7 +36,7 @@ def _is_it(node):
     return node.attr in ("time", "time_ns") and getattr(node.value, "id", "") == "time"
 
 
-@times(2, 200)
+@few_or_many(2, 200)
 def test_a_motion_is_the_same_to_the_last_packet_however_the_wall_clock_is_stepped(
     seeds, capsys, monkeypatch
 ):
@@ -50,14 +50,14 @@ def test_a_motion_is_the_same_to_the_last_packet_however_the_wall_clock_is_stepp
             stepped = said_in(name, seed, clock.step)
             steps += clock.steps
         assert stepped == straight, (seed, name)
-    tell(capsys, f"{len(seeds)} motions, {steps} steps of the wall clock: every packet the same")
+    log(capsys, f"{len(seeds)} motions, {steps} steps of the wall clock: every packet the same")
 
 
 class Stepped:
     """A wall clock that is set forward and back by up to a day whenever a test says so."""
 
     def __init__(self, seed):
-        self._dice, self._offset_s, self._real, self.steps = chance(seed), 0.0, time.time, 0
+        self._dice, self._offset_s, self._real, self.steps = seeded(seed), 0.0, time.time, 0
 
     def step(self, _beat=None):
         self._offset_s = self._dice.uniform(-86_400.0, 86_400.0)
@@ -71,10 +71,10 @@ class Stepped:
 def said_in(name, seed, on_cycle=None):
     """Return every packet of a motion, whoever sent it, with its time."""
     said = []
-    with opened(name, seed) as arm:
+    with open_simulated(name, seed) as arm:
         arm.enable()
         line_of(arm).witnesses.append(Wiretap(said))
-        move = brief_move(arm, chance(seed), "fast")
+        move = short_move(arm, seeded(seed), "fast")
         run_trajectory(arm, lambda _: move, on_cycle, "fast")
     return said
 

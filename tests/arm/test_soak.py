@@ -9,7 +9,7 @@ import pytest
 import ikservo
 from ikservo.control.loop import ControlLoop
 from ikservo.motion import TrajectoryPoint
-from tests.arm.seeds import tell
+from tests.arm.seeds import log
 from tests.arm.simulated import servo_group
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
@@ -64,7 +64,7 @@ def test_a_million_cycles_leave_memory_and_descriptors_as_they_were(name, capsys
 
     streamed(name, beats, look)
     (rss_before, fds_before), (rss_after, fds_after) = seen
-    tell(capsys, f"{name}: {beats} beats, {rss_after - rss_before:+} bytes, {fds_after} files open")
+    log(capsys, f"{name}: {beats} beats, {rss_after - rss_before:+} bytes, {fds_after} files open")
     assert rss_after - rss_before < 1_000_000
     assert fds_after == fds_before
 

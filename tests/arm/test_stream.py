@@ -13,7 +13,7 @@ from ikservo.errors import RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
 from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
-from tests.arm.auditing import Auditor
+from tests.arm.audit import Auditor
 from tests.arm.line_tracing import FailingLine, LineTracer
 from tests.arm.simulated import clock_of, line_of, registers, servo_group
 

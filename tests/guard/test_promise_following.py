@@ -7,8 +7,8 @@ from ikservo.control.loop import ControlLoop
 from ikservo.errors import RefusedError
 from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
-from tests.arm.auditing import Auditor
-from tests.arm.seeds import campaign, share, tell
+from tests.arm.audit import Auditor
+from tests.arm.seeds import campaign, log, spread
 from tests.arm.simulated import line_of, servo_group
 from tests.oracle import arm_file
 
@@ -54,8 +54,8 @@ def test_a_jammed_joint_is_named_at_the_third_cycle_that_it_is_too_far_behind(na
 def test_a_joint_that_jams_at_any_time_of_its_motion_is_named(name, joint, seeds, capsys):
     most = 0
     for seed in seeds:
-        beats, words = jam(name, joint, LATEST_S * share(seed))
+        beats, words = jam(name, joint, LATEST_S * spread(seed))
         assert words.startswith(f"{joint} does not follow its setpoint"), seed
         most = max(most, beats)
-    tell(capsys, f"{name} {joint}: {len(seeds)} jams named, at most {most} beats too far behind")
+    log(capsys, f"{name} {joint}: {len(seeds)} jams named, at most {most} beats too far behind")
     assert most <= 3

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import ikservo
 from ikservo.errors import IkservoError, RefusedError
-from tests.arm.seeds import tell, times
+from tests.arm.seeds import few_or_many, log
 from tests.arm.simulated import line_of, servo_group
 from tests.guard.gates import make_gate_at
 
@@ -157,10 +157,10 @@ def storm(count, seed):
     return passed, wrong
 
 
-@times(1, 1000)
+@few_or_many(1, 1000)
 def test_of_a_storm_of_commands_only_lawful_ones_pass(seeds, capsys):
     found = [storm(10_000, seed) for seed in seeds]
     passed, wrong = (sum(column) for column in zip(*found, strict=True))
-    tell(capsys, f"{10_000 * len(seeds):,} commands: {passed:,} passed, {wrong} against a law")
+    log(capsys, f"{10_000 * len(seeds):,} commands: {passed:,} passed, {wrong} against a law")
     assert passed > 2000
     assert wrong == 0

@@ -1,13 +1,13 @@
-"""An independent eye on the simulated servos: every goal and torque write, as they arrive."""
+"""An independent audit of the simulated servos: every write of a goal or of torque."""
 
 from dataclasses import dataclass, field
 
 from tests.arm.simulated import line_of
 from tests.oracle import arm_file, pinocchio_model
 
-LONGEST_S = 0.05  # no goal makes up for a longer pause
-STANDING_TICKS = 79  # what a goal may lead a joint by that carries a load
-TRAVEL_TICKS = 60  # what it may lead by besides, for motion
+MAX_INTERVAL_S = 0.05  # no goal makes up for a longer pause
+LOAD_LEAD_TICKS = 79  # how far a goal may lead a joint that carries a load
+TRAVEL_TICKS = 60  # how much further in motion
 
 
 @dataclass
@@ -22,11 +22,11 @@ class Goal:
 
 @dataclass
 class Auditor:
-    """Notes what is written to the servos of an open arm, and says what of it was wrong.
+    """Records what is written to the servos of an open arm, and finds faults in it.
 
     Attributes:
-        punctual: Whether goals reach the servos as soon as they were passed. Of a program that is
-            held up on the way to the line, two may come in one moment.
+        punctual: Whether goals reach the servos as soon as the gate has passed them. Where a
+            program is paused before its write, two may come at once.
     """
 
     arm: object
@@ -41,10 +41,10 @@ class Auditor:
         self.limits = _limits(self.arm.model.name)
         self.eeprom_writes = lambda: sum(s.memory.eeprom_writes for s in self.line.world.servos)
         self._eeprom_before = self.eeprom_writes()
-        self._goal_s, self._told = {}, {}
+        self._goal_s, self._written = {}, {}
 
     def faults(self):
-        """Return what was wrong with the goals, in words; an empty list for a sound program."""
+        """Return what was wrong with the goals; empty if nothing."""
         wrong = [w for goal in self.goals for w in self._judge(goal)]
         if self.eeprom_writes() != self._eeprom_before:
             wrong.append("EEPROM was written")
@@ -64,13 +64,13 @@ class Auditor:
             inside = start >= 0 and start + row.size <= len(data)
             return row.decode(data[start : start + row.size]) if inside else None
 
-        def deaf(servo):
-            """Whether a watchdog that has tripped keeps the servo from taking goals."""
+        def ignores_goals(servo):
+            """Return whether a tripped watchdog keeps the servo from taking goals."""
             return "bus_watchdog" in table and servo.memory.get("bus_watchdog") == -1
 
         def watch(address, data):
             tick = value("goal_position", address, data)
-            if tick is not None and servo.id in self.limits and not deaf(servo):
+            if tick is not None and servo.id in self.limits and not ignores_goals(servo):
                 present, last = servo.read("present_position"), servo.memory.get("goal_position")
                 limp = servo.memory.get("torque_enable") == 0
                 self.goals.append(Goal(self.line.world.time_s, servo.id, tick, present, last, limp))
@@ -81,21 +81,21 @@ class Auditor:
         return watch
 
     def _judge(self, goal):
-        before_s = self._goal_s.get(goal.servo_id, goal.time_s - LONGEST_S)
+        before_s = self._goal_s.get(goal.servo_id, goal.time_s - MAX_INTERVAL_S)
         self._goal_s[goal.servo_id] = goal.time_s
         low, high, ticks_s = self.limits[goal.servo_id]
-        elapsed_s = min(goal.time_s - before_s, LONGEST_S) if self.punctual else LONGEST_S
+        elapsed_s = min(goal.time_s - before_s, MAX_INTERVAL_S) if self.punctual else MAX_INTERVAL_S
         elapsed_s += 0.002  # the world's own steps
         back = abs(goal.tick - goal.present) <= abs(goal.last - goal.present)  # nearer to the joint
         if not min(low, goal.last) <= goal.tick <= max(high, goal.last) and not back:
             yield f"{goal} is outside {low} to {high}"
-        # A servo that has let go does not travel, and one that began anew has made its goal where
-        # it is: what it is told next goes on from what it was told before.
-        before = self._told.get(goal.servo_id, goal.last) if goal.limp else goal.last
-        self._told[goal.servo_id] = goal.tick
+        # A servo without torque does not move, and a restarted one has set its goal to where it
+        # is: the next goal continues from the last one written.
+        before = self._written.get(goal.servo_id, goal.last) if goal.limp else goal.last
+        self._written[goal.servo_id] = goal.tick
         if abs(goal.tick - before) > ticks_s * elapsed_s + 2 and not back:
             yield f"{goal} is a jump after {elapsed_s:.3f} s"
-        lead = STANDING_TICKS + min(0.1 * ticks_s, TRAVEL_TICKS)
+        lead = LOAD_LEAD_TICKS + min(0.1 * ticks_s, TRAVEL_TICKS)
         if abs(goal.tick - goal.present) > lead + 0.02 * ticks_s and not (back or goal.limp):
             yield f"{goal} leads too far"
 

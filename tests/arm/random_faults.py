@@ -1,4 +1,4 @@
-"""Seeded motions to which something happens, and what must be true afterwards."""
+"""Random motions with faults, and what must be true afterwards."""
 
 import random
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from ikservo.errors import (
     ServoAlarmError,
 )
 from servosim.faults import Fault
-from tests.arm.auditing import Auditor
+from tests.arm.audit import Auditor
 from tests.arm.simulated import clock_of, line_of, registers, servo_group, true_joints
 
-NAMED = (BusError, NotSettledError, PortLostError, RefusedError, ServoAlarmError)
+EXPECTED_ERRORS = (BusError, NotSettledError, PortLostError, RefusedError, ServoAlarmError)
 SPEEDS = ("slow", "normal", "fast")
 
 
@@ -28,22 +28,22 @@ class Outcome:
     Attributes:
         state: The name of the error, or "reached" or "short".
         noticed_s: From the fault to the end of the motion.
-        beats_after: Moments after the fault at which goals were still sent.
-        wrong: What the audit found.
+        cycles_after: Control cycles after the fault in which goals were still sent.
+        wrong: Faults that the audit found.
     """
 
     state: str
     noticed_s: float
-    beats_after: int
+    cycles_after: int
     wrong: list
 
 
-def chance(seed):
+def seeded(seed):
     return random.Random(seed)
 
 
-def swing(arm, dice, speed=None):
-    """Return where every joint shall go: somewhere in the middle half of its range."""
+def random_goals(arm, dice, speed=None):
+    """Return random goals in the middle half of every joint's range, and a speed."""
     goals = {}
     for fence in servo_group(arm).fences:
         low, high = fence.position_range
@@ -51,20 +51,20 @@ def swing(arm, dice, speed=None):
     return goals, speed or dice.choice(SPEEDS)
 
 
-def motion_with(name, dice, fault=None, speed=None, hook=None):
-    """Move an arm to somewhere while a fault happens, and say how that ended.
+def move_with_fault(name, dice, fault=None, speed=None, hook=None):
+    """Move an arm to random goals while a fault happens; return the outcome.
 
     Args:
-        name: Of the arm.
-        dice: Decides where to, how fast and when.
-        fault: Keys of the ``Fault``; ``at_share`` is its time as a share of the motion.
-        speed: slow, normal or fast; by chance if None.
+        name: The arm.
+        dice: Source of the goals, the speed and the time of the fault.
+        fault: Keys of the ``Fault``; ``at_share`` is its time as a fraction of the motion.
+        speed: slow, normal or fast; random if None.
         hook: Called with the open arm and its auditor before the motion, and after it.
     """
-    port = f"sim:?seed={dice.randrange(1_000_000)}"  # chance on the line is another each time
+    port = f"sim:?seed={dice.randrange(1_000_000)}"  # another seed of the bus each time
     with ikservo.open_arm(name, port=port, collisions=False) as arm:
         arm.enable()
-        goals, speed = swing(arm, dice, speed)
+        goals, speed = random_goals(arm, dice, speed)
         line, auditor = line_of(arm), Auditor(arm)
         plan = arm.plan_joints(goals, speed=speed)
         fault = dict(fault or {})
@@ -74,42 +74,42 @@ def motion_with(name, dice, fault=None, speed=None, hook=None):
         state, wrong = "short", []
         try:
             report = arm.move_joints(goals, speed=speed)
-        except NAMED as error:
+        except EXPECTED_ERRORS as error:
             state = type(error).__name__
         else:
             state = "reached" if report.reached else "short"
             wrong += _untrue(arm, report)
         ended_s = line.world.time_s
         later = _later(arm, auditor)
-        beats = len({goal.time_s for goal in auditor.goals_after(at_s + 0.002)})
+        cycles = len({goal.time_s for goal in auditor.goals_after(at_s + 0.002)})
         wrong += auditor.faults() + later
         if hook:
             wrong += hook(arm, auditor, at_s)
-        return Outcome(state, ended_s - at_s, beats, wrong)
+        return Outcome(state, ended_s - at_s, cycles, wrong)
 
 
 def _untrue(arm, report):
-    """Say where a report differs from the servos' own registers."""
+    """Return where a report differs from the servos' registers."""
     truth = true_joints(arm)
     return [
-        f"{joint} is at {truth[joint]:.4f}, reported at {told:.4f}"
-        for joint, told in report.measured_rad.items()
-        if not np.isclose(truth[joint], told, atol=0.004)
+        f"{joint} is at {truth[joint]:.4f}, reported at {reported:.4f}"
+        for joint, reported in report.measured_rad.items()
+        if not np.isclose(truth[joint], reported, atol=0.004)
     ]
 
 
 def _later(arm, auditor):
-    """Let a second pass without a program, and say what was still sent in it."""
+    """Let a second pass; return what was still sent in it."""
     clock = clock_of(arm)
     clock.sleep_until(clock.now_s() + 0.01)
-    heard = len(auditor.goals), len(auditor.torque)
+    before = len(auditor.goals), len(auditor.torque)
     clock.sleep_until(clock.now_s() + 1.0)
-    moved = (len(auditor.goals), len(auditor.torque)) != heard
+    moved = (len(auditor.goals), len(auditor.torque)) != before
     return ["something was sent after the motion had ended"] if moved else []
 
 
 def random_fault(dice, ids):
-    """Return a fault of servosim's list, with everything about it left to chance."""
+    """Return a random fault of servosim, with random attributes."""
     one = dice.choice(ids)
     share, some = dice.random(), dice.choice((None, one))
     window_s = dice.uniform(0.05, 1.0)
@@ -137,11 +137,11 @@ def random_fault(dice, ids):
     return {**dice.choice(faults), "at_share": share}
 
 
-def ids_of(name):
+def servo_ids(name):
     return [joint.servo.id for joint in ikservo.load_model(name).joints]
 
 
-def held(arm, _auditor, _at_s):
-    """Say which servos have let go."""
+def servos_without_torque(arm, _auditor, _at_s):
+    """Return which servos have lost their torque."""
     torque = registers(arm, "torque_enable")
-    return [f"servo {i} has let go" for i, on in torque.items() if not on]
+    return [f"servo {i} has lost its torque" for i, on in torque.items() if not on]
