@@ -49,11 +49,11 @@ class Slow:
         transport_of(arm).write = self.write
 
     def write(self, data):
-        seeded = self._dice.random() / OFTEN
-        if seeded < 0.5:
+        draw = self._dice.random() / OFTEN
+        if draw < 0.5:
             self._stall()
         written = self._write(data)
-        if 0.5 <= seeded < 1.0:
+        if 0.5 <= draw < 1.0:
             self._stall()
         return written
 
