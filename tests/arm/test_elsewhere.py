@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import remote as elsewhere
+from ikservo.arm import remote
 from ikservo.arm.control_server import CommandHandler, serve
 from ikservo.arm.recording import read_recording
 from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
@@ -24,7 +24,7 @@ def device(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     device = tmp_path / "ttyACM0"
     device.touch()
-    monkeypatch.setattr(elsewhere, "resolve_port", lambda model, port: str(device))
+    monkeypatch.setattr(remote, "resolve_port", lambda model, port: str(device))
     return str(device)
 
 
@@ -54,7 +54,7 @@ def at(seconds, do):
 
 
 def test_an_arm_at_rest_is_measured_on_request(arm):
-    here, asked = arm.where(), elsewhere.query_state(arm.model, None)
+    here, asked = arm.where(), remote.query_state(arm.model, None)
     np.testing.assert_allclose(asked.tip_m, here.tip_m, atol=1e-3)
     assert [joint.name for joint in asked.joints] == [joint.name for joint in here.joints]
     assert asked.joints[0].limit_from == here.joints[0].limit_from
@@ -64,7 +64,7 @@ def test_a_moving_arm_reports_where_it_was_in_the_last_cycle(arm, elsewhere_thre
     seen = []
 
     def ask():
-        seen.append(elsewhere_thread.submit(elsewhere.query_state, arm.model, None).result(20))
+        seen.append(elsewhere_thread.submit(remote.query_state, arm.model, None).result(20))
 
     arm.move_joints({"gripper": 0.9}, on_progress=at(0.3, ask))
     assert 0.53 < seen[0].joints[-1].position_rad < 0.9
@@ -77,7 +77,7 @@ def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, elsew
     arm.enable()
 
     def look():
-        where = elsewhere_thread.submit(elsewhere.query_state, arm.model, None).result()
+        where = elsewhere_thread.submit(remote.query_state, arm.model, None).result()
         seen.append(where.joints[2].temperature_c)
 
     line.faults.add(Fault("hot", id=3, celsius=50.0, at_s=line.world.time_s + 0.1))
@@ -90,7 +90,7 @@ def test_a_moving_arm_is_stopped_and_stays_so(arm, elsewhere_thread):
     answers = []
 
     def stop():
-        answers.append(elsewhere_thread.submit(elsewhere.stop_arm, arm.model, None))
+        answers.append(elsewhere_thread.submit(remote.stop_arm, arm.model, None))
         while not arm.stop_requests:
             threading.Event().wait(0.001)
 
@@ -106,13 +106,13 @@ def test_a_moving_arm_is_stopped_and_stays_so(arm, elsewhere_thread):
 
 
 def test_after_it_was_acknowledged_the_arm_moves_again(arm):
-    elsewhere.stop_arm(arm.model, None)
+    remote.stop_arm(arm.model, None)
     arm.acknowledge()
     assert arm.move_joints({"gripper": 0.6}).reached
 
 
 def test_stopping_a_limp_arm_switches_no_torque(arm):
-    stopped = elsewhere.stop_arm(arm.model, None)
+    stopped = remote.stop_arm(arm.model, None)
     assert (stopped.moving, stopped.held) == (False, ())
     assert stopped.limp == arm.workings.servos.names
     assert not any(registers(arm, "torque_enable").values())
@@ -120,7 +120,7 @@ def test_stopping_a_limp_arm_switches_no_torque(arm):
 
 def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
     arm.hold()
-    report = elsewhere.request_relax(arm.model, None)
+    report = remote.request_relax(arm.model, None)
     assert report.reached
     assert not any(registers(arm, "torque_enable").values())
     with pytest.raises(RefusedError, match="Torque switched off from another terminal"):
@@ -128,15 +128,15 @@ def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
 
 
 def test_every_arm_is_stopped_where_none_is_named(arm):
-    (stopped,) = elsewhere.stop_all_arms()
+    (stopped,) = remote.stop_all_arms()
     assert stopped.arm == "so101"
 
 
 def test_without_a_process_on_the_port_no_request_is_sent(device):
     model = ikservo.load_model("so101")
-    assert elsewhere.query_state(model, None) is None
-    assert elsewhere.request_relax(model, None) is None
-    assert elsewhere.stop_all_arms() == []
+    assert remote.query_state(model, None) is None
+    assert remote.request_relax(model, None) is None
+    assert remote.stop_all_arms() == []
 
 
 @pytest.mark.parametrize("answer", [{}, {"tip_m": [0, 0, 0], "joints": [{"name": "a"}]},
@@ -144,17 +144,17 @@ def test_without_a_process_on_the_port_no_request_is_sent(device):
 def test_an_answer_of_another_version_is_named(device, answer):
     listener = serve(device, lambda _: answer)
     model = ikservo.load_model("so101")
-    for ask in (elsewhere.request_relax, elsewhere.stop_arm):
+    for ask in (remote.request_relax, remote.stop_arm):
         with pytest.raises(IkservoError, match="unexpected reply"):
             ask(model, None)
     with pytest.raises(IkservoError):
-        elsewhere.query_state(model, None)
+        remote.query_state(model, None)
     listener.close()
 
 
 def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
     path = tmp_path / "wave.jsonl"
-    report = elsewhere.record_remote(arm.model, None, path, 0.1, None, 0.02, overwrite=False)
+    report = remote.record_remote(arm.model, None, path, 0.1, None, 0.02, overwrite=False)
     recording = read_recording(path)
     assert report.samples == len(recording.times_s) > 2
     assert recording.joints[0][-1] == pytest.approx(0.52, abs=0.02)
@@ -189,23 +189,23 @@ def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
 def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monkeypatch):
     answers = iter([None, None, {"arm": "so101", "port": device, "moving": True,
                                  "held": ["gripper"], "limp": [], "silent": []}])  # fmt: skip
-    monkeypatch.setattr(elsewhere, "send_command", lambda *_: next(answers))
+    monkeypatch.setattr(remote, "send_command", lambda *_: next(answers))
 
     def busy(*_):
         raise PortBusyError(device)
 
-    monkeypatch.setattr(elsewhere, "halt_line", busy)
-    assert elsewhere.stop_arm(arm.model, None).moving
+    monkeypatch.setattr(remote, "halt_line", busy)
+    assert remote.stop_arm(arm.model, None).moving
 
 
 def test_a_program_that_never_listens_is_waited_for_three_seconds(arm, device, monkeypatch):
-    monkeypatch.setattr(elsewhere, "send_command", lambda *_: None)
+    monkeypatch.setattr(remote, "send_command", lambda *_: None)
 
     def busy(*_):
         raise PortBusyError(device)
 
-    monkeypatch.setattr(elsewhere, "halt_line", busy)
+    monkeypatch.setattr(remote, "halt_line", busy)
     clock = VirtualClock()
     with pytest.raises(PortBusyError):
-        elsewhere.stop_arm(arm.model, None, clock)
+        remote.stop_arm(arm.model, None, clock)
     assert clock.now_s() == pytest.approx(3.0, abs=0.05)

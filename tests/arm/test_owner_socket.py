@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.arm import control_socket as door
+from ikservo.arm import control_socket
 from ikservo.arm.control_server import Command, send_command, serve
 from ikservo.arm.control_socket import socket_path
 from ikservo.errors import ExitCode, IkservoError, RefusedError
@@ -21,7 +21,7 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix 
 
 @pytest.fixture(params=[pytest.param("unix", marks=posix), "loopback"])
 def kind(request, monkeypatch):
-    monkeypatch.setattr(door, "HAS_UNIX_SOCKETS", request.param == "unix")
+    monkeypatch.setattr(control_socket, "HAS_UNIX_SOCKETS", request.param == "unix")
     return request.param
 
 
@@ -55,7 +55,7 @@ def owner(device, kind):
 
 def say(device, data):
     """Say something of our own making to the owner; return what it says."""
-    connection, _ = door.connect(socket_path(device), 5.0)
+    connection, _ = control_socket.connect(socket_path(device), 5.0)
     with connection:
         connection.sendall(data)
         connection.shutdown(socket.SHUT_WR)
@@ -119,7 +119,7 @@ def test_a_folder_that_is_a_link_is_not_used(device, kind, tmp_path):
 
 
 def test_an_owner_that_was_killed_leaves_nothing_in_the_way(device, kind):
-    left = door.open_socket(socket_path(device))
+    left = control_socket.open_socket(socket_path(device))
     left.socket.close()  # as the kernel does for a killed process; its file stays
     assert socket_path(device).exists()
     assert send_command(device, Command.STOP) is None
@@ -134,7 +134,7 @@ def test_a_living_owner_is_not_pushed_aside(device, owner):
 
 
 def test_a_newer_owners_socket_is_left_alone(device, kind):
-    old = door.open_socket(socket_path(device))
+    old = control_socket.open_socket(socket_path(device))
     old.socket.close()
     owner = Owner(device)
     old.close()
@@ -150,7 +150,7 @@ def test_a_malformed_request_is_refused_and_changes_nothing(device, owner, data)
 
 
 def test_a_request_without_end_is_cut_off(device, owner):
-    connection, _ = door.connect(socket_path(device), 5.0)
+    connection, _ = control_socket.connect(socket_path(device), 5.0)
     with connection, pytest.raises((ConnectionError, TimeoutError)):  # noqa: PT012  # whichever byte
         while True:
             connection.sendall(b" " * 65_536)
@@ -158,7 +158,7 @@ def test_a_request_without_end_is_cut_off(device, owner):
 
 
 def test_without_the_secret_nothing_is_done_on_the_loopback(device, monkeypatch):
-    monkeypatch.setattr(door, "HAS_UNIX_SOCKETS", False)
+    monkeypatch.setattr(control_socket, "HAS_UNIX_SOCKETS", False)
     owner = Owner(device)
     said = say(device, b'{"schema":"ikservo/owner/1","do":"stop","secret":"guessed"}\n')
     owner.listener.close()
@@ -169,7 +169,7 @@ def test_without_the_secret_nothing_is_done_on_the_loopback(device, monkeypatch)
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says who is on a socket")
 def test_another_user_is_refused(device, monkeypatch):
     owner = Owner(device)
-    monkeypatch.setattr(door, "_peer_user", lambda connection: os.getuid() + 1)
+    monkeypatch.setattr(control_socket, "_peer_user", lambda connection: os.getuid() + 1)
     with pytest.raises(IkservoError, match="belongs to another user") as caught:
         send_command(device, Command.STOP)
     owner.listener.close()
@@ -205,7 +205,7 @@ def test_an_errand_that_stumbles_does_not_end_the_owner(device, kind):
 
 
 def test_callers_who_say_nothing_do_not_keep_others_waiting(device, owner):
-    idle = [door.connect(socket_path(device), 5.0)[0] for _ in range(10)]
+    idle = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(10)]
     assert send_command(device, Command.STOP) == {"done": "stop"}
     for connection in idle:
         connection.close()

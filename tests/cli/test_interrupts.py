@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from ikservo.cli import entry_point as run
+from ikservo.cli import entry_point
 from ikservo.errors import StoppedError
 from ikservo.files.writing import FileWriteError
 
@@ -26,8 +26,8 @@ def ended_after(monkeypatch, *errors):
             before = error
         raise before
 
-    monkeypatch.setattr(run, "_run_command", fail)
-    return run._ended(["move"])
+    monkeypatch.setattr(entry_point, "_run_command", fail)
+    return entry_point._ended(["move"])
 
 
 @posix
@@ -83,7 +83,7 @@ def test_what_fails_after_ctrl_c_keeps_its_own_exit_code(monkeypatch):
 def test_on_windows_ctrl_c_is_an_exit_with_130(monkeypatch):
     codes = []
     monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(run, "_ended", lambda _: run._Ended(130, interrupted=True))
+    monkeypatch.setattr(entry_point, "_ended", lambda _: entry_point._Ended(130, interrupted=True))
     monkeypatch.setattr("os._exit", codes.append)
-    run.console()
+    entry_point.console()
     assert codes == [130]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ikservo.hardware import protocol1 as protocol_1
+from ikservo.hardware import protocol1
 from ikservo.hardware.packets import StatusPacket
 from ikservo.hardware.protocol2 import Protocol2Codec, crc, stuff
 
@@ -38,7 +38,7 @@ def crc_16(packet: bytes) -> int:
     return value
 
 
-PROTOCOLS = {"1": (packet_1, protocol_1.scan_packets), "2": (packet_2, TWO.scan)}
+PROTOCOLS = {"1": (packet_1, protocol1.scan_packets), "2": (packet_2, TWO.scan)}
 both = pytest.mark.parametrize(("packet", "scan"), PROTOCOLS.values(), ids=PROTOCOLS)
 
 

@@ -11,15 +11,14 @@ import serial
 
 from ikservo.clock import RealClock
 from ikservo.errors import NoPortError, PortBusyError, PortError, PortLostError
-from ikservo.hardware import Port, open_port, transport
-from ikservo.hardware import serial_ports as why_closed
+from ikservo.hardware import Port, open_port, serial_ports, transport
 
 
 class TestOpening:
     """What a person reads when a port cannot be opened."""
 
     def test_a_missing_device_lists_the_ports_that_exist(self, monkeypatch):
-        monkeypatch.setattr(why_closed, "list_devices", lambda: ["/dev/ttyACM7"])
+        monkeypatch.setattr(serial_ports, "list_devices", lambda: ["/dev/ttyACM7"])
         with pytest.raises(NoPortError, match=r"Ports found: /dev/ttyACM7\. .*port=\"sim\""):
             open_port("/dev/ttyNOTHERE", 1_000_000)
 

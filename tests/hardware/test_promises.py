@@ -8,8 +8,7 @@ import sys
 import pytest
 
 from ikservo.errors import BusError, ServoRejectedError, ServoSilentError
-from ikservo.hardware import protocol1 as protocol_1
-from ikservo.hardware import torque_on, update_eeprom
+from ikservo.hardware import protocol1, torque_on, update_eeprom
 from ikservo.hardware.pending import LineHealth
 from ikservo.hardware.protocol2 import Protocol2Codec
 from ikservo.registers import STS3215, Alarm, RegisterName
@@ -48,7 +47,7 @@ def goals_of(bus):
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, packets, capsys):
     make, scan = (
-        (packet_1, protocol_1.scan_packets)
+        (packet_1, protocol1.scan_packets)
         if protocol == 1
         else (packet_2, Protocol2Codec(-2000).scan)
     )

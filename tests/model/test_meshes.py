@@ -10,8 +10,7 @@ import trimesh
 import ikservo
 from ikservo.errors import FileFormatError, InputError
 from ikservo.kinematics.capsules import segment_distance
-from ikservo.model import meshes as fitting
-from ikservo.model import meshes as reading
+from ikservo.model import meshes
 from ikservo.model.collision_model import bounding_capsules, collision_body
 from ikservo.model.meshes import fit_capsules
 from ikservo.model.urdf import read_urdf
@@ -215,7 +214,7 @@ def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
 
 
 def test_a_mesh_too_large_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(reading, "_MAX_BYTES", 1000)
+    monkeypatch.setattr(meshes, "_MAX_BYTES", 1000)
     path = tmp_path / "ball.stl"
     path.write_bytes(binary_stl(link_like("ball")))
     with pytest.raises(FileFormatError, match="larger than"):
@@ -225,7 +224,7 @@ def test_a_mesh_too_large_is_refused(tmp_path, monkeypatch):
 def test_splitting_leaves_no_gap_at_the_cut():
     mesh = link_like("bracket")
     triangles = np.array(mesh.triangles)
-    above, below = fitting._cut_by_plane(triangles, np.array([1.0, 0.0, 0.0]), 0.013)
+    above, below = meshes._cut_by_plane(triangles, np.array([1.0, 0.0, 0.0]), 0.013)
     areas = [trimesh.triangles.area(t).sum() for t in (triangles, above, below)]
     assert areas[0] == pytest.approx(areas[1] + areas[2])
 
