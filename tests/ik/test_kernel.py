@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from ikservo.ik.kernel import forward_kinematics as looking
-from ikservo.ik.kernel import forward_kinematics as placing
-from ikservo.ik.kernel import layout
-from ikservo.ik.kernel import linear_algebra as bending
+from ikservo.ik.kernel import forward_kinematics, layout, linear_algebra
 from ikservo.ik.kernel.forward_kinematics import sincos
 from ikservo.ik.kernel.layout import HESSIAN, NEG_GRAD, TOOL_POSE, J, Q, work_shape
 from ikservo.kinematics import pack_chain
@@ -31,7 +28,7 @@ def test_the_packed_arm_is_placed_where_the_chain_is(frame):
         (0.01, 0.02, 0.03),
     )
     work = work_for(chain, q)
-    placing.forward_kinematics(pack_chain(chain, frame, np.array(offset)), work)
+    forward_kinematics.forward_kinematics(pack_chain(chain, frame, np.array(offset)), work)
     T, jacobian = chain.forward_and_jacobian(q, frame, offset)
     np.testing.assert_allclose(work[TOOL_POSE, :9].reshape(3, 3), T[:3, :3], atol=1e-14)
     np.testing.assert_allclose(work[TOOL_POSE, 9:12], T[:3, 3], atol=1e-14)
@@ -41,7 +38,7 @@ def test_the_packed_arm_is_placed_where_the_chain_is(frame):
 def test_slides_and_mimics_are_placed_where_the_chain_puts_them():
     chain, q = crane(), np.array([0.7, 0.2])
     work = work_for(chain, q)
-    placing.forward_kinematics(pack_chain(chain), work)
+    forward_kinematics.forward_kinematics(pack_chain(chain), work)
     T, jacobian = chain.forward_and_jacobian(q)
     np.testing.assert_allclose(work[TOOL_POSE, 9:12], T[:3, 3], atol=1e-15)
     np.testing.assert_allclose(work[J : J + 6, :2], jacobian, atol=1e-15)
@@ -54,12 +51,12 @@ def test_the_second_derivative_is_the_difference_of_gradients(kind):
 
     def pull(joints):
         work = work_for(chain, joints)
-        looking.evaluate(arm, PROBLEM, kind, 0.2, work)
+        forward_kinematics.evaluate(arm, PROBLEM, kind, 0.2, work)
         return work[NEG_GRAD, :n].copy()
 
     work = work_for(chain, q)
-    looking.evaluate(arm, PROBLEM, kind, 0.2, work)
-    bending.hessian(PROBLEM, kind, 0.2, n, work)
+    forward_kinematics.evaluate(arm, PROBLEM, kind, 0.2, work)
+    linear_algebra.hessian(PROBLEM, kind, 0.2, n, work)
     upper = np.triu(work[HESSIAN : HESSIAN + n, :n])
     differences = [(pull(q - h * e) - pull(q + h * e)) / (2 * h) for e in np.eye(n)]
     np.testing.assert_allclose(upper, np.triu(differences), atol=1e-8)

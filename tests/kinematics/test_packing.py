@@ -19,6 +19,9 @@ from ikservo.kinematics.packed import (
     LINK,
     LINK_POSE,
     LOWER,
+    MIMIC_COLUMN,
+    MIMIC_OFFSET,
+    MIMIC_SCALE,
     ORIGIN,
     PARENT,
     POSITION,
@@ -34,9 +37,6 @@ from ikservo.kinematics.packed import (
     pack_links,
     rotation_z_to,
 )
-from ikservo.kinematics.packed import MIMIC_COLUMN as LINK_COLUMN
-from ikservo.kinematics.packed import MIMIC_OFFSET as LINK_SHIFT
-from ikservo.kinematics.packed import MIMIC_SCALE as LINK_SCALE
 from ikservo.kinematics.se3 import make_pose
 from tests.kinematics.chains import crane, joint, planar
 
@@ -141,7 +141,7 @@ def test_each_link_has_a_row_with_its_joint():
     assert at["hook"]["row"][PARENT] == at["cart"]["i"]
     hook, column, cart = (at[name]["row"] for name in ("hook", "column", "cart"))
     assert (hook[IS_PRISMATIC], column[IS_PRISMATIC]) == (1.0, 0.0)
-    assert (hook[LINK_COLUMN], hook[LINK_SCALE], hook[LINK_SHIFT]) == (1.0, 0.5, 0.1)
+    assert (hook[MIMIC_COLUMN], hook[MIMIC_SCALE], hook[MIMIC_OFFSET]) == (1.0, 0.5, 0.1)
     np.testing.assert_array_equal(hook[AXIS : AXIS + 3], [0.0, 0.0, -1.0])
     np.testing.assert_array_equal(cart[LINK_POSE : LINK_POSE + 3], [0.0, 0.0, 0.5])
     np.testing.assert_array_equal(cart[ORIGIN : ORIGIN + 9], np.eye(3).ravel())

@@ -37,7 +37,7 @@ def arm(device):
 
 
 @pytest.fixture
-def elsewhere_thread():
+def other_thread():
     with ThreadPoolExecutor(1) as pool:
         yield pool
 
@@ -60,24 +60,24 @@ def test_an_arm_at_rest_is_measured_on_request(arm):
     assert asked.joints[0].limit_from == here.joints[0].limit_from
 
 
-def test_a_moving_arm_reports_where_it_was_in_the_last_cycle(arm, elsewhere_thread):
+def test_a_moving_arm_reports_where_it_was_in_the_last_cycle(arm, other_thread):
     seen = []
 
     def ask():
-        seen.append(elsewhere_thread.submit(remote.query_state, arm.model, None).result(20))
+        seen.append(other_thread.submit(remote.query_state, arm.model, None).result(20))
 
     arm.move_joints({"gripper": 0.9}, on_progress=at(0.3, ask))
     assert 0.53 < seen[0].joints[-1].position_rad < 0.9
     assert seen[0].joints[-1].torque
 
 
-def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, elsewhere_thread):
+def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, other_thread):
     line, seen = line_of(arm), []
     servo = line.servos[3]
     arm.enable()
 
     def look():
-        where = elsewhere_thread.submit(remote.query_state, arm.model, None).result()
+        where = other_thread.submit(remote.query_state, arm.model, None).result()
         seen.append(where.joints[2].temperature_c)
 
     line.faults.add(Fault("hot", id=3, celsius=50.0, at_s=line.world.time_s + 0.1))
@@ -86,11 +86,11 @@ def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, elsew
     assert seen[0] > 45
 
 
-def test_a_moving_arm_is_stopped_and_stays_so(arm, elsewhere_thread):
+def test_a_moving_arm_is_stopped_and_stays_so(arm, other_thread):
     answers = []
 
     def stop():
-        answers.append(elsewhere_thread.submit(remote.stop_arm, arm.model, None))
+        answers.append(other_thread.submit(remote.stop_arm, arm.model, None))
         while not arm.stop_requests:
             threading.Event().wait(0.001)
 
