@@ -157,7 +157,7 @@ class OrientationSolver:
         return ", ".join(words)
 
     def _solve_direction(self, q: Vector) -> Iterator[OrientationSolution]:
-        wanted = Target((0, 0, 0), direction=self._stance.direction).wanted_axis
+        wanted = Target((0, 0, 0), direction=self._stance.direction).target_axis
         if wanted is None or self._stance.roll_rad is None:
             yield from self._solve_target(wanted, q)
             return

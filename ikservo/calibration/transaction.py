@@ -118,7 +118,7 @@ def plan_changes(bus: ServoBus, expected: Mapping[int, Mapping[str, int]]) -> li
         rows = register_differences(bus, servo_id, _register_values(bus, servo_id, registers))
         if rows:
             old = {str(row.register): row.found for row in rows}
-            new = {str(row.register): row.wanted for row in rows}
+            new = {str(row.register): row.expected for row in rows}
             changes.append(EepromChange(id=servo_id, old=old, new=new))
     return changes
 

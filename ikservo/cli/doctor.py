@@ -68,4 +68,4 @@ def _write_eeproms(arm: str | None, port: str | None) -> None:
     with open_bus(model, port) as bus:
         for servo, changes in write_eeprom(bus, model).items():
             for change in changes:
-                print_status(f"{servo}: {change.register} {change.found} → {change.wanted}")
+                print_status(f"{servo}: {change.register} {change.found} → {change.expected}")

@@ -69,7 +69,9 @@ def _restore_backup(
         if plan.changes and not (yes or _confirm_restoration(plan)):
             raise IkservoError("Cancelled; the servo was not changed.")
         restore(bus, plan)
-    written = [_format_change(each.register.name, each.found, each.wanted) for each in plan.changes]
+    written = [
+        _format_change(each.register.name, each.found, each.expected) for each in plan.changes
+    ]
     if json:
         _print_json(plan, written)
     else:
@@ -82,9 +84,9 @@ def _print_restoration(plan: Restoration) -> None:
     count = len(plan.changes)
     print_status(f"{plan.servo}: {count or 'no'} register{'s' * (count != 1)} to restore.")
     for each in plan.changes:
-        print_status(f"    {_format_change(each.register.name, each.found, each.wanted)}")
+        print_status(f"    {_format_change(each.register.name, each.found, each.expected)}")
     for each in plan.kept:
-        print_status(f"    {each.register} stays {each.found}; the backup has {each.wanted}")
+        print_status(f"    {each.register} stays {each.found}; the backup has {each.expected}")
 
 
 def _format_change(register: str, found: int, wanted: int) -> str:

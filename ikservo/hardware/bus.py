@@ -73,17 +73,17 @@ class Conversation:
         return PingResult(servo_id, self.read(servo_id, RegisterName.MODEL_NUMBER, raw=True))
 
     @overload
-    def read(self, servo_id: int, wanted: RegisterRef, *, raw: Literal[True]) -> int: ...
+    def read(self, servo_id: int, ref: RegisterRef, *, raw: Literal[True]) -> int: ...
     @overload
-    def read(self, servo_id: int, wanted: RegisterRef, *, raw: bool = False) -> float: ...
-    def read(self, servo_id: int, wanted: RegisterRef, *, raw: bool = False) -> float:
+    def read(self, servo_id: int, ref: RegisterRef, *, raw: bool = False) -> float: ...
+    def read(self, servo_id: int, ref: RegisterRef, *, raw: bool = False) -> float:
         """Return a register of one servo.
 
         Raises:
             BusError: No usable reply, after retries.
         """
         servo = self._require_servo(servo_id)
-        register, driver = resolve_register(servo, wanted), self._requester.driver_of(servo)
+        register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)
 
         def exchange() -> Reply:
             return driver.read(servo_id, register.address, register.size)
@@ -98,7 +98,7 @@ class Conversation:
         self._track_state(servo, register, number)
         return number if raw else register.to_value(number)
 
-    def write(self, servo_id: int, wanted: RegisterRef, value: float, *, raw: bool = False) -> None:
+    def write(self, servo_id: int, ref: RegisterRef, value: float, *, raw: bool = False) -> None:
         """Write a register of one servo and check its reply.
 
         Raises:
@@ -106,7 +106,7 @@ class Conversation:
             BusError: The servo refused, or sent no usable reply after retries.
         """
         servo = self._require_servo(servo_id)
-        register, driver = resolve_register(servo, wanted), self._requester.driver_of(servo)
+        register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)
         data = self._check_write(servo, register, value, raw=raw)
         number = register.decode(data)
 
@@ -125,7 +125,7 @@ class Conversation:
         self._track_state(servo, register, number)
 
     def reg_write(
-        self, servo_id: int, wanted: RegisterRef, value: float, *, raw: bool = False
+        self, servo_id: int, ref: RegisterRef, value: float, *, raw: bool = False
     ) -> None:
         """Prepare a write that ``action`` executes; never repeated after a lost reply.
 
@@ -134,7 +134,7 @@ class Conversation:
             BusError: The servo refused, or sent no usable reply.
         """
         servo = self._require_servo(servo_id)
-        register, driver = resolve_register(servo, wanted), self._requester.driver_of(servo)
+        register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)
         data = self._check_write(servo, register, value, raw=raw)
         self._requester.request(
             servo,
@@ -231,33 +231,33 @@ class ServoBus(Conversation):
 
     @overload
     def sync_read(
-        self, servo_ids: Iterable[int], wanted: RegisterRef, *, raw: Literal[True]
+        self, servo_ids: Iterable[int], ref: RegisterRef, *, raw: Literal[True]
     ) -> Readings[int]: ...
     @overload
     def sync_read(
-        self, servo_ids: Iterable[int], wanted: RegisterRef, *, raw: bool = False
+        self, servo_ids: Iterable[int], ref: RegisterRef, *, raw: bool = False
     ) -> Readings[float]: ...
     def sync_read(
-        self, servo_ids: Iterable[int], wanted: RegisterRef, *, raw: bool = False
+        self, servo_ids: Iterable[int], ref: RegisterRef, *, raw: bool = False
     ) -> Readings[int] | Readings[float]:
         """Return a register of many servos; see ``bulk_read``."""
-        readings = self.sync_read_many(servo_ids, (wanted,), raw=raw)
+        readings = self.sync_read_many(servo_ids, (ref,), raw=raw)
         values = {servo_id: next(iter(row.values())) for servo_id, row in readings.values.items()}
         return Readings(values, readings.errors, readings.alarms, readings.hint)
 
     @overload
     def sync_read_many(
-        self, servo_ids: Iterable[int], wanted: Sequence[_Key], *, raw: Literal[True]
+        self, servo_ids: Iterable[int], refs: Sequence[_Key], *, raw: Literal[True]
     ) -> Readings[Mapping[_Key, int]]: ...
     @overload
     def sync_read_many(
-        self, servo_ids: Iterable[int], wanted: Sequence[_Key], *, raw: bool = False
+        self, servo_ids: Iterable[int], refs: Sequence[_Key], *, raw: bool = False
     ) -> Readings[Mapping[_Key, float]]: ...
     def sync_read_many(
-        self, servo_ids: Iterable[int], wanted: Sequence[_Key], *, raw: bool = False
+        self, servo_ids: Iterable[int], refs: Sequence[_Key], *, raw: bool = False
     ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
         """Return the same registers of many servos; see ``bulk_read``."""
-        ids, keys = tuple(servo_ids), tuple(wanted)
+        ids, keys = tuple(servo_ids), tuple(refs)
         plan = self._plans.get((ids, keys))
         if plan is None:
             plan = self._read_plan((ids, keys), dict.fromkeys(ids, keys))
@@ -265,14 +265,14 @@ class ServoBus(Conversation):
 
     @overload
     def bulk_read(
-        self, wanted: Mapping[int, Sequence[_Key]], *, raw: Literal[True]
+        self, refs: Mapping[int, Sequence[_Key]], *, raw: Literal[True]
     ) -> Readings[Mapping[_Key, int]]: ...
     @overload
     def bulk_read(
-        self, wanted: Mapping[int, Sequence[_Key]], *, raw: bool = False
+        self, refs: Mapping[int, Sequence[_Key]], *, raw: bool = False
     ) -> Readings[Mapping[_Key, float]]: ...
     def bulk_read(
-        self, wanted: Mapping[int, Sequence[_Key]], *, raw: bool = False
+        self, refs: Mapping[int, Sequence[_Key]], *, raw: bool = False
     ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
         """Read each servo's own registers, with as few requests as the family allows.
 
@@ -280,11 +280,11 @@ class ServoBus(Conversation):
         not reply is in ``errors``, after one common retry of all such; one that has been silent for
         long is polled at a reduced rate.
         """
-        key = tuple((servo_id, tuple(keys)) for servo_id, keys in wanted.items())
-        return self._execute_plan(self._plans.get(key) or self._read_plan(key, wanted), raw=raw)
+        key = tuple((servo_id, tuple(keys)) for servo_id, keys in refs.items())
+        return self._execute_plan(self._plans.get(key) or self._read_plan(key, refs), raw=raw)
 
-    def _read_plan(self, key: Hashable, wanted: Mapping[int, Sequence[RegisterRef]]) -> ReadPlan:
-        plan = plan_reads({self._require_servo(i): keys for i, keys in wanted.items()})
+    def _read_plan(self, key: Hashable, refs: Mapping[int, Sequence[RegisterRef]]) -> ReadPlan:
+        plan = plan_reads({self._require_servo(i): keys for i, keys in refs.items()})
         if len(self._plans) >= _MAX_CACHED_PLANS:
             self._plans.clear()
         self._plans[key] = plan
@@ -318,14 +318,14 @@ class ServoBus(Conversation):
         return {key: r.to_value(numbers[key]) for key, r in layout.registers.items()}
 
     def sync_write(
-        self, wanted: RegisterRef, values: Mapping[int, float], *, raw: bool = False
+        self, ref: RegisterRef, values: Mapping[int, float], *, raw: bool = False
     ) -> None:
         """Write a register of many servos with one packet; the protocols have no reply to it.
 
         Raises:
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
         """
-        cells = self._write_targets(tuple(values), wanted)
+        cells = self._write_targets(tuple(values), ref)
         rows = {
             cell.servo.id: self._encode_cell(cell, value, raw=raw)
             for cell, value in zip(cells, values.values(), strict=True)
@@ -351,12 +351,12 @@ class ServoBus(Conversation):
                 return register.encode(value)
         return self._check_write(cell.servo, register, value, raw=raw)
 
-    def _write_targets(self, ids: tuple[int, ...], wanted: RegisterRef) -> Sequence[WriteTarget]:
-        key = (ids, wanted)
+    def _write_targets(self, ids: tuple[int, ...], ref: RegisterRef) -> Sequence[WriteTarget]:
+        key = (ids, ref)
         if key not in self._writings:
             if len(self._writings) >= _MAX_CACHED_PLANS:
                 self._writings.clear()
-            self._writings[key] = plan_writes(map(self._require_servo, ids), wanted)
+            self._writings[key] = plan_writes(map(self._require_servo, ids), ref)
         return self._writings[key]
 
     def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:

@@ -192,8 +192,8 @@ def _is_set(port: Port, rate: int) -> bool:
 
 
 def _format_hint(found: Sequence[FoundServo], silent: Sequence[ServoSpec], rate: int) -> str:
-    wanted = {framing_of(servo.table.family).name for servo in silent}
-    if not wanted.intersection(one.protocol for one in found):
+    framings = {framing_of(servo.table.family).name for servo in silent}
+    if not framings.intersection(one.protocol for one in found):
         return "If this is another arm, choose it with --arm. List all servos: ikservo scan"
     if all(one.baud_rate != rate for one in found):
         return "Set this rate: ikservo setup ARM. If this is another arm, choose it with --arm."

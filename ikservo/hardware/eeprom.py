@@ -51,12 +51,12 @@ class RegisterDifference:
     Attributes:
         register: Which.
         found: The raw number it holds.
-        wanted: The raw number it should hold.
+        expected: The raw number it should hold.
     """
 
     register: Register
     found: int
-    wanted: int
+    expected: int
 
 
 def eeprom_registers(table: type[ControlTable]) -> list[Register]:
@@ -76,7 +76,7 @@ def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
 
 
 def register_differences(
-    bus: ServoBus, servo_id: int, wanted: Mapping[RegisterRef, int]
+    bus: ServoBus, servo_id: int, expected: Mapping[RegisterRef, int]
 ) -> list[RegisterDifference]:
     """Return the registers that do not hold the wanted raw numbers.
 
@@ -84,7 +84,7 @@ def register_differences(
         BusError: The servo does not reply.
     """
     servo = bus.servos[servo_id]
-    rows = {resolve_register(servo, key): number for key, number in wanted.items()}
+    rows = {resolve_register(servo, key): number for key, number in expected.items()}
     found = bus.sync_read_many([servo_id], list(rows), raw=True).require_all()[servo_id]
     return [
         RegisterDifference(r, found[r], number) for r, number in rows.items() if found[r] != number
@@ -92,7 +92,7 @@ def register_differences(
 
 
 def update_eeprom(
-    bus: ServoBus, servo_id: int, wanted: Mapping[RegisterRef, int]
+    bus: ServoBus, servo_id: int, expected: Mapping[RegisterRef, int]
 ) -> list[RegisterDifference]:
     """Write EEPROM registers that differ from the given raw numbers; return the changes.
 
@@ -106,15 +106,15 @@ def update_eeprom(
         BusError: The servo does not reply.
     """
     servo = bus.servos[servo_id]
-    for key in wanted:
+    for key in expected:
         _check_register_owner(servo, resolve_register(servo, key))
-    changes = register_differences(bus, servo_id, wanted)
+    changes = register_differences(bus, servo_id, expected)
     if changes:
         refuse_under_torque(bus, servo_id, changes[0].register)
         with _unlocked_eeprom(bus, servo_id):
             for change in changes:
-                bus.write(servo_id, change.register, change.wanted, raw=True)
-            _verify_registers(bus, servo_id, wanted)
+                bus.write(servo_id, change.register, change.expected, raw=True)
+            _verify_registers(bus, servo_id, expected)
     else:
         _lock_if_unlocked(bus, servo_id)
     return changes
@@ -163,10 +163,10 @@ def _lock_if_unlocked(bus: ServoBus, servo_id: int) -> None:
         bus.write(servo_id, lock, 1, raw=True)
 
 
-def _verify_registers(bus: ServoBus, servo_id: int, wanted: Mapping[RegisterRef, int]) -> None:
-    for changed in register_differences(bus, servo_id, wanted):
+def _verify_registers(bus: ServoBus, servo_id: int, expected: Mapping[RegisterRef, int]) -> None:
+    for changed in register_differences(bus, servo_id, expected):
         raise ServoRejectedError(
-            f"holds {changed.register} = {changed.found} after {changed.wanted} was written",
+            f"holds {changed.register} = {changed.found} after {changed.expected} was written",
             "Its EEPROM may be worn out or locked.",
             servo=str(bus.servos[servo_id]),
             servo_id=servo_id,

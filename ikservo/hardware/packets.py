@@ -9,7 +9,7 @@ from typing import Protocol
 
 __all__ = [
     "BROADCAST_ID",
-    "LONGEST_RETURN_DELAY_S",
+    "MAX_RETURN_DELAY_S",
     "FaultKind",
     "MemoryRange",
     "PacketCodec",
@@ -111,7 +111,7 @@ class MemoryRange:
 BROADCAST_ID = 0xFE
 """The broadcast id, the same for both vendors and both protocols."""
 
-LONGEST_RETURN_DELAY_S = 254 * 2e-6
+MAX_RETURN_DELAY_S = 254 * 2e-6
 """The longest delay before a reply that any servo's register can hold."""
 
 

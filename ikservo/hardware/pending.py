@@ -303,6 +303,6 @@ class AdaptiveTimeout:
         """
         self._timeouts = max(self._timeouts + 1, _MAX_OWN_MISSES + 2 if many else 0)
 
-    def use_longest(self) -> None:
+    def use_maximum(self) -> None:
         """Use the longest timeout for the next reply: for the last retry of a single servo."""
         self._timeouts = _MAX_OWN_MISSES + _MAX_DOUBLINGS

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from ikservo.hardware import protocol1 as protocol_1
-from ikservo.hardware.packets import LONGEST_RETURN_DELAY_S, ScanResult, StatusPacket
+from ikservo.hardware.packets import MAX_RETURN_DELAY_S, ScanResult, StatusPacket
 from ikservo.hardware.port import Port
 from ikservo.registers import MODELS, Family
 
@@ -207,7 +207,7 @@ def _receive_until_slot_end(port: Port, framing: Framing, *, one_by_one: bool) -
 def ping_slot_s(port: Port, framing: Framing) -> float:
     """Return after what time the next ping cannot collide with the reply to this one."""
     on_wire_s = port.wire_s(framing.ping_bytes + framing.reply_bytes)
-    return on_wire_s + LONGEST_RETURN_DELAY_S + _USB_FRAME_S
+    return on_wire_s + MAX_RETURN_DELAY_S + _USB_FRAME_S
 
 
 class _ScanReceiver:

@@ -108,8 +108,8 @@ def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
 
 
 def _continues_behind(data: bytes, at: int, length: int, end: int, sizes: Collection[int]) -> bool:
-    wanted = length - packet_size(0) in sizes and at + length > end
-    return wanted and _has_valid_checksum(data, at, length)
+    expected = length - packet_size(0) in sizes and at + length > end
+    return expected and _has_valid_checksum(data, at, length)
 
 
 def _packet_length(data: bytes, at: int) -> int | None:

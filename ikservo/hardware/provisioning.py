@@ -72,11 +72,11 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
         BusError: It does not reply.
     """
     check_model(found, settings)
-    wanted = _expected_registers(settings)
+    expected = _expected_registers(settings)
     code = settings.baud_code
     with _ServoBeingProvisioned(port, found, settings) as servo:
         servo.set_id_and_rate(settings.servo.id, code)
-        servo.write_registers(wanted)
+        servo.write_registers(expected)
     return tuple(servo.written)
 
 
@@ -152,10 +152,10 @@ class _ServoBeingProvisioned:
             self._port.setBaudRate(self._rate)
         self._verify_register(self._table.baud_rate, baud_code)
 
-    def write_registers(self, wanted: Mapping[RegisterRef, int]) -> None:
+    def write_registers(self, expected: Mapping[RegisterRef, int]) -> None:
         """Write what differs of everything else, and verify it."""
-        for change in update_eeprom(self._bus, self._id, wanted):
-            self.written.append(f"{change.register} {change.found} → {change.wanted}")
+        for change in update_eeprom(self._bus, self._id, expected):
+            self.written.append(f"{change.register} {change.found} → {change.expected}")
 
     def _unlock_eeprom(self) -> None:
         lock = self._table.eeprom_lock

@@ -89,14 +89,14 @@ RegisterRef = Register | RegisterName
 """A register of any table, or a name that every table has."""
 
 
-def resolve_register(servo: ServoSpec, wanted: RegisterRef) -> Register:
+def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
     """Return the servo's own register.
 
     Raises:
         UnknownNameError: Its table has none of that name.
     """
     try:
-        return servo.table.find(wanted)
+        return servo.table.find(ref)
     except UnknownNameError as error:
         error.add_note(f"while talking to {servo}")
         raise
@@ -148,7 +148,7 @@ class ReplyLayout:
 
     Args:
         servo: The servo.
-        wanted: Its own register for each key of the caller.
+        refs: Its own register for each key of the caller.
         run: Those in one reply, by address; the first at its beginning, the last at its end.
 
     Attributes:
@@ -157,9 +157,9 @@ class ReplyLayout:
     """
 
     def __init__(
-        self, servo: ServoSpec, wanted: Mapping[RegisterRef, Register], run: Sequence[Register]
+        self, servo: ServoSpec, refs: Mapping[RegisterRef, Register], run: Sequence[Register]
     ) -> None:
-        self.registers = {key: register for key, register in wanted.items() if register in run}
+        self.registers = {key: register for key, register in refs.items() if register in run}
         self.state_registers = {k: r for k, r in self.registers.items() if tracks_state(servo, r)}
         self._places = [(key, run.index(register)) for key, register in self.registers.items()]
         self._unpack = Struct(_struct_format(run)).unpack
@@ -246,13 +246,13 @@ class WriteTarget:
     plain: bool
 
 
-def plan_writes(servos: Iterable[ServoSpec], wanted: RegisterRef) -> list[WriteTarget]:
+def plan_writes(servos: Iterable[ServoSpec], ref: RegisterRef) -> list[WriteTarget]:
     """Return the servos' own registers for a group write.
 
     Raises:
         UnknownNameError: A servo has no such register.
     """
-    own = [(servo, resolve_register(servo, wanted)) for servo in servos]
+    own = [(servo, resolve_register(servo, ref)) for servo in servos]
     return [WriteTarget(servo, r, tracks_state(servo, r), _is_fixed_width(r)) for servo, r in own]
 
 
@@ -260,7 +260,7 @@ def _is_fixed_width(register: Register) -> bool:
     return register.access is Access.RW and register.area is Area.RAM
 
 
-def plan_reads(wanted: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
+def plan_reads(refs: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
     """Return how to read each servo's own registers.
 
     Raises:
@@ -268,9 +268,9 @@ def plan_reads(wanted: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
     """
     own = {
         servo.id: {key: resolve_register(servo, key) for key in keys}
-        for servo, keys in wanted.items()
+        for servo, keys in refs.items()
     }
-    servos = {servo.id: servo for servo in wanted}
+    servos = {servo.id: servo for servo in refs}
     runs_of_batches = batches({i: row.values() for i, row in own.items()}, MAX_GAP_BYTES)
     return ReadPlan(tuple(servos), [_make_batch(servos, own, runs) for runs in runs_of_batches])
 

@@ -199,7 +199,7 @@ class Requester:
                 break
             self.statistics[servo.id].retried += 1
             if remaining == 0:
-                self.port.reply_timeout.use_longest()
+                self.port.reply_timeout.use_maximum()
             reply = self._request_confirmed(servo, exchange, confirm)
         return self._require_reply(servo, reply, request)
 

@@ -174,8 +174,8 @@ def _with_health(bus: ServoBus, found: FoundServo) -> FoundServo:
         RegisterName.PRESENT_TEMPERATURE,
         RegisterName.ALARMS,
     )
-    wanted = [role for role in roles if role not in bus.servos[found.id].table.missing]
-    values = bus.sync_read_many([found.id], wanted).require_all()[found.id]
+    names = [role for role in roles if role not in bus.servos[found.id].table.missing]
+    values = bus.sync_read_many([found.id], names).require_all()[found.id]
     return replace(
         found,
         firmware=found.firmware or firmware_version(bus, found.id),

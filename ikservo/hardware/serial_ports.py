@@ -42,9 +42,9 @@ _PROCESSES = Path("/proc")  # Linux only; elsewhere no process is named
 
 def process_using(device: str) -> str:
     """Return ``command (process 123)`` of a process that has the device open, or empty."""
-    wanted = Path(device).resolve()
+    target = Path(device).resolve()
     for process in _PROCESSES.glob("[0-9]*"):
-        if _has_open(process, wanted):
+        if _has_open(process, target):
             return f"{_process_command(process)} (process {process.name})"
     return ""
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ikservo.errors import BusError, PortLostError
 from ikservo.hardware.packets import (
-    LONGEST_RETURN_DELAY_S,
+    MAX_RETURN_DELAY_S,
     FaultKind,
     MemoryRange,
     PacketCodec,
@@ -209,7 +209,7 @@ class Transceiver:
 
     def __init__(self, port: Port, codec: PacketCodec) -> None:
         self.port, self.codec = port, codec
-        self._return_delay_s = LONGEST_RETURN_DELAY_S
+        self._return_delay_s = MAX_RETURN_DELAY_S
 
     @property
     def return_delay_s(self) -> float:

@@ -142,6 +142,6 @@ def pack_target(target: Target) -> Vector:
     question[:3] = target.position
     if target.rotation is not None:
         question[3:] = target.rotation.ravel()
-    elif target.wanted_axis is not None:
-        question[5::3] = target.wanted_axis
+    elif target.target_axis is not None:
+        question[5::3] = target.target_axis
     return question

@@ -32,10 +32,10 @@ def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Sweep over the joints from the last to the first, again and again, from ``q0``."""
     task = ResidualFunction(chain, target)
 
-    def sweep(here: Linearisation) -> Linearisation:
+    def sweep(current: Linearisation) -> Linearisation:
         for joint in reversed(range(chain.dof)):
-            here = _move_joint(task, here, joint)
-        return here
+            current = _move_joint(task, current, joint)
+        return current
 
     return iterate("ccd", sweep, task, q0, options, _MAX_ITERATIONS)
 
@@ -71,22 +71,24 @@ def clamp_angle_to_range(angle_rad: float, low_rad: float, high_rad: float) -> f
     return max(low_rad, high_rad, key=lambda end: math.cos(end - angle_rad))
 
 
-def _move_joint(task: ResidualFunction, here: Linearisation, joint: int) -> Linearisation:
+def _move_joint(task: ResidualFunction, current: Linearisation, joint: int) -> Linearisation:
     """Move one joint to its best, inside its limits and the cap."""
     step = np.zeros(task.chain.dof)
-    step[joint] = _best_joint_step(task.chain, here, joint)
+    step[joint] = _best_joint_step(task.chain, current, joint)
     # On a circle or a line this is downhill; not always where other joints follow this one.
-    return backtrack(task, here, step) if step[joint] else here
+    return backtrack(task, current, step) if step[joint] else current
 
 
-def _best_joint_step(chain: Chain, here: Linearisation, joint: int) -> float:
-    q, v, axis = float(here.q[joint]), here.J[:, joint], here.axes[:, joint]
+def _best_joint_step(chain: Chain, current: Linearisation, joint: int) -> float:
+    q, v, axis = float(current.q[joint]), current.J[:, joint], current.axes[:, joint]
     low = max(float(chain.lower_rad[joint]) - q, -MAX_STEP)
     high = min(float(chain.upper_rad[joint]) - q, MAX_STEP)
     rate = math.sqrt(float(axis @ axis))  # 1, unless the tip is carried by a joint that follows
     if rate == 0.0:
-        return min(max(best_translation(here.E, v), low), high)
+        return min(max(best_translation(current.E, v), low), high)
     return (
-        clamp_angle_to_range(best_rotation(here.E, v / rate, axis / rate), low * rate, high * rate)
+        clamp_angle_to_range(
+            best_rotation(current.E, v / rate, axis / rate), low * rate, high * rate
+        )
         / rate
     )

@@ -41,18 +41,18 @@ __all__ = [
 class AxisConstraint:
     """A tool axis a and its target direction d."""
 
-    wanted: CircleTrace
+    target: CircleTrace
     tool: CircleTrace
 
     def phase_product(self, yaw_rad: float, roll_rad: float) -> complex:
         """Return d ā along the plane: its phase is the angle α that rotates a to d."""
-        return self.wanted.in_plane_part(yaw_rad) * self.tool.in_plane_part(roll_rad).conjugate()
+        return self.target.in_plane_part(yaw_rad) * self.tool.in_plane_part(roll_rad).conjugate()
 
     def angle_error(self, yaw_rad: float, roll_rad: float, alpha_rad: float) -> float:
         """Return the distance of a, rotated by α, from d (about the angle in rad)."""
-        along = self.wanted.in_plane_part(yaw_rad)
+        along = self.target.in_plane_part(yaw_rad)
         along -= cmath.rect(1.0, alpha_rad) * self.tool.in_plane_part(roll_rad)
-        across = self.wanted.normal_part(yaw_rad) - self.tool.normal_part(roll_rad)
+        across = self.target.normal_part(yaw_rad) - self.tool.normal_part(roll_rad)
         return abs(complex(abs(along), across))
 
 
@@ -75,8 +75,8 @@ def _axis_pairs(target: Target, tool: Matrix) -> Iterator[tuple[Vector, Vector]]
     """Yield each constrained tool axis, base frame at zero, and its target direction."""
     if target.rotation is not None:
         yield from zip(tool[:3, :3].T, target.rotation.T, strict=True)
-    if target.wanted_axis is not None:
-        yield tool[:3, :3] @ target.axis, target.wanted_axis
+    if target.target_axis is not None:
+        yield tool[:3, :3] @ target.axis, target.target_axis
 
 
 # What remains of a direction this nearly across the plane has no angle in it.

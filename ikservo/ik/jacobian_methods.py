@@ -83,8 +83,8 @@ class ResidualFunction:
 
     def __init__(self, chain: Chain, target: Target) -> None:
         self.chain, self.target = chain, target
-        self._axes_tool, wanted = _watched_axes(target)
-        self._M = np.concatenate([target.position, wanted.ravel()])
+        self._axes_tool, target_axes = _watched_axes(target)
+        self._M = np.concatenate([target.position, target_axes.ravel()])
 
     def linearise(self, q: Vector) -> Linearisation:
         """Return the error and its derivatives at joints (dof,)."""
@@ -94,14 +94,14 @@ class ResidualFunction:
         swings = [-skew(axis) @ J[3:] for axis in axes]  # ω × a = -a × ω
         return Linearisation(q, self._M - f, np.vstack([J[:3], *swings]), J[3:])
 
-    def is_met(self, here: Linearisation, tolerance: Tolerance) -> bool:
+    def is_met(self, current: Linearisation, tolerance: Tolerance) -> bool:
         """Return whether the residual is at most half the tolerance.
 
         Half, so that rounding before the result is returned makes no miss of it.
         """
         gap_m, rotation_rad = (
-            _vector_length(here.E[:3]),
-            _vector_length(here.E[3:]) / ORIENTATION_LEVER_M,
+            _vector_length(current.E[:3]),
+            _vector_length(current.E[3:]) / ORIENTATION_LEVER_M,
         )
         return (
             gap_m <= 0.5 * tolerance.position_m and rotation_rad <= 0.5 * tolerance.orientation_rad
@@ -119,8 +119,8 @@ def _watched_axes(target: Target) -> tuple[Matrix, Matrix]:
         # A small rotation moves two of three axes: the weight is divided between them.
         weight_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
         return weight_m * np.eye(3), weight_m * target.rotation.T
-    if target.wanted_axis is not None:
-        return ORIENTATION_LEVER_M * target.axis[None, :], ORIENTATION_LEVER_M * target.wanted_axis[
+    if target.target_axis is not None:
+        return ORIENTATION_LEVER_M * target.axis[None, :], ORIENTATION_LEVER_M * target.target_axis[
             None, :
         ]
     return np.zeros((0, 3)), np.zeros((0, 3))
@@ -150,14 +150,14 @@ def scale_step(step: Vector) -> Vector:
     return step if largest <= MAX_STEP_RAD else step * (MAX_STEP_RAD / largest)
 
 
-def backtrack(task: ResidualFunction, here: Linearisation, step: Vector) -> Linearisation:
+def backtrack(task: ResidualFunction, current: Linearisation, step: Vector) -> Linearisation:
     """Take the step (dof,) or the largest half, quarter, … of it that increases no error."""
     for _ in range(_HALVINGS):
-        there = task.linearise(task.chain.clip(here.q + step))
-        if there.cost <= here.cost:
-            return there
+        moved = task.linearise(task.chain.clip(current.q + step))
+        if moved.cost <= current.cost:
+            return moved
         step = 0.5 * step
-    return here
+    return current
 
 
 def iterate(
@@ -187,7 +187,7 @@ def iterate(
     for _ in range(options.max_iterations or max_iterations):
         if iteration.is_finished(until_rest=until_rest):
             break
-        iteration.move_to(step(iteration.here))
+        iteration.move_to(step(iteration.current))
     return evaluate(
         task.chain,
         task.target,
@@ -203,7 +203,7 @@ class _Iteration:
     """The present and the best iterate, and the number of steps without progress."""
 
     def __init__(self, task: ResidualFunction, tolerance: Tolerance, start: Linearisation) -> None:
-        self.here = self.best = start
+        self.current = self.best = start
         self.trace = [start.q]
         self._task, self._tolerance = task, tolerance
         self._met = task.is_met(start, tolerance)
@@ -212,18 +212,18 @@ class _Iteration:
     def is_finished(self, *, until_rest: bool) -> bool:
         return self._still or self._since > _MAX_STALLED_STEPS or (self._met and not until_rest)
 
-    def move_to(self, there: Linearisation) -> None:
-        self._still = float(np.abs(there.q - self.here.q).max()) <= _STEP_END
-        self._met = self._task.is_met(there, self._tolerance)
-        if self._met or there.cost < self.best.cost:
-            self.best = there
-        left_m = math.sqrt(there.cost)
-        if self._met or left_m < max(_PROGRESS * self._mark_m, self._mark_m - _PROGRESS_M):
-            self._mark_m, self._since = left_m, 0
+    def move_to(self, moved: Linearisation) -> None:
+        self._still = float(np.abs(moved.q - self.current.q).max()) <= _STEP_END
+        self._met = self._task.is_met(moved, self._tolerance)
+        if self._met or moved.cost < self.best.cost:
+            self.best = moved
+        residual_m = math.sqrt(moved.cost)
+        if self._met or residual_m < max(_PROGRESS * self._mark_m, self._mark_m - _PROGRESS_M):
+            self._mark_m, self._since = residual_m, 0
         else:
             self._since += 1
-        self.here = there
-        self.trace.append(there.q)
+        self.current = moved
+        self.trace.append(moved.q)
 
 
 EPSILON = 5e-3
@@ -248,9 +248,9 @@ def pseudo_inverse(chain: Chain, target: Target, q0: Vector, options: Options) -
     task = ResidualFunction(chain, target)
     preferred, weights = _posture_gradient(chain, options.posture)
 
-    def step(here: Linearisation) -> Linearisation:
-        C = weights * (here.q - preferred)
-        return task.linearise(chain.clip(here.q + limited_step(here, chain, C)))
+    def step(current: Linearisation) -> Linearisation:
+        C = weights * (current.q - preferred)
+        return task.linearise(chain.clip(current.q + limited_step(current, chain, C)))
 
     until_rest = options.posture is not None
     return iterate(
@@ -281,7 +281,7 @@ def nullspace_step(J: Matrix, E: Vector, C: Vector) -> Vector:
     return J_plus @ (E + J @ C) - C
 
 
-def limited_step(here: Linearisation, chain: Chain, C: Vector) -> Vector:
+def limited_step(current: Linearisation, chain: Chain, C: Vector) -> Vector:
     """Return the step (dof,): no joint over 2°, none beyond its limits.
 
     The step of a joint that would leave its range ends on the limit. Its column is removed, and
@@ -290,11 +290,11 @@ def limited_step(here: Linearisation, chain: Chain, C: Vector) -> Vector:
     where the others still had a descent direction. Every iteration starts with all joints, so that
     a joint may come back off its limit.
     """
-    to_lower, to_upper = chain.lower_rad - here.q, chain.upper_rad - here.q
-    step, free = np.zeros(chain.dof), ~active_limits(chain, here.q, here.J.T @ here.E - C)
+    to_lower, to_upper = chain.lower_rad - current.q, chain.upper_rad - current.q
+    step, free = np.zeros(chain.dof), ~active_limits(chain, current.q, current.J.T @ current.E - C)
     while free.any():
-        remaining = here.E - here.J[:, ~free] @ step[~free]
-        step[free] = scale_step(nullspace_step(here.J[:, free], remaining, C[free]))
+        remaining = current.E - current.J[:, ~free] @ step[~free]
+        step[free] = scale_step(nullspace_step(current.J[:, free], remaining, C[free]))
         leaves = free & ((step < to_lower) | (step > to_upper))
         if not leaves.any():
             break
@@ -321,17 +321,17 @@ def transpose(chain: Chain, target: Target, q0: Vector, options: Options) -> Res
     """Follow the negative gradient of the error from ``q0``, always downhill."""
     task = ResidualFunction(chain, target)
 
-    def step(here: Linearisation) -> Linearisation:
-        tau = gradient_torque(here, chain)
-        return backtrack(task, here, scale_step(step_length(here.J, here.E, tau) * tau))
+    def step(current: Linearisation) -> Linearisation:
+        tau = gradient_torque(current, chain)
+        return backtrack(task, current, scale_step(step_length(current.J, current.E, tau) * tau))
 
     return iterate("transpose", step, task, q0, options, _MAX_TRANSPOSE_ITERATIONS)
 
 
-def gradient_torque(here: Linearisation, chain: Chain) -> Vector:
+def gradient_torque(current: Linearisation, chain: Chain) -> Vector:
     """Return ``τ = Jᵀ E`` (dof,); 0 for a joint that is pulled against its limit."""
-    tau = here.J.T @ here.E
-    return np.where(active_limits(chain, here.q, tau), 0.0, tau)
+    tau = current.J.T @ current.E
+    return np.where(active_limits(chain, current.q, tau), 0.0, tau)
 
 
 def step_length(J: Matrix, E: Vector, tau: Vector) -> float:

@@ -53,12 +53,12 @@ def solution_set(
         tolerance: How close counts as met.
     """
     task, tolerance = ResidualFunction(chain, target), tolerance or Tolerance()
-    here = task.linearise(q)
-    if not task.is_met(here, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):
+    current = task.linearise(q)
+    if not task.is_met(current, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):
         return SolutionSet("none", 0)
     moving = _moving_joints(chain, target)
     freedom = len(moving) - _usual_rank(task, moving)
-    J = here.J[:, moving]
+    J = current.J[:, moving]
     null_directions = _null_space(J)
     if len(null_directions) and any(
         _continues_along(task, tolerance, q, moving, direction)
@@ -121,20 +121,21 @@ def _continues_along(
     task: ResidualFunction, tolerance: Tolerance, q: Vector, moving: list[int], direction: Vector
 ) -> bool:
     """Return whether there are solutions beside q along a direction (n,) of the moving joints."""
-    chain, there = task.chain, q.copy()
-    there[moving] += _OFFSET_RAD * direction
-    there = chain.clip(there)
+    chain, nearby = task.chain, q.copy()
+    nearby[moving] += _OFFSET_RAD * direction
+    nearby = chain.clip(nearby)
     for _ in range(_STEPS):
-        local = task.linearise(there)
+        local = task.linearise(nearby)
         free = np.zeros(chain.dof, dtype=np.bool_)
         free[moving] = True
-        free &= (there > chain.lower_rad) & (there < chain.upper_rad)
+        free &= (nearby > chain.lower_rad) & (nearby < chain.upper_rad)
         step = np.zeros(chain.dof)
         step[free] = pinv(local.J[:, free], _SINGULAR) @ local.E
-        there = chain.clip(there + step)
-    aside = float((there[moving] - q[moving]) @ direction)
+        nearby = chain.clip(nearby + step)
+    aside = float((nearby[moving] - q[moving]) @ direction)
     return (
-        task.is_met(task.linearise(there), tolerance) and aside > _MIN_OFFSET_FRACTION * _OFFSET_RAD
+        task.is_met(task.linearise(nearby), tolerance)
+        and aside > _MIN_OFFSET_FRACTION * _OFFSET_RAD
     )
 
 

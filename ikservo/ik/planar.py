@@ -150,12 +150,12 @@ def nearest_direction(
 
     If an elbow can have the target direction itself, only that is yielded for it.
     """
-    wanted = elbow_solutions(links, limits, m, alpha_rad, start)
-    yield from (angles for angles in wanted if angles is not None)
-    if None not in wanted:
+    direct = elbow_solutions(links, limits, m, alpha_rad, start)
+    yield from (angles for angles in direct if angles is not None)
+    if None not in direct:
         return
     for elbow, arcs in enumerate(allowed_arcs(links, limits, m)):
-        for arc in arcs if wanted[elbow] is None else ():
+        for arc in arcs if direct[elbow] is None else ():
             found = elbow_solutions(links, limits, m, arc.clamp_direction(alpha_rad), start)[elbow]
             if found is not None:
                 yield found
@@ -298,9 +298,11 @@ def _nearest_on_arc(
         step = scale * _step_towards(links, best, start)
         if abs(step) < _STEP_END_RAD:
             break
-        tried = at(sum(best) + step)
-        if tried is not None and _squared_distance(tried, start) < _squared_distance(best, start):
-            best, scale = tried, 1.0
+        candidate = at(sum(best) + step)
+        if candidate is not None and _squared_distance(candidate, start) < _squared_distance(
+            best, start
+        ):
+            best, scale = candidate, 1.0
         else:
             scale *= 0.5
     yield best

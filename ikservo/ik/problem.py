@@ -56,7 +56,7 @@ class Target:
     def __post_init__(self) -> None:
         if self.direction is not None and self.orientation is not None:
             raise BadValueError("The target", "over-determined", "a direction or an orientation")
-        _ = self.position, self.wanted_axis, self.rotation, self.axis
+        _ = self.position, self.target_axis, self.rotation, self.axis
         _check_frame(self.frame)
         if self.offset_m is not None:
             check_position(self.offset_m, "offset_m")
@@ -67,7 +67,7 @@ class Target:
         return check_position(self.position_m, "The target position")
 
     @cached_property
-    def wanted_axis(self) -> Vector | None:
+    def target_axis(self) -> Vector | None:
         """Return the target direction of the tool axis as a unit vector (3,), or None."""
         return None if self.direction is None else normalise(self.direction, "The wanted direction")
 
@@ -90,8 +90,8 @@ class Target:
         """Return the rotation vector (3,) [rad] from the tool's orientation to the target."""
         if self.rotation is not None:
             return log_so3(self.rotation @ R_world_tool.T)
-        if self.wanted_axis is not None:
-            return _rotation_between(R_world_tool @ self.axis, self.wanted_axis)
+        if self.target_axis is not None:
+            return _rotation_between(R_world_tool @ self.axis, self.target_axis)
         return np.zeros(3)
 
 

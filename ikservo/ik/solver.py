@@ -130,7 +130,7 @@ class Solver:
         self._solve = self._bound_kernel(ready, options)
         self._track = self._bound_kernel(ready, replace(options, track=True))
         self._shape = (chain.dof,)
-        self._side, self._asked = BranchMemory(chain.dof), False
+        self._side, self._solved = BranchMemory(chain.dof), False
 
     def _bound_kernel(self, ready: PackedProblem, options: Options) -> PoseKernel:
         """Return the kernel with all arguments but pose, start and result."""
@@ -185,7 +185,7 @@ class Solver:
         Raises:
             BadValueError: There was no call yet.
         """
-        if not self._asked:
+        if not self._solved:
             raise BadValueError("The last question", "none", "a call before its result")
         return unpack_result(self.chain, self._worker.answer[0], "bounded")
 
@@ -199,7 +199,7 @@ class Solver:
             status = NOT_HOMOGENEOUS  # no arrays as the kernel needs them
         if status < 0:
             status = self._run_with_copies(solve, T, q0, q)
-        self._asked = True
+        self._solved = True
         for column, lower, upper, joint in self._idle:
             start = self._worker.start.item(column)
             if not lower <= start <= upper:

@@ -35,9 +35,9 @@ def solve_pose(problem: AnalyticProblem, target: Target, R: Matrix) -> Iterator[
         return
     tool = tool_at_zero(arm, target)
     rotation = R @ tool[:3, :3].T
-    wanted = target.position + rotation @ (arm.centre - tool[:3, 3])
+    centre_target = target.position + rotation @ (arm.centre - tool[:3, 3])
     at_centre = replace(
-        problem, point=arm.yaw_back.trace_point(wanted), tip=arm.roll.trace_point(arm.centre)
+        problem, point=arm.yaw_back.trace_point(centre_target), tip=arm.roll.trace_point(arm.centre)
     )
     for yaw in at_centre.yaws(at_centre.tip.normal_part(0.0)):
         remaining = _inverse_yaw(arm, yaw) @ rotation
@@ -86,13 +86,13 @@ def candidate_orientations(target: Target, R_start: Matrix) -> Iterator[Matrix]:
         yield target.rotation
         return
     aimed = exp_so3(target.orientation_error(R_start)) @ R_start
-    if target.wanted_axis is None:
+    if target.target_axis is None:
         yield aimed
         return
     for step in range(_ROTATIONS_ABOUT_AXIS):
         steps = (step + 1) // 2 * (1 if step % 2 else -1)
         angle = steps * 2.0 * math.pi / _ROTATIONS_ABOUT_AXIS
-        yield exp_so3(angle * target.wanted_axis) @ aimed
+        yield exp_so3(angle * target.target_axis) @ aimed
 
 
 # Rolls to try, as fractions of the range, if the start's own does not reach.
@@ -120,7 +120,7 @@ def solve_direction(problem: AnalyticProblem) -> Iterator[Candidate]:
     # The axis with the largest amplitude determines the roll best.
     aim = max(problem.aims, key=lambda aim: aim.tool.amplitude)
     held = (problem.start_yaw, problem.start_roll)
-    for phi, psi in solve_yaw_roll(problem.point, problem.tip, aim.wanted, aim.tool, held):
+    for phi, psi in solve_yaw_roll(problem.point, problem.tip, aim.target, aim.tool, held):
         yaw, roll = problem.yaw_within_limits(phi), problem.roll_within_limits(psi)
         if yaw is not None and roll is not None:
             yield from problem.planar_candidates(yaw, roll, bend=False)

@@ -85,7 +85,7 @@ def restore(bus: ServoBus, restoration: Restoration) -> list[RegisterDifference]
         ServoRefusedError: A number did not last.
         BusError: The servo does not answer.
     """
-    wanted: dict[RegisterRef, int] = {each.register: each.wanted for each in restoration.changes}
+    wanted: dict[RegisterRef, int] = {each.register: each.expected for each in restoration.changes}
     return update_eeprom(bus, restoration.servo.id, wanted) if wanted else []
 
 
@@ -128,15 +128,15 @@ def _restorable(table: type[ControlTable], change: RegisterDifference, *, strict
     left = register in (table.id, table.baud_rate) or register.name == _OTHER_PROTOCOL
     if left or register.access is Access.RO:
         return False
-    return strict or _takes(register, change.wanted)
+    return strict or _takes(register, change.expected)
 
 
 def _check_ranges(servo: ServoSpec, changes: tuple[RegisterDifference, ...]) -> None:
     """Check all numbers before the first is written."""
     for each in changes:
-        if not _takes(each.register, each.wanted):
+        if not _takes(each.register, each.expected):
             lower, upper = each.register.range
-            reason = f"{each.wanted} is outside {lower} to {upper}"
+            reason = f"{each.expected} is outside {lower} to {upper}"
             raise RegisterAccessError(str(servo), each.register.name, reason)
 
 

@@ -67,7 +67,7 @@ def _differing_registers(bus: ServoBus, own: ModelServo, own_numbers: bool) -> I
         kind = warning if one.register.name in _CALIBRATED_REGISTERS else failure
         yield kind(
             "eeprom",
-            f"{servo}: {one.register} is {one.found}, {one.wanted} in the arm file",
+            f"{servo}: {one.register} is {one.found}, {one.expected} in the arm file",
             "Write the values of the arm file: ikservo doctor --write-eeprom",
         )
 

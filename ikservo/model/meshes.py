@@ -101,15 +101,15 @@ def _make_part(triangles: Triangles) -> _MeshPart:
 def _best_split(part: _MeshPart) -> list[_MeshPart]:
     """Return the two parts of the cut with the smallest capsules; none if none helps."""
     points = part.triangles.reshape(-1, 3)
-    best, least_m3 = list[_MeshPart](), (1.0 - _GAIN) * part.fit.volume_m3
+    best, min_m3 = list[_MeshPart](), (1.0 - _GAIN) * part.fit.volume_m3
     for axis in (*np.eye(3), _main_axis(points)):
         along = points @ axis
         halves = _cut_by_plane(part.triangles, axis, 0.5 * (along.min() + along.max()))
         if all(len(half) for half in halves):
             found = [_make_part(half) for half in halves]
             volume_m3 = sum(half.fit.volume_m3 for half in found)
-            if volume_m3 < least_m3:
-                best, least_m3 = found, volume_m3
+            if volume_m3 < min_m3:
+                best, min_m3 = found, volume_m3
     return best
 
 
@@ -119,8 +119,8 @@ def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Tria
     above, below = (side >= 0.0).all(axis=1), (side < 0.0).all(axis=1)
     crossing, side = triangles[~above & ~below], side[~above & ~below]
     lone_above = (side >= 0.0).sum(axis=1) == 1
-    furthest: list[NDArray[np.intp]] = [side.argmin(axis=1), side.argmax(axis=1)]
-    ordered = (np.choose(lone_above, furthest)[:, None] + np.arange(3)) % 3
+    farthest: list[NDArray[np.intp]] = [side.argmin(axis=1), side.argmax(axis=1)]
+    ordered = (np.choose(lone_above, farthest)[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(crossing, ordered[:, :, None], axis=1).transpose(1, 0, 2)
     s_a, s_b, s_c = np.take_along_axis(side, ordered, axis=1).T[..., None]
     p, q = a + (b - a) * s_a / (s_a - s_b), a + (c - a) * s_a / (s_a - s_c)
@@ -176,13 +176,13 @@ def _capsule_along(points: Matrix, axis: Vector) -> FittedCapsule:
 def _enclosing_circle_centre(flat: Matrix) -> Vector:
     """Return nearly the centre (2,) of the smallest circle around points (Badoiu and Clarkson)."""
     centre = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
-    best, least_m = centre, math.inf
+    best, min_m = centre, math.inf
     for i in range(_CIRCLE_STEPS):
         away_m = np.linalg.norm(flat - centre, axis=1)
-        furthest = int(away_m.argmax())
-        if away_m[furthest] < least_m:
-            best, least_m = centre, float(away_m[furthest])
-        centre = centre + (flat[furthest] - centre) / (i + 2)
+        farthest = int(away_m.argmax())
+        if away_m[farthest] < min_m:
+            best, min_m = centre, float(away_m[farthest])
+        centre = centre + (flat[farthest] - centre) / (i + 2)
     return best
 
 

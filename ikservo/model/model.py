@@ -124,8 +124,8 @@ class ModelJoint:
         limits: The range the arm file's URDF gives.
         joint_map: The conversion of ticks and positions, as in the arm file.
         travel_per_turn: Maximum joint motion for a revolution of the horn: rad, or metres.
-        backlash: How far the joint can be moved by hand while its servo holds, rad or m; 0 where
-            nobody has measured it.
+        backlash: How far the joint can be moved by hand while its servo holds, rad or m; 0 if
+            not measured.
         shadows: Servos that drive the same joint together with the first.
         zero_from: ``vendor`` where the maker fixes the zero, ``nominal`` where each arm differs.
     """

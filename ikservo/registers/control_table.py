@@ -169,17 +169,17 @@ class ControlTable:
         cls.registers = dict(sorted(merged.items(), key=lambda item: item[1].address))
 
     @classmethod
-    def find(cls, wanted: Register | RegisterName) -> Register:
+    def find(cls, ref: Register | RegisterName) -> Register:
         """Return this model's register of a name, or of the same name as a register.
 
         Raises:
             UnknownNameError: This model has no such register.
         """
         found: Register | None
-        if isinstance(wanted, RegisterName):
-            found, name = getattr(cls, wanted, None), wanted.value
+        if isinstance(ref, RegisterName):
+            found, name = getattr(cls, ref, None), ref.value
         else:
-            found, name = cls.registers.get(wanted.name), wanted.name
+            found, name = cls.registers.get(ref.name), ref.name
         if found is None:
             raise UnknownNameError(f"{cls.model_name} register", name, cls.registers)
         return found

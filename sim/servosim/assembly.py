@@ -136,8 +136,8 @@ def _make_joint(
 ) -> SimulatedJoint:
     transmission = entry.servos[0].transmission
     margin = _stop_margin(transmission.is_prismatic)
-    horn_rad = transmission.turned_rad(position)
-    stops = sorted(transmission.turned_rad(end) for end in (limits[0] - margin, limits[1] + margin))
+    horn_rad = transmission.horn_rad(position)
+    stops = sorted(transmission.horn_rad(end) for end in (limits[0] - margin, limits[1] + margin))
     servos = tuple(
         _make_servo(arm, servo, horn_rad, stops, seed + servo.id, backlash_deg)
         for servo in entry.servos

@@ -233,9 +233,9 @@ class Feetech(Servo):
             if row.address >= address and row.end <= end:
                 raw = data[row.address - address : row.end - address]
             else:
-                asked = bytearray(image)
-                asked[address:end] = data
-                raw = bytes(asked[row.address : row.end])
+                requested = bytearray(image)
+                requested[address:end] = data
+                raw = bytes(requested[row.address : row.end])
             value = row.decode(raw)
             if not row.accepts(value):
                 raw = row.encode(max(row.lower, min(row.upper, value)))
@@ -334,8 +334,8 @@ class Feetech(Servo):
 
     def profile_speed(self, speed_rad_s: float) -> float:
         """Return the speed limit for a goal speed: 0 means the maximum, or no motion."""
-        stands = speed_rad_s == 0.0 and not self.memory.get("phase") & PHASE_ZERO_IS_MAX
-        return 1e-6 if stands else speed_rad_s
+        at_rest = speed_rad_s == 0.0 and not self.memory.get("phase") & PHASE_ZERO_IS_MAX
+        return 1e-6 if at_rest else speed_rad_s
 
     # Tables of measured registers and of write effects.
 

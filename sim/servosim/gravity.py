@@ -128,8 +128,8 @@ class MassTree:
         arms_m2 = (r * r).sum(axis=2) - along_m**2  # |axis × r|²
         below = self._below @ tensors.reshape(-1, 9)
         spins = (axes[:, None] @ below.reshape(-1, 3, 3) @ axes[:, :, None])[:, 0, 0]
-        turning = (self._below * self._masses_kg * arms_m2).sum(axis=1) + spins
-        return np.where(self._sliding, self._below_kg, turning)
+        rotating = (self._below * self._masses_kg * arms_m2).sum(axis=1) + spins
+        return np.where(self._sliding, self._below_kg, rotating)
 
     def _subtree_joints(self, index: int) -> list[int]:
         found = [index]

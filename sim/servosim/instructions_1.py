@@ -182,37 +182,37 @@ _LEVELS = {PING: 0, READ: 1}
 def _execute_sync_read(params: bytes, servos: Sequence[Servo]) -> list[ReplySlot]:
     if len(params) < 3:
         return []
-    asked, there = params[:2], servos_by_id(servos)
-    return [_read_reply_slot(SYNC_READ, id_, asked, there.get(id_, ())) for id_ in params[2:]]
+    requested, present = params[:2], servos_by_id(servos)
+    return [_read_reply_slot(SYNC_READ, id_, requested, present.get(id_, ())) for id_ in params[2:]]
 
 
 def _execute_bulk_read(params: bytes, servos: Sequence[Servo]) -> list[ReplySlot]:
     """Length, id, address of each servo, after one zero."""
     groups = [params[at : at + 3] for at in range(1, len(params) - 2, 3)]
-    there = servos_by_id(servos)
+    present = servos_by_id(servos)
     return [
-        _read_reply_slot(BULK_READ, id_, bytes((address, length)), there.get(id_, ()))
+        _read_reply_slot(BULK_READ, id_, bytes((address, length)), present.get(id_, ()))
         for length, id_, address in groups
     ]
 
 
 def _read_reply_slot(
-    instruction: int, id_: int, asked: bytes, servos: Sequence[Servo]
+    instruction: int, id_: int, requested: bytes, servos: Sequence[Servo]
 ) -> ReplySlot:
     replies = tuple(
-        Reply(servo, _status_packet(id_, servo, _execute_read(servo, asked)))
+        Reply(servo, _status_packet(id_, servo, _execute_read(servo, requested)))
         for servo in servos
         if instruction in servo.instructions and servo.status_level >= 1
     )
-    return ReplySlot(replies, size=6 + asked[1])
+    return ReplySlot(replies, size=6 + requested[1])
 
 
 def _execute_sync_write(params: bytes, servos: Sequence[Servo]) -> list[ReplySlot]:
     if len(params) < 2:
         return []
-    address, length, there = params[:1], params[1], servos_by_id(servos)
+    address, length, present = params[:1], params[1], servos_by_id(servos)
     for at in range(2, len(params) - length, length + 1):
-        for servo in there.get(params[at], ()):
+        for servo in present.get(params[at], ()):
             _execute_write(servo, address + params[at + 1 : at + 1 + length])
     return []
 

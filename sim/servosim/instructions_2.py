@@ -235,22 +235,22 @@ def _read_reply_slot(request: _ReadRequest, servos: Sequence[Servo]) -> ReplySlo
 
 def _fast_reply_slots(requests: list[_ReadRequest], servos: Sequence[Servo]) -> list[ReplySlot]:
     """One status packet in parts; the chain breaks at the first servo that is missing."""
-    everybody = servos_by_id(servos)
+    present = servos_by_id(servos)
     length = 1 + sum(4 + request[2] for request in requests)
     if length > MAX_FRAME_BYTES:
         return []  # assumed: no reply if it does not fit into a packet
     so_far = HEADER + bytes((BROADCAST, length & 0xFF, length >> 8, STATUS))
-    turns: list[ReplySlot] = []
+    slots: list[ReplySlot] = []
     for id_, address, size in requests:
-        there = [servo for servo in everybody.get(id_, ()) if servo.status_level >= 1]
+        there = [servo for servo in present.get(id_, ()) if servo.status_level >= 1]
         if not there or address + size > there[0].table.size:
             break
-        share = bytes((there[0].alarm, id_)) + there[0].read_bytes(address, size)
-        crc = crc16(so_far + share).to_bytes(2, "little")
-        data = (b"" if turns else so_far) + share + crc
-        turns.append(ReplySlot(tuple(Reply(servo, data) for servo in there), prompt=bool(turns)))
-        so_far += share + crc
-    return turns
+        part = bytes((there[0].alarm, id_)) + there[0].read_bytes(address, size)
+        crc = crc16(so_far + part).to_bytes(2, "little")
+        data = (b"" if slots else so_far) + part + crc
+        slots.append(ReplySlot(tuple(Reply(servo, data) for servo in there), prompt=bool(slots)))
+        so_far += part + crc
+    return slots
 
 
 TO_MANY: dict[int, Callable[[bytes, Sequence[Servo]], list[ReplySlot]]] = {

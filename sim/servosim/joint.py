@@ -20,15 +20,15 @@ class Transmission(Protocol):
         """Whether the joint is prismatic."""
         ...
 
-    def position(self, turned_rad: float) -> float:
+    def position(self, horn_rad: float) -> float:
         """Return the joint position for a rotation of the horn from joint zero."""
         ...
 
-    def turned_rad(self, position: float) -> float:
+    def horn_rad(self, position: float) -> float:
         """Return the rotation of the horn for a joint position."""
         ...
 
-    def slope(self, turned_rad: float) -> float:
+    def slope(self, horn_rad: float) -> float:
         """Return the derivative of the joint position by the horn's rotation, rad or m a rad."""
         ...
 
@@ -45,15 +45,15 @@ class Ratio:
     per_rad: float = 1.0
     is_prismatic: bool = False
 
-    def position(self, turned_rad: float) -> float:
+    def position(self, horn_rad: float) -> float:
         """Return the joint position."""
-        return turned_rad * self.per_rad
+        return horn_rad * self.per_rad
 
-    def turned_rad(self, position: float) -> float:
+    def horn_rad(self, position: float) -> float:
         """Return the rotation of the horn."""
         return position / self.per_rad
 
-    def slope(self, turned_rad: float) -> float:
+    def slope(self, horn_rad: float) -> float:
         """Return the ratio."""
         return self.per_rad
 
@@ -80,22 +80,20 @@ class CrankAndRod:
         """Whether the joint is prismatic: always."""
         return True
 
-    def position(self, turned_rad: float) -> float:
+    def position(self, horn_rad: float) -> float:
         """Return the slider's position."""
-        return self._slide_position(self.zero_rad - turned_rad) - self._slide_position(
-            self.zero_rad
-        )
+        return self._slide_position(self.zero_rad - horn_rad) - self._slide_position(self.zero_rad)
 
-    def turned_rad(self, position: float) -> float:
+    def horn_rad(self, position: float) -> float:
         """Return the rotation of the horn; out of reach, that with the slider nearest."""
         x, r, rod = position + self._slide_position(self.zero_rad), self.radius_m, self.rod_m
         x = min(rod + r, max(rod - r, x))
         cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
         return self.zero_rad - math.acos(min(1.0, max(-1.0, cosine)))
 
-    def slope(self, turned_rad: float) -> float:
+    def slope(self, horn_rad: float) -> float:
         """Return metres a radian, never less than a hundredth of the radius."""
-        phi = self.zero_rad - turned_rad
+        phi = self.zero_rad - horn_rad
         across, along = self.radius_m * math.sin(phi), self.radius_m * math.cos(phi)
         steep = across + across * along / math.sqrt(self.rod_m**2 - across**2)
         least = 0.01 * self.radius_m
@@ -174,11 +172,11 @@ class Hand:
         """The force on the joint for the next `dt_s` seconds."""
         self.time_s += dt_s
         goal, goal_velocity = self.path(self.time_s)
-        wanted = STIFFNESS_RAD_S * (goal - position) + 2.0 * (goal_velocity - velocity)
-        wanted *= STIFFNESS_RAD_S * inertia
+        desired = STIFFNESS_RAD_S * (goal - position) + 2.0 * (goal_velocity - velocity)
+        desired *= STIFFNESS_RAD_S * inertia
         if self.only and (goal - position) * self.only <= 0.0:
-            wanted = 0.0  # the joint has not come to it
-        self.force = min(self.limit, max(-self.limit, wanted))
+            desired = 0.0  # the joint has not come to it
+        self.force = min(self.limit, max(-self.limit, desired))
         return self.force
 
 
@@ -237,7 +235,7 @@ class SimulatedJoint:
     def place(self, position: float) -> None:
         """Set the joint's position, at rest."""
         for servo in self.servos:
-            servo.motor.place(self.transmission.turned_rad(position))
+            servo.motor.place(self.transmission.horn_rad(position))
 
     def set_inertia(self, inertia: float) -> None:
         """Set the inertia of the joint's load."""
@@ -271,9 +269,9 @@ class SimulatedJoint:
 
     def set_state(self, position: float, velocity: float) -> None:
         """Set the servos to the state of the joint."""
-        turned_rad = self.transmission.turned_rad(position)
+        horn_rad = self.transmission.horn_rad(position)
         for servo in self.servos:
-            servo.motor.set_state(turned_rad, velocity / self.transmission.slope(turned_rad))
+            servo.motor.set_state(horn_rad, velocity / self.transmission.slope(horn_rad))
 
 
 def _coupling_nm(lead: Servo, follower: Servo) -> float:

@@ -24,7 +24,7 @@ def open_port(url: str) -> SimulatedPort:
 
     The query may hold ``pose``, ``seed``, ``faults`` (a file), ``hand=sweep``, and ``physics``,
     ``backlash_deg``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as
-    numbers; ``paced=1`` lets time pass no faster than a person's.
+    numbers; ``paced=1`` limits virtual time to real time.
 
     Raises:
         ArmFileError: The arm file cannot be used.

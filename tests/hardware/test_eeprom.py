@@ -34,7 +34,7 @@ def test_what_differs_is_unlocked_written_verified_and_locked(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
     line.expect(WRITE_MINUS_100, TAKEN).expect(READ_OFFSET, OFFSET_MINUS_100).expect(LOCK, TAKEN)
     (change,) = update_eeprom(feetech, 1, WANTED)
-    assert (change.register, change.found, change.wanted) == (STS3215.homing_offset, 0, -100)
+    assert (change.register, change.found, change.expected) == (STS3215.homing_offset, 0, -100)
 
 
 def test_it_is_locked_again_after_a_lost_answer_and_the_lock_is_checked(feetech, line):
@@ -71,4 +71,4 @@ def test_what_does_not_belong_here_is_refused_before_a_byte_is_sent(feetech, reg
 def test_differences_change_nothing(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0)
     (difference,) = register_differences(feetech, 1, WANTED)
-    assert difference.wanted == -100
+    assert difference.expected == -100

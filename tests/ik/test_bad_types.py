@@ -54,7 +54,7 @@ def test_an_offset_is_not_a_thousand_kilometres_long():
 
 
 def test_a_direction_may_be_as_long_as_a_number_can_be():
-    np.testing.assert_allclose(Target((0, 0, 0), direction=(1e300, 0, 0)).wanted_axis, [1, 0, 0])
+    np.testing.assert_allclose(Target((0, 0, 0), direction=(1e300, 0, 0)).target_axis, [1, 0, 0])
 
 
 @pytest.mark.parametrize("ask", [

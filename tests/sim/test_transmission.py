@@ -20,9 +20,9 @@ def test_a_crank_at_a_right_angle_pushes_as_far_as_pythagoras_says():
     assert crank.position(-math.pi / 2) == pytest.approx(5.0 - 3.0 - 4.0)
 
 
-@pytest.mark.parametrize("turned_rad", [-1.5, -0.5, 0.0, 0.4, 0.9])
-def test_a_crank_turns_back_from_where_it_pushed(turned_rad):
-    assert CRANK.turned_rad(CRANK.position(turned_rad)) == pytest.approx(turned_rad)
+@pytest.mark.parametrize("horn_rad", [-1.5, -0.5, 0.0, 0.4, 0.9])
+def test_a_crank_turns_back_from_where_it_pushed(horn_rad):
+    assert CRANK.horn_rad(CRANK.position(horn_rad)) == pytest.approx(horn_rad)
 
 
 def test_a_crank_is_as_steep_as_its_neighbours_say():
@@ -32,11 +32,11 @@ def test_a_crank_is_as_steep_as_its_neighbours_say():
 
 
 def test_out_of_reach_is_the_dead_centre():
-    assert CRANK.turned_rad(1.0) == pytest.approx(math.radians(60))
+    assert CRANK.horn_rad(1.0) == pytest.approx(math.radians(60))
 
 
 def test_the_horn_itself_is_a_ratio_of_one():
-    assert (Ratio().position(0.3), Ratio().turned_rad(0.3), Ratio().is_prismatic) == (
+    assert (Ratio().position(0.3), Ratio().horn_rad(0.3), Ratio().is_prismatic) == (
         0.3,
         0.3,
         False,
