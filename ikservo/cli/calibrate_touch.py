@@ -181,7 +181,7 @@ class TouchOffOptions:
 
 
 class _TouchAnswerSource(Protocol):
-    def next_answer(self, talk: TouchOffState, at_s: float) -> str | None:
+    def next_answer(self, state: TouchOffState, at_s: float) -> str | None:
         """Return the next answer, if there is one now."""
         ...
 
@@ -317,6 +317,6 @@ class _TouchKeyAnswers:
     def __init__(self, key: Keys) -> None:
         self._key = key
 
-    def next_answer(self, talk: TouchOffState, at_s: float) -> str | None:
+    def next_answer(self, state: TouchOffState, at_s: float) -> str | None:
         """Return what the first of the keys pressed since the last reading means here."""
         return _KEYS.get(self._key()[:1].lower())
