@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Generic, TypeVar
 
 from ikservo.calibration.procedure import (
@@ -32,10 +33,11 @@ State = TypeVar("State")
 ANSWERS = {
     "accept": "take the pose, end the sweep, or save",
     "undo": "undo the last answer",
-    "again JOINT": "measure a joint again",
+    "remeasure JOINT": "measure a joint again",
     "skip JOINT": "use the arm file's range and sign of a joint",
-    "free JOINT": "a joint has no end stops",
+    "continuous JOINT": "a joint has no end stops",
 }
+_FORMER_VERBS = {"again": "remeasure", "free": "continuous"}
 
 _MAX_SCRIPT_BYTES = 64 * 1024
 _UNCHANGED_S = 1.0  # without a new extreme, once every range looks whole
@@ -52,8 +54,11 @@ def apply_answer(wizard: CalibrationState, text: str) -> CalibrationState:
         CalibrationError: Something is missing before it can be accepted; names it.
     """
     verb, _, joint = text.strip().partition(" ")
-    if joint and verb in ("again", "skip", "free"):
-        steps = {"again": wizard.remeasure, "skip": wizard.skip, "free": wizard.mark_continuous}
+    verb = _FORMER_VERBS.get(verb, verb)
+    steps = {
+        "remeasure": wizard.remeasure, "skip": wizard.skip, "continuous": wizard.mark_continuous,
+    }  # fmt: skip
+    if joint and verb in steps:
         return steps[verb](joint.strip())
     if text.strip() == "accept":
         return wizard.accept()
@@ -68,15 +73,18 @@ def read_script(path: Path) -> list[str]:
     Raises:
         FileFormatError: The file cannot be read, or a line is no valid input.
     """
-    return read_entries(path, tuple(ANSWERS))
+    return read_entries(path, tuple(ANSWERS), _FORMER_VERBS)
 
 
-def read_entries(path: Path, known: Sequence[str]) -> list[str]:
+def read_entries(
+    path: Path, known: Sequence[str], former: Mapping[str, str] = MappingProxyType({})
+) -> list[str]:
     """Return the inputs in a file, one a line; ``#`` begins a comment.
 
     Args:
         path: The file.
         known: The valid inputs; a second word stands for any name.
+        former: Former first words, which are still accepted, with the current ones.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is no valid input.
@@ -86,6 +94,7 @@ def read_entries(path: Path, known: Sequence[str]) -> list[str]:
     for number, line in enumerate(read_text(path, _MAX_SCRIPT_BYTES).splitlines(), start=1):
         text = line.partition("#")[0].strip()
         verb, _, rest = text.partition(" ")
+        verb = former.get(verb, verb)
         if text and (verb not in verbs or (rest and not verbs[verb])):
             expected = f"one of: {', '.join(known)}"
             raise FileFormatError(path, f"line {number}", "is not an answer", expected)

@@ -146,7 +146,7 @@ class _TerminalAnswers:
             return "accept"
         if key == "u":
             return "undo"
-        verbs = {"s": "skip", "r": "again", "f": "free"}
+        verbs = {"s": "skip", "r": "remeasure", "f": "continuous"}
         if key in verbs and wizard.stage is CalibrationStage.SWEEP:
             joint = _joint_for_key(wizard, key)
             return f"{verbs[key]} {joint}" if joint else None

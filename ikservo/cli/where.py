@@ -110,7 +110,11 @@ def _visibility_fields(
     eye_m: tuple[float, float, float], links: Sequence[LinkVisibility]
 ) -> dict[str, object]:
     listed = [
-        {"link": each.link, "visible_share": round(each.share, 3), "hidden_by": each.hidden_by}
+        {
+            "link": each.link,
+            "visible_fraction": round(each.visible_fraction, 3),
+            "hidden_by": each.hidden_by,
+        }
         for each in links
     ]
     return {"eye_m": eye_m, "links": listed}
@@ -122,8 +126,8 @@ def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[LinkVis
 
 
 def _visibility_row(seen: LinkVisibility) -> list[str]:
-    share = f"{seen.share:.0%}" if seen.is_visible else "hidden"
-    return [seen.link, share, ", ".join(seen.hidden_by)]
+    visible = f"{seen.visible_fraction:.0%}" if seen.is_visible else "hidden"
+    return [seen.link, visible, ", ".join(seen.hidden_by)]
 
 
 def _print_arm_state(here: ArmState, model: Model) -> None:

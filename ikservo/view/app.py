@@ -23,16 +23,16 @@ from ikservo.view.server import BoundAddress, make_app, serve, serve_in_thread
 __all__ = ["ViewApp", "ViewUrls", "low_jitter", "real_time_port"]
 
 
-# Whoever streams goals must not wait long for whoever draws, nor the page for either.
+# The control loop must not wait long for the drawing thread, nor the page for either.
 _SWITCH_S = 0.0005
 
 
 @contextmanager
 def low_jitter() -> Generator[None]:
-    """Let threads take turns often, and keep what is loaded out of the garbage collector's rounds.
+    """Switch threads often, and exclude loaded modules from garbage collection.
 
-    A full round over all that pydantic has loaded takes a tenth of a second, in which
-    no thread runs; frozen, what has been loaded is not looked at again.
+    A full collection over all that pydantic has loaded takes a tenth of a second, in which no
+    thread runs; frozen objects are not visited again.
     """
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_S)
@@ -47,12 +47,12 @@ def low_jitter() -> Generator[None]:
 
 @dataclass(frozen=True, slots=True)
 class ViewUrls:
-    """Where the page is.
+    """URLs of the page.
 
     Attributes:
-        control: With the key that moves the arm.
-        watch: With the key that only looks.
-        warnings: What the person should know about the address.
+        control: With the key that permits moving the arm.
+        watch: With the key that permits watching.
+        warnings: Warnings about the address.
     """
 
     control: str
@@ -65,12 +65,12 @@ class ViewApp:
 
     Args:
         model: The arm.
-        port: Its port; time on a simulated one passes as it does for a person.
+        port: Its port; a simulated one runs in real time.
         listen: The IP address at which the page is served.
         http: The port of the page, 0 for any that is free.
         collisions: See ``open_arm``.
         uncalibrated: See ``open_arm``.
-        dead_man_s: How long the arm follows a page that is silent.
+        dead_man_s: How long the arm follows without a heartbeat of the page.
     """
 
     def __init__(
@@ -101,13 +101,13 @@ class ViewApp:
             self._address = BoundAddress(self._listen, self._http)
             stack.callback(self._address.socket.close)
             clock = RealClock()
-            ritual = CalibrationDriver(self._model, self._port)
-            self.pilot = stack.enter_context(
-                ArmThread(self._open_arm, clock, self._dead_man_s, ritual)
+            calibration = CalibrationDriver(self._model, self._port)
+            self.arm_thread = stack.enter_context(
+                ArmThread(self._open_arm, clock, self._dead_man_s, calibration)
             )
-            self.desk = SessionController(self.pilot, clock)
-            stack.callback(self.desk.close)
-            self._app = make_app(self.desk, self.keys, clock)
+            self.controller = SessionController(self.arm_thread, clock)
+            stack.callback(self.controller.close)
+            self._app = make_app(self.controller, self.keys, clock)
             stack.enter_context(low_jitter())
             self._exits = stack.pop_all()
         url = self._address.url
@@ -142,14 +142,14 @@ class ViewApp:
 
 
 def real_time_port(port: str | None) -> str | None:
-    """Return the port, with time as a person knows it where the bus is simulated."""
+    """Return the port; a simulated one is set to run in real time."""
     if port is None or port.partition(":")[0] != "sim" or "paced=" in port:
         return port
     return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}paced=1"
 
 
 def _check_address(listen: str) -> str:
-    """Return the address; all of a machine's at once are none that a browser could open."""
+    """Return the address if it is a single one; a browser cannot open a wildcard address."""
     with contextlib.suppress(ValueError):
         address = ipaddress.ip_address(listen)
         if not address.is_unspecified:

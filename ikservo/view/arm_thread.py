@@ -1,4 +1,4 @@
-"""The thread that owns the arm: it follows commands and holds when they stop coming."""
+"""The thread that owns the arm: it follows commands and holds when they stop arriving."""
 
 from __future__ import annotations
 
@@ -23,69 +23,74 @@ __all__ = ["ArmThread", "CycleObserver", "LiveSession"]
 
 
 class CycleObserver(Protocol):
-    """Who is told what the arm does, and knows what the person wants now."""
+    """Receives every control cycle and provides the current command."""
 
     @property
     def command(self) -> ArmCommand:
-        """Return what the arm was told last."""
+        """Return the current command."""
         ...
 
-    def on_cycle(self, beat: ControlCycle) -> None:
-        """Hear of a beat."""
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        """Receive a control cycle."""
         ...
 
-    def log_message(self, words: str) -> None:
-        """Hear what the person should know."""
+    def log_message(self, message: str) -> None:
+        """Receive a message for the user."""
         ...
 
 
 class LiveSession:
-    """Leads the arm after the person's wishes (``ikservo.arm.online_control.Leader``).
+    """Provides the arm's goal from Live on to Live off (``ikservo.arm.online_control.GoalSource``).
 
     Args:
-        watcher: Who has the wishes and hears of every beat.
-        clock: Dates them.
-        dead_man_s: How long a wish lasts without a sign of life.
+        observer: Provides commands and receives every control cycle.
+        clock: The time of heartbeats.
+        dead_man_s: How long a command is valid without a heartbeat.
 
     Attributes:
-        number: Which flight it is.
-        silent: Whether it ended because nobody gave a sign of life.
+        session_id: Identifies the session.
+        silent: Whether it ended because no heartbeat arrived.
     """
 
-    def __init__(self, watcher: CycleObserver, clock: Clock, dead_man_s: float) -> None:
-        self._watcher, self._clock, self._dead_man_s = watcher, clock, dead_man_s
-        self.number, self.speed = watcher.command.session_id, watcher.command.speed
-        self._here: Vector | None = None
-        self._gone = self.silent = False
+    def __init__(self, observer: CycleObserver, clock: Clock, dead_man_s: float) -> None:
+        self._observer, self._clock, self._dead_man_s = observer, clock, dead_man_s
+        self.session_id, self.speed = observer.command.session_id, observer.command.speed
+        self._start: Vector | None = None
+        self._had_goal = self.silent = False
 
     def next_goal(self, beat: ControlCycle) -> Vector | None:
-        """Return where the joints shall be (n,); None once the flight is over."""
-        self._watcher.on_cycle(beat)
-        wish = self._watcher.command
-        if self._here is None:
-            self._here = beat.goals.copy()
-        self.silent = self._clock.now_s() - wish.heartbeat_s > self._dead_man_s
-        if self.silent or self.is_over or wish.speed != self.speed or self._is_goal_withdrawn(wish):
+        """Return the goal of all joints (n,); None once the session has ended."""
+        self._observer.on_cycle(beat)
+        command = self._observer.command
+        if self._start is None:
+            self._start = beat.goals.copy()
+        self.silent = self._clock.now_s() - command.heartbeat_s > self._dead_man_s
+        if (
+            self.silent
+            or self.is_over
+            or command.speed != self.speed
+            or self._is_goal_withdrawn(command)
+        ):
             return None
-        return self._here if wish.goal is None else wish.goal
+        return self._start if command.goal is None else command.goal
 
-    def _is_goal_withdrawn(self, wish: ArmCommand) -> bool:
-        """Return whether the goal was taken back: the arm brakes, and stays where that ends."""
-        self._gone = self._gone or wish.goal is not None
-        return self._gone and wish.goal is None
+    def _is_goal_withdrawn(self, command: ArmCommand) -> bool:
+        """Return whether the goal was withdrawn: the arm brakes and holds there."""
+        self._had_goal = self._had_goal or command.goal is not None
+        return self._had_goal and command.goal is None
 
     @property
     def is_over(self) -> bool:
-        """Return whether Live was switched off, maybe on again, since it began."""
-        wish = self._watcher.command
-        return not wish.live or wish.session_id != self.number
+        """Return whether Live was switched off since the start, even if it is on again."""
+        command = self._observer.command
+        return not command.live or command.session_id != self.session_id
 
     def on_rejected(self, error: RefusedError) -> None:
-        """Tell why the guard would not have a goal."""
-        self._watcher.log_message(f"{error.message} {error.command_hint}")
+        """Log why the guard rejected a goal."""
+        self._observer.log_message(f"{error.message} {error.command_hint}")
 
 
-_POLL_PERIOD_S = 0.033  # between two looks at an arm that follows nobody
+_POLL_PERIOD_S = 0.033  # while no session runs
 _STATE_PERIOD_S = 1.0
 _MAX_MESSAGES = 40
 _CLOSED = StopReason(StopKind.CLOSED, "The view was closed; torque stays on.")
@@ -97,18 +102,18 @@ _RESTART_TEXT = "Torque stays on. End `ikservo view` with Ctrl-C and start it ag
 
 
 class ArmThread:
-    """Owns an arm; everybody else tells it wishes and reads what it saw, and neither waits.
+    """Owns an arm; other threads post commands and read snapshots, without waiting.
 
     Args:
-        open_arm: Opens the arm, at first and after its line was lost.
-        clock: Dates wishes; safe to read from any thread.
-        dead_man_s: How long a wish lasts without a sign of life.
-        ritual: Opens and drives a calibration; None where there can be none.
+        open_arm: Opens the arm, also again after its port was lost.
+        clock: The time of heartbeats; safe to read from any thread.
+        dead_man_s: How long a command is valid without a heartbeat.
+        calibration: Runs calibrations; None if there are none.
 
     Attributes:
-        arm: The arm; of use to others only for what does not change while it is open. It is
-            another one after a calibration, and after its line was lost.
-        readout: Written by the pilot alone.
+        arm: The arm; other threads may use only what does not change while it is open. It is
+            replaced after a calibration, and after its port was lost.
+        snapshot: Written by this thread alone.
     """
 
     def __init__(
@@ -116,13 +121,13 @@ class ArmThread:
         open_arm: Callable[[], Arm],
         clock: Clock,
         dead_man_s: float = DEAD_MAN_TIMEOUT_S,
-        ritual: CalibrationDriver | None = None,
+        calibration: CalibrationDriver | None = None,
     ) -> None:
         self._open, self._clock, self._dead_man_s = open_arm, clock, dead_man_s
-        self.calibration = ritual
+        self.calibration = calibration
         self.arm = open_arm()
         self._command = ArmCommand()
-        self.readout = _read_snapshot(self.arm)
+        self.snapshot = _read_snapshot(self.arm)
         self._states_s = clock.now_s()
         self._stop_reason: StopReason | None = None
         self._acknowledged = self._ending = self._lost = False
@@ -134,7 +139,7 @@ class ArmThread:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let the arm hold, end the thread and give the port back."""
+        """Let the arm hold, end the thread and close the port."""
         self._ending = True
         self.request_stop(_CLOSED)
         self._thread.join()
@@ -148,127 +153,132 @@ class ArmThread:
     def post(self, command: ArmCommand) -> None:
         """Replace the command that the arm follows; the newest counts.
 
-        This is the boundary between two threads: the server's posts, the pilot's reads ``command``
-        at its own pace, once a control cycle. A command is never changed but replaced as a
-        whole, so neither thread waits, and neither sees half of one. Only one thread may post:
-        a command is made of the one before.
+        This is the boundary between two threads: the server's thread posts, this one reads
+        ``command`` once per control cycle. A command is never changed but replaced as a whole,
+        so neither thread waits, and neither sees half of one. Only one thread may post, because
+        a command is derived from the one before.
         """
         self._command = command
 
     def request_stop(self, reason: StopReason) -> None:
-        """Brake and hold; it stays until acknowledged. Safe from any thread."""
+        """Brake and hold until acknowledged. Safe from any thread."""
         self._stop_reason, self._acknowledged = reason, False
         self.arm.request_stop(reason)
 
     def acknowledge(self) -> None:
-        """A person has looked: the arm may be moved again, and nothing moves yet."""
+        """Acknowledge a stop: the arm may be moved again, and nothing moves yet."""
         self._acknowledged = True
 
     def step(self) -> None:
-        """Do one thing: follow until that ends, or look once."""
+        """Run one session until it ends, or poll the state once."""
         try:
             self._run_step()
         except IkservoError as error:
             self._lost = self._lost or isinstance(error, PortLostError)
             self._end_session(StopNotice(error.message, error.command_hint))
 
-    def on_cycle(self, beat: ControlCycle) -> None:
-        """Keep what a beat told; ask the servos how they are, once a second (``CycleObserver``)."""
-        self.readout = replace(self.readout, measured=beat.measured.copy(), goals=beat.goals.copy())
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
+        self.snapshot = replace(
+            self.snapshot, measured=cycle.measured.copy(), goals=cycle.goals.copy()
+        )
         if self._clock.now_s() - self._states_s > _STATE_PERIOD_S:
             self._states_s = self._clock.now_s()
-            with contextlib.suppress(BusError):  # the beats themselves tell of a line that is lost
-                self.readout = replace(self.readout, states=self.arm.where().joints)
+            with contextlib.suppress(BusError):  # the control cycle itself detects a lost port
+                self.snapshot = replace(self.snapshot, states=self.arm.where().joints)
 
-    def log_message(self, words: str) -> None:
-        """Remember what the person should know, once (``CycleObserver``)."""
-        if words and self.readout.notes[-1:] != (words,):
-            self.readout = replace(
-                self.readout, notes=(*self.readout.notes, words)[-_MAX_MESSAGES:]
+    def log_message(self, message: str) -> None:
+        """Append a message for the user, unless it repeats the last one (``CycleObserver``)."""
+        if message and self.snapshot.messages[-1:] != (message,):
+            self.snapshot = replace(
+                self.snapshot, messages=(*self.snapshot.messages, message)[-_MAX_MESSAGES:]
             )
 
     def _run_thread(self) -> None:
         try:
             while not self._ending:
                 self.step()
-        except Exception as error:  # a fault of ours: nobody leads the arm any more, so say it
+        except Exception as error:  # a bug: no thread controls the arm any more, so report it
             self._end_session(StopNotice(f"The view has failed: {error!r}.", _RESTART_TEXT))
             raise
 
     def _run_step(self) -> None:
         if self._acknowledged:
             self._restart()
-        elif self._stop_reason is not None and not self.readout.trouble:
+        elif self._stop_reason is not None and not self.snapshot.stop_notice:
             self._end_session(StopNotice(self._stop_reason.text, _CHECK_FIRST_TEXT))
-        if self.readout.trouble:
-            self._poll_state(quietly=True)
-        elif self.calibration and self.calibration.wanted:
+        if self.snapshot.stop_notice:
+            self._poll_state(ignore_errors=True)
+        elif self.calibration and self.calibration.requested:
             self._run_calibration(self.calibration)
-        elif self.command.live and self.command.session_id > self.readout.ended_session:
+        elif self.command.live and self.command.session_id > self.snapshot.ended_session:
             self._run_session()
         else:
             self._poll_state()
 
     def _run_session(self) -> None:
-        """Follow wishes until they end, change their speed, or stop coming."""
-        flight = LiveSession(self, self._clock, self._dead_man_s)
-        follow_goals(self.arm.workings, flight, flight.speed)
-        if flight.silent:
+        """Follow commands until Live ends, the speed changes, or heartbeats stop."""
+        session = LiveSession(self, self._clock, self._dead_man_s)
+        follow_goals(self.arm.workings, session, session.speed)
+        if session.silent:
             self.log_message(_SILENCE_TEXT)
-        if flight.silent or flight.is_over:  # Live may have been thrown anew while the arm braked
-            self.readout = replace(self.readout, goals=None, ended_session=flight.number)
+        if session.silent or session.is_over:  # Live may be on again since the arm braked
+            self.snapshot = replace(self.snapshot, goals=None, ended_session=session.session_id)
 
-    def _poll_state(self, *, quietly: bool = False) -> None:
-        """See where the arm is while it follows nobody."""
+    def _poll_state(self, *, ignore_errors: bool = False) -> None:
+        """Read the arm's state while no session runs."""
         try:
-            seen = _read_snapshot(self.arm)
-            self.readout = replace(
-                self.readout, measured=seen.measured, states=seen.states, goals=None
+            snapshot = _read_snapshot(self.arm)
+            self.snapshot = replace(
+                self.snapshot, measured=snapshot.measured, states=snapshot.states, goals=None
             )
         except IkservoError:
-            if not quietly:
+            if not ignore_errors:
                 raise
         self._clock.sleep_until(self._clock.now_s() + _POLL_PERIOD_S)
 
     def _restart(self) -> None:
-        """Go on after a stop; a line that was lost is opened again.
+        """Continue after a stop; a lost port is opened again.
 
         Raises:
-            IkservoError: It is still lost.
+            IkservoError: The port is still lost.
         """
         self._acknowledged, self._stop_reason = False, None
         if self._lost:
             self.arm.close("hold")
             self._reopen_arm()
         self.arm.acknowledge()
-        self.readout = replace(self.readout, trouble=None)
+        self.snapshot = replace(self.snapshot, stop_notice=None)
 
-    def _end_session(self, trouble: StopNotice) -> None:
-        """End the flight: somebody has to look, and Live has to be thrown again."""
-        self.log_message(trouble.message)
-        self.readout = replace(
-            self.readout, trouble=trouble, goals=None, ended_session=self.command.session_id
+    def _end_session(self, stop_notice: StopNotice) -> None:
+        """End the session: the stop must be acknowledged and Live switched on again."""
+        self.log_message(stop_notice.message)
+        self.snapshot = replace(
+            self.snapshot,
+            stop_notice=stop_notice,
+            goals=None,
+            ended_session=self.command.session_id,
         )
 
-    def _run_calibration(self, ritual: CalibrationDriver) -> None:
-        """Give the line to a calibration until it is over, then open the arm as it now is."""
+    def _run_calibration(self, driver: CalibrationDriver) -> None:
+        """Hand the port to the calibration, then reopen the arm."""
         self.arm.close("hold")
         self._lost = True
         try:
-            for talk in ritual.run():
-                self.readout = replace(self.readout, talk=talk)
+            for calibration in driver.run():
+                self.snapshot = replace(self.snapshot, calibration=calibration)
                 if self._ending:
                     return
         finally:
-            self.readout = replace(self.readout, talk=None)
+            self.snapshot = replace(self.snapshot, calibration=None)
             self._reopen_arm()
 
     def _reopen_arm(self) -> None:
-        """Open the arm as it is now: it may have been calibrated meanwhile."""
+        """Open the arm again: it may have been calibrated meanwhile."""
         self.arm = self._open()
         self._lost = False
-        seen = _read_snapshot(self.arm)
-        self.readout = replace(self.readout, measured=seen.measured, states=seen.states)
+        snapshot = _read_snapshot(self.arm)
+        self.snapshot = replace(self.snapshot, measured=snapshot.measured, states=snapshot.states)
 
 
 def _read_snapshot(arm: Arm) -> ArmSnapshot:

@@ -1,7 +1,7 @@
 """Authentication: session tokens, challenge and response, origin check, connection limit.
 
-A socket that only stands there costs little, but whoever opens thousands of them, or says a byte a
-second, must neither keep people out nor take time from the arm.
+An idle socket costs little, but a client that opens thousands of them, or sends a byte a second,
+must neither lock other clients out nor take time from the arm.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _NAMES_OF_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 
 
 class Permission(StrEnum):
-    """What a visitor may do."""
+    """What a client may do."""
 
     CONTROL = "control"
     WATCH = "watch"
@@ -50,11 +50,11 @@ class Permission(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class AccessTokens:
-    """The two secrets of one session; neither ever travels over the wire.
+    """The two secrets of one session; neither is ever sent over the network.
 
     Attributes:
-        control: Lets its holder move the arm.
-        watch: Lets its holder look.
+        control: Permits moving the arm.
+        watch: Permits watching.
     """
 
     control: str
@@ -62,75 +62,76 @@ class AccessTokens:
 
     @classmethod
     def generate(cls) -> AccessTokens:
-        """Return keys that nobody can guess."""
+        """Return unguessable keys."""
         return cls(secrets.token_urlsafe(_KEY_BYTES), secrets.token_urlsafe(_KEY_BYTES))
 
-    def authorise(self, nonce: str, shown: str) -> Permission | None:
-        """Return the right that a proof for a nonce gives; the comparison takes constant time.
+    def authorise(self, nonce: str, proof: str) -> Permission | None:
+        """Return the permission that a proof for a nonce grants; compares in constant time.
 
-        A nonce is asked once, so that a proof which somebody overheard opens nothing.
+        A nonce is used once, so an intercepted proof is worthless.
         """
         granted: Permission | None = None
-        for right, key in ((Permission.WATCH, self.watch), (Permission.CONTROL, self.control)):
-            if hmac.compare_digest(challenge_response(key, nonce).encode(), shown.encode()):
-                granted = right
+        for permission, key in ((Permission.WATCH, self.watch), (Permission.CONTROL, self.control)):
+            if hmac.compare_digest(challenge_response(key, nonce).encode(), proof.encode()):
+                granted = permission
         return granted
 
 
 def new_nonce() -> str:
-    """Return a question that was never asked before."""
+    """Return a nonce that was never used before."""
     return secrets.token_hex(16)
 
 
 def challenge_response(key: str, nonce: str) -> str:
-    """Return what shows that one knows a key without telling it: HMAC-SHA256, in hex (RFC 2104)."""
+    """Return the proof of knowing a key: HMAC-SHA256 of the nonce, in hex (RFC 2104)."""
     return hmac.new(key.encode(), nonce.encode(), "sha256").hexdigest()
 
 
 def is_allowed_origin(
     headers: Iterable[tuple[bytes, bytes]], local: tuple[str, int], *, upgrade: bool
 ) -> bool:
-    """Return whether a request comes from our own page, or from a person who opens it.
+    """Return whether a request comes from our own page, or from a user who opens it.
 
-    A name that somebody lets point here (DNS rebinding) is no address of this machine, and a page
-    of another site has another origin.
+    A foreign host name that resolves to this machine (DNS rebinding) is no own address, and a
+    page of another site has another origin.
 
     Args:
-        headers: The request's.
+        headers: The request's headers.
         local: The address and port at which the connection arrived.
-        upgrade: Whether it asks for a websocket; those always carry an origin.
+        upgrade: Whether it requests a websocket; those always carry an origin.
     """
-    found = _single_headers(headers)
-    if found is None or found.get("host", "").lower() not in _own_names(*local):
+    unique = _single_headers(headers)
+    if unique is None or unique.get("host", "").lower() not in _own_names(*local):
         return False
-    origin = found.get("origin")
+    origin = unique.get("origin")
     if origin is None:
-        own = found.get("sec-fetch-site", "none") in ("none", "same-origin")
+        own = unique.get("sec-fetch-site", "none") in ("none", "same-origin")
         opened = (
-            found.get("sec-fetch-mode") == "navigate" and found.get("sec-fetch-dest") == "document"
+            unique.get("sec-fetch-mode") == "navigate"
+            and unique.get("sec-fetch-dest") == "document"
         )
         return not upgrade and (own or opened)
-    return origin == f"http://{found['host'].lower()}"
+    return origin == f"http://{unique['host'].lower()}"
 
 
 def _single_headers(headers: Iterable[tuple[bytes, bytes]]) -> Mapping[str, str] | None:
-    """Return the headers that count, or None where one comes twice."""
-    found: dict[str, str] = {}
+    """Return the security-relevant headers, or None if one occurs twice."""
+    unique: dict[str, str] = {}
     for name, value in headers:
         key = name.decode("latin-1").lower()
         if key in _SINGLE_HEADERS:
-            if key in found:
+            if key in unique:
                 return None
-            found[key] = value.decode("latin-1")
-    return found
+            unique[key] = value.decode("latin-1")
+    return unique
 
 
 def _own_names(address: str, port: int) -> frozenset[str]:
-    """Return what a browser may call the address at which a connection arrived."""
+    """Return the Host values that a browser may send for an own address."""
     ip = ipaddress.ip_address(address.partition("%")[0])
-    names = _NAMES_OF_LOOPBACK if ip.is_loopback else (f"[{ip}]" if ip.version == 6 else str(ip),)
-    usual = names if port == 80 else ()  # a browser leaves the usual port out
-    return frozenset((*(f"{name}:{port}" for name in names), *usual))
+    hosts = _NAMES_OF_LOOPBACK if ip.is_loopback else (f"[{ip}]" if ip.version == 6 else str(ip),)
+    default_port = hosts if port == 80 else ()  # browsers omit the default port
+    return frozenset((*(f"{name}:{port}" for name in hosts), *default_port))
 
 
 _POLICY = (
@@ -150,13 +151,13 @@ _FORBIDDEN_TEXT = b"This address is not for other pages.\n"
 
 
 class OriginCheckMiddleware:
-    """Refuses requests and upgrades that do not come from our own page (ASGI middleware)."""
+    """Rejects requests and upgrades that do not come from our own page (ASGI middleware)."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request through with our headers, or answer 403."""
+        """Pass a request on and add the security headers, or respond with 403."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -183,13 +184,13 @@ async def _send_forbidden(send: Send) -> None:
 
 
 MAX_PENDING_CONNECTIONS = 24
-"""A page needs six for its files; when there are more, the eldest goes."""
+"""A page needs six for its files; beyond this number the oldest is dropped."""
 
 _REQUEST_TIMEOUT_S = 3.0
 
 
 class ConnectionLimiter(H11Protocol):
-    """Speaks HTTP, and websocket to whoever asks; drops who waits too long, or in a crowd."""
+    """HTTP protocol that drops idle connections, and the oldest of too many pending ones."""
 
     def __init__(
         self,
@@ -200,24 +201,24 @@ class ConnectionLimiter(H11Protocol):
     ) -> None:
         super().__init__(config, server_state, app_state, _loop)
         self._since_s = self.loop.time()
-        self._hurry: asyncio.TimerHandle | None = None
+        self._idle_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Count a connection in; the eldest of too many is dropped."""
+        """Register a connection; the oldest of too many is dropped."""
         super().connection_made(transport)
-        self._hurry = self.loop.call_later(_REQUEST_TIMEOUT_S, self._drop_idle_connection)
+        self._idle_timer = self.loop.call_later(_REQUEST_TIMEOUT_S, self._drop_idle_connection)
         waiting = [other for other in self.connections if _is_pending(other)]
         if len(waiting) > MAX_PENDING_CONNECTIONS:
             min(waiting, key=_connected_since_s).transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget a connection."""
-        if self._hurry is not None:
-            self._hurry.cancel()
+        """Cancel the idle timer."""
+        if self._idle_timer is not None:
+            self._idle_timer.cancel()
         super().connection_lost(exc)
 
     def _drop_idle_connection(self) -> None:
-        # The types say that there is always a cycle; there is none before the first request.
+        # The type hints promise a cycle, but there is none before the first request.
         if self in self.connections and not self.cycle:
             self.transport.abort()
 

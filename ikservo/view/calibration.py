@@ -34,134 +34,133 @@ REFERENCE_POSE = "rest"
 
 
 class CalibrationDriver:
-    """Holds calibrations of one arm on one port.
+    """Runs calibrations of one arm on one port.
 
     Args:
         model: The arm.
-        port: Its port; the arm itself must not hold it meanwhile.
-        pose: The named pose that it is held in at first.
+        port: Its port; must not be open elsewhere meanwhile.
+        pose: The named reference pose.
 
     Attributes:
-        wanted: Whether there shall be a calibration now.
+        requested: Whether a calibration shall run now.
     """
 
     def __init__(self, model: Model, port: str | None, pose: str = REFERENCE_POSE) -> None:
         self.model, self._port, self.pose = model, port, pose
         self._answers: deque[str] = deque(maxlen=8)
-        self.wanted = False
+        self.requested = False
 
     def request_start(self) -> None:
-        """Want a calibration; safe from any thread."""
+        """Request a calibration; safe from any thread."""
         self._answers.clear()
-        self.wanted = True
+        self.requested = True
 
-    def put_answer(self, word: str) -> None:
-        """Say a word of ``ikservo.calibration.script``; safe from any thread.
+    def put_answer(self, answer: str) -> None:
+        """Queue an answer of ``ikservo.calibration.script``; safe from any thread.
 
-        Besides, ``leave`` ends it, and ``protect`` saves and has the servos hold the limits, too.
+        In addition, ``cancel`` ends the calibration, and ``protect`` saves it and writes the
+        limits into the servos.
         """
-        if word == "leave":
-            self.wanted = False
-        self._answers.append(word)
+        if answer == "cancel":
+            self.requested = False
+        self._answers.append(answer)
 
     def run(self) -> Generator[CalibrationView]:
-        """Yield the state of the conversation at each reading until the person leaves.
+        """Yield the state at each reading until the user ends the calibration.
 
         Raises:
-            IkservoError: The servos do not answer, or nothing could be saved.
+            IkservoError: The servos do not reply, or nothing could be saved.
         """
         try:
-            with open_torque_off(self.model, self._port) as loose:
-                yield from self._confirm_release(loose)
-                yield from self._run_dialogue(loose)
+            with open_torque_off(self.model, self._port) as arm:
+                yield from self._confirm_release(arm)
+                yield from self._run_dialogue(arm)
         finally:
-            self.wanted = False
+            self.requested = False
 
-    def _confirm_release(self, loose: TorqueOffArm) -> Generator[CalibrationView]:
-        """Let the arm go limp, once the person says that it is held."""
-        while self.wanted and loose.torque_on_servos():
+    def _confirm_release(self, arm: TorqueOffArm) -> Generator[CalibrationView]:
+        """Disable torque once the user confirms that the arm is supported."""
+        while self.requested and arm.torque_on_servos():
             yield CalibrationView(None)
             if self._next_answer() == "accept":
-                loose.disable_torque()
-            loose.read_ticks()
+                arm.disable_torque()
+            arm.read_ticks()
 
-    def _run_dialogue(self, loose: TorqueOffArm) -> Generator[CalibrationView]:
-        talk = CalibrationView(CalibrationState.begin(loose.make_subjects(self.pose)))
-        while self.wanted and talk.wizard is not None:
-            reading = loose.read_ticks()
-            wizard = talk.wizard
+    def _run_dialogue(self, arm: TorqueOffArm) -> Generator[CalibrationView]:
+        view = CalibrationView(CalibrationState.begin(arm.make_subjects(self.pose)))
+        while self.requested and view.wizard is not None:
+            reading = arm.read_ticks()
+            wizard = view.wizard
             if reading is not None and wizard.stage in (
                 CalibrationStage.REFERENCE_POSE,
                 CalibrationStage.SWEEP,
             ):
-                talk = replace(talk, wizard=wizard.update(*reading))
-            talk = self._apply_answer(loose, talk)
-            yield talk
+                view = replace(view, wizard=wizard.update(*reading))
+            view = self._apply_answer(arm, view)
+            yield view
 
-    def _apply_answer(self, loose: TorqueOffArm, talk: CalibrationView) -> CalibrationView:
-        word, wizard = self._next_answer(), talk.wizard
-        if not word or wizard is None or not wizard.tracks:
-            return talk
-        protect = word == "protect" and wizard.stage is CalibrationStage.REVIEW
+    def _apply_answer(self, arm: TorqueOffArm, view: CalibrationView) -> CalibrationView:
+        answer, wizard = self._next_answer(), view.wizard
+        if not answer or wizard is None or not wizard.tracks:
+            return view
+        protect = answer == "protect" and wizard.stage is CalibrationStage.REVIEW
         try:
-            after = apply_answer(wizard, "accept" if protect else word)
+            next_wizard = apply_answer(wizard, "accept" if protect else answer)
         except (CalibrationError, InputError) as error:
-            return replace(talk, complaint=f"{error.message} {error.command_hint}")
-        if after.stage is CalibrationStage.SAVED and wizard.stage is CalibrationStage.REVIEW:
+            return replace(view, error=f"{error.message} {error.command_hint}")
+        if next_wizard.stage is CalibrationStage.SAVED and wizard.stage is CalibrationStage.REVIEW:
             return CalibrationView(
-                after, saved_at=self._save_result(loose, wizard, protect=protect)
+                next_wizard, saved_at=self._save_result(arm, wizard, protect=protect)
             )
         return (
-            self._make_review(loose, after)
-            if after.stage is CalibrationStage.REVIEW
-            else CalibrationView(after)
+            self._make_review(arm, next_wizard)
+            if next_wizard.stage is CalibrationStage.REVIEW
+            else CalibrationView(next_wizard)
         )
 
-    def _make_review(self, loose: TorqueOffArm, wizard: CalibrationState) -> CalibrationView:
-        """Return the review, with the warnings that the command line gives."""
+    def _make_review(self, arm: TorqueOffArm, wizard: CalibrationState) -> CalibrationView:
+        """Return the review, with the same warnings as on the command line."""
         try:
-            outcome = loose.build_calibration(wizard, self.pose, datetime.now(UTC))
+            outcome = arm.build_calibration(wizard, self.pose, datetime.now(UTC))
         except CalibrationError as error:
-            return CalibrationView(wizard, complaint=f"{error.message} {error.command_hint}")
-        warnings = (*lost_geometry_warning(loose), *loose.register_limit_warnings(outcome))
+            return CalibrationView(wizard, error=f"{error.message} {error.command_hint}")
+        warnings = (*lost_geometry_warning(arm), *arm.register_limit_warnings(outcome))
         return CalibrationView(wizard, warnings=warnings)
 
     def _next_answer(self) -> str:
         return self._answers.popleft() if self._answers else ""
 
-    def _save_result(self, loose: TorqueOffArm, wizard: CalibrationState, *, protect: bool) -> str:
+    def _save_result(self, arm: TorqueOffArm, wizard: CalibrationState, *, protect: bool) -> str:
         now = datetime.now(UTC)
-        return str(
-            loose.save(loose.build_calibration(wizard, self.pose, now, write_limits=protect))
-        )
+        return str(arm.save(arm.build_calibration(wizard, self.pose, now, write_limits=protect)))
 
 
 _ALLOWED_ANSWERS = {
-    CalibrationStage.REFERENCE_POSE: ("accept", "leave"),
-    CalibrationStage.REVIEW: ("accept", "protect", "undo", "leave"),
+    CalibrationStage.REFERENCE_POSE: ("accept", "cancel"),
+    CalibrationStage.REVIEW: ("accept", "protect", "undo", "cancel"),
 }
 _RELEASE_TEXT = "Torque will be switched off; support the arm, then go on."
 
 
 def calibration_view(
-    model: Model, talk: CalibrationView, pose: str = REFERENCE_POSE
+    model: Model, view: CalibrationView, pose: str = REFERENCE_POSE
 ) -> dict[str, object]:
-    """Return a conversation that began in a pose as the page draws it."""
-    wizard = talk.wizard
+    """Return a calibration as the page draws it; ``pose`` is its reference pose."""
+    wizard = view.wizard
     stage = CalibrationStage.REFERENCE_POSE if wizard is None else wizard.stage
-    swept = wizard is not None and stage in (CalibrationStage.SWEEP, CalibrationStage.REVIEW)
+    has_ranges = wizard is not None and stage in (CalibrationStage.SWEEP, CalibrationStage.REVIEW)
     return {
         "stage": stage.value,
         "task": _RELEASE_TEXT if wizard is None else _format_task(model, wizard, pose),
         "sketch": "\n".join(_sketch_lines(model))
         if stage is CalibrationStage.REFERENCE_POSE
         else "",
-        "lines": _format_lines(talk),
+        "lines": _format_lines(view),
         "meters": [_joint_readout_fields(wizard, meter) for meter in joint_readouts(wizard)]
-        if wizard and swept
+        if wizard and has_ranges
         else [],
-        "complaint": talk.complaint,
-        "may": _ALLOWED_ANSWERS.get(stage, ("accept", "undo", "leave")),
+        "error": view.error,
+        "allowed": _ALLOWED_ANSWERS.get(stage, ("accept", "undo", "cancel")),
     }
 
 
@@ -178,12 +177,12 @@ def _format_task(model: Model, wizard: CalibrationState, pose: str) -> str:
     )
 
 
-def _format_lines(talk: CalibrationView) -> list[str]:
-    if talk.wizard is None:
+def _format_lines(view: CalibrationView) -> list[str]:
+    if view.wizard is None:
         return []
-    if talk.wizard.stage is CalibrationStage.REVIEW:
-        return [*warnings(talk.wizard), *talk.warnings]
-    return [talk.saved_at] if talk.saved_at else []
+    if view.wizard.stage is CalibrationStage.REVIEW:
+        return [*warnings(view.wizard), *view.warnings]
+    return [view.saved_at] if view.saved_at else []
 
 
 def _sketch_lines(model: Model) -> list[str]:
@@ -193,17 +192,17 @@ def _sketch_lines(model: Model) -> list[str]:
 def _joint_readout_fields(wizard: CalibrationState, meter: JointReadout) -> dict[str, object]:
     expected = meter.subject.expected
     low, high = expected.lower.value, expected.upper.value
-    say = meter.subject.joint_map.format
+    format_value = meter.subject.joint_map.format
 
-    def share(position: float) -> float:
+    def to_fraction(position: float) -> float:
         return round(min(1.0, max(0.0, (position - low) / (high - low))), 3)
 
     moved = meter.state is not JointProgress.UNMOVED
     return {
         "name": meter.name,
-        "asked": wizard.current_joint is meter.subject,
+        "current": wizard.current_joint is meter.subject,
         "state": meter.state.value,
-        "share": share(meter.position),
-        "swept": [share(meter.low), share(meter.high)],
-        "text": f"{say(meter.low)} … {say(meter.high)}" if moved else "",
+        "fraction": to_fraction(meter.position),
+        "recorded": [to_fraction(meter.low), to_fraction(meter.high)],
+        "text": f"{format_value(meter.low)} … {format_value(meter.high)}" if moved else "",
     }

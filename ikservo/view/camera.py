@@ -1,8 +1,8 @@
 """Cameras: world to screen and back, exact inverses, and viewing rays.
 
-Pixels are CSS pixels from the top left corner, y downwards; only ``Viewport`` knows of device
-pixels. World coordinates are the arm's base frame in metres. A depth is a distance [m] from the
-eye along the direction in which it looks, never along a slanted ray::
+Pixels are CSS pixels from the top left corner, y downwards; only ``Viewport`` uses device pixels.
+World coordinates are the arm's base frame in metres. A depth is a distance [m] from the eye along
+the optical axis, never along a slanted ray::
 
     px, depth_m = camera.project(points_m)        # (…, 3) -> (…, 2), (…)
     points_m = camera.unproject(px, depth_m)      # (…, 2), (…) -> (…, 3)
@@ -31,28 +31,28 @@ class Ray:
     """A half line from the eye into the world.
 
     Attributes:
-        origin_m: Where it starts (3,), metres.
-        direction: Where it goes, a unit vector (3,).
+        origin_m: Its start (3,), metres.
+        direction: A unit vector (3,).
     """
 
     origin_m: Vector
     direction: Vector
 
-    def at(self, way_m: float) -> Vector:
-        """Return the point (3,) that far along."""
-        return self.origin_m + way_m * self.direction
+    def at(self, distance_m: float) -> Vector:
+        """Return the point (3,) at a distance along the ray."""
+        return self.origin_m + distance_m * self.direction
 
     def intersect_plane(self, point_m: Vector, normal: Vector) -> Vector | None:
-        """Return where it meets a plane (3,); None where it runs along it or away from it."""
+        """Return the intersection (3,) with a plane; None if it is parallel or behind the eye."""
         slope = float(self.direction @ normal)
         if abs(slope) < _PARALLEL_RAY:
             return None
-        way_m = float((point_m - self.origin_m) @ normal) / slope
-        return None if way_m < 0.0 else self.at(way_m)
+        distance_m = float((point_m - self.origin_m) @ normal) / slope
+        return None if distance_m < 0.0 else self.at(distance_m)
 
 
 NEAR_PLANE_M = 1e-3
-"""What is nearer to the eye of a perspective camera is drawn as if it were this far away."""
+"""Minimum depth of a perspective camera; nearer points are drawn as if at this depth."""
 
 _MAX_PX, _MAX_PIXEL_RATIO = 16384.0, 16.0
 
@@ -81,21 +81,21 @@ class Viewport:
 
     @property
     def centre_px(self) -> Vector:
-        """Return the middle (2,) in CSS pixels."""
+        """Return the centre (2,) in CSS pixels."""
         return np.array([0.5 * self.width_px, 0.5 * self.height_px])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """An eye, the directions of the screen, and how large a metre appears.
+    """A perspective or orthographic camera: position, orientation and scale.
 
     Attributes:
-        viewport: What it draws on.
-        eye_m: Where the eye is (3,), metres.
-        R_world_view: Columns: the screen's right, its up, and back towards the person (3, 3).
-        scale_px: Pixels for each metre of an orthographic camera; of a perspective one, pixels
-            for each metre one metre away.
-        perspective: Whether far things are small.
+        viewport: The drawing area.
+        eye_m: Position of the eye (3,), metres.
+        R_world_view: Columns: the screen's right, its up, and back towards the user (3, 3).
+        scale_px: Pixels per metre of an orthographic camera; for a perspective one the focal
+            length in pixels (pixels per metre at a depth of one metre).
+        perspective: Whether it is a perspective camera.
     """
 
     viewport: Viewport
@@ -106,7 +106,7 @@ class Camera:
 
     @property
     def fingerprint(self) -> tuple[object, ...]:
-        """Return what differs where something is seen elsewhere."""
+        """Return a key that is equal for cameras with the same projection."""
         return (self.viewport, self.eye_m.tobytes(), self.R_world_view.tobytes(), self.scale_px,
                 self.perspective)  # fmt: skip
 
@@ -122,7 +122,7 @@ class Camera:
 
     @property
     def forward(self) -> Vector:
-        """Return the direction (3,) in which the eye looks."""
+        """Return the direction (3,) of the optical axis."""
         return -self.R_world_view[:, 2]
 
     def depth_of(self, points_m: ArrayLike) -> Vector:
@@ -131,7 +131,7 @@ class Camera:
         return depth
 
     def pixels_per_metre(self, depth_m: ArrayLike) -> Vector:
-        """Return how large a metre across the line of sight appears (…), at depths (…)."""
+        """Return pixels per metre across the line of sight (…), at depths (…)."""
         depth = np.asarray(depth_m, dtype=np.float64)
         if not self.perspective:
             return np.full(depth.shape, self.scale_px)
@@ -139,22 +139,22 @@ class Camera:
 
     def project(self, points_m: ArrayLike) -> tuple[Matrix, Vector]:
         """Return the pixels (…, 2) of points (…, 3), and their depths (…)."""
-        seen = (np.asarray(points_m, dtype=np.float64) - self.eye_m) @ self.R_world_view
-        depth_m = -seen[..., 2]
-        across = seen[..., :2] * _DOWNWARDS * self.pixels_per_metre(depth_m)[..., None]
+        in_view = (np.asarray(points_m, dtype=np.float64) - self.eye_m) @ self.R_world_view
+        depth_m = -in_view[..., 2]
+        across = in_view[..., :2] * _DOWNWARDS * self.pixels_per_metre(depth_m)[..., None]
         return self.viewport.centre_px + across, depth_m
 
     def unproject(self, px: ArrayLike, depth_m: ArrayLike) -> Matrix:
-        """Return the points (…, 3) that are at pixels (…, 2) in depths (…) (lecture L14)."""
-        away = np.asarray(px, dtype=np.float64) - self.viewport.centre_px
+        """Return the points (…, 3) at pixels (…, 2) and depths (…); inverse of ``project``."""
+        offset_px = np.asarray(px, dtype=np.float64) - self.viewport.centre_px
         depth = np.asarray(depth_m, dtype=np.float64)
-        across = away * _DOWNWARDS / self.pixels_per_metre(depth)[..., None]
-        seen = np.concatenate([across, -depth[..., None]], axis=-1)
-        points: Matrix = seen @ self.R_world_view.T + self.eye_m
+        across = offset_px * _DOWNWARDS / self.pixels_per_metre(depth)[..., None]
+        in_view = np.concatenate([across, -depth[..., None]], axis=-1)
+        points: Matrix = in_view @ self.R_world_view.T + self.eye_m
         return points
 
     def ray(self, px: ArrayLike) -> Ray:
-        """Return the line of sight through a pixel (2,) (lecture L15)."""
+        """Return the line of sight through a pixel (2,)."""
         origins, directions = self.rays(np.asarray(px, dtype=np.float64)[None])
         return Ray(origins[0], directions[0])
 
@@ -164,19 +164,21 @@ class Camera:
         if not self.perspective:
             origins = self.unproject(pixels, np.zeros(len(pixels)))
             return origins, np.broadcast_to(self.forward, origins.shape)
-        away = self.unproject(pixels, np.ones(len(pixels))) - self.eye_m
-        directions: Matrix = away / np.sqrt(np.einsum("ni,ni->n", away, away))[:, None]
+        offsets_m = self.unproject(pixels, np.ones(len(pixels))) - self.eye_m
+        directions: Matrix = (
+            offsets_m / np.sqrt(np.einsum("ni,ni->n", offsets_m, offsets_m))[:, None]
+        )
         return np.broadcast_to(self.eye_m, directions.shape), directions
 
     def shift(self, move_px: ArrayLike, depth_m: float) -> Vector:
-        """Return the vector (3,) parallel to the screen that pixels (2,) mean (lecture L19)."""
+        """Return the vector (3,) parallel to the screen that corresponds to pixels (2,)."""
         across = np.asarray(move_px, dtype=np.float64) * _DOWNWARDS
         shift: Vector = self.R_world_view[:, :2] @ (across / self.pixels_per_metre(depth_m))
         return shift
 
 
 def view_rotation(forward: ArrayLike, up: ArrayLike) -> Matrix:
-    """Return R_world_view (3, 3) of an eye that looks along a direction, ``up`` (3,) upwards."""
+    """Return R_world_view (3, 3) with the optical axis along ``forward``, ``up`` (3,) upwards."""
     back = -np.asarray(forward, dtype=np.float64)
     back = back / math.sqrt(float(back @ back))
     right = np.cross(np.asarray(up, dtype=np.float64), back)
@@ -187,6 +189,6 @@ def view_rotation(forward: ArrayLike, up: ArrayLike) -> Matrix:
 _DOWNWARDS = np.array([1.0, -1.0])
 
 
-def _check_bounded(what: str, value: float, largest: float) -> None:
-    if not 0.0 < value <= largest:  # also refuses what is not a number
-        raise BadValueError(what, value, f"above 0, at most {largest:g}")
+def _check_bounded(what: str, value: float, max_value: float) -> None:
+    if not 0.0 < value <= max_value:  # also rejects NaN
+        raise BadValueError(what, value, f"above 0, at most {max_value:g}")

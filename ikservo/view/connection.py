@@ -28,7 +28,7 @@ __all__ = [
 
 
 MAX_MESSAGE_AGE_S = 1.0
-"""A command that was given while the page showed a scene older than this is none."""
+"""A command sent while the page showed a scene older than this is ignored."""
 
 _RATE_HZ = 400.0
 _BURST = 200.0
@@ -37,15 +37,22 @@ _MAX_REMEMBERED = 256
 
 
 class StaleMessageError(BadMessageError):
-    """A command that is too old to act on, as from a page that was hidden; no attack."""
+    """A command that is too old to act on, for example from a hidden page; no attack."""
 
 
 class RateLimitError(BadMessageError):
-    """A connection that says too much, or too much that is none; it is closed."""
+    """Too many messages, or too many invalid ones; the connection is closed."""
 
 
 class MessageFilter:
-    """Reads the messages of one connection, in order."""
+    """Parses the messages of one connection; checks order, age and rate.
+
+    Args:
+        now_s: Time of the connection.
+
+    Attributes:
+        seen: Number of the last scene that the page has drawn.
+    """
 
     def __init__(self, now_s: float) -> None:
         self._last_seq = 0
@@ -56,11 +63,11 @@ class MessageFilter:
 
     @property
     def frames_in_flight(self) -> int:
-        """Return how many scenes were sent that nobody has drawn yet."""
+        """Return how many scenes were sent that are not drawn yet."""
         return self._scene - self.seen
 
     def record_sent(self, now_s: float) -> int:
-        """Remember when a scene left, which dates what is said in answer to it; return which."""
+        """Record the send time of a scene, which dates the replies; return its number."""
         self._scene += 1
         self._sent[self._scene] = now_s
         while len(self._sent) > _MAX_REMEMBERED:
@@ -68,12 +75,12 @@ class MessageFilter:
         return self._scene
 
     def accept(self, text: str, now_s: float) -> Message:
-        """Return a message that may act.
+        """Return a message that may be acted on.
 
         Raises:
-            BadMessageError: It is malformed or was there before; nothing changes.
-            StaleError: It is too old; nothing changes.
-            TooManyError: The connection is to be closed.
+            BadMessageError: It is malformed or a replay; nothing changes.
+            StaleMessageError: It is too old; nothing changes.
+            RateLimitError: The connection is to be closed.
         """
         self._consume_token(now_s)
         try:
@@ -108,58 +115,60 @@ class MessageFilter:
         self._last_seq, self.seen = message.seq, message.seen
 
     def _age_s(self, scene: int, now_s: float) -> float:
-        """Return how long the scene that came after the drawn one has been on its way."""
+        """Return how long ago the scene after the drawn one was sent."""
         after = next((at_s for seq, at_s in self._sent.items() if seq > scene), now_s)
         return now_s - after
 
 
 def _is_always_accepted(message: Message) -> bool:
-    """Return whether it moves nothing, or only makes the arm hold.
+    """Return whether a message moves nothing, or only makes the arm hold.
 
-    A page says once how large its drawing is, often in the second in which it is laid out.
+    A page sends its viewport once, often during the slow second of its layout.
     """
-    holds = isinstance(message, Stop) or (isinstance(message, Heartbeat) and not message.visible)
-    return holds or isinstance(message, SetViewport)
+    only_holds = isinstance(message, Stop) or (
+        isinstance(message, Heartbeat) and not message.visible
+    )
+    return only_holds or isinstance(message, SetViewport)
 
 
 class ControlLease:
-    """Who may move the arm.
+    """Which client may move the arm.
 
     Attributes:
-        holder: The number of the visitor in control, None while nobody is.
+        holder: The number of the client in control; None for none.
     """
 
     def __init__(self) -> None:
         self.holder: int | None = None
 
-    def acquire(self, visitor: int) -> None:
-        """Give control to a visitor, whoever had it before."""
-        self.holder = visitor
+    def acquire(self, client_id: int) -> None:
+        """Give control to a client, whichever had it before."""
+        self.holder = client_id
 
-    def release(self, visitor: int) -> bool:
-        """Take control back from a visitor; return whether it had it."""
-        held = self.holder == visitor
-        if held:
+    def release(self, client_id: int) -> bool:
+        """Release a client's control; return whether it had it."""
+        was_holder = self.holder == client_id
+        if was_holder:
             self.holder = None
-        return held
+        return was_holder
 
 
 @dataclass(slots=True)
 class Client:
-    """One page that is open.
+    """One open page.
 
     Attributes:
-        number: Which.
-        right: What its key lets it do.
-        view: From where it looks.
-        viewport: What it draws on; None until it has said so.
-        sent: What it was last told of each kind, so that nothing is told twice.
-        told_s: When it was last told a scene and a status.
+        number: Identifies it.
+        permission: What its key permits.
+        view: Its viewpoint.
+        viewport: Size of its drawing; None until it was received.
+        sent: The last frame of each kind, so that nothing is sent twice.
+        sent_s: When the last frame of each kind was sent.
     """
 
     number: int
-    right: Permission
+    permission: Permission
     view: Viewpoint
     viewport: Viewport | None = None
     sent: dict[str, object] = field(default_factory=dict[str, object])
-    told_s: dict[str, float] = field(default_factory=dict[str, float])
+    sent_s: dict[str, float] = field(default_factory=dict[str, float])

@@ -10,7 +10,7 @@ from typing import Any
 from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
-from ikservo.view import messages as said
+from ikservo.view import messages as msg
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
@@ -27,227 +27,229 @@ _ORBIT_RAD_PX = 0.008
 _STOPPED = StopReason(StopKind.CLIENT, "Stopped from the page; torque stays on.")
 
 Handler = Callable[[Any, Client], None]
-"""Acts on one type of message."""
+"""Handles one type of message."""
 
 
 class SessionController:
-    """Hears all visitors and moves the arm for the one in control (``server.Audience``).
+    """Handles the messages of all clients; one of them controls the arm (``SessionBackend``).
 
-    All of it runs in the server's thread; the pilot's wishes and sights are replaced as a whole.
+    Runs in the server's thread; commands and snapshots of the arm thread are replaced as a whole.
 
     Args:
-        pilot: Owns the arm.
-        clock: Dates signs of life.
+        arm_thread: Owns the arm.
+        clock: Time stamps of heartbeats.
     """
 
-    def __init__(self, pilot: ArmThread, clock: Clock) -> None:
-        self._pilot, self._clock = pilot, clock
-        self._arm = pilot.arm
-        self._gestures = Interaction(pilot.arm)
-        self._posters = FrameComposer(pilot, self._gestures, clock)
+    def __init__(self, arm_thread: ArmThread, clock: Clock) -> None:
+        self._arm_thread, self._clock = arm_thread, clock
+        self._arm = arm_thread.arm
+        self._interaction = Interaction(arm_thread.arm)
+        self._composer = FrameComposer(arm_thread, self._interaction, clock)
         self._lease = ControlLease()
-        self._visitors: dict[int, Client] = {}
+        self._clients: dict[int, Client] = {}
         self._numbers = itertools.count(1)
         self._handlers: dict[type, Handler] = {
-            said.Heartbeat: self._refresh_heartbeat,
-            said.SetViewport: self._look,
-            said.OrbitCamera: self._orbit,
-            said.Stop: self._stop,
-            said.Acknowledge: self._acknowledge,
-            said.TakeControl: self._take,
+            msg.Heartbeat: self._refresh_heartbeat,
+            msg.SetViewport: self._set_viewport,
+            msg.OrbitCamera: self._orbit_camera,
+            msg.Stop: self._stop,
+            msg.Acknowledge: self._acknowledge,
+            msg.TakeControl: self._take_control,
         }
-        # Only the visitor in control may say these, and all that is in neither table.
+        # Only the client in control may send these, and messages that are in neither table.
         self._control_handlers: dict[type, Handler] = {
-            said.SetLive: self._switch_live,
-            said.SetSpeed: self._choose_speed,
-            said.SetSolver: self._choose_solver,
-            said.PreferPosture: self._prefer,
-            said.CalibrationAnswer: self._handle_calibration,
-            said.GoToPose: self._pose,
+            msg.SetLive: self._set_live,
+            msg.SetSpeed: self._set_speed,
+            msg.SetSolver: self._set_solver,
+            msg.PreferPosture: self._prefer_posture,
+            msg.CalibrationAnswer: self._handle_calibration,
+            msg.GoToPose: self._go_to_pose,
         }
 
     def close(self) -> None:
-        """Leave what is being worked out in the background."""
-        self._posters.close()
+        """Cancel the background computations."""
+        self._composer.close()
 
-    # --- visitors come and go ---
+    # --- connections ---
 
-    def connect(self, right: Permission) -> int:
-        """Let a visitor in; the first who may control does."""
+    def connect(self, permission: Permission) -> int:
+        """Register a client and return its number; the first with permission gets control."""
         number = next(self._numbers)
-        view = Viewpoint(available_views(self._posters.stage)[0])
-        self._visitors[number] = Client(number, right, view)
-        if right is Permission.CONTROL and self._lease.holder is None:
+        view = Viewpoint(available_views(self._composer.extent)[0])
+        self._clients[number] = Client(number, permission, view)
+        if permission is Permission.CONTROL and self._lease.holder is None:
             self._grant_control(number)
         return number
 
-    def disconnect(self, visitor: int) -> None:
-        """Forget a visitor; an arm that it moved holds."""
-        del self._visitors[visitor]
-        if self._lease.release(visitor):
+    def disconnect(self, client_id: int) -> None:
+        """Remove a client; if it had control, the arm holds."""
+        del self._clients[client_id]
+        if self._lease.release(client_id):
             self._stop_session()
 
-    def frames(self, visitor: int) -> list[Frame]:
-        """Return what is new for a visitor."""
+    def frames(self, client_id: int) -> list[Frame]:
+        """Return the new frames for a client."""
         self._update_after_session()
-        if visitor == self._lease.holder:
-            self._gestures.continue_target(self._pilot.readout, self._clock.now_s())
+        if client_id == self._lease.holder:
+            self._interaction.continue_target(self._arm_thread.snapshot, self._clock.now_s())
             self._send_setpoint()
-        held = {None: "none", visitor: "you"}.get(self._lease.holder, "other")
-        return self._posters.compose(self._visitors[visitor], controller=held)
+        controller = {None: "none", client_id: "you"}.get(self._lease.holder, "other")
+        return self._composer.compose(self._clients[client_id], controller=controller)
 
-    # --- what they say ---
+    # --- messages of any client ---
 
-    def receive(self, visitor: int, message: Message) -> None:
-        """Act on what a visitor says.
+    def receive(self, client_id: int, message: Message) -> None:
+        """Handle a client's message.
 
         Raises:
-            BadMessageError: It may not, or it makes no sense now; nothing has changed.
+            BadMessageError: Not permitted, or impossible now; nothing has changed.
         """
-        sender, handle = self._visitors[visitor], self._handlers.get(type(message))
+        client, handle = self._clients[client_id], self._handlers.get(type(message))
         if handle is None:
-            self._receive_in_control(message, sender)
+            self._receive_in_control(message, client)
         else:
-            handle(message, sender)
+            handle(message, client)
 
-    def _refresh_heartbeat(self, message: said.Heartbeat, visitor: Client) -> None:
-        if visitor.number != self._lease.holder:
+    def _refresh_heartbeat(self, message: msg.Heartbeat, client: Client) -> None:
+        if client.number != self._lease.holder:
             return
         if message.visible:
-            self._pilot.post(replace(self._pilot.command, heartbeat_s=self._clock.now_s()))
+            self._arm_thread.post(
+                replace(self._arm_thread.command, heartbeat_s=self._clock.now_s())
+            )
         else:
             self._stop_session()
 
-    def _look(self, message: said.SetViewport, visitor: Client) -> None:
-        if message.view not in available_views(self._posters.stage):
+    def _set_viewport(self, message: msg.SetViewport, client: Client) -> None:
+        if message.view not in available_views(self._composer.extent):
             raise BadMessageError(f"This arm is not seen from the {message.view}.")
-        visitor.viewport = Viewport(message.w, message.h, message.dpr)
-        if message.view != visitor.view.name:
-            visitor.view = Viewpoint(message.view)
+        client.viewport = Viewport(message.w, message.h, message.dpr)
+        if message.view != client.view.name:
+            client.view = Viewpoint(message.view)
 
-    def _orbit(self, message: said.OrbitCamera, visitor: Client) -> None:
-        view = visitor.view.zoom_by(message.zoom)
+    def _orbit_camera(self, message: msg.OrbitCamera, client: Client) -> None:
+        view = client.view.zoom_by(message.zoom)
         if view.name == "orbit":
             view = view.orbit_by(-message.dx * _ORBIT_RAD_PX, message.dy * _ORBIT_RAD_PX)
-        elif visitor.viewport is not None:
-            view = view.pan_by((message.dx, message.dy), self._posters.camera(visitor), 0.0)
-        visitor.view = view
+        elif client.viewport is not None:
+            view = view.pan_by((message.dx, message.dy), self._composer.camera(client), 0.0)
+        client.view = view
 
-    def _stop(self, _message: said.Stop, visitor: Client) -> None:
-        _check_may_control(visitor)
-        self._gestures.reset()
-        self._pilot.post(replace(self._pilot.command, live=False, goal=None))
-        self._pilot.request_stop(_STOPPED)
+    def _stop(self, _message: msg.Stop, client: Client) -> None:
+        _check_may_control(client)
+        self._interaction.reset()
+        self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
+        self._arm_thread.request_stop(_STOPPED)
 
-    def _acknowledge(self, _message: said.Acknowledge, visitor: Client) -> None:
-        _check_may_control(visitor)
-        self._gestures.reset()
-        self._pilot.acknowledge()
+    def _acknowledge(self, _message: msg.Acknowledge, client: Client) -> None:
+        _check_may_control(client)
+        self._interaction.reset()
+        self._arm_thread.acknowledge()
 
-    def _take(self, message: said.TakeControl, visitor: Client) -> None:
-        _check_may_control(visitor)
-        if message.on and self._lease.holder != visitor.number:
-            self._grant_control(visitor.number)
-        elif not message.on and self._lease.release(visitor.number):
+    def _take_control(self, message: msg.TakeControl, client: Client) -> None:
+        _check_may_control(client)
+        if message.on and self._lease.holder != client.number:
+            self._grant_control(client.number)
+        elif not message.on and self._lease.release(client.number):
             self._stop_session()
 
-    # --- what the one in control wants ---
+    # --- messages of the client in control ---
 
-    def _receive_in_control(self, message: Message, visitor: Client) -> None:
-        """Turn what only the visitor in control may say into the arm's goal or mode."""
-        self._require_control(visitor)
+    def _receive_in_control(self, message: Message, client: Client) -> None:
+        """Handle a message that only the client in control may send; it counts as a heartbeat."""
+        self._require_control(client)
         self._update_after_session()
-        self._pilot.post(replace(self._pilot.command, heartbeat_s=self._clock.now_s()))
-        handle = self._control_handlers.get(type(message), self._gesture)
+        self._arm_thread.post(replace(self._arm_thread.command, heartbeat_s=self._clock.now_s()))
+        handle = self._control_handlers.get(type(message), self._handle_input)
         try:
-            handle(message, visitor)
+            handle(message, client)
         except IkservoError as error:
             raise BadMessageError(error.message, error.command_hint) from error
         self._send_setpoint()
 
-    def _choose_speed(self, message: said.SetSpeed, _visitor: Client) -> None:
-        self._pilot.post(replace(self._pilot.command, speed=message.name))
+    def _set_speed(self, message: msg.SetSpeed, _client: Client) -> None:
+        self._arm_thread.post(replace(self._arm_thread.command, speed=message.name))
 
-    def _choose_solver(self, message: said.SetSolver, _visitor: Client) -> None:
-        self._gestures.choose_solver(message.name)
+    def _set_solver(self, message: msg.SetSolver, _client: Client) -> None:
+        self._interaction.choose_solver(message.name)
 
-    def _prefer(self, message: said.PreferPosture, _visitor: Client) -> None:
-        wanted = PosturePreference(message.pose, message.weights)
-        self._gestures.set_preference(wanted, self._pilot.readout.measured)
+    def _prefer_posture(self, message: msg.PreferPosture, _client: Client) -> None:
+        preference = PosturePreference(message.pose, message.weights)
+        self._interaction.set_preference(preference, self._arm_thread.snapshot.measured)
 
-    def _pose(self, message: said.GoToPose, _visitor: Client) -> None:
-        self._gestures.pose(message.name, self._pilot.readout.measured)
+    def _go_to_pose(self, message: msg.GoToPose, _client: Client) -> None:
+        self._interaction.pose(message.name, self._arm_thread.snapshot.measured)
 
-    def _gesture(self, message: Any, visitor: Client) -> None:  # noqa: ANN401
-        """Hear every other message: what a pointer, a key or a stick does in the drawing."""
-        readout = self._pilot.readout
-        if visitor.viewport is None or readout.trouble is not None:
+    def _handle_input(self, message: Any, client: Client) -> None:  # noqa: ANN401
+        """Handle pointer, wheel, key and gamepad messages."""
+        snapshot = self._arm_thread.snapshot
+        if client.viewport is None or snapshot.stop_notice is not None:
             return
-        camera, plane_m = self._posters.camera(visitor), self._posters.plane_m(visitor)
-        sight = self._gestures.sight(camera, readout, plane_m)
-        self._gestures.handle(message, sight, readout, self._clock.now_s())
+        camera, plane_m = self._composer.camera(client), self._composer.plane_m(client)
+        context = self._interaction.pointer_context(camera, snapshot, plane_m)
+        self._interaction.handle(message, context, snapshot, self._clock.now_s())
 
-    def _switch_live(self, message: said.SetLive, _visitor: Client) -> None:
-        """Throw Live: the arm starts from where it stands, whatever the preview showed."""
-        pilot, on = self._pilot, message.on
-        if on and (pilot.readout.trouble or pilot.readout.talk):
+    def _set_live(self, message: msg.SetLive, _client: Client) -> None:
+        """Switch Live: the arm starts at its measured position, whatever the preview showed."""
+        arm_thread, on = self._arm_thread, message.on
+        if on and (arm_thread.snapshot.stop_notice or arm_thread.snapshot.calibration):
             raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
-        self._gestures.reset()
-        flight = (
-            pilot.command.session_id + 1
-            if on and not pilot.command.live
-            else pilot.command.session_id
+        self._interaction.reset()
+        session_id = (
+            arm_thread.command.session_id + 1
+            if on and not arm_thread.command.live
+            else arm_thread.command.session_id
         )
-        pilot.post(replace(pilot.command, live=on, goal=None, session_id=flight))
+        arm_thread.post(replace(arm_thread.command, live=on, goal=None, session_id=session_id))
 
-    def _handle_calibration(self, message: said.CalibrationAnswer, _visitor: Client) -> None:
-        ritual = self._pilot.calibration
-        if ritual is None or (self._pilot.command.live and message.word == "begin"):
+    def _handle_calibration(self, message: msg.CalibrationAnswer, _client: Client) -> None:
+        driver = self._arm_thread.calibration
+        if driver is None or (self._arm_thread.command.live and message.action == "start"):
             raise BadMessageError("The arm cannot be calibrated now.", "Switch Live off first.")
-        if message.word == "begin":
-            ritual.request_start()
+        if message.action == "start":
+            driver.request_start()
         else:
-            ritual.put_answer(f"{message.word} {message.joint or ''}".strip())
+            driver.put_answer(f"{message.action} {message.joint or ''}".strip())
 
     def _update_after_session(self) -> None:
-        """Notice that a flight has ended; what it went for is forgotten with it."""
-        if self._pilot.arm is not self._arm:
+        """Follow a reopened arm, and reset the goal if the session has ended."""
+        if self._arm_thread.arm is not self._arm:
             self._reset_for_arm()
-        wish, readout = self._pilot.command, self._pilot.readout
-        if wish.live and readout.ended_session >= wish.session_id:
+        command, snapshot = self._arm_thread.command, self._arm_thread.snapshot
+        if command.live and snapshot.ended_session >= command.session_id:
             self._stop_session()
 
     def _reset_for_arm(self) -> None:
-        """Begin anew with an arm that was opened again: its limits may be others."""
-        self._arm = self._pilot.arm
-        self._posters.close()
-        self._gestures = Interaction(self._arm)
-        self._posters = FrameComposer(self._pilot, self._gestures, self._clock)
+        """Start again with a reopened arm: its limits may have changed."""
+        self._arm = self._arm_thread.arm
+        self._composer.close()
+        self._interaction = Interaction(self._arm)
+        self._composer = FrameComposer(self._arm_thread, self._interaction, self._clock)
 
-    def _grant_control(self, visitor: int) -> None:
-        """Give control to a visitor, who begins slowly and with a preview."""
-        self._lease.acquire(visitor)
+    def _grant_control(self, client_id: int) -> None:
+        """Give control to a client; it starts at slow speed in the preview."""
+        self._lease.acquire(client_id)
         self._stop_session()
-        self._pilot.post(replace(self._pilot.command, speed="slow"))
+        self._arm_thread.post(replace(self._arm_thread.command, speed="slow"))
 
     def _stop_session(self) -> None:
-        self._gestures.reset()
-        self._pilot.post(replace(self._pilot.command, live=False, goal=None))
+        self._interaction.reset()
+        self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
 
     def _send_setpoint(self) -> None:
-        wish = self._pilot.command
-        goal = self._gestures.goal
-        if wish.live and goal is not wish.goal:
-            self._pilot.post(replace(wish, goal=goal))
+        command = self._arm_thread.command
+        goal = self._interaction.goal
+        if command.live and goal is not command.goal:
+            self._arm_thread.post(replace(command, goal=goal))
 
-    def _require_control(self, visitor: Client) -> None:
-        _check_may_control(visitor)
-        if visitor.number != self._lease.holder:
+    def _require_control(self, client: Client) -> None:
+        _check_may_control(client)
+        if client.number != self._lease.holder:
             raise BadMessageError("Another page is in control.", "Take control first.")
 
 
-def _check_may_control(visitor: Client) -> None:
-    if visitor.right is not Permission.CONTROL:
+def _check_may_control(client: Client) -> None:
+    if client.permission is not Permission.CONTROL:
         raise BadMessageError(
             "This page is for watching only.", "Open the address with the other key."
         )

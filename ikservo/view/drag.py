@@ -1,24 +1,23 @@
 """Dragging: pointer, wheel and keys become targets for the tip, a link or a joint.
 
-Where links, objects and the free plane lie behind each other, a click without a motion, or a key,
-goes on to the next; once the pointer is elsewhere, or something else is under it, it is the first
-again. None stands for none of them: the tip is to come to the pointer.
+Where links, objects and the free plane overlap under the pointer, a click without a motion, or a
+key, selects the next one; once the pointer has moved, or something else is under it, the first one
+is selected again. None is the free plane: the tip moves to the pointer.
 
-A machine without clock, page or servo; every event returns a wish or None::
+A state machine without clock, page or servo; every event returns a command or None::
 
     drag = Drag(chain, picker)
-    wish = drag.press(px, sight, shift=False, pointer=0)    # Pull of the grabbed point, or Turn
-    wish = drag.move(px, pointer=0)
+    command = drag.press(px, context, shift=False, pointer=0)    # DragTarget or JointTarget
+    command = drag.move(px, pointer=0)
     drag.release(pointer=0)
-    wish = drag.cancel()                                    # Hold
-    wish = drag.wheel(px, notches, sight, fine=False)       # Turn
-    wish = drag.key("ArrowUp", sight, fine=False)           # Pull of the tip, Hold for Escape
-    link = drag.hover(px, sight)
-    options, index = drag.under(px, sight)                  # what lies behind each other there
-    drag.go_on(px, sight)                                   # a press means the next of them
+    command = drag.cancel()                                      # HoldCommand
+    command = drag.wheel(px, notches, context, fine=False)       # JointTarget
+    command = drag.on_key("ArrowUp", context, fine=False)        # DragTarget of the tip
+    link = drag.hover(px, context)
+    options, index = drag.candidates_under(px, context)          # overlapping things there
+    drag.select_next(px, context)                                # a press grabs the next one
 
-A click on a thing that does not move the pointer goes on to the one behind it, too. Touches and
-pens are pointers. A pointer beside the one that drags is ignored.
+Touches and pens are pointers. A second pointer is ignored during a drag.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ __all__ = [
 ]
 
 
-# An axis flatter to the screen than this shows its circle as a line.
+# Cosine of axis and line of sight below which the joint's circle is seen edge-on.
 _MIN_FACING_COSINE = 0.3
 _HUB_PX = 5.0
 _MIN_LEVER_PX = 20.0
@@ -57,18 +56,18 @@ _SMALL = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointDrag:
-    """A joint that the pointer turns.
+    """A drag that moves one joint.
 
     Attributes:
         column: The joint's entry of q.
-        camera: The camera the gesture began with.
+        camera: The camera at the start of the drag.
         pivot_m: A point (3,) of the axis.
         axis: The axis (3,), a unit vector.
-        px: Where the pointer was last (2,).
-        position: Where the pointer wants the joint, rad or m; may be past its limits, so that a
-            pointer which comes back meets the joint where it left it.
-        lever_px: How the grabbed point moves on the screen (2,) with the joint, pixels for each
-            rad or m; None where the pointer goes round the pivot instead.
+        px: The last position of the pointer (2,).
+        position: The joint position at the pointer, rad or m; may exceed the limits, so that a
+            returning pointer meets the joint where it left it.
+        lever_px: Velocity of the grabbed point on the screen (2,), pixels per rad or m; None if
+            the pointer moves around the pivot instead.
     """
 
     column: int
@@ -80,7 +79,7 @@ class JointDrag:
     lever_px: Vector | None
 
     def move_pointer(self, px: Vector) -> JointDrag:
-        """Return the gesture after the pointer has moved to a pixel (2,)."""
+        """Return the drag after the pointer has moved to a pixel (2,)."""
         return replace(self, px=px, position=self.position + self._angle_change(px))
 
     def _angle_change(self, px: Vector) -> float:
@@ -90,16 +89,18 @@ class JointDrag:
         return 0.0 if before is None or now is None else math.remainder(now - before, math.tau)
 
     def _pointer_angle(self, px: Vector) -> float | None:
-        """Return the pointer's angle about the axis; None on the pivot, where it has none."""
-        hub, _ = self.camera.project(self.pivot_m)
-        met = self.camera.ray(px).intersect_plane(self.pivot_m, self.axis)
-        if met is None or float(np.hypot(*(px - hub))) < _HUB_PX:
+        """Return the pointer's angle about the axis; None at the pivot, where it is undefined."""
+        pivot_px, _ = self.camera.project(self.pivot_m)
+        hit_m = self.camera.ray(px).intersect_plane(self.pivot_m, self.axis)
+        if hit_m is None or float(np.hypot(*(px - pivot_px))) < _HUB_PX:
             return None
-        across = self.camera.right - self.axis * float(self.axis @ self.camera.right)
-        if float(across @ across) < 0.1:
-            across = self.camera.up - self.axis * float(self.axis @ self.camera.up)
-        arm = met - self.pivot_m
-        return math.atan2(float(np.cross(self.axis, across) @ arm), float(across @ arm))
+        reference = self.camera.right - self.axis * float(self.axis @ self.camera.right)
+        if float(reference @ reference) < 0.1:
+            reference = self.camera.up - self.axis * float(self.axis @ self.camera.up)
+        lever_m = hit_m - self.pivot_m
+        return math.atan2(
+            float(np.cross(self.axis, reference) @ lever_m), float(reference @ lever_m)
+        )
 
 
 def start_joint_drag(
@@ -112,29 +113,29 @@ def start_joint_drag(
     *,
     slides: bool,
 ) -> JointDrag:
-    """Begin to turn a joint.
+    """Start to drag a joint.
 
     Args:
         column: The joint's entry of q.
-        camera: What the person sees.
+        camera: The user's camera.
         line: A point (3,) of the axis, and its direction (3,).
-        px: Where the pointer is (2,).
+        px: Position of the pointer (2,).
         point_m: The grabbed point (3,).
         position: The joint's position, rad or m.
-        slides: Whether the joint is a slide.
+        slides: Whether the joint is prismatic.
     """
     pivot, axis = line
-    sight = camera.ray(camera.project(pivot)[0]).direction
-    lever = None
-    if slides or abs(float(sight @ axis)) < _MIN_FACING_COSINE:
-        lever = _screen_velocity(
+    line_of_sight = camera.ray(camera.project(pivot)[0]).direction
+    lever_px = None
+    if slides or abs(float(line_of_sight @ axis)) < _MIN_FACING_COSINE:
+        lever_px = _screen_velocity(
             camera, axis if slides else np.cross(axis, point_m - pivot), point_m
         )
-    return JointDrag(column, camera, pivot, axis, px, position, lever)
+    return JointDrag(column, camera, pivot, axis, px, position, lever_px)
 
 
 def _screen_velocity(camera: Camera, velocity: Vector, point_m: Vector) -> Vector:
-    """Return how a point moves on the screen (2,) at a velocity (3,); upwards if hardly at all."""
+    """Return the screen velocity (2,) of a point at a velocity (3,); upwards if almost zero."""
     ends, _ = camera.project(point_m + np.array([[-_SMALL], [_SMALL]]) * velocity)
     lever: Vector = (ends[1] - ends[0]) / (2.0 * _SMALL)
     upwards = np.array([0.0, -1.0 / _LEVERLESS_RAD_PX])
@@ -142,49 +143,51 @@ def _screen_velocity(camera: Camera, velocity: Vector, point_m: Vector) -> Vecto
 
 
 AT_REST_PX = 4.0
-"""A pointer that moves less stays where it is."""
+"""A pointer that moves less counts as at rest."""
 
 Names = tuple[tuple[str, str] | None, ...]
 
 
 class CandidateSelection:
-    """Remembers which of the things under a resting pointer is chosen.
+    """Selection among the overlapping things under a resting pointer.
 
     Args:
-        under: Finds them.
+        hit_tester: Finds them.
     """
 
-    def __init__(self, under: HitTester) -> None:
-        self._under = under
+    def __init__(self, hit_tester: HitTester) -> None:
+        self._hit_tester = hit_tester
         self._at: Vector | None = None
         self._names: Names = ()
         self._index = 0
 
-    def candidates_at(self, at: Vector, sight: PointerContext) -> tuple[PickCandidate | None, ...]:
-        """Return what a press at a pixel (2,) may mean: links, objects, None, what is fixed."""
-        found = self._under.candidates_at(at, sight)
+    def candidates_at(
+        self, at: Vector, context: PointerContext
+    ) -> tuple[PickCandidate | None, ...]:
+        """Return what a press at a pixel (2,) may grab: links, objects, None, fixed links."""
+        found = self._hit_tester.candidates_at(at, context)
         fixed = tuple(each for each in found if each.kind == "fixed")
         return (*found[: len(found) - len(fixed)], None, *fixed)
 
     def selected_index(self, at: Vector, options: tuple[PickCandidate | None, ...]) -> int:
-        """Return which of the options at a pixel (2,) is chosen."""
+        """Return which of the options at a pixel (2,) is selected."""
         return (
             self._index % len(options) if self._is_same_place(at, _candidate_names(options)) else 0
         )
 
-    def selected(self, at: Vector, sight: PointerContext) -> PickCandidate | None:
-        """Return what a press at a pixel (2,) means."""
-        options = self.candidates_at(at, sight)
+    def selected(self, at: Vector, context: PointerContext) -> PickCandidate | None:
+        """Return what a press at a pixel (2,) grabs."""
+        options = self.candidates_at(at, context)
         return options[self.selected_index(at, options)]
 
-    def select_next(self, at: Vector, sight: PointerContext, step: int = 1) -> None:
-        """Choose the next, or with -1 the one before, at a pixel (2,)."""
-        options = self.candidates_at(at, sight)
+    def select_next(self, at: Vector, context: PointerContext, step: int = 1) -> None:
+        """Select the next option, or with -1 the previous one, at a pixel (2,)."""
+        options = self.candidates_at(at, context)
         self._index = (self.selected_index(at, options) + step) % len(options)
         self._at, self._names = at, _candidate_names(options)
 
     def reset(self) -> None:
-        """Choose the first again."""
+        """Select the first option again."""
         self._at = None
 
     def _is_same_place(self, at: Vector, names: Names) -> bool:
@@ -212,13 +215,13 @@ _GRAB_KINDS = ("Escape", " ", "Space")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _GrabbedPoint:
-    """A point of a link that the pointer holds, or the tip where ``link`` is None.
+    """A grabbed point of a link, or the tip if ``link`` is None.
 
     Attributes:
-        frame: The link that q moves and that carries the grabbed one: a jaw is not its own.
+        frame: The link moved by q to which the grabbed one is attached: not a jaw itself.
         offset_m: The point (3,) in that link's coordinates.
-        depth_m: How deep in the picture it stays: the plane parallel to the screen.
-        slip_px: From the pixel of the point to the pointer's (2,).
+        depth_m: Depth [m] of the plane parallel to the screen in which it is dragged.
+        offset_px: From the pixel of the point to the pointer's (2,).
     """
 
     camera: Camera
@@ -226,23 +229,23 @@ class _GrabbedPoint:
     frame: str | None
     offset_m: Vector | None
     depth_m: float
-    slip_px: Vector
+    offset_px: Vector
 
     def make_target(self, px: Vector) -> Target:
-        position = self.camera.unproject(px - self.slip_px, self.depth_m)
+        position = self.camera.unproject(px - self.offset_px, self.depth_m)
         return Target(position, frame=self.frame, offset_m=self.offset_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fixture:
-    """A thing that is pressed and cannot be moved: an object of the scene, or the base."""
+    """A pressed thing that cannot be moved: an object of the scene, or the base."""
 
     camera: Camera
     found: PickCandidate
 
 
 class Drag:
-    """Turns what a person does into what they want.
+    """Converts pointer, wheel and key events into commands.
 
     Args:
         chain: The arm, inside its own limits.
@@ -251,180 +254,186 @@ class Drag:
     """
 
     def __init__(self, chain: Chain, picker: Picker, objects: Picker | None = None) -> None:
-        self._chain, self._under = chain, HitTester(chain, picker, objects)
-        self._choosing = CandidateSelection(self._under)
-        self._held: _GrabbedPoint | JointDrag | _Fixture | None = None
+        self._chain, self._hit_tester = chain, HitTester(chain, picker, objects)
+        self._selection = CandidateSelection(self._hit_tester)
+        self._grabbed: _GrabbedPoint | JointDrag | _Fixture | None = None
         self._pressed: tuple[Vector, PointerContext] | None = None
         self._pointer = 0
         self._tip_target: Vector | None = None
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a pointer holds something."""
-        return self._held is not None
+        """Return whether a drag is in progress."""
+        return self._grabbed is not None
 
     @property
     def camera(self) -> Camera | None:
-        """Return the camera to keep while a drag lasts."""
-        return None if self._held is None else self._held.camera
+        """Return the camera to keep during a drag."""
+        return None if self._grabbed is None else self._grabbed.camera
 
     @property
     def grabbed_link(self) -> str | None:
-        """Return the link that is being pulled."""
-        return self._held.link if isinstance(self._held, _GrabbedPoint) else None
+        """Return the link that is being dragged."""
+        return self._grabbed.link if isinstance(self._grabbed, _GrabbedPoint) else None
 
     def press(
-        self, px: ArrayLike, sight: PointerContext, *, shift: bool = False, pointer: int = 0
+        self, px: ArrayLike, context: PointerContext, *, shift: bool = False, pointer: int = 0
     ) -> DragCommand | None:
-        """Grab the link at a pixel (2,), send the tip there, or with shift grab its joint."""
-        if self._held is not None:
+        """Grab the link at a pixel (2,), move the tip there, or with shift grab its joint."""
+        if self._grabbed is not None:
             return None
         at = np.asarray(px, dtype=np.float64)
-        found = self._choosing.selected(at, sight)
-        self._pointer, self._pressed = pointer, (at, sight)
+        found = self._selection.selected(at, context)
+        self._pointer, self._pressed = pointer, (at, context)
         if shift:
-            self._held = self._make_joint_drag(at, sight, found)
-            return None if self._held is None else self._turn_command(self._held)
+            self._grabbed = self._make_joint_drag(at, context, found)
+            return None if self._grabbed is None else self._turn_command(self._grabbed)
         if found is not None and found.kind != "link":
-            self._held = _Fixture(sight.camera, found)
+            self._grabbed = _Fixture(context.camera, found)
             return None
-        self._held = (
-            self._grab_tip(at, sight) if found is None else self._grab_link(at, sight, found)
+        self._grabbed = (
+            self._grab_tip(at, context) if found is None else self._grab_link(at, context, found)
         )
-        return self._pull_command(self._held, at, jump=found is None)
+        return self._pull_command(self._grabbed, at, is_click=found is None)
 
     def move(self, px: ArrayLike, pointer: int = 0) -> DragCommand | None:
         """Follow the pointer to a pixel (2,).
 
         Raises:
-            InputError: What is held cannot be moved; said once.
+            InputError: The pressed thing cannot be moved; raised once per drag.
         """
-        if self._held is None or pointer != self._pointer:
+        if self._grabbed is None or pointer != self._pointer:
             return None
         at = np.asarray(px, dtype=np.float64)
-        first = self._has_left_press(at)
-        if isinstance(self._held, _Fixture):
-            if first:
-                raise _fixed_error(self._held.found)
+        has_left = self._has_left_press(at)
+        if isinstance(self._grabbed, _Fixture):
+            if has_left:
+                raise _fixed_error(self._grabbed.found)
             return None
-        if isinstance(self._held, JointDrag):
-            self._held = self._held.move_pointer(at)
-            return self._turn_command(self._held)
-        return self._pull_command(self._held, at, jump=False)
+        if isinstance(self._grabbed, JointDrag):
+            self._grabbed = self._grabbed.move_pointer(at)
+            return self._turn_command(self._grabbed)
+        return self._pull_command(self._grabbed, at, is_click=False)
 
     def release(self, pointer: int = 0) -> None:
-        """Let go; the last wish stands. What was only clicked gives way to what is behind it."""
+        """End the drag; the last command stays. A click selects what is behind for the next."""
         if pointer != self._pointer:
             return
-        self._held = None
+        self._grabbed = None
         if self._pressed is not None:
-            at, sight = self._pressed
-            if len(self._choosing.candidates_at(at, sight)) > 1:
-                self._choosing.select_next(at, sight)
+            at, context = self._pressed
+            if len(self._selection.candidates_at(at, context)) > 1:
+                self._selection.select_next(at, context)
         self._pressed = None
 
     def cancel(self) -> DragCommand:
-        """Let go, and hold."""
-        self._held = self._tip_target = self._pressed = None
-        self._choosing.reset()
+        """Cancel the drag, and hold."""
+        self._grabbed = self._tip_target = self._pressed = None
+        self._selection.reset()
         return HoldCommand()
 
     def wheel(
-        self, px: ArrayLike, notches: float, sight: PointerContext, *, fine: bool = False
+        self, px: ArrayLike, notches: float, context: PointerContext, *, fine: bool = False
     ) -> DragCommand | None:
-        """Turn the joint at a pixel (2,) by a degree (a slide by 1 mm) for each notch."""
+        """Move the joint at a pixel (2,) by 1° (a prismatic one by 1 mm) per notch."""
         at = np.asarray(px, dtype=np.float64)
-        dial = self._under.joint_at(at, sight, self._link_under(at, sight))
+        dial = self._hit_tester.joint_at(at, context, self._link_under(at, context))
         if dial is None or self.is_busy:
             return None
         notch = (_NOTCH_M if dial.is_prismatic else _NOTCH_RAD) * (_FINE if fine else 1.0)
         self._tip_target = None
-        return self._joint_command(dial.column, float(sight.arms[0][dial.column]) + notches * notch)
+        return self._joint_command(
+            dial.column, float(context.arms[0][dial.column]) + notches * notch
+        )
 
-    def on_key(self, key: str, sight: PointerContext, *, fine: bool = False) -> DragCommand | None:
-        """Move the tip's target 5 mm (1 mm if fine) on the screen by an arrow; Escape holds."""
+    def on_key(
+        self, key: str, context: PointerContext, *, fine: bool = False
+    ) -> DragCommand | None:
+        """Move the tip's target by 5 mm (1 mm if fine) along the screen; Escape holds."""
         if key in _GRAB_KINDS:
             return self.cancel()
         if key not in _ARROWS or self.is_busy:
             return None
-        tip = self._chain.forward(sight.arms[0])[:3, 3]
+        tip = self._chain.forward(context.arms[0])[:3, 3]
         start = tip if self._tip_target is None else self._tip_target
         step_m = _FINE_KEY_M if fine else _KEY_M
-        shift = sight.camera.R_world_view @ (step_m * np.array(_ARROWS[key]))
+        shift = context.camera.R_world_view @ (step_m * np.array(_ARROWS[key]))
         self._tip_target = start + shift
         return DragTarget(Target(self._tip_target))
 
-    def hover(self, px: ArrayLike, sight: PointerContext) -> str | None:
+    def hover(self, px: ArrayLike, context: PointerContext) -> str | None:
         """Return the link that a press at a pixel (2,) would grab."""
-        found = self._link_under(np.asarray(px, dtype=np.float64), sight)
+        found = self._link_under(np.asarray(px, dtype=np.float64), context)
         return found.hit.link if found else None
 
     def candidates_under(
-        self, px: ArrayLike, sight: PointerContext
+        self, px: ArrayLike, context: PointerContext
     ) -> tuple[tuple[PickCandidate | None, ...], int]:
-        """Return all that a press at a pixel (2,) may mean, and which of it is chosen.
+        """Return everything that a press at a pixel (2,) may grab, and the selected index.
 
-        None stands for the plane that the view shows: the tip is to come there.
+        None is the plane of the view: the tip moves there.
         """
         at = np.asarray(px, dtype=np.float64)
-        options = self._choosing.candidates_at(at, sight)
-        return options, self._choosing.selected_index(at, options)
+        options = self._selection.candidates_at(at, context)
+        return options, self._selection.selected_index(at, options)
 
-    def select_next(self, px: ArrayLike, sight: PointerContext, step: int = 1) -> None:
-        """Let a press at a pixel (2,) mean what is behind, or with -1 before, what it means now."""
-        self._choosing.select_next(np.asarray(px, dtype=np.float64), sight, step)
+    def select_next(self, px: ArrayLike, context: PointerContext, step: int = 1) -> None:
+        """Select what is behind, or with -1 before, the selected thing at a pixel (2,)."""
+        self._selection.select_next(np.asarray(px, dtype=np.float64), context, step)
 
     def _has_left_press(self, at: Vector) -> bool:
-        """Return whether the pointer has just moved away from where it was pressed."""
+        """Return whether the pointer has just left the place where it was pressed."""
         if self._pressed is None or float(np.hypot(*(at - self._pressed[0]))) < AT_REST_PX:
             return False
         self._pressed = None
-        self._choosing.reset()
+        self._selection.reset()
         return True
 
-    def _link_under(self, at: Vector, sight: PointerContext) -> PickCandidate | None:
-        found = self._choosing.selected(at, sight)
+    def _link_under(self, at: Vector, context: PointerContext) -> PickCandidate | None:
+        found = self._selection.selected(at, context)
         return found if found is not None and found.kind == "link" else None
 
-    def _grab_link(self, at: Vector, sight: PointerContext, found: PickCandidate) -> _GrabbedPoint:
-        """Grab the point that was hit, where it is fixed to what q moves."""
+    def _grab_link(
+        self, at: Vector, context: PointerContext, found: PickCandidate
+    ) -> _GrabbedPoint:
+        """Grab the hit point, in the frame of the link that q moves."""
         hit = found.hit
         frame = next(s.joint.child for s in reversed(self._chain.joints_to(hit.link)) if s.scale)
-        q = sight.arms[0] if found.q is None else found.q
+        q = context.arms[0] if found.q is None else found.q
         T_world_frame = self._chain.forward(q, frame)
         offset = T_world_frame[:3, :3].T @ (hit.point_m - T_world_frame[:3, 3])
-        px, depth_m = sight.camera.project(hit.point_m)
-        return _GrabbedPoint(sight.camera, hit.link, frame, offset, float(depth_m), at - px)
+        px, depth_m = context.camera.project(hit.point_m)
+        return _GrabbedPoint(context.camera, hit.link, frame, offset, float(depth_m), at - px)
 
-    def _grab_tip(self, at: Vector, sight: PointerContext) -> _GrabbedPoint:
-        """Grab the tip, which is to come to the pointer on the plane that the view shows."""
-        tip = self._chain.forward(sight.arms[0])[:3, 3]
-        depth = sight.camera.depth_of(tip if sight.plane_m is None else sight.plane_m)
-        return _GrabbedPoint(sight.camera, None, None, None, float(depth), np.zeros(2))
+    def _grab_tip(self, at: Vector, context: PointerContext) -> _GrabbedPoint:
+        """Grab the tip, which moves to the pointer in the plane of the view."""
+        tip = self._chain.forward(context.arms[0])[:3, 3]
+        depth = context.camera.depth_of(tip if context.plane_m is None else context.plane_m)
+        return _GrabbedPoint(context.camera, None, None, None, float(depth), np.zeros(2))
 
-    def _pull_command(self, grip: _GrabbedPoint, at: Vector, *, jump: bool) -> DragTarget:
+    def _pull_command(self, grip: _GrabbedPoint, at: Vector, *, is_click: bool) -> DragTarget:
         target = grip.make_target(at)
         self._tip_target = target.position if grip.link is None else None
-        return DragTarget(target, jump)
+        return DragTarget(target, is_click)
 
     def _make_joint_drag(
-        self, at: Vector, sight: PointerContext, found: PickCandidate | None
+        self, at: Vector, context: PointerContext, found: PickCandidate | None
     ) -> JointDrag | None:
         link = found if found is not None and found.kind == "link" else None
-        dial = self._under.joint_at(at, sight, link)
+        dial = self._hit_tester.joint_at(at, context, link)
         if dial is None:
             return None
-        q = sight.arms[0]
-        line = dial.pivot_and_axis(self._under.poses(sight))
+        q = context.arms[0]
+        line = dial.pivot_and_axis(self._hit_tester.poses(context))
         point = line[0] if link is None else link.hit.point_m
         now = float(q[dial.column])
         return start_joint_drag(
-            dial.column, sight.camera, line, at, point, now, slides=dial.is_prismatic
+            dial.column, context.camera, line, at, point, now, slides=dial.is_prismatic
         )
 
-    def _turn_command(self, turning: JointDrag) -> JointTarget:
+    def _turn_command(self, joint_drag: JointDrag) -> JointTarget:
         self._tip_target = None
-        return self._joint_command(turning.column, turning.position)
+        return self._joint_command(joint_drag.column, joint_drag.position)
 
     def _joint_command(self, column: int, position: float) -> JointTarget:
         low, high = float(self._chain.lower_rad[column]), float(self._chain.upper_rad[column])
@@ -432,7 +441,7 @@ class Drag:
 
 
 def _fixed_error(found: PickCandidate) -> InputError:
-    """Say why a thing cannot be dragged."""
+    """Return the error for a thing that cannot be dragged."""
     where = ", ".join(f"{x:z.3f}" for x in found.hit.point_m.tolist())
     what = "an object of the scene" if found.kind == "object" else "a link that no joint moves"
     return InputError(

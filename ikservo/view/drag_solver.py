@@ -2,11 +2,11 @@
 
 ::
 
-    puppet = Puppet(chain)
-    puppet.method = "ccd"                         # drags, too, are answered by a chosen method
-    puppet.posture = Posture(q_pref, weights)     # to lean towards where the target leaves freedom
-    answer = puppet.answer(wish, q_goal)          # q_goal: the goal so far, or where the arm is
-    q_goal = answer.q                             # once more with the same wish until settled
+    solver = DragSolver(chain)
+    solver.method = "ccd"                             # for drags as well as clicks
+    solver.posture = Posture(q_pref, weights)         # preferred where the target leaves freedom
+    solution = solver.solve_command(command, q_goal)  # q_goal: the goal so far, or measured
+    q_goal = solution.q                               # repeat the command until settled
 """
 
 from __future__ import annotations
@@ -27,133 +27,133 @@ from ikservo.view.messages import DragCommand, DragTarget, HoldCommand, JointTar
 __all__ = ["AUTO", "MAX_STEP_RAD", "DragSolution", "DragSolver"]
 
 MAX_STEP_RAD = math.radians(8.0)
-"""The furthest any joint goes in one answer to a drag: the whole step is scaled (lecture L7)."""
+"""The largest joint step per solve of a drag: larger steps are scaled down as a whole."""
 
 _RESTARTS = 12
-# A picture's worth of iterations; the pictures that follow go on.
+# Iterations per frame; the next frames continue.
 _ITERATIONS, _EXTRA_ITERATIONS = 2, 20
 _CLICK_ITERATIONS = 120
 _AT_REST_RAD = 1e-5
 AUTO = "auto"
-"""Goes on along the branch the arm is on, by the production solver."""
+"""The default: track the current IK branch with the production solver."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DragSolution:
-    """The goal that a wish leads to.
+    """The solution of a drag command.
 
     Attributes:
         q: Joints (dof,), inside the limits.
-        aim: The target and how near the goal comes to it; None where there is none.
-        settled: Whether the same wish would lead no further.
-        words: What a chosen method has done; empty for ``auto``.
+        marker: The target and how near the goal comes to it; None without a target.
+        settled: Whether solving the same command again leads no further.
+        text: Progress of a chosen method; empty for ``auto``.
     """
 
     q: Vector
-    aim: TargetMarker | None
+    marker: TargetMarker | None
     settled: bool = True
-    words: str = ""
+    text: str = ""
 
 
 class DragSolver:
-    """Answers wishes; the joints beyond a grabbed link stay as they are.
+    """Solves drag commands; the joints beyond a grabbed link stay as they are.
 
     Args:
         chain: The arm, inside its own limits.
 
     Attributes:
-        method: ``auto``, or one of ``ikservo.ik.METHODS`` for what is pulled.
-        posture: What to lean towards where the target leaves freedom (lecture L10), by ``auto`` and
-            ``pseudo_inverse``; the other methods have no null space.
+        method: ``auto``, or one of ``ikservo.ik.METHODS``.
+        posture: Preferred posture where the target leaves freedom (null-space motion), for
+            ``auto`` and ``pseudo_inverse``; the other methods have no null space.
     """
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
         self.method = AUTO
         self.posture: Posture | None = None
-        self._kept: tuple[str | None, bytes, Solver] | None = None
+        self._cached: tuple[str | None, bytes, Solver] | None = None
 
-    def solve_command(self, wish: DragCommand, q: Vector) -> DragSolution:
-        """Return the goal for a wish, from joints (dof,) that may lie outside the limits.
+    def solve_command(self, command: DragCommand, q: Vector) -> DragSolution:
+        """Return the goal for a command, from joints (dof,) that may be outside the limits.
 
         Raises:
-            UnknownNameError: The wish names no joint or link of the arm.
+            UnknownNameError: The command names no joint or link of the arm.
         """
         start = self._chain.clip(q)
-        if isinstance(wish, HoldCommand):
+        if isinstance(command, HoldCommand):
             return DragSolution(start, None)
-        if isinstance(wish, JointTarget):
-            return DragSolution(self._solve_turn(wish, start), None)
-        return self._solve_pull(wish, start)
+        if isinstance(command, JointTarget):
+            return DragSolution(self._solve_turn(command, start), None)
+        return self._solve_pull(command, start)
 
-    def _solve_turn(self, wish: JointTarget, start: Vector) -> Vector:
-        if wish.joint not in self._chain.names:
-            raise UnknownNameError("joint", wish.joint, self._chain.names)
+    def _solve_turn(self, command: JointTarget, start: Vector) -> Vector:
+        if command.joint not in self._chain.names:
+            raise UnknownNameError("joint", command.joint, self._chain.names)
         q = start.copy()
-        q[self._chain.names.index(wish.joint)] = wish.position
+        q[self._chain.names.index(command.joint)] = command.position
         return self._chain.clip(q)
 
-    def _solve_pull(self, wish: DragTarget, start: Vector) -> DragSolution:
-        """Return the joints for a point that is pulled, at most one picture's step further."""
-        if self.method != AUTO and not wish.is_click:
-            return self._iterate_method(wish, start)
-        found = self._track_target(wish, start)
-        leaning = self._lean_to_posture(wish, found)
-        if wish.is_click:
-            return DragSolution(leaning.q, _make_marker(wish.target, leaning))
-        q, shortened = self._limit_step(start, leaning.q)
-        settled = not shortened and _max_joint_distance(leaning.q, found.q) < _AT_REST_RAD
-        return DragSolution(q, _make_marker(wish.target, found), settled)
+    def _solve_pull(self, command: DragTarget, start: Vector) -> DragSolution:
+        """Return the joints for a dragged point, at most one frame's step further."""
+        if self.method != AUTO and not command.is_click:
+            return self._iterate_method(command, start)
+        found = self._track_target(command, start)
+        leaning = self._lean_to_posture(command, found)
+        if command.is_click:
+            return DragSolution(leaning.q, _make_marker(command.target, leaning))
+        q, is_limited = self._limit_step(start, leaning.q)
+        settled = not is_limited and _max_joint_distance(leaning.q, found.q) < _AT_REST_RAD
+        return DragSolution(q, _make_marker(command.target, found), settled)
 
-    def _track_target(self, wish: DragTarget, start: Vector) -> Result:
-        """Go on along the branch the arm is on; a click may look for another way to fold."""
-        solver, there = self._solver_for(wish.target), make_pose(wish.target.position)
-        solver.track(there, start)
+    def _track_target(self, command: DragTarget, start: Vector) -> Result:
+        """Track the current IK branch; a click may switch to another one."""
+        solver, T_target = self._solver_for(command.target), make_pose(command.target.position)
+        solver.track(T_target, start)
         found = solver.result
         return (
-            _prefer_nearer(found, solver, there, start)
-            if wish.is_click and not found.reached
+            _prefer_nearer(found, solver, T_target, start)
+            if command.is_click and not found.reached
             else found
         )
 
-    def _lean_to_posture(self, wish: DragTarget, found: Result) -> Result:
-        """Go some way towards the posture without leaving the target."""
-        posture = self._posture_for(wish.target)
+    def _lean_to_posture(self, command: DragTarget, found: Result) -> Result:
+        """Move towards the preferred posture without leaving the target."""
+        posture = self._posture_for(command.target)
         if posture is None or not found.reached:
             return found
-        count = _CLICK_ITERATIONS if wish.is_click else _ITERATIONS
-        walked = solve(
-            self._chain, wish.target, found.q, "pseudo_inverse",
+        count = _CLICK_ITERATIONS if command.is_click else _ITERATIONS
+        q_leaned = solve(
+            self._chain, command.target, found.q, "pseudo_inverse",
             posture=posture, max_iterations=count, trace=True,
         ).trace[-1]  # fmt: skip
-        solver = self._solver_for(wish.target)
+        solver = self._solver_for(command.target)
         solver.track(
-            make_pose(wish.target.position), walked
-        )  # a few steps leave the target a little
+            make_pose(command.target.position), q_leaned
+        )  # correct the drift of the null-space steps
         leaning = solver.result
         return leaning if leaning.reached else found
 
-    def _iterate_method(self, wish: DragTarget, start: Vector) -> DragSolution:
-        """Let the chosen method go on from where the arm is; the next picture goes on again."""
-        posture = self._posture_for(wish.target)
+    def _iterate_method(self, command: DragTarget, start: Vector) -> DragSolution:
+        """Run the chosen method from the current joints; the next frame continues."""
+        posture = self._posture_for(command.target)
         for count in (
             _ITERATIONS,
             _EXTRA_ITERATIONS,
-        ):  # an error may grow at first and then come down
+        ):  # the error may grow before it decreases
             found = solve(
-                self._chain, wish.target, start, self.method,
+                self._chain, command.target, start, self.method,
                 restarts=1, max_iterations=count, posture=posture,
             )  # fmt: skip
             if _max_joint_distance(found.q, start) > _AT_REST_RAD:
                 break
-        q, shortened = self._limit_step(start, found.q)
-        settled = not shortened and (
+        q, is_limited = self._limit_step(start, found.q)
+        settled = not is_limited and (
             found.reached or _max_joint_distance(found.q, start) <= _AT_REST_RAD
         )
         if posture is not None and self.method == "pseudo_inverse":
             settled = _max_joint_distance(found.q, start) <= _AT_REST_RAD
-        words = f"{found.method}: {found.position_error_m * 1000:.1f} mm left"
-        return DragSolution(q, _make_marker(wish.target, found), settled, words)
+        text = f"{found.method}: {found.position_error_m * 1000:.1f} mm left"
+        return DragSolution(q, _make_marker(command.target, found), settled, text)
 
     def _posture_for(self, target: Target) -> Posture | None:
         """Return the posture for the joints that move the target's frame; the others stay."""
@@ -165,26 +165,26 @@ class DragSolver:
         return Posture(self.posture.q, weights)
 
     def _limit_step(self, start: Vector, q: Vector) -> tuple[Vector, bool]:
-        """Return joints at most 8° from the start on the way to q, and whether that is short."""
-        longest = _max_joint_distance(q, start)
-        if longest <= MAX_STEP_RAD:
+        """Return joints at most 8° from the start towards q, and whether the step was scaled."""
+        max_distance = _max_joint_distance(q, start)
+        if max_distance <= MAX_STEP_RAD:
             return q, False
-        return self._chain.clip(start + (q - start) * (MAX_STEP_RAD / longest)), True
+        return self._chain.clip(start + (q - start) * (MAX_STEP_RAD / max_distance)), True
 
     def _solver_for(self, target: Target) -> Solver:
-        """Return the solver for the point that is pulled; that of one drag is kept."""
+        """Return the solver for the dragged point; it is cached during a drag."""
         offset = None if target.offset_m is None else np.asarray(target.offset_m, np.float64)
-        name = b"" if offset is None else offset.tobytes()
-        if self._kept is None or self._kept[:2] != (target.frame, name):
+        offset_key = b"" if offset is None else offset.tobytes()
+        if self._cached is None or self._cached[:2] != (target.frame, offset_key):
             options = Options(restarts=_RESTARTS)
             solver = Solver(self._chain, frame=target.frame, offset_m=offset, options=options)
-            self._kept = (target.frame, name, solver)
-        return self._kept[2]
+            self._cached = (target.frame, offset_key, solver)
+        return self._cached[2]
 
 
-def _prefer_nearer(tracked: Result, solver: Solver, there: Matrix, start: Vector) -> Result:
-    """Return what a search from many starts finds, where that comes nearer."""
-    solver(there, start)
+def _prefer_nearer(tracked: Result, solver: Solver, T_target: Matrix, start: Vector) -> Result:
+    """Return the result of a multi-start search if it is nearer to the target."""
+    solver(T_target, start)
     found = solver.result
     return found if found.position_error_m < tracked.position_error_m else tracked
 

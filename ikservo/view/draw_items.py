@@ -1,6 +1,6 @@
 """Drawing primitives as JSON-ready dicts, the target marker, link poses.
 
-Every item has ``kind`` and ``style``; the order of a list is the order of painting::
+Every item has ``kind`` and ``style``; lists are in painting order::
 
     {"kind": "polygon",  "style": "measured", "rings": [[[x, y], …], …], …}   fill by non-zero rule
     {"kind": "polyline", "style": "floor",    "points": [[x, y], …]}
@@ -9,8 +9,8 @@ Every item has ``kind`` and ``style``; the order of a list is the order of paint
     {"kind": "text",     "style": "scale",    "at": [x, y], "text": "10 cm"}
 
 Rings of one polygon may overlap: filled together they are one shape; to outline it, stroke twice
-the width first and fill over it. Items of a link carry ``link``, those of a joint ``joint``,
-and its arc ``says`` in words where the joint is and who limits it.
+the width first and fill over it. Items of a link have ``link``, those of a joint ``joint``; its
+arc has a ``label`` with the joint's position, its limits and where they come from.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ DrawItem = dict[str, object]
 
 def polygon(style: str, rings_px: Matrix | Sequence[ArrayLike], **names: str) -> DrawItem:
     """Return closed outlines (k, 2), or equally long ones (n, k, 2), that are filled together."""
-    even = isinstance(rings_px, np.ndarray)  # all rings at once are ten times as fast
-    rings = to_pixels(rings_px) if even else [to_pixels(ring) for ring in rings_px]
+    equally_long = isinstance(rings_px, np.ndarray)  # all rings at once are ten times as fast
+    rings = to_pixels(rings_px) if equally_long else [to_pixels(ring) for ring in rings_px]
     return {"kind": "polygon", "style": style, "rings": rings, **names}
 
 
@@ -71,13 +71,13 @@ def cross(style: str, at_px: ArrayLike, r_px: float) -> DrawItem:
     return {"kind": "cross", "style": style, "at": to_pixels(at_px), "r": r_px}
 
 
-def text(style: str, at_px: ArrayLike, words: str, **names: str) -> DrawItem:
-    """Return words whose left lower corner is at a pixel (2,)."""
-    return {"kind": "text", "style": style, "at": to_pixels(at_px), "text": words, **names}
+def text(style: str, at_px: ArrayLike, string: str, **names: str) -> DrawItem:
+    """Return a text whose lower left corner is at a pixel (2,)."""
+    return {"kind": "text", "style": style, "at": to_pixels(at_px), "text": string, **names}
 
 
 def to_pixels(points_px: ArrayLike) -> list[object]:
-    """Return pixels (…, 2) as nested lists, to a tenth and never so far out that drawing fails."""
+    """Return pixels (…, 2) as nested lists, rounded to 0.1 and clipped so that drawing works."""
     px = np.asarray(points_px, dtype=np.float64)
     rounded: list[object] = (
         np.rint(np.minimum(np.maximum(px, -_FAR_PX), _FAR_PX) * 10) / 10
@@ -93,13 +93,13 @@ _CROSS_PX, _RING_PX = 9.0, 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetMarker:
-    """A target, and what the solver made of it.
+    """A target, and the point that the solver reached.
 
     Attributes:
-        target_m: Where the point shall be (3,), metres, base frame.
-        nearest_m: Where the goal puts it (3,).
+        target_m: The target point (3,), metres, base frame.
+        nearest_m: The point (3,) at the goal.
         reached: Whether these are the same.
-        binding: The limits that hold the arm back.
+        binding: The active limits.
         frame: The link that was grabbed; None for the tip.
     """
 
@@ -115,10 +115,10 @@ class TargetMarker:
         return float(np.linalg.norm(self.target_m - self.nearest_m))
 
 
-def draw_target(aim: TargetMarker, camera: Camera) -> list[DrawItem]:
-    """Return a green cross, or a red one with the nearest point and the way that is missing."""
-    ends, _ = camera.project(np.array([aim.target_m, aim.nearest_m]))
-    if aim.reached:
+def draw_target(marker: TargetMarker, camera: Camera) -> list[DrawItem]:
+    """Return a green cross, or a red one with the nearest point and a line between the two."""
+    ends, _ = camera.project(np.array([marker.target_m, marker.nearest_m]))
+    if marker.reached:
         return [cross("target", ends[0], _CROSS_PX)]
     return [
         polyline("gap", ends),
@@ -127,27 +127,27 @@ def draw_target(aim: TargetMarker, camera: Camera) -> list[DrawItem]:
     ]
 
 
-def link_poses(chain: Chain, q: Vector, beside: Mapping[str, float]) -> dict[str, Matrix]:
+def link_poses(chain: Chain, q: Vector, other_joints: Mapping[str, float]) -> dict[str, Matrix]:
     """Return T_world_link (4, 4) of every link.
 
     Args:
         chain: The arm.
         q: Joints (dof,).
-        beside: Positions of joints that q does not move, rad or m; the others stand still.
+        other_joints: Positions of joints that q does not move, rad or m; missing ones are at zero.
     """
     poses = {chain.base: np.eye(4)}
     for link in chain.frames:
         if link == chain.base:
             continue
         step = chain.joints_to(link)[-1]
-        value = None if step.scale else _joint_position(step.joint, beside)
+        value = None if step.scale else _joint_position(step.joint, other_joints)
         motion = step.motion(q) if value is None else step.motion_at(value)
         poses[link] = poses[step.joint.parent] @ step.joint.origin @ motion
     return poses
 
 
-def _joint_position(joint: Joint, beside: Mapping[str, float]) -> float | None:
+def _joint_position(joint: Joint, other_joints: Mapping[str, float]) -> float | None:
     if joint.mimic is None:
-        return beside.get(joint.name)
-    leader = beside.get(joint.mimic.joint)
+        return other_joints.get(joint.name)
+    leader = other_joints.get(joint.mimic.joint)
     return None if leader is None else joint.mimic.multiplier * leader + joint.mimic.offset

@@ -1,4 +1,4 @@
-"""Compose what each client is sent: the arm once, status and scene as they change, as JSON."""
+"""Compose the frames of each client: the arm's description once, status and scene on change."""
 
 from __future__ import annotations
 
@@ -55,43 +55,43 @@ __all__ = [
 _MAX_STATUS_MESSAGES = 12
 
 _STATUS_PERIOD_S, _HEARTBEAT_PERIOD_S = 0.066, 0.1
-_AT_REST_RAD = 2e-3  # between two statuses
+_AT_REST_RAD = 2e-3  # change between two status frames
 
 
-def mode(readout: ArmSnapshot, *, live: bool) -> str:
-    """Return what the arm does: ``calibration``, ``stopped``, ``live`` or ``preview``."""
-    if readout.talk:
+def mode(snapshot: ArmSnapshot, *, live: bool) -> str:
+    """Return the mode: ``calibration``, ``stopped``, ``live`` or ``preview``."""
+    if snapshot.calibration:
         return "calibration"
-    if readout.trouble:
+    if snapshot.stop_notice:
         return "stopped"
     return "live" if live else "preview"
 
 
-def banner(readout: ArmSnapshot) -> dict[str, str] | None:
-    """Return why the arm holds until somebody has looked."""
-    trouble = readout.trouble
-    return None if trouble is None else {"message": trouble.message, "hint": trouble.hint}
+def banner(snapshot: ArmSnapshot) -> dict[str, str] | None:
+    """Return why the arm holds until a user acknowledges it."""
+    notice = snapshot.stop_notice
+    return None if notice is None else {"message": notice.message, "hint": notice.hint}
 
 
-def messages(readout: ArmSnapshot, said: Sequence[str]) -> list[dict[str, str]]:
-    """Return the latest notes of the arm, and what became of the target."""
+def messages(snapshot: ArmSnapshot, interaction_messages: Sequence[str]) -> list[dict[str, str]]:
+    """Return the latest messages of the arm and of the interaction."""
     return [
-        {"message": words, "hint": "", "level": ""}
-        for words in (*readout.notes, *said)[-_MAX_STATUS_MESSAGES:]
+        {"message": text, "hint": "", "level": ""}
+        for text in (*snapshot.messages, *interaction_messages)[-_MAX_STATUS_MESSAGES:]
     ]
 
 
 def joint_readouts(
-    model: Model, readout: ArmSnapshot, goal: Vector | None
+    model: Model, snapshot: ArmSnapshot, goal: Vector | None
 ) -> list[dict[str, object]]:
-    """Return a meter for each joint: its calibrated range, where it is and where it is sent."""
-    wanted = readout.measured if goal is None else goal
-    rows = zip(readout.states, readout.measured, wanted, strict=True)
+    """Return a meter for each joint: its calibrated range, measured position and goal."""
+    shown = snapshot.measured if goal is None else goal
+    rows = zip(snapshot.states, snapshot.measured, shown, strict=True)
     return [_joint_meter_fields(model, state, float(at), float(to)) for state, at, to in rows]
 
 
 def health(states: Sequence[JointState], limits: HealthLimits) -> dict[str, object]:
-    """Return how the servos are."""
+    """Return the telemetry of the servos."""
     volts = [state.voltage_v for state in states]
     return {"supply": format_supply(volts) if volts else "", "joints": health_rows(states, limits)}
 
@@ -103,7 +103,7 @@ def _joint_meter_fields(model: Model, state: JointState, at: float, to: float) -
     if not math.isfinite(high - low):
         low, high = at - math.pi, at + math.pi
 
-    def share(position: float) -> float:
+    def fraction(position: float) -> float:
         return round(float(np.clip((position - low) / max(high - low, 1e-9), 0.0, 1.0)), 4)
 
     return {
@@ -111,247 +111,261 @@ def _joint_meter_fields(model: Model, state: JointState, at: float, to: float) -
         "text": format_position(at, unit),
         "low": format_position(low, unit),
         "high": format_position(high, unit),
-        "from": state.limit_from,
-        "share": share(at),
-        "goal": share(to),
+        "limit_source": state.limit_from,
+        "fraction": fraction(at),
+        "goal": fraction(to),
         "state": "at" if at_it else "near" if near_it else "",
     }
 
 
 def arm_frame(
-    pilot: ArmThread, gestures: Interaction, right: Permission, views: Sequence[ViewName]
+    arm_thread: ArmThread,
+    interaction: Interaction,
+    permission: Permission,
+    views: Sequence[ViewName],
 ) -> Frame:
-    """Return what does not change while an arm is open."""
-    arm, model = pilot.arm, pilot.arm.model
+    """Return the frame of what does not change while an arm is open."""
+    arm, model = arm_thread.arm, arm_thread.arm.model
     return {
-        "kind": "arm",
+        "kind": "arm_info",
         "title": model.title,
         "port": arm.port_name.partition("?")[0].partition(":/")[0],
-        "right": right.value,
+        "permission": permission.value,
         "views": views,
         "poses": list(model.poses),
         "speeds": list(model.speeds),
-        "solvers": gestures.solvers,
-        "joints": [state.name for state in pilot.readout.states],
+        "solvers": interaction.solvers,
+        "joints": [state.name for state in arm_thread.snapshot.states],
         "gripper": model.gripper is not None,
         "chain": list(arm.chain.names),
     }
 
 
 def status_frame(
-    pilot: ArmThread,
-    gestures: Interaction,
+    arm_thread: ArmThread,
+    interaction: Interaction,
     step: int,
     controller: str,
-    insight: PostureAnalysis | None = None,
+    analysis: PostureAnalysis | None = None,
 ) -> Frame:
-    """Return everything that the page says beside the drawing.
+    """Return the frame with everything that the page shows beside the drawing.
 
     Args:
-        pilot: Whose readout it is.
-        gestures: What the person in control is doing.
-        step: Which step of a lesson is shown.
-        controller: Who has control: ``you``, ``other`` or ``none``.
-        insight: What is known of the arm where it rests; None while it moves.
+        arm_thread: Has the snapshot.
+        interaction: Input of the client in control.
+        step: Which step of a solver trace is shown.
+        controller: Which page has control: ``you``, ``other`` or ``none``.
+        analysis: Analysis of the arm at rest; None while it moves.
     """
-    readout, live, lesson = pilot.readout, pilot.command.live, gestures.solver_trace
+    snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace
     return {
         "kind": "status",
-        "mode": mode(readout, live=live),
+        "mode": mode(snapshot, live=live),
         "live": live,
         "controller": controller,
-        "speed": pilot.command.speed,
-        "banner": banner(readout),
-        "joints": joint_readouts(pilot.arm.model, readout, gestures.goal),
-        "health": health(readout.states, pilot.arm.model.health),
-        "tip": _tip_rows(pilot, gestures),
-        "posture": insight_rows(pilot.arm.chain, _measured_chain_joints(pilot), insight),
-        "under": candidate_rows(gestures.under, gestures.chosen),
+        "speed": arm_thread.command.speed,
+        "banner": banner(snapshot),
+        "joints": joint_readouts(arm_thread.arm.model, snapshot, interaction.goal),
+        "health": health(snapshot.states, arm_thread.arm.model.health),
+        "tip": _tip_rows(arm_thread, interaction),
+        "posture": insight_rows(arm_thread.arm.chain, _measured_chain_joints(arm_thread), analysis),
+        "under": candidate_rows(interaction.under, interaction.chosen),
         "solver": {
-            "name": gestures.solver,
-            "time": "" if gestures.solve_s is None else format_solve_time(gestures.solve_s),
-            "words": gestures.solver_words if lesson is None else lesson.format_step(step),
+            "name": interaction.solver,
+            "time": "" if interaction.solve_s is None else format_solve_time(interaction.solve_s),
+            "text": interaction.solver_text if trace is None else trace.format_step(step),
         },
-        "preference": gestures.preference.page_fields(gestures.solver),
-        "messages": messages(readout, gestures.messages),
-        "calibration": calibration_view(pilot.arm.model, readout.talk) if readout.talk else None,
+        "preference": interaction.preference.page_fields(interaction.solver),
+        "messages": messages(snapshot, interaction.messages),
+        "calibration": calibration_view(arm_thread.arm.model, snapshot.calibration)
+        if snapshot.calibration
+        else None,
     }
 
 
-def _tip_rows(pilot: ArmThread, gestures: Interaction) -> list[tuple[str, str, str]]:
-    aim = gestures.aim
-    rows = [("tip", format_point(_measured_tip_m(pilot)), "")]
-    if aim is not None:
-        rows.append(("target", format_point(aim.target_m), "good" if aim.reached else "bad"))
-        if not aim.reached:
+def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str, str, str]]:
+    marker = interaction.marker
+    rows = [("tip", format_point(_measured_tip_m(arm_thread)), "")]
+    if marker is not None:
+        rows.append(("target", format_point(marker.target_m), "good" if marker.reached else "bad"))
+        if not marker.reached:
             rows.append(
-                ("nearest", f"{format_point(aim.nearest_m)}, {aim.gap_m * 1000:.0f} mm", "")
+                ("nearest", f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.0f} mm", "")
             )
     return rows
 
 
-def _measured_chain_joints(pilot: ArmThread) -> Vector:
+def _measured_chain_joints(arm_thread: ArmThread) -> Vector:
     """Return the measured joints of the chain (dof,)."""
-    names = [state.name for state in pilot.readout.states]
-    return pilot.readout.measured[[names.index(name) for name in pilot.arm.chain.names]]
+    names = [state.name for state in arm_thread.snapshot.states]
+    return arm_thread.snapshot.measured[[names.index(name) for name in arm_thread.arm.chain.names]]
 
 
-def _measured_tip_m(pilot: ArmThread) -> Vector:
-    """Return where the tip is measured to be (3,)."""
-    return pilot.arm.chain.forward(_measured_chain_joints(pilot))[:3, 3]
+def _measured_tip_m(arm_thread: ArmThread) -> Vector:
+    """Return the measured position of the tip (3,)."""
+    return arm_thread.arm.chain.forward(_measured_chain_joints(arm_thread))[:3, 3]
 
 
 class FrameComposer:
-    """Draws and words what the pilot sees, for each visitor's own view.
+    """Composes scene and status frames from the arm thread's snapshot, for each client's view.
 
     Args:
-        pilot: Whose readout is shown.
-        gestures: What the person in control is doing.
-        clock: Paces what is told.
+        arm_thread: Has the snapshot that is shown.
+        interaction: Input of the client in control.
+        clock: Limits the frame rate.
     """
 
-    def __init__(self, pilot: ArmThread, gestures: Interaction, clock: Clock) -> None:
-        self._pilot, self._gestures, self._clock = pilot, gestures, clock
-        arm = pilot.arm
-        limits = {state.name: state.limit_from for state in pilot.readout.states}
-        self._theatre = SceneRenderer(arm.model, arm.chain, limits)
-        self._reaches = ReachableRegionCache(arm.chain)
-        self._insights = PostureAnalyser(arm.chain, VisibilityChecker(arm.model))
-        self._before: Vector | None = None
-        names = [state.name for state in pilot.readout.states]
+    def __init__(self, arm_thread: ArmThread, interaction: Interaction, clock: Clock) -> None:
+        self._arm_thread, self._interaction, self._clock = arm_thread, interaction, clock
+        arm = arm_thread.arm
+        limits = {state.name: state.limit_from for state in arm_thread.snapshot.states}
+        self._renderer = SceneRenderer(arm.model, arm.chain, limits)
+        self._regions = ReachableRegionCache(arm.chain)
+        self._analyser = PostureAnalyser(arm.chain, VisibilityChecker(arm.model))
+        self._previous: Vector | None = None
+        names = [state.name for state in arm_thread.snapshot.states]
         self._columns = [names.index(name) for name in arm.chain.names]
         self._names = names
 
     @property
-    def stage(self) -> ArmExtent:
-        """Return the room that the arm moves in."""
-        return self._theatre.stage
+    def extent(self) -> ArmExtent:
+        """Return the extent of the arm."""
+        return self._renderer.extent
 
     def close(self) -> None:
-        """Leave what is being worked out."""
-        self._reaches.close()
-        self._insights.close()
+        """Cancel the background computations."""
+        self._regions.close()
+        self._analyser.close()
 
-    def camera(self, visitor: Client) -> Camera:
-        """Return what a visitor looks through; it stays while something is held.
+    def camera(self, client: Client) -> Camera:
+        """Return a client's camera; it does not change during a drag.
 
         Raises:
-            BadMessageError: The page has not told the size of its drawing.
+            BadMessageError: The page has not sent the size of its drawing.
         """
-        if visitor.viewport is None:
+        if client.viewport is None:
             raise BadMessageError("The page has not told the size of its drawing.", "Reload it.")
-        held = self._gestures.camera
-        if held is not None and held.viewport == visitor.viewport:
-            return held
-        yaw_rad = self.stage.yaw_rad(self._chain_joints(self._pilot.readout.measured))
-        return make_camera(self.stage, visitor.view, visitor.viewport, yaw_rad)
+        kept_camera = self._interaction.camera
+        if kept_camera is not None and kept_camera.viewport == client.viewport:
+            return kept_camera
+        yaw_rad = self.extent.yaw_rad(self._chain_joints(self._arm_thread.snapshot.measured))
+        return make_camera(self.extent, client.view, client.viewport, yaw_rad)
 
-    def compose(self, visitor: Client, controller: str) -> list[Frame]:
-        """Return what is new for a visitor."""
+    def compose(self, client: Client, controller: str) -> list[Frame]:
+        """Return the new frames for a client."""
         frames: list[Frame] = []
-        if "arm" not in visitor.sent:
-            visitor.sent["arm"] = True
-            views = available_views(self.stage)
-            frames.append(arm_frame(self._pilot, self._gestures, visitor.right, views))
-        if visitor.viewport is not None:
-            frames += self._scene_frames(visitor)
-        return frames + self._status_frames(visitor, controller)
+        if "arm_info" not in client.sent:
+            client.sent["arm_info"] = True
+            views = available_views(self.extent)
+            frames.append(arm_frame(self._arm_thread, self._interaction, client.permission, views))
+        if client.viewport is not None:
+            frames += self._scene_frames(client)
+        return frames + self._status_frames(client, controller)
 
-    def _status_frames(self, visitor: Client, controller: str) -> list[Frame]:
-        if not self._is_due(visitor, "status", _STATUS_PERIOD_S):
+    def _status_frames(self, client: Client, controller: str) -> list[Frame]:
+        if not self._is_due(client, "status", _STATUS_PERIOD_S):
             return []
-        step = self._gestures.trace_step(self._clock.now_s())
-        insight = None if visitor.viewport is None else self._posture_analysis(visitor)
-        status = status_frame(self._pilot, self._gestures, step, controller, insight)
-        return self._frame_if_changed(visitor, status)
+        step = self._interaction.trace_step(self._clock.now_s())
+        analysis = None if client.viewport is None else self._posture_analysis(client)
+        status = status_frame(self._arm_thread, self._interaction, step, controller, analysis)
+        return self._frame_if_changed(client, status)
 
-    def _posture_analysis(self, visitor: Client) -> PostureAnalysis | None:
-        """Return what is known of the arm where it rests, as the visitor sees it."""
-        readout = self._pilot.readout
-        q, before = self._chain_joints(readout.measured), self._before
-        self._before = q
-        rests = before is not None and float(np.abs(q - before).max(initial=0.0)) < _AT_REST_RAD
-        poses = link_poses(self._pilot.arm.chain, q, self._other_positions(readout))
-        idle = rests and self._gestures.camera is None
-        return self._insights.get(visitor.number, q, poses, self.camera(visitor), idle=idle)
-
-    def _scene_frames(self, visitor: Client) -> list[Frame]:
-        """Return the scene, if anything moved or the visitor has not heard for a while."""
-        readout, gestures, camera = self._pilot.readout, self._gestures, self.camera(visitor)
-        reach = self._reachable_region(visitor)
-        now = (
-            readout.measured.tobytes(),
-            gestures.revision,
-            gestures.trace_step(self._clock.now_s()),
-            visitor.view,
-            visitor.viewport,
-            reach and reach.fingerprint,
+    def _posture_analysis(self, client: Client) -> PostureAnalysis | None:
+        """Return the analysis of the arm at rest, from the client's camera, if there is one."""
+        snapshot = self._arm_thread.snapshot
+        q, previous = self._chain_joints(snapshot.measured), self._previous
+        self._previous = q
+        at_rest = (
+            previous is not None and float(np.abs(q - previous).max(initial=0.0)) < _AT_REST_RAD
         )
-        alive = self._is_due(visitor, "scene", _HEARTBEAT_PERIOD_S, peek=True)
-        if visitor.sent.get("scene") == now and not alive:
+        poses = link_poses(self._arm_thread.arm.chain, q, self._other_positions(snapshot))
+        idle = at_rest and self._interaction.camera is None
+        return self._analyser.get(client.number, q, poses, self.camera(client), idle=idle)
+
+    def _scene_frames(self, client: Client) -> list[Frame]:
+        """Return the scene if anything changed or the heartbeat is due."""
+        snapshot, interaction, camera = (
+            self._arm_thread.snapshot,
+            self._interaction,
+            self.camera(client),
+        )
+        region = self._reachable_region(client)
+        fingerprint = (
+            snapshot.measured.tobytes(),
+            interaction.revision,
+            interaction.trace_step(self._clock.now_s()),
+            client.view,
+            client.viewport,
+            region and region.fingerprint,
+        )
+        heartbeat_due = self._is_due(client, "scene", _HEARTBEAT_PERIOD_S, peek=True)
+        if client.sent.get("scene") == fingerprint and not heartbeat_due:
             return []
-        visitor.sent["scene"], visitor.told_s["scene"] = now, self._clock.now_s()
-        moment = SceneState(
+        client.sent["scene"], client.sent_s["scene"] = fingerprint, self._clock.now_s()
+        state = SceneState(
             camera,
-            self._chain_joints(readout.measured),
-            goal=gestures.shown_goal,
-            aim=gestures.aim,
-            reach=reach,
-            hover=gestures.hover,
-            grabbed=gestures.grabbed_link,
-            behind=gestures.chosen > 0,
-            picked=gestures.picked_object,
-            other_joints=self._other_positions(readout),
+            self._chain_joints(snapshot.measured),
+            goal=interaction.shown_goal,
+            marker=interaction.marker,
+            region=region,
+            hover=interaction.hover,
+            grabbed=interaction.grabbed_link,
+            behind=interaction.chosen > 0,
+            picked=interaction.picked_object,
+            other_joints=self._other_positions(snapshot),
         )
         frame: dict[str, object] = {
             "kind": "scene",
-            "items": self._theatre.foreground(moment) + self._solver_trace_items(camera),
-            "hover": gestures.hover,
-            "held": gestures.grabbed_link,
-            "picked": gestures.picked_object,
+            "items": self._renderer.foreground(state) + self._solver_trace_items(camera),
+            "hover": interaction.hover,
+            "grabbed": interaction.grabbed_link,
+            "picked": interaction.picked_object,
         }
-        behind = (camera.fingerprint, reach and reach.fingerprint)
-        if visitor.sent.get("backdrop") != behind:
-            visitor.sent["backdrop"] = behind
-            frame["backdrop"] = self._theatre.backdrop(moment)
+        backdrop_key = (camera.fingerprint, region and region.fingerprint)
+        if client.sent.get("backdrop") != backdrop_key:
+            client.sent["backdrop"] = backdrop_key
+            frame["backdrop"] = self._renderer.backdrop(state)
         return [frame]
 
     def _solver_trace_items(self, camera: Camera) -> list[DrawItem]:
-        lesson = self._gestures.solver_trace
-        step = self._gestures.trace_step(self._clock.now_s())
-        return [] if lesson is None else lesson.items(step, camera)
+        trace = self._interaction.solver_trace
+        step = self._interaction.trace_step(self._clock.now_s())
+        return [] if trace is None else trace.items(step, camera)
 
-    def plane_m(self, visitor: Client) -> Vector | None:
-        """Return a point (3,) of the plane where clicks on nothing go; None: that of the tip."""
-        plane = self._tip_plane(visitor) if visitor.view.name == "side" else None
+    def plane_m(self, client: Client) -> Vector | None:
+        """Return a point (3,) of the plane for clicks on nothing; None for the tip's plane."""
+        plane = self._tip_plane(client) if client.view.name == "side" else None
         return None if plane is None else plane.T_world_plane[:3, 3]
 
-    def _tip_plane(self, visitor: Client) -> SlicePlane | None:
-        """Return the plane in which the tip is led: that of the goal, if there is one."""
-        q, goal = self._chain_joints(self._pilot.readout.measured), self._gestures.shown_goal
-        tip_m = self._pilot.arm.chain.forward(q if goal is None else goal)[:3, 3]
-        return slice_plane(self.stage, visitor.view.name, q, tip_m)
+    def _tip_plane(self, client: Client) -> SlicePlane | None:
+        """Return the plane in which the tip is dragged: that of the goal, if there is one."""
+        q, goal = (
+            self._chain_joints(self._arm_thread.snapshot.measured),
+            self._interaction.shown_goal,
+        )
+        tip_m = self._arm_thread.arm.chain.forward(q if goal is None else goal)[:3, 3]
+        return slice_plane(self.extent, client.view.name, q, tip_m)
 
-    def _reachable_region(self, visitor: Client) -> ReachableRegion | None:
-        plane = self._tip_plane(visitor)
-        idle = self._gestures.camera is None
-        return None if plane is None else self._reaches.get(plane, idle=idle)
+    def _reachable_region(self, client: Client) -> ReachableRegion | None:
+        plane = self._tip_plane(client)
+        idle = self._interaction.camera is None
+        return None if plane is None else self._regions.get(plane, idle=idle)
 
     def _chain_joints(self, joints: Vector) -> Vector:
         return joints[self._columns]
 
-    def _other_positions(self, readout: ArmSnapshot) -> dict[str, float]:
-        return {name: float(at) for name, at in zip(self._names, readout.measured, strict=True)}
+    def _other_positions(self, snapshot: ArmSnapshot) -> dict[str, float]:
+        return {name: float(at) for name, at in zip(self._names, snapshot.measured, strict=True)}
 
-    def _frame_if_changed(self, visitor: Client, frame: Frame) -> list[Frame]:
-        if visitor.sent.get("status") == frame:
+    def _frame_if_changed(self, client: Client, frame: Frame) -> list[Frame]:
+        if client.sent.get("status") == frame:
             return []
-        visitor.sent["status"] = frame
+        client.sent["status"] = frame
         return [frame]
 
-    def _is_due(self, visitor: Client, kind: str, every_s: float, *, peek: bool = False) -> bool:
+    def _is_due(self, client: Client, kind: str, period_s: float, *, peek: bool = False) -> bool:
         now_s = self._clock.now_s()
-        due = now_s - visitor.told_s.get(kind, -1e9) >= every_s
+        due = now_s - client.sent_s.get(kind, -1e9) >= period_s
         if due and not peek:
-            visitor.told_s[kind] = now_s
+            client.sent_s[kind] = now_s
         return due

@@ -17,7 +17,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.collision_model import capsules_of
-from ikservo.view import messages as said
+from ikservo.view import messages as msg
 from ikservo.view.bvh import link_primitives, object_primitives
 from ikservo.view.camera import Camera, Viewport
 from ikservo.view.drag import Drag
@@ -42,17 +42,17 @@ __all__ = [
 
 
 _FULL_TRAVEL_S = 1.5  # from closed to open
-_LEAD_FRACTION = 0.06  # of the range: so far goals lead jaws that something keeps apart
-_MAX_GRIP_STEP_S = 0.1  # between two messages; after more the thumb was lifted
+_LEAD_FRACTION = 0.06  # of the range: limits how far goals lead a blocked gripper
+_MAX_GRIP_STEP_S = 0.1  # between two messages; a longer gap counts as released
 
 
 class GripperControl:
-    """Remembers since when they are being moved.
+    """Integrates the gripper's speed while a button is held.
 
     Args:
         column: The gripper's entry among all joints.
-        closed: Where the jaws meet, rad or m.
-        opened: Where they are furthest apart.
+        closed: Its closed position, rad or m.
+        opened: Its open position, rad or m.
     """
 
     def __init__(self, column: int, closed: float, opened: float) -> None:
@@ -63,27 +63,27 @@ class GripperControl:
     def next_position(
         self, grip: float, goal: float, measured: Vector, now_s: float
     ) -> float | None:
-        """Return where the joint shall go, rad or m; None while nobody presses.
+        """Return the next goal of the joint, rad or m; None while no button is held.
 
         Args:
-            grip: 1 closes, -1 opens, less does it more slowly.
-            goal: Where it was to go so far.
-            measured: Where all joints are (n,).
+            grip: 1 closes, -1 opens, smaller values do it more slowly.
+            goal: Its goal so far, rad or m.
+            measured: Measured positions of all joints (n,).
             now_s: The time.
         """
         elapsed_s, self._last_s = min(now_s - self._last_s, _MAX_GRIP_STEP_S), now_s
         if not grip:
             return None
-        whole = self._closed - self._opened
-        at, ahead = float(measured[self.column]), abs(whole) * _LEAD_FRACTION
-        wanted = goal + grip * whole * elapsed_s / _FULL_TRAVEL_S
-        wanted = min(max(wanted, at - ahead), at + ahead)
+        travel = self._closed - self._opened
+        at, ahead = float(measured[self.column]), abs(travel) * _LEAD_FRACTION
+        target = goal + grip * travel * elapsed_s / _FULL_TRAVEL_S
+        target = min(max(target, at - ahead), at + ahead)
         low, high = sorted((self._closed, self._opened))
-        return min(max(wanted, low), high)
+        return min(max(target, low), high)
 
 
 def gripper_control(arm: Arm) -> GripperControl | None:
-    """Return the gripper of an arm, inside its calibrated limits; None where it has none."""
+    """Return the control of an arm's gripper, inside its calibrated limits; None without one."""
     gripper = arm.model.gripper
     if gripper is None:
         return None
@@ -95,12 +95,12 @@ def gripper_control(arm: Arm) -> GripperControl | None:
 
 
 _SPEED_M_S = 0.12
-_MAX_STICK_STEP_S = 0.1  # between two messages; after more the sticks were let go
-_LEAD_M = 0.05  # a target that the arm cannot follow does not run away
+_MAX_STICK_STEP_S = 0.1  # between two messages; a longer gap counts as released
+_LEAD_M = 0.05  # limits how far the target leads an arm that cannot follow
 
 
 class GamepadControl:
-    """Remembers where the sticks have brought the target."""
+    """Integrates the deflection of the sticks into a target."""
 
     def __init__(self) -> None:
         self._target_m: Vector | None = None
@@ -109,12 +109,12 @@ class GamepadControl:
     def make_command(
         self, message: Gamepad, camera: Camera, tip_m: Vector, now_s: float
     ) -> DragTarget | None:
-        """Return where the tip shall go now.
+        """Return the next target of the tip; None while the sticks are centred.
 
         Args:
-            message: How far the sticks are held over.
-            camera: What the person sees: right, up and towards them are those of the screen.
-            tip_m: Where the goal so far has the tip (3,).
+            message: Deflection of the sticks.
+            camera: The user's camera: directions are those of the screen.
+            tip_m: Tip position (3,) of the goal so far.
             now_s: The time.
         """
         elapsed_s, self._last_s = now_s - self._last_s, now_s
@@ -125,39 +125,39 @@ class GamepadControl:
         if self._target_m is None or elapsed_s > _MAX_STICK_STEP_S:
             self._target_m = tip_m
             elapsed_s = min(elapsed_s, _MAX_STICK_STEP_S)
-        way = camera.R_world_view @ np.array([x, y, -towards]) * (_SPEED_M_S * elapsed_s)
-        target = self._target_m + way
+        step = camera.R_world_view @ np.array([x, y, -towards]) * (_SPEED_M_S * elapsed_s)
+        target = self._target_m + step
         lead = target - tip_m
-        far = float(np.linalg.norm(lead))
-        self._target_m = target if far <= _LEAD_M else tip_m + lead * (_LEAD_M / far)
+        distance_m = float(np.linalg.norm(lead))
+        self._target_m = target if distance_m <= _LEAD_M else tip_m + lead * (_LEAD_M / distance_m)
         return DragTarget(Target(self._target_m))
 
 
 NONE, CURRENT_POSTURE = "none", "here"
-"""No posture; the one the arm has when it is chosen."""
+"""No preferred posture; the posture of the arm when it was chosen."""
 
 _LEANING_METHODS = ("auto", "pseudo_inverse")
 
 
 @dataclass(frozen=True, slots=True)
 class PosturePreference:
-    """A preferred pose and how strongly each joint leans towards it.
+    """A preferred pose with a weight for each joint.
 
     Attributes:
         pose: ``none``, ``here`` or the name of a pose of the arm.
-        weights: Of joints that do not lean with 1; 0 leaves a joint alone.
+        weights: Weights of joints, 1 where missing; 0 ignores a joint.
     """
 
     pose: str = NONE
     weights: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def make_posture(self, model: Model, chain: Chain, here: Vector) -> Posture | None:
-        """Return it in joints.
+        """Return the posture in joints; None for ``none``.
 
         Args:
             model: Has the poses.
-            chain: The joints that lean.
-            here: Where they are now (dof,).
+            chain: The joints of the posture.
+            here: Their current positions (dof,).
 
         Raises:
             UnknownNameError: No such pose, or no such joint.
@@ -171,7 +171,7 @@ class PosturePreference:
         return Posture(q, np.array([self.weights.get(name, 1.0) for name in chain.names]))
 
     def page_fields(self, solver: str) -> dict[str, object]:
-        """Return it for the page, and whether the chosen solver leans towards it at all."""
+        """Return its fields for the page, with a note if the chosen solver ignores it."""
         idle = self.pose != NONE and solver not in _LEANING_METHODS
         note = f"{solver} has no null space: it does not lean." if idle else ""
         return {"pose": self.pose, "weights": dict(self.weights), "note": note}
@@ -182,23 +182,23 @@ _MAX_WARNINGS = 6
 
 
 class Interaction:
-    """Turns messages into the goal of all joints; without one the arm stays where it is.
+    """Turns input messages into the goal of all joints; without a goal the arm holds.
 
     Args:
-        arm: What can be grabbed, inside its own limits.
+        arm: The arm to move, inside its own limits.
 
     Attributes:
-        goal: Where all joints shall be (n,), rad or m; None where they are.
-        aim: The target behind it, if there is one.
+        goal: Goal of all joints (n,), rad or m; None to hold position.
+        marker: The target of the goal, if there is one.
         hover: The link that a press would grab.
-        under: All that is under the pointer, None for the plane where the tip would go.
-        chosen: Which of them a press means.
-        solve_s: How long the last answer took.
-        solver_words: What the lecture's method has done in the drag so far.
-        preference: The posture to lean towards.
-        solver_trace: What a method of the lecture did on the last click, to be drawn step by step.
-        messages: What became of targets that are out of reach, the oldest first.
-        revision: Changes whenever the picture has to.
+        under: Everything under the pointer; None for the plane in which a click moves the tip.
+        chosen: Index of the one that a press selects.
+        solve_s: Duration of the last solve.
+        solver_text: Progress of a chosen solver method in the current drag.
+        preference: The preferred posture.
+        solver_trace: Iterations of a chosen method on the last click, to be drawn one by one.
+        messages: Messages about targets out of reach, the oldest first.
+        revision: Changes whenever the scene has to be drawn again.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -209,19 +209,19 @@ class Interaction:
         self._columns = [names.index(name) for name in chain.names]
         picker = Picker(link_primitives(capsules_of(arm.model)))
         self._drag = Drag(chain, picker, Picker(object_primitives(arm.model)))
-        self._puppet, self._sticks = DragSolver(chain), GamepadControl()
-        self._jaws = gripper_control(arm)
-        self._wish: DragCommand | None = None
+        self._solver, self._gamepad = DragSolver(chain), GamepadControl()
+        self._gripper = gripper_control(arm)
+        self._command: DragCommand | None = None
         self.solver_trace: SolverTrace | None = None
-        self._began_s = 0.0
+        self._trace_start_s = 0.0
         self.goal: Vector | None = None
-        self.aim: TargetMarker | None = None
+        self.marker: TargetMarker | None = None
         self.hover: str | None = None
         self.under: tuple[PickCandidate | None, ...] = ()
         self.chosen = 0
         self._pointer: tuple[float, float] | None = None
         self.solve_s: float | None = None
-        self.solver_words = ""
+        self.solver_text = ""
         self.preference = PosturePreference()
         self.messages: deque[str] = deque(maxlen=_MAX_WARNINGS)
         self.revision = 0
@@ -229,7 +229,7 @@ class Interaction:
 
     @property
     def camera(self) -> Camera | None:
-        """Return the camera to keep while something is held."""
+        """Return the camera to keep during a drag."""
         return self._drag.camera
 
     @property
@@ -245,72 +245,72 @@ class Interaction:
 
     @property
     def solver(self) -> str:
-        """Return the solver that answers: ``auto``, or one of the lecture's methods."""
-        return self._puppet.method
+        """Return the name of the solver in use: ``auto`` or one of ``SOLVERS``."""
+        return self._solver.method
 
     @property
     def solvers(self) -> list[str]:
-        """Return the solvers to choose from."""
+        """Return the names of the available solvers."""
         return [AUTO, *SOLVERS]
 
     def reset(self) -> None:
-        """Let go of everything: the goal is where the arm is."""
+        """Cancel the drag and drop the goal: the arm holds."""
         self._drag.cancel()
-        self._wish = self.goal = self.aim = self.solver_trace = None
+        self._command = self.goal = self.marker = self.solver_trace = None
         self.revision += 1
 
     def choose_solver(self, name: str) -> None:
-        """Let clicks and drags be answered by a solver.
+        """Select the solver for clicks and drags.
 
         Raises:
             UnknownNameError: There is none of that name.
         """
         if name not in self.solvers:
             raise UnknownNameError("solver", name, self.solvers)
-        self._puppet.method = name
-        self.solver_words = ""
+        self._solver.method = name
+        self.solver_text = ""
 
     def set_preference(self, preference: PosturePreference, measured: Vector) -> None:
-        """Lean towards a posture where the target leaves freedom (lecture L10).
+        """Prefer a posture where the target leaves freedom (null-space motion).
 
         Raises:
             UnknownNameError: There is no such pose, or no such joint.
         """
         here = measured[self._columns]
-        self._puppet.posture = preference.make_posture(self._arm.model, self._chain, here)
+        self._solver.posture = preference.make_posture(self._arm.model, self._chain, here)
         self.preference = preference
         self.revision += 1
 
     def pose(self, name: str, measured: Vector) -> None:
-        """Go to a named pose, inside this arm's limits, from where its joints are (n,).
+        """Set a named pose as goal, clipped to this arm's limits; ``measured`` (n,).
 
         Raises:
             UnknownNameError: The arm has none of that name.
         """
-        inside = posed_inside(
+        limited = posed_inside(
             name, self._arm.model.pose(name), self._arm.workings.servos.fences, measured
         )
         self.reset()
-        self.goal = np.array([inside.positions[joint] for joint in self._names])
-        self.messages.extend(words for words in inside.changed if words not in self.messages)
+        self.goal = np.array([limited.positions[joint] for joint in self._names])
+        self.messages.extend(text for text in limited.changed if text not in self.messages)
 
     def handle(
-        self, message: Message, sight: PointerContext, readout: ArmSnapshot, now_s: float
+        self, message: Message, context: PointerContext, snapshot: ArmSnapshot, now_s: float
     ) -> None:
-        """Take what pointer, wheel, keys or sticks say of what the person sees."""
-        if isinstance(message, said.Gamepad) and self._jaws is not None:
-            self._drive_gripper(self._jaws, message.grip, readout, now_s)
-        wish = self._command_from(message, sight, now_s)
+        """Handle an input message in the context in which the user gave it."""
+        if isinstance(message, msg.Gamepad) and self._gripper is not None:
+            self._drive_gripper(self._gripper, message.grip, snapshot, now_s)
+        command = self._command_from(message, context, now_s)
         self.revision += 1
-        if wish is not None:
-            self._wish, self.solver_trace = wish, None
-            self._solve_pending(readout, now_s)
+        if command is not None:
+            self._command, self.solver_trace = command, None
+            self._solve_pending(snapshot, now_s)
 
-    def continue_target(self, readout: ArmSnapshot, now_s: float) -> None:
-        """Come nearer to a wish that one answer was not enough for."""
-        if self._wish is not None:
+    def continue_target(self, snapshot: ArmSnapshot, now_s: float) -> None:
+        """Continue towards a target that one solve did not reach."""
+        if self._command is not None:
             self.revision += 1
-            self._solve_pending(readout, now_s)
+            self._solve_pending(snapshot, now_s)
 
     @property
     def shown_goal(self) -> Vector | None:
@@ -318,68 +318,68 @@ class Interaction:
         return None if self.goal is None else self.goal[self._columns]
 
     def trace_step(self, now_s: float) -> int:
-        """Return which of the lesson's steps is shown now: they are drawn as they went."""
+        """Return which step of the solver trace is shown now."""
         if self.solver_trace is None:
             return 0
-        return min(int((now_s - self._began_s) * _STEPS_HZ), self.solver_trace.count - 1)
+        return min(int((now_s - self._trace_start_s) * _STEPS_HZ), self.solver_trace.count - 1)
 
     def _warm_up(self) -> None:
-        """Load what is compiled now, not while the first person waits."""
-        stage = arm_extent(self._arm.model)
+        """Warm up the JIT now, not at the first input."""
+        extent = arm_extent(self._arm.model)
         camera = make_camera(
-            stage, Viewpoint(available_views(stage)[0]), Viewport(640.0, 480.0), 0.0
+            extent, Viewpoint(available_views(extent)[0]), Viewport(640.0, 480.0), 0.0
         )
         q = self._chain.mid_range()
         self._drag.hover((320.0, 240.0), PointerContext(camera, (q,)))
-        self._puppet.solve_command(
+        self._solver.solve_command(
             DragTarget(Target(self._chain.forward(q)[:3, 3]), is_click=True), q
         )
 
-    def sight(
-        self, camera: Camera, readout: ArmSnapshot, plane_m: Vector | None = None
+    def pointer_context(
+        self, camera: Camera, snapshot: ArmSnapshot, plane_m: Vector | None = None
     ) -> PointerContext:
-        """Return what the person has before them; ``plane_m`` see ``PointerContext``."""
-        measured = readout.measured[self._columns]
+        """Return what the user sees; for ``plane_m`` see ``PointerContext``."""
+        measured = snapshot.measured[self._columns]
         arms = (measured,) if self.goal is None else (self.goal[self._columns], measured)
-        beside = dict(zip(self._names, readout.measured.tolist(), strict=True))
-        return PointerContext(camera, arms, plane_m, beside)
+        other_joints = dict(zip(self._names, snapshot.measured.tolist(), strict=True))
+        return PointerContext(camera, arms, plane_m, other_joints)
 
     def _drive_gripper(
-        self, jaws: GripperControl, grip: float, readout: ArmSnapshot, now_s: float
+        self, gripper: GripperControl, grip: float, snapshot: ArmSnapshot, now_s: float
     ) -> None:
-        """Close or open the jaws for as long as somebody keeps pressing."""
-        goal = self._resting_joints(readout) if self.goal is None else self.goal
-        at = jaws.next_position(grip, float(goal[jaws.column]), readout.measured, now_s)
+        """Close or open the gripper while a button is held."""
+        goal = self._resting_joints(snapshot) if self.goal is None else self.goal
+        at = gripper.next_position(grip, float(goal[gripper.column]), snapshot.measured, now_s)
         if at is not None:
             self.goal = goal.copy()
-            self.goal[jaws.column] = at
+            self.goal[gripper.column] = at
 
-    def _resting_joints(self, readout: ArmSnapshot) -> Vector:
-        return readout.measured if readout.goals is None else readout.goals
+    def _resting_joints(self, snapshot: ArmSnapshot) -> Vector:
+        return snapshot.measured if snapshot.goals is None else snapshot.goals
 
     def _command_from(
-        self, message: Message, sight: PointerContext, now_s: float
+        self, message: Message, context: PointerContext, now_s: float
     ) -> DragCommand | None:
         drag = self._drag
-        if isinstance(message, said.Pointer):
-            return self._pointer_command(message, sight)
-        if isinstance(message, said.Wheel):
-            return drag.wheel((message.x, message.y), message.notches, sight, fine=message.alt)
-        if isinstance(message, said.Key):
-            return drag.on_key(message.key, sight, fine=message.alt)
-        if isinstance(message, said.SelectBehind):
-            self._select_candidate(message.step, sight)
-        if isinstance(message, said.Gamepad):
-            tip_m = self._chain.forward(sight.arms[0])[:3, 3]
-            return self._sticks.make_command(message, sight.camera, tip_m, now_s)
+        if isinstance(message, msg.Pointer):
+            return self._pointer_command(message, context)
+        if isinstance(message, msg.Wheel):
+            return drag.wheel((message.x, message.y), message.notches, context, fine=message.alt)
+        if isinstance(message, msg.Key):
+            return drag.on_key(message.key, context, fine=message.alt)
+        if isinstance(message, msg.SelectBehind):
+            self._select_candidate(message.step, context)
+        if isinstance(message, msg.Gamepad):
+            tip_m = self._chain.forward(context.arms[0])[:3, 3]
+            return self._gamepad.make_command(message, context.camera, tip_m, now_s)
         return None
 
-    def _pointer_command(self, message: said.Pointer, sight: PointerContext) -> DragCommand | None:
+    def _pointer_command(self, message: msg.Pointer, context: PointerContext) -> DragCommand | None:
         at = (message.x, message.y)
         if message.phase == "down":
-            self._update_hover(at, sight)
+            self._update_hover(at, context)
             self.hover = None
-            return self._drag.press(at, sight, shift=message.shift, pointer=message.pointer)
+            return self._drag.press(at, context, shift=message.shift, pointer=message.pointer)
         if message.phase == "move":
             return self._drag.move(at, message.pointer)
         if message.phase == "up":
@@ -388,59 +388,68 @@ class Interaction:
         elif message.phase == "cancel":
             self.reset()
         elif message.phase == "leave" and message.touch:
-            return None  # a finger that was lifted leaves its list behind
-        self._update_hover(None if message.phase in ("cancel", "leave") else at, sight)
+            return None  # keep the list after a finger was lifted
+        self._update_hover(None if message.phase in ("cancel", "leave") else at, context)
         return None
 
-    def _update_hover(self, at: tuple[float, float] | None, sight: PointerContext) -> None:
-        """Notice what is under the pointer, and which of it a press would grab."""
+    def _update_hover(self, at: tuple[float, float] | None, context: PointerContext) -> None:
+        """Update what is under the pointer, and which of it a press would grab."""
         self._pointer, self.hover, self.under, self.chosen = at, None, (), 0
         if at is not None:
-            self.under, self.chosen = self._drag.candidates_under(at, sight)
+            self.under, self.chosen = self._drag.candidates_under(at, context)
             found = self.under[self.chosen]
             self.hover = found.hit.link if found is not None and found.kind == "link" else None
 
-    def _select_candidate(self, step: int, sight: PointerContext) -> None:
+    def _select_candidate(self, step: int, context: PointerContext) -> None:
         if self._pointer is not None and not self._drag.is_busy:
-            self._drag.select_next(self._pointer, sight, step)
-            self._update_hover(self._pointer, sight)
+            self._drag.select_next(self._pointer, context, step)
+            self._update_hover(self._pointer, context)
 
-    def _solve_pending(self, readout: ArmSnapshot, now_s: float) -> None:
-        wish = self._wish
-        if wish is None:
+    def _solve_pending(self, snapshot: ArmSnapshot, now_s: float) -> None:
+        command = self._command
+        if command is None:
             return
-        goal = self._resting_joints(readout) if self.goal is None else self.goal
-        began_s = time.perf_counter()
-        q, settled = self._solve_command(wish, goal[self._columns], now_s)
-        self.solve_s = time.perf_counter() - began_s
+        goal = self._resting_joints(snapshot) if self.goal is None else self.goal
+        start_s = time.perf_counter()
+        q, is_settled = self._solve_command(command, goal[self._columns], now_s)
+        self.solve_s = time.perf_counter() - start_s
         self.goal = goal.copy()
         self.goal[self._columns] = q
-        if settled:
-            self._wish = None
+        if is_settled:
+            self._command = None
             self._warn_unreached()
 
-    def _solve_command(self, wish: DragCommand, q: Vector, now_s: float) -> tuple[Vector, bool]:
-        """Return the chain's goal (dof,), and whether the wish leads no further."""
-        if self.solver != AUTO and isinstance(wish, DragTarget) and wish.is_click:
-            return self._solve_by_method(wish, q, now_s), True
-        answer = self._puppet.solve_command(wish, q)
-        self.aim, self.solver_words = answer.aim, answer.words
-        return answer.q, answer.settled or isinstance(wish, JointTarget)
+    def _solve_command(self, command: DragCommand, q: Vector, now_s: float) -> tuple[Vector, bool]:
+        """Return the chain's goal (dof,), and whether solving again leads no further."""
+        if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:
+            return self._solve_by_method(command, q, now_s), True
+        solution = self._solver.solve_command(command, q)
+        self.marker, self.solver_text = solution.marker, solution.text
+        return solution.q, solution.settled or isinstance(command, JointTarget)
 
-    def _solve_by_method(self, wish: DragTarget, q: Vector, now_s: float) -> Vector:
-        """Let a method of the lecture answer a click, and keep its iterations to be drawn."""
-        posture = self._puppet.posture
-        self.solver_trace = trace_method(self._chain, wish.target.position, q, self.solver, posture)
-        self._began_s = now_s
+    def _solve_by_method(self, command: DragTarget, q: Vector, now_s: float) -> Vector:
+        """Solve a click with the chosen method, and keep its iterations to be drawn."""
+        posture = self._solver.posture
+        self.solver_trace = trace_method(
+            self._chain, command.target.position, q, self.solver, posture
+        )
+        self._trace_start_s = now_s
         found = self.solver_trace.result
-        self.aim = TargetMarker(wish.target.position, found.nearest_m, found.reached, found.binding)
+        self.marker = TargetMarker(
+            command.target.position, found.nearest_m, found.reached, found.binding
+        )
         return found.q
 
     def _warn_unreached(self) -> None:
-        """Say that a target is not reached, once for each gesture and not before its end."""
-        if self.aim is None or self.aim.reached or self._drag.is_busy or self._wish is not None:
+        """Add a message if the target was not reached, once per gesture, at its end."""
+        if (
+            self.marker is None
+            or self.marker.reached
+            or self._drag.is_busy
+            or self._command is not None
+        ):
             return
         method = self.solver if self.solver in ITERATIVE else None
-        words = describe_target(self.aim, method)
-        if words not in self.messages:
-            self.messages.append(words)
+        text = describe_target(self.marker, method)
+        if text not in self.messages:
+            self.messages.append(text)

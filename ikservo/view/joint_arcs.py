@@ -1,6 +1,6 @@
 """Joint ranges as arcs with a needle, or tracks for prismatic joints.
 
-A picture is made sixty times a second, so the points of all arcs are put in place and projected
+A frame is drawn sixty times a second, so the points of all arcs are transformed and projected
 together: one joint or ten cost nearly the same.
 """
 
@@ -30,13 +30,13 @@ _MIN_ARM_M = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointDial:
-    """Where a joint is in the chain, and which way its needle points.
+    """A joint's place in the chain, and the direction of its needle.
 
     Attributes:
         column: The joint's entry of q.
-        step: The joint on its way to the tip.
-        needle: A unit vector (3,) across the axis, in the child link's coordinates.
-        side: The third one (3,), where the needle points after a quarter of a turn.
+        step: The joint in the chain.
+        needle: A unit vector (3,) perpendicular to the axis, in the child link's coordinates.
+        side: Axis x needle (3,), the needle's direction after a quarter turn.
     """
 
     name: str
@@ -47,17 +47,17 @@ class JointDial:
 
     @property
     def is_prismatic(self) -> bool:
-        """Return whether the joint is a slide."""
+        """Return whether the joint is prismatic."""
         return self.step.joint.kind is JointType.PRISMATIC
 
     def pivot_and_axis(self, poses: Mapping[str, Matrix]) -> tuple[Vector, Vector]:
-        """Return the pivot (3,) [m], of a slide its zero, and the axis (3,), world coordinates."""
+        """Return pivot (3,) [m] (zero position if prismatic) and axis (3,), world coordinates."""
         joint = self.step.joint
         T_world_joint = poses[joint.parent] @ joint.origin
         return T_world_joint[:3, 3], T_world_joint[:3, :3] @ joint.axis
 
     def hub(self, poses: Mapping[str, Matrix], q: Vector) -> Vector:
-        """Return where the joint is (3,): its pivot, or how far it has slid."""
+        """Return the joint's hub (3,): its pivot, shifted by the position if prismatic."""
         pivot, axis = self.pivot_and_axis(poses)
         return pivot + float(q[self.column]) * axis if self.is_prismatic else pivot
 
@@ -87,11 +87,11 @@ def limit_proximity(chain: Chain, q: Vector, column: int) -> LimitProximity:
 
 
 def _needle_direction(step: ChainJoint, T_world_child: Matrix, towards_m: Vector) -> Vector:
-    """Return the direction (3,) across the axis to a point, in the child's coordinates."""
+    """Return the direction (3,) to a point, perpendicular to the axis, child's coordinates."""
     axis = step.joint.axis
-    way = T_world_child[:3, :3].T @ (towards_m - T_world_child[:3, 3])
-    across = way - axis * float(axis @ way)
-    if math.sqrt(float(across @ across)) < _MIN_ARM_M:  # a roll: any direction will do
+    offset = T_world_child[:3, :3].T @ (towards_m - T_world_child[:3, 3])
+    across = offset - axis * float(axis @ offset)
+    if math.sqrt(float(across @ across)) < _MIN_ARM_M:  # a roll joint: any direction
         helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
         across = helper - axis * float(axis @ helper)
     return across / math.sqrt(float(across @ across))
@@ -99,7 +99,7 @@ def _needle_direction(step: ChainJoint, T_world_child: Matrix, towards_m: Vector
 
 _RADIUS_PX, _HUB_PX = 26.0, 3.0
 _STEP_RAD = math.radians(6.0)
-# An axis flatter to the screen than this shows its arc as a line: the dial is turned to the eye.
+# Cosine below which an arc is seen edge-on: its dial is drawn facing the camera instead.
 _EDGE_ON_COSINE = 0.4
 
 
@@ -123,7 +123,7 @@ class JointArcs:
         ranges = [(chain.lower_rad[c], chain.upper_rad[c]) for c in self._columns]
         marks = [_arc_angles(dial, *range_) for dial, range_ in zip(dials, ranges, strict=True)]
         self._marks = np.concatenate([m for m, _ in marks])
-        self._stands = np.concatenate([s for _, s in marks])
+        self._fixed = np.concatenate([s for _, s in marks])
         self._owner = np.repeat(np.arange(len(marks)), [len(m) for m, _ in marks])
         self._ends = np.cumsum([len(m) for m, _ in marks]).tolist()
 
@@ -135,7 +135,7 @@ class JointArcs:
         Args:
             q: Joints (dof,).
             poses: T_world_link (4, 4) of every link.
-            camera: Where from.
+            camera: The camera.
             styles: One for each joint.
         """
         now = q[self._columns]
@@ -153,10 +153,10 @@ class JointArcs:
     def _arc_points(
         self, now: Vector, pivots: Matrix, axes: Matrix, poses: Mapping[str, Matrix], camera: Camera
     ) -> Matrix:
-        """Return the points (k, 3) of all arcs and tracks, one joint's after the other's."""
-        across, turned = self._arc_planes(pivots, axes, poses, camera)
+        """Return the points (k, 3) of all arcs and tracks, joint by joint."""
+        across, edge_on = self._arc_planes(pivots, axes, poses, camera)
         owner, slides = self._owner, self._slides[self._owner]
-        angles = self._marks + (turned[owner] - self._stands) * now[owner]
+        angles = self._marks + (edge_on[owner] - self._fixed) * now[owner]
         first = np.where(slides, self._marks, np.cos(angles))[:, None] * across[owner, 0]
         second = np.where(slides, 0.0, np.sin(angles))[:, None] * across[owner, 1]
         points: Matrix = pivots[owner] + first + second
@@ -165,35 +165,35 @@ class JointArcs:
     def _arc_planes(
         self, pivots: Matrix, axes: Matrix, poses: Mapping[str, Matrix], camera: Camera
     ) -> tuple[Matrix, Vector]:
-        """Return the directions (n, 2, 3) in which each arc lies, and which are turned to the eye.
+        """Return the axes (n, 2, 3) of each arc's plane, and which arcs are seen edge-on.
 
-        Those of a track are along the slide.
+        The first axis of a track is along the prismatic joint.
         """
         R = np.array([poses[link][:3, :3] for link in self._children])
         across = np.einsum("nij,nkj->nki", R, self._needles)
-        sights = pivots - camera.eye_m if camera.perspective else camera.forward[None]
-        level = np.abs(np.sum(axes * sights, axis=1))
-        turned = level < _EDGE_ON_COSINE * np.sqrt(np.sum(sights * sights, axis=1))
-        across = np.where(turned[:, None, None], [camera.up, camera.right], across)
+        lines_of_sight = pivots - camera.eye_m if camera.perspective else camera.forward[None]
+        level = np.abs(np.sum(axes * lines_of_sight, axis=1))
+        edge_on = level < _EDGE_ON_COSINE * np.sqrt(np.sum(lines_of_sight * lines_of_sight, axis=1))
+        across = np.where(edge_on[:, None, None], [camera.up, camera.right], across)
         radii_m = _RADIUS_PX / camera.pixels_per_metre(camera.depth_of(pivots))
         across = across * radii_m[:, None, None]
         across[self._slides, 0] = axes[self._slides]
-        return across, turned.astype(np.float64)
+        return across, edge_on.astype(np.float64)
 
 
 def _arc_angles(dial: JointDial, low: float, high: float) -> tuple[Vector, NDArray[np.float64]]:
-    """Return where the arc's points are (k,), and which stand while the needle turns (1, else 0).
+    """Return the angles of the arc's points (k,), and 1 for those fixed while the needle rotates.
 
-    The needle's own end is the last; a joint that turns freely carries its circle with it.
+    The last point is the needle's end; the circle of a continuous joint rotates with it.
     """
     if dial.is_prismatic:
         return np.array([low, high]), np.zeros(2)
-    free = not math.isfinite(high - low)
-    low, high = (-math.pi, math.pi) if free else (low, high)
+    is_continuous = not math.isfinite(high - low)
+    low, high = (-math.pi, math.pi) if is_continuous else (low, high)
     count = max(2, math.ceil((high - low) / _STEP_RAD) + 1)
-    stands = np.full(count + 1, 0.0 if free else 1.0)
-    stands[-1] = 0.0
-    return np.append(np.linspace(low, high, count), 0.0), stands
+    fixed = np.full(count + 1, 0.0 if is_continuous else 1.0)
+    fixed[-1] = 0.0
+    return np.append(np.linspace(low, high, count), 0.0), fixed
 
 
 def _arc_items(dial: JointDial, points: list[object], hub: object, style: str) -> list[DrawItem]:

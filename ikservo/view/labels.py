@@ -1,4 +1,4 @@
-"""Texts of the page, in the words of the command line."""
+"""Texts of the page, formatted as on the command line."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ def format_point(at_m: Vector) -> str:
     return f"({', '.join(f'{float(x):z.3f}' for x in at_m)}) m"
 
 
-def describe_target(aim: TargetMarker, method: str | None = None) -> str:
-    """Return what became of the target: reached, or how near and what holds the arm back.
+def describe_target(marker: TargetMarker, method: str | None = None) -> str:
+    """Return the result for a target: reached, or the nearest point and the active limits.
 
     Args:
-        aim: The target.
-        method: The iteration that ended there, which need not be the nearest point that there is.
+        marker: The target.
+        method: The iterative method that ended there, not necessarily at the nearest point.
     """
-    if aim.reached:
-        return f"target {format_point(aim.target_m)}"
+    if marker.reached:
+        return f"target {format_point(marker.target_m)}"
     if method is not None:
-        return f"{method} ended {aim.gap_m * 1000:.1f} mm from {format_point(aim.target_m)}."
-    held = f" ({', '.join(map(str, aim.binding))})" if aim.binding else ""
+        return f"{method} ended {marker.gap_m * 1000:.1f} mm from {format_point(marker.target_m)}."
+    limits_text = f" ({', '.join(map(str, marker.binding))})" if marker.binding else ""
     return (
-        f"{format_point(aim.target_m)} cannot be reached{held}. Nearest reachable point: "
-        f"{format_point(aim.nearest_m)}, {aim.gap_m * 1000:.1f} mm away."
+        f"{format_point(marker.target_m)} cannot be reached{limits_text}. Nearest reachable point: "
+        f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.1f} mm away."
     )
 
 
@@ -62,7 +62,7 @@ def format_solve_time(solve_s: float) -> str:
 
 
 def format_supply(volts: Sequence[float]) -> str:
-    """Return ``7.4 V``, or ``11.8 – 12.1 V`` where servos see different voltages."""
+    """Return ``7.4 V``, or ``11.8 – 12.1 V`` where servos measure different voltages."""
     low, high = f"{min(volts):.1f}", f"{max(volts):.1f}"
     return f"{low} V" if low == high else f"{low} – {high} V"
 
@@ -78,11 +78,11 @@ def describe_range(chain: Chain, column: int, position: float, limit_from: str) 
 
 
 def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict[str, object]]:
-    """Return a row for each servo: temperature, voltage, load, torque, alarms, how bad it is.
+    """Return a row for each servo: temperature, voltage, load, torque, alarms, warning level.
 
     Args:
         states: The servos.
-        limits: From which temperatures on the arm warns and holds.
+        limits: The temperatures of warning and stop.
     """
     return [
         {
@@ -110,32 +110,32 @@ _UNITS = {1: "m", 2: "m²", 3: "m³"}
 
 
 def insight_rows(
-    chain: Chain, q: Vector, insight: PostureAnalysis | None
+    chain: Chain, q: Vector, analysis: PostureAnalysis | None
 ) -> list[tuple[str, str, str]]:
-    """Return rows of name, words and level: manipulability, nearest singularity, hidden links.
+    """Return rows of name, text and level: manipulability, nearest singularity, hidden links.
 
     Args:
         chain: The arm.
         q: Joints (dof,).
-        insight: What is known of them besides; None for nothing yet.
+        analysis: The analysis of that posture; None if not available yet.
     """
     measured = conditioning(chain, q)
     unit = _UNITS.get(len(measured.moves_m_rad), "")
     value = f"{measured.manipulability:.2g} {unit}, "
     rows = [("manipulability", f"{value}at worst {measured.slowest_m_rad * 1000:.0f} mm/rad", "")]
-    if insight is None:
+    if analysis is None:
         return rows
-    rows.append(("singularity", *_describe_singularity(insight)))
-    hidden = [_describe_hidden(each) for each in insight.seen if not each.is_visible]
+    rows.append(("singularity", *_describe_singularity(analysis)))
+    hidden = [_describe_hidden(each) for each in analysis.seen if not each.is_visible]
     return [*rows, ("hidden here", ", ".join(hidden), "")] if hidden else rows
 
 
-def _describe_singularity(insight: PostureAnalysis) -> tuple[str, str]:
-    found = insight.singularity
+def _describe_singularity(analysis: PostureAnalysis) -> tuple[str, str]:
+    found = analysis.singularity
     if found is None:
         return "none inside the limits", ""
-    words = f"{math.degrees(found.distance_rad):.1f}° away, mostly by {found.joint}"
-    return words, "bad" if found.distance_rad < _NEAR_RAD else ""
+    text = f"{math.degrees(found.distance_rad):.1f}° away, mostly by {found.joint}"
+    return text, "bad" if found.distance_rad < _NEAR_RAD else ""
 
 
 def _describe_hidden(seen: LinkVisibility) -> str:
@@ -147,11 +147,11 @@ _TIP = {"name": "the tip comes here", "what": "", "at": "", "depth": "", "depth_
 
 
 def candidate_rows(options: Sequence[PickCandidate | None], chosen: int) -> list[dict[str, object]]:
-    """Return a row for each thing under the pointer: name, where it is hit, how far behind.
+    """Return a row for each thing under the pointer: name, hit point, depth behind the first.
 
     Args:
-        options: As ``Drag.under`` returns them; None is the plane where the tip would go.
-        chosen: Which of them a press means.
+        options: As ``Drag.candidates_under`` returns them; None is the plane for the tip.
+        chosen: Index of the selected one.
     """
     first_m = min((found.hit.depth_m for found in options if found is not None), default=0.0)
     return [

@@ -1,4 +1,4 @@
-"""Messages that a client may send, with their bounds; everything else is refused."""
+"""Messages that a client may send, with their bounds; everything else is rejected."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
 
 
 class BadMessageError(InputError):
-    """A message that is none; nothing has changed."""
+    """An invalid message; nothing has changed."""
 
 
 class Hello(StrictModel):
@@ -66,11 +66,11 @@ class Hello(StrictModel):
 
 
 class _Message(StrictModel):
-    """What all messages have.
+    """Fields of all messages.
 
     Attributes:
-        seq: Counts up; a number that was there before is a replay.
-        seen: The latest scene that was drawn when it was sent, which tells its age.
+        seq: Sequence number, increasing; a repeated number is a replay.
+        seen: Number of the latest scene drawn when it was sent, which gives the message's age.
     """
 
     seq: Annotated[int, Field(ge=1, le=_MAX_SEQ)]
@@ -78,16 +78,16 @@ class _Message(StrictModel):
 
 
 class Heartbeat(_Message):
-    """The page lives, and whether a person can see it."""
+    """Sent periodically; ``visible`` is whether the page is in the foreground."""
 
-    kind: Literal["beat"]
+    kind: Literal["heartbeat"]
     visible: bool
 
 
 class SetViewport(_Message):
-    """What the page shows: the size of its drawing in CSS pixels, and from where it looks."""
+    """Size of the page's drawing in CSS pixels, and its viewpoint."""
 
-    kind: Literal["look"]
+    kind: Literal["viewport"]
     w: Length
     h: Length
     dpr: Annotated[float, Field(ge=0.25, le=16, allow_inf_nan=False)]
@@ -95,7 +95,7 @@ class SetViewport(_Message):
 
 
 class Pointer(_Message):
-    """A pointer, in CSS pixels of the drawing."""
+    """A pointer event, in CSS pixels of the drawing."""
 
     kind: Literal["pointer"]
     phase: Literal["down", "move", "up", "cancel", "hover", "leave"]
@@ -109,7 +109,7 @@ class Pointer(_Message):
 
 
 class Wheel(_Message):
-    """A turn of the wheel over a pixel; positive turns are away from the person."""
+    """A wheel event at a pixel; positive notches are away from the user."""
 
     kind: Literal["wheel"]
     x: Pixels
@@ -119,7 +119,7 @@ class Wheel(_Message):
 
 
 class Key(_Message):
-    """A key that moves the target."""
+    """A key event that moves the target."""
 
     kind: Literal["key"]
     key: Literal["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "PageUp", "PageDown"]
@@ -128,26 +128,26 @@ class Key(_Message):
 
 
 class SelectBehind(_Message):
-    """Let a press mean what is behind, or before, what it means now where the pointer is."""
+    """Select the next (1) or previous (-1) of the overlapping things under the pointer."""
 
     kind: Literal["behind"]
     step: Literal[-1, 1]
 
 
 class OrbitCamera(_Message):
-    """Turn the camera by pixels of dragging, or come nearer."""
+    """Orbit or pan the camera by pixels of dragging, or zoom."""
 
-    kind: Literal["orbit"]
+    kind: Literal["orbit_camera"]
     dx: Pixels
     dy: Pixels
     zoom: Annotated[float, Field(ge=0.2, le=5, allow_inf_nan=False)] = 1.0
 
 
 class Gamepad(_Message):
-    """The sticks of a gamepad: right, up, and the two of the other stick, each -1 to 1.
+    """State of a gamepad: right and up of one stick, then of the other, each -1 to 1.
 
     Attributes:
-        grip: 1 closes the gripper, -1 opens it, as the triggers or the page's buttons say.
+        grip: 1 closes the gripper, -1 opens it; from the triggers or the page's buttons.
     """
 
     kind: Literal["gamepad"]
@@ -156,51 +156,51 @@ class Gamepad(_Message):
 
 
 class Stop(_Message):
-    """Hold now, and stay so until acknowledged."""
+    """Stop and hold until acknowledged."""
 
     kind: Literal["stop"]
 
 
 class Acknowledge(_Message):
-    """The person has seen why the arm holds."""
+    """The user acknowledges a stop."""
 
     kind: Literal["acknowledge"]
 
 
 class SetLive(_Message):
-    """Throw the switch between preview and arm."""
+    """Switch between preview and live control."""
 
-    kind: Literal["live"]
+    kind: Literal["set_live"]
     on: bool
 
 
 class TakeControl(_Message):
-    """Take control, or give it back."""
+    """Take or release control."""
 
-    kind: Literal["take"]
+    kind: Literal["take_control"]
     on: bool
 
 
 class SetSpeed(_Message):
-    """Choose a speed class."""
+    """Set the speed class."""
 
-    kind: Literal["speed"]
+    kind: Literal["set_speed"]
     name: Literal["slow", "normal", "fast"]
 
 
 class SetSolver(_Message):
-    """Choose the solver."""
+    """Set the solver."""
 
-    kind: Literal["solver"]
+    kind: Literal["set_solver"]
     name: Name
 
 
 class PreferPosture(_Message):
-    """Choose the posture to lean towards where the target leaves freedom.
+    """Set the preferred posture, used where the target leaves freedom.
 
     Attributes:
-        pose: The name of a pose, ``here`` for the one of now, or ``none``.
-        weights: How strongly joints lean that do not do so with 1.
+        pose: The name of a pose, ``here`` for the current posture, or ``none``.
+        weights: Weights of joints, 1 where missing.
     """
 
     kind: Literal["prefer"]
@@ -211,15 +211,17 @@ class PreferPosture(_Message):
 class GoToPose(_Message):
     """Go to a named pose."""
 
-    kind: Literal["pose"]
+    kind: Literal["go_to_pose"]
     name: Name
 
 
 class CalibrationAnswer(_Message):
-    """An answer in the conversation of a calibration; ``begin`` and ``leave`` frame it."""
+    """User input of a calibration; ``start`` starts it and ``cancel`` ends it."""
 
-    kind: Literal["calibrate"]
-    word: Literal["begin", "leave", "accept", "undo", "skip", "free", "again", "protect"]
+    kind: Literal["calibration"]
+    action: Literal[
+        "start", "cancel", "accept", "undo", "skip", "continuous", "remeasure", "protect"
+    ]
     joint: Name | None = None
 
 
@@ -248,16 +250,16 @@ _HELLO = TypeAdapter(Hello)
 
 
 def read_hello(text: str) -> Hello:
-    """Return the first message of a connection.
+    """Parse the first message of a connection.
 
     Raises:
-        BadMessageError: It is none.
+        BadMessageError: It is no valid ``Hello``.
     """
     return _validate_message(_HELLO, text)
 
 
 def read_message(text: str) -> Message:
-    """Return a message as a value whose every number is inside its bounds.
+    """Parse and validate a message; every number of the result is inside its bounds.
 
     Raises:
         BadMessageError: It is too long, no JSON, or not one of those above.
@@ -280,11 +282,11 @@ def _validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DragTarget:
-    """A point of the arm shall go there.
+    """Move a point of the arm to a position.
 
     Attributes:
-        target: The point, fixed to the tip or to the link that was grabbed, and where to.
-        is_click: Whether the arm may fold differently to get there: after a click, not in a drag.
+        target: The point, fixed to the tip or to the grabbed link, and its target position.
+        is_click: Whether the arm may change its IK branch: after a click, not in a drag.
     """
 
     target: Target
@@ -293,7 +295,7 @@ class DragTarget:
 
 @dataclass(frozen=True, slots=True)
 class JointTarget:
-    """One joint shall go to a position inside its limits, rad or m; the others stay."""
+    """Move one joint to a position inside its limits, rad or m; the others stay."""
 
     joint: str
     position: float
@@ -301,7 +303,7 @@ class JointTarget:
 
 @dataclass(frozen=True, slots=True)
 class HoldCommand:
-    """Stay where you are."""
+    """Hold position."""
 
 
 DragCommand = DragTarget | JointTarget | HoldCommand

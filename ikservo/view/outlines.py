@@ -22,15 +22,15 @@ __all__ = ["Silhouette", "SilhouetteRenderer", "draw_box", "draw_floor", "draw_s
 _SPHERE_CORNERS = 20
 _ANGLES = np.arange(_SPHERE_CORNERS) * (math.tau / _SPHERE_CORNERS)
 _ROUND = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
-_INSIDE_FRACTION = 0.9  # an eye that is in a ball sees it as if it were just outside
+_INSIDE_FRACTION = 0.9  # an eye inside a sphere is treated as just outside of it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silhouette:
-    """One link as it is seen.
+    """The silhouette of one link.
 
     Attributes:
-        depth_m: How far from the eye its middle is.
+        depth_m: Depth of its centre.
         rings: An outline for each of its capsules (capsules, k, 2), CSS pixels.
     """
 
@@ -40,7 +40,7 @@ class Silhouette:
 
 
 class SilhouetteRenderer:
-    """The capsules of an arm, laid out for drawing.
+    """The capsules of an arm as arrays for drawing.
 
     Args:
         capsules: Any number for each link, in link coordinates.
@@ -59,7 +59,7 @@ class SilhouetteRenderer:
         self._radii_m = np.array([capsule.radius_m for capsule in ordered])
 
     def outlines_from(self, camera: Camera, poses: Mapping[str, Matrix]) -> list[Silhouette]:
-        """Return the links where ``poses`` T_world_link (4, 4) put them, the farthest first."""
+        """Return the silhouettes at ``poses`` T_world_link (4, 4), the farthest first."""
         if not self.links:
             return []
         ends = self._world_ends(poses)
@@ -80,9 +80,9 @@ class SilhouetteRenderer:
 
 
 def _sphere_outlines(camera: Camera, centres_m: Matrix, radii_m: Matrix) -> tuple[Matrix, Matrix]:
-    """Return the outlines (n, k, 2) of the balls at the first and at the second ends (n, 2, 3).
+    """Return the outlines (n, k, 2) of the spheres at the first and second ends (n, 2, 3).
 
-    From an eye at distance d a ball of radius r shows the circle in which its tangents touch it:
+    From an eye at distance d the outline of a sphere of radius r is its circle of tangency:
     nearer by r²/d, and smaller by sqrt(1 - (r/d)²).
     """
     radii = np.broadcast_to(radii_m, centres_m.shape[:-1])[..., None]
@@ -101,10 +101,10 @@ def _sphere_outlines(camera: Camera, centres_m: Matrix, radii_m: Matrix) -> tupl
 
 
 def _convex_outlines(first: Matrix, second: Matrix) -> Matrix:
-    """Return the outline (n, k, 2) around two rounds: in each direction the farther of both."""
+    """Return the convex outline (n, k, 2) of two circles: the farther point in each direction."""
     directions = _ROUND * (1.0, -1.0)
-    farther = np.einsum("nki,ki->nk", second - first, directions) > 0.0
-    return np.where(farther[..., None], second, first)
+    second_is_farther = np.einsum("nki,ki->nk", second - first, directions) > 0.0
+    return np.where(second_is_farther[..., None], second, first)
 
 
 def _unit_vectors(v: Vector) -> Vector:
@@ -119,13 +119,13 @@ _MARGIN_PX, _MAX_WIDTH = 16.0, 0.3
 _BOX_CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
 
 
-def draw_floor(stage: ArmExtent, camera: Camera, floor_m: float) -> list[DrawItem]:
-    """Return the table: an edge from the side, a grid from everywhere else."""
+def draw_floor(extent: ArmExtent, camera: Camera, floor_m: float) -> list[DrawItem]:
+    """Return the table: its edge in a level view, else a grid."""
     slope = abs(float(camera.forward[2]))
     if not camera.perspective and slope < _LEVEL:
-        return [_draw_table_edge(stage, camera, floor_m)]
+        return [_draw_table_edge(extent, camera, floor_m)]
     half = _GRID_M * _LINES
-    centre = np.round(stage.pivot_m / _GRID_M) * _GRID_M
+    centre = np.round(extent.pivot_m / _GRID_M) * _GRID_M
     centre[2] = floor_m
     corners = centre + half * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     table = [] if slope > _FROM_ABOVE and not camera.perspective else [_draw_sheet(camera, corners)]
@@ -142,21 +142,21 @@ def draw_box(camera: Camera, box: KeepOutBox, style: str = "keep_out") -> DrawIt
 
 
 def draw_scale(camera: Camera) -> list[DrawItem]:
-    """Return a bar of a round length at the lower left; a perspective picture has no scale."""
+    """Return a scale bar of a round length at the lower left; none in a perspective view."""
     if camera.perspective:
         return []
-    widest_px = _MAX_WIDTH * camera.viewport.width_px
-    fitting = (m for m in _SCALES_M if m * camera.scale_px <= widest_px)
+    max_width_px = _MAX_WIDTH * camera.viewport.width_px
+    fitting = (m for m in _SCALES_M if m * camera.scale_px <= max_width_px)
     length_m = next(fitting, _SCALES_M[-1])
     y = camera.viewport.height_px - _MARGIN_PX
     ends = [[_MARGIN_PX, y], [_MARGIN_PX + length_m * camera.scale_px, y]]
-    words = f"{length_m * 100:g} cm" if length_m >= 0.01 else f"{length_m * 1000:g} mm"
-    return [polyline("scale", ends), text("scale", [_MARGIN_PX, y - 6.0], words)]
+    label = f"{length_m * 100:g} cm" if length_m >= 0.01 else f"{length_m * 1000:g} mm"
+    return [polyline("scale", ends), text("scale", [_MARGIN_PX, y - 6.0], label)]
 
 
-def _draw_table_edge(stage: ArmExtent, camera: Camera, floor_m: float) -> DrawItem:
-    """Return the table seen from its edge, as wide as the picture, down to its lower end."""
-    level = stage.pivot_m * (1.0, 1.0, 0.0) + np.array([0.0, 0.0, floor_m])
+def _draw_table_edge(extent: ArmExtent, camera: Camera, floor_m: float) -> DrawItem:
+    """Return the table seen edge-on, as wide as the viewport, down to its lower end."""
+    level = extent.pivot_m * (1.0, 1.0, 0.0) + np.array([0.0, 0.0, floor_m])
     y = float(camera.project(level)[0][1])
     width, bottom = camera.viewport.width_px, max(camera.viewport.height_px, y)
     return polygon("floor", [[[0.0, y], [width, y], [width, bottom], [0.0, bottom]]])
@@ -168,11 +168,11 @@ def _draw_sheet(camera: Camera, corners_m: Matrix) -> DrawItem:
 
 def _draw_grid(camera: Camera, centre_m: Matrix, half_m: float) -> list[DrawItem]:
     """Return lines every 10 cm."""
-    beside = np.linspace(-half_m, half_m, 2 * _LINES + 1)
-    ends = np.zeros((2, len(beside), 2, 3))
+    offsets = np.linspace(-half_m, half_m, 2 * _LINES + 1)
+    ends = np.zeros((2, len(offsets), 2, 3))
     for along in (0, 1):
         ends[along, :, :, along] = (-half_m, half_m)
-        ends[along, :, :, 1 - along] = beside[:, None]
+        ends[along, :, :, 1 - along] = offsets[:, None]
     lines = (centre_m + ends).reshape(-1, 2, 3)
     if not camera.perspective or float(camera.depth_of(lines).min()) >= _MIN_DEPTH_M:
         return polylines("grid", camera.project(lines)[0])
@@ -180,25 +180,25 @@ def _draw_grid(camera: Camera, centre_m: Matrix, half_m: float) -> list[DrawItem
 
 
 def _clip_to_front(camera: Camera, points_m: Matrix) -> Matrix:
-    """Return a line or sheet (n, 3) with what is behind a perspective eye cut off."""
+    """Return a line or polygon (n, 3), clipped at the near plane of a perspective camera."""
     if not camera.perspective:
         return points_m
     depth = camera.depth_of(points_m)
     if float(depth.min()) >= _MIN_DEPTH_M:
         return points_m
-    kept: list[Matrix] = []
+    clipped: list[Matrix] = []
     for a, b, da, db in zip(
         points_m, np.roll(points_m, -1, axis=0), depth, np.roll(depth, -1), strict=True
     ):
         if da >= _MIN_DEPTH_M:
-            kept.append(a)
+            clipped.append(a)
         if (da >= _MIN_DEPTH_M) != (db >= _MIN_DEPTH_M):
-            kept.append(a + (b - a) * ((_MIN_DEPTH_M - da) / (db - da)))
-    return np.array(kept).reshape(-1, 3)
+            clipped.append(a + (b - a) * ((_MIN_DEPTH_M - da) / (db - da)))
+    return np.array(clipped).reshape(-1, 3)
 
 
 def _orient_counterclockwise(ring_px: Matrix) -> Matrix:
-    """Return a ring so directed that faces filled together never cut holes into each other."""
+    """Return a ring with positive orientation, so that faces filled together have no holes."""
     x, y = ring_px.T
     area = float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
     return ring_px if not math.isfinite(area) or area >= 0.0 else ring_px[::-1]

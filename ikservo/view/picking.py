@@ -1,12 +1,12 @@
 """Picking: links, objects and joints near the pointer, the nearest first.
 
-Boxes of links, moved with the arm, stand over trees of boxes in link coordinates, which never
-change: the ray is taken into the link instead of the link to the ray. A pointer means a small
-square of pixels; every link that falls in it is a hit, however thin it is (see ``region``)::
+The bounding box of each link moves with the arm; below it is a tree of boxes in link coordinates,
+which never changes: rays are transformed into the link. A pointer covers a small square of pixels;
+every link in it is a hit, however thin it is (see ``pick_region``)::
 
-    picker = Picker(shapes_of(capsules_of(model)))
-    hits = picker.all_at(camera, link_poses(chain, q, {}), px)     # by depth
-    hit = picker.at(camera, link_poses(chain, q, {}), px)          # None over empty space
+    picker = Picker(link_primitives(capsules_of(model)))
+    hits = picker.pick_all_at(camera, link_poses(chain, q, {}), px)     # by depth
+    hit = picker.pick_at(camera, link_poses(chain, q, {}), px)          # None over empty space
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ __all__ = ["PICK_TOLERANCE_PX", "Hit", "HitTester", "PickCandidate", "Picker", "
 
 
 PICK_TOLERANCE_PX = 5
-"""The side of the square around the pointer, in pixels (lecture L17)."""
+"""The side of the square around the pointer, in pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hit:
-    """A link that a pointer means.
+    """A link near the pointer.
 
     Attributes:
         link: Its name.
-        offset_m: The point that was hit (3,), link coordinates, metres.
+        offset_m: The hit point (3,), link coordinates, metres.
         point_m: The same point (3,), world coordinates.
-        depth_m: How deep in the picture it is.
-        away_px: Half the side of the smallest square about the pointer that the link falls in; 0
-            where the pointer is right over it.
-        shape: Which of the link's shapes it belongs to.
+        depth_m: Its depth.
+        away_px: Half the side of the smallest square around the pointer that contains the link; 0
+            if the pointer is right over it.
+        shape: Index of the hit shape of the link.
     """
 
     link: str
@@ -58,7 +58,10 @@ class Picker:
     """Finds links by pixels.
 
     Args:
-        shapes: The primitives (n, WIDTH) of each link, link coordinates; see ``shapes``.
+        shapes: The primitives (n, ROW_WIDTH) of each link, link coordinates; see ``bvh``.
+
+    Attributes:
+        tested: How many shapes the last search tested.
     """
 
     def __init__(self, shapes: Mapping[str, Matrix]) -> None:
@@ -66,11 +69,11 @@ class Picker:
         roots = self._forest.boxes[self._forest.roots]
         self._middles = 0.5 * (roots[:, :3] + roots[:, 3:])
         self._halves = 0.5 * (roots[:, 3:] - roots[:, :3])
-        self.looked = 0
+        self.tested = 0
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of what can be found."""
+        """Return the names of the links."""
         return self._forest.links
 
     def pick_at(
@@ -94,9 +97,9 @@ class Picker:
         """Return every link in the square around a pixel (2,), the nearest first.
 
         Args:
-            camera: What the person sees.
+            camera: The user's camera.
             poses: T_world_link (4, 4) of each link.
-            px: Where the pointer is, CSS pixels.
+            px: Position of the pointer, CSS pixels.
             region_px: The side of the square; with 0 only what is right under the pointer.
         """
         at = np.asarray(px, dtype=np.float64)
@@ -111,19 +114,21 @@ class Picker:
     def _hits_under(
         self, camera: Camera, poses: Mapping[str, Matrix], at: Vector
     ) -> dict[str, Hit]:
-        """Return what the line of sight through the pointer meets, by link."""
+        """Return the hits of the line of sight through the pointer, by link."""
         (origin,), (direction,) = origins, directions = camera.rays(at[None])
-        (ways,), (rows,) = self.cast(origins, directions, poses)
+        (distances,), (rows,) = self.cast(origins, directions, poses)
         return {
-            link: self._make_hit(camera, link, poses[link], origin + way * direction, 0.0, int(row))
-            for link, way, row in zip(self._forest.links, ways, rows, strict=True)
-            if np.isfinite(way)
+            link: self._make_hit(
+                camera, link, poses[link], origin + distance * direction, 0.0, int(row)
+            )
+            for link, distance, row in zip(self._forest.links, distances, rows, strict=True)
+            if np.isfinite(distance)
         }
 
     def _hits_beside(
         self, camera: Camera, poses: Mapping[str, Matrix], at: Vector, half_px: float
     ) -> dict[str, Hit]:
-        """Return what falls in the square around the pointer, by link."""
+        """Return the hits in the square around the pointer, by link."""
         from ikservo.view.pick_region import (  # noqa: PLC0415  # loads when first used
             AWAY,
             DEPTH,
@@ -141,7 +146,7 @@ class Picker:
         eye = np.array([*pointer, float(camera.perspective)])
         T_view_link = _view_transforms(camera, [poses[link] for link in forest.links])
         half = half_px / camera.scale_px
-        self.looked = find_in_square(
+        self.tested = find_in_square(
             T_view_link, eye, half, forest.roots, forest.boxes, forest.nodes, forest.rows, found
         )
         for link, seen in zip(forest.links, found, strict=True):
@@ -155,25 +160,25 @@ class Picker:
     def cast(
         self, origins: Matrix, directions: Matrix, poses: Mapping[str, Matrix]
     ) -> tuple[Matrix, NDArray[np.int64]]:
-        """Return how far rays (k, 3) go to each link (k, links), and the rows they meet."""
+        """Return the distances of rays (k, 3) to each link (k, links), and the rows they hit."""
         from ikservo.view.raycast import raycast  # noqa: PLC0415  # loads when first used
 
         forest = self._forest
         T = np.array([poses[link] for link in forest.links]).reshape(-1, 4, 4)
         R = np.ascontiguousarray(T[:, :3, :3])
-        places = np.ascontiguousarray(T[:, :3, 3])
-        ways = np.empty((len(origins), len(forest.links)))
-        rows = np.empty(ways.shape, dtype=np.int64)
-        self.looked = raycast(
+        origins_link = np.ascontiguousarray(T[:, :3, 3])
+        distances = np.empty((len(origins), len(forest.links)))
+        rows = np.empty(distances.shape, dtype=np.int64)
+        self.tested = raycast(
             np.ascontiguousarray(origins), np.ascontiguousarray(directions), R.reshape(-1, 9),
-            places, self._world_boxes(R, places), forest.roots, forest.boxes, forest.nodes,
-            forest.rows, ways, rows,
+            origins_link, self._world_boxes(R, origins_link), forest.roots, forest.boxes,
+            forest.nodes, forest.rows, distances, rows,
         )  # fmt: skip
-        return ways, rows
+        return distances, rows
 
-    def _world_boxes(self, R: Matrix, places: Matrix) -> Matrix:
-        """Return the upright boxes (links, 6) around the links where they are now."""
-        middles = np.einsum("lij,lj->li", R, self._middles) + places
+    def _world_boxes(self, R: Matrix, origins_link: Matrix) -> Matrix:
+        """Return the axis-aligned boxes (links, 6) of the links at their poses."""
+        middles = np.einsum("lij,lj->li", R, self._middles) + origins_link
         halves = np.einsum("lij,lj->li", np.abs(R), self._halves)
         return np.hstack([middles - halves, middles + halves])
 
@@ -201,8 +206,8 @@ def _view_transforms(camera: Camera, poses: Sequence[Matrix]) -> Matrix:
     T = np.array(poses).reshape(-1, 4, 4)
     R_view = camera.R_world_view.T * [[1.0], [1.0], [-1.0]]
     R = (R_view @ T[:, :3, :3]).reshape(-1, 9)
-    places = (T[:, :3, 3] - camera.eye_m) @ R_view.T
-    return np.ascontiguousarray(np.hstack([R, places]))
+    origins_link = (T[:, :3, 3] - camera.eye_m) @ R_view.T
+    return np.ascontiguousarray(np.hstack([R, origins_link]))
 
 
 _HUB_PX, _NEAR_PX = 10.0, 30.0
@@ -211,28 +216,27 @@ _SAME_RAD = 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointerContext:
-    """What the person has before them when an event happens.
+    """What the user sees at the time of an event.
 
     Attributes:
-        camera: Where they look from.
-        arms: Joints (dof,) of the arms that are drawn: the goal first, if there is one, then
-            the measured arm. The first is the one that moves.
-        plane_m: A point (3,) of the plane the view shows, where clicks on nothing go; that of
-            the tip if None.
-        beside: Positions of joints beside the way to the tip.
+        camera: The user's camera.
+        arms: Joints (dof,) of the drawn arms: the goal first, if there is one, then the measured
+            arm. The first is the one that moves.
+        plane_m: A point (3,) of the plane for clicks on nothing; that of the tip if None.
+        other_joints: Positions of joints that are not in the chain to the tip.
     """
 
     camera: Camera
     arms: tuple[Vector, ...]
     plane_m: Vector | None = None
-    beside: Mapping[str, float] = field(default_factory=dict[str, float])
+    other_joints: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 class PickCandidate(NamedTuple):
     """Something under the pointer.
 
     Attributes:
-        hit: Where.
+        hit: The hit.
         kind: ``link`` that q moves, ``fixed`` link, or ``object`` of the scene.
         q: Joints (dof,) of the arm that it belongs to; None for an object.
     """
@@ -255,52 +259,58 @@ class HitTester:
         self._chain, self._picker, self._objects = chain, picker, objects
         self._dials = {dial.column: dial for dial in joint_dials(chain, chain.mid_range())}
 
-    def candidates_at(self, at: Vector, sight: PointerContext) -> tuple[PickCandidate, ...]:
-        """Return all that is under the pointer, what a press grabs first, then what is behind.
+    def candidates_at(self, at: Vector, context: PointerContext) -> tuple[PickCandidate, ...]:
+        """Return everything under the pointer, in the order in which presses select it.
 
         Links that move come first, those of the goal before those of the arm, which is painted
-        below it; then objects, then links that stand still. Of each kind what is right under the
-        pointer is before what is beside it, and the nearest first.
+        below it; then objects, then fixed links. Within each kind, hits right under the pointer
+        come before those beside it, and the nearest first.
         """
-        layers = [self._link_candidates(at, sight, q) for q in _drop_coincident_arms(sight.arms)]
+        layers = [
+            self._link_candidates(at, context, q) for q in _drop_coincident_arms(context.arms)
+        ]
         moving = [found for layer in layers for found in layer if found.kind == "link"]
         fixed = [found for found in layers[-1] if found.kind == "fixed"]
         ordered = [
             *sorted(moving, key=_is_beside_pointer),
-            *self._object_candidates(at, sight),
+            *self._object_candidates(at, context),
             *fixed,
         ]
         return tuple(ordered)
 
-    def _link_candidates(self, at: Vector, sight: PointerContext, q: Vector) -> list[PickCandidate]:
-        hits = self._picker.pick_all_at(sight.camera, link_poses(self._chain, q, sight.beside), at)
+    def _link_candidates(
+        self, at: Vector, context: PointerContext, q: Vector
+    ) -> list[PickCandidate]:
+        hits = self._picker.pick_all_at(
+            context.camera, link_poses(self._chain, q, context.other_joints), at
+        )
         found = [
             PickCandidate(hit, "link" if self.columns(hit.link) else "fixed", q) for hit in hits
         ]
         return sorted(found, key=_is_beside_pointer)
 
-    def _object_candidates(self, at: Vector, sight: PointerContext) -> list[PickCandidate]:
+    def _object_candidates(self, at: Vector, context: PointerContext) -> list[PickCandidate]:
         if self._objects is None:
             return []
-        still = dict.fromkeys(self._objects.names, np.eye(4))
-        hits = self._objects.pick_all_at(sight.camera, still, at)
+        poses = dict.fromkeys(self._objects.names, np.eye(4))
+        hits = self._objects.pick_all_at(context.camera, poses, at)
         return sorted((PickCandidate(hit, "object", None) for hit in hits), key=_is_beside_pointer)
 
     def joint_at(
-        self, at: Vector, sight: PointerContext, found: PickCandidate | None
+        self, at: Vector, context: PointerContext, found: PickCandidate | None
     ) -> JointDial | None:
         """Return the joint whose hub is under the pointer, else the one that moves the link."""
-        poses, q = self.poses(sight), sight.arms[0]
+        poses, q = self.poses(context), context.arms[0]
         hubs_m = np.array([dial.hub(poses, q) for dial in self._dials.values()])
-        away_px = np.hypot(*(sight.camera.project(hubs_m)[0] - at).T)
+        away_px = np.hypot(*(context.camera.project(hubs_m)[0] - at).T)
         nearest = int(np.argmin(away_px))
         if away_px[nearest] <= (_HUB_PX if found else _NEAR_PX):
             return list(self._dials.values())[nearest]
         return self._dials[self.columns(found.hit.link)[-1]] if found else None
 
-    def poses(self, sight: PointerContext) -> dict[str, Matrix]:
+    def poses(self, context: PointerContext) -> dict[str, Matrix]:
         """Return T_world_link (4, 4) of every link of the arm that moves."""
-        return link_poses(self._chain, sight.arms[0], sight.beside)
+        return link_poses(self._chain, context.arms[0], context.other_joints)
 
     def columns(self, link: str) -> list[int]:
         """Return the entries of q that move a link, base to tip."""
@@ -308,12 +318,12 @@ class HitTester:
 
 
 def _is_beside_pointer(found: PickCandidate) -> bool:
-    """Return whether it is beside the pointer: a stable sort leaves the rest by depth."""
+    """Return whether a hit is beside the pointer; a stable sort by this keeps the depth order."""
     return found.hit.away_px > 0.0
 
 
 def _drop_coincident_arms(arms: Sequence[Vector]) -> list[Vector]:
-    """Return arms without those that stand where one before them does."""
+    """Return the arms without those that coincide with an earlier one."""
     kept = list[Vector]()
     for q in arms:
         if not any(float(np.abs(q - other).max()) < _SAME_RAD for other in kept):

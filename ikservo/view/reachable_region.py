@@ -1,11 +1,11 @@
 """The reachable region in the plane of the view, computed in the background and cached.
 
-Finding it takes a tenth of a second to a second (``ikservo.ik.workspace``), so it is found once
-for each ``key`` and kept::
+Computing it takes a tenth of a second to a second (``ikservo.ik.workspace``), so it is computed
+once per ``key`` and cached::
 
-    plane = shown_plane(stage, view, q)           # None: this view shows no region
-    reach = kept.get(plane.key) or find_reach(chain, plane)
-    shown = reach.moved_to(plane)                 # the arm's own plane turns with the arm
+    plane = slice_plane(extent, view, q, tip_m)    # None: this view shows no region
+    region = cached.get(plane.key) or compute_region(chain, plane)
+    shown = region.move_to_plane(plane)            # the arm's own plane rotates with the arm
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class SlicePlane:
     """The plane that a view shows.
 
     Attributes:
-        key: Equal for planes in which the same region is reached.
-        T_world_plane: Where it is (4, 4); what is shown is at w = 0.
-        cell_m: How fine the region is worth finding.
+        key: Equal for planes with the same reachable region.
+        T_world_plane: Its pose (4, 4); the region is at w = 0.
+        cell_m: Cell size for computing the region.
     """
 
     key: tuple[str, float]
@@ -59,7 +59,7 @@ class ReachableRegion:
 
     Attributes:
         rings: Closed outlines (k, 2) [m] along u and v; holes run clockwise.
-        T_world_plane: Where the plane is (4, 4).
+        T_world_plane: Pose of the plane (4, 4).
     """
 
     rings: tuple[Matrix, ...]
@@ -67,60 +67,60 @@ class ReachableRegion:
 
     @property
     def fingerprint(self) -> tuple[object, ...]:
-        """Return what differs where another region, or another place of it, is shown."""
+        """Return a key that changes with the region and its pose."""
         return id(self.rings), self.T_world_plane.tobytes()
 
     def move_to_plane(self, plane: SlicePlane) -> ReachableRegion:
-        """Return the same region where the plane is now."""
+        """Return the same region at the pose of a plane."""
         return replace(self, T_world_plane=plane.T_world_plane)
 
 
-def slice_plane(stage: ArmExtent, name: ViewName, q: Vector, tip_m: Vector) -> SlicePlane | None:
-    """Return the plane a view shows while the tip is at (3,); None for a view of no plane.
+def slice_plane(extent: ArmExtent, name: ViewName, q: Vector, tip_m: Vector) -> SlicePlane | None:
+    """Return the plane of a view while the tip is at (3,); None for a view without one.
 
-    From above and from the front it is the plane that the tip is in, to a centimetre.
+    From above and from the front it is the plane of the tip, rounded to a centimetre.
     """
     if name == "orbit":
         return None
     if name == "side":
-        return _make_plane(stage, (name, 0.0), stage.plane(stage.yaw_rad(q)))
+        return _make_plane(extent, (name, 0.0), extent.plane(extent.yaw_rad(q)))
     if name == "front":
-        T = stage.plane(stage.home_yaw_rad)
-        away = _round_metres(float((tip_m - stage.pivot_m) @ T[:3, 0]))
+        T = extent.plane(extent.home_yaw_rad)
+        offset_m = _round_metres(float((tip_m - extent.pivot_m) @ T[:3, 0]))
         R = np.column_stack([-T[:3, 2], T[:3, 1], T[:3, 0]])
-        return _make_plane(stage, (name, away), make_pose(T[:3, 3] + away * T[:3, 0], R))
-    if stage.across is not None and abs(stage.across[2]) < 0.5:
-        return _make_plane(stage, (name, 0.0), stage.plane(stage.home_yaw_rad))
-    height = float(tip_m[2]) if stage.across is not None else _round_metres(float(tip_m[2]))
-    return _make_plane(stage, (name, round(height, 6)), make_pose((0.0, 0.0, height)))
+        return _make_plane(extent, (name, offset_m), make_pose(T[:3, 3] + offset_m * T[:3, 0], R))
+    if extent.across is not None and abs(extent.across[2]) < 0.5:
+        return _make_plane(extent, (name, 0.0), extent.plane(extent.home_yaw_rad))
+    height = float(tip_m[2]) if extent.across is not None else _round_metres(float(tip_m[2]))
+    return _make_plane(extent, (name, round(height, 6)), make_pose((0.0, 0.0, height)))
 
 
 def compute_region(chain: Chain, plane: SlicePlane) -> ReachableRegion:
-    """Find what the tip can reach in a plane, inside the chain's limits."""
+    """Compute the region of a plane that the tip can reach inside the chain's limits."""
     region = workspace(chain, plane.T_world_plane, plane.cell_m, _SAMPLES)
     rings = tuple(_smooth_ring(ring, plane.cell_m) for ring in region.outline())
     return ReachableRegion(rings, plane.T_world_plane)
 
 
-def draw_region(reach: ReachableRegion, camera: Camera) -> DrawItem:
+def draw_region(region: ReachableRegion, camera: Camera) -> DrawItem:
     """Return the region as a shape with holes."""
-    T = reach.T_world_plane
-    rings = [ring @ T[:3, :2].T + T[:3, 3] for ring in reach.rings]
+    T = region.T_world_plane
+    rings = [ring @ T[:3, :2].T + T[:3, 3] for ring in region.rings]
     return polygon("reach", [camera.project(ring)[0] for ring in rings])
 
 
 def _smooth_ring(ring: Matrix, cell_m: float) -> Matrix:
-    """Walk along a ring from cell to cell and take means: nobody shall see the cells."""
-    ends = np.vstack([ring, ring[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(ends, axis=0)).sum(axis=1))])
-    at = (np.arange(round(along[-1] / cell_m)) + 0.5) * cell_m  # sides run along u or v
-    middles = np.column_stack([np.interp(at, along, ends[:, k]) for k in (0, 1)])
-    mean: Matrix = np.mean([np.roll(middles, k, axis=0) for k in _WINDOW], axis=0)
+    """Resample a ring at one point per cell and smooth it, so that no cells are visible."""
+    closed = np.vstack([ring, ring[:1]])
+    length_m = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(closed, axis=0)).sum(axis=1))])
+    at = (np.arange(round(length_m[-1] / cell_m)) + 0.5) * cell_m  # sides run along u or v
+    centres = np.column_stack([np.interp(at, length_m, closed[:, k]) for k in (0, 1)])
+    mean: Matrix = np.mean([np.roll(centres, k, axis=0) for k in _WINDOW], axis=0)
     return mean[::_SAMPLING_STEP]
 
 
-def _make_plane(stage: ArmExtent, key: tuple[str, float], T_world_plane: Matrix) -> SlicePlane:
-    size_m = float((stage.box_m[1] - stage.box_m[0]).max())
+def _make_plane(extent: ArmExtent, key: tuple[str, float], T_world_plane: Matrix) -> SlicePlane:
+    size_m = float((extent.box_m[1] - extent.box_m[0]).max())
     return SlicePlane(key, T_world_plane, size_m / _CELLS)
 
 
@@ -132,7 +132,7 @@ _MAX_CACHED = 64
 
 
 class ReachableRegionCache:
-    """Finds one region at a time; whoever asks for another meanwhile asks again later.
+    """Computes one region at a time in the background; callers poll ``get``.
 
     Args:
         chain: The arm inside its own limits.
@@ -145,20 +145,20 @@ class ReachableRegionCache:
         self._busy: tuple[tuple[str, float], Future[ReachableRegion]] | None = None
 
     def get(self, plane: SlicePlane, *, idle: bool = True) -> ReachableRegion | None:
-        """Return the region in a plane, where it is known; if not, it soon is.
+        """Return the region in a plane, or None and start computing it.
 
         Args:
-            plane: Which.
-            idle: Whether there is time to look for it now.
+            plane: The plane.
+            idle: Whether a computation may start now.
         """
         self._collect_result()
-        found = self._known.get(plane.key)
-        if found is None and self._busy is None and idle:
+        cached = self._known.get(plane.key)
+        if cached is None and self._busy is None and idle:
             self._busy = (plane.key, self._worker.submit(compute_region, self._chain, plane))
-        return None if found is None else found.move_to_plane(plane)
+        return None if cached is None else cached.move_to_plane(plane)
 
     def close(self) -> None:
-        """Leave the one that is being looked for."""
+        """Cancel the running computation."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _collect_result(self) -> None:

@@ -1,11 +1,11 @@
 """The scene renderer: everything the page draws in one frame.
 
-Made once for an arm, then asked for every frame::
+Created once per arm, then called for every frame::
 
-    theatre = Theatre(model, arm.chain, {state.name: state.limit_from for state in states})
-    items = theatre.items(Moment(camera, measured=q, goal=q_goal, aim=aim, hover="forearm", …))
+    renderer = SceneRenderer(model, arm.chain, {state.name: state.limit_from for state in states})
+    items = renderer.draw(SceneState(camera, measured=q, goal=q_goal, marker=marker, …))
 
-Items are painted from first to last, see ``items``. Styles, back to front: ``floor``, ``grid``,
+Items are in painting order, see ``draw_items``. Styles, back to front: ``floor``, ``grid``,
 ``reach``, ``keep_out``, ``picked``, the links of the goal ``ghost`` and of the arm ``measured``
 (``hover`` and ``grabbed`` where the pointer is, ``behind`` over others), arcs ``limit`` |
 ``amber`` | ``red`` with ``needle`` and ``hub``, ``trace``, ``tip``, ``gap``, ``nearest``,
@@ -39,26 +39,26 @@ _TIP_PX = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneState:
-    """What is to be shown now.
+    """What a frame shows.
 
     Attributes:
-        camera: Where from.
-        measured: Joints (dof,) as the servos report them, rad or m.
-        goal: Joints (dof,) the arm is sent to; None while there is no goal.
-        aim: The target, if there is one.
-        reach: The region of the shown plane, if it is known.
+        camera: The camera.
+        measured: Measured joints (dof,), rad or m.
+        goal: Goal of the joints (dof,); None while there is no goal.
+        marker: The target, if there is one.
+        region: The reachable region of the shown plane, if it is available.
         hover: The link under the pointer.
-        grabbed: The link that is being pulled.
-        behind: Whether the hovered link was chosen behind others: its outline is drawn over them.
+        grabbed: The link that is being dragged.
+        behind: Whether the hovered link was selected behind others: its outline is drawn on top.
         picked: The object of the scene under the pointer.
-        other_joints: Positions of joints beside the way to the tip, as the gripper's.
+        other_joints: Positions of joints that are not in the chain, such as the gripper's.
     """
 
     camera: Camera
     measured: Vector
     goal: Vector | None = None
-    aim: TargetMarker | None = None
-    reach: ReachableRegion | None = None
+    marker: TargetMarker | None = None
+    region: ReachableRegion | None = None
     hover: str | None = None
     grabbed: str | None = None
     behind: bool = False
@@ -67,89 +67,91 @@ class SceneState:
 
 
 class SceneRenderer:
-    """An arm and its surroundings, laid out for drawing.
+    """Draws an arm and its surroundings.
 
     Args:
         model: The arm.
         chain: Its joints inside its own, calibrated limits; the model's if None.
-        limit_from: Where each joint's limits come from.
+        limit_from: The source of each joint's limits.
     """
 
     def __init__(
         self, model: Model, chain: Chain | None = None, limit_from: Mapping[str, str] | None = None
     ) -> None:
         self.chain = model.chain if chain is None else chain
-        self.stage = arm_extent(model)
+        self.extent = arm_extent(model)
         self._model, self._limit_from = model, dict(limit_from or {})
         self._outlines = SilhouetteRenderer(capsules_of(model))
-        self._dials = joint_dials(self.chain, self.stage.home)
+        self._dials = joint_dials(self.chain, self.extent.home)
         self._arcs = JointArcs(self.chain, self._dials)
 
-    def draw(self, moment: SceneState) -> list[DrawItem]:
-        """Return what there is to paint, from back to front."""
-        return [*self.backdrop(moment), *self.foreground(moment)]
+    def draw(self, state: SceneState) -> list[DrawItem]:
+        """Return all items, from back to front."""
+        return [*self.backdrop(state), *self.foreground(state)]
 
-    def backdrop(self, moment: SceneState) -> list[DrawItem]:
-        """Return what changes with camera and region only: most of the numbers of a picture."""
+    def backdrop(self, state: SceneState) -> list[DrawItem]:
+        """Return the items that change with camera and region only: most of a frame's data."""
         floor_m = self._model.floor_m
-        items = [] if floor_m is None else draw_floor(self.stage, moment.camera, floor_m)
-        if moment.reach is not None:
-            items.append(draw_region(moment.reach, moment.camera))
-        return items + [draw_box(moment.camera, box) for box in self._model.keep_out]
+        items = [] if floor_m is None else draw_floor(self.extent, state.camera, floor_m)
+        if state.region is not None:
+            items.append(draw_region(state.region, state.camera))
+        return items + [draw_box(state.camera, box) for box in self._model.keep_out]
 
-    def foreground(self, moment: SceneState) -> list[DrawItem]:
-        """Return the arm and all that moves with it."""
-        poses = link_poses(self.chain, moment.measured, moment.other_joints)
-        boxes = [box for box in self._model.keep_out if box.name == moment.picked]
+    def foreground(self, state: SceneState) -> list[DrawItem]:
+        """Return the items of the arm and everything that moves with it."""
+        poses = link_poses(self.chain, state.measured, state.other_joints)
+        picked_boxes = [box for box in self._model.keep_out if box.name == state.picked]
         return [
-            *(draw_box(moment.camera, box, "picked") for box in boxes),
-            *self._draw_goal(moment),
-            *self._draw_arm(moment, poses),
-            *self._draw_ranges(moment, poses),
-            *_draw_markers(moment, poses[self.chain.tip][:3, 3]),
-            *draw_scale(moment.camera),
+            *(draw_box(state.camera, box, "picked") for box in picked_boxes),
+            *self._draw_goal(state),
+            *self._draw_arm(state, poses),
+            *self._draw_ranges(state, poses),
+            *_draw_markers(state, poses[self.chain.tip][:3, 3]),
+            *draw_scale(state.camera),
         ]
 
-    def _draw_goal(self, moment: SceneState) -> list[DrawItem]:
-        """Return the goal, where it is not where the arm is."""
-        goal = moment.goal
-        if goal is None or float(np.abs(goal - moment.measured).max()) < _SAME_RAD:
+    def _draw_goal(self, state: SceneState) -> list[DrawItem]:
+        """Return the items of the goal, if it differs from the measured arm."""
+        goal = state.goal
+        if goal is None or float(np.abs(goal - state.measured).max()) < _SAME_RAD:
             return []
-        poses = link_poses(self.chain, goal, moment.other_joints)
-        seen = self._outlines.outlines_from(moment.camera, poses)
-        return [polygon("ghost", outline.rings, link=outline.link) for outline in seen]
+        poses = link_poses(self.chain, goal, state.other_joints)
+        outlines = self._outlines.outlines_from(state.camera, poses)
+        return [polygon("ghost", outline.rings, link=outline.link) for outline in outlines]
 
-    def _draw_arm(self, moment: SceneState, poses: Mapping[str, Matrix]) -> list[DrawItem]:
-        seen = self._outlines.outlines_from(moment.camera, poses)
-        links = [polygon(_style_of(each.link, moment), each.rings, link=each.link) for each in seen]
-        over = [each for each in seen if moment.behind and each.link == moment.hover]
-        return [*links, *(polygon("behind", each.rings) for each in over)]
+    def _draw_arm(self, state: SceneState, poses: Mapping[str, Matrix]) -> list[DrawItem]:
+        outlines = self._outlines.outlines_from(state.camera, poses)
+        links = [
+            polygon(_style_of(each.link, state), each.rings, link=each.link) for each in outlines
+        ]
+        on_top = [each for each in outlines if state.behind and each.link == state.hover]
+        return [*links, *(polygon("behind", each.rings) for each in on_top)]
 
-    def _draw_ranges(self, moment: SceneState, poses: Mapping[str, Matrix]) -> list[DrawItem]:
-        styles = [self._limit_side(moment, dial.column) for dial in self._dials]
-        drawn = self._arcs.draw_arcs(moment.measured, poses, moment.camera, styles)
-        for dial, items in zip(self._dials, drawn, strict=True):
-            items[0]["says"] = self._dial_label(moment, dial)
-        return [item for items in drawn for item in items]
+    def _draw_ranges(self, state: SceneState, poses: Mapping[str, Matrix]) -> list[DrawItem]:
+        styles = [self._limit_side(state, dial.column) for dial in self._dials]
+        arcs = self._arcs.draw_arcs(state.measured, poses, state.camera, styles)
+        for dial, items in zip(self._dials, arcs, strict=True):
+            items[0]["label"] = self._dial_label(state, dial)
+        return [item for items in arcs for item in items]
 
-    def _dial_label(self, moment: SceneState, dial: JointDial) -> str:
-        at, source = float(moment.measured[dial.column]), self._limit_from.get(dial.name)
+    def _dial_label(self, state: SceneState, dial: JointDial) -> str:
+        at, source = float(state.measured[dial.column]), self._limit_from.get(dial.name)
         return describe_range(self.chain, dial.column, at, source or "arm file")
 
-    def _limit_side(self, moment: SceneState, column: int) -> str:
-        """Return how near a limit a joint is, or is being sent."""
-        styles = [limit_proximity(self.chain, moment.measured, column)]
-        if moment.goal is not None:
-            styles.append(limit_proximity(self.chain, moment.goal, column))
+    def _limit_side(self, state: SceneState, column: int) -> str:
+        """Return the style for the proximity of a joint's position and goal to its limits."""
+        styles = [limit_proximity(self.chain, state.measured, column)]
+        if state.goal is not None:
+            styles.append(limit_proximity(self.chain, state.goal, column))
         return next((style for style in ("red", "amber") if style in styles), "limit")
 
 
-def _style_of(link: str, moment: SceneState) -> str:
-    return "grabbed" if link == moment.grabbed else "hover" if link == moment.hover else "measured"
+def _style_of(link: str, state: SceneState) -> str:
+    return "grabbed" if link == state.grabbed else "hover" if link == state.hover else "measured"
 
 
-def _draw_markers(moment: SceneState, tip_m: Vector) -> list[DrawItem]:
-    """Return the tip and the target."""
-    camera = moment.camera
+def _draw_markers(state: SceneState, tip_m: Vector) -> list[DrawItem]:
+    """Return the items of the tip and the target."""
+    camera = state.camera
     items = [circle("tip", camera.project(tip_m)[0], _TIP_PX)]
-    return items if moment.aim is None else items + draw_target(moment.aim, camera)
+    return items if state.marker is None else items + draw_target(state.marker, camera)

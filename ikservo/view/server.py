@@ -50,7 +50,7 @@ _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg"
 
 
 def static_routes() -> list[Route]:
-    """Return the routes on which a browser finds the page."""
+    """Return the routes of the page's files."""
     return [
         Route("/", _serve_index, methods=["GET"]),
         Route("/page/{name}", _serve_asset, methods=["GET"]),
@@ -66,7 +66,7 @@ async def _serve_asset(request: Request) -> Response:
 
 
 def _page_file_response(name: str) -> Response:
-    """Return one of the page's files; what is no plain name of one does not exist."""
+    """Return one of the page's files; 404 for every other name."""
     page = files("ikservo.view") / "page"
     known = {entry.name for entry in page.iterdir()}
     kind = _TYPES.get(name.rpartition(".")[2])
@@ -77,9 +77,9 @@ def _page_file_response(name: str) -> Response:
 
 _HELLO_TIMEOUT_S = 2.0
 _MIN_FRAME_PERIOD_S = 1.0 / 125.0  # between two scenes, however fast a screen is
-_SEND_TIMEOUT_S = 1.0 / 40.0  # a page that is far away gets a scene before it has drawn the last
-_SLOW_CLIENT_S = 2.0  # a page that takes nothing for so long is dropped
-_MAX_FRAMES_AHEAD = 2  # scenes that may be on their way
+_SEND_TIMEOUT_S = 1.0 / 40.0  # over a slow network, send before the last scene is confirmed
+_SLOW_CLIENT_S = 2.0  # a page that receives nothing for so long is dropped
+_MAX_FRAMES_AHEAD = 2  # scenes in flight
 _MAX_CLIENTS = _MAX_UNAUTHENTICATED = 16
 _UNAUTHORISED, _RATE_EXCEEDED, _FULL = 4401, 1008, 1013
 
@@ -87,69 +87,69 @@ Frame = Mapping[str, object]
 
 
 class SessionBackend(Protocol):
-    """Whoever is behind the socket; none of these may wait for anything."""
+    """Handles the clients of the websocket; no method may block."""
 
-    def connect(self, right: Permission) -> int:
-        """Let a visitor in and return its number."""
+    def connect(self, permission: Permission) -> int:
+        """Register a client and return its number."""
         ...
 
-    def disconnect(self, visitor: int) -> None:
-        """Forget a visitor."""
+    def disconnect(self, client_id: int) -> None:
+        """Remove a client."""
         ...
 
-    def receive(self, visitor: int, message: Message) -> None:
-        """Act on what a visitor says.
+    def receive(self, client_id: int, message: Message) -> None:
+        """Handle a client's message.
 
         Raises:
-            IkservoError: It may not, or it makes no sense now; the words go back to it.
+            IkservoError: Not permitted, or impossible now; the text is sent back to the client.
         """
         ...
 
-    def frames(self, visitor: int) -> list[Frame]:
-        """Return what is new for a visitor since the last time, maybe nothing."""
+    def frames(self, client_id: int) -> list[Frame]:
+        """Return the new frames for a client since the last call, maybe none."""
         ...
 
 
-def make_app(audience: SessionBackend, keys: AccessTokens, clock: Clock) -> Starlette:
-    """Return the server's routes behind its door.
+def make_app(backend: SessionBackend, keys: AccessTokens, clock: Clock) -> Starlette:
+    """Return the server's application, with the origin check.
 
     Args:
-        audience: Who acts and answers.
-        keys: What a visitor must know.
-        clock: Dates messages.
+        backend: Handles the messages and provides the frames.
+        keys: The keys that clients must prove.
+        clock: Time stamps of messages.
     """
-    live = _WebSocketHandler(audience, keys, clock)
+    handler = _WebSocketHandler(backend, keys, clock)
     routes = [
         *static_routes(),
-        WebSocketRoute("/live", live.handle),
+        WebSocketRoute("/live", handler.handle),
     ]
     return Starlette(routes=routes, middleware=[Middleware(OriginCheckMiddleware)])
 
 
 class _WebSocketHandler:
-    """Meets visitors on their sockets."""
+    """Authenticates clients and runs their websocket sessions."""
 
-    def __init__(self, audience: SessionBackend, keys: AccessTokens, clock: Clock) -> None:
-        self._audience, self._keys, self._clock = audience, keys, clock
-        self._present = 0
-        self._strangers: deque[WebSocket] = deque()
+    def __init__(self, backend: SessionBackend, keys: AccessTokens, clock: Clock) -> None:
+        self._backend, self._keys, self._clock = backend, keys, clock
+        self._client_count = 0
+        self._unauthenticated: deque[WebSocket] = deque()
 
     async def handle(self, socket: WebSocket) -> None:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             await socket.accept()
-            right = await self._authenticate(socket)
-            if right is None:
+            permission = await self._authenticate(socket)
+            if permission is None:
                 await socket.close(_UNAUTHORISED, "This page's key is not the one of this session.")
-            elif self._present >= _MAX_CLIENTS:
+            elif self._client_count >= _MAX_CLIENTS:
                 await socket.close(_FULL, "Too many visitors.")
             else:
-                await self._accept_client(socket, right)
+                await self._accept_client(socket, permission)
 
     async def _authenticate(self, socket: WebSocket) -> Permission | None:
-        """Ask who is there; nothing is said to whoever cannot prove a right."""
-        if len(self._strangers) >= _MAX_UNAUTHENTICATED:  # a crowd of them keeps nobody out
-            await self._strangers.popleft().close(_FULL, "Too many strangers.")
-        self._strangers.append(socket)
+        """Authenticate the client (HMAC challenge) before sending anything."""
+        if len(self._unauthenticated) >= _MAX_UNAUTHENTICATED:  # they must not lock others out
+            await self._unauthenticated.popleft().close(_FULL, "Too many strangers.")
+        self._unauthenticated.append(socket)
         nonce = new_nonce()
         try:
             await socket.send_text(json.dumps({"kind": "challenge", "nonce": nonce}))
@@ -157,23 +157,23 @@ class _WebSocketHandler:
         except (TimeoutError, BadMessageError, KeyError):
             return None
         finally:
-            with contextlib.suppress(ValueError):  # it was the eldest of too many
-                self._strangers.remove(socket)
+            with contextlib.suppress(ValueError):  # it was dropped as the oldest of too many
+                self._unauthenticated.remove(socket)
         return self._keys.authorise(nonce, hello.proof)
 
-    async def _accept_client(self, socket: WebSocket, right: Permission) -> None:
-        self._present += 1
-        visitor = self._audience.connect(right)
+    async def _accept_client(self, socket: WebSocket, permission: Permission) -> None:
+        self._client_count += 1
+        client_id = self._backend.connect(permission)
         try:
-            await self._run_session(socket, visitor)
+            await self._run_session(socket, client_id)
         finally:
-            self._audience.disconnect(visitor)
-            self._present -= 1
+            self._backend.disconnect(client_id)
+            self._client_count -= 1
 
-    async def _run_session(self, socket: WebSocket, visitor: int) -> None:
-        talk = _ClientState(socket, visitor, MessageFilter(self._clock.now_s()))
-        writing = asyncio.create_task(self._write_frames(talk))
-        reading = asyncio.create_task(self._read_messages(talk))
+    async def _run_session(self, socket: WebSocket, client_id: int) -> None:
+        state = _ClientState(socket, client_id, MessageFilter(self._clock.now_s()))
+        writing = asyncio.create_task(self._write_frames(state))
+        reading = asyncio.create_task(self._read_messages(state))
         try:
             done, _ = await asyncio.wait({reading, writing}, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -183,76 +183,77 @@ class _WebSocketHandler:
         for task in done:
             task.result()
 
-    async def _read_messages(self, talk: _ClientState) -> None:
+    async def _read_messages(self, state: _ClientState) -> None:
         while True:
             try:
-                text = await talk.socket.receive_text()
-            except KeyError:  # bytes where text belongs
-                await talk.socket.close(_RATE_EXCEEDED, "Text only.")
+                text = await state.socket.receive_text()
+            except KeyError:  # bytes instead of text
+                await state.socket.close(_RATE_EXCEEDED, "Text only.")
                 return
             try:
-                message = talk.intake.accept(text, self._clock.now_s())
-                self._audience.receive(talk.visitor, message)
+                message = state.filter.accept(text, self._clock.now_s())
+                self._backend.receive(state.client_id, message)
             except RateLimitError as error:
-                await talk.socket.close(_RATE_EXCEEDED, error.message)
+                await state.socket.close(_RATE_EXCEEDED, error.message)
                 return
             except StaleMessageError:
-                continue  # the page shows by itself that it hears nothing
+                continue  # the page shows by itself that it receives nothing
             except BadMessageError as error:
-                said = {"kind": "refused", "message": error.message, "hint": error.command_hint}
-                talk.outbox.append(said)
-            drawn = talk.intake.seen > talk.drawn
-            if drawn or not talk.intake.frames_in_flight:
-                talk.drawn = talk.intake.seen
-                talk.turn.set()
+                refusal = {"kind": "refused", "message": error.message, "hint": error.command_hint}
+                state.outbox.append(refusal)
+            drawn = state.filter.seen > state.drawn
+            if drawn or not state.filter.frames_in_flight:
+                state.drawn = state.filter.seen
+                state.ready.set()
 
-    async def _write_frames(self, talk: _ClientState) -> None:
-        """Send what is new whenever a scene is drawn, so that each refresh of a screen has one."""
+    async def _write_frames(self, state: _ClientState) -> None:
+        """Send new frames whenever a scene was drawn, one per refresh of the screen."""
         loop = asyncio.get_running_loop()
         while True:
             due_s = loop.time() + _MIN_FRAME_PERIOD_S
-            frames: list[Frame] = [*talk.outbox]
-            talk.outbox.clear()
-            if talk.intake.frames_in_flight < _MAX_FRAMES_AHEAD:
-                frames += self._audience.frames(talk.visitor)
+            frames: list[Frame] = [*state.outbox]
+            state.outbox.clear()
+            if state.filter.frames_in_flight < _MAX_FRAMES_AHEAD:
+                frames += self._backend.frames(state.client_id)
             for frame in frames:
                 await asyncio.wait_for(
-                    talk.socket.send_text(self._number_frame(talk, frame)), _SLOW_CLIENT_S
+                    state.socket.send_text(self._number_frame(state, frame)), _SLOW_CLIENT_S
                 )
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(talk.turn.wait(), _SEND_TIMEOUT_S)
+                await asyncio.wait_for(state.ready.wait(), _SEND_TIMEOUT_S)
             await asyncio.sleep(due_s - loop.time())
-            talk.turn.clear()
+            state.ready.clear()
 
-    def _number_frame(self, talk: _ClientState, frame: Frame) -> str:
-        """Return a frame as text; scenes are counted, which dates what is said in answer."""
+    def _number_frame(self, state: _ClientState, frame: Frame) -> str:
+        """Serialize a frame; scenes are numbered, which dates the replies."""
         if frame["kind"] == "scene":
-            frame = {**frame, "seq": talk.intake.record_sent(self._clock.now_s())}
+            frame = {**frame, "seq": state.filter.record_sent(self._clock.now_s())}
         return to_json(frame).decode()
 
 
 @dataclass(slots=True)
 class _ClientState:
-    """What is said on one socket.
+    """State of one websocket session.
 
     Attributes:
         drawn: The last scene that is known to be drawn.
-        turn: Set when the page has drawn one, or says something while it waits for none.
+        outbox: Frames to be sent before the next scene.
+        ready: Set when the page has drawn a scene, or sends something with no scene in flight.
     """
 
     socket: WebSocket
-    visitor: int
-    intake: MessageFilter
+    client_id: int
+    filter: MessageFilter
     drawn: int = 0
     outbox: list[Frame] = field(default_factory=list[Frame])
-    turn: asyncio.Event = field(default_factory=asyncio.Event)
+    ready: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 _BYTES_A_CHARACTER = 4
 
 
 class BoundAddress:
-    """An address that is ours from now on, so that it can be told before the server runs.
+    """A bound and listening address, known before the server runs.
 
     Args:
         host: An IP address of this machine.
@@ -268,14 +269,14 @@ class BoundAddress:
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self.socket.bind((host, port))
-            self.socket.listen()  # whoever comes before the server runs waits
+            self.socket.listen()  # early clients wait until the server runs
         except (OSError, OverflowError) as error:
             self.socket.close()
             raise _cannot_serve(host, port, error) from error
 
     @property
     def url(self) -> str:
-        """Return what a browser calls it."""
+        """Return the URL for a browser."""
         host, port = self.socket.getsockname()[:2]
         return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
@@ -292,14 +293,14 @@ def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortE
 
 
 def serve(app: Starlette, address: BoundAddress) -> None:
-    """Serve until SIGINT or SIGTERM; the caller's thread is the main one."""
+    """Serve until SIGINT or SIGTERM; call it in the main thread."""
     with contextlib.suppress(KeyboardInterrupt):
         _make_server(app).run(sockets=[address.socket])
 
 
 @contextmanager
 def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
-    """Serve in a separate thread during the block, for a program that goes on; yields the URL."""
+    """Serve in a separate thread within the block; yields the URL."""
     server = _make_server(app)
     thread = threading.Thread(target=server.run, args=([address.socket],), daemon=True)
     thread.start()

@@ -1,4 +1,4 @@
-"""Values that cross the thread boundary: commands to the arm, snapshots from it.
+"""Values that cross the thread boundary: commands to the arm thread, snapshots from it.
 
 Each has one writer and is replaced as a whole, so that no thread waits for another.
 """
@@ -16,14 +16,14 @@ __all__ = ["ArmCommand", "ArmSnapshot", "CalibrationView", "StopNotice"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmCommand:
-    """What the person in control wants; a new one replaces the last.
+    """Command of the client in control; a new one replaces the last.
 
     Attributes:
-        live: Whether the arm shall follow at all.
-        session_id: Counts how often Live was thrown; a flight that has ended is not begun again.
-        goal: Where all joints shall be (n,), rad or m; None where they are.
+        live: Whether the arm follows the goal.
+        session_id: Counts how often Live was switched on; an ended session is not started again.
+        goal: Goal of all joints (n,), rad or m; None to hold position.
         speed: slow, normal or fast.
-        heartbeat_s: When the page last showed that somebody is there.
+        heartbeat_s: Time of the page's last heartbeat.
     """
 
     live: bool = False
@@ -35,7 +35,7 @@ class ArmCommand:
 
 @dataclass(frozen=True, slots=True)
 class StopNotice:
-    """Why the arm holds until a person acknowledges it, in the words of the command line.
+    """Why the arm holds until a user acknowledges it, as the command line formats it.
 
     Attributes:
         message: What happened.
@@ -48,39 +48,39 @@ class StopNotice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationView:
-    """A calibration under way.
+    """A running calibration.
 
     Attributes:
-        wizard: Where the conversation is; None while the arm still holds itself.
-        complaint: Why the last answer did not do.
+        wizard: Its state; None while torque is still on.
+        error: Why the last input was rejected; empty if it was not.
         warnings: What saving would lose, and what the servos' own limits would cut off.
         saved_at: The file, once it is saved.
     """
 
     wizard: CalibrationState | None
-    complaint: str = ""
+    error: str = ""
     warnings: tuple[str, ...] = ()
     saved_at: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmSnapshot:
-    """What the pilot last saw.
+    """State of the arm as the arm thread last read it.
 
     Attributes:
-        measured: Where the joints are (n,), rad or m.
-        goals: Where the servos were told to go (n,); None while they follow nobody.
-        states: What the servos report, a little older.
-        trouble: Why the arm holds, if it does.
-        ended_session: The last flight that is over.
-        notes: What the arm said besides, the oldest first.
-        talk: The calibration under way, if any.
+        measured: Measured joint positions (n,), rad or m.
+        goals: Goals sent to the servos (n,); None while no session runs.
+        states: Telemetry of the servos, a little older.
+        stop_notice: Why the arm holds; None if it is not stopped.
+        ended_session: The last session that has ended.
+        messages: Messages for the user, the oldest first.
+        calibration: The running calibration, if any.
     """
 
     measured: Vector
     goals: Vector | None = None
     states: tuple[JointState, ...] = ()
-    trouble: StopNotice | None = None
+    stop_notice: StopNotice | None = None
     ended_session: int = 0
-    notes: tuple[str, ...] = ()
-    talk: CalibrationView | None = None
+    messages: tuple[str, ...] = ()
+    calibration: CalibrationView | None = None

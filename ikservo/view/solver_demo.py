@@ -3,13 +3,13 @@
 ::
 
     model = load_model("planar3")                     # or any flat arm
-    lesson = teach(model.chain, target_m, q0, "ccd")
-    for k in range(lesson.count):
-        items = lesson.items(k, camera)               # painted over Theatre(model).items(…)
-        words = lesson.words(k)                       # "ccd, iteration 12 of 40: 3.2 mm left"
+    trace = trace_method(model.chain, target_m, q0, "ccd")
+    for k in range(trace.count):
+        items = trace.items(k, camera)                # painted over SceneRenderer(model).draw(…)
+        text = trace.format_step(k)                   # "ccd, iteration 12 of 40: 3.2 mm left"
 
-Every method starts at the same joints, inside the same limits, and stops by the same rule, so
-that a person can compare them on one target.
+Every method starts at the same joints, inside the same limits, and has the same stopping
+criterion, so that they can be compared on one target.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SOLVERS: tuple[str, ...] = tuple(METHODS)
 """The methods to choose from."""
 
 ITERATIVE = ("pseudo_inverse", "transpose", "ccd")
-"""Those that go on from where the arm is: where they end is not always the nearest point."""
+"""Methods that iterate from the current joints: they need not end at the nearest point."""
 
 _MAX_SHOWN = 200
 _TRAIL = 10
@@ -41,12 +41,12 @@ _JOINT_PX, _CROSS_PX = 4.0, 9.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolverTrace:
-    """What a method did on its way to a target.
+    """The iterations of a method towards a target.
 
     Attributes:
-        result: How it ended.
-        target_m: What was wanted (3,), metres.
-        numbers: Which iteration each shown step is (count,); long ways are thinned evenly.
+        result: Its result.
+        target_m: The target (3,), metres.
+        numbers: The iteration of each shown step (count,); long traces are thinned evenly.
         lines_m: The arm at each shown step (count, points, 3), base to tip, metres.
     """
 
@@ -61,11 +61,11 @@ class SolverTrace:
         return len(self.numbers)
 
     def distance_left_m(self, step: int) -> float:
-        """Return how far the tip is from the target at a step."""
+        """Return the distance of the tip from the target at a step."""
         return math.dist(self.lines_m[step, -1], self.target_m)
 
     def items(self, step: int, camera: Camera) -> list[DrawItem]:
-        """Return the arm at a step in front of those before it, the tip's way, and the target."""
+        """Return the items of a step: the arm over earlier ones, the tip's path, the target."""
         px, _ = camera.project(self.lines_m[: step + 1])
         at, _ = camera.project(self.target_m)
         last = step == self.count - 1
@@ -81,7 +81,7 @@ class SolverTrace:
         ]
 
     def format_step(self, step: int) -> str:
-        """Return which iteration a step is, and what is left of the way."""
+        """Return the iteration number of a step, and the remaining distance, as text."""
         left = f"{self.distance_left_m(step) * 1000:.1f} mm left"
         return f"{self.result.method}, iteration {self.numbers[step]} of {self.numbers[-1]}: {left}"
 
@@ -93,18 +93,18 @@ def trace_method(
     method: str,
     posture: Posture | None = None,
 ) -> SolverTrace:
-    """Let a method solve for a target from ``q0`` (dof,) and keep what it does.
+    """Solve for a target with a method and record its iterations.
 
     Args:
         chain: The arm.
-        target_m: Where the tip shall be (3,), metres.
-        q0: Where it starts (dof,).
+        target_m: The target of the tip (3,), metres.
+        q0: The start (dof,).
         method: One of ``SOLVERS``.
-        posture: What to lean towards (lecture L10), where the method has a null space.
+        posture: Preferred posture, if the method has a null space.
 
     Raises:
         UnknownNameError: There is no such method.
-        BadValueError: The target or q0 makes no sense.
+        BadValueError: The target or q0 is invalid.
     """
     target = Target(target_m)
     result = solve(chain, target, q0, method, trace=True, restarts=1, posture=posture)

@@ -1,10 +1,10 @@
 """Which links are visible from a point, and what hides the others.
 
-The question is the picker's, asked the other way round: lines of sight go from the eye through
-points all over a link, and what they meet first is what is seen there::
+The inverse of picking: lines of sight go from the eye through points all over a link, and what
+they hit first is visible there::
 
     seen = visible_from(model, arm.where().positions, (0.6, 0.3, 0.4))   # a camera, or a marker
-    hidden = [each.link for each in seen if not each.visible]
+    hidden = [each.link for each in seen if not each.is_visible]
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ import math
 from collections.abc import Hashable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.deprecation import current_name
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -40,8 +42,9 @@ __all__ = [
 TABLE = "the table"
 
 _TABLE_M = 3.0
+_RENAMED = {"share": "visible_fraction"}
 _VISIBLE_FRACTION = 0.01
-_LINES = 48  # of sight, along each side of a link's frame in the picture
+_LINES = 48  # rays along each side of a link's bounding rectangle in the image
 _MIN_RAYS = 16
 _MAX_FIELD_RAD = math.tan(math.radians(80.0))
 _EYE = Viewport(2.0, 2.0)
@@ -52,40 +55,46 @@ _SAME_RAD = 5e-3
 
 @dataclass(frozen=True, slots=True)
 class LinkVisibility:
-    """How much of a link, or of an object of the scene, is seen.
+    """How much of a link, or of an object of the scene, is visible.
 
     Attributes:
         link: Its name.
-        share: Which part of its picture is in sight, 0 to 1, to about 0.05.
-        hidden_by: What is before the rest, what hides most first.
+        visible_fraction: Visible fraction of its projected area, 0 to 1, accurate to about 0.05.
+        hidden_by: What occludes the rest, largest occluder first.
     """
 
     link: str
-    share: float
+    visible_fraction: float
     hidden_by: tuple[str, ...] = ()
 
     @property
     def is_visible(self) -> bool:
-        """Return whether more than a hundredth of it is in sight."""
-        return self.share > _VISIBLE_FRACTION
+        """Return whether more than a hundredth of it is visible."""
+        return self.visible_fraction > _VISIBLE_FRACTION
+
+    if not TYPE_CHECKING:  # a type checker knows today's names only
+
+        def __getattr__(self, name: str) -> object:
+            """Return what an old name of a field stands for; it warns."""
+            return getattr(self, current_name("LinkVisibility", _RENAMED, name))
 
 
 class VisibilityChecker:
-    """Answers for one arm, whatever its posture and the eye.
+    """Computes the visibility of one arm's links, for any posture and eye.
 
     Args:
-        model: The arm; its boxes and the table hide what is behind them.
+        model: The arm; its boxes and the table occlude what is behind them.
     """
 
     def __init__(self, model: Model) -> None:
         links, self._floor_m = link_primitives(capsules_of(model)), model.floor_m
-        self._things = {
+        self._obstacles = {
             f"{name} (object)" if name in links else name: rows
             for name, rows in object_primitives(model).items()
         }
         if model.floor_m is not None:
-            self._things[TABLE] = _table_triangles(model.floor_m)
-        self._picker = Picker({**links, **self._things})
+            self._obstacles[TABLE] = _table_triangles(model.floor_m)
+        self._picker = Picker({**links, **self._obstacles})
         self._ends = {link: rows[:, 1:7].reshape(-1, 3) for link, rows in links.items()}
         self._corners = {
             link: _bounding_corners(bounding_boxes(rows)) for link, rows in links.items()
@@ -94,11 +103,11 @@ class VisibilityChecker:
     def from_point(
         self, poses: Mapping[str, Matrix], eye_m: ArrayLike
     ) -> tuple[LinkVisibility, ...]:
-        """Return what is seen of each link from a point (3,), metres, base frame.
+        """Return the visibility of each link from a point (3,), metres, base frame.
 
         Args:
             poses: T_world_link (4, 4) of each link.
-            eye_m: The point; a link around it hides nothing, and under the table nothing is seen.
+            eye_m: The point; a link around it occludes nothing; below the table nothing is visible.
         """
         eye = finite_vector(eye_m, 3, "The point to look from")
         if self._floor_m is not None and eye[2] < self._floor_m:
@@ -116,28 +125,32 @@ class VisibilityChecker:
     def from_camera(
         self, poses: Mapping[str, Matrix], camera: Camera
     ) -> tuple[LinkVisibility, ...]:
-        """Return what is seen of each link in a picture, as if it had no edges."""
+        """Return the visibility of each link from a camera with an unbounded image."""
         return tuple(self._link_visibility(link, poses, camera) for link in self._ends)
 
     def _link_visibility(
         self, link: str, poses: Mapping[str, Matrix], camera: Camera
     ) -> LinkVisibility:
-        everything = {**poses, **dict.fromkeys(self._things, np.eye(4))}
+        all_poses = {**poses, **dict.fromkeys(self._obstacles, np.eye(4))}
         names = self._picker.names
         own = names.index(link)
         corners_px, _ = camera.project(_transform_points(self._corners[link], poses[link]))
-        ways, _ = self._picker.cast(*camera.rays(_pixel_grid(corners_px, camera)), everything)
-        ways = ways[np.isfinite(ways[:, own])]
-        if len(ways) < _MIN_RAYS:  # a wire between the lines of sight
+        distances, _ = self._picker.cast(*camera.rays(_pixel_grid(corners_px, camera)), all_poses)
+        distances = distances[np.isfinite(distances[:, own])]
+        if len(distances) < _MIN_RAYS:  # a link thinner than the grid of rays
             ends_px, _ = camera.project(_transform_points(self._ends[link], poses[link]))
-            ways, _ = self._picker.cast(*camera.rays(ends_px), everything)
-        counts = np.bincount(np.argmin(ways, axis=1), minlength=len(names)) / len(ways)
-        before = [(-float(share), i) for i, share in enumerate(counts) if i != own and share > 0.0]
-        return LinkVisibility(link, float(counts[own]), tuple(names[i] for _, i in sorted(before)))
+            distances, _ = self._picker.cast(*camera.rays(ends_px), all_poses)
+        counts = np.bincount(np.argmin(distances, axis=1), minlength=len(names)) / len(distances)
+        hiding = [
+            (-float(fraction), i)
+            for i, fraction in enumerate(counts)
+            if i != own and fraction > 0.0
+        ]
+        return LinkVisibility(link, float(counts[own]), tuple(names[i] for _, i in sorted(hiding)))
 
 
 def _camera_looking_at(eye_m: Vector, corners_m: Matrix) -> Camera:
-    """Return a camera at a point that looks at the middle of a box."""
+    """Return a camera at a point, pointed at the centre of a box."""
     away = corners_m.mean(axis=0) - eye_m
     length_m = float(np.linalg.norm(away))
     forward = away / length_m if length_m > 1e-6 else _FORWARD
@@ -156,13 +169,13 @@ def _bounding_corners(boxes: Matrix) -> Matrix:
 
 
 def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
-    """Return pixels (n, 2) all over the frame around others; no line of sight is past 80°."""
-    widest = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
-    middle = camera.viewport.centre_px
-    low = np.maximum(corners_px.min(axis=0), middle - widest)
-    high = np.minimum(corners_px.max(axis=0), middle + widest)
-    shares = (np.arange(_LINES) + 0.5) / _LINES
-    steps = low + shares[:, None] * (high - low)
+    """Return a grid of pixels (n, 2) over the frame around others, at most 80° off the axis."""
+    max_offset = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
+    centre = camera.viewport.centre_px
+    low = np.maximum(corners_px.min(axis=0), centre - max_offset)
+    high = np.minimum(corners_px.max(axis=0), centre + max_offset)
+    fractions = (np.arange(_LINES) + 0.5) / _LINES
+    steps = low + fractions[:, None] * (high - low)
     return np.stack(np.meshgrid(steps[:, 0], steps[:, 1]), axis=-1).reshape(-1, 2)
 
 
@@ -178,12 +191,12 @@ _ROUND = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 def visible_from(
     model: Model, joints: Mapping[str, float], eye_m: ArrayLike
 ) -> tuple[LinkVisibility, ...]:
-    """Return which links of an arm a camera, or a marker, at a point sees.
+    """Return which links of an arm are visible from a point, for a camera or a marker.
 
     Args:
-        model: The arm; its keep-out boxes and the table hide what is behind them.
-        joints: Positions by name, rad or m, as ``ArmState.positions``; joints of the chain that
-            are missing are an error, others stand still.
+        model: The arm; its keep-out boxes and the table occlude what is behind them.
+        joints: Positions by name, rad or m, as ``ArmState.positions``; a missing joint of the
+            chain is an error, other missing joints are at zero.
         eye_m: The point (3,), metres, base frame.
 
     Raises:
@@ -200,13 +213,13 @@ def visible_from(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PostureAnalysis:
-    """What was found out about a posture as it is seen by somebody.
+    """Analysis of a posture, for one camera.
 
     Attributes:
         q: The joints (dof,).
-        camera: What it was seen through, see ``Camera.fingerprint``.
-        singularity: The nearest singular posture of the tip; None where none was found.
-        seen: How much of each link is in sight.
+        camera: Its fingerprint, see ``Camera.fingerprint``.
+        singularity: The nearest singular posture of the tip; None if none was found.
+        seen: The visibility of each link.
     """
 
     q: Vector
@@ -216,41 +229,41 @@ class PostureAnalysis:
 
 
 class PostureAnalyser:
-    """Finds out one thing at a time; whoever asks for another meanwhile asks again later.
+    """Runs one analysis at a time in the background; callers poll ``get``.
 
     Args:
         chain: The arm inside its own limits.
-        visibility: Says what hides what.
+        visibility: Computes which links are visible.
     """
 
     def __init__(self, chain: Chain, visibility: VisibilityChecker) -> None:
         self._chain, self._visibility = chain, visibility
-        self._known: dict[int, PostureAnalysis] = {}
+        self._cached: dict[int, PostureAnalysis] = {}
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo insight")
         self._busy: tuple[int, Future[PostureAnalysis]] | None = None
 
     def get(
-        self, who: int, q: Vector, poses: dict[str, Matrix], camera: Camera, *, idle: bool
+        self, client: int, q: Vector, poses: dict[str, Matrix], camera: Camera, *, idle: bool
     ) -> PostureAnalysis | None:
-        """Return what is known of a posture (dof,) as it is now; if nothing, it soon is.
+        """Return the analysis of a posture, or None and start it.
 
         Args:
-            who: Whose camera it is.
+            client: Number of the client with the camera.
             q: The joints (dof,).
-            poses: T_world_link (4, 4) of every link there.
-            camera: What they are seen through.
-            idle: Whether there is time to find out now.
+            poses: T_world_link (4, 4) of every link at ``q``.
+            camera: The client's camera.
+            idle: Whether an analysis may start now.
         """
         self._collect_result()
-        known = self._known.get(who)
-        if known is not None and _is_same_posture(known, q, camera):
-            return known
+        cached = self._cached.get(client)
+        if cached is not None and _is_same_posture(cached, q, camera):
+            return cached
         if idle and self._busy is None:
-            self._busy = (who, self._worker.submit(self._analyse, q.copy(), poses, camera))
+            self._busy = (client, self._worker.submit(self._analyse, q.copy(), poses, camera))
         return None
 
     def close(self) -> None:
-        """Leave what is being found out."""
+        """Cancel the running analysis."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _analyse(self, q: Vector, poses: dict[str, Matrix], camera: Camera) -> PostureAnalysis:
@@ -260,11 +273,11 @@ class PostureAnalyser:
     def _collect_result(self) -> None:
         if self._busy is None or not self._busy[1].done():
             return
-        who, future = self._busy
+        client, future = self._busy
         self._busy = None
-        self._known[who] = future.result()
+        self._cached[client] = future.result()
 
 
-def _is_same_posture(known: PostureAnalysis, q: Vector, camera: Camera) -> bool:
-    still = float(np.abs(known.q - q).max(initial=0.0)) < _SAME_RAD
-    return still and known.camera == camera.fingerprint
+def _is_same_posture(cached: PostureAnalysis, q: Vector, camera: Camera) -> bool:
+    unmoved = float(np.abs(cached.q - q).max(initial=0.0)) < _SAME_RAD
+    return unmoved and cached.camera == camera.fingerprint

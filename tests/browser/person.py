@@ -31,7 +31,7 @@ class Stand:
 
     @property
     def arm(self):
-        return self.house.pilot.arm
+        return self.house.arm_thread.arm
 
     @property
     def line(self):
@@ -51,16 +51,16 @@ class Stand:
 
     def brought_home(self):
         """Let go of what the last test left behind, and bring the arm to where it was at first."""
-        desk, pilot = self.house.desk, self.house.pilot
-        until(lambda: not desk._visitors)
-        if pilot.readout.trouble:
+        desk, pilot = self.house.controller, self.house.arm_thread
+        until(lambda: not desk._clients)
+        if pilot.snapshot.stop_notice:
             pilot.acknowledge()
-            until(lambda: not pilot.readout.trouble)
+            until(lambda: not pilot.snapshot.stop_notice)
         if not self.is_home():
             me = desk.connect(Permission.CONTROL)
             for seq, words in enumerate(GO_HOME):
                 desk.receive(me, read_message(json.dumps({**words, "seq": seq + 1, "seen": 0})))
-            until(self.is_home, lambda: (pilot.readout, self.joints()))
+            until(self.is_home, lambda: (pilot.snapshot, self.joints()))
             desk.disconnect(me)
         return self
 
@@ -217,8 +217,8 @@ class Person:
         raise AssertionError(f"the arm does not move\n{self.status}")
 
 
-GO_HOME = [{"kind": "speed", "name": "fast"}, {"kind": "live", "on": True},
-           {"kind": "pose", "name": "home"}]  # fmt: skip
+GO_HOME = [{"kind": "set_speed", "name": "fast"}, {"kind": "set_live", "on": True},
+           {"kind": "go_to_pose", "name": "home"}]  # fmt: skip
 
 
 def until(true, what=lambda: ""):

@@ -35,9 +35,7 @@ def test_in_preview_a_click_moves_nothing(person):
 def test_a_chosen_method_answers_a_drag_and_a_preferred_posture_is_weighed(person):
     person.page.click("#solvers button[value=ccd]")
     person.wait_for("status.solver.name === 'ccd'")
-    person.drag(person.tip_px(), ASIDE / 2).wait_for(
-        "status.solver.words.startsWith('ccd: 0.0 mm')"
-    )
+    person.drag(person.tip_px(), ASIDE / 2).wait_for("status.solver.text.startsWith('ccd: 0.0 mm')")
     person.release()
     person.page.click("#preference summary")
     person.page.click("#preferred button[value=rest]")
@@ -195,7 +193,7 @@ def test_a_stick_moves_the_tip_while_it_is_held_over(visit):
 @pytest.mark.campaign
 def test_a_button_that_is_held_down_closes_the_gripper_until_it_is_let_go(live):
     before = live.stand.ticks()
-    live.page.hover("#jaws-open")
+    live.page.hover("#gripper-open")
     live.page.mouse.down()
     live.until_moving()
     live.release().until_still()
@@ -243,7 +241,7 @@ def test_a_solver_that_was_chosen_shows_its_iterations(person, solver):
     person.page.click(f"#solvers button[value={solver}]")
     person.wait_for(f"status.solver.name === '{solver}'")
     person.click(person.tip_px() + 2 * ASIDE)
-    person.wait_for("status.solver.words.includes('iteration')")
+    person.wait_for("status.solver.text.includes('iteration')")
     person.wait_for("scene.items.some((item) => item.style === 'iterate')")
 
 

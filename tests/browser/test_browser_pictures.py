@@ -69,5 +69,5 @@ def test_a_calibration(visit, album):
         person.page.wait_for_timeout(500)
         if person.status["calibration"]["stage"] == "sweep":
             break
-        person.page.click("[data-act=accept]")
+        person.page.click("[data-action=accept]")
     assert taken(person, album / "view_calibration.png") > 20_000

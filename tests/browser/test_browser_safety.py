@@ -103,7 +103,7 @@ def test_a_page_that_is_loaded_anew_holds_the_arm_and_begins_with_a_slow_preview
         "status.mode === 'preview' && status.controller === 'you'"
     ).until_still()
     assert live.status["speed"] == "slow"
-    assert not live.stand.house.pilot.command.live
+    assert not live.stand.house.arm_thread.command.live
 
 
 def test_the_second_page_watches(live, visit):

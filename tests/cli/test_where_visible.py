@@ -9,7 +9,7 @@ def test_each_link_is_listed_with_what_hides_it(say):
     said = say(f"{WHERE} --visible-from 0.6,0,0.1 --json").json["visible_from"]
     links = {each["link"]: each for each in said["links"]}
     assert said["eye_m"] == [0.6, 0.0, 0.1]
-    assert links["shoulder"]["visible_share"] < 0.3
+    assert links["shoulder"]["visible_fraction"] < 0.3
     assert "gripper" in links["shoulder"]["hidden_by"]
 
 

@@ -88,7 +88,7 @@ def pixel_of(name, view, q, link, offset_m=(0.0, 0.0, 0.0)):
 
 def pixel_on(name, look, link):
     """Return a pixel at which a link of the arm can be seen."""
-    poses = link_poses(model_of(name).chain, look.arms[0], look.beside)
+    poses = link_poses(model_of(name).chain, look.arms[0], look.other_joints)
     for capsule in capsules_of(model_of(name)):
         if capsule.link == link:
             px, _ = look.camera.project(sum(capsule.ends(poses[link])) / 2)

@@ -16,16 +16,18 @@ WORDS = [
     {"kind": "pointer", "phase": "down", "x": 480, "y": 300, "button": 0, "pointer": 1},
     {"kind": "pointer", "phase": "move", "x": 410.5, "y": 260, "button": 0, "pointer": 1,
      "touch": True, "shift": False, "alt": False},
-    {"kind": "live", "on": True}, {"kind": "take", "on": True}, {"kind": "stop"},
-    {"kind": "acknowledge"}, {"kind": "beat", "visible": True}, {"kind": "pose", "name": "rest"},
-    {"kind": "gamepad", "axes": [0, 1, -1, 0], "grip": 0.5}, {"kind": "solver", "name": "ccd"},
-    {"kind": "look", "w": 900, "h": 700, "dpr": 2, "view": "side"},
+    {"kind": "set_live", "on": True}, {"kind": "take_control", "on": True}, {"kind": "stop"},
+    {"kind": "acknowledge"}, {"kind": "heartbeat", "visible": True},
+    {"kind": "go_to_pose", "name": "rest"}, {"kind": "set_solver", "name": "ccd"},
+    {"kind": "gamepad", "axes": [0, 1, -1, 0], "grip": 0.5},
+    {"kind": "viewport", "w": 900, "h": 700, "dpr": 2, "view": "side"},
     {"kind": "wheel", "x": 480, "y": 300, "notches": 2, "alt": False},
     {"kind": "key", "key": "ArrowUp", "alt": False, "shift": False},
-    {"kind": "orbit", "dx": 10, "dy": -4, "zoom": 1.5}, {"kind": "speed", "name": "fast"},
+    {"kind": "orbit_camera", "dx": 10, "dy": -4, "zoom": 1.5},
+    {"kind": "set_speed", "name": "fast"},
     {"kind": "behind", "step": -1},
     {"kind": "prefer", "pose": "rest", "weights": {"elbow_flex": 0.5}},
-    {"kind": "calibrate", "word": "begin", "joint": None},
+    {"kind": "calibration", "action": "start", "joint": None},
 ]  # fmt: skip
 VALUES = [None, True, -1, 0, 1e308, -1e308, 2**63, "", "x" * 70, "../rest", [], {}, [[]], 1e-320,
           "NaN", "\u0000", "ArrowLeft", "side", 0.5]  # fmt: skip
@@ -101,7 +103,10 @@ def test_nothing_that_is_said_in_a_preview_moves_a_servo(room, count):
     before, others = registers(room.arm, "goal_position"), []
 
     def hear(message):
-        if message.kind in ("live", "calibrate"):  # these may move it, and are right as they are
+        if message.kind in (
+            "set_live",
+            "calibration",
+        ):  # these may move it, and are right as they are
             others.append(message)
             return
         try:
@@ -110,7 +115,7 @@ def test_nothing_that_is_said_in_a_preview_moves_a_servo(room, count):
             return
 
     assert fuzz(count, seed=2, hear=hear) > count / 50
-    assert {message.kind for message in others} == {"live", "calibrate"}
+    assert {message.kind for message in others} == {"set_live", "calibration"}
     room.pilot.step()
     assert registers(room.arm, "goal_position") == before
 

@@ -54,12 +54,12 @@ def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
 
 def test_a_page_that_says_too_late_that_it_is_hidden_is_heard(intake):
     intake.record_sent(0.0)
-    assert not intake.accept(text(1, kind="beat", visible=False), 9.0).visible
+    assert not intake.accept(text(1, kind="heartbeat", visible=False), 9.0).visible
 
 
 def test_a_page_that_is_slow_to_be_laid_out_is_still_heard_about_its_size(intake):
     intake.record_sent(0.0)
-    look = {"kind": "look", "w": 640, "h": 480, "dpr": 1.0, "view": "side"}
+    look = {"kind": "viewport", "w": 640, "h": 480, "dpr": 1.0, "view": "side"}
     assert intake.accept(text(1, **look), 9.0).h == 480
 
 
@@ -112,12 +112,13 @@ MALFORMED = [
     text(**{**POINTER, "x": None}), text(**{**POINTER, "phase": "fly"}),
     text(**{**POINTER, "button": 9}), text(**{**POINTER, "shift": 1}),
     text(**POINTER).replace('"x": 1', '"x": NaN'), text(**POINTER).replace('"x": 1', '"x": 1e999'),
-    text(**POINTER).replace('"x": 1', '"x": Infinity'), text(kind="live", on="yes"),
-    text(kind="look", w=0, h=1, dpr=1, view="side"), text(kind="look", w=64, h=64, dpr=1, view="x"),
+    text(**POINTER).replace('"x": 1', '"x": Infinity'), text(kind="set_live", on="yes"),
+    text(kind="viewport", w=0, h=1, dpr=1, view="side"),
+    text(kind="viewport", w=64, h=64, dpr=1, view="x"),
     text(kind="gamepad", axes=[0, 0, 0]), text(kind="gamepad", axes=[0, 0, 0, 2]),
-    text(kind="pose", name="../rest"), text(kind="pose", name="x" * 65),
-    text(kind="speed", name="warp"),
-    text(kind="calibrate", word="burn"), text(kind="wheel", x=1, y=1, notches=1e6),
+    text(kind="go_to_pose", name="../rest"), text(kind="go_to_pose", name="x" * 65),
+    text(kind="set_speed", name="warp"),
+    text(kind="calibration", action="burn"), text(kind="wheel", x=1, y=1, notches=1e6),
     text(pad="x" * MAX_MESSAGE_BYTES), "[" * 1500, '{"a":' * 300,
 ]  # fmt: skip
 

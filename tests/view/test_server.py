@@ -205,7 +205,7 @@ def test_a_flood_is_dropped(visit, keys):
 def test_scenes_wait_for_a_page_that_does_not_draw(visit, keys):
     guest = visit().prove(keys.control)
     numbers = [guest.hear_of("scene")["seq"], guest.hear_of("scene")["seq"]]
-    guest.say("beat", numbers[-1], visible=True)
+    guest.say("heartbeat", numbers[-1], visible=True)
     assert [*numbers, guest.hear_of("scene")["seq"]] == [1, 2, 3]
 
 
@@ -235,7 +235,7 @@ def test_two_hundred_idle_sockets_keep_nobody_out(url, visit, keys):
         idle_sockets(open_sockets, url, 200)
         guest = visit().prove(keys.control)
         for _ in range(20):
-            guest.say("beat", guest.hear_of("scene")["seq"], visible=True)
+            guest.say("heartbeat", guest.hear_of("scene")["seq"], visible=True)
 
 
 def test_of_many_idle_sockets_only_the_latest_stay(url):

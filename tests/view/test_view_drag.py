@@ -94,7 +94,7 @@ def test_a_pulled_link_follows_the_pointer():
 
 def test_a_jaw_is_pulled_together_with_the_hand_that_carries_it():
     look = sight("so101", "side")
-    look = PointerContext(look.camera, look.arms, beside={"gripper": 1.0})
+    look = PointerContext(look.camera, look.arms, other_joints={"gripper": 1.0})
     drag = drag_of("so101")
     target = drag.press(pixel_on("so101", look, "jaw"), look).target
     assert target.frame == "gripper"
@@ -189,7 +189,7 @@ def test_a_click_on_a_reachable_point_is_reached_at_once(name):
         wish = drag.press(camera.project(there)[0], PointerContext(camera, (q,), plane_m=there))
         drag.release()
         answer = puppet.solve_command(wish, q)
-        assert answer.aim.reached
+        assert answer.marker.reached
         assert answer.settled
         np.testing.assert_allclose(chain.forward(answer.q)[:3, 3], there, atol=1e-4)
 
@@ -292,7 +292,7 @@ def test_a_target_out_of_reach_names_the_nearest_point_and_the_limit():
     chain, q = model_of("planar2").chain, stage("planar2").home
     look = sight("planar2", "plane")
     wish = drag_of("planar2").press((5.0, 300.0), look)
-    aim = DragSolver(chain).solve_command(wish, q).aim
+    aim = DragSolver(chain).solve_command(wish, q).marker
     assert not aim.reached
     assert aim.gap_m == pytest.approx(math.dist(aim.nearest_m, wish.target.position))
 
@@ -482,8 +482,8 @@ def test_a_drag_is_answered_by_the_method_that_was_chosen(method):
     puppet.method = method
     answers = answers_of(puppet, wish, look.arms[0])
     steps = np.diff([look.arms[0], *(answer.q for answer in answers)], axis=0)
-    assert answers[-1].aim.gap_m < 1e-3
-    assert answers[0].words.startswith((method, "bounded"))
+    assert answers[-1].marker.gap_m < 1e-3
+    assert answers[0].text.startswith((method, "bounded"))
     assert np.abs(steps).max() <= MAX_STEP_RAD + 1e-12
 
 
@@ -496,7 +496,7 @@ def test_whatever_method_answers_the_joints_beyond_the_grabbed_link_stay(method)
     puppet.method = method
     last = answers_of(puppet, wish, look.arms[0])[-1]
     np.testing.assert_array_equal(last.q[3:], look.arms[0][3:])
-    assert last.aim.gap_m < 2e-3
+    assert last.marker.gap_m < 2e-3
 
 
 def leaning(name, method="auto", weights=None):
@@ -518,7 +518,7 @@ def test_a_drag_leans_towards_the_posture_and_the_tip_stays_where_it_is_pulled(m
     answers = answers_of(puppet, wish, look.arms[0])
     last = answers[-1]
     assert last.settled
-    assert last.aim.gap_m < 1e-4
+    assert last.marker.gap_m < 1e-4
     assert np.linalg.norm(last.q - wanted) < 0.8 * np.linalg.norm(plain.q - wanted)
     assert np.abs(np.diff([look.arms[0], *(a.q for a in answers)], axis=0)).max() <= 0.14
 
@@ -536,7 +536,7 @@ def test_a_click_goes_all_the_way_to_what_is_preferred():
     weights, chain = np.array([1.0, 1.0, 0.5, 1.0, 1.0]), model_of("so101").chain
     puppet, wanted = leaning("so101", weights=weights)
     answer = clicked(puppet, stage("so101").home)
-    assert answer.aim.reached
+    assert answer.marker.reached
     assert distance_to_limits(chain, answer.q).min() > 0.01
     free = null_space(chain.jacobian(answer.q)[:3])
     np.testing.assert_allclose(free.T @ (weights * (answer.q - wanted)), 0.0, atol=1e-3)

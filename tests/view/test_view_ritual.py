@@ -53,7 +53,7 @@ def held(ritual, last):
     for count, talk in enumerate(ritual.run()):
         shown = calibration_view(ritual.model, talk, ritual.pose)
         seen.setdefault(shown["stage"], shown)
-        word = "leave" if shown["stage"] == "saved" or count > LONGEST else "accept"
+        word = "cancel" if shown["stage"] == "saved" or count > LONGEST else "accept"
         if shown["stage"] in ("anchor", "sweep") and word == "accept":
             word = script.next_answer(talk.wizard, count * READ_S) if talk.wizard else word
         if shown["stage"] == "review":
@@ -81,7 +81,7 @@ def test_the_servos_hold_the_limits_only_if_asked_to(screens, narrow):
 def test_the_review_warns_of_limits_in_servos_that_cut_into_the_range(hidden):
     hidden.line.servos[2].write("lock", 0)
     hidden.line.servos[2].write("max_position_limit", 2100)
-    review = screens_of(hidden, "leave")["review"]
+    review = screens_of(hidden, "cancel")["review"]
     assert any("joint2: its servo's own limits" in line for line in review["lines"])
 
 
@@ -89,12 +89,12 @@ def test_an_answer_that_does_not_do_is_explained(ritual):
     talks = ritual.run()
     next(talks)
     ritual.put_answer("skip nowhere")
-    assert "no joint named" in next(talks).complaint
+    assert "no joint named" in next(talks).error
     talks.close()
 
 
 def test_who_leaves_ends_it(ritual):
     talks = ritual.run()
     next(talks)
-    ritual.put_answer("leave")
+    ritual.put_answer("cancel")
     assert len(list(talks)) <= 1

@@ -199,7 +199,7 @@ def test_an_arc_seen_from_its_edge_is_turned_to_the_person():
 def test_an_arc_says_where_the_joint_is_and_who_limits_it():
     own = SceneRenderer(model_of("so101"), None, {"elbow_flex": "hand sweep of 2026-11-02"})
     shown = own.draw(SceneState(looked_at("so101", "side"), at_joints(elbow_flex=0.5)))
-    assert arc(shown, "elbow_flex")["says"] == (
+    assert arc(shown, "elbow_flex")["label"] == (
         "elbow_flex 28.6°, -96.8° to 96.8° (hand sweep of 2026-11-02)"
     )
 
@@ -231,14 +231,14 @@ TIP = np.array([0.2, 0.0, 0.15])
 
 
 def test_a_target_that_is_reached_is_a_green_cross():
-    items = painted(aim=TargetMarker(TIP, TIP, reached=True))
+    items = painted(marker=TargetMarker(TIP, TIP, reached=True))
     assert len(of_style(items, "target")) == 1
     assert not of_style(items, "target_far", "gap", "nearest")
 
 
 def test_a_target_out_of_reach_is_red_with_the_nearest_point_and_the_way_that_is_missing():
     camera, far = looked_at("so101", "side"), TIP + np.array([0.5, 0.0, 0.0])
-    items = painted(aim=TargetMarker(far, TIP, reached=False))
+    items = painted(marker=TargetMarker(far, TIP, reached=False))
     (cross,), (nearest,), (gap,) = (of_style(items, s) for s in ("target_far", "nearest", "gap"))
     np.testing.assert_allclose(cross["at"], camera.project(far)[0], atol=0.06)
     np.testing.assert_allclose(nearest["at"], camera.project(TIP)[0], atol=0.06)
@@ -299,12 +299,12 @@ def test_the_table_behind_the_eye_is_not_drawn():
 @pytest.mark.parametrize("name", ["so101", "vx300s"])
 def test_a_picture_is_ready_for_json(name, view):
     goal = stage(name).home + 0.2
-    items = painted(name, view, goal=goal, aim=TargetMarker(TIP, TIP, reached=False))
+    items = painted(name, view, goal=goal, marker=TargetMarker(TIP, TIP, reached=False))
     assert json.loads(json.dumps(items, allow_nan=False)) == items
 
 
 def test_every_item_is_of_a_kind_that_the_page_knows():
-    items = painted(goal=stage("so101").home + 0.2, aim=TargetMarker(TIP, TIP, reached=False))
+    items = painted(goal=stage("so101").home + 0.2, marker=TargetMarker(TIP, TIP, reached=False))
     needed = {"polygon": "rings", "polyline": "points", "circle": "r", "cross": "r", "text": "text"}
     for item in items:
         assert needed[item["kind"]] in item
@@ -317,8 +317,8 @@ def test_a_picture_of_ten_joints_is_projected_as_often_as_one_of_three(monkeypat
     for links in (3, 10):
         model = planar_model([0.1] * links)
         q, drawing = np.full(links, 0.1), SceneRenderer(model)
-        camera = make_camera(drawing.stage, Viewpoint("plane"), VIEWPORT, 0.0)
-        look = SceneState(camera, q, goal=q + 0.2, aim=TargetMarker(TIP, TIP, reached=False))
+        camera = make_camera(drawing.extent, Viewpoint("plane"), VIEWPORT, 0.0)
+        look = SceneState(camera, q, goal=q + 0.2, marker=TargetMarker(TIP, TIP, reached=False))
         seen = []
         monkeypatch.setattr(Camera, "project", lambda *of, s=seen: s.append(1) or project(*of))
         drawing.draw(look)

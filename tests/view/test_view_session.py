@@ -30,7 +30,7 @@ def room():
 def test_a_click_moves_the_simulated_servos_to_its_place(room):
     room.throw_live()
     room.click(480, 300)
-    wanted = room.desk._gestures.aim.target_m
+    wanted = room.desk._interaction.marker.target_m
     room.run()
     assert math.dist(true_tip_m(room.arm), wanted) < 0.002
 
@@ -40,7 +40,7 @@ def test_without_live_a_click_moves_nothing(room):
     room.click(480, 300)
     room.run()
     assert registers(room.arm, "goal_position") == before
-    assert room.desk._gestures.goal is not None
+    assert room.desk._interaction.goal is not None
 
 
 def test_every_goal_of_a_wild_drag_is_inside_the_limits(room):
@@ -50,7 +50,7 @@ def test_every_goal_of_a_wild_drag_is_inside_the_limits(room):
 
     def wander(number):
         room.point("move", 450 + 800 * math.sin(number / 7), 350 + 700 * math.cos(number / 11))
-        seen.append(room.pilot.readout.goals)
+        seen.append(room.pilot.snapshot.goals)
 
     room.run(beats=300, at_beat=wander)
     chain = room.arm.chain
@@ -102,7 +102,7 @@ def test_a_page_that_leaves_holds(room):
 
 def test_a_gesture_that_is_taken_back_holds_the_arm_where_it_is(room):
     room.throw_live()
-    start = room.pilot.readout.measured
+    start = room.pilot.snapshot.measured
     room.point("down", 480, 300)
     room.run(at_beat=lambda n: n == 120 and room.point("cancel", 480, 300))
     room.run(beats=100)
@@ -177,18 +177,18 @@ def test_a_fault_of_the_view_itself_is_told(room):
 
 
 def test_the_limits_of_an_arm_that_was_opened_again_are_the_new_ones(room):
-    before = room.desk._gestures
+    before = room.desk._interaction
     room.told()
-    assert room.desk._gestures is before
+    assert room.desk._interaction is before
     room.pilot.arm = open_arm("so101", "sim:?pose=home")
     room.told()
-    assert room.desk._gestures._chain is room.pilot.arm.chain
+    assert room.desk._interaction._chain is room.pilot.arm.chain
     room.pilot.arm.close()
 
 
 def test_a_trigger_opens_the_gripper_and_lifting_it_stops_the_jaws(room):
     room.throw_live()
-    before = room.pilot.readout.measured[-1]
+    before = room.pilot.snapshot.measured[-1]
     closing = room.arm.model.gripper.closed - room.arm.model.gripper.open
 
     def press(number):
@@ -239,7 +239,7 @@ def test_after_an_acknowledgement_the_arm_moves_again(room):
     room.pilot.step()
     room.throw_live()
     room.click(480, 300)
-    wanted = room.desk._gestures.aim.target_m
+    wanted = room.desk._interaction.marker.target_m
     room.run()
     assert math.dist(true_tip_m(room.arm), wanted) < 0.002
 
@@ -261,7 +261,7 @@ ASKING = [
     (said.SetSpeed, {"name": "fast"}),
     (said.SetSolver, {"name": "ccd"}),
     (said.GoToPose, {"name": "rest"}),
-    (said.CalibrationAnswer, {"word": "begin"}),
+    (said.CalibrationAnswer, {"action": "start"}),
     (said.Key, {"key": "ArrowUp"}),
     (said.SelectBehind, {"step": 1}),
     (said.PreferPosture, {"pose": "rest"}),
@@ -315,20 +315,20 @@ def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_r
     tip = next(i["at"] for i in room.told()["scene"]["items"] if i["style"] == "tip")
     room.point("down", *tip)
     room.point("move", tip[0] + 30, tip[1] - 30)
-    assert room.told()["status"]["solver"]["words"].startswith(f"{method}: ")
+    assert room.told()["status"]["solver"]["text"].startswith(f"{method}: ")
     for _ in range(200):
         room.told()
-    assert room.desk._gestures.aim.gap_m < 2e-3
+    assert room.desk._interaction.marker.gap_m < 2e-3
 
 
 def test_the_preferred_posture_is_told_and_leans_where_the_tip_leaves_freedom(room):
     room.say(said.PreferPosture, pose="rest", weights={"shoulder_pan": 0.0})
     room.click(480, 300)
-    leaning, gestures = room.desk._gestures.goal, room.desk._gestures
+    leaning, gestures = room.desk._interaction.goal, room.desk._interaction
     room.say(said.PreferPosture, pose="none")
     gestures.reset()
     room.click(480, 300)
-    assert gestures.aim.reached
+    assert gestures.marker.reached
     assert np.abs(leaning - gestures.goal).max() > 0.05
     assert room.told()["status"]["preference"]["pose"] == "none"
 
@@ -374,7 +374,7 @@ def later(room, name):
 
 
 def test_manipulability_is_that_of_the_jacobian(room):
-    q = room.pilot.readout.measured[:5]
+    q = room.pilot.snapshot.measured[:5]
     J = room.arm.chain.jacobian(q)[:3]
     value, unit = posture_rows(room.told())["manipulability"].split(",")[0].split()
     assert float(value) == pytest.approx(math.sqrt(np.linalg.det(J @ J.T)), rel=0.05)
@@ -439,9 +439,9 @@ def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_told(pose, jo
     model = narrowed("so101", **{joint: (-90.0, upper_deg)})
     with Room(open_arm(model, f"sim:{model.path}?pose=zero")) as room:
         room.say(said.GoToPose, name=pose)
-        goal = dict(zip(room.arm.where().names, room.desk._gestures.goal, strict=True))
+        goal = dict(zip(room.arm.where().names, room.desk._interaction.goal, strict=True))
         assert math.degrees(goal[joint]) == pytest.approx(upper_deg, abs=0.1)
-        assert any(words.startswith(joint) for words in room.desk._gestures.messages)
+        assert any(words.startswith(joint) for words in room.desk._interaction.messages)
 
 
 def test_what_stands_still_is_not_sent_sixty_times_a_second(room):
@@ -453,7 +453,7 @@ def test_the_goal_of_a_wheel_is_a_degree_a_notch(room):
     hub = next(item for item in room.told()["scene"]["items"]
                if item["style"] == "hub" and item.get("joint") == "elbow_flex")  # fmt: skip
     room.say(said.Wheel, x=hub["at"][0], y=hub["at"][1], notches=3)
-    turned = room.desk._gestures.goal - room.pilot.readout.measured
+    turned = room.desk._interaction.goal - room.pilot.snapshot.measured
     assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
 
 

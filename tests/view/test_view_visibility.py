@@ -33,7 +33,9 @@ def test_the_share_in_sight_is_that_of_lines_of_sight_through_every_pixel(name, 
     for i, each in enumerate(VisibilityChecker(floating).from_camera(poses, camera)):
         alone = np.isfinite(ways[:, i])
         if alone.sum() > 200:
-            assert each.share == pytest.approx((alone & (first == i)).sum() / alone.sum(), abs=0.06)
+            assert each.visible_fraction == pytest.approx(
+                (alone & (first == i)).sum() / alone.sum(), abs=0.06
+            )
 
 
 def test_from_afar_a_point_sees_what_a_parallel_picture_shows():
@@ -41,7 +43,7 @@ def test_from_afar_a_point_sees_what_a_parallel_picture_shows():
     poses, camera = link_poses(model.chain, home, {}), looked_at("so101", "front")
     one, far = VisibilityChecker(model), camera.eye_m - 200.0 * camera.forward
     for a, b in zip(one.from_camera(poses, camera), one.from_point(poses, far), strict=True):
-        assert a.share == pytest.approx(b.share, abs=0.03)
+        assert a.visible_fraction == pytest.approx(b.visible_fraction, abs=0.03)
 
 
 def test_a_wall_before_the_eye_hides_everything():
@@ -53,7 +55,7 @@ def test_a_wall_before_the_eye_hides_everything():
 
 def test_from_before_the_gripper_hides_the_shoulder_and_is_named():
     found = seen((0.6, 0.0, 0.1))
-    assert found["shoulder"].share < 0.2
+    assert found["shoulder"].visible_fraction < 0.2
     assert "gripper" in found["shoulder"].hidden_by
     assert found["gripper"].is_visible
 
@@ -68,7 +70,9 @@ def test_under_the_table_nothing_is_seen():
 
 def test_where_the_jaw_is_opened_to_counts():
     eye = (0.6, -0.3, 0.2)
-    closed, opened = (seen(eye, joints={**HOME, "gripper": at})["jaw"].share for at in (0.0, 1.5))
+    closed, opened = (
+        seen(eye, joints={**HOME, "gripper": at})["jaw"].visible_fraction for at in (0.0, 1.5)
+    )
     assert abs(opened - closed) > 0.02
 
 

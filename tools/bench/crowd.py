@@ -78,20 +78,20 @@ def crowded(crowd: str, url: str) -> Generator[None]:
 def beats_ms(house: ViewApp, page: Page) -> list[float]:
     """Return the cycle times while the arm is dragged by a page that draws."""
     at_s: list[float] = []
-    see = house.pilot.on_cycle
+    on_cycle = house.arm_thread.on_cycle
 
-    def seen(beat: ControlCycle) -> None:
-        see(beat)
+    def record(cycle: ControlCycle) -> None:
+        on_cycle(cycle)
         at_s.append(time.perf_counter())
 
-    house.pilot.on_cycle = seen
+    house.arm_thread.on_cycle = record
     end_s = time.monotonic() + SECONDS
     page.point("down", 560, 250)
     while (left_s := end_s - time.monotonic()) > 0:
         page.point("move", 560 + 60 * (left_s % 1.0), 250 + 40 * (left_s % 0.7))
         page.live_for(1 / 60)
     page.point("up", 560, 250)
-    house.pilot.on_cycle = see
+    house.arm_thread.on_cycle = on_cycle
     return [1000 * (b - a) for a, b in pairwise(at_s)]
 
 

@@ -52,7 +52,7 @@ def _row(kind: str, count: int) -> str:
 
     boxes_s = _best_s(lambda: picker.cast(origins, directions, {"shapes": np.eye(4)})) / RAYS
     all_s = _best_s(through_all) / RAYS
-    looked = picker.looked / RAYS
+    looked = picker.tested / RAYS
     return (
         f"{count:>10,}  {boxes_s * 1e6:>6.2f} µs  {all_s * 1e6:>7.2f} µs"
         f"  {all_s / boxes_s:>6.1f}  {looked:>9.1f}"

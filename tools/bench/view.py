@@ -37,7 +37,7 @@ def latencies_ms() -> list[float]:
         page.point("down", 560, 250)
         for count in range(EVENTS):
             page.live_for(0.03)
-            before = house.pilot.command.goal
+            before = house.arm_thread.command.goal
             said_s = time.perf_counter()
             page.point("move", 560 + 8 * (count % 7), 250 + 6 * (count % 5))
             took.append(1000 * (_obeyed_s(house, out, before, said_s) - said_s))
@@ -47,16 +47,16 @@ def latencies_ms() -> list[float]:
 def _goal_times(house: ViewApp) -> list[tuple[float, object]]:
     """Return a list that grows by the time and the command of each goal that is sent."""
     out: list[tuple[float, object]] = []
-    servos = house.pilot.arm.workings.servos
+    servos = house.arm_thread.arm.workings.servos
     send: Callable[[Vector, float], bool] = servos.send_goals
-    see = house.pilot.on_cycle
+    on_cycle = house.arm_thread.on_cycle
     taken: list[object] = [None]
 
-    def seen(beat: ControlCycle) -> None:  # a cycle's command is in the goals of the next
-        see(beat)
-        taken[:] = [house.pilot.command.goal]
+    def record(cycle: ControlCycle) -> None:  # a command is in the goals of the next cycle
+        on_cycle(cycle)
+        taken[:] = [house.arm_thread.command.goal]
 
-    house.pilot.on_cycle = seen
+    house.arm_thread.on_cycle = record
 
     def command(positions: Vector, now_s: float) -> bool:
         sent = send(positions, now_s)
@@ -73,7 +73,7 @@ def _obeyed_s(
     deadline_s = said_s + 1.0
     while time.perf_counter() < deadline_s:
         for at_s, wish in out[-20:]:
-            if at_s > said_s and wish is not before and wish is house.pilot.command.goal:
+            if at_s > said_s and wish is not before and wish is house.arm_thread.command.goal:
                 return at_s
         time.sleep(0.0005)
     return deadline_s
@@ -83,15 +83,15 @@ def drag() -> tuple[int, int]:
     """Return how many moves of a drag were received, and the maximum lag."""
     with served("so101", "home") as (house, page):
         heard: list[int] = []
-        hear: Callable[..., None] = house.desk.receive
+        hear: Callable[..., None] = house.controller.receive
         said = 0
 
-        def receive(visitor: int, message: Any) -> None:  # noqa: ANN401
-            hear(visitor, message)
+        def receive(client_id: int, message: Any) -> None:  # noqa: ANN401
+            hear(client_id, message)
             if isinstance(message, Pointer) and message.phase == "move":
                 heard.append(said - len(heard) - 1)
 
-        house.desk.receive = receive
+        house.controller.receive = receive
         page.point("down", 560, 250)
         for count in range(MOVES):
             said += 1

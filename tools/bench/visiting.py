@@ -30,7 +30,7 @@ class Page:
         socket.send(
             json.dumps({"kind": "hello", "proof": challenge_response(key, self.hear()["nonce"])})
         )
-        self.say("look", w=900, h=700, dpr=1, view="side")
+        self.say("viewport", w=900, h=700, dpr=1, view="side")
 
     def hear(self, timeout_s: float = 10.0) -> dict[str, Any]:
         """Return the next message."""
@@ -55,7 +55,7 @@ class Page:
         while True:
             try:
                 if self.hear(max(0.0, end_s - time.monotonic()))["kind"] == "scene":
-                    self.say("beat", visible=True)
+                    self.say("heartbeat", visible=True)
             except TimeoutError:
                 return
 
@@ -71,7 +71,7 @@ def served(arm: str, pose: str) -> Generator[tuple[ViewApp, Page]]:
         address = url.replace("http", "ws") + "/live"
         socket = stack.enter_context(connect(address, origin=url, proxy=None))  # pyright: ignore[reportArgumentType]
         page = Page(socket, house.keys.control, url)
-        page.say("speed", name="fast")
-        page.say("live", on=True)
+        page.say("set_speed", name="fast")
+        page.say("set_live", on=True)
         page.live_for(1.5)
         yield house, page

@@ -1,19 +1,20 @@
-// The socket: proves the key, counts messages, and tells the server that the page lives.
+// The websocket: proves the key, numbers messages and sends heartbeats.
 
 import { hmac } from "./sha256.js";
 
-const BEAT_MS = 100; // the server holds the arm after 300 ms of silence
-const AGAIN_MS = 1000;
+const HEARTBEAT_PERIOD_MS = 100; // the server holds the arm after 300 ms of silence
+const RECONNECT_DELAY_MS = 1000;
+const WRONG_KEY = 4401; // the server's close code
 
 export class Connection {
-  constructor(key, listeners) {
+  constructor(key, handlers) {
     this.key = key;
-    this.listeners = listeners;
+    this.handlers = handlers;
     this.seq = 0;
     this.seen = 0;
     this.open = false;
-    setInterval(() => this.beat(), BEAT_MS);
-    document.addEventListener("visibilitychange", () => this.beat());
+    setInterval(() => this.sendHeartbeat(), HEARTBEAT_PERIOD_MS);
+    document.addEventListener("visibilitychange", () => this.sendHeartbeat());
     this.connect();
   }
 
@@ -22,41 +23,38 @@ export class Connection {
     address.protocol = address.protocol.replace("http", "ws");
     address.hash = "";
     this.socket = new WebSocket(address);
-    this.socket.onmessage = (event) => this.hear(JSON.parse(event.data));
-    this.socket.onclose = (event) => this.lost(event);
+    this.socket.onmessage = (event) => this.receive(JSON.parse(event.data));
+    this.socket.onclose = (event) => this.onClose(event);
   }
 
-  hear(message) {
+  receive(message) {
     if (message.kind === "challenge") {
       this.seq = this.seen = 0;
       this.socket.send(JSON.stringify({ kind: "hello", proof: hmac(this.key, message.nonce) }));
       return;
     }
-    if (!this.open) {
-      this.open = true;
-      this.listeners.opened?.();
-    }
-    this.listeners[message.kind]?.(message);
+    this.open = true;
+    this.handlers[message.kind]?.(message);
   }
 
-  drawn(scene) {
-    this.seen = scene;
-    this.beat();
+  confirmDrawn(seq) {
+    this.seen = seq;
+    this.sendHeartbeat();
   }
 
-  beat() {
-    this.say("beat", { visible: document.visibilityState === "visible" });
+  sendHeartbeat() {
+    this.send("heartbeat", { visible: document.visibilityState === "visible" });
   }
 
-  say(kind, fields = {}) {
+  send(kind, fields = {}) {
     if (!this.open || this.socket.readyState !== WebSocket.OPEN) return;
     this.seq += 1;
     this.socket.send(JSON.stringify({ kind, seq: this.seq, seen: this.seen, ...fields }));
   }
 
-  lost(event) {
+  onClose(event) {
     this.open = false;
-    this.listeners.lost?.(event.code === 4401 ? "key" : "gone", event.reason);
-    if (event.code !== 4401) setTimeout(() => this.connect(), AGAIN_MS);
+    this.handlers.closed?.(event.code === WRONG_KEY ? "wrong-key" : "lost", event.reason);
+    if (event.code !== WRONG_KEY) setTimeout(() => this.connect(), RECONNECT_DELAY_MS);
   }
 }

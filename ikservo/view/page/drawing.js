@@ -1,4 +1,4 @@
-// Puts the items of a scene on the canvas. All geometry is the server's; here are only colours.
+// Paints the items of a scene on the canvas. The geometry comes from the server; only colours are here.
 
 // style: [fill, stroke, width, dash]; names of colours are those of style.css without --draw-.
 const STYLES = {
@@ -31,12 +31,12 @@ const STYLES = {
 const FALLBACK = [null, "text", 1.5];
 const FILLED = new Set(["polygon", "circle"]);
 
-// Two sheets: what stands still lies on the lower one and is painted only when it changes.
+// Two layers: the lower one has the static backdrop and is painted only when that changes.
 export class Drawing {
-  constructor(canvas, behind) {
+  constructor(canvas, backdropCanvas) {
     this.canvas = canvas;
-    this.sheets = [{ canvas: behind, items: [] }, { canvas, items: [] }];
-    for (const sheet of this.sheets) sheet.pen = sheet.canvas.getContext("2d");
+    this.layers = [{ canvas: backdropCanvas, items: [] }, { canvas, items: [] }];
+    for (const layer of this.layers) layer.context = layer.canvas.getContext("2d");
     this.readColours();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.readColours());
   }
@@ -44,76 +44,76 @@ export class Drawing {
   readColours() {
     const style = getComputedStyle(document.documentElement);
     this.colours = new Proxy({}, {
-      get: (known, name) => (known[name] ??= style.getPropertyValue(`--draw-${name}`).trim() || style.getPropertyValue(`--${name}`).trim()),
+      get: (cached, name) => (cached[name] ??= style.getPropertyValue(`--draw-${name}`).trim() || style.getPropertyValue(`--${name}`).trim()),
     });
     this.font = `500 12px ${getComputedStyle(document.body).fontFamily}`;
-    this.sheets.forEach((sheet) => this.paint(sheet));
+    this.layers.forEach((layer) => this.paint(layer));
   }
 
   fit() {
     const ratio = devicePixelRatio;
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.round(side * ratio));
     if (this.canvas.width === width && this.canvas.height === height) return;
-    for (const sheet of this.sheets) {
-      Object.assign(sheet.canvas, { width, height });
-      this.paint(sheet);
+    for (const layer of this.layers) {
+      Object.assign(layer.canvas, { width, height });
+      this.paint(layer);
     }
   }
 
   show(backdrop, items) {
-    const [lower, upper] = this.sheets;
+    const [lower, upper] = this.layers;
     if (backdrop) this.paint(Object.assign(lower, { items: backdrop }));
     this.paint(Object.assign(upper, { items }));
   }
 
-  paint({ canvas, pen, items }) {
-    pen.setTransform(1, 0, 0, 1, 0, 0);
-    pen.clearRect(0, 0, canvas.width, canvas.height);
-    pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
-    pen.lineJoin = pen.lineCap = "round";
-    pen.font = this.font;
-    for (const item of items) this.one(pen, item);
+  paint({ canvas, context, items }) {
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    context.lineJoin = context.lineCap = "round";
+    context.font = this.font;
+    for (const item of items) this.paintItem(context, item);
   }
 
-  one(pen, item) {
+  paintItem(context, item) {
     const { colours } = this;
     const [fill, stroke, width, dash] = STYLES[item.style] ?? FALLBACK;
     if (item.kind === "text") {
-      pen.fillStyle = colours[fill ?? stroke];
-      pen.fillText(item.text, item.at[0], item.at[1]);
+      context.fillStyle = colours[fill ?? stroke];
+      context.fillText(item.text, item.at[0], item.at[1]);
       return;
     }
-    pen.setLineDash(dash ?? []);
+    context.setLineDash(dash ?? []);
     const path = (item.path ??= PATHS[item.kind]?.(item));
     if (!path) return;
     const filled = fill && FILLED.has(item.kind);
     const outlined = filled && item.kind === "polygon";
     if (stroke) {
-      pen.strokeStyle = colours[stroke];
-      pen.lineWidth = outlined ? 2 * width : width;
-      pen.stroke(path);
+      context.strokeStyle = colours[stroke];
+      context.lineWidth = outlined ? 2 * width : width;
+      context.stroke(path);
     }
     if (!filled) return;
     if (outlined) {
-      // Rings overlap: what lies under the shape is taken away, so that only the rim is stroked.
-      pen.save();
-      pen.globalCompositeOperation = "destination-out";
-      pen.fillStyle = "#000";
-      pen.fill(path, "nonzero");
-      pen.restore();
+      // Rings overlap: erase the inside of the stroked rings, so that only the outer rim remains.
+      context.save();
+      context.globalCompositeOperation = "destination-out";
+      context.fillStyle = "#000";
+      context.fill(path, "nonzero");
+      context.restore();
     }
-    pen.fillStyle = colours[fill];
-    pen.fill(path, "nonzero");
+    context.fillStyle = colours[fill];
+    context.fill(path, "nonzero");
   }
 }
 
 const PATHS = {
   polygon({ rings, style }) {
     const path = new Path2D();
-    for (const ring of rings) line(path, style === "reach" ? smooth(ring) : ring).closePath();
+    for (const ring of rings) addLine(path, style === "reach" ? smoothRing(ring) : ring).closePath();
     return path;
   },
-  polyline: ({ points }) => line(new Path2D(), points),
+  polyline: ({ points }) => addLine(new Path2D(), points),
   circle({ at: [x, y], r }) {
     const path = new Path2D();
     path.arc(x, y, r, 0, 2 * Math.PI);
@@ -121,15 +121,15 @@ const PATHS = {
   },
   cross({ at: [x, y], r }) {
     const path = new Path2D();
-    line(path, [[x - r, y], [x + r, y]]);
-    return line(path, [[x, y - r], [x, y + r]]);
+    addLine(path, [[x - r, y], [x + r, y]]);
+    return addLine(path, [[x, y - r], [x, y + r]]);
   },
 };
 
-// The border of the reachable region is known to a few pixels only: its steps mean nothing.
+// The border of the reachable region is accurate to a few pixels only: smooth its grid steps.
 const SMOOTHING = 4;
 
-function smooth(ring) {
+function smoothRing(ring) {
   const n = ring.length;
   if (n < 8 * SMOOTHING) return ring;
   return ring.map((_, i) => {
@@ -143,7 +143,7 @@ function smooth(ring) {
   });
 }
 
-function line(path, points) {
+function addLine(path, points) {
   points.forEach(([x, y], i) => (i ? path.lineTo(x, y) : path.moveTo(x, y)));
   return path;
 }

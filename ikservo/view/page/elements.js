@@ -1,8 +1,8 @@
-// Small ways of making elements; text is always text, never markup.
+// Helpers that create and update elements; text is always text, never markup.
 
 export const $ = (id) => document.getElementById(id);
 
-export function make(tag, attributes = {}, ...children) {
+export function createElement(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
@@ -12,11 +12,11 @@ export function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-// A group of buttons of which one is chosen; arrow keys go round, as people expect of radio buttons.
-export function choices(group, names, chosen, choose, words = (name) => name) {
+// A group of radio buttons; arrow keys move the focus and wrap around.
+export function updateChoices(group, names, chosen, choose, label = (name) => name) {
   const same = [...group.children].map((button) => button.value).join() === names.join();
   if (!same) {
-    group.replaceChildren(...names.map((name) => make("button", { type: "button", role: "radio", value: name, onclick: () => choose(name) }, words(name))));
+    group.replaceChildren(...names.map((name) => createElement("button", { type: "button", role: "radio", value: name, onclick: () => choose(name) }, label(name))));
     group.onkeydown = (event) => {
       const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
       const at = [...group.children].indexOf(document.activeElement);
@@ -34,21 +34,21 @@ export function choices(group, names, chosen, choose, words = (name) => name) {
   }
 }
 
-export function setText(element, words) {
-  if (element.textContent !== words) element.textContent = words;
+export function setText(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }
 
 export function setAttribute(element, name, value) {
   if (element.getAttribute(name) !== String(value)) element.setAttribute(name, value);
 }
 
-// As many children as there are rows, made where they are missing; `fill` puts in what is new.
-export function rows(list, entries, begin, fill) {
-  const made = (list.made ??= []);
-  while (made.length > entries.length) made.pop().element.remove();
-  while (made.length < entries.length) {
-    made.push(begin());
-    list.append(made.at(-1).element);
+// Keeps one row element per entry: creates missing ones, removes surplus ones, then updates all.
+export function updateRows(list, entries, create, update) {
+  const rows = (list.rows ??= []);
+  while (rows.length > entries.length) rows.pop().element.remove();
+  while (rows.length < entries.length) {
+    rows.push(create());
+    list.append(rows.at(-1).element);
   }
-  entries.forEach((entry, i) => fill(made[i], entry));
+  entries.forEach((entry, i) => update(rows[i], entry));
 }

@@ -1,12 +1,12 @@
-// Ties the page together: what the server says goes to the drawing and the panel, what the person
-// does goes to the server.
+// Connects the parts of the page: server messages update the drawing and the panel, user input is
+// sent to the server.
 
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
-import { $, choices } from "./elements.js";
+import { $, updateChoices } from "./elements.js";
 import { Gamepads } from "./gamepad.js";
 import { Panel } from "./panel.js";
-import { Pointing } from "./pointing.js";
+import { PointerInput } from "./pointing.js";
 import { Wizard } from "./wizard.js";
 
 const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane: "Plane" };
@@ -14,17 +14,17 @@ const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane:
 const canvas = $("drawing");
 const drawing = new Drawing(canvas, $("backdrop"));
 const key = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
-let arm = null;
+let armInfo = null;
 let view = null;
-let scenes = []; // not drawn yet: one a refresh, so that a late one is not missed
-window.ikservo = { scene: null, status: null, drawn: 0 }; // for whoever looks on, a test for one
+let scenes = []; // not drawn yet; one per animation frame, so that a late one is not skipped
+window.ikservo = { scene: null, status: null, drawn: 0 }; // for tests
 
 const connection = new Connection(key, {
-  arm(message) {
-    arm = message;
-    view = arm.views.includes(view) ? view : arm.views[0];
-    panel.arm(message);
-    look();
+  arm_info(message) {
+    armInfo = message;
+    view = armInfo.views.includes(view) ? view : armInfo.views[0];
+    panel.setArm(message);
+    sendViewport();
   },
   scene(message) {
     scenes.push(message);
@@ -34,44 +34,44 @@ const connection = new Connection(key, {
     panel.show(message);
     wizard.show(message.calibration);
   },
-  refused(message) { panel.refuse(message); },
-  lost(why) {
+  refused(message) { panel.showRefusal(message); },
+  closed(why) {
     scenes = [];
     document.body.dataset.mode = "lost";
     $("live").disabled = true;
-    panel.banner(why === "key"
+    panel.showBanner(why === "wrong-key"
       ? { message: "This page's key is not the one of this session.", hint: "Open the address that `ikservo view` printed." }
       : { message: "The connection is lost; the arm holds.", hint: "Is `ikservo view` still running? Trying again …" });
   },
 });
-const say = (kind, fields) => connection.say(kind, fields);
-const panel = new Panel(say);
-const wizard = new Wizard(say);
-const pointing = new Pointing(canvas, say);
-const gamepads = new Gamepads(say, (words) => { $("gamepad").textContent = words; });
-gamepads.hold($("jaws-open"), -1);
-gamepads.hold($("jaws-close"), 1);
+const send = (kind, fields) => connection.send(kind, fields);
+const panel = new Panel(send);
+const wizard = new Wizard(send);
+const pointerInput = new PointerInput(canvas, send);
+const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
+gamepads.bindButton($("gripper-open"), -1);
+gamepads.bindButton($("gripper-close"), 1);
 
-function look() {
-  if (!arm) return;
+function sendViewport() {
+  if (!armInfo) return;
   drawing.fit();
   const { clientWidth: w, clientHeight: h } = canvas;
-  connection.say("look", { w, h, dpr: devicePixelRatio, view });
-  choices($("views"), arm.views, view, (name) => { view = name; look(); }, (name) => VIEWS[name]);
+  send("viewport", { w, h, dpr: devicePixelRatio, view });
+  updateChoices($("views"), armInfo.views, view, (name) => { view = name; sendViewport(); }, (name) => VIEWS[name]);
 }
 
-function frame(now) {
-  requestAnimationFrame(frame);
-  pointing.flush();
+function onAnimationFrame(now) {
+  requestAnimationFrame(onAnimationFrame);
+  pointerInput.flush();
   gamepads.poll(now);
   if (scenes.length) show(scenes.shift());
 }
 
 function show(scene) {
-  connection.drawn(scene.seq); // said first: the server prepares the next while this is drawn
+  connection.confirmDrawn(scene.seq); // before drawing: the server prepares the next one meanwhile
   drawing.show(scene.backdrop, scene.items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
-  canvas.toggleAttribute("data-held", Boolean(scene.held));
+  canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
   canvas.toggleAttribute("data-picked", Boolean(scene.picked));
   window.ikservo.scene = scene;
   window.ikservo.drawn += 1;
@@ -82,18 +82,18 @@ addEventListener("keydown", (event) => {
   if (event.key !== " " && event.key !== "Escape") return;
   event.preventDefault();
   event.stopPropagation();
-  if (!event.repeat) say("stop");
+  if (!event.repeat) send("stop");
 }, { capture: true });
-// N chooses what is behind the thing under the pointer, Shift+N what is before it.
+// N selects what is behind the thing under the pointer, Shift+N what is in front of it.
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input, select") || event.ctrlKey || event.metaKey || event.altKey;
-  if (event.key.toLowerCase() === "n" && !typing) say("behind", { step: event.shiftKey ? -1 : 1 });
+  if (event.key.toLowerCase() === "n" && !typing) send("behind", { step: event.shiftKey ? -1 : 1 });
 });
 addEventListener("keyup", (event) => { if (event.key === " ") event.preventDefault(); }, { capture: true });
 
-new ResizeObserver(look).observe(canvas);
-const watchRatio = () => {
-  matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", () => { look(); watchRatio(); }, { once: true });
+new ResizeObserver(sendViewport).observe(canvas);
+const watchPixelRatio = () => {
+  matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", () => { sendViewport(); watchPixelRatio(); }, { once: true });
 };
-watchRatio();
-requestAnimationFrame(frame);
+watchPixelRatio();
+requestAnimationFrame(onAnimationFrame);

@@ -1,34 +1,34 @@
-// A range with a needle. It is made once and then moved: what is not laid out anew costs little.
+// A range with a needle. Its elements are created once and then moved, which avoids a new layout.
 
-import { make, setAttribute } from "./elements.js";
+import { createElement, setAttribute } from "./elements.js";
 
-const share = (value) => Math.min(1, Math.max(0, value));
+const clamp = (value) => Math.min(1, Math.max(0, value));
 
 export class Meter {
   constructor() {
-    this.swept = make("div", { class: "swept", hidden: true });
-    this.goal = make("div", { class: "goal", hidden: true });
-    this.needle = make("div", { class: "needle" });
-    this.element = make("div", { class: "range", role: "meter", "aria-valuemin": 0, "aria-valuemax": 1 },
-      make("div", { class: "track" }), this.swept, this.goal, this.needle);
+    this.recorded = createElement("div", { class: "recorded", hidden: true });
+    this.goal = createElement("div", { class: "goal", hidden: true });
+    this.needle = createElement("div", { class: "needle" });
+    this.element = createElement("div", { class: "range", role: "meter", "aria-valuemin": 0, "aria-valuemax": 1 },
+      createElement("div", { class: "track" }), this.recorded, this.goal, this.needle);
   }
 
-  // All positions are shares of the width.
-  show({ value, words, goal = null, state = "", swept = null, label }) {
+  // All positions are fractions of the width.
+  show({ value, text, goal = null, state = "", recorded = null, label }) {
     setAttribute(this.element, "aria-label", label);
-    setAttribute(this.element, "aria-valuenow", share(value).toFixed(3));
-    setAttribute(this.element, "aria-valuetext", words || "not moved yet");
+    setAttribute(this.element, "aria-valuenow", clamp(value).toFixed(3));
+    setAttribute(this.element, "aria-valuetext", text || "not moved yet");
     setAttribute(this.needle, "class", `needle ${state}`);
-    moved(this.needle, value);
+    moveTo(this.needle, value);
     this.goal.hidden = goal === null;
-    if (goal !== null) moved(this.goal, goal);
-    this.swept.hidden = !swept;
-    if (swept) this.swept.style.inset = `auto ${100 * (1 - share(swept[1]))}% auto ${100 * share(swept[0])}%`;
+    if (goal !== null) moveTo(this.goal, goal);
+    this.recorded.hidden = !recorded;
+    if (recorded) this.recorded.style.inset = `auto ${100 * (1 - clamp(recorded[1]))}% auto ${100 * clamp(recorded[0])}%`;
   }
 }
 
-// Each needle is as wide as its range, so that a share of its own width is one of the range's.
-function moved(element, value) {
-  const transform = `translateX(${(100 * share(value)).toFixed(2)}%)`;
+// Each needle is as wide as its range, so percentages of its own width are those of the range.
+function moveTo(element, value) {
+  const transform = `translateX(${(100 * clamp(value)).toFixed(2)}%)`;
   if (element.style.transform !== transform) element.style.transform = transform;
 }

@@ -1,5 +1,5 @@
-// HMAC-SHA256 (FIPS 180-4, RFC 2104). The browser's own is missing where a page comes over plain
-// HTTP from another machine, so this one is always used.
+// HMAC-SHA256 (FIPS 180-4, RFC 2104). crypto.subtle is missing on pages served over plain HTTP by
+// another machine, so this implementation is always used.
 
 const primes = (count) => {
   const found = [];
@@ -11,7 +11,7 @@ const ROUND = primes(64).map((p) => fraction(Math.cbrt(p)));
 const START = primes(8).map((p) => fraction(Math.sqrt(p)));
 const right = (x, n) => (x >>> n) | (x << (32 - n));
 
-function padded(bytes) {
+function padMessage(bytes) {
   const length = Math.ceil((bytes.length + 9) / 64) * 64;
   const block = new Uint8Array(length);
   block.set(bytes);
@@ -21,7 +21,7 @@ function padded(bytes) {
 }
 
 export function sha256(bytes) {
-  const data = padded(bytes);
+  const data = padMessage(bytes);
   const hash = [...START];
   const w = new Int32Array(64);
   for (let at = 0; at < data.byteLength; at += 64) {
@@ -47,7 +47,7 @@ export function sha256(bytes) {
 }
 
 export function hmac(key, text) {
-  const encode = (words) => new TextEncoder().encode(words);
+  const encode = (string) => new TextEncoder().encode(string);
   const block = new Uint8Array(64);
   const bytes = encode(key);
   block.set(bytes.length > 64 ? sha256(bytes) : bytes);

@@ -1,57 +1,57 @@
-// The screens of a calibration: the pose, the sweep, the review. The conversation is the server's.
+// The screens of a calibration: reference pose, range of motion, review. The server has the state.
 
-import { $, make } from "./elements.js";
+import { $, createElement } from "./elements.js";
 import { Meter } from "./meter.js";
 
 const STAGES = [["anchor", "Pose"], ["sweep", "Sweep"], ["review", "Review"], ["saved", "Saved"]];
-const GO_ON = { anchor: "I hold it there", sweep: "Every joint is done", review: "Save", saved: "Back to the arm" };
+const ACCEPT_LABELS = { anchor: "I hold it there", sweep: "Every joint is done", review: "Save", saved: "Back to the arm" };
 
 export class Wizard {
-  constructor(say) {
-    this.say = say;
-    this.print = "";
+  constructor(send) {
+    this.send = send;
+    this.shown = "";
   }
 
-  show(talk) {
-    $("wizard").hidden = !talk;
-    const print = JSON.stringify(talk ?? null);
-    if (print === this.print) return;
-    this.print = print;
-    if (talk) this.fill(talk);
+  show(calibration) {
+    $("wizard").hidden = !calibration;
+    const fingerprint = JSON.stringify(calibration ?? null);
+    if (fingerprint === this.shown) return;
+    this.shown = fingerprint;
+    if (calibration) this.render(calibration);
   }
 
-  fill(talk) {
-    const focused = document.activeElement?.dataset?.act;
-    const at = STAGES.findIndex(([stage]) => stage === talk.stage);
+  render(calibration) {
+    const focused = document.activeElement?.dataset?.action;
+    const current = STAGES.findIndex(([stage]) => stage === calibration.stage);
     const parts = [
-      make("ol", { class: "steps" }, ...STAGES.map(([, words], i) => make("li", { class: i < at ? "done" : "", "aria-current": i === at ? "step" : null }, words))),
-      make("p", { class: "task", role: "status" }, talk.task),
-      talk.sketch ? make("pre", { class: "sketch", "aria-hidden": "true" }, talk.sketch) : null,
-      ...talk.lines.map((line) => make("p", {}, line)),
-      make("ul", { class: "meters" }, ...talk.meters.map((meter) => this.meter(meter, talk.stage))),
-      talk.complaint ? make("p", { class: "complaint", role: "alert" }, talk.complaint) : null,
-      make("div", { class: "acts-main" }, ...this.acts(talk)),
+      createElement("ol", { class: "steps" }, ...STAGES.map(([, label], i) => createElement("li", { class: i < current ? "done" : "", "aria-current": i === current ? "step" : null }, label))),
+      createElement("p", { class: "task", role: "status" }, calibration.task),
+      calibration.sketch ? createElement("pre", { class: "sketch", "aria-hidden": "true" }, calibration.sketch) : null,
+      ...calibration.lines.map((line) => createElement("p", {}, line)),
+      createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration.stage))),
+      calibration.error ? createElement("p", { class: "error", role: "alert" }, calibration.error) : null,
+      createElement("div", { class: "actions-main" }, ...this.createActions(calibration)),
     ];
     $("wizard").replaceChildren(...parts.filter(Boolean));
-    if (focused) $("wizard").querySelector(`[data-act="${CSS.escape(focused)}"]`)?.focus();
+    if (focused) $("wizard").querySelector(`[data-action="${CSS.escape(focused)}"]`)?.focus();
   }
 
-  meter(meter, stage) {
+  createMeter(meter, stage) {
     const range = new Meter();
-    range.show({ value: meter.share, words: meter.text, swept: meter.swept, label: meter.name });
-    const act = (word, words) => make("button", { type: "button", "data-act": `${word} ${meter.name}`, onclick: () => this.say("calibrate", { word, joint: meter.name }) }, words);
-    return make("li", {},
-      make("span", { class: meter.asked ? "asked" : "" }, meter.name),
-      make("span", { class: "small" }, meter.state),
-      make("div", {}, range.element),
-      make("span", { class: "small" }, meter.text),
-      stage === "sweep" ? make("div", { class: "acts" }, act("again", "Again"), act("skip", "Skip"), act("free", "Turns freely")) : null);
+    range.show({ value: meter.fraction, text: meter.text, recorded: meter.recorded, label: meter.name });
+    const button = (action, label) => createElement("button", { type: "button", "data-action": `${action} ${meter.name}`, onclick: () => this.send("calibration", { action, joint: meter.name }) }, label);
+    return createElement("li", {},
+      createElement("span", { class: meter.current ? "current" : "" }, meter.name),
+      createElement("span", { class: "small" }, meter.state),
+      createElement("div", {}, range.element),
+      createElement("span", { class: "small" }, meter.text),
+      stage === "sweep" ? createElement("div", { class: "actions" }, button("remeasure", "Again"), button("skip", "Skip"), button("continuous", "Turns freely")) : null);
   }
 
-  acts({ stage, may }) {
-    const act = (word, words, kind) => make("button", { type: "button", class: kind, "data-act": word, disabled: !may.includes(word), onclick: () => this.say("calibrate", { word }) }, words);
-    if (stage === "saved") return [act("leave", GO_ON.saved, "primary")];
-    const protect = stage === "review" ? [act("protect", "Save, and let the servos hold these limits, too", "ghost")] : [];
-    return [act("accept", GO_ON[stage], "primary"), ...protect, act("undo", "Back", "ghost"), act("leave", "Leave", "ghost")];
+  createActions({ stage, allowed }) {
+    const button = (action, label, kind) => createElement("button", { type: "button", class: kind, "data-action": action, disabled: !allowed.includes(action), onclick: () => this.send("calibration", { action }) }, label);
+    if (stage === "saved") return [button("cancel", ACCEPT_LABELS.saved, "primary")];
+    const protect = stage === "review" ? [button("protect", "Save, and let the servos hold these limits, too", "ghost")] : [];
+    return [button("accept", ACCEPT_LABELS[stage], "primary"), ...protect, button("undo", "Back", "ghost"), button("cancel", "Leave", "ghost")];
   }
 }
