@@ -87,7 +87,7 @@ def choose_homing(
     if travel.width > encoder.ticks - 2:  # a tick is needed to distinguish the ends
         raise CalibrationError(
             f"{joint}: travel of {travel.width} ticks, more than one turn ({encoder.ticks}).",
-            f"Is a horn loose? For a joint without end stops: --free {joint}",
+            f"Is a horn loose? For a joint without end stops: --continuous {joint}",
         )
     if family is Family.FEETECH_STS:
         return _choose_sts_homing(travel, offset, encoder.ticks)

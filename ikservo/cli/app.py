@@ -12,9 +12,9 @@ from typer.core import TyperCommand, TyperGroup
 from ikservo.errors import ExitCode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
-__all__ = ["COMMANDS", "PANELS", "app"]
+__all__ = ["COMMANDS", "FORMER_OPTIONS", "PANELS", "app"]
 
 PANELS = {
     "Without an arm": {
@@ -62,6 +62,21 @@ _PANEL_OF = {name: panel for panel, commands in PANELS.items() for name in comma
 
 _MODULES = {"import": "import_"}  # no module can have the name of a Python keyword
 
+FORMER_OPTIONS = {
+    "bench": {"--cycles": "--count"},
+    "calibrate": {
+        "--free": "--continuous",
+        "--sheet-at": "--sheet-origin",
+        "--block": "--block-height",
+    },
+    "follow": {"--time": "--duration"},
+    "jog": {"--time": "--duration"},
+    "record": {"--time": "--duration"},
+    "view": {"--http": "--http-port"},
+    "where": {"--interval": "--period", "--times": "--count"},
+}
+"""Former option names by command; they are still accepted and not listed in the help."""
+
 
 class Words(TyperGroup):
     """Imports the module of a command when that command is asked for."""
@@ -99,12 +114,27 @@ class Words(TyperGroup):
             self._listing = False
 
 
+class _Command(TyperCommand):
+    """Accepts former option names."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
+        """Parse arguments in which former option names are replaced by the current ones."""
+        return super().parse_args(ctx, list(_replace_former_options(self.name or "", args)))
+
+
+def _replace_former_options(command: str, args: list[str]) -> Iterator[str]:
+    renamed = FORMER_OPTIONS.get(command, {})
+    for arg in args:
+        option, equals, value = arg.partition("=")
+        yield f"{renamed.get(option, option)}{equals}{value}"
+
+
 def _load_command(name: str) -> Any:  # noqa: ANN401
     module = import_module(f"ikservo.cli.{_MODULES.get(name, name)}")
     command: Callable[..., None] = module.command
     single = typer.Typer(add_completion=False)
     settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
-    single.command(name, context_settings=settings)(command)
+    single.command(name, cls=_Command, context_settings=settings)(command)
     loaded = typer.main.get_command(single)
     loaded.name = name
     return loaded

@@ -23,7 +23,7 @@ class BenchSubject(StrEnum):
 
 
 What = Annotated[BenchSubject, typer.Argument(help="What to measure.")]
-Cycles = Annotated[int, typer.Option("--cycles", min=10, help="Cycles of each kind.")]
+Count = Annotated[int, typer.Option("--count", min=10, help="Cycles of each kind.")]
 
 
 def command(
@@ -31,7 +31,7 @@ def command(
     *,
     arm: ArmOption = None,
     port: PortOption = None,
-    cycles: Cycles = CYCLES,
+    count: Count = CYCLES,
     json: JsonOption = False,
 ) -> None:
     """Measure how often a second all servos can be read and told; nothing moves.
@@ -40,7 +40,7 @@ def command(
     """
     model = model_from_option(arm)
     with progress_bar() as show:
-        speeds = benchmark_bus(model, port, cycles, show and (lambda w, n: show(w, n, cycles)))
+        speeds = benchmark_bus(model, port, count, show and (lambda w, n: show(w, n, count)))
     if json:
         print_json(
             "bench",

@@ -64,7 +64,8 @@ FromScript = Annotated[
 ]
 NoInput = Annotated[bool, typer.Option("--no-input", help="Never ask; a question is an error.")]
 Free = Annotated[
-    list[str] | None, typer.Option("--free", metavar="JOINT", help="This joint has no end stops.")
+    list[str] | None,
+    typer.Option("--continuous", metavar="JOINT", help="This joint has no end stops."),
 ]
 Skip = Annotated[
     list[str] | None,
@@ -99,14 +100,16 @@ SamePoint = Annotated[
 SheetAt = Annotated[
     float | None,
     typer.Option(
-        "--sheet-at",
+        "--sheet-origin",
         parser=parse_length_m,
         help="Distance from the base to the near edge of the sheet.",
     ),
 ]
 Block = Annotated[
     float | None,
-    typer.Option("--block", parser=parse_length_m, help="Height of a block for every other cross."),
+    typer.Option(
+        "--block-height", parser=parse_length_m, help="Height of a block for every other cross."
+    ),
 ]
 Auto = Annotated[
     bool, typer.Option("--auto", help="The arm drives gently to its end stops by itself.")

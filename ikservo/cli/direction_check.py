@@ -78,7 +78,7 @@ def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bo
     """Make the test motion of some joints, all if none are named; note all as seen."""
     motions = _check_each_joint(machine, joints, yes=yes)
     if json:
-        print_json("wiggle", joints=motions, seen=not yes)
+        print_json("wiggle", joints=motions, confirmed=not yes)
     else:
         print_lines([f"{motion.joint}: it moves {motion.words}" for motion in motions])
 

@@ -39,7 +39,7 @@ Leader = Annotated[
 LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="The leader's serial port.")]
 Time = Annotated[
     float | None,
-    typer.Option("--time", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
+    typer.Option("--duration", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
 ]
 
 
@@ -99,7 +99,7 @@ def _print_follow_report(report: FollowResult, *, json: bool) -> None:
     if json:
         print_json(
             "follow",
-            wishes=report.setpoints,
+            setpoints=report.setpoints,
             unreached=report.unreached,
             refused=report.refused,
             reason=report.reason,

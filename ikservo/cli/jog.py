@@ -56,7 +56,7 @@ Speed = Annotated[
 ]
 Time = Annotated[
     float | None,
-    typer.Option("--time", parser=parse_time_s, help="Duration, without keys: 2, 0.5s."),
+    typer.Option("--duration", parser=parse_time_s, help="Duration, without keys: 2, 0.5s."),
 ]
 
 
@@ -75,15 +75,15 @@ def command(
 ) -> None:
     """Move a joint or the tip in one direction while the space bar is held.
 
-    Release it to stop. A negative speed reverses; --time needs no key.
+    Release it to stop. A negative speed reverses; --duration needs no key.
 
-    ikservo jog elbow_flex --speed -10 --time 1 --arm so101 --port sim
+    ikservo jog elbow_flex --speed -10 --duration 1 --arm so101 --port sim
 
     ikservo jog x --speed 20mm
     """
     if time is None and not sys.stdin.isatty():
         raise InputError(
-            "Cannot read keys: input is not a terminal.", "Add --time, as in --time 1."
+            "Cannot read keys: input is not a terminal.", "Add --duration, as in --duration 1."
         )
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         wished = _parse_speed(machine, what, speed)

@@ -22,7 +22,8 @@ __all__ = ["command"]
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A new file, JSON lines.")]
 Time = Annotated[
-    float | None, typer.Option("--time", parser=parse_time_s, help="How long; until Ctrl-C if not.")
+    float | None,
+    typer.Option("--duration", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
 ]
 Period = Annotated[
     float, typer.Option("--period", parser=parse_time_s, help="Between two samples: 20ms.")
@@ -49,7 +50,8 @@ def command(
     """
     if time is None and not sys.stdin.isatty():
         raise InputError(
-            "Cannot wait for Ctrl-C: input is not a terminal.", "Add --time, as in --time 10."
+            "Cannot wait for Ctrl-C: input is not a terminal.",
+            "Add --duration, as in --duration 10.",
         )
     model = model_from_option(arm)
     until = _first_sample_announcer() if time is None else None

@@ -50,17 +50,17 @@ def command(
         machine.zeros.require_known(machine.model.name)
         machine.model.speed(speed)
         recording, playback = load_replay(machine.workings, file, speed)
-        slower = (
+        slowdown = (
             f", {playback.slowdown:.1f} times slower than recorded" if playback.slowdown > 1 else ""
         )
         print_status(
             f"{machine.model.title} on {machine.port_name}: {len(recording.times_s)} samples, "
-            f"{playback.duration_s:.1f} s{slower}."
+            f"{playback.duration_s:.1f} s{slowdown}."
         )
         if dry_run:
             if json:
-                print_json("replay_plan", samples=len(recording.times_s),
-                           duration_s=playback.duration_s, slower=playback.slowdown)  # fmt: skip
+                print_json("replay-plan", samples=len(recording.times_s),
+                           duration_s=playback.duration_s, slowdown=playback.slowdown)  # fmt: skip
             return
         confirm_motion(machine, yes=yes)
         if not no_wiggle:
@@ -76,7 +76,7 @@ def _print_replay_report(report: ReplayResult, *, json: bool) -> None:
             "replay",
             samples=report.samples,
             duration_s=report.duration_s,
-            slower=report.slower,
+            slowdown=report.slower,
             error_rad=report.error_rad,
             measured_rad=report.measured_rad,
             measured_tip_m=report.measured_tip_m,

@@ -104,7 +104,7 @@ def _servo_fields(servo: FoundServo) -> dict[str, object]:
         "voltage_v": servo.voltage_v,
         "temperature_c": servo.temperature_c,
         "alarms": servo.alarms,
-        "several": servo.shares_id,
+        "shares_id": servo.shares_id,
     }
 
 

@@ -27,7 +27,9 @@ _LISTEN_HELP = (
     "IP address of the page; any but a loopback address makes it reachable from the network."
 )
 
-Http = Annotated[int, typer.Option("--http", min=0, max=65535, help="Port of the page; 0: any.")]
+HttpPort = Annotated[
+    int, typer.Option("--http-port", min=0, max=65535, help="Port of the page; 0: any.")
+]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
 
@@ -36,7 +38,7 @@ def command(
     arm: ArmOption = None,
     *,
     port: PortOption = None,
-    http: Http = 8420,
+    http_port: HttpPort = 8420,
     listen: Listen = "127.0.0.1",
     no_open: NoOpen = False,
     collision: CollisionOption = True,
@@ -53,8 +55,8 @@ def command(
 
     simulated = (port or "").partition(":")[0] == "sim"
     model = model_from_option(arm or ("so101" if simulated else None))
-    house = ViewApp(model, port, listen, http, collisions=collision, uncalibrated=uncalibrated)
-    with house as urls:
+    app = ViewApp(model, port, listen, http_port, collisions=collision, uncalibrated=uncalibrated)
+    with app as urls:
         print_lines([urls.control])
         print_status(f"To watch only: {urls.watch}")
         for warning in urls.warnings:
@@ -63,7 +65,7 @@ def command(
         print_status("Ctrl-C ends; torque then stays on.")
         sys.stdout.flush()
         with _browser_opened(urls.control, wanted=not no_open and _has_display()):
-            house.serve()
+            app.serve()
     print_status("Torque stays as it was. Switch it off with: ikservo relax")
 
 

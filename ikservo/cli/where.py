@@ -45,8 +45,8 @@ __all__ = ["command", "heat_colour", "limit_colour", "position_bar", "watch_arm"
 
 
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, joints as bars.")]
-Interval = Annotated[
-    float, typer.Option("--interval", parser=parse_time_s, help="Between two readings: 200ms.")
+Period = Annotated[
+    float, typer.Option("--period", parser=parse_time_s, help="Between two readings: 200ms.")
 ]
 VisibleFrom = Annotated[
     str | None,
@@ -56,7 +56,7 @@ VisibleFrom = Annotated[
         help="Say which links a camera, or a marker, at this point sees.",
     ),
 ]
-Times = Annotated[int | None, typer.Option("--times", min=1, help="End after so many readings.")]
+Count = Annotated[int | None, typer.Option("--count", min=1, help="End after so many readings.")]
 
 
 def command(
@@ -64,8 +64,8 @@ def command(
     arm: ArmOption = None,
     port: PortOption = None,
     watch: Watch = False,
-    interval: Interval = 0.2,
-    times: Times = None,
+    period: Period = 0.2,
+    count: Count = None,
     visible_from: VisibleFrom = None,
     uncalibrated: UncalibratedOption = False,
     json: JsonOption = False,
@@ -81,7 +81,7 @@ def command(
     if watch and eye_m is not None:
         raise InputError("--visible-from cannot be combined with --watch.", "Omit --watch.")
     if watch:
-        watch_arm(model, port, interval, times, uncalibrated=uncalibrated, json=json)
+        watch_arm(model, port, period, count, uncalibrated=uncalibrated, json=json)
         return
     here = query_state(model, port)
     if here is None:

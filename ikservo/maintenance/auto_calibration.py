@@ -237,7 +237,7 @@ def missing_stop_error(
     return CalibrationError(
         f"{end.joint} found no end stop up to {subject.joint_map.format(felt.position)}.",
         "Nothing was saved. Check that the arm was in the pose when it was recorded. If the "
-        f"joint has no end stop: --free {end.joint}",
+        f"joint has no end stop: --continuous {end.joint}",
     )
 
 

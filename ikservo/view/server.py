@@ -288,7 +288,7 @@ def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortE
         f"The page cannot be served at {host}, port {port}: {why}.",
         "Name one of this machine's own addresses with --listen; `ip address` shows them."
         if foreign
-        else "Choose another port with --http, or 0 for any that is free.",
+        else "Choose another port with --http-port, or 0 for any that is free.",
     )
 
 

@@ -10,7 +10,7 @@ MOTIONS = [
     f"move 0.18 0.05 0.05 {REAL} --no-collision",
     f"joints joint1=5 {REAL}",
     f"pose home {REAL}",
-    f"jog joint1 --time 200ms {REAL}",
+    f"jog joint1 --duration 200ms {REAL}",
     f"relax {REAL}",
     f"replay wave.jsonl {REAL}",
     f"calibrate {NAME} --wiggle --port {PORT}",
@@ -35,7 +35,7 @@ def arm(monkeypatch):
 @pytest.mark.parametrize("words", MOTIONS)
 def test_a_real_arm_does_not_move_unasked(say, arm, words):
     if words.startswith("replay"):
-        assert say(f"record wave.jsonl --time 100ms {REAL}").code == 0
+        assert say(f"record wave.jsonl --duration 100ms {REAL}").code == 0
     before = [joint.position for joint in arm.world.joints]
     said = say(words)
     assert (said.code, "input is not a terminal" in said.err) == (2, True), said.err
@@ -54,7 +54,7 @@ def test_with_yes_a_real_arm_moves(say, arm):
     assert said.code == 0, said.err
 
 
-@pytest.mark.parametrize("words", ["joints joint1=5", "jog joint1 --time 100ms", "pose home"])
+@pytest.mark.parametrize("words", ["joints joint1=5", "jog joint1 --duration 100ms", "pose home"])
 def test_a_simulated_arm_is_not_asked_for(say, words):
     assert say(f"{words} --arm {NAME} --port sim:?pose=home").code == 0
 
@@ -62,14 +62,14 @@ def test_a_simulated_arm_is_not_asked_for(say, words):
 def test_recording_a_stiff_arm_says_how_to_guide_it(say, arm):
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
-    said = say(f"record wave.jsonl --time 100ms {REAL}")
+    said = say(f"record wave.jsonl --duration 100ms {REAL}")
     assert said.code == 0
     assert "Torque is on: the arm cannot be guided by hand." in said.err
     assert "To switch torque off: ikservo relax" in said.err
 
 
 def test_recording_a_limp_arm_says_nothing_of_torque(say, arm):
-    assert "Torque" not in say(f"record wave.jsonl --time 100ms {REAL}").err
+    assert "Torque" not in say(f"record wave.jsonl --duration 100ms {REAL}").err
 
 
 def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(say, arm, monkeypatch):
@@ -79,5 +79,5 @@ def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(say, arm, monkeyp
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.cli.record.confirm", lambda question: True)
     monkeypatch.setattr("ikservo.arm.Arm.relax", lambda machine: relaxed.append(machine.model))
-    assert say(f"record wave.jsonl --time 100ms {REAL}").code == 0
+    assert say(f"record wave.jsonl --duration 100ms {REAL}").code == 0
     assert len(relaxed) == 1

@@ -16,7 +16,7 @@ WIRE_BYTES = {  # question, six answers, goals: the protocol's arithmetic
 def rows():
     arms = ("so101", "koch")
     said = {
-        arm: run_command(f"bench bus --arm {arm} --port sim --cycles 100 --json") for arm in arms
+        arm: run_command(f"bench bus --arm {arm} --port sim --count 100 --json") for arm in arms
     }
     return {arm: said[arm].json for arm in arms}
 
@@ -56,7 +56,7 @@ def test_json_says_arm_and_rate(rows):
 
 
 def test_the_table_has_a_line_for_each_kind_of_cycle(say):
-    said = say("bench bus --arm so101 --port sim --cycles 20")
+    said = say("bench bus --arm so101 --port sim --count 20")
     assert said.err == "6 servos (STS3215) at 1000000 baud\n"
     assert said.out.split("\n")[0].split() == [
         "each", "cycle", "cycles/s", "wire", "limit/s", "of", "limit", "p50", "ms", "p99", "ms",
@@ -74,7 +74,7 @@ def test_nothing_moves_and_torque_stays_as_it_is(say, monkeypatch, torque):
             servo.write("torque_enable", torque)
 
     ports = change_bus(monkeypatch, change)
-    assert say("bench bus --arm so101 --port sim --cycles 50").code == 0
+    assert say("bench bus --arm so101 --port sim --count 50").code == 0
     servos = ports[0].line.world.servos
     assert [servo.read("torque_enable") for servo in servos] == [torque] * 6
     if torque:
@@ -87,7 +87,7 @@ def test_silent_servos_are_named(say, monkeypatch):
             line.servos[number].powered = False
 
     change_bus(monkeypatch, change)
-    said = say("bench bus --arm so101 --port sim --cycles 20")
+    said = say("bench bus --arm so101 --port sim --count 20")
     assert said.code == 4
     assert "wrist_roll (id 5), gripper (id 6)" in said.err
 
@@ -97,7 +97,7 @@ def test_two_servos_with_one_id_are_named(say, monkeypatch):
         line.servos[6].memory.put("id", 5)
 
     change_bus(monkeypatch, change)
-    said = say("bench bus --arm so101 --port sim --cycles 20")
+    said = say("bench bus --arm so101 --port sim --count 20")
     assert said.code == 4
     assert "wrist_roll (id 5)" in said.err
 
@@ -108,7 +108,7 @@ def test_two_servos_with_one_id_are_named(say, monkeypatch):
         ("bench", 2, "Missing argument"),
         ("bench coffee --arm so101 --port sim", 2, "'coffee' is not"),
         ("bench bus --port sim", 2, "No arm given."),
-        ("bench bus --arm so101 --port sim --cycles 0", 2, "Invalid value for '--cycles'"),
+        ("bench bus --arm so101 --port sim --count 0", 2, "Invalid value for '--count'"),
         ("bench bus --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )

@@ -355,7 +355,7 @@ def holding(arm):
 SLIPS = [
     "calibrate planar2 --pose folded --yes",
     "calibrate planar2 --skip joint9 --yes",
-    "calibrate planar2 --free joint9 --yes",
+    "calibrate planar2 --continuous joint9 --yes",
     "calibrate planar2 --limit joint1=400:500 --yes",
     "calibrate planar2 --limit joint1=3:1 --yes",
     "calibrate planar2 --from-script /nowhere",

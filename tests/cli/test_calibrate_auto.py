@@ -144,7 +144,7 @@ def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, say):
     set_stops(arm, "joint2", -math.inf, math.inf)
     done = auto(say, narrow)
     assert (done.code, "joint2 found no end stop up to" in done.err) == (6, True)
-    assert "--free joint2" in done.err
+    assert "--continuous joint2" in done.err
     assert saved() is None
 
 

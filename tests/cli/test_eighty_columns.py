@@ -18,11 +18,11 @@ REPORTS = [
     f"doctor --arm vx300s {SIM}",
     f"where --arm so101 {SIM}",
     f"where --arm vx300s {SIM}",
-    f"where --arm open_manipulator_x {SIM} --watch --times 1",
+    f"where --arm open_manipulator_x {SIM} --watch --count 1",
     f"move 0.22 0.02 0.12 --arm so101 {SIM} --dry-run",
     f"move 9 9 9 --arm so101 {SIM}",
     f"joints wrist_flex=10 --arm so101 {SIM}",
-    f"jog shoulder_pan --time 100ms --arm so101 {SIM}",
+    f"jog shoulder_pan --duration 100ms --arm so101 {SIM}",
     f"gripper close --arm so101 {SIM}",
     f"stop --arm so101 {SIM}",
     f"recover --arm wx250s {SIM}",
@@ -30,7 +30,7 @@ REPORTS = [
     "solve 0.25 0.05 0.15 --arm px100 --all",
     "solve 0.25 0.05 0.15 --arm so101 --compare",
     "workspace --arm so101 --point 0.9 0 0.1",
-    f"bench bus --arm so101 {SIM} --cycles 10",
+    f"bench bus --arm so101 {SIM} --count 10",
 ]
 
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import ikservo
-from ikservo.cli.app import COMMANDS, PANELS
+from ikservo.cli.app import COMMANDS, FORMER_OPTIONS, PANELS
 from ikservo.errors import ExitCode
 
 
@@ -25,6 +25,22 @@ def test_every_command_explains_itself(say, word):
     said = say(f"{word} --help")
     assert said.code == 0
     assert f"ikservo {word}" in said.out
+
+
+FORMER = [(command, *pair) for command, names in FORMER_OPTIONS.items() for pair in names.items()]
+
+
+@pytest.mark.parametrize(("command", "former", "current"), FORMER)
+def test_a_former_option_is_accepted_and_not_listed(say, command, former, current):
+    listed = say(f"{command} --help").out.split()
+    assert (former in listed, current in listed) == (False, True)
+    said = say(f"{command} {former}")
+    assert (said.code, f"'{current}'" in said.err) == (2, True)  # its value is missing
+
+
+def test_a_former_option_takes_its_value_after_an_equals_sign(say):
+    said = say("bench bus --cycles=0 --arm so101 --port sim")
+    assert (said.code, "Invalid value for '--count'" in said.err) == (2, True)
 
 
 def test_no_words_at_all_print_the_help(say):

@@ -23,7 +23,7 @@ def test_json_gives_each_servo_with_units(say):
     assert answer["servos"][2] == {
         "id": 3, "model": "XL330-M288", "model_number": 1200, "baud_rate": 1_000_000,
         "protocol": "Dynamixel 2.0", "firmware": "52", "voltage_v": 5.0, "temperature_c": 25.0,
-        "alarms": [], "several": False,
+        "alarms": [], "shares_id": False,
     }  # fmt: skip
 
 
@@ -32,8 +32,8 @@ def test_two_servos_on_one_id_are_called_several(say, monkeypatch, arm):
     change_bus(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
     said = say(f"{SCAN} --arm {arm} --json")
     assert said.code == 1
-    assert [s["id"] for s in said.json["servos"] if s["several"]] == [2]
-    assert [s["id"] for s in said.json["servos"] if not s["several"]] == [1, 4, 5, 6]
+    assert [s["id"] for s in said.json["servos"] if s["shares_id"]] == [2]
+    assert [s["id"] for s in said.json["servos"] if not s["shares_id"]] == [1, 4, 5, 6]
     assert said.err.splitlines()[0] == "Several servos answer at id 2."
 
 
@@ -48,7 +48,7 @@ def test_two_servos_that_never_speak_at_once_are_several_too(say, monkeypatch, a
 
     change_bus(monkeypatch, change)
     servos = say(f"{SCAN} --arm {arm} --json").json["servos"]
-    assert [s["id"] for s in servos if s["several"]] == [2]
+    assert [s["id"] for s in servos if s["shares_id"]] == [2]
 
 
 def test_all_six_fresh_from_the_box_are_several(say, monkeypatch):
@@ -58,7 +58,7 @@ def test_all_six_fresh_from_the_box_are_several(say, monkeypatch):
 
     change_bus(monkeypatch, change)
     servos = say(f"{SCAN} --arm so101 --json").json["servos"]
-    assert [(s["id"], s["several"]) for s in servos] == [(1, True)]
+    assert [(s["id"], s["shares_id"]) for s in servos] == [(1, True)]
 
 
 def test_a_servo_at_another_rate_is_found(say, monkeypatch):
@@ -123,7 +123,7 @@ def test_only_the_wanted_rate_is_tried(say):
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_an_adapter_that_echoes_invents_no_servos(say, arm, echo):
     servos = say(f"scan sim:{echo} --arm {arm} --json").json["servos"]
-    assert [(s["id"], s["several"]) for s in servos] == [(i, False) for i in range(1, 7)]
+    assert [(s["id"], s["shares_id"]) for s in servos] == [(i, False) for i in range(1, 7)]
 
 
 def test_noise_invents_no_servos(say):

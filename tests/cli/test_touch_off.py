@@ -136,7 +136,7 @@ def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
     arm, tmp_path, say, monkeypatch
 ):
     monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 1.0)
-    done = say(f"{WORDS} --sheet-at 250mm --yes")
+    done = say(f"{WORDS} --sheet-origin 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err
     assert "put the tip on B1 at (0.280, 0.050, 0.000) m" in done.err
 

@@ -19,7 +19,7 @@ def test_the_page_is_served_until_ctrl_c():
         "--port",
         "sim",
         "--no-open",
-        "--http",
+        "--http-port",
         "0",
     ]
     serving = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -52,14 +52,14 @@ def test_an_address_that_is_none_is_refused(say, address):
 
 
 def test_an_address_of_another_machine_is_refused(say):
-    said = say("view --port sim --listen 192.0.2.1 --http 0")
+    said = say("view --port sim --listen 192.0.2.1 --http-port 0")
     assert said.code == 3
     assert "cannot be served" in said.err
 
 
 @pytest.mark.parametrize("http", ["-1", "65536", "x"])
 def test_a_port_that_is_none_is_refused(say, http):
-    assert say(f"view --port sim --http {http}").code == 2
+    assert say(f"view --port sim --http-port {http}").code == 2
 
 
 def test_without_an_arm_a_real_port_asks_which(say):

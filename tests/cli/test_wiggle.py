@@ -81,7 +81,7 @@ def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm
 
 
 @pytest.mark.parametrize(
-    "words", ["joints joint1=2 --no-collision", "pose home", "jog joint1 --time 0.2"]
+    "words", ["joints joint1=2 --no-collision", "pose home", "jog joint1 --duration 0.2"]
 )
 def test_every_way_of_moving_shows_the_joints_first(arm, say, watcher, words):
     watcher(arm)
@@ -93,7 +93,7 @@ def test_every_way_of_moving_shows_the_joints_first(arm, say, watcher, words):
 
 def test_a_replay_shows_the_joints_first(arm, say, watcher, tmp_path):
     tape = tmp_path / "wave.jsonl"
-    assert say(f"record {tape} --time 0.3 --arm {NAME} --port {PORT}").code == 0
+    assert say(f"record {tape} --duration 0.3 --arm {NAME} --port {PORT}").code == 0
     watcher(arm)
     done = say(f"replay {tape} --arm {NAME} --port {PORT}")
     assert done.code == 0, done.err

@@ -43,7 +43,7 @@ def test_stop_without_an_arm_needs_a_program_that_moves_one(say):
 
 
 def test_jog_for_a_time(say):
-    said = say(f"jog shoulder_pan --speed -20 --time 300ms {SIM} --json")
+    said = say(f"jog shoulder_pan --speed -20 --duration 300ms {SIM} --json")
     assert said.code == 0
     assert said.json["schema"] == "ikservo/jog/1"
     assert said.json["ended"] == "time is up"
@@ -62,10 +62,10 @@ def test_jog_says_once_that_an_uncompiled_solver_is_slow(say, monkeypatch, compi
     ("words", "found"),
     [
         ("jog shoulder_pan", "Cannot read keys: input is not a terminal."),
-        ("jog shoulder_pan --time 0", "not a time above 0"),
-        ("jog shoulder_pan --time 1 --speed 0", "The speed is 0."),
-        ("jog shoulder_pan --time 1 --speed 20mm", "is not an angle"),
-        ("jog elbow --time 1", "There is no joint or direction named 'elbow'."),
+        ("jog shoulder_pan --duration 0", "not a time above 0"),
+        ("jog shoulder_pan --duration 1 --speed 0", "The speed is 0."),
+        ("jog shoulder_pan --duration 1 --speed 20mm", "is not an angle"),
+        ("jog elbow --duration 1", "There is no joint or direction named 'elbow'."),
         ("gripper ajar", "There is no motion of the gripper named 'ajar'."),
         ("gripper 30mm", "The width is 0.03 m."),
         ("gripper close --force 2", "The force is 2."),
@@ -73,7 +73,7 @@ def test_jog_says_once_that_an_uncompiled_solver_is_slow(say, monkeypatch, compi
         ("teach home --now", "The name of the pose is home, a pose of the arm file."),
         ("pose cupp", "There is no pose named 'cupp'."),
         ("record wave.jsonl", "Cannot wait for Ctrl-C: input is not a terminal."),
-        ("record no/wave.jsonl --time 1", "no/wave.jsonl cannot be written"),
+        ("record no/wave.jsonl --duration 1", "no/wave.jsonl cannot be written"),
         ("replay wave.jsonl", "wave.jsonl: cannot be read"),
         ("replay wave.jsonl --speed swift", "There is no speed named 'swift'."),
         ("follow so102", "There is no arm named 'so102'."),
@@ -106,10 +106,10 @@ def test_a_taught_pose_is_listed_and_gone_to(say, home):
 
 
 def test_what_was_recorded_is_replayed(say, home):
-    recorded = say(f"record wave.jsonl --time 200ms {SIM} --json")
+    recorded = say(f"record wave.jsonl --duration 200ms {SIM} --json")
     assert recorded.json["samples"] in (10, 11)
     planned = say(f"replay wave.jsonl --dry-run {SIM} --json")
-    assert planned.json["schema"] == "ikservo/replay_plan/1"
+    assert planned.json["schema"] == "ikservo/replay-plan/1"
     replayed = say(f"replay wave.jsonl {SIM} --json")
     assert replayed.code == 0, replayed.err
     assert replayed.json["samples"] == recorded.json["samples"]
@@ -117,13 +117,13 @@ def test_what_was_recorded_is_replayed(say, home):
 
 def test_a_recording_that_is_there_is_not_lost(say, home):
     (home / "wave.jsonl").write_text("precious")
-    said = say(f"record wave.jsonl --time 1 {SIM}")
+    said = say(f"record wave.jsonl --duration 1 {SIM}")
     assert said.err.startswith("File wave.jsonl exists; use --overwrite.")
     assert (home / "wave.jsonl").read_text() == "precious"
 
 
 def test_a_cut_off_recording_is_refused_with_its_line(say, home):
-    say(f"record wave.jsonl --time 200ms {SIM}")
+    say(f"record wave.jsonl --duration 200ms {SIM}")
     whole = (home / "wave.jsonl").read_text()
     (home / "wave.jsonl").write_text(whole[:-4])
     said = say(f"replay wave.jsonl {SIM}")
@@ -132,14 +132,14 @@ def test_a_cut_off_recording_is_refused_with_its_line(say, home):
 
 
 def test_one_arm_follows_another(say):
-    said = say(f"follow so101 --leader-port sim:?pose=home --time 200ms {SIM} --json")
+    said = say(f"follow so101 --leader-port sim:?pose=home --duration 200ms {SIM} --json")
     assert said.code == 0, said.err
     assert said.json["ended"] == "end of the targets"
-    assert said.json["wishes"] > 10
+    assert said.json["setpoints"] > 10
 
 
 def test_watching_prints_a_line_of_json_each(say):
-    said = say(f"where --watch --times 3 --interval 1ms {SIM} --json")
+    said = say(f"where --watch --count 3 --period 1ms {SIM} --json")
     rows = [json.loads(line) for line in said.out.splitlines()]
     assert [row["schema"] for row in rows] == ["ikservo/where/1"] * 3
 
@@ -153,7 +153,7 @@ def test_the_interval_between_two_looks_is_measured_by_the_clock_it_is_given(cap
 
 
 def test_watching_shows_joints_between_their_limits(say):
-    said = say(f"where --watch --times 1 {SIM}")
+    said = say(f"where --watch --count 1 {SIM}")
     assert "shoulder_pan       0.0°  -110.0°  ├" in said.out
     assert "temperature" not in said.out
     assert said.out.count("●") == 6

@@ -27,7 +27,7 @@ def test_the_follower_takes_the_joints_of_the_leader(terminal, tmp_path):
     ):
         hold_all(leader)
         command = ["follow", "so101", "--leader-port", leader.port, "--arm", "so101"]
-        with terminal.running(*command, "--port", follower.port, "--time", "12") as program:
+        with terminal.running(*command, "--port", follower.port, "--duration", "12") as program:
             program.wait_for("follows")
             time.sleep(2.0)
             leader.move_joint("shoulder_pan", 30.0)

@@ -136,7 +136,7 @@ def touch_off(terminal, arm, printed):
     """Touch fifteen points with the wrist bent in turn; the printed tip errors must be true."""
     postures = printed.postures_deg(POSTURES)
     before_m = tip_errors_m(terminal, arm, printed, postures)
-    words = ["calibrate", "so101", "--touch", "--block", "40mm", "--port", arm.port]
+    words = ["calibrate", "so101", "--touch", "--block-height", "40mm", "--port", arm.port]
     with terminal.running(*words) as program:
         program.wait_for("Point 1 of 20")
         gaps_m = touch_all(program, arm, printed)

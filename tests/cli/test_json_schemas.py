@@ -1,0 +1,64 @@
+"""What the commands print with --json is what docs/json.md lists."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import ikservo
+
+ROOT = Path(ikservo.__file__).parent
+ROW = re.compile(r"^\| `(?P<schema>[a-z-]+)` \| .* \| (?P<keys>[^|]*) \|$")
+KEY = re.compile(r"`(\w+)`(\??)")
+SIM = "--arm so101 --port sim:?pose=home"
+
+QUIET = [  # one command for each schema whose keys the sources put together while they run
+    f"where {SIM} --json",
+    f"where {SIM} --visible-from 0.6,0.3,0.4 --json",
+    f"joints wrist_roll=5 {SIM} --json",
+    f"move 0.2 0.05 0.15 --dry-run {SIM} --json",
+    "solve 0.2 0.05 0.15 --arm so101 --json",
+    "solve 0.2 0.05 0.15 --arm so101 --force 0 0 -1 --json",
+    "solve 0.25 0.05 0.15 --arm px100 --all --json",
+    "workspace 0.2 0.05 0.15 --arm so101 --json",
+    "move 9 9 9 --arm nowhere --json",
+]
+
+
+def documented():
+    """Return the keys that are always there and those that may be, by schema."""
+    table = (ROOT.parent / "docs" / "json.md").read_text().partition("Objects inside")[0]
+    rows = [found for line in table.splitlines() if (found := ROW.match(line))]
+    keys = {row["schema"]: KEY.findall(row["keys"]) for row in rows}
+    return {
+        schema: ({key for key, mark in pairs if not mark}, {key for key, mark in pairs if mark})
+        for schema, pairs in keys.items()
+    }
+
+
+def printed():
+    """Yield the schema and the keyword arguments of each call of print_json in the sources."""
+    for path in sorted((ROOT / "cli").glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print_json":
+                yield node.args[0].value, {keyword.arg for keyword in node.keywords}
+
+
+def test_every_schema_is_documented():
+    assert set(documented()) == {schema for schema, _ in printed()} | {"error"}
+
+
+@pytest.mark.parametrize(("schema", "keys"), [each for each in printed() if None not in each[1]])
+def test_the_keys_in_the_sources_are_the_documented_ones(schema, keys):
+    always, maybe = documented()[schema]
+    assert always <= keys <= always | maybe
+
+
+@pytest.mark.parametrize("words", QUIET)
+def test_the_keys_that_are_printed_are_the_documented_ones(say, words):
+    said = say(words)
+    answer = json.loads(said.out)
+    always, maybe = documented()[answer.pop("schema").split("/")[1]]
+    assert always <= set(answer) <= always | maybe
