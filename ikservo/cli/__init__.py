@@ -1,7 +1,7 @@
-"""Words: what a person types, one file a command.
+"""The command line, one module per command.
 
-stdout carries data, stderr everything else. A command imports only what it uses, so that
-``ikservo --help`` answers at once.
+stdout is for data, stderr for everything else. A command imports only what it uses, so that
+``ikservo --help`` prints at once.
 """
 
 from ikservo.cli.entry_point import console, main

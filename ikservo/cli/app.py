@@ -78,8 +78,8 @@ FORMER_OPTIONS = {
 """Former option names by command; they are still accepted and not listed in the help."""
 
 
-class Words(TyperGroup):
-    """Imports the module of a command when that command is asked for."""
+class LazyCommandGroup(TyperGroup):
+    """Imports the module of a command when that command is run."""
 
     _listing = False
 
@@ -98,11 +98,11 @@ class Words(TyperGroup):
         return _load_command(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
-        """Return the command that is meant, or offer the closest where there is none."""
+        """Return the named command; suggest the closest name if there is none."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            close = difflib.get_close_matches(args[0].lower(), COMMANDS, n=1)
-            offer = f" Did you mean {close[0]}?" if close else ""
-            ctx.fail(f"No such command {args[0]!r}.{offer}")
+            matches = difflib.get_close_matches(args[0].lower(), COMMANDS, n=1)
+            suggestion = f" Did you mean {matches[0]}?" if matches else ""
+            ctx.fail(f"No such command {args[0]!r}.{suggestion}")
         return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
@@ -145,15 +145,15 @@ def _exit_codes() -> str:
 
 
 app = typer.Typer(
-    cls=Words,
+    cls=LazyCommandGroup,
     no_args_is_help=True,
     epilog=_exit_codes(),
     context_settings={"help_option_names": ["-h", "--help"]},  # for the commands as well
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from ikservo import __version__  # noqa: PLC0415
 
         typer.echo(__version__)

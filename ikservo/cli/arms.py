@@ -1,4 +1,4 @@
-"""``ikservo arms``: what can stand behind ``--arm``."""
+"""``ikservo arms``: list the values of ``--arm``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``ikservo bench``: how fast things go on this machine with this arm."""
+"""``ikservo bench``: measure bus cycle times on this computer with this arm."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def command(
     count: Count = CYCLES,
     json: JsonOption = False,
 ) -> None:
-    """Measure how often a second all servos can be read and told; nothing moves.
+    """Measure how often a second all servos can be read and written; nothing moves.
 
     ikservo bench bus --arm so101 --port /dev/ttyACM0
     """

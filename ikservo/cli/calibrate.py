@@ -25,10 +25,10 @@ from ikservo.cli.session import open_from_options
 from ikservo.errors import InputError
 
 __all__ = [
-    "ArmWord",
+    "ArmArgument",
     "Auto",
-    "Block",
-    "Free",
+    "BlockHeight",
+    "Continuous",
     "FromScript",
     "Margin",
     "NoInput",
@@ -37,7 +37,7 @@ __all__ = [
     "Points",
     "Pose",
     "SamePoint",
-    "SheetAt",
+    "SheetOrigin",
     "Skip",
     "TouchOff",
     "Wiggle",
@@ -46,7 +46,7 @@ __all__ = [
 ]
 
 
-ArmWord = Annotated[
+ArmArgument = Annotated[
     str | None,
     typer.Argument(metavar="[ARM]", envvar="IKSERVO_ARM", help="Arm: a name or an arm file."),
 ]
@@ -63,7 +63,7 @@ FromScript = Annotated[
     Path | None, typer.Option("--from-script", metavar="FILE", help="Answers, one a line.")
 ]
 NoInput = Annotated[bool, typer.Option("--no-input", help="Never ask; a question is an error.")]
-Free = Annotated[
+Continuous = Annotated[
     list[str] | None,
     typer.Option("--continuous", metavar="JOINT", help="This joint has no end stops."),
 ]
@@ -97,7 +97,7 @@ Points = Annotated[
 SamePoint = Annotated[
     bool, typer.Option("--same-point", help="Touch one fixed point of unknown position repeatedly.")
 ]
-SheetAt = Annotated[
+SheetOrigin = Annotated[
     float | None,
     typer.Option(
         "--sheet-origin",
@@ -105,7 +105,7 @@ SheetAt = Annotated[
         help="Distance from the base to the near edge of the sheet.",
     ),
 ]
-Block = Annotated[
+BlockHeight = Annotated[
     float | None,
     typer.Option(
         "--block-height", parser=parse_length_m, help="Height of a block for every other cross."
@@ -121,12 +121,12 @@ Wiggle = Annotated[
 
 
 def command(
-    arm: ArmWord = None,
+    arm: ArmArgument = None,
     *,
     port: PortOption = None,
     pose: Pose = "rest",
     margin: Margin = 2.0,
-    free: Free = None,
+    continuous: Continuous = None,
     skip: Skip = None,
     joint: OnlyJoint = None,
     limit: OwnLimit = None,
@@ -136,8 +136,8 @@ def command(
     touch: TouchOff = False,
     points: Points = None,
     same_point: SamePoint = False,
-    sheet_at: SheetAt = None,
-    block: Block = None,
+    sheet_origin: SheetOrigin = None,
+    block_height: BlockHeight = None,
     uncalibrated: UncalibratedOption = False,
     from_script: FromScript = None,
     yes: YesOption = False,
@@ -165,24 +165,26 @@ def command(
             check_directions(machine, joint or [], yes=yes, json=json)
         return
     model = model_from_option(arm)
-    asks = not (yes or no_input or from_script) and sys.stdin.isatty()
+    interactive = not (yes or no_input or from_script) and sys.stdin.isatty()
     if touch:
-        wanted = TouchOffOptions(points, same_point, sheet_at, block)
-        run_touch_off(model, port, wanted, from_script, yes=yes, asks=asks, json=json)
+        touch_options = TouchOffOptions(points, same_point, sheet_origin, block_height)
+        run_touch_off(
+            model, port, touch_options, from_script, yes=yes, interactive=interactive, json=json
+        )
         return
-    if points or same_point or sheet_at is not None or block is not None:
+    if points or same_point or sheet_origin is not None or block_height is not None:
         raise InputError("Points are touched in a touch-off only.", "Add: --touch")
     user = parse_limits(model, limit or [])
-    wishes = CalibrationOptions(
+    options = CalibrationOptions(
         pose=pose,
         margin_rad=math.radians(margin),
-        free=free or [],
+        continuous=continuous or [],
         skip=skip or [],
         joints=[model.joint(name).name for name in joint or []],
         user=user,
         write_limits=write_limits,
         yes=yes,
-        asks=asks,
+        interactive=interactive,
         json=json,
     )
-    (calibrate_auto if auto else calibrate_by_hand)(model, port, wishes, from_script)
+    (calibrate_auto if auto else calibrate_by_hand)(model, port, options, from_script)

@@ -53,114 +53,122 @@ _WARNING = (
 
 
 def calibrate_auto(
-    model: Model, port: str | None, wishes: CalibrationOptions, script: Path | None
+    model: Model, port: str | None, options: CalibrationOptions, script: Path | None
 ) -> None:
-    """Take the pose, let the arm find its ranges, and save what was found.
+    """Record the reference pose, let the arm find its ranges, and save the calibration.
 
     Raises:
-        CalibrationError: The arm file forbids it, or a joint met what cannot be its stop.
-        InputError: Nobody agreed.
-        StoppedError: The person interrupted; the arm holds.
+        CalibrationError: The arm file forbids it, or a joint hit something that is not its stop.
+        InputError: The user could not be asked to confirm.
+        StoppedError: The user interrupted; the arm holds.
     """
     check_auto_allowed(model)
-    check_options(model, wishes, script)
-    _confirm_motion(wishes)
-    with open_torque_off(model, port) as loose:
-        disable_torque(loose, asks=wishes.asks, yes=wishes.yes)
-        print_servos(loose, wishes.pose)
-        kept = _offer_measured_joints(loose, wishes)
-        wizard = with_known_ranges(_take_anchor_pose(loose, wishes, script), kept.travels)
-        with restore_encoders(loose, print_status), _report_kept_joints(kept):
-            auto = AutoCalibration(loose, wizard, wishes.pose, _print_progress, kept.add_joint)
-            wizard = _run_auto_calibration(auto, wishes)
-            outcome = review(loose, wizard, wishes.with_user_ranges(auto.partial_limits))
-            path = loose.save(outcome)
-        kept.remove_file()
-        if wishes.asks:
-            confirm_directions(model, loose.bus.port.name)  # each direction has just been agreed to
-    print_result(outcome, wizard, path, json=wishes.json)
+    check_options(model, options, script)
+    _confirm_motion(options)
+    with open_torque_off(model, port) as limp_arm:
+        disable_torque(limp_arm, interactive=options.interactive, yes=options.yes)
+        print_servos(limp_arm, options.pose)
+        measured = _offer_measured_joints(limp_arm, options)
+        wizard = with_known_ranges(_take_anchor_pose(limp_arm, options, script), measured.travels)
+        with restore_encoders(limp_arm, print_status), _report_kept_joints(measured):
+            auto = AutoCalibration(
+                limp_arm, wizard, options.pose, _print_progress, measured.add_joint
+            )
+            wizard = _run_auto_calibration(auto, options)
+            outcome = review(limp_arm, wizard, options.with_user_ranges(auto.partial_limits))
+            path = limp_arm.save(outcome)
+        measured.remove_file()
+        if options.interactive:
+            confirm_directions(
+                model, limp_arm.bus.port.name
+            )  # each direction has just been confirmed
+    print_result(outcome, wizard, path, json=options.json)
 
 
-def _print_progress(words: str) -> None:
-    print_status(words)
+def _print_progress(message: str) -> None:
+    print_status(message)
 
 
-def _offer_measured_joints(loose: TorqueOffArm, wishes: CalibrationOptions) -> MeasuredRanges:
-    """Return the joints that an interrupted run has measured, if the person wants to use them."""
-    kept = MeasuredRanges(loose)
-    if not kept.travels:
-        return kept
-    names = ", ".join(kept.travels)
-    print_status(f"An interrupted run of {kept.written} measured {names}.")
+def _offer_measured_joints(limp_arm: TorqueOffArm, options: CalibrationOptions) -> MeasuredRanges:
+    """Return the ranges measured by an interrupted run, if the user wants to use them."""
+    measured = MeasuredRanges(limp_arm)
+    if not measured.travels:
+        return measured
+    names = ", ".join(measured.travels)
+    print_status(f"An interrupted run of {measured.written} measured {names}.")
     if confirm_start(
-        "Use these, and measure only the other joints?", default=True, asks=wishes.asks
+        "Use these, and measure only the other joints?",
+        default=True,
+        interactive=options.interactive,
     ):
-        print_status(f"They are not measured again; to measure all joints, remove {kept.path}.")
+        print_status(f"They are not measured again; to measure all joints, remove {measured.path}.")
     else:
-        kept.remove_file()
-    return kept
+        measured.remove_file()
+    return measured
 
 
 @contextmanager
-def _report_kept_joints(kept: MeasuredRanges) -> Generator[None]:
-    """Say, where the run does not end well, which joints need not be measured again."""
+def _report_kept_joints(measured: MeasuredRanges) -> Generator[None]:
+    """On failure, print which joints need not be measured again."""
     try:
         yield
     except BaseException:
-        if kept.travels:
+        if measured.travels:
             print_status(
-                f"Measured and kept for the next run: {', '.join(kept.travels)}. "
+                f"Measured and kept for the next run: {', '.join(measured.travels)}. "
                 "Put the arm into its pose and give the same command to go on with the others."
             )
         raise
 
 
-def _confirm_motion(wishes: CalibrationOptions) -> None:
+def _confirm_motion(options: CalibrationOptions) -> None:
     print_status(_WARNING)
-    if wishes.yes:
+    if options.yes:
         return
-    if not wishes.asks:
+    if not options.interactive:
         raise InputError("Cannot ask: input is not a terminal.", "Give --yes.")
-    if not confirm_start("May it begin?", default=False, asks=True):
+    if not confirm_start("May it begin?", default=False, interactive=True):
         raise IkservoError("Nothing moved.")
 
 
 def _take_anchor_pose(
-    loose: TorqueOffArm, wishes: CalibrationOptions, script: Path | None
+    limp_arm: TorqueOffArm, options: CalibrationOptions, script: Path | None
 ) -> CalibrationState:
-    """Return the conversation once the arm has been held in its pose."""
-    wizard = CalibrationState.begin(loose.make_subjects(wishes.pose), wishes.margin_rad)
+    """Return the calibration state once the arm was held in its reference pose."""
+    wizard = CalibrationState.begin(limp_arm.make_subjects(options.pose), options.margin_rad)
     with (
-        answer_source(script, yes=wishes.yes, ask=wishes.asks) as who,
-        calibration_display(loose.model, wishes.pose) as shown,
+        answer_source(script, yes=options.yes, interactive=options.interactive) as answers,
+        calibration_display(limp_arm.model, options.pose) as display,
     ):
-        begun = apply_options(wizard, wishes.free, wishes.skip)
-        return run_calibration(loose, begun, who, shown, (CalibrationStage.REFERENCE_POSE,))
+        initial = apply_options(wizard, options.continuous, options.skip)
+        return run_calibration(
+            limp_arm, initial, answers, display, (CalibrationStage.REFERENCE_POSE,)
+        )
 
 
-def _run_auto_calibration(auto: AutoCalibration, wishes: CalibrationOptions) -> CalibrationState:
-    """Let the arm find its ranges; a second Ctrl-C lowers it and lets go."""
+def _run_auto_calibration(auto: AutoCalibration, options: CalibrationOptions) -> CalibrationState:
+    """Let the arm find its ranges; a second Ctrl-C lowers it and switches torque off."""
     with second_interrupt_lowers(auto.arm):
-        _show_directions(auto, wishes)
+        _show_directions(auto, options)
         auto.sweep()
         return auto.finish()
 
 
-def _show_directions(auto: AutoCalibration, wishes: CalibrationOptions) -> None:
-    """Move each joint a little, so that a mirrored sign or exchanged ids show before anything."""
+def _show_directions(auto: AutoCalibration, options: CalibrationOptions) -> None:
+    """Move each joint a little, to detect a wrong sign or exchanged ids before anything else."""
     for joint in auto.arm.model.joints:
-        _make_room(auto.arm, joint.name, wishes)
+        _make_room(auto.arm, joint.name, options)
         motion = plan_direction_check(auto.arm, joint.name)
         print_status(f"{motion.joint} moves {motion.words}, then back.")
         run_direction_check(auto.arm, motion)
-        _check_seen(auto.arm, motion, wishes)
+        _check_seen(auto.arm, motion, options)
 
 
-def _make_room(arm: Arm, joint: str, wishes: CalibrationOptions) -> None:
-    """Move other joints of a folded arm until one joint can go a little way and back.
+def _make_room(arm: Arm, joint: str, options: CalibrationOptions) -> None:
+    """Move other joints of a folded arm until one joint is free to move a little.
 
     Raises:
-        RefusedError: No motion of a single joint makes more room.
+        RefusedError: No motion of a single joint increases the clearance.
     """
     for _ in arm.model.joints:
         motion = making_room(arm, joint)
@@ -168,7 +176,7 @@ def _make_room(arm: Arm, joint: str, wishes: CalibrationOptions) -> None:
             break
         print_status(f"{motion.joint} moves {motion.words}, and stays there: {joint} needs room.")
         execute_lift(arm, motion)
-        _check_seen(arm, motion, wishes)
+        _check_seen(arm, motion, options)
     if room_m(arm, joint) < 0.0:
         raise RefusedError(
             f"{joint} cannot move by 5° without a collision; torque stays on.",
@@ -177,9 +185,9 @@ def _make_room(arm: Arm, joint: str, wishes: CalibrationOptions) -> None:
         )
 
 
-def _check_seen(arm: Arm, motion: DirectionCheck, wishes: CalibrationOptions) -> None:
+def _check_seen(arm: Arm, motion: DirectionCheck, options: CalibrationOptions) -> None:
     question = f"Did {motion.joint} move {motion.words}?"
-    if not confirm_start(question, default=True, asks=wishes.asks):
+    if not confirm_start(question, default=True, interactive=options.interactive):
         raise CalibrationError(
             f"{motion.joint} does not move as in the arm file; torque stays on.",
             f"Calibrate it by hand, which finds signs: ikservo calibrate {arm.model.name}",

@@ -63,68 +63,68 @@ __all__ = [
 
 
 class AnswerSource(Protocol):
-    """Who answers: a person, a script, or nobody but patience."""
+    """Source of answers: the user, a script, or automatic acceptance."""
 
     def next_answer(self, wizard: CalibrationState, at_s: float) -> str | None:
-        """Return the next answer, if there is one now."""
+        """Return the next answer, or None if there is none yet."""
         ...
 
 
 def run_calibration(
-    loose: TorqueOffArm,
+    limp_arm: TorqueOffArm,
     wizard: CalibrationState,
-    who: AnswerSource,
-    screen: CalibrationDisplay,
+    answers: AnswerSource,
+    display: CalibrationDisplay,
     stages: Sequence[CalibrationStage] = (CalibrationStage.REFERENCE_POSE, CalibrationStage.SWEEP),
 ) -> CalibrationState:
-    """Read the servos and take answers as long as the conversation is at one of some stages.
+    """Read the servos and apply answers until the calibration leaves the given stages.
 
     Raises:
-        CalibrationError: Nobody is there to mend what is missing.
-        BusError: The servos went silent.
+        CalibrationError: Something is missing, and no user is there to correct it.
+        BusError: The servos stopped replying.
     """
     while wizard.stage in stages:
-        reading = loose.read_ticks()
+        reading = limp_arm.read_ticks()
         if reading is None:
             continue
         wizard = wizard.update(*reading)
-        screen.show(wizard)
-        word = who.next_answer(wizard, reading[0])
-        if word:
-            wizard = _apply_typed_answer(wizard, word, who, screen)
+        display.show(wizard)
+        answer = answers.next_answer(wizard, reading[0])
+        if answer:
+            wizard = _apply_typed_answer(wizard, answer, answers, display)
     return wizard
 
 
 def _apply_typed_answer(
-    wizard: CalibrationState, word: str, who: AnswerSource, screen: CalibrationDisplay
+    wizard: CalibrationState, answer: str, answers: AnswerSource, display: CalibrationDisplay
 ) -> CalibrationState:
     try:
-        screen.print_message("")
-        return apply_answer(wizard, word)
+        display.print_message("")
+        return apply_answer(wizard, answer)
     except CalibrationError as error:
-        if not isinstance(who, _TerminalAnswers):
+        if not isinstance(answers, _TerminalAnswers):
             raise
-        screen.print_message(f"{error.message} {error.command_hint}")
+        display.print_message(f"{error.message} {error.command_hint}")
         return wizard
 
 
 @contextmanager
-def answer_source(script: Path | None, *, yes: bool, ask: bool) -> Generator[AnswerSource]:
-    """Yield who answers.
+def answer_source(script: Path | None, *, yes: bool, interactive: bool) -> Generator[AnswerSource]:
+    """Yield the source of answers.
 
     Args:
         script: A file of answers, if any.
         yes: Whether everything acceptable is accepted.
-        ask: Whether a person may be asked.
+        interactive: Whether the user may be asked.
 
     Raises:
-        InputError: Nobody is there; names the options that answer instead.
+        InputError: No user is there; names the options to use instead.
     """
     if script:
         yield ScriptedAnswers(read_script(script))
     elif yes:
         yield ScriptedAnswers()
-    elif ask and sys.stdin.isatty():
+    elif interactive and sys.stdin.isatty():
         with read_keys() as key:
             yield _TerminalAnswers(key)
     else:
@@ -134,13 +134,13 @@ def answer_source(script: Path | None, *, yes: bool, ask: bool) -> Generator[Ans
 
 
 class _TerminalAnswers:
-    """A person at the keys; what they mean stands on the screen."""
+    """Answers from the keyboard; the display lists the keys."""
 
     def __init__(self, key: Keys) -> None:
         self._key = key
 
     def next_answer(self, wizard: CalibrationState, at_s: float) -> str | None:
-        """Return what the first of the keys pressed since the last reading means here."""
+        """Return the answer for the first key pressed since the last reading."""
         key = self._key()[:1].lower()
         if key in ("\n", "\r"):
             return "accept"
@@ -154,111 +154,113 @@ class _TerminalAnswers:
 
 
 def _joint_for_key(wizard: CalibrationState, key: str) -> str:
-    """Return the joint that a key is about: the asked one, else the first that is not right."""
+    """Return the joint that a key applies to: the current one, else the first with an issue."""
     if key == "f":
         round_joints = [s.name for s in wizard.subjects if is_full_turn(wizard, s)]
         return next((name for name in round_joints if name not in wizard.free), "")
     if wizard.current_joint:
         return wizard.current_joint.name
-    complaint = next(blocking_issues(wizard), None)
-    names = [s.name for s in wizard.subjects if complaint and s.name in complaint.message]
+    issue = next(blocking_issues(wizard), None)
+    names = [s.name for s in wizard.subjects if issue and s.name in issue.message]
     return next(iter(names), "")
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationOptions:
-    """What the command line asks of a calibration.
+    """Options of a calibration.
 
     Attributes:
-        pose: The named pose that the arm is in at first.
-        margin_rad: How far inside each end the limits shall lie.
-        free: Joints that nothing stops.
-        skip: Joints left to the arm file.
+        pose: The named reference pose.
+        margin_rad: Margin between each end stop and the limit.
+        continuous: Joints without end stops.
+        skip: Joints that keep the arm file's range and sign.
         joints: Joints to be calibrated again; none for all.
-        user: Ranges of the person's own, by joint.
-        write_limits: Whether the servos hold the limits, too; None to ask.
-        yes: Whether everything is agreed to.
-        asks: Whether a person may be asked.
-        json: Whether the answer is one JSON object.
+        user: Ranges set by the user, by joint.
+        write_limits: Whether to write the limits into the servos; None to ask.
+        yes: Whether everything is confirmed.
+        interactive: Whether the user may be asked.
+        json: Whether to print one JSON object.
     """
 
     pose: str
     margin_rad: float
-    free: Sequence[str]
+    continuous: Sequence[str]
     skip: Sequence[str]
     joints: Sequence[str]
     user: Mapping[str, Limits]
     write_limits: bool | None
     yes: bool
-    asks: bool
+    interactive: bool
     json: bool
 
     def with_user_ranges(self, more: Mapping[str, Limits]) -> CalibrationOptions:
-        """Return the wishes with narrower ranges of some joints, unless the person set them."""
+        """Return the options with narrower ranges of some joints, unless the user set them."""
         return replace(self, user={**more, **self.user})
 
 
 def calibrate_by_hand(
-    model: Model, port: str | None, wishes: CalibrationOptions, script: Path | None
+    model: Model, port: str | None, options: CalibrationOptions, script: Path | None
 ) -> None:
-    """Hold the conversation of a calibration by hand, and save what it ends with."""
-    check_options(model, wishes, script)
-    with open_torque_off(model, port) as loose:
-        base = base_calibration(loose, wishes.joints) if wishes.joints else None
-        known = base is None or directions_confirmed(model, loose.bus.port.name)
-        disable_torque(loose, asks=wishes.asks, yes=wishes.yes or script is not None)
+    """Run a calibration by hand, and save its result."""
+    check_options(model, options, script)
+    with open_torque_off(model, port) as limp_arm:
+        base = base_calibration(limp_arm, options.joints) if options.joints else None
+        known = base is None or directions_confirmed(model, limp_arm.bus.port.name)
+        disable_torque(
+            limp_arm, interactive=options.interactive, yes=options.yes or script is not None
+        )
         with reporting_unchanged_state():
-            print_servos(loose, wishes.pose)
-            wizard = _run_to_review(loose, wishes, script)
-            outcome = review(loose, wizard, wishes, base)
-            path = loose.save(outcome)
-        port_name = loose.bus.port.name
-    print_result(outcome, wizard, path, json=wishes.json)
+            print_servos(limp_arm, options.pose)
+            wizard = _run_to_review(limp_arm, options, script)
+            outcome = review(limp_arm, wizard, options, base)
+            path = limp_arm.save(outcome)
+        port_name = limp_arm.bus.port.name
+    print_result(outcome, wizard, path, json=options.json)
     opposite = [s.name for s in wizard.subjects if wizard.sign(s) != s.joint_map.sign]
     if is_simulated(outcome.calibration.usb_serial_number):
         return
-    tested = check_new_signs(model, port, opposite, asks=wishes.asks)
+    tested = check_new_signs(model, port, opposite, interactive=options.interactive)
     if known and tested and all(s.name in wizard.signs for s in wizard.subjects):
-        confirm_directions(model, port_name)  # each joint has been seen to move as the files say
+        confirm_directions(model, port_name)  # each joint was observed to move as the files say
 
 
 def _run_to_review(
-    loose: TorqueOffArm, wishes: CalibrationOptions, script: Path | None
+    limp_arm: TorqueOffArm, options: CalibrationOptions, script: Path | None
 ) -> CalibrationState:
-    """Return the conversation at its review."""
-    subjects = loose.make_subjects(wishes.pose, only=wishes.joints)
-    begun = apply_options(
-        CalibrationState.begin(subjects, wishes.margin_rad), wishes.free, wishes.skip
+    """Return the calibration state at its review."""
+    subjects = limp_arm.make_subjects(options.pose, only=options.joints)
+    initial = apply_options(
+        CalibrationState.begin(subjects, options.margin_rad), options.continuous, options.skip
     )
     with (
-        answer_source(script, yes=wishes.yes, ask=wishes.asks) as who,
-        calibration_display(loose.model, wishes.pose) as shown,
+        answer_source(script, yes=options.yes, interactive=options.interactive) as answers,
+        calibration_display(limp_arm.model, options.pose) as display,
     ):
-        return run_calibration(loose, begun, who, shown)
+        return run_calibration(limp_arm, initial, answers, display)
 
 
-def check_options(model: Model, wishes: CalibrationOptions, script: Path | None) -> None:
-    """Refuse what would fail later, before an arm goes limp for it.
+def check_options(model: Model, options: CalibrationOptions, script: Path | None) -> None:
+    """Check the options before torque is switched off.
 
     Raises:
-        CalibrationError: A range of the person's own has nothing in common with the arm file's.
-        FileFormatError: The script is none.
+        CalibrationError: A range set by the user does not intersect the arm file's.
+        FileFormatError: The script is invalid.
         UnknownNameError: There is no such pose or joint.
     """
-    model.pose(wishes.pose)
-    for name in (*wishes.free, *wishes.skip, *wishes.joints):
+    model.pose(options.pose)
+    for name in (*options.continuous, *options.skip, *options.joints):
         model.joint(name)
-    for name, limits in wishes.user.items():
+    for name, limits in options.user.items():
         model.joint(name).limits.intersect(limits)
     if script:
         read_script(script)
 
 
 def apply_options(
-    wizard: CalibrationState, free: Sequence[str], skip: Sequence[str]
+    wizard: CalibrationState, continuous: Sequence[str], skip: Sequence[str]
 ) -> CalibrationState:
-    """Return the conversation with what the command line already answered."""
-    names = {wizard.find_joint(joint).name for joint in free}
+    """Return the calibration state with the answers given as options."""
+    names = {wizard.find_joint(joint).name for joint in continuous}
     skipped = {wizard.find_joint(joint).name for joint in skip}
     return replace(wizard, free=frozenset(names), skipped=frozenset(skipped))
 
@@ -267,7 +269,7 @@ def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
     """Return the ranges of ``--limit``, by joint.
 
     Raises:
-        BadValueError: One is no range.
+        BadValueError: One is not a range.
         UnknownNameError: The arm has no such joint.
     """
     limits: dict[str, Limits] = {}
@@ -286,57 +288,61 @@ def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
 
 
 def review(
-    loose: TorqueOffArm,
+    limp_arm: TorqueOffArm,
     wizard: CalibrationState,
-    wishes: CalibrationOptions,
+    options: CalibrationOptions,
     base: Calibration | None = None,
 ) -> CalibrationResult:
-    """Show what would be saved, and ask for it.
+    """Show the result, and ask whether to save it.
 
     Args:
-        loose: The arm.
-        wizard: The conversation at its review.
-        wishes: What the command line asks.
-        base: The calibration of which some joints are replaced; None where all are new.
+        limp_arm: The arm.
+        wizard: The calibration state at its review.
+        options: The options of the command.
+        base: The calibration of which some joints are replaced; None if all are new.
 
     Raises:
-        CalibrationError: A zero is implausible, and the person did not vouch for the pose.
-        IkservoError: The person said no; nothing was changed.
+        CalibrationError: A zero is implausible, and the user did not confirm the pose.
+        IkservoError: The user declined; nothing was changed.
     """
-    print_status(str(current_step(loose.model, wishes.pose, wizard)))
-    lost = find_replaced_zeros(base, wishes.joints) if base else lost_geometry_warning(loose)
+    print_status(str(current_step(limp_arm.model, options.pose, wizard)))
+    lost = find_replaced_zeros(base, options.joints) if base else lost_geometry_warning(limp_arm)
     for line in (*warnings(wizard), *lost):
         print_status(f"  {line}")
-    check_zeros(wizard, wishes.pose, loose.model.name, asks=wishes.asks)
-    if not confirm_start(f"Save to {loose.path}?", default=True, asks=wishes.asks):
+    check_zeros(wizard, options.pose, limp_arm.model.name, interactive=options.interactive)
+    if not confirm_start(
+        f"Save to {limp_arm.path}?", default=True, interactive=options.interactive
+    ):
         raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
-    own = _may_write_limits(wishes)
+    write_limits = _may_write_limits(options)
     now = datetime.now(UTC)
-    outcome = loose.build_calibration(wizard, wishes.pose, now, write_limits=own, user=wishes.user)
+    outcome = limp_arm.build_calibration(
+        wizard, options.pose, now, write_limits=write_limits, user=options.user
+    )
     for joint in outcome.calibration.joints:
-        if joint.extended and own:
+        if joint.extended and write_limits:
             print_status(f"  {joint.name}: multi-turn mode; its servo cannot hold limits.")
     outcome = merge_outcome(base, outcome) if base else outcome
     for line in (
-        *loose.register_limit_warnings(outcome),
-        *rest_pose_violations(loose.model, outcome.calibration),
+        *limp_arm.register_limit_warnings(outcome),
+        *rest_pose_violations(limp_arm.model, outcome.calibration),
     ):
         print_status(f"  {line}")
     return outcome
 
 
-def check_zeros(wizard: CalibrationState, pose: str, arm: str, *, asks: bool) -> None:
-    """Ask whether the arm was in its pose where a zero is implausible; refuse where nobody may be.
+def check_zeros(wizard: CalibrationState, pose: str, arm: str, *, interactive: bool) -> None:
+    """Ask whether the arm was in its pose if a zero is implausible.
 
     Raises:
-        CalibrationError: It was not, or nobody may be asked; nothing was changed.
+        CalibrationError: It was not, or the user may not be asked; nothing was changed.
     """
     shifted = list(find_shifted_zeros(wizard))
     for zero in shifted:
         print_status(f"  {zero}")
     names = ", ".join(zero.subject.name for zero in shifted)
     question = f'Was {names} exactly as in the pose "{pose}" at step 1?'
-    if shifted and not confirm_start(question, default=False, asks=asks):
+    if shifted and not confirm_start(question, default=False, interactive=interactive):
         raise CalibrationError(
             f'The arm was not in the pose "{pose}": zero of {names} not plausible. '
             "Nothing was saved.",
@@ -344,17 +350,17 @@ def check_zeros(wizard: CalibrationState, pose: str, arm: str, *, asks: bool) ->
         )
 
 
-def _may_write_limits(wishes: CalibrationOptions) -> bool:
-    if wishes.write_limits is not None:
-        return wishes.write_limits
+def _may_write_limits(options: CalibrationOptions) -> bool:
+    if options.write_limits is not None:
+        return options.write_limits
     question = "Write the same limits into the servos, too?"
-    return confirm_start(question, default=False, asks=wishes.asks)
+    return confirm_start(question, default=False, interactive=options.interactive)
 
 
 def print_result(
     outcome: CalibrationResult, wizard: CalibrationState, path: Path, *, json: bool
 ) -> None:
-    """Print what was saved."""
+    """Print the saved calibration."""
     calibration = outcome.calibration
     if json:
         joints = [joint.model_dump(exclude_none=True) for joint in calibration.joints]

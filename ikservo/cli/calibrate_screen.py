@@ -1,4 +1,4 @@
-"""What a calibration shows: its start, then live joint ranges on a terminal, lines elsewhere."""
+"""Output of a calibration: its start, then live joint ranges on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -41,29 +41,29 @@ __all__ = [
 ]
 
 _MAX_BAR_CHARS, _MIN_BAR_CHARS = 24, 8
-_OTHER_COLUMNS = 64  # characters of a row beside the bar
-_NARROW = _OTHER_COLUMNS + _MIN_BAR_CHARS  # below, the arm file's range is left out
-_REFRESH_STEPS = 4  # readings between two pictures
+_OTHER_COLUMNS = 64  # characters of a row without its bar
+_NARROW = _OTHER_COLUMNS + _MIN_BAR_CHARS  # below this width the arm file's range is omitted
+_REFRESH_STEPS = 4  # readings per screen update
 _POSE_KEYS = "Enter take the pose   u undo   Ctrl-C stop without saving"
 _DIRECTION_KEYS = "s skip joint   u undo   Ctrl-C stop without saving"
 _SWEEP_KEYS = "Enter when all ✓   s skip   u undo   r again   f turns freely   Ctrl-C stop"
 
 
 class CalibrationDisplay(Protocol):
-    """Shows a conversation."""
+    """Shows the progress of a calibration."""
 
     def show(self, wizard: CalibrationState) -> None:
-        """Show where it is."""
+        """Show the current state."""
         ...
 
     def print_message(self, message: str) -> None:
-        """Say something once."""
+        """Print a message once."""
         ...
 
 
 @contextmanager
 def calibration_display(model: Model, pose: str) -> Generator[CalibrationDisplay]:
-    """Yield live meters where stderr is a terminal, else lines."""
+    """Yield a live display if stderr is a terminal, else one that prints lines."""
     if not sys.stderr.isatty():
         yield _PlainDisplay(model, pose)
         return
@@ -73,15 +73,15 @@ def calibration_display(model: Model, pose: str) -> Generator[CalibrationDisplay
 
 
 class _PlainDisplay:
-    """Says each thing once, one line each."""
+    """Prints one line whenever the step changes."""
 
     def __init__(self, model: Model, pose: str) -> None:
-        self._model, self._pose, self._said = model, pose, ""
+        self._model, self._pose, self._last_line = model, pose, ""
 
     def show(self, wizard: CalibrationState) -> None:
         line = str(current_step(self._model, self._pose, wizard))
-        if line != self._said:
-            self._said = line
+        if line != self._last_line:
+            self._last_line = line
             print_status(line)
 
     def print_message(self, message: str) -> None:
@@ -90,17 +90,17 @@ class _PlainDisplay:
 
 
 class _LiveDisplay:
-    """Draws a meter for each joint, again and again."""
+    """Redraws a meter for each joint."""
 
     def __init__(self, model: Model, pose: str, live: Live) -> None:
         self._model, self._pose, self._live = model, pose, live
         self._message = ""
-        self._beats = 0
+        self._updates = 0
         self._size = live.console.size
 
     def show(self, wizard: CalibrationState) -> None:
-        self._beats += 1
-        if self._beats % _REFRESH_STEPS:
+        self._updates += 1
+        if self._updates % _REFRESH_STEPS:
             return
         self._clear_after_resize()
         step = current_step(self._model, self._pose, wizard)
@@ -116,7 +116,7 @@ class _LiveDisplay:
         self._message = message
 
     def _clear_after_resize(self) -> None:
-        """Clear the screen: lines that the terminal has wrapped cannot be drawn over."""
+        """Clear the screen: lines wrapped by the terminal cannot be overwritten."""
         size = self._live.console.size
         if size != self._size:
             self._size = size
@@ -130,26 +130,26 @@ def _key_help(wizard: CalibrationState) -> str:
 
 
 def _joint_table(wizard: CalibrationState, width: int) -> Table:
-    """Draw a row for each joint, at most as wide as the terminal."""
+    """Return a table with a row for each joint, at most as wide as the terminal."""
     table = Table(box=None, pad_edge=False, header_style="dim")
     columns = ["joint", "", "swept", "arm file", ""]
-    wide = width >= _NARROW
-    for column in columns if wide else [c for c in columns if c != "arm file"]:
+    has_room = width >= _NARROW
+    for column in columns if has_room else [c for c in columns if c != "arm file"]:
         table.add_column(column, no_wrap=True, overflow="ellipsis")
     length = min(max(width - _OTHER_COLUMNS, _MIN_BAR_CHARS), _MAX_BAR_CHARS)
     for meter in joint_readouts(wizard):
         name, bar, swept, expected, state = _joint_row(
-            meter, length, asked=wizard.current_joint is meter.subject
+            meter, length, current=wizard.current_joint is meter.subject
         )
-        table.add_row(name, bar, swept, *([expected] if wide else []), state)
+        table.add_row(name, bar, swept, *([expected] if has_room else []), state)
     return table
 
 
-def _joint_row(meter: JointReadout, length: int, *, asked: bool) -> list[Text]:
+def _joint_row(meter: JointReadout, length: int, *, current: bool) -> list[Text]:
     unit, expected = meter.subject.joint_map.unit, meter.subject.expected
     moved = meter.state is not JointProgress.UNMOVED
     return [
-        Text(meter.name, style="bold" if asked else ""),
+        Text(meter.name, style="bold" if current else ""),
         _range_bar(meter, length),
         Text(_format_range(meter.low, meter.high, unit) if moved else ""),
         Text(_format_range(expected.lower.value, expected.upper.value, unit), "dim"),
@@ -165,7 +165,7 @@ def _format_range(low: float, high: float, unit: JointUnit) -> str:
 
 
 def _range_bar(meter: JointReadout, length: int) -> Text:
-    """Draw where a joint is and has been between the limits of the arm file."""
+    """Return a bar with a joint's position and recorded range between the arm file's limits."""
     low, high = meter.subject.expected.lower.value, meter.subject.expected.upper.value
 
     def cell(position: float) -> int:
@@ -178,36 +178,38 @@ def _range_bar(meter: JointReadout, length: int) -> Text:
     return Text("├" + "".join(cells) + "┤")
 
 
-def confirm_start(question: str, *, default: bool, asks: bool) -> bool:
-    """Ask for yes or no; return the default where nobody may be asked."""
-    return confirm(question) if asks else default
+def confirm_start(question: str, *, default: bool, interactive: bool) -> bool:
+    """Ask for yes or no; return the default if not interactive."""
+    return confirm(question) if interactive else default
 
 
-def disable_torque(loose: TorqueOffArm, *, asks: bool, yes: bool) -> None:
-    """Switch torque off, once the person knows.
+def disable_torque(limp_arm: TorqueOffArm, *, interactive: bool, yes: bool) -> None:
+    """Switch torque off after the user has confirmed it.
 
     Raises:
         FileWriteError: No calibration could be saved afterwards.
-        IkservoError: Servos hold the arm and nobody agreed; nothing was changed.
+        IkservoError: Servos hold the arm and it was not confirmed; nothing was changed.
     """
-    for path in (loose.path, loose.journal_path):
+    for path in (limp_arm.path, limp_arm.journal_path):
         check_writable(path.parent)
-    if loose.settled:
-        print_status(loose.settled)
-    holding = loose.torque_on_servos()
+    if limp_arm.settled:
+        print_status(limp_arm.settled)
+    holding = limp_arm.torque_on_servos()
     if holding:
         print_status("Torque will be switched off; support the arm.")
-        if not yes and not confirm_start("Switch torque off?", default=False, asks=asks):
+        if not yes and not confirm_start(
+            "Switch torque off?", default=False, interactive=interactive
+        ):
             raise IkservoError("Cancelled; nothing changed.", "Without asking: --yes")
-    loose.disable_torque()
+    limp_arm.disable_torque()
 
 
 @contextmanager
 def reporting_unchanged_state() -> Generator[None]:
-    """Say, where Ctrl-C ends a calibration by hand, that it left nothing behind.
+    """On Ctrl-C during a calibration by hand, report that nothing was saved.
 
     Raises:
-        StoppedError: In place of Ctrl-C or the end of the input.
+        StoppedError: Instead of Ctrl-C or the end of the input.
     """
     try:
         yield
@@ -215,12 +217,14 @@ def reporting_unchanged_state() -> Generator[None]:
         raise StoppedError("Stopped: nothing was saved; torque is off.") from None
 
 
-def print_servos(loose: TorqueOffArm, pose: str) -> None:
-    """Say who is on the line, and show the pose."""
-    servos = list(loose.facts.values())
+def print_servos(limp_arm: TorqueOffArm, pose: str) -> None:
+    """Print the servos found and the reference pose."""
+    servos = list(limp_arm.facts.values())
     counts = Counter(facts.table.model_name for facts in servos)
     listed = ", ".join(f"{count} {name}" for name, count in counts.items())
     firmware = ", ".join(sorted({facts.firmware for facts in servos}))
-    print_status(f"{loose.model.title} on {loose.bus.port.name}: {listed}, firmware {firmware}.")
-    for line in ascii_sketch(loose.model, loose.model.joints[-1].name, pose)[:-1]:
+    print_status(
+        f"{limp_arm.model.title} on {limp_arm.bus.port.name}: {listed}, firmware {firmware}."
+    )
+    for line in ascii_sketch(limp_arm.model, limp_arm.model.joints[-1].name, pose)[:-1]:
         print_status(f"    {line}")

@@ -54,19 +54,19 @@ __all__ = [
 ]
 
 
-_DETERMINED = 0.5  # of what was believed before: a parameter known twice as well
+_DETERMINED = 0.5  # of the prior deviation: a parameter counts as identified from here on
 
 
-def describe_estimate(talk: TouchOffState, found: CalibrationEstimate) -> Iterator[str]:
-    """Yield what the person should know before saving, one line each."""
+def describe_estimate(state: TouchOffState, found: CalibrationEstimate) -> Iterator[str]:
+    """Yield a summary of the estimate for the user, line by line."""
     fit = found.fit
     yield (
         f"Cross-validated tip error: {_format_mm(found.before_m)} before, "
         f"{_format_mm(found.after_m)} after "
-        f"({len(talk.touches)} touches; estimated: {found.extent.value})."
+        f"({len(state.touches)} touches; estimated: {found.extent.value})."
     )
-    for touch, good, residual_m in zip(talk.touches, fit.kept, fit.residuals_m, strict=True):
-        if not good:
+    for touch, is_used, residual_m in zip(state.touches, fit.kept, fit.residuals_m, strict=True):
+        if not is_used:
             yield f"Outlier, not used: {touch.point}, residual {_format_mm(float(residual_m))}."
     for parameter, value, deviation in _estimated_parameters(found):
         if deviation < _DETERMINED * parameter.prior:
@@ -75,19 +75,19 @@ def describe_estimate(talk: TouchOffState, found: CalibrationEstimate) -> Iterat
     unknown = [p.name for p, _, d in _estimated_parameters(found) if d >= _DETERMINED * p.prior]
     if unknown:
         yield f"Not identified by these touches: {', '.join(unknown)}."
-    told = int(np.count_nonzero(fit.scaled > 1.0))
-    yield f"Parameters identified: {told} of {len(fit.scaled)}."
-    middle_m, most_m = found.deviation_m
+    identified = int(np.count_nonzero(fit.scaled > 1.0))
+    yield f"Parameters identified: {identified} of {len(fit.scaled)}."
+    median_m, percentile_95_m = found.deviation_m
     yield (
-        f"Expected tip error (1 sigma) in the workspace: median {_format_mm(middle_m)}, "
-        f"95 % below {_format_mm(most_m)}."
+        f"Expected tip error (1 sigma) in the workspace: median {_format_mm(median_m)}, "
+        f"95 % below {_format_mm(percentile_95_m)}."
     )
 
 
-def estimate_fields(talk: TouchOffState, found: CalibrationEstimate) -> dict[str, object]:
-    """Return the same for ``--json``; metres and radians."""
+def estimate_fields(state: TouchOffState, found: CalibrationEstimate) -> dict[str, object]:
+    """Return the estimate for ``--json``; metres and radians."""
     fit = found.fit
-    rows = zip(talk.touches, fit.kept.tolist(), fit.residuals_m.tolist(), strict=True)
+    rows = zip(state.touches, fit.kept.tolist(), fit.residuals_m.tolist(), strict=True)
     return {
         "changed": found.extent.value,
         "before_m": found.before_m,
@@ -114,7 +114,7 @@ def estimate_fields(talk: TouchOffState, found: CalibrationEstimate) -> dict[str
 
 
 def _estimated_parameters(found: CalibrationEstimate) -> list[tuple[Parameter, float, float]]:
-    """Return each number that was estimated, with its value and standard deviation."""
+    """Return each estimated parameter with its value and standard deviation."""
     fit = found.fit
     deviations = np.sqrt(np.diag(fit.covariance))
     rows = zip(fit.layout.parameters, fit.values.tolist(), deviations.tolist(), strict=True)
@@ -136,24 +136,24 @@ _EXPECTED = "NAME X Y Z, in metres or like 120mm, the arm's base frame"
 
 
 def read_points(path: Path) -> list[TouchTarget]:
-    """Return the points in a file; ``#`` begins a remark.
+    """Return the points in a file; ``#`` starts a comment.
 
     Raises:
-        FileFormatError: The file cannot be read, or a line is no point; names the line.
+        FileFormatError: The file cannot be read, or a line is not a point; names the line.
     """
-    places: list[TouchTarget] = []
+    targets: list[TouchTarget] = []
     for number, line in enumerate(read_text(path, _MAX_BYTES).splitlines(), start=1):
-        words = line.partition("#")[0].split()
-        if words:
-            places.append(_parse_target(path, f"line {number}", words))
-    return places
+        fields = line.partition("#")[0].split()
+        if fields:
+            targets.append(_parse_target(path, f"line {number}", fields))
+    return targets
 
 
-def _parse_target(path: Path, where: str, words: list[str]) -> TouchTarget:
-    if len(words) != 4:
+def _parse_target(path: Path, where: str, fields: list[str]) -> TouchTarget:
+    if len(fields) != 4:
         raise FileFormatError(path, where, "is not a point", _EXPECTED)
     try:
-        return TouchTarget(words[0], np.array([parse_length_m(word) for word in words[1:]]))
+        return TouchTarget(fields[0], np.array([parse_length_m(field) for field in fields[1:]]))
     except typer.BadParameter as error:
         raise FileFormatError(path, where, error.message.rstrip("."), _EXPECTED) from error
 
@@ -164,14 +164,14 @@ _KEYS = {"\n": "touch", "\r": "touch", "s": "skip", "u": "undo", "a": "accept"}
 
 @dataclass(frozen=True, slots=True)
 class TouchOffOptions:
-    """What the command line asks of a touch-off.
+    """Options of a touch-off.
 
     Attributes:
         points: A file of points; None for the printed sheet.
-        same_point: Whether one point that nobody has measured is touched again and again.
-        edge_m: Where the near edge of the sheet lies, metres straight ahead; None for where the
-            middle of the sheet is beneath the tool of the pose ``home``.
-        block_m: The height of a block that stands at every other cross; None for none.
+        same_point: Whether one point of unknown position is touched repeatedly.
+        edge_m: Distance from the base to the near edge of the sheet, metres; None to centre the
+            sheet below the tool of the pose ``home``.
+        block_m: Height of a block used at every other cross; None for none.
     """
 
     points: Path | None = None
@@ -182,141 +182,151 @@ class TouchOffOptions:
 
 class _TouchAnswerSource(Protocol):
     def next_answer(self, state: TouchOffState, at_s: float) -> str | None:
-        """Return the next answer, if there is one now."""
+        """Return the next answer, or None if there is none yet."""
         ...
 
 
 def run_touch_off(
     model: Model,
     port: str | None,
-    wishes: TouchOffOptions,
+    options: TouchOffOptions,
     script: Path | None,
     *,
     yes: bool,
-    asks: bool,
+    interactive: bool,
     json: bool,
 ) -> None:
-    """Hold the conversation, show what it says, and save it where it helps.
+    """Run a touch-off, show its estimate, and save it if it improves the calibration.
 
     Raises:
-        CalibrationError: The arm is not calibrated, the touches say too little, or nothing of
-            what they say helps.
-        InputError: Nobody is there to answer.
+        CalibrationError: The arm is not calibrated, or the touches do not suffice or do not
+            improve the calibration.
+        InputError: No user is there to answer.
     """
     answers = read_touch_script(script) if script else None
-    with open_torque_off(model, port) as loose:
-        arm = TouchOffSession(loose)
-        places = arm.reachable_targets(_make_targets(model, wishes))
-        disable_torque(loose, asks=asks, yes=yes or script is not None)
+    with open_torque_off(model, port) as limp_arm:
+        session = TouchOffSession(limp_arm)
+        targets = session.reachable_targets(_make_targets(model, options))
+        disable_torque(limp_arm, interactive=interactive, yes=yes or script is not None)
         with reporting_unchanged_state():
-            print_servos(loose, "home")
-            talk = _run_dialogue(loose, arm.start_touch_off(places), answers, yes=yes, asks=asks)
-            found = _review_estimate(talk, asks=asks)
-            path = arm.save(found, datetime.now(UTC))
+            print_servos(limp_arm, "home")
+            state = _run_dialogue(
+                limp_arm,
+                session.start_touch_off(targets),
+                answers,
+                yes=yes,
+                interactive=interactive,
+            )
+            found = _review_estimate(state, interactive=interactive)
+            path = session.save(found, datetime.now(UTC))
     if json:
-        print_json("touch-off", path=path, **estimate_fields(talk, found))
+        print_json("touch-off", path=path, **estimate_fields(state, found))
     else:
         print_lines([f"Saved to {path}"])
 
 
-def _review_estimate(talk: TouchOffState, *, asks: bool) -> CalibrationEstimate:
-    """Show what the touches say, and ask whether to save it.
+def _review_estimate(state: TouchOffState, *, interactive: bool) -> CalibrationEstimate:
+    """Show the estimate, and ask whether to save it.
 
     Raises:
         CalibrationError: It is no improvement.
-        IkservoError: The person said no.
+        IkservoError: The user declined.
     """
-    found = talk.found
-    assert found is not None  # noqa: S101  # only accepting ends a conversation
-    for line in describe_estimate(talk, found):
+    found = state.found
+    assert found is not None  # noqa: S101  # the dialogue ends with an accepted estimate only
+    for line in describe_estimate(state, found):
         print_status(f"  {line}")
     if not found.improves:
         raise CalibrationError(
             "Touch-off did not improve the calibration; nothing was saved.",
             "Touch more points, further apart and in more different postures.",
         )
-    if not confirm_start("Save this?", default=True, asks=asks):
+    if not confirm_start("Save this?", default=True, interactive=interactive):
         raise IkservoError("Cancelled; nothing was saved, torque is off.")
     return found
 
 
-def _make_targets(model: Model, wishes: TouchOffOptions) -> list[TouchTarget]:
-    """Return what shall be touched, and say where the sheet must lie."""
-    if wishes.same_point:
+def _make_targets(model: Model, options: TouchOffOptions) -> list[TouchTarget]:
+    """Return the points to touch, and print where to put the sheet."""
+    if options.same_point:
         print_status(
             "Put the tip on one fixed point again and again, each time in another posture."
         )
         return [TouchTarget("the point") for _ in range(_REPEATS)]
-    if wishes.points:
-        return read_points(wishes.points)
-    edge_m, places = place_sheet(model, wishes.edge_m, wishes.block_m)
+    if options.points:
+        return read_points(options.points)
+    edge_m, targets = place_sheet(model, options.edge_m, options.block_m)
     print_status(
         f"Lay the sheet docs/touch-grid.svg flat in front of the arm, its near edge "
         f"{edge_m * 1000:.0f} mm from the base's origin, its arrow pointing away from the arm."
     )
-    return places
+    return targets
 
 
 def _run_dialogue(
-    loose: TorqueOffArm, talk: TouchOffState, answers: list[str] | None, *, yes: bool, asks: bool
+    limp_arm: TorqueOffArm,
+    state: TouchOffState,
+    script_answers: list[str] | None,
+    *,
+    yes: bool,
+    interactive: bool,
 ) -> TouchOffState:
-    """Read the servos and take answers until the touches have been reviewed."""
-    scripted = yes or answers is not None
-    if not scripted and not (asks and sys.stdin.isatty()):
+    """Read the servos and apply answers until there is an estimate."""
+    scripted = yes or script_answers is not None
+    if not scripted and not (interactive and sys.stdin.isatty()):
         raise InputError(
             "Cannot ask: input is not a terminal.", "Give --yes, or --from-script FILE."
         )
-    said = ""
+    last_line = ""
     with nullcontext() if scripted else read_keys() as key:
-        who: _TouchAnswerSource = (
-            ScriptedTouchAnswers(answers) if key is None else _TouchKeyAnswers(key)
+        source: _TouchAnswerSource = (
+            ScriptedTouchAnswers(script_answers) if key is None else _TouchKeyAnswers(key)
         )
-        while talk.found is None:
-            reading = loose.read_positions()
+        while state.found is None:
+            reading = limp_arm.read_positions()
             if reading is None:
                 continue
-            talk = talk.update(*reading)
-            said = _update_status_line(_format_task(talk), said)
-            word = who.next_answer(talk, reading[0])
-            talk = _apply_touch_answer(talk, word, scripted=scripted) if word else talk
-    return talk
+            state = state.update(*reading)
+            last_line = _update_status_line(_format_task(state), last_line)
+            answer = source.next_answer(state, reading[0])
+            state = _apply_touch_answer(state, answer, scripted=scripted) if answer else state
+    return state
 
 
-def _apply_touch_answer(talk: TouchOffState, word: str, *, scripted: bool) -> TouchOffState:
+def _apply_touch_answer(state: TouchOffState, answer: str, *, scripted: bool) -> TouchOffState:
     try:
-        return apply_answer(talk, word)
+        return apply_answer(state, answer)
     except CalibrationError as error:
         if scripted:
             raise
         print_status(f"{error.message} {error.command_hint}")
-        return talk
+        return state
 
 
-def _update_status_line(line: str, said: str) -> str:
-    if line != said:
+def _update_status_line(line: str, last_line: str) -> str:
+    if line != last_line:
         print_status(line)
     return line
 
 
-def _format_task(talk: TouchOffState) -> str:
-    done = len(talk.touches)
-    if talk.current_target is None:
+def _format_task(state: TouchOffState) -> str:
+    done = len(state.touches)
+    if state.current_target is None:
         return f"{done} points touched.  a evaluate   u undo   Ctrl-C stop"
-    where = talk.current_target.position_m
+    where = state.current_target.position_m
     place = "" if where is None else f" at {format_point(where.tolist())}"
-    keys = (
-        f"Enter   s skip   u undo{'   a evaluate' if talk.has_enough_touches else ''}   Ctrl-C stop"
-    )
-    number = f"Point {done + 1} of {done + len(talk.places)}"
-    return f"{number}: put the tip on {talk.current_target.name}{place}.\n  {keys}"
+    evaluate = "   a evaluate" if state.has_enough_touches else ""
+    keys = f"Enter   s skip   u undo{evaluate}   Ctrl-C stop"
+    number = f"Point {done + 1} of {done + len(state.places)}"
+    return f"{number}: put the tip on {state.current_target.name}{place}.\n  {keys}"
 
 
 class _TouchKeyAnswers:
-    """A person at the keys."""
+    """Answers from the keyboard."""
 
     def __init__(self, key: Keys) -> None:
         self._key = key
 
     def next_answer(self, state: TouchOffState, at_s: float) -> str | None:
-        """Return what the first of the keys pressed since the last reading means here."""
+        """Return the answer for the first key pressed since the last reading."""
         return _KEYS.get(self._key()[:1].lower())

@@ -1,4 +1,4 @@
-"""``ikservo calibration``: what the file says and what the servos hold, brought together."""
+"""``ikservo calibration``: compare a calibration file with the servos, and synchronise them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ikservo.calibration.transaction import resume, roll_back
-from ikservo.cli.calibrate import ArmWord
+from ikservo.cli.calibrate import ArmArgument
 from ikservo.cli.calibrate_screen import confirm_start, disable_torque
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import JsonOption, PortOption, YesOption, complete_actions
@@ -44,7 +44,7 @@ Source = Annotated[
 
 def command(
     action: Action,
-    arm: ArmWord = None,
+    arm: ArmArgument = None,
     *,
     port: PortOption = None,
     source: Source = None,
@@ -66,21 +66,21 @@ def command(
     if source and action != "adopt":
         raise InputError(f"--from cannot be used with {action}.", "It belongs to: adopt")
     interrupted = action in ("resume", "revert")
-    with open_torque_off(model_from_option(arm), port, settled=not interrupted) as loose:
+    with open_torque_off(model_from_option(arm), port, settled=not interrupted) as limp_arm:
         if action == "diff":
-            _print_differences(loose, json=json)
+            _print_differences(limp_arm, json=json)
         elif interrupted:
-            _resolve_interrupted(loose, action, yes=yes)
+            _resolve_interrupted(limp_arm, action, yes=yes)
         elif action == "adopt":
-            _adopt_calibration(loose, source, yes=yes)
+            _adopt_calibration(limp_arm, source, yes=yes)
         else:
-            _transfer_calibration(loose, action, yes=yes)
+            _transfer_calibration(limp_arm, action, yes=yes)
 
 
-def _print_differences(loose: TorqueOffArm, *, json: bool) -> None:
-    found = register_differences(loose)
+def _print_differences(limp_arm: TorqueOffArm, *, json: bool) -> None:
+    found = register_differences(limp_arm)
     if json:
-        print_json("calibration-diff", path=loose.path, differences=found)
+        print_json("calibration-diff", path=limp_arm.path, differences=found)
     elif found:
         rows = [[d.joint, str(d.servo_id), d.register, d.expected, d.found] for d in found]
         print_table(["joint", "id", "register", "file", "servo"], rows)
@@ -90,40 +90,42 @@ def _print_differences(loose: TorqueOffArm, *, json: bool) -> None:
         raise typer.Exit(ExitCode.CALIBRATION)
 
 
-def _transfer_calibration(loose: TorqueOffArm, action: str, *, yes: bool) -> None:
-    found = register_differences(loose)
+def _transfer_calibration(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> None:
+    found = register_differences(limp_arm)
     if not found:
         print_lines(["Servos and calibration file agree; nothing to do."])
         return
     for difference in found:
         print_status(str(difference))
-    asks = not yes and sys.stdin.isatty()
-    target = "the servos (torque goes off)" if action == "push" else str(loose.path)
-    if not confirm_start(f"Write this into {target}?", default=yes or asks, asks=asks):
+    interactive = not yes and sys.stdin.isatty()
+    target = "the servos (torque goes off)" if action == "push" else str(limp_arm.path)
+    if not confirm_start(
+        f"Write this into {target}?", default=yes or interactive, interactive=interactive
+    ):
         raise IkservoError("Cancelled; nothing was written.", "Without asking: --yes")
-    path = push(loose) if action == "push" else pull(loose)
+    path = push(limp_arm) if action == "push" else pull(limp_arm)
     print_lines([f"Servos and {path} agree."])
 
 
-def _adopt_calibration(loose: TorqueOffArm, source: Path | None, *, yes: bool) -> None:
-    path, calibration = find_adoptable(loose, source)
+def _adopt_calibration(limp_arm: TorqueOffArm, source: Path | None, *, yes: bool) -> None:
+    path, calibration = find_adoptable(limp_arm, source)
     made_on = calibration.usb_serial_number or "without a number"
     print_status(
         f"{path}, made on adapter {made_on}: ids, models, offsets and limits match these servos."
     )
-    asks = not yes and sys.stdin.isatty()
-    if not confirm_start("Is this the same arm?", default=yes, asks=asks):
+    interactive = not yes and sys.stdin.isatty()
+    if not confirm_start("Is this the same arm?", default=yes, interactive=interactive):
         raise IkservoError("Cancelled; nothing was saved.", "Without asking: --yes")
-    print_lines([f"Saved to {adopt_calibration(loose, calibration)}"])
+    print_lines([f"Saved to {adopt_calibration(limp_arm, calibration)}"])
     print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
 
 
-def _resolve_interrupted(loose: TorqueOffArm, action: str, *, yes: bool) -> None:
-    if not loose.journal_path.exists():
+def _resolve_interrupted(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> None:
+    if not limp_arm.journal_path.exists():
         print_lines(["No interrupted write; nothing to do."])
         return
-    disable_torque(loose, asks=not yes and sys.stdin.isatty(), yes=yes)
+    disable_torque(limp_arm, interactive=not yes and sys.stdin.isatty(), yes=yes)
     step = resume if action == "resume" else roll_back
-    step(loose.bus, loose.journal_path)
+    step(limp_arm.bus, limp_arm.journal_path)
     done = "completed" if action == "resume" else "reverted"
     print_lines([f"The interrupted calibration was {done}."])

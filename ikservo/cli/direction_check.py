@@ -27,19 +27,19 @@ __all__ = ["check_directions", "check_directions_once", "check_new_signs"]
 
 
 def check_directions_once(machine: Arm, *, yes: bool) -> bool:
-    """Wiggle every joint before the first motion with files that nobody has seen obeyed.
+    """Run the test motion of all joints if the present files were never confirmed with it.
 
-    Returns whether it did: the arm may then hold elsewhere than where a plan begins.
+    Returns whether it ran: the arm may then hold elsewhere than where a plan starts.
 
-    An arm whose zeros nobody knows goes in small steps that are each agreed to, without this.
+    An arm with unknown zeros moves in small steps that are each confirmed, without this.
 
     Args:
         machine: The arm, before it moves.
-        yes: Whether nobody is asked what they saw.
+        yes: Whether to skip the questions to the user.
 
     Raises:
-        CalibrationError: A joint is not the one it should be.
-        InputError: Nobody is there to see.
+        CalibrationError: A joint is not the expected one.
+        InputError: No user is there to observe.
     """
     if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
         return False
@@ -50,13 +50,15 @@ def check_directions_once(machine: Arm, *, yes: bool) -> bool:
     return True
 
 
-def check_new_signs(model: Model, port: str | None, names: Sequence[str], *, asks: bool) -> bool:
-    """Offer the test motion for joints whose sign is not the arm file's; return whether it is done.
+def check_new_signs(
+    model: Model, port: str | None, names: Sequence[str], *, interactive: bool
+) -> bool:
+    """Offer the test motion for joints whose sign is not the arm file's; return whether it ran.
 
-    Until it has been seen to be right, the first motion of the arm begins with it.
+    Until it was confirmed, the first motion of the arm starts with it.
 
     Raises:
-        CalibrationError: The person saw a joint go the wrong way.
+        CalibrationError: The user saw a joint move in the wrong direction.
     """
     if not names:
         return True
@@ -64,7 +66,7 @@ def check_new_signs(model: Model, port: str | None, names: Sequence[str], *, ask
         f"Sign opposite to the arm file: {', '.join(names)}. A small test motion checks it:"
     )
     print_status("torque comes on and each of them moves 5° and back.")
-    if not (asks and confirm_by_key("Make the test motion now?")):
+    if not (interactive and confirm_by_key("Make the test motion now?")):
         print_status(
             f"The first motion begins with it. By itself: ikservo calibrate {model.name} --wiggle"
         )
@@ -75,7 +77,7 @@ def check_new_signs(model: Model, port: str | None, names: Sequence[str], *, ask
 
 
 def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bool) -> None:
-    """Make the test motion of some joints, all if none are named; note all as seen."""
+    """Run the test motion of some joints, all if none are named, and record all as confirmed."""
     motions = _check_each_joint(machine, joints, yes=yes)
     if json:
         print_json("wiggle", joints=motions, confirmed=not yes)
@@ -84,28 +86,28 @@ def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bo
 
 
 def _check_each_joint(machine: Arm, joints: Sequence[str], *, yes: bool) -> list[DirectionCheck]:
-    asks = not yes and sys.stdin.isatty()
-    if not (asks or yes):
+    interactive = not yes and sys.stdin.isatty()
+    if not (interactive or yes):
         raise InputError(
             "Cannot ask whether the joints move correctly: input is not a terminal.",
             "Without asking: --yes",
         )
-    machine.enable()  # a limp arm sinks: what moves is judged from where it holds
-    # It may have sunk past a limit, to which it could not return.
+    machine.enable()  # a limp arm sinks: motions are judged from where it holds
+    # It may have sunk past a limit.
     machine.workings.return_within_limits()
-    _lift_clear(machine, asks=asks)
+    _lift_clear(machine, interactive=interactive)
     motions: list[DirectionCheck] = []
     names = [machine.model.joint(name).name for name in joints]
     for name in names or [joint.name for joint in machine.model.joints]:
-        _make_room(machine, name, asks=asks)
+        _make_room(machine, name, interactive=interactive)
         motions.append(plan_direction_check(machine, name))
-        _check_one_joint(machine, motions[-1], asks=asks)
+        _check_one_joint(machine, motions[-1], interactive=interactive)
     if len(motions) == len(machine.model.joints):
         confirm_directions(machine.model, machine.port_name)
     return motions
 
 
-def _lift_clear(machine: Arm, *, asks: bool) -> None:
+def _lift_clear(machine: Arm, *, interactive: bool) -> None:
     """Lift an arm that lies on something, so that its joints can move; it stays there."""
     motion = plan_lift(machine)
     if motion is not None:
@@ -113,26 +115,28 @@ def _lift_clear(machine: Arm, *, asks: bool) -> None:
             f"The arm lies on something: {motion.joint} moves {motion.words}, and stays there."
         )
         execute_lift(machine, motion)
-        _confirm_direction(machine, motion, asks=asks)
+        _confirm_direction(machine, motion, interactive=interactive)
 
 
-def _make_room(machine: Arm, name: str, *, asks: bool) -> None:
-    """Let another joint make room where one would touch something on each way it may go."""
+def _make_room(machine: Arm, name: str, *, interactive: bool) -> None:
+    """Move another joint if one would collide in both directions of its test motion."""
     motion = making_room(machine, name)
     if motion is not None:
         print_status(f"{motion.joint} moves {motion.words}, and stays there: {name} needs room.")
         execute_lift(machine, motion)
-        _confirm_direction(machine, motion, asks=asks)
+        _confirm_direction(machine, motion, interactive=interactive)
 
 
-def _check_one_joint(machine: Arm, motion: DirectionCheck, *, asks: bool) -> None:
+def _check_one_joint(machine: Arm, motion: DirectionCheck, *, interactive: bool) -> None:
     print_status(f"{motion.joint} moves {motion.words}, then back.")
     run_direction_check(machine, motion)
-    _confirm_direction(machine, motion, asks=asks)
+    _confirm_direction(machine, motion, interactive=interactive)
 
 
-def _confirm_direction(machine: Arm, motion: DirectionCheck, *, asks: bool) -> None:
-    if not confirm_start(f"Did {motion.joint} move {motion.words}?", default=True, asks=asks):
+def _confirm_direction(machine: Arm, motion: DirectionCheck, *, interactive: bool) -> None:
+    if not confirm_start(
+        f"Did {motion.joint} move {motion.words}?", default=True, interactive=interactive
+    ):
         raise CalibrationError(
             f"{motion.joint} does not move as in the arm file; torque stays on.",
             "If another joint moved: check the ids in the arm file. If it went the other way: "

@@ -1,4 +1,4 @@
-"""``ikservo doctor``: is everything well between this computer and the servos?"""
+"""``ikservo doctor``: diagnose adapter, bus and servos."""
 
 from __future__ import annotations
 

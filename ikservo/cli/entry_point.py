@@ -49,76 +49,76 @@ _ARM_AS_OPTION = frozenset(
         "workspace",
     ]
 )
-_ARM_AS_WORD = {"calibrate": 0, "setup": 0, "calibration": 1}
-"""At which place among the words of a command its arm stands."""
+_ARM_AS_ARGUMENT = {"calibrate": 0, "setup": 0, "calibration": 1}
+"""Index of the arm among the positional arguments of a command."""
 _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
-def with_connection_options(hint: str, words: Sequence[str]) -> str:
-    """Return a hint whose commands have the arm and port that a person gave.
+def with_connection_options(hint: str, args: Sequence[str]) -> str:
+    """Return a hint whose commands have the arm and port that the user gave.
 
     Args:
         hint: A sentence with commands in it.
-        words: What the person typed behind ``ikservo``.
+        args: The command line after ``ikservo``.
     """
-    arm, port = _arm_from_arguments(words), _option_value("--port", words)
+    arm, port = _arm_from_arguments(args), _option_value("--port", args)
     return COMMAND.sub(lambda found: _with_arm_and_port(found[1], found[2], arm, port), hint)
 
 
 def _with_arm_and_port(name: str, arguments: str, arm: str, port: str) -> str:
-    """Return a command with an arm and a port where it takes them and has none."""
+    """Return a command with arm and port added if it takes them and has none."""
     if "--help" in arguments:
         return f"ikservo {name}{arguments}"
-    if arm and name in _ARM_AS_WORD:
-        arguments = _with_arm_argument(arguments, _ARM_AS_WORD[name], shlex.quote(arm))
+    if arm and name in _ARM_AS_ARGUMENT:
+        arguments = _with_arm_argument(arguments, _ARM_AS_ARGUMENT[name], shlex.quote(arm))
     elif arm and name in _ARM_AS_OPTION and "--arm" not in arguments:
         arguments += f" --arm {shlex.quote(arm)}"
-    takes_port = name in _ARM_AS_WORD or (name in _ARM_AS_OPTION and name not in _NO_PORT)
+    takes_port = name in _ARM_AS_ARGUMENT or (name in _ARM_AS_OPTION and name not in _NO_PORT)
     if port and takes_port and "--port" not in arguments:
         arguments += f" --port {shlex.quote(port)}"
     return f"ikservo {name}{arguments}"
 
 
 def _with_arm_argument(arguments: str, place: int, arm: str) -> str:
-    """Return arguments with the arm at its place, instead of ``ARM`` or where none stands."""
+    """Return arguments with the arm inserted, replacing a placeholder ``ARM`` if there is one."""
     if re.search(r"\bARM\b", arguments):
         return re.sub(r"\bARM\b", lambda _: arm, arguments)
-    words = arguments.split()
-    leading = next((i for i, word in enumerate(words) if word.startswith("-")), len(words))
-    if leading <= place:
-        words.insert(leading, arm)
-    return " ".join(["", *words])
+    args = arguments.split()
+    positional = next((i for i, arg in enumerate(args) if arg.startswith("-")), len(args))
+    if positional <= place:
+        args.insert(positional, arm)
+    return " ".join(["", *args])
 
 
-def _arm_from_arguments(words: Sequence[str]) -> str:
-    """Return the arm of a command, given as an option or as a word of its own; nothing without."""
-    named = _option_value("--arm", words)
-    if named or not words or words[0] not in _ARM_AS_WORD:
-        return named
-    place = _ARM_AS_WORD[words[0]] + 1
-    leading = [word for word in words[: place + 1] if not word.startswith("-")]
-    return leading[place] if len(leading) > place else ""
+def _arm_from_arguments(args: Sequence[str]) -> str:
+    """Return the arm of a command, given as option or positional argument; empty without one."""
+    from_option = _option_value("--arm", args)
+    if from_option or not args or args[0] not in _ARM_AS_ARGUMENT:
+        return from_option
+    place = _ARM_AS_ARGUMENT[args[0]] + 1
+    positional = [arg for arg in args[: place + 1] if not arg.startswith("-")]
+    return positional[place] if len(positional) > place else ""
 
 
-def _option_value(name: str, words: Sequence[str]) -> str:
-    """Return the value of an option, given as ``--arm x`` or ``--arm=x``; nothing without it."""
-    for word, after in zip_longest(words, words[1:], fillvalue=""):
-        if word == name:
-            return after
-        if word.startswith(f"{name}="):
-            return word.partition("=")[2]
+def _option_value(name: str, args: Sequence[str]) -> str:
+    """Return the value of an option, given as ``--arm x`` or ``--arm=x``; empty without it."""
+    for arg, value in zip_longest(args, args[1:], fillvalue=""):
+        if arg == name:
+            return value
+        if arg.startswith(f"{name}="):
+            return arg.partition("=")[2]
     return ""
 
 
-# A coordinate may be negative; an option is not a number. The typographic minus keeps the option
-# parser from taking the one for the other, and the quantity parsers read both.
-_COMPLETES = "_IKSERVO_COMPLETE"  # set by the shell that asks what may stand at the Tab key
+# A coordinate may be negative; an option is not a number. The typographic minus prevents the
+# option parser from confusing them, and the quantity parsers accept both.
+_COMPLETES = "_IKSERVO_COMPLETE"  # set by a shell that requests completions
 _NEGATIVE = re.compile(r"^-(?=\.?\d|inf|nan)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class _Ended:
-    """How a command ended.
+class _Outcome:
+    """Result of a command.
 
     Attributes:
         code: Its exit code.
@@ -130,81 +130,80 @@ class _Ended:
 
 
 def console() -> NoReturn:
-    """Run the shell's words as a process of its own, and leave at once.
+    """Run the command line of this process, and exit at once.
 
-    Everything that has to be closed is closed by now. A command that Ctrl-C has stopped ends by
-    SIGINT.
+    Everything is closed by then. A command that Ctrl-C has stopped ends by SIGINT.
     """
-    ended = _ended(sys.argv[1:])
+    outcome = _run_and_report(sys.argv[1:])
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
         sys.stderr.flush()
-    if ended.interrupted and sys.platform != "win32":
+    if outcome.interrupted and sys.platform != "win32":
         _end_by_sigint()
-    os._exit(ended.code)
+    os._exit(outcome.code)
 
 
-def main(words: Sequence[str] | None = None) -> int:
+def main(args: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Args:
-        words: What follows ``ikservo`` on the command line; the shell's if None.
+        args: The command line after ``ikservo``; that of this process if None.
 
     Returns:
         The exit code, see ``ExitCode``.
     """
-    return _ended(sys.argv[1:] if words is None else words).code
+    return _run_and_report(sys.argv[1:] if args is None else args).code
 
 
-def _ended(words: Sequence[str]) -> _Ended:
-    """Run one command; what ended it becomes words on stderr."""
-    words = list(words)
+def _run_and_report(args: Sequence[str]) -> _Outcome:
+    """Run one command; report errors on stderr."""
+    args = list(args)
     _prepare_streams()
     try:
-        code = _run_command([_NEGATIVE.sub("\N{MINUS SIGN}", word) for word in words])
-        sys.stdout.flush()  # here, where a full disk can still be told of
-        return _Ended(code)
+        code = _run_command([_NEGATIVE.sub("\N{MINUS SIGN}", arg) for arg in args])
+        sys.stdout.flush()  # here, where a full disk can still be reported
+        return _Outcome(code)
     except (IkservoError, KeyboardInterrupt, SystemExit, OSError) as error:
-        code = _explained(error, words)
-        return _Ended(code, code == ExitCode.STOPPED and _is_interrupt(error))
+        code = _report_failure(error, args)
+        return _Outcome(code, code == ExitCode.STOPPED and _is_interrupt(error))
 
 
-def _explained(error: BaseException, words: Sequence[str]) -> int:
-    """Say what ended a command, and return the exit code for it."""
-    as_json = "--json" in words
+def _report_failure(error: BaseException, args: Sequence[str]) -> int:
+    """Report an error that ended a command, and return its exit code."""
+    as_json = "--json" in args
     if isinstance(error, IkservoError):
-        hint = with_connection_options(error.command_hint, words)
+        hint = with_connection_options(error.command_hint, args)
         return _report_error(error.command_message, hint, error.exit_code, as_json=as_json)
-    if not isinstance(error, OSError):  # Ctrl-C; after a motion it says that the arm holds
+    if not isinstance(error, OSError):  # Ctrl-C; after a motion its text is that the arm holds
         message = str(error) if isinstance(error, KeyboardInterrupt) else ""
         return _report_error(message or "Stopped.", "", ExitCode.STOPPED, as_json=as_json)
-    _abandon_stdout()  # a full disk behind stdout, a reader that has gone
-    ended = _exit_code_of(error)
-    if ended is not None:
-        return ended
+    _abandon_stdout()  # stdout is on a full disk, or its reader has exited
+    outcome = _exit_code_of(error)
+    if outcome is not None:
+        return outcome
     return _report_error(f"The output could not be written: {error}.", "", ExitCode.FAILED)
 
 
 def _is_interrupt(error: BaseException) -> bool:
-    """Return whether Ctrl-C is behind an error, and not the end of the input at a question."""
-    chain = list(_behind(error))
-    asked = any(isinstance(each, EOFError) for each in chain)
-    return not asked and any(isinstance(each, KeyboardInterrupt) for each in chain)
+    """Return whether Ctrl-C caused an error, and not the end of the input at a prompt."""
+    chain = list(_error_chain(error))
+    at_prompt = any(isinstance(each, EOFError) for each in chain)
+    return not at_prompt and any(isinstance(each, KeyboardInterrupt) for each in chain)
 
 
 def _end_by_sigint() -> None:
-    """End this process by SIGINT, as if nothing had caught it.
+    """End this process by SIGINT, as if it had not been caught.
 
-    A shell ends the loop or the script around a command that SIGINT has ended; one that has
-    *exited* with 130 counts as one that dealt with Ctrl-C itself, and the loop goes on to the next
-    motion. ``$?`` is 130 both ways.
+    A shell ends the loop or script around a command that was ended by SIGINT. One that *exits* with
+    130 counts as having handled Ctrl-C itself, and the loop continues with the next motion. ``$?``
+    is 130 in both cases.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.raise_signal(signal.SIGINT)
 
 
 def _prepare_streams() -> None:
-    """Let output that cannot be shown be shown as it can, and closed streams be empty ones."""
+    """Replace unencodable characters; treat closed streams as empty."""
     if sys.stdin is None:  # closed by the shell: <&-
         sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: PTH123, SIM115
     for name in ("stdout", "stderr"):
@@ -215,13 +214,13 @@ def _prepare_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _run_command(words: list[str]) -> int:
+def _run_command(args: list[str]) -> int:
     import typer  # noqa: PLC0415
 
     from ikservo.cli.app import app  # noqa: PLC0415
 
     try:
-        code = typer.main.get_command(app).main(words, prog_name="ikservo", standalone_mode=False)
+        code = typer.main.get_command(app).main(args, prog_name="ikservo", standalone_mode=False)
     except SystemExit as error:
         if _COMPLETES not in os.environ:
             raise
@@ -233,8 +232,8 @@ def _run_command(words: list[str]) -> int:
         explain = getattr(error, "format_message", None)
         if explain is None:
             raise
-        return _report_usage(error, str(explain()), as_json="--json" in words)
-    if code == ExitCode.STOPPED:  # what newer versions of typer make of Ctrl-C, without a word
+        return _report_usage(error, str(explain()), as_json="--json" in args)
+    if code == ExitCode.STOPPED:  # newer versions of typer return this code for Ctrl-C
         raise KeyboardInterrupt
     return int(code or 0)
 
@@ -243,20 +242,20 @@ def _report_usage(error: Exception, message: str, *, as_json: bool) -> int:
     context = getattr(error, "ctx", None)
     path = getattr(context, "command_path", "ikservo")
     message = message.replace("\N{MINUS SIGN}", "-").strip()
-    if not message:  # no words at all: the help has been printed
+    if not message:  # no arguments: the help has been printed
         return ExitCode.USAGE
     return _report_error(message, f"Try: {path} --help", ExitCode.USAGE, as_json=as_json)
 
 
 def _abandon_stdout() -> None:
-    """Keep Python from writing what is left to a stdout that takes no more."""
+    """Discard buffered output that stdout cannot take any more."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _exit_code_of(error: BaseException) -> ExitCode | None:
-    """Return why the command ended that had no terminal left to say so; None for no such reason."""
-    for reason in _behind(error.__context__):
+    """Return the exit code of the error before this one; None without one."""
+    for reason in _error_chain(error.__context__):
         if isinstance(reason, IkservoError):
             return reason.exit_code
         if isinstance(reason, KeyboardInterrupt):
@@ -264,8 +263,8 @@ def _exit_code_of(error: BaseException) -> ExitCode | None:
     return None
 
 
-def _behind(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield an error and those in whose handling it was raised, one after the other."""
+def _error_chain(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and the errors during whose handling it was raised."""
     while error is not None:
         yield error
         error = error.__context__
@@ -273,9 +272,9 @@ def _behind(error: BaseException | None) -> Iterator[BaseException]:
 
 def _report_error(message: str, hint: str, code: ExitCode, *, as_json: bool = False) -> int:
     if as_json:
-        answer = {"schema": "ikservo/error/1", "error": message, "hint": hint, "exit_code": code}
-        print(json.dumps(answer, ensure_ascii=False))  # noqa: T201
-    with contextlib.suppress(OSError):  # the terminal was closed: the code is all that is left
+        report = {"schema": "ikservo/error/1", "error": message, "hint": hint, "exit_code": code}
+        print(json.dumps(report, ensure_ascii=False))  # noqa: T201
+    with contextlib.suppress(OSError):  # the terminal was closed: only the exit code remains
         print_status(message)
         if hint:
             print_status(hint)

@@ -71,11 +71,11 @@ def _write_output(text: str, to: Path | None) -> None:
     if to:
         write_atomic(to, text, keep_old=True)
     else:
-        typer.echo(text, nl=False)  # byte for byte as it would stand in a file
+        typer.echo(text, nl=False)  # byte for byte as in a file
 
 
 def _find_calibration_file(model: Model, port: str | None) -> Path:
-    """Return the calibration of the arm on a port, or the only one there is."""
+    """Return the calibration of the arm on a port, or the only one that exists."""
     found = calibrations_of(model.name)
     if port:
         found = [

@@ -1,4 +1,4 @@
-"""``ikservo follow``: a second arm, led by hand, leads this one."""
+"""``ikservo follow``: follow a leader arm that is guided by hand."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Leader = Annotated[
     ),
 ]
 LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="The leader's serial port.")]
-Time = Annotated[
+Duration = Annotated[
     float | None,
     typer.Option("--duration", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
 ]
@@ -50,7 +50,7 @@ def command(
     port: PortOption = None,
     leader_port: LeaderPort = None,
     speed: SpeedOption = "fast",
-    time: Time = None,
+    duration: Duration = None,
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
     no_wiggle: NoWiggleOption = False,
@@ -73,7 +73,7 @@ def command(
         confirm_motion(machine, yes=yes)
         if not no_wiggle:
             check_directions_once(machine, yes=yes)
-        report = machine.follow_arm(leading, speed=speed, until=_make_end_check(machine, time))
+        report = machine.follow_arm(leading, speed=speed, until=_make_end_check(machine, duration))
     _print_follow_report(report, json=json)
 
 
@@ -91,7 +91,7 @@ def _make_end_check(machine: Arm, time_s: float | None) -> Callable[[], bool]:
 
 
 def _rejection_text(reason: str) -> str:
-    """Return the message of a refusal as a part of a sentence."""
+    """Return the message of a rejection as a part of a sentence."""
     return f"{reason[:1].lower()}{reason[1:]}".rstrip(".")
 
 

@@ -1,4 +1,4 @@
-"""``ikservo gripper``: open, close, or go to a width, and say whether something is held."""
+"""``ikservo gripper``: open, close, or move to a width, and report whether it grasped."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def command(
     with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
         print_status(f"{machine.model.title} on {format_port(machine.port_name)}: gripper {to}.")
         confirm_motion(machine, yes=yes)
-        with progress_bar() as draw:
-            report = machine.gripper(goal, force=force, on_progress=draw)
+        with progress_bar() as on_progress:
+            report = machine.gripper(goal, force=force, on_progress=on_progress)
     _print_grip_report(report, machine, json=json)
     if not (report.reached or report.grasped):
         raise typer.Exit(ExitCode.FAILED)
@@ -77,14 +77,16 @@ def _print_grip_report(report: GraspResult, machine: Arm, *, json: bool) -> None
             duration_s=report.duration_s,
         )
         return
-    jaws = machine.model.gripper
-    at = machine.model.joint(jaws.joint).joint_map.format(report.position_rad) if jaws else ""
+    gripper = machine.model.gripper
+    position = (
+        machine.model.joint(gripper.joint).joint_map.format(report.position_rad) if gripper else ""
+    )
     width = "" if report.width_m is None else f", jaws {report.width_m * 1000:z.1f} mm apart"
     load = "" if report.load_percent is None else f", load {report.load_percent:z.0f} %"
     print_lines(
         [
             f"grasped   {'yes' if report.grasped else 'no'}",
-            f"gripper   {at}{width}{load}",
+            f"gripper   {position}{width}{load}",
             f"reached   {'yes' if report.reached else 'no'}",
             f"duration  {report.duration_s:.2f} s",
         ]

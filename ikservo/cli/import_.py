@@ -78,27 +78,29 @@ def command(
     joints = read_lerobot(path)
     model.pose(pose)
     if from_script:
-        read_script(from_script)  # before an arm goes limp for it
-    asks = not (yes or no_input or from_script) and sys.stdin.isatty()
-    with open_torque_off(model, port) as loose:
-        check_lerobot_joints(joints, model, loose)
-        disable_torque(loose, asks=asks, yes=yes or from_script is not None)
+        read_script(from_script)  # check it before torque is switched off
+    interactive = not (yes or no_input or from_script) and sys.stdin.isatty()
+    with open_torque_off(model, port) as limp_arm:
+        check_lerobot_joints(joints, model, limp_arm)
+        disable_torque(limp_arm, interactive=interactive, yes=yes or from_script is not None)
         with reporting_unchanged_state():
-            print_servos(loose, pose)
-            with answer_source(from_script, yes=yes, ask=asks) as who:
-                wizard = _run_import_dialogue(loose, joints, pose, margin, who)
-            check_zeros(wizard, pose, model.name, asks=asks)
-            outcome = _build_outcome(loose, joints, wizard, pose)
-            for line in lost_geometry_warning(loose):
+            print_servos(limp_arm, pose)
+            with answer_source(from_script, yes=yes, interactive=interactive) as answers:
+                wizard = _run_import_dialogue(limp_arm, joints, pose, margin, answers)
+            check_zeros(wizard, pose, model.name, interactive=interactive)
+            outcome = _build_outcome(limp_arm, joints, wizard, pose)
+            for line in lost_geometry_warning(limp_arm):
                 print_status(f"  {line}")
-            if not confirm_start(f"Save to {loose.path}?", default=True, asks=asks):
+            if not confirm_start(
+                f"Save to {limp_arm.path}?", default=True, interactive=interactive
+            ):
                 raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
-            saved = loose.save(outcome)
+            saved = limp_arm.save(outcome)
     print_result(outcome, wizard, saved, json=json)
 
 
 def check_kind(kind: str) -> None:
-    """Refuse programs that are not known.
+    """Check the name of the format.
 
     Raises:
         UnknownNameError: It is not LeRobot.
@@ -108,24 +110,28 @@ def check_kind(kind: str) -> None:
 
 
 def _run_import_dialogue(
-    loose: TorqueOffArm, joints: Sequence[LerobotJoint], pose: str, margin: float, who: AnswerSource
+    limp_arm: TorqueOffArm,
+    joints: Sequence[LerobotJoint],
+    pose: str,
+    margin: float,
+    answers: AnswerSource,
 ) -> CalibrationState:
     wizard = CalibrationState.begin(
-        loose.make_subjects(pose, lerobot_travels(joints, loose)), math.radians(margin)
+        limp_arm.make_subjects(pose, lerobot_travels(joints, limp_arm)), math.radians(margin)
     )
     free = frozenset(joint.name for joint in joints if joint.is_continuous)
-    with calibration_display(loose.model, pose) as shown:
-        return run_calibration(loose, replace(wizard, free=free), who, shown)
+    with calibration_display(limp_arm.model, pose) as shown:
+        return run_calibration(limp_arm, replace(wizard, free=free), answers, shown)
 
 
 def _build_outcome(
-    loose: TorqueOffArm, joints: Sequence[LerobotJoint], wizard: CalibrationState, pose: str
+    limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], wizard: CalibrationState, pose: str
 ) -> CalibrationResult:
-    """Work the calibration out, its joints in LeRobot's order so that it can be handed back."""
-    for line in lerobot_mismatches(joints, loose.facts):
+    """Build the calibration, its joints in LeRobot's order so that it can be exported again."""
+    for line in lerobot_mismatches(joints, limp_arm.facts):
         print_status(line)
-    facts = with_lerobot_homing(joints, loose.facts)
-    outcome = loose.build_calibration(wizard, pose, datetime.now(UTC), facts=facts)
+    facts = with_lerobot_homing(joints, limp_arm.facts)
+    outcome = limp_arm.build_calibration(wizard, pose, datetime.now(UTC), facts=facts)
     found = {joint.name: joint for joint in outcome.calibration.joints}
     ordered = tuple(found[joint.name] for joint in joints)
     return replace(outcome, calibration=outcome.calibration.model_copy(update={"joints": ordered}))

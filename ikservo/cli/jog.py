@@ -1,4 +1,4 @@
-"""``ikservo jog``: a joint or the tip goes on while a key is held, or for a time."""
+"""``ikservo jog``: move a joint or the tip while a key is held, or for a duration."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ Speed = Annotated[
     str | None,
     typer.Option("--speed", help="10 is 10°/s of a joint; 20mm is 20 mm/s of the tip or a slide."),
 ]
-Time = Annotated[
+Duration = Annotated[
     float | None,
     typer.Option("--duration", parser=parse_time_s, help="Duration, without keys: 2, 0.5s."),
 ]
@@ -66,7 +66,7 @@ def command(
     arm: ArmOption = None,
     port: PortOption = None,
     speed: Speed = None,
-    time: Time = None,
+    duration: Duration = None,
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
     no_wiggle: NoWiggleOption = False,
@@ -81,23 +81,23 @@ def command(
 
     ikservo jog x --speed 20mm
     """
-    if time is None and not sys.stdin.isatty():
+    if duration is None and not sys.stdin.isatty():
         raise InputError(
             "Cannot read keys: input is not a terminal.", "Add --duration, as in --duration 1."
         )
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        wished = _parse_speed(machine, what, speed)
+        requested_speed = _parse_speed(machine, what, speed)
         warn_uncompiled()
-        if time is not None:  # else the key that is held agrees
+        if duration is not None:  # without a duration, the held key is the confirmation
             print_status(f"{machine.model.title} on {format_port(machine.port_name)}: "
-                 f"{what} for {time:g} s.")  # fmt: skip
+                 f"{what} for {duration:g} s.")  # fmt: skip
             confirm_motion(machine, yes=yes)
         if not no_wiggle:
             check_directions_once(machine, yes=yes)
-        with _keep_going_check(machine, time) as wanted:
-            report = machine.jog(what, wished, wanted=wanted)
+        with _keep_going_check(machine, duration) as keep_going:
+            report = machine.jog(what, requested_speed, wanted=keep_going)
     if report.ended == NO_LONGER_REQUESTED:
-        report = replace(report, ended="key released" if time is None else "time is up")
+        report = replace(report, ended="key released" if duration is None else "time is up")
     _print_jog_report(report, json=json)
 
 
@@ -112,7 +112,7 @@ def _parse_speed(machine: Arm, what: str, speed: str | None) -> float | None:
 
 @contextmanager
 def _keep_going_check(machine: Arm, time_s: float | None) -> Generator[KeepGoing]:
-    """Yield what says whether to go on: a clock, or a key that is held."""
+    """Yield a function that returns whether to continue: until a time, or while a key is held."""
     if time_s is not None:
         end_s = machine.workings.now_s() + time_s
         yield lambda: machine.workings.now_s() < end_s
@@ -127,13 +127,13 @@ def _keep_going_check(machine: Arm, time_s: float | None) -> Generator[KeepGoing
 def _key_held_check(machine: Arm, key: Keys) -> KeepGoing:
     pressed_s = machine.workings.now_s()
 
-    def wanted() -> bool:
+    def keep_going() -> bool:
         nonlocal pressed_s
         if " " in key():
             pressed_s = machine.workings.now_s()
         return machine.workings.now_s() - pressed_s < _HOLD_S
 
-    return wanted
+    return keep_going
 
 
 def _print_jog_report(report: JogResult, *, json: bool) -> None:

@@ -1,4 +1,4 @@
-"""``ikservo joints`` and what ``pose`` shares with it: single joints go to positions."""
+"""``ikservo joints``: move single joints to positions; shared with ``pose``."""
 
 from __future__ import annotations
 
@@ -70,23 +70,23 @@ def command(
 def move_joints(
     machine: Arm, positions: Mapping[str, float], speed: str, *, yes: bool, wiggle: bool
 ) -> JointMoveResult:
-    """Announce a motion of joints, carry it out and return how it ended."""
+    """Announce a motion of joints, execute it and return its result."""
     announce(machine.plan_joints(positions, speed=speed), machine, yes=yes)
     if wiggle:
         check_directions_once(machine, yes=yes)
-    with progress_bar() as draw:
-        return machine.move_joints(positions, speed=speed, on_progress=draw)
+    with progress_bar() as on_progress:
+        return machine.move_joints(positions, speed=speed, on_progress=on_progress)
 
 
 def preview(machine: Arm, positions: Mapping[str, float], speed: str, *, json: bool) -> None:
-    """Print what a motion of joints would be; nothing moves."""
+    """Plan and print a motion of joints; nothing moves."""
     plan = machine.plan_joints(positions, speed=speed)
     announce(plan, machine, yes=True)
     print_plan(plan, machine.model, positions, json=json)
 
 
 def print_report(report: JointMoveResult, model: Model, *, json: bool) -> None:
-    """Print how a motion of joints ended; exit 1 where a joint did not arrive."""
+    """Print the result of a motion of joints; exit 1 if a joint did not reach its goal."""
     if json:
         print_json("joints", **_report_fields(report))
     else:
@@ -121,10 +121,11 @@ def _report_fields(report: JointMoveResult) -> dict[str, object]:
 
 
 def _report_lines(report: JointMoveResult, model: Model) -> list[str]:
-    say = {name: model.joint(name).joint_map.format for name in report.goal_rad}
-    width = max(8, *map(len, say))
+    formatters = {name: model.joint(name).joint_map.format for name in report.goal_rad}
+    width = max(8, *map(len, formatters))
     names = [
-        f"{name:{width}}  {say[name](report.measured_rad[name])} (target {say[name](goal)})"
+        f"{name:{width}}  {formatters[name](report.measured_rad[name])} "
+        f"(target {formatters[name](goal)})"
         for name, goal in report.goal_rad.items()
     ]
     return [

@@ -1,4 +1,4 @@
-"""The model of ``--arm``, its limits in words, and a posture of ``--prefer elbow_flex=30``."""
+"""The model of ``--arm``, its limits as text, and the posture of ``--prefer elbow_flex=30``."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _ARM_FILE = "arm file"
 _RANK_M = 1e-9  # metres per radian below which a joint does not move the tip in a direction
 
 LEANING = ("auto", "pseudo_inverse")
-"""The methods that lean towards a posture; the others have no null space."""
+"""The methods that use a preferred posture; the others have no null space."""
 
 PreferOption = Annotated[
     list[str] | None,
@@ -61,7 +61,7 @@ def model_from_option(arm: str | None, tip: str | None = None) -> Model:
     """Return the model of ``--arm``, as its arm file has it.
 
     Raises:
-        InputError: No arm was chosen; lists them.
+        InputError: No arm was given; lists them.
     """
     if not arm:
         known = ", ".join(arm_names())
@@ -70,21 +70,21 @@ def model_from_option(arm: str | None, tip: str | None = None) -> Model:
 
 
 def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Model:
-    """Return the model of ``--arm`` inside this arm's own calibration, where it has one; say so.
+    """Return the model of ``--arm`` with the limits of its calibration; print which one, if any.
 
     Raises:
-        InputError: No arm was chosen; lists them.
-        FileFormatError: Its calibration is spoiled.
+        InputError: No arm was given; lists them.
+        FileFormatError: Its calibration is damaged.
         CalibrationError: Its calibration is of another arm.
     """
     model = model_from_option(arm, tip)
     if not (model.joints and calibrations_of(model.name)):
         return model
-    from ikservo.arm.calibrated_arm import calibrated_model  # noqa: PLC0415  # brings the servos' rooms along
+    from ikservo.arm.calibrated_arm import calibrated_model  # noqa: PLC0415  # loads the servo modules
 
     own = calibrated_model(model)
-    more = f" (the newest; {len(own.others)} older beside it)" if own.others else ""
-    print_status(f"Limits from calibration: {own.file}{more}")
+    older = f" (the newest; {len(own.others)} older beside it)" if own.others else ""
+    print_status(f"Limits from calibration: {own.file}{older}")
     return own.model
 
 
@@ -95,7 +95,7 @@ def initial_joints(model: Model) -> Vector:
 
 
 def describe_limit(model: Model, binding: ActiveLimit) -> str:
-    """Return a limit that holds the arm back: ``j2 at its lower limit, 5.0° (arm file)``."""
+    """Return an active limit as text: ``j2 at its lower limit, 5.0° (arm file)``."""
     joint = next((joint for joint in model.joints if joint.name == binding.joint), None)
     if joint is None:
         return str(binding)
@@ -105,7 +105,7 @@ def describe_limit(model: Model, binding: ActiveLimit) -> str:
 
 
 def limit_sources(model: Model) -> list[str]:
-    """Return where the range of each joint of the chain comes from (dof,)."""
+    """Return the source of the limits of each joint of the chain (dof,)."""
     sources = {joint.name: joint.limits.source for joint in model.joints}
     return [sources.get(name, _ARM_FILE) for name in model.chain.names]
 
@@ -113,19 +113,19 @@ def limit_sources(model: Model) -> list[str]:
 def posture_from_options(
     model: Model, chain: Chain, prefer: Sequence[str] | None, weight: Sequence[str] | None
 ) -> Posture | None:
-    """Return the posture that the options ask for; None where they ask for none.
+    """Return the preferred posture of the options; None if there is none.
 
-    A pose prefers a position for every joint; single joints may then prefer another.
+    A pose sets a preferred position for every joint; single joints may then override it.
 
     Args:
         model: Has the poses and the joints' units.
-        chain: The joints that lean.
+        chain: The joints of the posture.
         prefer: Names of poses, and ``JOINT=POSITION``.
         weight: ``JOINT=NUMBER``.
 
     Raises:
-        BadValueError: A weight is no number of at least 0, or something is given twice.
-        InputError: Text that is neither, or a weight of a joint that prefers nothing.
+        BadValueError: A weight is not a number of at least 0, or something is given twice.
+        InputError: Invalid text, or a weight of a joint without a preferred position.
         UnknownNameError: No such joint or pose.
     """
     q, weights = np.zeros(chain.dof), np.zeros(chain.dof)
@@ -150,7 +150,7 @@ def posture_from_options(
 
 
 def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:
-    """Say so where a target leaves no freedom to lean in.
+    """Print a note if the target leaves no freedom for a preferred posture.
 
     Args:
         chain: The arm.
@@ -173,11 +173,11 @@ def _pose_joints(model: Model, chain: Chain, name: str) -> Vector:
 
 
 def _parse_pairs(
-    chain: Chain, given: Sequence[str] | None, option: str, example: str
+    chain: Chain, texts: Sequence[str] | None, option: str, example: str
 ) -> list[tuple[int, str]]:
-    """Return which joint is given which text."""
-    pairs, seen = list[tuple[int, str]](), set[str]()
-    for each in given or ():
+    """Return the joint columns and the texts given for them."""
+    pairs, named = list[tuple[int, str]](), set[str]()
+    for each in texts or ():
         name, equals, text = each.partition("=")
         if not equals:
             if option == "--prefer":
@@ -187,9 +187,9 @@ def _parse_pairs(
             )
         if name not in chain.names:
             raise UnknownNameError("joint", name, chain.names)
-        if name in seen:
+        if name in named:
             raise BadValueError(f"{option} for {name}", "given twice", "one value a joint")
-        seen.add(name)
+        named.add(name)
         pairs.append((chain.names.index(name), text))
     return pairs
 

@@ -1,4 +1,4 @@
-"""``ikservo move``: the tip goes to a point, on a line or through others if wanted."""
+"""``ikservo move``: move the tip to a point, optionally on a line or through other points."""
 
 from __future__ import annotations
 
@@ -93,14 +93,14 @@ def command(
 
     ikservo move 0.2 0.1 0.1 --via 0.2,0,0.2 --via 0.25,0.05,0.2 --blend 30mm
     """
-    stance = orientation_from_options(pitch, roll, direction, keep=keep)
+    orientation = orientation_from_options(pitch, roll, direction, keep=keep)
     points = [*(parse_point_m(text) for text in via or ()), (x, y, z)]
     with open_from_options(
         arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
     ) as machine:
         posture = posture_from_options(machine.model, machine.chain, prefer, weight)
-        stance = stance if posture is None else replace(stance, posture=posture)
-        plan = _plan_motion(machine, points, stance, speed, blend_m=blend, line=line)
+        orientation = orientation if posture is None else replace(orientation, posture=posture)
+        plan = _plan_motion(machine, points, orientation, speed, blend_m=blend, line=line)
         if posture is not None and plan.solution is not None:
             report_missing_freedom(machine.chain, plan.solution.q, directed=False)
         announce(plan, machine, yes=yes or dry_run)
@@ -108,9 +108,9 @@ def command(
             _print_preview(plan, machine, json=json)
             return
         if not no_wiggle and check_directions_once(machine, yes=yes):
-            plan = _plan_motion(machine, points, stance, speed, blend_m=blend, line=line)
-        with progress_bar() as draw:
-            report = cast("MoveResult", machine.execute(plan, draw))  # of a plan of the tip
+            plan = _plan_motion(machine, points, orientation, speed, blend_m=blend, line=line)
+        with progress_bar() as on_progress:
+            report = cast("MoveResult", machine.execute(plan, on_progress))  # of a plan of the tip
     _print_move_report(report, json=json)
     if not report.reached:
         raise typer.Exit(ExitCode.FAILED)
@@ -119,15 +119,15 @@ def command(
 def _plan_motion(
     machine: Arm,
     points: list[tuple[float, float, float]],
-    stance: ToolOrientation,
+    orientation: ToolOrientation,
     speed: str,
     *,
     blend_m: float,
     line: bool,
 ) -> MotionPlan:
     if len(points) == 1 and not line:
-        return machine.plan_to(points[0], speed=speed, stance=stance)
-    return machine.plan_through(points, blend_m=blend_m, line=line, speed=speed, stance=stance)
+        return machine.plan_to(points[0], speed=speed, stance=orientation)
+    return machine.plan_through(points, blend_m=blend_m, line=line, speed=speed, stance=orientation)
 
 
 def _print_preview(plan: MotionPlan, machine: Arm, *, json: bool) -> None:
@@ -163,7 +163,7 @@ def _print_move_report(report: MoveResult, *, json: bool) -> None:
             f"tool       {_format_orientation(report)}",
             f"duration   {report.duration_s:.2f} s",
             f"reached    {'yes' if report.reached else 'no'}",
-            *(f"binds      {words}" for words in report.binding),
+            *(f"binds      {text}" for text in report.binding),
         ]
     )
 

@@ -118,14 +118,14 @@ _DIRECTIONS = ("x", "y", "z", "up", "down")
 
 
 def complete_arms(incomplete: str) -> list[str]:
-    """Return the arms whose names begin like that."""
+    """Return the arms whose names start with a prefix."""
     from ikservo.model import arm_names  # noqa: PLC0415  # the Tab key should not wait for more
 
     return [name for name in arm_names() if name.startswith(incomplete)]
 
 
 def complete_poses(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
-    """Return the poses of the chosen arm whose names begin like that, taught ones included."""
+    """Return the poses of the chosen arm, taught ones included, that start with a prefix."""
     from ikservo.arm.poses import known_pose_names  # noqa: PLC0415
 
     model = _model_from_context(ctx)
@@ -133,7 +133,7 @@ def complete_poses(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # t
 
 
 def complete_joints(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
-    """Return the joints of the chosen arm as ``NAME=``, without those that were given before."""
+    """Return the joints of the chosen arm as ``NAME=``, without those given before."""
     model = _model_from_context(ctx)
     given = {str(goal).partition("=")[0] for goal in ctx.params.get("goals") or ()}
     names = [] if model is None else [joint.name for joint in model.joints]
@@ -148,24 +148,24 @@ def complete_jogs(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
 
 
 def complete_speeds(incomplete: str) -> list[str]:
-    """Return the speed classes that begin like that."""
+    """Return the speed classes that start with a prefix."""
     return _filter_by_prefix(_SPEEDS, incomplete)
 
 
 def complete_methods(incomplete: str) -> list[str]:
-    """Return the methods of ``solve`` that begin like that."""
+    """Return the methods of ``solve`` that start with a prefix."""
     from ikservo.ik import METHODS  # noqa: PLC0415
 
     return _filter_by_prefix(["auto", *METHODS], incomplete)
 
 
 def complete_openings(incomplete: str) -> list[str]:
-    """Return what the gripper can be told that begins like that."""
+    """Return the commands of the gripper that start with a prefix."""
     return _filter_by_prefix(("open", "close"), incomplete)
 
 
 def complete_actions(incomplete: str) -> list[str]:
-    """Return the actions of ``ikservo calibration`` that begin like that."""
+    """Return the actions of ``ikservo calibration`` that start with a prefix."""
     names = ("diff", "push", "pull", "adopt", "resume", "revert")
     return _filter_by_prefix(names, incomplete)
 
@@ -175,7 +175,7 @@ def _filter_by_prefix(names: Iterable[str], incomplete: str) -> list[str]:
 
 
 def _model_from_context(ctx: Any) -> Model | None:  # noqa: ANN401
-    """Return the arm of ``--arm`` or ``IKSERVO_ARM``; None where none is chosen yet."""
+    """Return the arm of ``--arm`` or ``IKSERVO_ARM``; None if none is chosen yet."""
     from ikservo.errors import IkservoError  # noqa: PLC0415
     from ikservo.model import load_model  # noqa: PLC0415
 
@@ -259,12 +259,12 @@ KeepOption = Annotated[
 def orientation_from_options(
     pitch_rad: float | None, roll_rad: float | None, direction: str | None, *, keep: bool
 ) -> ToolOrientation:
-    """Return the stance that the options ask for.
+    """Return the tool orientation of the options.
 
     Raises:
         BadValueError: They contradict each other, or an angle is too large.
     """
-    from ikservo.arm.tool_orientation import ToolOrientation  # noqa: PLC0415  # brings the servos' rooms along
+    from ikservo.arm.tool_orientation import ToolOrientation  # noqa: PLC0415  # loads the servo modules
 
     axis = None if direction is None else parse_axis(direction)
     return ToolOrientation(pitch_rad, roll_rad, axis, keep)

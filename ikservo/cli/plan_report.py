@@ -1,4 +1,4 @@
-"""Print a motion plan: target, duration, what limits it."""
+"""Print a motion plan: target, duration, active limits."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def print_plan(
     *,
     json: bool,
 ) -> None:
-    """Print a motion that could start now.
+    """Print a plan.
 
     Args:
         plan: The motion.
         model: The arm.
-        goal: Where joints end, rad or m by name.
-        change_rad: By how much the tool turns.
+        goal: Goal positions, rad or m by joint name.
+        change_rad: Rotation of the tool.
         json: Whether to print one JSON object.
     """
     if json:
@@ -40,7 +40,7 @@ def print_plan(
 
 
 def describe_orientation_error(angle_rad: float, *, requested: bool) -> str:
-    """Return the error of a requested orientation in words, or the change where none was."""
+    """Return the error of a requested orientation as text, or the change if none was requested."""
     angle = f"{math.degrees(angle_rad):.1f}°"
     if requested:
         return f"orientation error {angle}"
@@ -83,7 +83,7 @@ def _plan_lines(plan: MotionPlan, change_rad: float) -> list[str]:
 
 
 def _limiting_lines(plan: MotionPlan) -> list[str]:
-    """Return what sets the time, and the limits that hold the solution."""
+    """Return the joints that limit the duration, and the active limits of the solution."""
     held = [] if plan.solution is None else [str(limit) for limit in plan.solution.binding]
     return [*plan.time_limiting_joints, *held]
 

@@ -1,4 +1,4 @@
-"""Figures: of a solve, the arm before and after and its errors; of the workspace, its area."""
+"""Figures of a solve (the arm before and after, errors per iteration) and of the workspace."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ __all__ = [
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
 
-# Told apart by colour-blind people, too (Okabe and Ito, Color Universal Design, 2008).
+# Distinguishable by colour-blind users, too (Okabe and Ito, Color Universal Design, 2008).
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _DASHES = ("-", "--", "-.", ":")
 
@@ -51,7 +51,7 @@ _FILL, _EDGE, _ARM, _POINT = "#cfe8e4", "#2a7f74", "#3c4043", "#c0392b"
 
 
 def check_plot_file(file: Path) -> None:
-    """Refuse before any work is done what could not be drawn or written afterwards.
+    """Check the file and matplotlib before any work is done.
 
     Raises:
         InputError: The file is neither .svg nor .png, or its folder does not exist.
@@ -68,14 +68,14 @@ def check_plot_file(file: Path) -> None:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """Return an empty sheet, without any window."""
+    """Return an empty figure without a window."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
 def save_figure(figure: Figure, file: Path) -> None:
-    """Write the sheet; the same picture gives the same bytes.
+    """Write the figure; the same figure gives the same bytes.
 
     Raises:
         InputError: The file cannot be written.
@@ -93,18 +93,18 @@ def save_figure(figure: Figure, file: Path) -> None:
 
 
 def line_styles(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return colour and dashes of each line; a method has the same in every picture."""
+    """Return colour and dashes of each line; a method has the same in every figure."""
     known = list(METHODS)
     places = [known.index(name) if name in known else i for i, name in enumerate(names)]
     return [(_COLOURS[i % 6], _DASHES[i // 6 % 4]) for i in places]
 
 
 def arm_polyline(model: Model, q: Vector) -> tuple[Matrix, Matrix]:
-    """Return the arm as a line.
+    """Return the arm as a polyline.
 
     Returns:
-        The origins (n, 3) [m] of the links from the base to the tip, and the places (dof, 3) of
-        those joints that move.
+        The origins (n, 3) [m] of the links from the base to the tip, and the positions (dof, 3) of
+        the joints that move.
     """
     chain = model.chain
     way = model.urdf.joints_to(chain.tip)
@@ -115,7 +115,7 @@ def arm_polyline(model: Model, q: Vector) -> tuple[Matrix, Matrix]:
 
 
 def square_axes(axes: Axes, points: Matrix, side_m: float) -> None:
-    """Show a square of the world with the points (n, 2) in the middle."""
+    """Set both axes to a square with the points (n, 2) in the centre."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     low, high = middle - 0.5 * side_m, middle + 0.5 * side_m
     axes.set_xlim(low[0], high[0])
@@ -135,9 +135,9 @@ def label_length_axes(axes: Axes, across: str, up: str) -> None:
 # pyright: reportUnknownMemberType=false
 
 
-# What is below this is drawn here: a logarithm knows no zero.
+# Smaller values are drawn at this one, because of the logarithmic axis.
 _FLOOR = 1e-6
-# Curves that stay this many times above what counts as reached are not drawn beside it.
+# The tolerance line is drawn only if a curve comes within this factor of it.
 _NEAR = 100.0
 
 
@@ -146,41 +146,41 @@ def plot_error_curves(
     place: SubplotSpec,
     chain: Chain,
     target: Target,
-    answers: Sequence[tuple[str, Result]],
+    solutions: Sequence[tuple[str, Result]],
 ) -> None:
-    """Draw what is left of the way, and of the turn if one was wanted, at every iterate."""
-    left = [np.array(trace_errors(chain, target, result)) for _, result in answers]
-    enough = Tolerance()
+    """Draw position error, and orientation error if requested, at every iterate."""
+    errors_by_solution = [np.array(trace_errors(chain, target, result)) for _, result in solutions]
+    tolerance = Tolerance()
     rows = place.subgridspec(1 if target.only_position else 2, 1)
     axes = figure.add_subplot(rows[0])
     axes.set_title("Error at each iterate")
-    pens = line_styles([name for name, _ in answers])
-    curves_mm = [1000.0 * errors[:, 0] for errors in left]
-    _draw_curves(axes, curves_mm, pens, "position error [mm]", 1000.0 * enough.position_m)
+    styles = line_styles([name for name, _ in solutions])
+    curves_mm = [1000.0 * errors[:, 0] for errors in errors_by_solution]
+    _draw_curves(axes, curves_mm, styles, "position error [mm]", 1000.0 * tolerance.position_m)
     if not target.only_position:
         axes.tick_params(labelbottom=False)
         axes = figure.add_subplot(rows[1], sharex=axes)
-        curves_deg = [np.degrees(errors[:, 1]) for errors in left]
-        limit_deg = math.degrees(enough.orientation_rad)
-        _draw_curves(axes, curves_deg, pens, "angle left [°]", limit_deg)
+        curves_deg = [np.degrees(errors[:, 1]) for errors in errors_by_solution]
+        limit_deg = math.degrees(tolerance.orientation_rad)
+        _draw_curves(axes, curves_deg, styles, "angle left [°]", limit_deg)
     axes.set_xlabel("iteration")
 
 
 def _draw_curves(
     axes: Axes,
     curves: Sequence[Vector],
-    pens: Sequence[tuple[str, str]],
+    styles: Sequence[tuple[str, str]],
     what: str,
-    enough: float,
+    tolerance: float,
 ) -> None:
-    for curve, (colour, dashes) in zip(curves, pens, strict=True):
+    for curve, (colour, dashes) in zip(curves, styles, strict=True):
         shown = np.maximum(curve, _FLOOR)
         axes.plot(shown, dashes, color=colour, linewidth=1.8)
         axes.plot(len(shown) - 1, shown[-1], "o", color=colour, markersize=6.0)
     axes.set_yscale("log")
-    if min(float(curve.min()) for curve in curves) < _NEAR * enough:
-        _draw_tolerance(axes, enough)
-    else:  # within a decade or two, where plain numbers are easier to read than powers
+    if min(float(curve.min()) for curve in curves) < _NEAR * tolerance:
+        _draw_tolerance(axes, tolerance)
+    else:  # within a decade or two plain numbers are easier to read than powers
         axes.yaxis.set_major_formatter(_format_number)
         axes.yaxis.set_minor_formatter(_format_number)
     axes.set_xscale("symlog", linthresh=1.0)
@@ -195,10 +195,10 @@ def _format_number(number: float, _place: float | None) -> str:
     return f"{number:g}"
 
 
-def _draw_tolerance(axes: Axes, enough: float) -> None:
+def _draw_tolerance(axes: Axes, tolerance: float) -> None:
     """Draw the line below which a target counts as reached."""
-    axes.axhline(enough, color="#6b6b6b", linewidth=1.0)
-    axes.annotate("reached", (0.02, enough), xycoords=("axes fraction", "data"), va="top",
+    axes.axhline(tolerance, color="#6b6b6b", linewidth=1.0)
+    axes.annotate("reached", (0.02, tolerance), xycoords=("axes fraction", "data"), va="top",
                   xytext=(0, -3), textcoords="offset points", color="#6b6b6b")  # fmt: skip
 
 
@@ -208,32 +208,32 @@ def _draw_tolerance(axes: Axes, enough: float) -> None:
 
 _START_STYLE, _JOINT, _GROUND = "#9a9a9a", "#303030", "#6b6b6b"
 _PANEL_IN, _LEGEND_IN = 5.0, 0.9
-# An arm that stays within this height [m] has no side worth looking at.
+# An arm that stays within this height [m] gets no side view.
 _FLAT_M = 1e-3
 
 
 def plot_solution(
-    file: Path, model: Model, target: Target, start: Vector, answers: Sequence[tuple[str, Result]]
+    file: Path, model: Model, target: Target, start: Vector, solutions: Sequence[tuple[str, Result]]
 ) -> None:
-    """Draw the arm at the start and at each answer, and the error along each trace.
+    """Draw the arm at the start and at each solution, and the error along each trace.
 
     Args:
-        file: Where to; ``.svg`` or ``.png``.
+        file: The file; ``.svg`` or ``.png``.
         model: The arm.
-        target: What was wanted.
-        start: Joints (dof,) before.
-        answers: Each with its name; those with a trace get a curve.
+        target: The target.
+        start: Joints (dof,) at the start.
+        solutions: Results with their names; those with a trace get a curve.
     """
-    poses = _plot_poses(model, start, answers)
+    poses = _plot_poses(model, start, solutions)
     views = _plot_views(model, poses)
-    columns = len(views) + any(result.trace for _, result in answers)
+    columns = len(views) + any(result.trace for _, result in solutions)
     figure = new_figure(_PANEL_IN * columns, _PANEL_IN + _LEGEND_IN)
     places = figure.add_gridspec(1, columns)
     side_m = 1.15 * max(view.extent_m(poses, target.position) for view in views)
     for i, view in enumerate(views):
         _draw_view(figure.add_subplot(places[i]), view, poses, target.position, side_m)
     if columns > len(views):
-        plot_error_curves(figure, places[-1], model.chain, target, answers)
+        plot_error_curves(figure, places[-1], model.chain, target, solutions)
     handles = figure.axes[0].get_lines()[: len(poses)]
     labels = [pose.label for pose in poses]
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
@@ -243,7 +243,7 @@ def plot_solution(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PlotPose:
-    """The arm as it is drawn once: its line (n, 3), its joints (k, 3), metres, and its pen."""
+    """A drawn posture: polyline (n, 3), joints (k, 3), metres, and line style."""
 
     line: Matrix
     joints: Matrix
@@ -259,29 +259,29 @@ class _PlotPose:
 
 @dataclass(frozen=True, slots=True)
 class _PlotView:
-    """One way to look at the arm: points (n, 3) of a pose with its tip at (3,), to paper (n, 2)."""
+    """A view: projects points (n, 3) of a posture with its tip at (3,) to the page (n, 2)."""
 
     title: str
     across: str
     up: str
-    look: Callable[[Matrix, Vector], Matrix]
+    project: Callable[[Matrix, Vector], Matrix]
 
     def project_points(self, poses: Sequence[_PlotPose], target_m: Vector) -> Matrix:
-        drawn = [self.look(pose.line, pose.tip_point) for pose in poses]
-        return np.vstack([*drawn, self.look(target_m[None, :], target_m)])
+        projected = [self.project(pose.line, pose.tip_point) for pose in poses]
+        return np.vstack([*projected, self.project(target_m[None, :], target_m)])
 
     def extent_m(self, poses: Sequence[_PlotPose], target_m: Vector) -> float:
         return float(np.ptp(self.project_points(poses, target_m), axis=0).max())
 
 
 def _plot_poses(
-    model: Model, start: Vector, answers: Sequence[tuple[str, Result]]
+    model: Model, start: Vector, solutions: Sequence[tuple[str, Result]]
 ) -> list[_PlotPose]:
-    """Return before, grey, and after; later ones are thinner, so that equal ones show as bands."""
+    """Return start and solutions; later lines are thinner, so that equal ones stay visible."""
     poses = [_PlotPose(*arm_polyline(model, start), "before", _START_STYLE, "-", 4.0)]
-    widths = [4.0] if len(answers) == 1 else np.linspace(10.0, 2.0, len(answers))
+    widths = [4.0] if len(solutions) == 1 else np.linspace(10.0, 2.0, len(solutions))
     for (name, result), (colour, dashes), width in zip(
-        answers, line_styles([name for name, _ in answers]), widths, strict=True
+        solutions, line_styles([name for name, _ in solutions]), widths, strict=True
     ):
         label = name if result.reached else f"{name}, {_result_label(result)} short"
         poses.append(_PlotPose(*arm_polyline(model, result.q), label, colour, dashes, float(width)))
@@ -289,32 +289,34 @@ def _plot_poses(
 
 
 def _result_label(result: Result) -> str:
-    gap, angle_rad = f"{result.position_error_m * 1000:.1f} mm", result.orientation_error_rad
-    return f"{gap} and {math.degrees(angle_rad):.1f}°" if angle_rad else gap
+    distance, angle_rad = f"{result.position_error_m * 1000:.1f} mm", result.orientation_error_rad
+    return f"{distance} and {math.degrees(angle_rad):.1f}°" if angle_rad else distance
 
 
 def _plot_views(model: Model, poses: Sequence[_PlotPose]) -> list[_PlotView]:
-    """Return the side, in the plane that turns with the arm, and the top; flat arms have one."""
+    """Return the side view, in the plane that rotates with the arm, and the top view."""
     top = _PlotView("From above", "x", "y", lambda points, _: points[:, :2])
     heights = np.concatenate([pose.line[1:, 2] for pose in poses])
     if float(np.ptp(heights)) < _FLAT_M:
         return [top]
     centre = _base_axis(model, poses[0])
 
-    def unrolled(points: Matrix, tip: Vector) -> Matrix:
-        out = tip[:2] - centre
-        length = math.hypot(*out)
-        direction = out / length if length > _FLAT_M else np.array([1.0, 0.0])
+    def into_arm_plane(points: Matrix, tip: Vector) -> Matrix:
+        offset = tip[:2] - centre
+        length = math.hypot(*offset)
+        direction = offset / length if length > _FLAT_M else np.array([1.0, 0.0])
         return np.column_stack([(points[:, :2] - centre) @ direction, points[:, 2]])
 
     return [
-        _PlotView("From the side, in the arm's own plane", "out from the base axis", "z", unrolled),
+        _PlotView(
+            "From the side, in the arm's own plane", "out from the base axis", "z", into_arm_plane
+        ),
         top,
     ]
 
 
 def _base_axis(model: Model, pose: _PlotPose) -> Vector:
-    """Return where (2,) the first joint's axis stands on the ground; the origin if it lies."""
+    """Return the ground point (2,) of the first joint's axis; the origin if it is not vertical."""
     axis = model.chain.jacobian(np.zeros(model.chain.dof))[3:, 0]
     return pose.joints[0, :2] if abs(axis[2]) > 0.99 else np.zeros(2)
 
@@ -323,12 +325,12 @@ def _draw_view(
     axes: Axes, view: _PlotView, poses: Sequence[_PlotPose], target_m: Vector, side_m: float
 ) -> None:
     for pose in poses:
-        axes.plot(*view.look(pose.line, pose.tip_point).T, pose.dashes, color=pose.colour,
+        axes.plot(*view.project(pose.line, pose.tip_point).T, pose.dashes, color=pose.colour,
                   linewidth=pose.width, solid_joinstyle="round")  # fmt: skip
     for pose in poses:
-        axes.plot(*view.look(pose.joints, pose.tip_point).T, "o", color="white",
+        axes.plot(*view.project(pose.joints, pose.tip_point).T, "o", color="white",
                   markeredgecolor=_JOINT, markersize=5.0)  # fmt: skip
-    axes.plot(*view.look(target_m[None, :], target_m).T, "x", color="black", markersize=11.0,
+    axes.plot(*view.project(target_m[None, :], target_m).T, "x", color="black", markersize=11.0,
               markeredgewidth=2.0)  # fmt: skip
     if view.up == "z":
         axes.axhline(0.0, color=_GROUND, linewidth=1.2, zorder=0.5)
@@ -345,14 +347,14 @@ def plot_workspace(
     file: Path,
     point_m: Sequence[float] | None = None,
 ) -> None:
-    """Draw a slice as one picture, or a volume as its shadows from three sides.
+    """Draw a slice as one picture, or a volume as its projections from three sides.
 
     Args:
-        region: What is reachable.
+        region: The reachable region.
         model: The arm.
         home: The joints (dof,) in which the arm is drawn.
-        title: What stands above.
-        file: Where to; ``.svg`` or ``.png``.
+        title: The title of the figure.
+        file: The file; ``.svg`` or ``.png``.
         point_m: A point (3,) of the base frame to mark, if any.
 
     Raises:
@@ -361,35 +363,35 @@ def plot_workspace(
     views = [2] if region.is_slice else [2, 1, 0]
     figure = new_figure(6.0 * len(views), 6.0)
     arm_m, _ = arm_polyline(model, home)
-    for place, along in enumerate(views):
+    for place, normal in enumerate(views):
         axes = figure.add_subplot(1, len(views), place + 1)
-        _draw_reach(axes, region, along)
-        _draw_arm(axes, np.delete(region.grid.to_grid(arm_m), along, axis=1))
+        _draw_reach(axes, region, normal)
+        _draw_arm(axes, np.delete(region.grid.to_grid(arm_m), normal, axis=1))
         if point_m is not None:
-            _mark_point(axes, np.delete(region.grid.to_grid([point_m])[0], along))
-        label_length_axes(axes, *np.delete(axis_names(region), along))
+            _mark_point(axes, np.delete(region.grid.to_grid([point_m])[0], normal))
+        label_length_axes(axes, *np.delete(axis_names(region), normal))
     figure.suptitle(title)
     save_figure(figure, file)
 
 
 def axis_names(region: Workspace) -> tuple[str, str, str]:
-    """Name each axis of the grid after the base axis it runs along, or say that it leads out."""
+    """Return the base axis that each axis of the grid is parallel to, or ``out``."""
     names = ("x", "y", "z")
-    along = np.abs(region.grid.T_world_grid[:3, :3])
+    directions = np.abs(region.grid.T_world_grid[:3, :3])
     u, v, w = (
-        names[int(column.argmax())] if column.max() > 1 - 1e-9 else "out" for column in along.T
+        names[int(column.argmax())] if column.max() > 1 - 1e-9 else "out" for column in directions.T
     )
     return u, v, w
 
 
-def _draw_reach(axes: Axes, region: Workspace, along: int) -> None:
+def _draw_reach(axes: Axes, region: Workspace, normal: int) -> None:
     from matplotlib.patches import PathPatch  # noqa: PLC0415
     from matplotlib.path import Path as Shape  # noqa: PLC0415
 
-    loops = [Shape(loop, closed=False) for loop in map(_close_loop, region.outline(along))]
+    loops = [Shape(loop, closed=False) for loop in map(_close_loop, region.outline(normal))]
     if loops:
-        whole = Shape.make_compound_path(*loops)
-        axes.add_patch(PathPatch(whole, facecolor=_FILL, edgecolor=_EDGE, linewidth=1.0))
+        outline = Shape.make_compound_path(*loops)
+        axes.add_patch(PathPatch(outline, facecolor=_FILL, edgecolor=_EDGE, linewidth=1.0))
 
 
 def _close_loop(loop: Matrix) -> Matrix:

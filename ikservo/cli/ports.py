@@ -1,4 +1,4 @@
-"""``ikservo ports``: the adapters that are plugged in, and which one is which."""
+"""``ikservo ports``: list the connected adapters, and identify them."""
 
 from __future__ import annotations
 

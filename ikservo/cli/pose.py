@@ -1,4 +1,4 @@
-"""``ikservo pose``: all joints go to a named pose."""
+"""``ikservo pose``: move all joints to a named pose."""
 
 from __future__ import annotations
 

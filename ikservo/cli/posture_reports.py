@@ -29,14 +29,14 @@ __all__ = [
 
 def joint_lines(positions: Mapping[str, tuple[float, JointUnit]]) -> list[str]:
     """Return a line for each joint, from its position [rad or m] and unit by name."""
-    words = {name: format_position(at, unit) for name, (at, unit) in positions.items()}
-    name_width = max(map(len, words), default=0)
-    width = max(map(len, words.values()), default=0)
-    return [f"{name:{name_width}}  {word:>{width}}" for name, word in words.items()]
+    texts = {name: format_position(position, unit) for name, (position, unit) in positions.items()}
+    name_width = max(map(len, texts), default=0)
+    width = max(map(len, texts.values()), default=0)
+    return [f"{name:{name_width}}  {text:>{width}}" for name, text in texts.items()]
 
 
 def torque_lines(chain: Chain, torques: Vector) -> list[str]:
-    """Return one line a joint: what a force at the tip turns or pushes it with (dof,)."""
+    """Return one line per joint: its torque or force (dof,) due to a force at the tip."""
     width = max(len(name) for name in chain.names)
     rows = zip(chain.names, chain.kinds, torques.tolist(), strict=True)
     return [
@@ -49,17 +49,17 @@ def torque_lines(chain: Chain, torques: Vector) -> list[str]:
 
 
 def posture_lines(chain: Chain, q: Vector) -> list[str]:
-    """Return what to say of measured joints (dof,)."""
+    """Return lines on the conditioning of measured joints (dof,)."""
     return _conditioning_lines(conditioning(chain, q), nearest_singularity(chain, q))
 
 
 def posture_fields(chain: Chain, q: Vector) -> dict[str, object]:
-    """Return the same for a program."""
+    """Return the conditioning of measured joints (dof,) for ``--json``."""
     return _conditioning_fields(conditioning(chain, q), nearest_singularity(chain, q))
 
 
 def result_lines(result: Result) -> list[str]:
-    """Return what to say of the joints of an answer."""
+    """Return lines on the conditioning of a solution."""
     return (
         []
         if result.conditioning is None
@@ -68,7 +68,7 @@ def result_lines(result: Result) -> list[str]:
 
 
 def result_fields(result: Result) -> dict[str, object]:
-    """Return the same for a program."""
+    """Return the conditioning of a solution for ``--json``."""
     return (
         {}
         if result.conditioning is None

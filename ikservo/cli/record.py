@@ -1,4 +1,4 @@
-"""``ikservo record``: where the joints are, at a fixed rate, into a file."""
+"""``ikservo record``: record the joint positions at a fixed rate to a file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ikservo.errors import InputError
 __all__ = ["command"]
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A new file, JSON lines.")]
-Time = Annotated[
+Duration = Annotated[
     float | None,
     typer.Option("--duration", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
 ]
@@ -36,7 +36,7 @@ def command(
     *,
     arm: ArmOption = None,
     port: PortOption = None,
-    time: Time = None,
+    duration: Duration = None,
     period: Period = 0.02,  # pyright: ignore[reportArgumentType]
     overwrite: Overwrite = False,
     uncalibrated: UncalibratedOption = False,
@@ -48,24 +48,24 @@ def command(
 
     ikservo replay wave.jsonl --arm so101
     """
-    if time is None and not sys.stdin.isatty():
+    if duration is None and not sys.stdin.isatty():
         raise InputError(
             "Cannot wait for Ctrl-C: input is not a terminal.",
             "Add --duration, as in --duration 10.",
         )
     model = model_from_option(arm)
-    until = _first_sample_announcer() if time is None else None
-    report = record_remote(model, port, file, time, until, period, overwrite=overwrite)
+    until = _first_sample_announcer() if duration is None else None
+    report = record_remote(model, port, file, duration, until, period, overwrite=overwrite)
     if report is None:
         with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
             _offer_release(machine)
-            report = machine.record(file, duration_s=time, until=until,
+            report = machine.record(file, duration_s=duration, until=until,
                                     period_s=period, overwrite=overwrite)  # fmt: skip
     _print_record_report(report, json=json)
 
 
 def _offer_release(machine: Arm) -> None:
-    """Say that an arm with torque cannot be guided by hand, and offer to switch it off."""
+    """Print that an arm with torque cannot be guided by hand, and offer to switch it off."""
     if not any(state.torque for state in machine.where().joints):
         return
     print_status("Torque is on: the arm cannot be guided by hand.")
@@ -77,14 +77,14 @@ def _offer_release(machine: Arm) -> None:
 
 
 def _first_sample_announcer() -> Callable[[], bool]:
-    """Return what says at the first sample, and not before, that the arm is being recorded."""
-    said = False
+    """Return an ``until`` callback that prints a message at the first sample."""
+    announced = False
 
     def never_ends() -> bool:
-        nonlocal said
-        if not said:
+        nonlocal announced
+        if not announced:
             print_status("Recording; Ctrl-C ends it.")
-        said = True
+        announced = True
         return False
 
     return never_ends

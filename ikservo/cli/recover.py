@@ -1,4 +1,4 @@
-"""``ikservo recover``: alarms are cleared by each family's own way."""
+"""``ikservo recover``: clear alarms with the procedure of each servo family."""
 
 from __future__ import annotations
 

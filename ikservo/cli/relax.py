@@ -1,4 +1,4 @@
-"""``ikservo relax``: the arm lowers itself and lets go."""
+"""``ikservo relax``: lower the arm and switch torque off."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ def command(
     Where another program of yours has the port, that one stops what it does and relaxes the arm.
     """
     model = model_from_option(arm)
-    elsewhere = request_relax(model, port)
-    if elsewhere is not None:
-        print_report(elsewhere, model, json=json)
+    remote_result = request_relax(model, port)
+    if remote_result is not None:
+        print_report(remote_result, model, json=json)
         return
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         if not machine.zeros.are_known:
             _release_torque(machine, yes=yes)
             return
         announce_lowering(machine, yes=yes)
-        with progress_bar() as draw:
-            report = machine.relax(draw)
+        with progress_bar() as on_progress:
+            report = machine.relax(on_progress)
     print_report(report, machine.model, json=json)
 
 
 def _release_torque(machine: Arm, *, yes: bool) -> None:
-    """Switch off the torque of an arm that cannot be lowered, its zeros being unknown."""
+    """Switch off the torque of an arm with unknown zeros, which cannot be lowered."""
     print_status("Not calibrated, so the arm cannot be lowered.")
     print_status("Torque will be switched off; support the arm.")
     if not yes and not (sys.stdin.isatty() and confirm("Switch torque off?")):

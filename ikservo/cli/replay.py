@@ -1,4 +1,4 @@
-"""``ikservo replay``: a recorded motion once more, through the guard."""
+"""``ikservo replay``: replay a recorded motion, checked by the guard."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def command(
         confirm_motion(machine, yes=yes)
         if not no_wiggle:
             check_directions_once(machine, yes=yes)
-        with progress_bar() as draw:
-            report = machine.replay(file, speed=speed, on_progress=draw)
+        with progress_bar() as on_progress:
+            report = machine.replay(file, speed=speed, on_progress=on_progress)
     _print_replay_report(report, json=json)
 
 

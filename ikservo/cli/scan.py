@@ -1,4 +1,4 @@
-"""``ikservo scan``: every id at every baud rate in every protocol."""
+"""``ikservo scan``: search every id at every baud rate with every protocol."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ikservo.hardware.scan import FoundServo, OnScanStep, ScanProgress, candidat
 __all__ = ["command"]
 
 Port = Annotated[str | None, typer.Argument(metavar="[PORT]", help="The same as --port.")]
-Every = Annotated[bool, typer.Option("--all", help="Go on after the first rate with servos.")]
+AllRates = Annotated[bool, typer.Option("--all", help="Go on after the first rate with servos.")]
 Rates = Annotated[
     list[int] | None,
     typer.Option("--baud", min=1_200, max=12_000_000, help="Only this rate; may be repeated."),
@@ -31,7 +31,7 @@ def command(
     port: PortOption = None,
     arm: ArmOption = None,
     rates: Rates = None,
-    every: Every = False,
+    all_rates: AllRates = False,
     json: JsonOption = False,
 ) -> None:
     """Find the servos on a port, whatever their ids and baud rates.
@@ -40,18 +40,18 @@ def command(
 
     ikservo scan --port sim --arm so101
     """
-    where = simulated_port_url(choose_port(name or port, arm or ""), _find_arm_file(arm))
-    wanted = list(dict.fromkeys(rates or candidate_baud_rates()))
+    port_url = simulated_port_url(choose_port(name or port, arm or ""), _find_arm_file(arm))
+    baud_rates = list(dict.fromkeys(rates or candidate_baud_rates()))
     with _scan_progress() as draw:
-        found = scan_port(where, wanted, all_rates=every or bool(rates), on_step=draw)
+        found = scan_port(port_url, baud_rates, all_rates=all_rates or bool(rates), on_step=draw)
     if not found:
         raise ServoSilentError(
-            f"No servo found on {format_port(where)} {_silence_message(wanted)}", _HINT
+            f"No servo found on {format_port(port_url)} {_silence_message(baud_rates)}", _HINT
         )
-    _print_servos(where, found, json=json)
-    crowds = sorted({servo.id for servo in found if servo.shares_id})
-    if crowds:
-        print_status(f"Several servos answer at id {', '.join(map(str, crowds))}.")
+    _print_servos(port_url, found, json=json)
+    shared_ids = sorted({servo.id for servo in found if servo.shares_id})
+    if shared_ids:
+        print_status(f"Several servos answer at id {', '.join(map(str, shared_ids))}.")
         print_status("Connect one servo at a time and give each its own id: ikservo setup ARM")
         raise typer.Exit(ExitCode.FAILED)
 
@@ -60,14 +60,14 @@ _HINT = "Check the servos' power supply and the cable, then: ikservo doctor"
 
 
 def _silence_message(rates: Sequence[int]) -> str:
-    at = f"{rates[0]} baud" if len(rates) == 1 else f"{len(rates)} baud rates"
-    return f"(all ids, {at})"
+    tried = f"{rates[0]} baud" if len(rates) == 1 else f"{len(rates)} baud rates"
+    return f"(all ids, {tried})"
 
 
 def _find_arm_file(arm: str | None) -> Path | None:
     if not arm:
         return None
-    from ikservo.model import find_arm  # noqa: PLC0415  # only the simulator needs to know
+    from ikservo.model import find_arm  # noqa: PLC0415  # needed for the simulator only
 
     return find_arm(arm)
 

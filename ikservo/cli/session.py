@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 
-# How long to listen for a second Ctrl-C; a person needs a moment, a script knows what it wants.
+# How long to wait for a second Ctrl-C: longer for a user than for a script.
 _KEY_TIMEOUT_S, _SIGNAL_TIMEOUT_S = 2.0, 1.0
 
 _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
@@ -35,14 +35,14 @@ _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
 @contextmanager
 def second_interrupt_lowers(machine: Arm, clock: Clock | None = None) -> Generator[None]:
-    """Let a second Ctrl-C or SIGTERM, soon after one that stopped the arm, lower it and let go.
+    """On a second Ctrl-C or SIGTERM soon after the first one, lower the arm and switch torque off.
 
     A stop for another reason ends the command at once; the arm holds.
 
     Args:
         machine: The arm that the command moves.
         clock: Measures the wait for the second signal. The computer's if None, on simulated arms
-            too: it is a user who is waited for.
+            too, because a user is waited for.
     """
     clock = clock or RealClock()
     try:
@@ -64,12 +64,12 @@ def second_interrupt_lowers(machine: Arm, clock: Clock | None = None) -> Generat
 def _is_interrupted_again(machine: Arm, clock: Clock) -> bool:
     if machine.stop_requests > 1:
         return True
-    person = sys.stdin.isatty()
-    if person:
+    interactive = sys.stdin.isatty()
+    if interactive:
         print_status("Torque stays on. Ctrl-C again lowers the arm and switches torque off.")
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        clock.sleep_until(clock.now_s() + (_KEY_TIMEOUT_S if person else _SIGNAL_TIMEOUT_S))
+        clock.sleep_until(clock.now_s() + (_KEY_TIMEOUT_S if interactive else _SIGNAL_TIMEOUT_S))
     except KeyboardInterrupt:
         return True
     finally:
@@ -92,7 +92,7 @@ def open_from_options(
     collisions: bool = True,
     uncalibrated: bool = False,
 ) -> Generator[Arm]:
-    """Open the arm of ``--arm`` on ``--port``, and leave it holding."""
+    """Open the arm of ``--arm`` on ``--port``; it keeps holding afterwards."""
     model = model_from_option(arm, tip)
     with open_arm(model, port, collisions=collisions, uncalibrated=uncalibrated) as machine:
         _warn_uncalibrated(machine)
@@ -101,11 +101,11 @@ def open_from_options(
 
 
 def announce(plan: MotionPlan, machine: Arm, *, yes: bool) -> None:
-    """Say what is about to move, and ask once where a person can answer.
+    """Print a planned motion, and ask the user to confirm it.
 
     Raises:
-        IkservoError: The person said no.
-        InputError: A real arm would move, without --yes and without a terminal to ask on.
+        IkservoError: The user declined.
+        InputError: A real arm would move, without --yes and without a terminal.
     """
     where_to = "" if plan.target_m is None else f" to {format_point(plan.target_m.tolist())}"
     print_status(f"{machine.model.title} on {format_port(machine.port_name)}{where_to}: "
@@ -118,13 +118,13 @@ def announce(plan: MotionPlan, machine: Arm, *, yes: bool) -> None:
 
 
 def announce_lowering(machine: Arm, *, yes: bool) -> None:
-    """Say that the arm is about to be lowered and let go, and ask once as ``announce`` does.
+    """Print that the arm will be lowered and relaxed, and ask for confirmation as ``announce``.
 
     Raises:
-        IkservoError: The person said no.
+        IkservoError: The user declined.
     """
-    for words in machine.pose_within_limits("rest").changed:
-        print_status(f"{words}.")
+    for change in machine.pose_within_limits("rest").changed:
+        print_status(f"{change}.")
     try:
         plan = machine.plan_lowering()
     except IkservoError as error:
@@ -138,11 +138,11 @@ def announce_lowering(machine: Arm, *, yes: bool) -> None:
 
 
 def confirm_motion(machine: Arm, *, yes: bool) -> None:
-    """Ask once whether to make the motion that was announced; a simulated arm needs no answer.
+    """Ask the user to confirm an announced motion; a simulated arm needs no confirmation.
 
     Raises:
-        IkservoError: The person said no.
-        InputError: A real arm would move, without --yes and without a terminal to ask on.
+        IkservoError: The user declined.
+        InputError: A real arm would move, without --yes and without a terminal.
     """
     if yes or machine.zeros is ZeroSource.SIMULATED:
         return
@@ -156,7 +156,7 @@ def confirm_motion(machine: Arm, *, yes: bool) -> None:
 
 @contextmanager
 def progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
-    """Yield what draws a progress bar on a terminal's stderr, or None elsewhere."""
+    """Yield a callback that draws a progress bar on stderr, or None if that is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return

@@ -1,4 +1,4 @@
-"""``ikservo setup``: servos get ids and baud rates one at a time, or an EEPROM backup back."""
+"""``ikservo setup``: set ids and baud rates, one servo at a time, or restore an EEPROM backup."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _restore_backup(
     yes: bool,
     json: bool,
 ) -> None:
-    """Write an EEPROM backup to its servo, after a question."""
+    """Write an EEPROM backup to its servo, after confirmation."""
     backup = read_backup(path)
     with open_bus(model, port) as bus:
         plan = plan_restoration(bus, backup, target, other_model=other_model)
@@ -94,10 +94,10 @@ def _format_change(register: str, found: int, wanted: int) -> str:
 
 
 def _confirm_restoration(plan: Restoration) -> bool:
-    asked = f"Write these to {plan.servo}?"
+    question = f"Write these to {plan.servo}?"
     if not sys.stdin.isatty():
-        raise InputError(f"{asked} Cannot ask: input is not a terminal.", "Give --yes.")
-    return confirm(asked)
+        raise InputError(f"{question} Cannot ask: input is not a terminal.", "Give --yes.")
+    return confirm(question)
 
 
 def _print_json(plan: Restoration, written: list[str]) -> None:
@@ -153,23 +153,23 @@ def command(
 
 
 class _ConsolePrompt:
-    """Talks to the person on stderr, and puts what was done on stdout."""
+    """Asks the user on stderr, and prints results on stdout."""
 
     def __init__(self, model: Model, *, yes: bool, json: bool) -> None:
         self._model, self._yes, self._json = model, yes, json
         self.joint: str | None = None
         self._status = _StatusLine()
 
-    def request_servo(self, wish: ServoSettings) -> None:
-        self.joint = wish.servo.name
+    def request_servo(self, settings: ServoSettings) -> None:
+        self.joint = settings.servo.name
         numbers = [w.servo.id for w in planned_settings(self._model)]
-        count = numbers.index(wish.servo.id) + 1
+        count = numbers.index(settings.servo.id) + 1
         print_status("")
-        for line in ascii_sketch(self._model, wish.servo.name):
+        for line in ascii_sketch(self._model, settings.servo.name):
             print_status(f"    {line}")
         print_status(
-            f"{count} of {len(numbers)}: plug in only the {wish.servo.table.model_name} "
-            f"of {wish.servo} …"
+            f"{count} of {len(numbers)}: plug in only the {settings.servo.table.model_name} "
+            f"of {settings.servo} …"
         )
         print_status(
             "Searching for it at every baud rate; Ctrl-C stops, servos already set up stay so."
@@ -187,33 +187,35 @@ class _ConsolePrompt:
             listed = "; ".join(map(str, found))
             print_status(f"More than one servo answers: {listed}. Leave only that of {self.joint}.")
 
-    def confirm_write(self, wish: ServoSettings, found: FoundServo) -> bool:
+    def confirm_write(self, settings: ServoSettings, found: FoundServo) -> bool:
         self._status.clear()
         print_status(f"Found {found}, firmware {found.firmware}.")
-        if self._yes or (found.id, found.baud_rate) == (wish.servo.id, wish.baud_rate):
+        if self._yes or (found.id, found.baud_rate) == (settings.servo.id, settings.baud_rate):
             return True
-        asked = f"Make it id {wish.servo.id} at {wish.baud_rate} baud, {wish.servo.name}?"
+        question = (
+            f"Make it id {settings.servo.id} at {settings.baud_rate} baud, {settings.servo.name}?"
+        )
         if not sys.stdin.isatty():
-            raise InputError(f"{asked} Cannot ask: input is not a terminal.", "Give --yes.")
-        return confirm(asked)
+            raise InputError(f"{question} Cannot ask: input is not a terminal.", "Give --yes.")
+        return confirm(question)
 
-    def report(self, settled: ConfiguredServo, *, last: bool) -> None:
-        changes = ", ".join(settled.written) or "nothing to change"
+    def report(self, configured: ConfiguredServo, *, last: bool) -> None:
+        changes = ", ".join(configured.written) or "nothing to change"
         if self._json:
-            _print_settled_json(settled)
+            _print_settled_json(configured)
         else:
-            print_lines([f"✓ {settled.servo}: {changes}"])
+            print_lines([f"✓ {configured.servo}: {changes}"])
         if not last:
-            self.joint = self._next_instruction(settled)
+            self.joint = self._next_instruction(configured)
             print_status("Unplug it.")
 
-    def _next_instruction(self, settled: ConfiguredServo) -> str:
-        todo = [wish.servo for wish in planned_settings(self._model)]
-        return todo[todo.index(settled.servo) + 1].name
+    def _next_instruction(self, configured: ConfiguredServo) -> str:
+        todo = [settings.servo for settings in planned_settings(self._model)]
+        return todo[todo.index(configured.servo) + 1].name
 
 
 class _StatusLine:
-    """One line on a terminal that is written over; nothing elsewhere."""
+    """A line on a terminal that is overwritten; prints nothing elsewhere."""
 
     def __init__(self) -> None:
         self._shown = False
@@ -229,21 +231,21 @@ class _StatusLine:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
 
 
-def _print_settled_json(settled: ConfiguredServo) -> None:
+def _print_settled_json(configured: ConfiguredServo) -> None:
     print_json(
         "setup",
-        joint=settled.servo.name,
-        id=settled.servo.id,
-        model=settled.servo.table.model_name,
-        was_id=settled.found.id,
-        was_baud_rate=settled.found.baud_rate,
-        written=settled.written,
+        joint=configured.servo.name,
+        id=configured.servo.id,
+        model=configured.servo.table.model_name,
+        was_id=configured.found.id,
+        was_baud_rate=configured.found.baud_rate,
+        written=configured.written,
     )
 
 
 @contextmanager
 def _print_resume_hint(arm: str, helper: _ConsolePrompt) -> Generator[None]:
-    """Say how to go on, whatever stops it."""
+    """Print how to continue if the setup is interrupted."""
     try:
         yield
     except (IkservoError, KeyboardInterrupt, typer.Abort):

@@ -1,4 +1,4 @@
-"""``ikservo sim``: a simulated arm on a pseudo-terminal, for any program that speaks to servos."""
+"""``ikservo sim``: a simulated arm on a pseudo-terminal, for any servo program."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ __all__ = ["CONTEXT_SETTINGS", "command"]
 
 _GROUP = "ikservo.servers"
 
-# Everything but the arm's name belongs to the simulator, which explains its own options.
+# All arguments but the arm's name are passed to the simulator, which has its own help.
 CONTEXT_SETTINGS: dict[str, Any] = {"ignore_unknown_options": True, "help_option_names": []}
 
-LazyCommandGroup = Annotated[list[str] | None, typer.Argument(metavar="[ARM] [OPTIONS]…")]
+SimArguments = Annotated[list[str] | None, typer.Argument(metavar="[ARM] [OPTIONS]…")]
 
 
-def command(words: LazyCommandGroup = None) -> None:
+def command(arguments: SimArguments = None) -> None:
     """Serve a simulated arm on a pseudo-terminal; prints the port and runs until stopped.
 
     ikservo sim so101
     """
-    words = [word.replace("\N{MINUS SIGN}", "-") for word in words or ["--help"]]
-    if not words[0].startswith("-"):
-        words = [str(find_arm(words[0]).resolve()), *words[1:]]
-    raise typer.Exit(_load_server()(words))
+    args = [arg.replace("\N{MINUS SIGN}", "-") for arg in arguments or ["--help"]]
+    if not args[0].startswith("-"):
+        args = [str(find_arm(args[0]).resolve()), *args[1:]]
+    raise typer.Exit(_load_server()(args))
 
 
 def _load_server() -> Callable[[list[str]], int]:

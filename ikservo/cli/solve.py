@@ -120,7 +120,7 @@ def command(
     ikservo solve 0.25 0.05 0.15 --arm so101 --compare --plot methods.svg
     """
     _check_options(method, plot, everything=everything, comparison=comparison, trace=trace)
-    force_n = _force_n(force, alone=not (everything or comparison or trace))
+    force_n = _force_n(force, single=not (everything or comparison or trace))
     posed = pitch is not None or roll is not None or keep
     if posed and (everything or comparison or trace or tool_axis or method != "auto"):
         raise InputError(
@@ -133,19 +133,19 @@ def command(
             "Give them with --method auto or pseudo_inverse, and without --all, --compare, "
             "--pitch, --roll and --keep.",
         )
-    stance = orientation_from_options(pitch, roll, direction, keep=keep) if posed else None
+    orientation = orientation_from_options(pitch, roll, direction, keep=keep) if posed else None
     model = calibrated_model_from_option(arm, tip)
     posture = posture_from_options(model, model.chain, prefer, weight)
     target, start = _make_target((x, y, z), model, direction, tool_axis), initial_joints(model)
     if everything:
-        answers = _print_all(model, target, start, json=json)
+        results = _print_all(model, target, start, json=json)
     elif comparison:
-        answers = _print_comparison(model, target, start, trace=trace, json=json)
+        results = _print_comparison(model, target, start, trace=trace, json=json)
     else:
         keep_trace = trace or plot is not None
         result = (
-            _solve_with_orientation(model, target, stance, start)
-            if stance
+            _solve_with_orientation(model, target, orientation, start)
+            if orientation
             else solve(
                 model.chain,
                 target,
@@ -156,13 +156,13 @@ def command(
                 nearest=nearest,
             )
         )
-        answers = [(result.method, result)]
+        results = [(result.method, result)]
         if posture is not None:
             report_missing_freedom(model.chain, result.q, directed=direction is not None)
         _print_one(model, target, result, force_n, trace=trace, json=json)
     if plot is not None:
-        _plot_answers(plot, model, target, start, answers)
-    if not any(result.reached for _, result in answers):
+        _plot_results(plot, model, target, start, results)
+    if not any(result.reached for _, result in results):
         ask_about_millimetres(model.chain, (x, y, z), "solve {}")
         raise typer.Exit(ExitCode.UNREACHABLE)
 
@@ -170,23 +170,23 @@ def command(
 def _check_options(
     method: str, plot: Path | None, *, everything: bool, comparison: bool, trace: bool
 ) -> None:
-    """Refuse what contradicts itself or could not be drawn, before any work is done."""
+    """Check for contradictory options and an unusable plot file, before any work is done."""
     if everything and (comparison or trace):
         raise InputError("--all has no iterations.", "Use it without --compare and --trace.")
     if method != "auto" and (everything or comparison):
         other = "--all" if everything else "--compare"
         raise InputError(f"{other} chooses the method itself.", "Omit --method.")
     if plot is not None:
-        from ikservo.cli.plots import check_plot_file  # noqa: PLC0415  # few draw
+        from ikservo.cli.plots import check_plot_file  # noqa: PLC0415  # rarely used, loads matplotlib
 
         check_plot_file(plot)
 
 
-def _force_n(force: tuple[str, str, str] | None, *, alone: bool) -> Vector | None:
-    """Return the force (3,); refuse one whose torques would belong to many answers."""
+def _force_n(force: tuple[str, str, str] | None, *, single: bool) -> Vector | None:
+    """Return the force (3,); it is allowed for a single solution only."""
     if force is None:
         return None
-    if not alone:
+    if not single:
         raise InputError(
             "--force shows the torques of one answer.",
             "Give it without --all, --compare and --trace.",
@@ -197,22 +197,22 @@ def _force_n(force: tuple[str, str, str] | None, *, alone: bool) -> Vector | Non
 def _make_target(
     position_m: tuple[float, float, float], model: Model, direction: str | None, axis: str | None
 ) -> Target:
-    """Return the target; what points in its direction is the tool, unless another axis is told."""
+    """Return the target; its direction applies to the tool's axis unless another is given."""
     tool_axis = tool_frame(model).approach_axis if axis is None else parse_axis(axis)
-    wanted = None if direction is None else parse_axis(direction)
-    return Target(position_m, direction=wanted, tool_axis=tool_axis)
+    direction_vector = None if direction is None else parse_axis(direction)
+    return Target(position_m, direction=direction_vector, tool_axis=tool_axis)
 
 
 def _solve_with_orientation(
-    model: Model, target: Target, stance: ToolOrientation, start: Vector
+    model: Model, target: Target, orientation: ToolOrientation, start: Vector
 ) -> Result:
-    """Return joints at which the tool stands as ``move`` would bring it there."""
-    from ikservo.arm.orientation_solver import solve_with_orientation  # noqa: PLC0415  # few ask
+    """Return joints with the tool orientation that ``move`` would use."""
+    from ikservo.arm.orientation_solver import solve_with_orientation  # noqa: PLC0415  # rarely used
 
-    standing = solve_with_orientation(
-        model.chain, tool_frame(model), Target(target.position), stance, start
+    oriented = solve_with_orientation(
+        model.chain, tool_frame(model), Target(target.position), orientation, start
     )
-    return replace(standing.solution, orientation_error_rad=standing.left_rad)
+    return replace(oriented.solution, orientation_error_rad=oriented.left_rad)
 
 
 def _print_all(
@@ -233,12 +233,12 @@ def _print_comparison(
     from ikservo.cli.solve_reports import compare_methods, print_comparison, print_traces  # noqa: PLC0415
 
     entries = compare_methods(model.chain, target, start)
-    answers = [(e.method, e.result) for e in entries if e.method == e.result.method]
+    results = [(e.method, e.result) for e in entries if e.method == e.result.method]
     if trace:
-        print_traces(model.chain, target, answers)
+        print_traces(model.chain, target, results)
     else:
         print_comparison(model, entries, target, json=json)
-    return answers
+    return results
 
 
 def _print_one(
@@ -258,10 +258,10 @@ def _print_one(
         print_result(model, target, result, force_n=force_n, json=json)
 
 
-def _plot_answers(
-    file: Path, model: Model, target: Target, start: Vector, answers: list[tuple[str, Result]]
+def _plot_results(
+    file: Path, model: Model, target: Target, start: Vector, results: list[tuple[str, Result]]
 ) -> None:
     from ikservo.cli.plots import plot_solution  # noqa: PLC0415  # matplotlib takes a second
 
-    plot_solution(file, model, target, start, answers)
+    plot_solution(file, model, target, start, results)
     print_status(f"Picture: {file}")

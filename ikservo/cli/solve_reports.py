@@ -45,7 +45,7 @@ _SAMPLES, _FLAT_M = 64, 1e-6
 
 
 def explain_unreachable(chain: Chain, target: Target) -> str:
-    """Return in words why an arm does not reach a point inside its joint limits."""
+    """Return as text why an arm cannot reach a point inside its joint limits."""
     flat = _base_plane(chain)
     if flat is not None:
         axis, at_m = flat
@@ -57,12 +57,12 @@ def explain_unreachable(chain: Chain, target: Target) -> str:
 
 
 def ask_about_millimetres(chain: Chain, position_m: Sequence[float], command: str) -> None:
-    """Ask on stderr whether millimetres were meant, where the arm would reach such a point.
+    """Suggest millimetres on stderr if the arm could reach the point in them.
 
     Args:
         chain: The arm.
-        position_m: The point (3,) that was taken for metres.
-        command: What to type instead, ``{}`` for the point.
+        position_m: The point (3,) as interpreted in metres.
+        command: The command to suggest, ``{}`` for the point.
     """
     meant = in_millimetres(chain, position_m)
     if meant:
@@ -83,12 +83,12 @@ def _base_plane(chain: Chain) -> tuple[int, float] | None:
 
 @dataclass(frozen=True, slots=True)
 class AnalyticSolutions:
-    """What the closed form says of a target.
+    """Closed-form solutions of a target.
 
     Attributes:
-        structure: How the arm was understood.
-        results: One solution a branch, nearest the start first.
-        freedom: The directions of the last link that a free one may have, by branch.
+        structure: The recognised kinematic structure.
+        results: One solution per branch, nearest to the start first.
+        freedom: Possible directions of the last link, by branch, if it is not determined.
     """
 
     structure: str
@@ -97,7 +97,7 @@ class AnalyticSolutions:
 
 
 def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSolutions:
-    """Ask the closed form of an arm for everything it knows (lecture L3, L4).
+    """Return all closed-form solutions of an arm.
 
     Raises:
         InputError: The arm has no closed form.
@@ -117,7 +117,7 @@ def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSoluti
 
 
 def print_solutions(model: Model, found: AnalyticSolutions, *, json: bool) -> None:
-    """Print one row a solution, and what the last link is free to do between them."""
+    """Print one row per solution, and the freedom of the last link."""
     if json:
         print_json("solutions", **_solution_fields(found))
         return
@@ -130,7 +130,7 @@ def print_solutions(model: Model, found: AnalyticSolutions, *, json: bool) -> No
 
 
 def format_joints(chain: Chain, q: Vector) -> Sequence[str]:
-    """Return each joint's position as a person reads it."""
+    """Return each joint's position with its unit."""
     return [
         format_position(value, unit)
         for value, unit in zip(q.tolist(), joint_units(chain), strict=True)
@@ -171,11 +171,11 @@ def _format_freedom(free: DirectionInterval) -> str:
 
 
 def _elbow_name(number: int) -> str:
-    """Return which way the elbow points; 0 bends counterclockwise after it."""
+    """Return the elbow configuration; 0 bends counterclockwise after it."""
     return "elbow-up" if number else "elbow-down"
 
 
-# Methods that walk from one start and may end beside a target that others reach.
+# Methods that iterate from one start and may miss a target that others reach.
 _ITERATIVE_METHODS = ("pseudo_inverse", "transpose", "ccd")
 
 
@@ -187,9 +187,9 @@ def print_result(
     force_n: Vector | None = None,
     json: bool,
 ) -> None:
-    """Print the joints, how close they come, what holds them back, and how they stand there.
+    """Print joints, error, active limits and conditioning of a solution.
 
-    With a force (3,) at the tip also the torques that it has on the joints.
+    With a force (3,) at the tip also the resulting joint torques.
     """
     torques = None if force_n is None else joint_torques(model.chain, result.q, force_n)
     if json:
@@ -220,7 +220,7 @@ def _result_fields(model: Model, result: Result, torques: Vector | None) -> dict
 
 
 def _posture_lines(result: Result) -> list[str]:
-    """Return what to say of an answer besides: others like it, and how freely it moves."""
+    """Return lines on the number of solutions and on conditioning."""
     others = [f"solutions  {result.solutions}"] if result.reached else []
     return [*others, *result_lines(result)]
 
@@ -248,18 +248,18 @@ def _format_error_left(target: Target, result: Result, digits: int = 4) -> str:
     return f"{gap} and {math.degrees(result.orientation_error_rad):.{digits}f}°"
 
 
-# The quickest of several runs, as long as these take less than this.
+# The minimum of several runs, as long as these take less than this in total.
 _RUNS, _ENOUGH_S = 5, 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodResult:
-    """What one method made of the target.
+    """The result of one method for a target.
 
     Attributes:
         method: Its name.
-        result: Its answer, with the trace.
-        time_s: The quickest run without a trace, once everything is loaded and compiled.
+        result: Its result, with the trace.
+        time_s: The minimum time without a trace, after warm-up.
     """
 
     method: str
@@ -268,7 +268,7 @@ class MethodResult:
 
 
 def compare_methods(chain: Chain, target: Target, start: Vector) -> list[MethodResult]:
-    """Run every method that suits the arm from the same start (dof,)."""
+    """Run every method that supports the arm from the same start (dof,)."""
     names = [
         name
         for name in METHODS
@@ -289,7 +289,7 @@ def trace_errors(chain: Chain, target: Target, result: Result) -> list[tuple[flo
 def print_comparison(
     model: Model, entries: Sequence[MethodResult], target: Target, *, json: bool
 ) -> None:
-    """Print one row a method: did it reach, in how many iterations, how fast, how close."""
+    """Print one row per method: reached, iterations, time, error."""
     if json:
         print_json(
             "compare",
@@ -308,7 +308,7 @@ def print_comparison(
 
 
 def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Result]]) -> None:
-    """Print one JSON object a line for every iterate of every method."""
+    """Print one JSON object per line for every iterate of every method."""
     for method, result in results:
         trace = result.trace or (result.q,)
         left = trace_errors(chain, target, result)
@@ -351,7 +351,7 @@ def _comparison_row(entry: MethodResult) -> list[str]:
 
 
 def _method_label(entry: MethodResult) -> str:
-    """Return the method's name, and who answered where it handed the question on."""
+    """Return the method's name, with that of the method it delegated to, if any."""
     other = entry.result.method
     return entry.method if other == entry.method else f"{entry.method} (by {other})"
 

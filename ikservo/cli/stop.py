@@ -1,4 +1,4 @@
-"""``ikservo stop``: whatever moves the arm, it holds now."""
+"""``ikservo stop``: stop the arm, whatever program moves it."""
 
 from __future__ import annotations
 
@@ -37,5 +37,5 @@ def _stop_lines(one: StopResult) -> list[str]:
     rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
     return [
         f"{one.arm} on {format_port(one.port)} {was}",
-        *(f"{word:10}  {', '.join(names)}" for word, names in rows.items() if names),
+        *(f"{label:10}  {', '.join(names)}" for label, names in rows.items() if names),
     ]

@@ -1,4 +1,4 @@
-"""``ikservo teach``: a pose that a person's hand gives the arm gets a name."""
+"""``ikservo teach``: save the pose of an arm moved by hand under a name."""
 
 from __future__ import annotations
 
@@ -56,7 +56,8 @@ def command(
         print_json("teach", name=name, joints_rad=positions, path=str(path))
         return
     joints: dict[str, tuple[float, JointUnit]] = {
-        joint: (at, machine.model.joint(joint).joint_map.unit) for joint, at in positions.items()
+        joint: (position, machine.model.joint(joint).joint_map.unit)
+        for joint, position in positions.items()
     }
     print_lines(joint_lines(joints))
     print_status(f'Saved pose "{name}" in {path}.')

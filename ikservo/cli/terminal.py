@@ -1,7 +1,7 @@
-"""Terminal output and input: JSON, tables, folded lines, progress bars, keys and questions.
+"""Terminal output and input: JSON, tables, folded lines, progress bars, keys and prompts.
 
-A question discards whatever was typed before it was printed: a key that was meant for an earlier
-one must not let an arm move or go limp. For the same reason no question has a default answer.
+A prompt discards input typed before it was printed: a key meant for an earlier prompt must not
+let an arm move or go limp. For the same reason no prompt has a default answer.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ __all__ = [
     "wait_for_enter",
 ]
 
-# A command begins at `ikservo` or another program's name and ends at punctuation.
+# A command starts at `ikservo` or another program's name and ends at punctuation.
 _COMMAND = re.compile(r"(?:ikservo|sudo|pip|xacro)\s")
 _ENDS = (".", ",", ";", ":", ")", "?")
 
 _QUANTITY = re.compile(r"[-+]?[\d.]+( ?[°%]| mm| ms)?")
-# Off a terminal a row stays one line, however long it is.
+# If stdout is no terminal, rows are not folded.
 _WIDE = 1000
 
 _ANSWERS = {"y": True, "yes": True, "n": False, "no": False}
@@ -49,7 +49,7 @@ _MAX_ANSWER_BYTES = 4096
 
 
 def terminal_width(stream: TextIO) -> int | None:
-    """Return the columns of a terminal; None where the stream is none, for no line is folded."""
+    """Return the columns of a terminal; None if the stream is none, because nothing is folded."""
     if not stream.isatty():
         return None
     columns = os.environ.get("COLUMNS", "")
@@ -62,7 +62,7 @@ def terminal_width(stream: TextIO) -> int | None:
 
 
 def fold_for_stream(text: str, stream: TextIO = sys.stderr, indent: int = 0) -> str:
-    """Return text folded for a stream, see `fold`; unchanged where that is no terminal."""
+    """Return text folded for a stream, see `fold`; unchanged if that is no terminal."""
     width = terminal_width(stream)
     if width is None:
         return text
@@ -73,11 +73,11 @@ def fold(line: str, width: int, indent: int = 0) -> list[str]:
     """Return one line as lines of at most ``width`` columns.
 
     Args:
-        line: What to fold; spaces at its start are kept.
+        line: The text; spaces at its start are kept.
         width: Columns of the terminal.
         indent: Columns by which all lines but the first are indented.
 
-    A word that is longer than a line, such as a path, gets a line of its own and is left whole.
+    A word that is longer than a line, such as a path, gets a line of its own and is not split.
     """
     if len(line) <= width:
         return [line]
@@ -93,7 +93,7 @@ def fold(line: str, width: int, indent: int = 0) -> list[str]:
 
 
 def _split_words(text: str, width: int) -> Iterator[str]:
-    """Yield words, a command that fits a line as one of them; runs of spaces stay inside words."""
+    """Yield words, with a command that fits a line as one word; runs of spaces are kept."""
     words = re.findall(r"\S+(?:\s+(?=\s))?", text)
     at = 0
     while at < len(words):
@@ -106,7 +106,7 @@ def _split_words(text: str, width: int) -> Iterator[str]:
 
 
 def _end_of_command(words: list[str], start: int) -> int:
-    """Return behind which word a command that begins at ``start`` ends; one word if none does."""
+    """Return the end index of a command that starts at ``start``; one word if it is none."""
     if not _COMMAND.match(words[start].lstrip("('") + " "):
         return start + 1
     for at in range(start, len(words)):
@@ -116,19 +116,19 @@ def _end_of_command(words: list[str], start: int) -> int:
 
 
 def print_json(schema: str, **fields: object) -> None:
-    """Print one object on stdout; ``schema`` is the name of its kind, ``where`` or ``move``."""
-    answer = {"schema": f"ikservo/{schema}/1", **fields}
-    print(json.dumps(answer, default=_to_json_value, ensure_ascii=False))  # noqa: T201
+    """Print one JSON object on stdout; ``schema`` is its name, such as ``move``."""
+    report = {"schema": f"ikservo/{schema}/1", **fields}
+    print(json.dumps(report, default=_to_json_value, ensure_ascii=False))  # noqa: T201
 
 
 def print_lines(lines: Iterable[str], indent: int = 0) -> None:
-    """Print lines of data on stdout, folded on a terminal; all but the first of each indented."""
+    """Print lines on stdout, folded on a terminal with continuation lines indented."""
     for line in lines:
         print(fold_for_stream(line, sys.stdout, indent))  # noqa: T201
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table on stdout; columns of numbers are set flush right.
+    """Print a table on stdout; columns of numbers are right-aligned.
 
     Columns at the right that do not fit a terminal are printed below each row instead.
     """
@@ -171,12 +171,12 @@ def _count_fitting_columns(
 
 
 def print_status(message: str) -> None:
-    """Tell the person something that is not data, on stderr."""
+    """Print a message for the user on stderr."""
     print(fold_for_stream(message, sys.stderr), file=sys.stderr)  # noqa: T201
 
 
 def format_port(port: str) -> str:
-    """Return a port's name as a person gave it; a simulated one without its arm file."""
+    """Return a port's name as the user gave it; a simulated one without its arm file."""
     return "sim" if port.startswith("sim:") else port
 
 
@@ -186,7 +186,7 @@ def format_point(position_m: Sequence[float]) -> str:
 
 
 def _to_json_value(value: Any) -> object:  # noqa: ANN401
-    """Return what JSON can say of arrays, dataclasses and mappings."""
+    """Convert arrays, dataclasses and mappings to JSON values."""
     if hasattr(value, "tolist"):
         return value.tolist()
     if is_dataclass(value) and not isinstance(value, type):
@@ -197,12 +197,12 @@ def _to_json_value(value: Any) -> object:  # noqa: ANN401
 
 
 Show = Callable[[str, float, float], None]
-"""Takes what is being done, how much of it is done, and how much there is."""
+"""Takes a description, the completed amount and the total."""
 
 
 @contextmanager
 def progress_bar() -> Generator[Show | None]:
-    """Yield what draws a progress bar, or None where nobody would see it."""
+    """Yield a callback that draws a progress bar, or None if stderr is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -211,11 +211,11 @@ def progress_bar() -> Generator[Show | None]:
     from rich.progress import Progress as Bar  # noqa: PLC0415
 
     columns = (BarColumn(), TextColumn("{task.description}"))
-    with Bar(*columns, console=Console(stderr=True), transient=True) as drawn:
-        task = drawn.add_task("", total=None)
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
 
         def show(what: str, done: float, total: float) -> None:
-            drawn.update(task, description=what, completed=done, total=total)
+            bar.update(task, description=what, completed=done, total=total)
 
         yield show
 
@@ -224,7 +224,7 @@ Keys = Callable[[], str]
 """Returns the keys that were pressed since the last call, in order; empty for none."""
 
 _MAX_KEY_BYTES = 1024
-# Arrow and function keys arrive as several characters, whose letters must not pass for keys.
+# Arrow and function keys arrive as several characters, which must not be read as letter keys.
 _ESCAPE_SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
 
 
@@ -232,8 +232,7 @@ _ESCAPE_SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
 def read_keys() -> Generator[Keys]:
     """Yield a function that returns the keys pressed since its last call.
 
-    What was typed before is discarded, as is what is left unread at the end; the terminal is then
-    set back.
+    Input typed before is discarded, as is unread input at the end, when the terminal is restored.
     """
     if sys.platform == "win32":
         _windows_keys()
@@ -272,15 +271,15 @@ def _windows_keys() -> str:
 
 
 def confirm(question: str) -> bool:
-    """Ask a question and return yes or no; anything else typed, Enter too, asks again.
+    """Ask a question and return yes or no; repeat it for any other input, Enter included.
 
     Raises:
         typer.Abort: The input ended (Ctrl-D, or the terminal was closed).
     """
     while True:
-        answer = read_answer(f"{question} [y/n]: ").strip().lower()
-        if answer in _ANSWERS:
-            return _ANSWERS[answer]
+        report = read_answer(f"{question} [y/n]: ").strip().lower()
+        if report in _ANSWERS:
+            return _ANSWERS[report]
         print_status("Type y or n, then Enter.")
 
 
@@ -294,7 +293,7 @@ def wait_for_enter(request: str) -> None:
 
 
 def read_answer(prompt: str) -> str:
-    """Discard what was typed so far, print a prompt on stderr and return the line typed then.
+    """Discard pending input, print a prompt on stderr and return the next line.
 
     Raises:
         typer.Abort: The input ended.
@@ -325,7 +324,7 @@ def _discard_input() -> None:
         return
     import termios  # noqa: PLC0415  # there is none on Windows
 
-    with contextlib.suppress(termios.error):  # a closed terminal holds no input
+    with contextlib.suppress(termios.error):  # a closed terminal has no input
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
 
 

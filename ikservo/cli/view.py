@@ -1,4 +1,4 @@
-"""``ikservo view``: a page on which the arm is grabbed and pulled."""
+"""``ikservo view``: serve a page on which the arm is dragged with the mouse."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _check_installed() -> None:
 
 @contextmanager
 def _browser_opened(url: str, *, wanted: bool) -> Generator[None]:
-    """Open a browser by way of a file that only its owner reads: a command line is read by all."""
+    """Open a browser through a file readable by its owner only: command lines are public."""
     if not wanted:
         yield
         return

@@ -101,7 +101,7 @@ def command(
 def _find_visible_links(
     model: Model, here: ArmState, eye_m: tuple[float, float, float]
 ) -> tuple[LinkVisibility, ...]:
-    from ikservo.view.visibility import visible_from  # noqa: PLC0415  # few ask
+    from ikservo.view.visibility import visible_from  # noqa: PLC0415  # rarely used
 
     return visible_from(model, here.positions, eye_m)
 
@@ -125,9 +125,9 @@ def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[LinkVis
     print_table(["link", "visible", "hidden by"], [_visibility_row(each) for each in links])
 
 
-def _visibility_row(seen: LinkVisibility) -> list[str]:
-    visible = f"{seen.visible_fraction:.0%}" if seen.is_visible else "hidden"
-    return [seen.link, visible, ", ".join(seen.hidden_by)]
+def _visibility_row(link: LinkVisibility) -> list[str]:
+    visible = f"{link.visible_fraction:.0%}" if link.is_visible else "hidden"
+    return [link.link, visible, ", ".join(link.hidden_by)]
 
 
 def _print_arm_state(here: ArmState, model: Model) -> None:
@@ -139,7 +139,7 @@ def _print_arm_state(here: ArmState, model: Model) -> None:
 
 
 def _limit_lines(here: ArmState) -> list[str]:
-    """Return where the limits come from: each source with its joints, or one for all."""
+    """Return the sources of the limits: each with its joints, or one for all."""
     sources: dict[str, list[str]] = {}
     for state in here.joints:
         sources.setdefault(format_source(state.limit_from), []).append(state.name)
@@ -158,10 +158,10 @@ def _chain_joints(here: ArmState, model: Model) -> Vector:
 
 
 def _format_joint_row(state: JointState, model: Model) -> list[str]:
-    say = model.joint(state.name).joint_map.format
+    format_value = model.joint(state.name).joint_map.format
     return [
         state.name,
-        *(say(value) for value in (state.position_rad, state.lower_rad, state.upper_rad)),
+        *(format_value(value) for value in (state.position_rad, state.lower_rad, state.upper_rad)),
         f"{state.temperature_c:.0f}",
         f"{state.voltage_v:.1f}",
         "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
@@ -169,7 +169,7 @@ def _format_joint_row(state: JointState, model: Model) -> list[str]:
     ]
 
 
-# Characters between the limits, and what the other columns take.
+# Characters between the limits, and of the other columns.
 _MIN_BAR_CHARS, _MAX_BAR_CHARS, _OTHER_COLUMNS_CHARS = 9, 31, 68
 
 ReadState = Callable[[], ArmState]
@@ -178,28 +178,28 @@ ReadState = Callable[[], ArmState]
 def watch_arm(
     model: Model,
     port: str | None,
-    interval_s: float,
-    times: int | None,
+    period_s: float,
+    count: int | None,
     *,
     uncalibrated: bool,
     json: bool,
     clock: Clock | None = None,
 ) -> None:
-    """Look until Ctrl-C, or so many times; a line of JSON each, or a table that stays in place.
+    """Print the arm's state periodically: lines of JSON, or a table that is updated in place.
 
     Args:
         model: The arm.
         port: Its port; chosen as for every command if None.
-        interval_s: Between two looks.
-        times: How many looks; until Ctrl-C if None.
+        period_s: Between two readings.
+        count: Number of readings; until Ctrl-C if None.
         uncalibrated: Whether an arm without calibration may be opened.
         json: Whether to print lines of JSON.
-        clock: Measures the interval; the computer's if None, on simulated arms too.
+        clock: Measures the period; the computer's if None, on simulated arms too.
     """
-    with _state_reader(model, port, uncalibrated=uncalibrated) as look, _suppressed_output():
-        looks = _poll_states(look, interval_s, times, clock or RealClock())
+    with _state_reader(model, port, uncalibrated=uncalibrated) as read_state, _suppressed_output():
+        states = _poll_states(read_state, period_s, count, clock or RealClock())
         if json:
-            for here in looks:
+            for here in states:
                 print_json("where", tip_m=here.tip_m, joints=here.joints)
                 sys.stdout.flush()
             return
@@ -209,14 +209,14 @@ def watch_arm(
             if console.is_terminal
             else _no_context() as live
         ):
-            for here in looks:
+            for here in states:
                 screen = _render_screen(here, model, console.width)
                 live.update(screen, refresh=True) if live else console.print(screen)
 
 
 @contextmanager
 def _state_reader(model: Model, port: str | None, *, uncalibrated: bool) -> Generator[ReadState]:
-    """Yield what looks: through the program that owns the port, or on the port itself."""
+    """Yield a function that reads the state: from the program that owns the port, or directly."""
     if query_state(model, port) is not None:
         yield lambda: _read_from_owner(model, port)
         return
@@ -237,18 +237,18 @@ def _no_context() -> contextlib.nullcontext[None]:
 
 @contextmanager
 def _suppressed_output() -> Generator[None]:
-    with contextlib.suppress(KeyboardInterrupt):  # how a person ends it
+    with contextlib.suppress(KeyboardInterrupt):  # the user ends it this way
         yield
 
 
 def _poll_states(
-    look: ReadState, interval_s: float, times: int | None, clock: Clock
+    read_state: ReadState, period_s: float, count: int | None, clock: Clock
 ) -> Iterator[ArmState]:
     for number in itertools.count(1):
-        yield look()
-        if number == times:
+        yield read_state()
+        if number == count:
             return
-        clock.sleep_until(clock.now_s() + interval_s)
+        clock.sleep_until(clock.now_s() + period_s)
 
 
 def _render_screen(here: ArmState, model: Model, width: int) -> Group:
@@ -266,13 +266,13 @@ def _render_screen(here: ArmState, model: Model, width: int) -> Group:
 
 def _watch_row(state: JointState, model: Model, length: int) -> list[Text | str]:
     joint_map = model.joint(state.name).joint_map
-    say, colour = joint_map.format, limit_colour(state, joint_map.unit)
+    format_value, colour = joint_map.format, limit_colour(state, joint_map.unit)
     return [
         state.name,
-        Text(say(state.position_rad), colour),
-        say(state.lower_rad),
+        Text(format_value(state.position_rad), colour),
+        format_value(state.lower_rad),
         Text(position_bar(state.position_rad, state.lower_rad, state.upper_rad, length), colour),
-        say(state.upper_rad),
+        format_value(state.upper_rad),
         Text(f"{state.temperature_c:.0f}", heat_colour(state.temperature_c, model.health)),
         f"{state.voltage_v:.1f}",
         "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
@@ -281,7 +281,7 @@ def _watch_row(state: JointState, model: Model, length: int) -> list[Text | str]
 
 
 def heat_colour(temperature_c: float, limits: HealthLimits) -> str:
-    """Return red from the temperature on at which the arm holds, yellow where it warns."""
+    """Return red from the temperature of a stop on, yellow from that of a warning."""
     hot, warm = (temperature_c >= c for c in (limits.hold_c, limits.warn_c))
     return "red" if hot else "yellow" if warm else ""
 
@@ -295,7 +295,7 @@ def limit_colour(state: JointState, unit: str) -> str:
 
 
 def position_bar(position: float, lower: float, upper: float, length: int) -> str:
-    """Return ``├────●────┤``: where a position lies between two limits."""
-    share = (position - lower) / (upper - lower) if math.isfinite(upper - lower) else 0.5
-    at = min(max(round(share * (length - 1)), 0), length - 1)
+    """Return ``├────●────┤``: a position between two limits."""
+    fraction = (position - lower) / (upper - lower) if math.isfinite(upper - lower) else 0.5
+    at = min(max(round(fraction * (length - 1)), 0), length - 1)
     return f"├{'─' * at}●{'─' * (length - 1 - at)}┤"

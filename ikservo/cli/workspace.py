@@ -1,4 +1,4 @@
-"""``ikservo workspace``: what the tip can reach inside the limits; nothing moves."""
+"""``ikservo workspace``: the region that the tip can reach inside the limits; nothing moves."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ __all__ = [
 
 
 COLLIDES = "every posture found collides with the arm itself, the table or a box"
-"""Why a point is left out that is in reach."""
+"""Why a point within the limits is excluded."""
 
 
 class Slice(Enum):
-    """How to cut the workspace; its whole volume where no cut is asked for."""
+    """The plane of a slice through the workspace."""
 
     SIDE = "side"
     TOP = "top"
@@ -56,13 +56,13 @@ class Slice(Enum):
 
 
 def point_fields(
-    model: Model, asked: Sequence[float] | None, found: Result | None
+    model: Model, point_m: Sequence[float] | None, found: Result | None
 ) -> dict[str, object]:
-    """Return what JSON says of a point that was asked for; nothing if none was."""
+    """Return the JSON fields of a requested point; empty without one."""
     if found is None:
         return {}
     return {
-        "point_m": asked,
+        "point_m": point_m,
         "inside": found.reached,
         "distance_m": 0.0 if found.reached else found.position_error_m,
         "nearest_m": found.nearest_m,
@@ -71,25 +71,25 @@ def point_fields(
     }
 
 
-def point_lines(model: Model, asked: Sequence[float] | None, found: Result | None) -> list[str]:
-    """Return what a person reads of a point that was asked for."""
-    if asked is None or found is None:
+def point_lines(model: Model, point_m: Sequence[float] | None, found: Result | None) -> list[str]:
+    """Return the text lines of a requested point; empty without one."""
+    if point_m is None or found is None:
         return []
     if found.reached:
-        return [f"{say_point(asked)}  inside"]
+        return [f"{say_point(point_m)}  inside"]
     if found.method == COLLIDES:
-        return [f"{say_point(asked)}  outside: {COLLIDES}"]
+        return [f"{say_point(point_m)}  outside: {COLLIDES}"]
     held = ", ".join(describe_limit(model, limit) for limit in found.binding)
-    held = held or explain_unreachable(model.chain, Target(asked))
+    held = held or explain_unreachable(model.chain, Target(point_m))
     nearest = say_point(found.nearest_m.tolist())
     return [
-        f"{say_point(asked)}  outside: {held}",
+        f"{say_point(point_m)}  outside: {held}",
         f"nearest  {nearest}, {found.position_error_m * 1000:.1f} mm away",
     ]
 
 
 def region_fields(cut: Slice | None, region: Workspace | None) -> dict[str, object]:
-    """Return what JSON says of a slice or a volume; nothing if none was made."""
+    """Return the JSON fields of a slice or a volume; empty without one."""
     if region is None:
         return {}
     lower, upper = region.extent_m or (None, None)
@@ -109,7 +109,7 @@ def region_fields(cut: Slice | None, region: Workspace | None) -> dict[str, obje
 
 
 def region_lines(model: Model, cut: Slice | None, region: Workspace | None) -> list[str]:
-    """Return what a person reads of a slice or a volume."""
+    """Return the text lines of a slice or a volume; empty without one."""
     if region is None:
         return []
     size = f"{region.size:.4f} {'m²' if region.is_slice else 'm³'}"
@@ -118,14 +118,14 @@ def region_lines(model: Model, cut: Slice | None, region: Workspace | None) -> l
         f"reachable  {region.count} cells of {region.grid.cell_m * 1000:g} mm, {size}",
     ]
     if region.extent_m is not None:
-        shown = 2 if region.is_slice else 3  # nobody asks how thick a slice is
+        shown = 2 if region.is_slice else 3  # the thickness of a slice is irrelevant
         ends = list(zip(axis_names(region), *region.extent_m, strict=True))[:shown]
         lines += [f"{name}  {low:z.3f} m to {high:z.3f} m" for name, low, high in ends]
     return lines
 
 
 def workspace_title(model: Model, cut: Slice | None, region: Workspace) -> str:
-    """Return the arm's name and how its workspace was cut."""
+    """Return the arm's name and the slice of its workspace."""
     T = region.grid.T_world_grid
     if cut is None:
         return f"{model.title}, whole workspace"
@@ -138,7 +138,7 @@ def _yaw_deg(T: Matrix) -> float:
     return math.degrees(math.atan2(float(T[1, 0]), float(T[0, 0])))
 
 
-_STARTS = 64  # postures from which a point is tried whose first answer collides
+_STARTS = 64  # start postures for a point whose first solution collides
 
 
 Cut = Annotated[Slice | None, typer.Option("--slice", help="Cut it; the whole volume if absent.")]
@@ -186,22 +186,22 @@ def command(
     _check_slice_options(cut, height, yaw, plot)
     model = calibrated_model_from_option(arm, tip)
     home = initial_joints(model)
-    asked = None if point is None else [parse_length_m(text) for text in point]
+    point_m = None if point is None else [parse_length_m(text) for text in point]
     clear = _make_clearance(model) if collision else None
-    found = None if asked is None else _solve_point(model, asked, home, clear)
+    found = None if point_m is None else _solve_point(model, point_m, home, clear)
     region = None
     if found is None or cut or plot or cell is not None:
         region = workspace(
             model.chain, _slice_plane(model, home, cut, height, yaw), cell, clear=clear
         )
     if region is not None and plot is not None:
-        plot_workspace(region, model, home, workspace_title(model, cut, region), plot, asked)
+        plot_workspace(region, model, home, workspace_title(model, cut, region), plot, point_m)
     if json:
-        print_json("workspace", **point_fields(model, asked, found), **region_fields(cut, region))
+        print_json("workspace", **point_fields(model, point_m, found), **region_fields(cut, region))
     else:
-        print_lines([*point_lines(model, asked, found), *region_lines(model, cut, region)])
+        print_lines([*point_lines(model, point_m, found), *region_lines(model, cut, region)])
     if found is not None and not found.reached:
-        ask_about_millimetres(model.chain, asked or (), "workspace --point {}")
+        ask_about_millimetres(model.chain, point_m or (), "workspace --point {}")
         raise typer.Exit(ExitCode.UNREACHABLE)
 
 
@@ -211,13 +211,15 @@ def _make_clearance(model: Model) -> Clear:
     return make_collision_filter(model)
 
 
-def _solve_point(model: Model, asked: Sequence[float], home: Vector, clear: Clear | None) -> Result:
-    """Return joints for a point, free of collisions if any found are; else the best found."""
-    best = solve(model.chain, Target(asked), home)
+def _solve_point(
+    model: Model, point_m: Sequence[float], home: Vector, clear: Clear | None
+) -> Result:
+    """Return a collision-free solution for a point if one is found, else the best one."""
+    best = solve(model.chain, Target(point_m), home)
     if clear is None or not best.reached:
         return best
     starts = [best.q, *quasi_random_joints(model.chain, _STARTS)]
-    results = (solve(model.chain, Target(asked), start) for start in starts)
+    results = (solve(model.chain, Target(point_m), start) for start in starts)
     free = (result for result in results if result.reached and clear(result.q[None])[0])
     return next(free, replace(best, reached=False, method=COLLIDES))
 
@@ -225,7 +227,7 @@ def _solve_point(model: Model, asked: Sequence[float], home: Vector, clear: Clea
 def _check_slice_options(
     cut: Slice | None, height: float | None, yaw: float | None, plot: Path | None
 ) -> None:
-    """Refuse what would be ignored, before any work is done."""
+    """Check for options that would be ignored, before any work is done."""
     if height is not None and cut is not Slice.TOP:
         raise InputError("--height needs --slice top.", "For side and front: --yaw.")
     if yaw is not None and cut not in (Slice.SIDE, Slice.FRONT):

@@ -42,7 +42,7 @@ class ConfiguredServo:
 class SetupPrompt(Protocol):
     """Who talks to the person."""
 
-    def request_servo(self, wish: ServoSettings) -> None:
+    def request_servo(self, settings: ServoSettings) -> None:
         """Ask that only this servo be plugged in."""
         ...
 
@@ -54,11 +54,11 @@ class SetupPrompt(Protocol):
         """Say at which rate a servo is looked for; called before each is tried."""
         ...
 
-    def confirm_write(self, wish: ServoSettings, found: FoundServo) -> bool:
+    def confirm_write(self, settings: ServoSettings, found: FoundServo) -> bool:
         """Return whether this servo may be written."""
         ...
 
-    def report(self, settled: ConfiguredServo, *, last: bool) -> None:
+    def report(self, configured: ConfiguredServo, *, last: bool) -> None:
         """Say that a servo is done; unless it is the last, that it be pulled out."""
         ...
 
@@ -98,31 +98,36 @@ def commission(
     todo = _remaining_from(planned_settings(model), start)
     done: list[ConfiguredServo] = []
     with open_port(resolve_port(model, port), model.baud_rate) as line:
-        for wish in todo:
-            settled = _configure_servo(line, wish, helper, wait_s)
-            last = wish is todo[-1]
+        for settings in todo:
+            settled = _configure_servo(line, settings, helper, wait_s)
+            last = settings is todo[-1]
             done.append(settled)
             helper.report(settled, last=last)
             if not last:
-                wait_until_unplugged(line, _wait_for_place(wish, settled.found), wait_s)
+                wait_until_unplugged(line, _wait_for_place(settings, settled.found), wait_s)
     return done
 
 
 def _configure_servo(
-    line: Port, wish: ServoSettings, helper: SetupPrompt, wait_s: float
+    line: Port, settings: ServoSettings, helper: SetupPrompt, wait_s: float
 ) -> ConfiguredServo:
-    helper.request_servo(wish)
+    helper.request_servo(settings)
     found = wait_for_servo(
-        line, wish.servo.table, wish.baud_rate, wait_s, helper.show_found, helper.show_search
+        line,
+        settings.servo.table,
+        settings.baud_rate,
+        wait_s,
+        helper.show_found,
+        helper.show_search,
     )
-    check_model(found, wish)
-    if not helper.confirm_write(wish, found):
+    check_model(found, settings)
+    if not helper.confirm_write(settings, found):
         raise IkservoError("Cancelled; this servo was not changed.")
-    return ConfiguredServo(wish.servo, found, provision(line, found, wish))
+    return ConfiguredServo(settings.servo, found, provision(line, found, settings))
 
 
 def _remaining_from(todo: Sequence[ServoSettings], start: str | None) -> Sequence[ServoSettings]:
-    names = [wish.servo.name for wish in todo]
+    names = [settings.servo.name for settings in todo]
     if start is None:
         return todo
     if start not in names:
@@ -130,5 +135,5 @@ def _remaining_from(todo: Sequence[ServoSettings], start: str | None) -> Sequenc
     return todo[names.index(start) :]
 
 
-def _wait_for_place(wish: ServoSettings, found: FoundServo) -> FoundServo:
-    return FoundServo(wish.servo.id, wish.baud_rate, found.protocol, found.table)
+def _wait_for_place(settings: ServoSettings, found: FoundServo) -> FoundServo:
+    return FoundServo(settings.servo.id, settings.baud_rate, found.protocol, found.table)

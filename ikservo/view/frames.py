@@ -244,7 +244,7 @@ class FrameComposer:
             BadMessageError: The page has not sent the size of its drawing.
         """
         if client.viewport is None:
-            raise BadMessageError("The page has not told the size of its drawing.", "Reload it.")
+            raise BadMessageError("The page has not sent the size of its drawing.", "Reload it.")
         kept_camera = self._interaction.camera
         if kept_camera is not None and kept_camera.viewport == client.viewport:
             return kept_camera

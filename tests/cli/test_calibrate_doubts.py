@@ -89,7 +89,7 @@ def asked_about_new_signs(monkeypatch, **answers):
     write_calibration(arm)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     asked = answering(monkeypatch, **answers)
-    return asked, lambda: check_new_signs(load_model(NAME), PORT, ["joint1"], asks=True)
+    return asked, lambda: check_new_signs(load_model(NAME), PORT, ["joint1"], interactive=True)
 
 
 def test_the_test_motion_is_offered_at_once_and_moves_the_joint_in_doubt_alone(monkeypatch, capsys):
@@ -146,7 +146,7 @@ def test_an_implausible_zero_is_a_question_to_a_person(monkeypatch, capsys, answ
     asked = answering(monkeypatch, Was=answer)
     refused = nullcontext() if answer == "y" else pytest.raises(CalibrationError, match="pose")
     with refused:
-        check_zeros(shifted_wizard(), "home", NAME, asks=True)
+        check_zeros(shifted_wizard(), "home", NAME, interactive=True)
     assert asked == ['Was joint1 exactly as in the pose "home" at step 1? [y/n]: ']
     assert "the zero seems to be off by 28.0°" in capsys.readouterr().err
 

@@ -66,7 +66,7 @@ def conversation(arm, terminal, typed):
         schedule_operator(arm, limp_arm.make_subjects("home"))
         wizard = CalibrationState.begin(limp_arm.make_subjects("home"), math.radians(0.3))
         with (
-            answer_source(None, yes=False, ask=True) as person,
+            answer_source(None, yes=False, interactive=True) as person,
             calibrate_screen.calibration_display(load_model(arm.name), "home") as shown,
         ):
             original = shown.show

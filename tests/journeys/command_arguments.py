@@ -50,7 +50,7 @@ _OWN = {  # where one name means something else
     ("jog", "what"): ["{joint}", "z"],
     ("gripper", "to"): ["open", "close"],
     ("calibration", "action"): ["diff", "push", "pull"],
-    ("sim", "words"): ["{arm}"],
+    ("sim", "arguments"): ["{arm}"],
 }
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "export": (("kind", "recording"), ["lerobot", "csv {folder}/wave.jsonl"]),
