@@ -107,10 +107,10 @@ def arm_polyline(model: Model, q: Vector) -> tuple[Matrix, Matrix]:
         the joints that move.
     """
     chain = model.chain
-    way = model.urdf.joints_to(chain.tip)
-    links = [chain.base, *(joint.child for joint in way)]
+    path_joints = model.urdf.joints_to(chain.tip)
+    links = [chain.base, *(joint.child for joint in path_joints)]
     points = {link: chain.forward(q, link)[:3, 3] for link in links}
-    joints = [points[joint.child] for joint in way if joint.kind.is_movable]
+    joints = [points[joint.child] for joint in path_joints if joint.kind.is_movable]
     return np.array([points[link] for link in links]), np.array(joints)
 
 

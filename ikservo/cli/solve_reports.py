@@ -232,20 +232,20 @@ def _result_lines(model: Model, target: Target, result: Result) -> list[str]:
     lines.append(f"{result.method}, {result.iterations} iterations")
     if result.reached:
         return [*lines, f"error  {_format_error_left(target, result)}"]
-    held = ", ".join(describe_limit(model, limit) for limit in result.binding)
-    held = held or explain_unreachable(model.chain, target)
+    limits = ", ".join(describe_limit(model, limit) for limit in result.binding)
+    limits = limits or explain_unreachable(model.chain, target)
     nearest = format_point(result.nearest_m.tolist())
-    walked = result.method in _ITERATIVE_METHODS
-    said = f"not reached by {result.method}" if walked else "out of reach"
-    lines.append(f"{said}: {held}")
+    is_iterative = result.method in _ITERATIVE_METHODS
+    outcome = f"not reached by {result.method}" if is_iterative else "out of reach"
+    lines.append(f"{outcome}: {limits}")
     return [*lines, f"nearest  {nearest}, {_format_error_left(target, result, 1)} away"]
 
 
 def _format_error_left(target: Target, result: Result, digits: int = 4) -> str:
-    gap = f"{result.position_error_m * 1000:.{digits}f} mm"
+    error_text = f"{result.position_error_m * 1000:.{digits}f} mm"
     if target.only_position and result.orientation_error_rad == 0.0:
-        return gap
-    return f"{gap} and {math.degrees(result.orientation_error_rad):.{digits}f}°"
+        return error_text
+    return f"{error_text} and {math.degrees(result.orientation_error_rad):.{digits}f}°"
 
 
 # The minimum of several runs, as long as these take less than this in total.

@@ -1,1 +1,1 @@
-"""The view: click a target, grab any link and pull, and the arm follows."""
+"""The web view: drag a link or click a target, and the arm follows."""

@@ -234,7 +234,7 @@ class Interaction:
 
     @property
     def grabbed_link(self) -> str | None:
-        """Return the link that is being pulled."""
+        """Return the link that is being dragged."""
         return self._drag.grabbed_link
 
     @property

@@ -141,14 +141,14 @@ class _WebSocketHandler:
             if permission is None:
                 await socket.close(_UNAUTHORISED, "This page's key is not the one of this session.")
             elif self._client_count >= _MAX_CLIENTS:
-                await socket.close(_FULL, "Too many visitors.")
+                await socket.close(_FULL, "Too many clients.")
             else:
                 await self._accept_client(socket, permission)
 
     async def _authenticate(self, socket: WebSocket) -> Permission | None:
         """Authenticate the client (HMAC challenge) before sending anything."""
         if len(self._unauthenticated) >= _MAX_UNAUTHENTICATED:  # they must not lock others out
-            await self._unauthenticated.popleft().close(_FULL, "Too many strangers.")
+            await self._unauthenticated.popleft().close(_FULL, "Too many unauthenticated clients.")
         self._unauthenticated.append(socket)
         nonce = new_nonce()
         try:
