@@ -138,7 +138,7 @@ def label_length_axes(axes: Axes, across: str, up: str) -> None:
 # Smaller values are drawn at this one, because of the logarithmic axis.
 _FLOOR = 1e-6
 # The tolerance line is drawn only if a curve comes within this factor of it.
-_NEAR = 100.0
+_NEAR_FACTOR = 100.0
 
 
 def plot_error_curves(
@@ -178,7 +178,7 @@ def _draw_curves(
         axes.plot(shown, dashes, color=colour, linewidth=1.8)
         axes.plot(len(shown) - 1, shown[-1], "o", color=colour, markersize=6.0)
     axes.set_yscale("log")
-    if min(float(curve.min()) for curve in curves) < _NEAR * tolerance:
+    if min(float(curve.min()) for curve in curves) < _NEAR_FACTOR * tolerance:
         _draw_tolerance(axes, tolerance)
     else:  # within a decade or two plain numbers are easier to read than powers
         axes.yaxis.set_major_formatter(_format_number)

@@ -64,7 +64,7 @@ def command(
         warn_uncompiled()
         print_status("Ctrl-C ends; torque then stays on.")
         sys.stdout.flush()
-        with _browser_opened(urls.control, wanted=not no_open and _has_display()):
+        with _open_browser(urls.control, enabled=not no_open and _has_display()):
             app.serve()
     print_status("Torque stays as it was. Switch it off with: ikservo relax")
 
@@ -79,9 +79,9 @@ def _check_installed() -> None:
 
 
 @contextmanager
-def _browser_opened(url: str, *, wanted: bool) -> Generator[None]:
+def _open_browser(url: str, *, enabled: bool) -> Generator[None]:
     """Open a browser through a file readable by its owner only: command lines are public."""
-    if not wanted:
+    if not enabled:
         yield
         return
     with tempfile.TemporaryDirectory(prefix="ikservo-") as folder:

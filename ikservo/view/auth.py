@@ -38,7 +38,7 @@ _KEY_BYTES = 24  # 192 bits
 _SINGLE_HEADERS = frozenset(
     {"host", "origin", "sec-fetch-site", "sec-fetch-mode", "sec-fetch-dest"}
 )
-_NAMES_OF_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
+_LOOPBACK_HOSTS = ("localhost", "127.0.0.1", "[::1]")
 
 
 class Permission(StrEnum):
@@ -101,7 +101,7 @@ def is_allowed_origin(
         upgrade: Whether it requests a websocket; those always carry an origin.
     """
     unique = _single_headers(headers)
-    if unique is None or unique.get("host", "").lower() not in _own_names(*local):
+    if unique is None or unique.get("host", "").lower() not in _own_hosts(*local):
         return False
     origin = unique.get("origin")
     if origin is None:
@@ -126,10 +126,10 @@ def _single_headers(headers: Iterable[tuple[bytes, bytes]]) -> Mapping[str, str]
     return unique
 
 
-def _own_names(address: str, port: int) -> frozenset[str]:
+def _own_hosts(address: str, port: int) -> frozenset[str]:
     """Return the Host values that a browser may send for an own address."""
     ip = ipaddress.ip_address(address.partition("%")[0])
-    hosts = _NAMES_OF_LOOPBACK if ip.is_loopback else (f"[{ip}]" if ip.version == 6 else str(ip),)
+    hosts = _LOOPBACK_HOSTS if ip.is_loopback else (f"[{ip}]" if ip.version == 6 else str(ip),)
     default_port = hosts if port == 80 else ()  # browsers omit the default port
     return frozenset((*(f"{name}:{port}" for name in hosts), *default_port))
 

@@ -210,7 +210,7 @@ _ARROWS = {
     "PageUp": (0.0, 0.0, -1.0),
     "PageDown": (0.0, 0.0, 1.0),
 }
-_GRAB_KINDS = ("Escape", " ", "Space")
+_CANCEL_KEYS = ("Escape", " ", "Space")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -350,7 +350,7 @@ class Drag:
         self, key: str, context: PointerContext, *, fine: bool = False
     ) -> DragCommand | None:
         """Move the tip's target by 5 mm (1 mm if fine) along the screen; Escape holds."""
-        if key in _GRAB_KINDS:
+        if key in _CANCEL_KEYS:
             return self.cancel()
         if key not in _ARROWS or self.is_busy:
             return None
