@@ -80,9 +80,17 @@ def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bo
     """Run the test motion of some joints, all if none are named, and record all as confirmed."""
     motions = _check_each_joint(machine, joints, yes=yes)
     if json:
-        print_json("wiggle", joints=motions, confirmed=not yes)
+        print_json("wiggle", joints=list(map(_motion_fields, motions)), confirmed=not yes)
     else:
         print_lines([f"{motion.joint}: it moves {motion.words}" for motion in motions])
+
+
+def _motion_fields(motion: DirectionCheck) -> dict[str, object]:
+    return {
+        "joint": motion.joint,
+        "displacement_rad": motion.way,
+        "description": motion.words,
+    }
 
 
 def _check_each_joint(machine: Arm, joints: Sequence[str], *, yes: bool) -> list[DirectionCheck]:

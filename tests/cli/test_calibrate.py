@@ -283,7 +283,7 @@ def test_diff_lists_every_register_that_differs_and_exits_with_6(desk, say):
     done = say(f"calibration diff planar2 --port {PORT} --json")
     assert done.code == 6
     (row,) = done.json["differences"]
-    assert (row["register"], row["filed"]) == ("homing_offset", str(offset))
+    assert (row["register"], row["expected"]) == ("homing_offset", str(offset))
 
 
 def test_push_makes_the_servos_hold_what_the_file_says(desk, say):

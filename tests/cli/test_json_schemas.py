@@ -1,6 +1,7 @@
 """What the commands print with --json is what docs/json.md lists."""
 
 import ast
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -8,11 +9,22 @@ from pathlib import Path
 import pytest
 
 import ikservo
+from ikservo.arm import JointState
+from ikservo.arm.remote import StopResult
+from ikservo.calibration.servo_config import RegisterMismatch
+from ikservo.maintenance.findings import Finding
 
 ROOT = Path(ikservo.__file__).parent
 ROW = re.compile(r"^\| `(?P<schema>[a-z-]+)` \| .* \| (?P<keys>[^|]*) \|$")
 KEY = re.compile(r"`(\w+)`(\??)")
 SIM = "--arm so101 --port sim:?pose=home"
+
+PRINTED_AS_THEY_ARE = {  # by key and schema
+    ("joints", "where"): JointState,
+    ("differences", "calibration-diff"): RegisterMismatch,
+    ("checks", "doctor"): Finding,
+    ("arms", "stop"): StopResult,
+}
 
 QUIET = [  # one command for each schema whose keys the sources put together while they run
     f"where {SIM} --json",
@@ -62,3 +74,15 @@ def test_the_keys_that_are_printed_are_the_documented_ones(say, words):
     answer = json.loads(said.out)
     always, maybe = documented()[answer.pop("schema").split("/")[1]]
     assert always <= set(answer) <= always | maybe
+
+
+@pytest.mark.parametrize(("place", "kind"), PRINTED_AS_THEY_ARE.items())
+def test_the_fields_of_values_that_are_printed_as_they_are_are_the_documented_ones(place, kind):
+    key, schema = place
+    (row,) = [
+        line
+        for line in (ROOT.parent / "docs" / "json.md").read_text().splitlines()
+        if line.startswith(f"| `{key}` | `{schema}` |")
+    ]
+    names = re.findall(r"`(\w+)`", row.split("|")[3])
+    assert names == [field.name for field in dataclasses.fields(kind)]
