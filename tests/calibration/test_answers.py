@@ -112,3 +112,9 @@ def test_a_slip_in_a_script_is_named_with_its_line(tmp_path, text, line):
     with pytest.raises(FileFormatError) as caught:
         read_script(path)
     assert caught.value.where == f"line {line}"
+
+
+def test_a_script_may_have_the_former_words_for_joints(tmp_path):
+    path = tmp_path / "script"
+    path.write_text("again elbow\nfree wrist\ncontinuous wrist\n")
+    assert read_script(path) == ["again elbow", "free wrist", "continuous wrist"]
