@@ -53,7 +53,7 @@ def test_jog_for_a_time(say):
 @pytest.mark.parametrize("compiled", [True, False])
 def test_jog_says_once_that_an_uncompiled_solver_is_slow(say, monkeypatch, compiled):
     monkeypatch.setattr("ikservo.cli.session.is_compiled", lambda: compiled)
-    said = say(f"jog shoulder_pan --time 100ms {SIM} --json")
+    said = say(f"jog shoulder_pan --duration 100ms {SIM} --json")
     assert said.err.count("not compiled") == (not compiled)
     assert said.code == 0
 
