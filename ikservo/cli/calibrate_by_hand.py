@@ -65,7 +65,7 @@ __all__ = [
 class AnswerSource(Protocol):
     """Source of answers: the user, a script, or automatic acceptance."""
 
-    def next_answer(self, wizard: CalibrationState, at_s: float) -> str | None:
+    def next_answer(self, state: CalibrationState, at_s: float) -> str | None:
         """Return the next answer, or None if there is none yet."""
         ...
 
@@ -139,7 +139,7 @@ class _TerminalAnswers:
     def __init__(self, key: Keys) -> None:
         self._key = key
 
-    def next_answer(self, wizard: CalibrationState, at_s: float) -> str | None:
+    def next_answer(self, state: CalibrationState, at_s: float) -> str | None:
         """Return the answer for the first key pressed since the last reading."""
         key = self._key()[:1].lower()
         if key in ("\n", "\r"):
@@ -147,8 +147,8 @@ class _TerminalAnswers:
         if key == "u":
             return "undo"
         verbs = {"s": "skip", "r": "remeasure", "f": "continuous"}
-        if key in verbs and wizard.stage is CalibrationStage.SWEEP:
-            joint = _joint_for_key(wizard, key)
+        if key in verbs and state.stage is CalibrationStage.SWEEP:
+            joint = _joint_for_key(state, key)
             return f"{verbs[key]} {joint}" if joint else None
         return None
 
