@@ -23,7 +23,9 @@ ROOT = Path(__file__).parent.parent
 TREES = {"ikservo": ROOT / "ikservo", "servosim": ROOT / "sim" / "servosim"}
 MAX_DEPTH = 2
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
-_OUTSIDE = frozenset({"Exception", "BaseModel", "StrictModel", "Enum", "IntEnum", "StrEnum"})
+_OUTSIDE = frozenset(
+    {"Exception", "BaseModel", "StrictModel", "Enum", "IntEnum", "StrEnum", "Protocol", "TypedDict"}
+)
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -111,12 +113,13 @@ def _bases(node: ast.AST) -> list[str]:
 
 
 def _depth(name: str, bases: dict[str, list[str]]) -> int:
-    above = [_depth(base, bases) for base in bases.get(name, []) if base in bases]
+    own = [base for base in bases.get(name, []) if base in bases and not _is_outside(base, bases)]
+    above = [_depth(base, bases) for base in own]
     return 1 + max(above, default=0)
 
 
 def _is_outside(name: str, bases: dict[str, list[str]]) -> bool:
-    """Return whether a class is an exception, an enum or a pydantic model."""
+    """Return whether a class is an exception, an enum, a protocol or a schema."""
     if name in _OUTSIDE or name.endswith(("Error", "Exception")):
         return True
     return any(_is_outside(base, bases) for base in bases.get(name, []))

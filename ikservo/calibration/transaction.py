@@ -8,7 +8,7 @@ finish it or undo it.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Literal
@@ -196,12 +196,7 @@ def resume(bus: ServoBus, journal_path: Path) -> bool:
     Raises:
         IkservoError: A servo still cannot be written; the journal stays.
     """
-    journal = _find_interrupted(bus, journal_path)
-    if journal:
-        _write_servos(bus, journal)
-        _lock_eeproms(bus, journal)
-        remove_durably(journal_path)
-    return journal is not None
+    return _end_interrupted(bus, journal_path, _write_servos)
 
 
 def roll_back(bus: ServoBus, journal_path: Path) -> bool:
@@ -210,9 +205,16 @@ def roll_back(bus: ServoBus, journal_path: Path) -> bool:
     Raises:
         IkservoError: A servo still cannot be written; the journal stays.
     """
+    return _end_interrupted(bus, journal_path, _restore_servos)
+
+
+def _end_interrupted(
+    bus: ServoBus, journal_path: Path, write: Callable[[ServoBus, Journal], None]
+) -> bool:
+    """Write what an interrupted transaction left, if there was one; return whether there was."""
     journal = _find_interrupted(bus, journal_path)
     if journal:
-        _restore_servos(bus, journal)
+        write(bus, journal)
         _lock_eeproms(bus, journal)
         remove_durably(journal_path)
     return journal is not None

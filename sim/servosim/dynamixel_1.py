@@ -10,7 +10,7 @@ from servosim.control import ControlMode
 from servosim.frames import Dynamixel1Reader
 from servosim.motor import Motor
 from servosim.register import ServoTable, SimulatedArea, SimulatedRegister
-from servosim.servo import BusProtocol, HornMounting, InstructionError, Servo
+from servosim.servo import AlarmBits, BusProtocol, HornMounting, InstructionError, Servo
 
 __all__ = ["ANGLE", "HEAT", "OVERLOAD", "VOLTAGE", "Dynamixel1", "Dynamixel1Protections"]
 
@@ -20,23 +20,18 @@ OVERLOAD_AFTER_S = 2.0  # assumed: the sheets say "persistent"
 OVERLOAD_FRACTION = 0.9  # assumed fraction of the largest output that counts as overload
 
 
-class Dynamixel1Protections:
+class Dynamixel1Protections(AlarmBits):
     """Protections of one servo."""
 
     def __init__(self, servo: Dynamixel1) -> None:
+        super().__init__()
         self.servo = servo
         self.start()
 
     def start(self) -> None:
         """Start again after power-up."""
-        self.bits = 0
-        self.injected = 0
+        self.bits = self.injected = 0
         self._overload_s = 0.0
-
-    def inject_alarm(self, bits: int) -> None:
-        """Raise alarm bits without a cause, or take back those that were raised so."""
-        self.bits = self.bits & ~self.injected | bits
-        self.injected = bits
 
     def clear_overload(self) -> None:
         """Torque limit written: resets an overload."""
@@ -47,8 +42,8 @@ class Dynamixel1Protections:
         """Check everything once; ``dt_s`` is the time since the last check."""
         get, servo, motor = self.servo.memory.get, self.servo, self.servo.motor
         volts = round(servo.supply_v * 10)
-        self._set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
-        self._set_alarm(HEAT, motor.temperature_c > get("temperature_limit"))
+        self.set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
+        self.set_alarm(HEAT, motor.temperature_c > get("temperature_limit"))
         heavy = abs(motor.torque_nm) > OVERLOAD_FRACTION * motor.parameters.stall_torque_nm
         self._overload_s = self._overload_s + dt_s if heavy and servo.drive.torque_on else 0.0
         if self._overload_s > OVERLOAD_AFTER_S:
@@ -57,10 +52,6 @@ class Dynamixel1Protections:
             servo.memory.put("torque_limit", 0)
             servo.drive.torque_limit = 0.0
             servo.changed()
-
-    def _set_alarm(self, bit: int, present: bool) -> None:
-        self.bits = self.bits | bit if present else self.bits & ~bit
-        self.bits |= self.injected
 
 
 # Baud rate = 2 000 000 / (number + 1); the MX has three faster ones besides.

@@ -8,7 +8,7 @@ from servosim.control import ControlMode
 from servosim.frames import Dynamixel1Reader
 from servosim.motor import Motor
 from servosim.register import ServoTable, SimulatedArea
-from servosim.servo import BusProtocol, HornMounting, InstructionError, Servo
+from servosim.servo import AlarmBits, BusProtocol, HornMounting, InstructionError, Servo
 
 __all__ = ["BAUDS", "Feetech", "FeetechProtections", "FeetechSeries"]
 
@@ -18,25 +18,20 @@ CURRENT_UNIT_A = 0.0065
 AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not blocked
 
 
-class FeetechProtections:
+class FeetechProtections(AlarmBits):
     """Protections of one servo; a bit clears with its cause, an overload with a new torque."""
 
     def __init__(self, servo: Servo) -> None:
+        super().__init__()
         self.servo = servo
         self._has_current = "protection_current" in servo.table.by_name
         self.start()
 
     def start(self) -> None:
         """Start again after power-up."""
-        self.bits = 0
-        self.injected = 0
+        self.bits = self.injected = 0
         self._overload_s = 0.0
         self._over_current_s = 0.0
-
-    def inject_alarm(self, bits: int) -> None:
-        """Raise alarm bits without a cause, or take back those that were raised so."""
-        self.bits = self.bits & ~self.injected | bits
-        self.injected = bits
 
     def clear_overload(self) -> None:
         """Torque or goal written: resets an overload."""
@@ -55,16 +50,12 @@ class FeetechProtections:
         """Check everything once; ``dt_s`` is the time since the last check."""
         get, servo, motor = self.servo.memory.get, self.servo, self.servo.motor
         volts = round(servo.supply_v * 10)
-        self._set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
-        self._set_alarm(HEAT, motor.temperature_c > get("max_temperature_limit"))
+        self.set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
+        self.set_alarm(HEAT, motor.temperature_c > get("max_temperature_limit"))
         self._check_load(dt_s)
         if self._has_current:
             self._check_current(dt_s)
         self._disable_output()
-
-    def _set_alarm(self, bit: int, present: bool) -> None:
-        self.bits = self.bits | bit if present else self.bits & ~bit
-        self.bits |= self.injected
 
     def _check_load(self, dt_s: float) -> None:
         get, motor = self.servo.memory.get, self.servo.motor

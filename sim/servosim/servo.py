@@ -13,7 +13,7 @@ from servosim.frames import Dynamixel1Reader, Dynamixel2Reader, FrameReader
 from servosim.motor import Motor
 from servosim.register import Memory, ServoTable, SimulatedRegister
 
-__all__ = ["BusProtocol", "HornMounting", "InstructionError", "Servo"]
+__all__ = ["AlarmBits", "BusProtocol", "HornMounting", "InstructionError", "Servo"]
 
 
 class BusProtocol(Enum):
@@ -40,6 +40,28 @@ class InstructionError(Enum):
     LENGTH = "length"
     LIMIT = "limit"
     ACCESS = "access"
+
+
+class AlarmBits:
+    """The alarm byte of one servo, for families whose bits clear with their cause.
+
+    Attributes:
+        bits: The byte.
+        injected: Bits that were raised without a cause.
+    """
+
+    def __init__(self) -> None:
+        self.bits = self.injected = 0
+
+    def inject_alarm(self, bits: int) -> None:
+        """Raise alarm bits without a cause, or take back those that were raised so."""
+        self.bits = self.bits & ~self.injected | bits
+        self.injected = bits
+
+    def set_alarm(self, bit: int, present: bool) -> None:
+        """Raise or clear a bit by its cause; injected bits stay."""
+        self.bits = self.bits | bit if present else self.bits & ~bit
+        self.bits |= self.injected
 
 
 @dataclass(slots=True)
