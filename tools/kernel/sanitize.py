@@ -19,8 +19,8 @@ _COPY = ROOT / "build" / "sanitized"
 _TESTS = [
     "tests/ik/test_compiled.py",
     "tests/ik/test_bounded.py",
-    "tests/guard/test_compiled_distances.py",
-    "tests/guard/test_nearness.py",
+    "tests/guard/test_collision_kernel_compiled.py",
+    "tests/guard/test_collision_kernel.py",
     "tests/view/test_compiled_picking.py",
     "tests/view/test_view_pick.py",
 ]

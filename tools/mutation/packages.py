@@ -65,7 +65,7 @@ PACKAGES = {
         Package("guard", left_out=("promise",), kernel="collision_kernel"),
         Package(
             "kinematics",
-            beyond=("guard/test_space.py", "guard/test_nearness.py", "ik/test_kernel.py"),
+            beyond=("guard/test_space.py", "guard/test_collision_kernel.py", "ik/test_kernel.py"),
             layouts=("packed",),
         ),
         Package("calibration", left_out=("hidden_arms",)),

@@ -82,7 +82,8 @@ def run(
     if not mutants:
         return []
     module = _Module(mutants[0], tests, most_s)
-    inside = [m for m in mutants if function_around(m) or constants_around(m)]
+    kernel = mutants[0].module == mutants[0].package.kernel  # whose Python code is not entered
+    inside = [m for m in mutants if not kernel and (function_around(m) or constants_around(m))]
     longest_s = module.longest_s(plain=False)
     alive, not_loaded = _in_children(inside, module.survives_inside, jobs, longest_s)
     again = [m for m in alive if module.acts_early(m)]

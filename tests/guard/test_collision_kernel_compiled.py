@@ -9,7 +9,7 @@ from ikservo.ik.kernel.compiled import uncompiled
 from ikservo.kinematics.chain import LinkMass
 from tests.both_ways import needs_extension, run_both_ways
 from tests.guard.arms import body, model_of
-from tests.guard.test_nearness import BOXES, every_kind_of_joint
+from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint
 
 
 @needs_extension
