@@ -114,7 +114,7 @@ class LazyCommandGroup(TyperGroup):
             self._listing = False
 
 
-class _Command(TyperCommand):
+class _RenamedOptionsCommand(TyperCommand):
     """Accepts former option names."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
@@ -134,7 +134,7 @@ def _load_command(name: str) -> Any:  # noqa: ANN401
     command: Callable[..., None] = module.command
     single = typer.Typer(add_completion=False)
     settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
-    single.command(name, cls=_Command, context_settings=settings)(command)
+    single.command(name, cls=_RenamedOptionsCommand, context_settings=settings)(command)
     loaded = typer.main.get_command(single)
     loaded.name = name
     return loaded
