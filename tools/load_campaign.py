@@ -58,10 +58,11 @@ def follow(arm: Arm) -> bool:
 def search(arm: Arm) -> bool:
     """Drive one joint gently towards its stop, as ``calibrate --auto`` does."""
     joint = SEARCHED[arm.model.name]
-    workings, bus = arm.workings, _bus_of(arm)
-    low, _ = workings.limits()
-    end = float(low[workings.planner.joint_index(joint)])
-    felt = probe_end_stop(workings, bus, joint, end, 0.3, lambda _: None)
+    context, bus = arm._context, _bus_of(arm)  # pyright: ignore[reportPrivateUsage]
+    low, _ = context.limits()
+    end = float(low[context.index.column(joint)])
+    runner = arm._runner  # pyright: ignore[reportPrivateUsage]
+    felt = probe_end_stop(context, runner, bus, joint, end, 0.3, lambda _: None)
     return felt.contact in (ContactState.STOP, ContactState.MOVING)
 
 
@@ -69,7 +70,7 @@ TASKS: dict[str, Task] = {"move": move, "line": line, "follow": follow, "search"
 
 
 def _bus_of(arm: Arm) -> ServoBus:
-    return vars(arm.workings.servos)["_bus"]
+    return vars(arm._context.servos)["_bus"]  # pyright: ignore[reportPrivateUsage]
 
 
 def _there_and_back(arm: Arm) -> list[Vector]:
@@ -93,7 +94,7 @@ def attempt(arm: Served, task: Task) -> int:
     try:
         with open_arm(arm.name, port=str(arm.port), collisions=False) as machine:
             machine.pose("home")
-            machine.workings.warm_up()
+            machine._context.warm_up()  # pyright: ignore[reportPrivateUsage]
             return 0 if task(machine) else 1
     except ikservo.IkservoError as error:
         print(f"{arm.name}: {error}", file=sys.stderr, flush=True)

@@ -2,14 +2,19 @@
 
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.background_motion import Motion
+from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.opening import open_arm
 from ikservo.arm.plan import MotionPlan
 from ikservo.arm.recording import Recording, read_recording
-from ikservo.arm.reports import ArmState, JointMoveResult, MotionProgress, MoveResult
-from ikservo.arm.sampled_trajectory import SampledTrajectory
+from ikservo.arm.reports import (
+    ArmState,
+    JointMoveResult,
+    MotionProgress,
+    MoveResult,
+    SampledTrajectory,
+)
 from ikservo.arm.setpoint_stream import SetpointStream
 from ikservo.arm.tool_orientation import ToolOrientation
-from ikservo.arm.zeros import ZeroSource
 from ikservo.control.feedback import JointState
 from ikservo.deprecation import current_name
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason

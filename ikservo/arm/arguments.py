@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics import finite_vector
 
 __all__ = [
     "check_callable",
+    "check_choice",
+    "check_iterable",
     "parse_all_positions",
     "parse_joint_positions",
     "parse_number",
@@ -22,6 +24,8 @@ __all__ = [
     "parse_points",
     "parse_port",
 ]
+
+T = TypeVar("T")
 
 
 def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, float]:
@@ -44,6 +48,27 @@ def check_callable(what: str, value: object) -> None:
     """
     if value is not None and not callable(value):
         raise BadValueError(what, repr(value), "a function, or None")
+
+
+def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
+    """Return a value that is one of a few.
+
+    Raises:
+        UnknownNameError: It is none of them.
+    """
+    if value not in choices:
+        raise UnknownNameError(what, value, [str(choice) for choice in choices])
+    return value
+
+
+def check_iterable(what: str, value: object, expected: str) -> None:
+    """Refuse what cannot be iterated over.
+
+    Raises:
+        BadValueError: It cannot.
+    """
+    if not isinstance(value, Iterable):
+        raise BadValueError(what, repr(value), expected)
 
 
 def parse_path(value: object) -> Path:

@@ -1,43 +1,66 @@
-"""The machine a person owns: it goes to a point, says where it is, holds and lets go."""
+"""The arm of a user's program: plan, move, measure, stop, and switch torque off."""
 
 from __future__ import annotations
 
-import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Unpack, overload
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import check_callable, parse_all_positions
-from ikservo.arm.background_motion import Motion
-from ikservo.arm.motion_options import JointOptions, OnProgress, PointOptions
-from ikservo.arm.motion_runner import CLOSED
-from ikservo.arm.plan import MotionPlan, rebase_trajectory
-from ikservo.arm.preflight import Foreseeing
-from ikservo.arm.reports import JointMoveResult, MotionProgress, MoveResult
-from ikservo.arm.settling import SettlingResult, settle
-from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
-from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
-from ikservo.arm.zeros import ZeroSource
-from ikservo.control.loop import ControlCycle, OnCycle
-from ikservo.control.servo_group import ServoGroup
-from ikservo.deprecation import current_name
-from ikservo.errors import (
-    BadValueError,
-    IkservoError,
-    PortError,
-    RefusedError,
-    StoppedError,
-    UnknownNameError,
+from ikservo.arm.arguments import (
+    check_callable,
+    check_choice,
+    check_iterable,
+    parse_all_positions,
+    parse_path,
+    parse_points,
 )
-from ikservo.guard import CollisionChecker
-from ikservo.hardware.port import Port
-from ikservo.ik import Result
-from ikservo.kinematics import Chain
+from ikservo.arm.background_motion import Background, Motion
+from ikservo.arm.calibrated_arm import ZeroSource, is_simulated
+from ikservo.arm.context import ArmContext
+from ikservo.arm.control_server import CommandHandler, ControlServer, serve
+from ikservo.arm.execution import (
+    GripperOptions,
+    JointOptions,
+    PointOptions,
+    ThroughOptions,
+    execute,
+    lower,
+    move_joints,
+    move_tip,
+    relax,
+    run_plan,
+)
+from ikservo.arm.following import (
+    CartesianOrJointTarget,
+    FollowResult,
+    GoalSource,
+    follow,
+    follow_arm,
+    follow_goals,
+)
+from ikservo.arm.gripper import GraspResult, GripperCommand, move_gripper, resolve_goal
+from ikservo.arm.jogging import JogResult, KeepGoing, jog
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.plan import MotionPlan, PoseWithinLimits
+from ikservo.arm.poses import PoseLibrary, teach
+from ikservo.arm.preflight import PreflightPlanner
+from ikservo.arm.recording import Recording, RecordResult, record_arm
+from ikservo.arm.replay import RecordedTrajectory, ReplayResult, load_replay, replay
+from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
+from ikservo.arm.setpoint_stream import SetpointStream
+from ikservo.arm.settling import SettlingResult
+from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
+from ikservo.clock import Clock
+from ikservo.control.stopping import STOPPED_BY_PROGRAM
+from ikservo.deprecation import current_name
+from ikservo.errors import BadValueError
+from ikservo.guard import StopKind, StopReason
+from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 
@@ -45,49 +68,54 @@ __all__ = ["Arm", "OnExit"]
 
 OnExit = Literal["hold", "relax"]
 
-# Servos of this class stand within one or two ticks of 0.09° of where they are told.
-POSITION_TOLERANCE_M = 0.002
-JOINT_TOLERANCE_RAD = math.radians(0.5)
+JointPositions = Mapping[str, float] | ArrayLike
+"""Positions by joint, or of all joints (n,), rad or m."""
 
+BLEND_M = 0.02
+"""The distance from a waypoint at which the path turns towards the next."""
 
 _RENAMED = {
     "glimpse": "last_state",
-    "plan_by": "plan_cartesian",
     "plan_down": "plan_lowering",
     "release": "disable_torque",
     "stops_asked": "stop_requests",
 }
 
 
-class Arm(Foreseeing):
+class Arm:
     """An arm on an open port; see ``open_arm``.
 
-    Torque is switched on by the first motion, and stays on when the arm is closed unless
-    ``on_exit`` says ``relax``: an arm never drops because a program ended.
+    The first motion switches torque on. It stays on when the arm is closed unless ``on_exit`` is
+    ``relax``: an arm never drops because a program ended.
+
+    Args:
+        context: What the arm is made of.
+        runner: Runs its motions.
+        on_exit: What ``close`` does with torque: ``hold`` or ``relax``.
 
     Attributes:
-        model: What the arm is.
+        model: The arm's model.
         chain: Base to tool, inside this arm's limits in whole ticks.
         zeros: Where the zeros of its joints come from.
+        poses: The poses of its arm file, and the taught ones.
+        joint_index: Which column of vectors of all joints (n,) is which.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        chain: Chain,
-        servos: ServoGroup,
-        port: Port,
-        on_exit: OnExit = "hold",
-        space: CollisionChecker | None = None,
-        zeros: ZeroSource = ZeroSource.SIMULATED,
-    ) -> None:
-        if on_exit not in ("hold", "relax"):
-            raise UnknownNameError("way to exit", on_exit, ("hold", "relax"))
-        super().__init__(model, chain, servos, port, space, zeros)
-        self._on_exit: OnExit = on_exit
+    def __init__(self, context: ArmContext, runner: MotionRunner, on_exit: OnExit = "hold") -> None:
+        self._on_exit: OnExit = check_choice("way to exit", on_exit, ("hold", "relax"))
+        self._context, self._runner, self._port = context, runner, context.port
+        self.model: Model = context.model
+        self.chain: Chain = context.chain
+        self.zeros: ZeroSource = context.zeros
+        self.joint_index: JointIndex = context.index
+        self.poses = PoseLibrary(context.model, context.serial_number)
+        self._preflight = PreflightPlanner(context, runner, self.poses)
+        self._background = Background(runner, context.servos.stop_request)
+        self._server: ControlServer | None = None
+        runner.on_overheat = self._lower
 
     def __repr__(self) -> str:
-        """Return which arm on which port, and how it is; asks no servo."""
+        """Return arm, port and why it is stopped; reads no servo."""
         state = "open" if self._port.is_open else "closed"
         stopped = f", stopped: {self.stopped_for}" if self.stopped_for else ""
         return f"Arm({self.model.name!r} on {self.port_name!r}, {state}{stopped})"
@@ -98,7 +126,7 @@ class Arm(Foreseeing):
         Raises:
             PortError: It was closed before.
         """
-        self._check_open()
+        self._runner.check_open()
         return self
 
     def __exit__(
@@ -109,78 +137,263 @@ class Arm(Foreseeing):
     ) -> None:
         self.close(self._on_exit if error is None else "hold")
 
-    def execute(
-        self, plan: MotionPlan, on_progress: OnProgress | None = None
-    ) -> MoveResult | JointMoveResult:
-        """Move as planned, block until the arm is at rest, and report how it ended, measured.
-
-        Args:
-            plan: Of this arm, from where it holds now.
-            on_progress: Called in every control cycle.
-
-        Returns:
-            A ``MoveResult`` of a plan of ``plan_to``, ``plan_line`` or ``plan_through``; of a plan
-            of joints a ``JointMoveResult`` of those that it moves.
-
-        Raises:
-            RefusedError: The arm has moved since it was planned, or the guard stopped it; the arm
-                holds.
-            StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
-            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
-        """
-        plan, arrival = self._run_plan(plan, on_progress)
-        if plan.target_m is not None:
-            return self._move_report(plan, arrival)
-        ends = zip(plan.names, plan.start.tolist(), plan.goal.tolist(), strict=True)
-        moved = {name: goal for name, start, goal in ends if goal != start}
-        return self._joint_report(moved, arrival)
-
     if not TYPE_CHECKING:  # a type checker knows today's names only
 
         def __getattr__(self, name: str) -> object:
             """Return what an old name stands for, for one version more; it warns."""
             return getattr(self, current_name("Arm", _RENAMED, name))
 
-    def go(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> SettlingResult:
-        """Execute a plan. Deprecated: use ``execute``, whose report says more."""
-        warnings.warn("Arm.go is deprecated: use Arm.execute.", DeprecationWarning, stacklevel=2)
-        return self._run_plan(plan, on_progress)[1]
+    @property
+    def port_name(self) -> str:
+        """Return the name of the port the arm is on."""
+        return self._port.name
 
-    def carry_out(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> MoveResult:
-        """Execute a plan of the tip. Deprecated: use ``execute``."""
-        warnings.warn(
-            "Arm.carry_out is deprecated: use Arm.execute.", DeprecationWarning, stacklevel=2
-        )
-        return self._execute_move(plan, on_progress)
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Return all joints, in the order of vectors (n,)."""
+        return self._context.servos.names
 
-    def _execute_move(self, plan: MotionPlan, on_progress: OnProgress | None) -> MoveResult:
-        """Execute a plan of the tip.
+    @property
+    def clock(self) -> Clock:
+        """Return the clock of the port: simulated time on a simulated bus."""
+        return self._context.servos.clock
+
+    def limits(self) -> tuple[Vector, Vector]:
+        """Return the lower and upper limits (n,), in whole ticks, rad or m."""
+        return self._context.limits()
+
+    def clearance_m(self, positions: JointPositions) -> float:
+        """Return the smallest distance of the body [m] to itself, the table and the boxes.
+
+        Args:
+            positions: By joint, rad or m; the others as measured. Or of all joints (n,).
+
+        Returns:
+            Infinite where the arm is not calibrated or was opened without collision checks.
+        """
+        return self._preflight.clearance_m(positions)
+
+    def where(self) -> ArmState:
+        """Measure tip, joints and health.
+
+        While another thread moves the arm, they are those of its last control cycle.
+        """
+        return self._runner.state()
+
+    def last_state(self) -> ArmState:
+        """Return the state of the last control cycle; reads no servo and is safe in any thread.
 
         Raises:
-            BadValueError: It is a plan of joints.
+            IkservoError: There was none yet.
         """
-        _check_plan(plan)
-        _require_target(plan)
-        return self._move_report(*self._run_plan(plan, on_progress))
+        return self._runner.last_state()
 
-    def _run_plan(
-        self, plan: MotionPlan, on_progress: OnProgress | None
-    ) -> tuple[MotionPlan, SettlingResult]:
-        """Execute a plan; return it as it was from where the arm held, and where it ended."""
-        _check_plan(plan)
-        check_callable("on_progress", on_progress)
-        self._check_speed(plan)
-        with self._motion_turn():
-            plan = self._replan_if_moved(plan)
-            return plan, self._run_motion(plan, on_progress)
+    def close(self, on_exit: OnExit | None = None) -> None:
+        """Close the port, leaving the arm held or relaxed; the second call does nothing.
 
-    @overload
-    def move_to(
+        Motions in the background are cancelled; another running motion ends with ``StoppedError``.
+
+        Args:
+            on_exit: ``hold`` or ``relax``; as given to ``open_arm`` if None.
+
+        Raises:
+            UnknownNameError: Neither; the arm stays open.
+            RefusedError: The arm shall be relaxed, and a callback of its motion closes it.
+        """
+        chosen = check_choice("way to exit", on_exit or self._on_exit, ("hold", "relax"))
+        if self._port.is_open:
+            self._background.close()
+            self._runner.close(self.relax if chosen == "relax" else None, self._close_server)
+
+    def listen(self) -> None:
+        """Accept stop, state and relax commands of this user's other processes."""
+        if self._server is None and not is_simulated(self.port_name):
+            self._server = serve(self.port_name, CommandHandler(self._runner, self.relax))
+            self._runner.caches_states = self._server is not None
+
+    def enable(self) -> None:
+        """Switch torque on; each servo's goal is set to its position first, so nothing moves.
+
+        Raises:
+            RefusedError: A motion is running; ``stop`` ends it.
+        """
+        self._runner.enable()
+
+    def hold(self) -> None:
+        """Hold the present position: another name of ``enable``."""
+        self.enable()
+
+    def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
+        """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
+
+        The rest pose is clamped to the limits. Where the arm cannot be lowered, for something is in
+        the way or a servo has a fault, torque is switched off at once; the result then has
+        ``reached`` False and the reason in ``binding``.
+
+        Raises:
+            CalibrationError: The arm is not calibrated; see ``disable_torque``.
+            RefusedError: A motion is running, or a stop was not acknowledged; the arm holds.
+            BusError: A servo does not answer; the torque of all others is off.
+        """
+        return relax(self._context, self._runner, self._preflight, on_progress)
+
+    def disable_torque(self) -> None:
+        """Switch every servo's torque off; an arm that is not supported falls.
+
+        A running motion ends with ``StoppedError`` first.
+
+        Raises:
+            BusError: A servo does not answer; the torque of all others is off.
+        """
+        self._runner.disable_torque()
+
+    def reconnect(self, within_s: float = 10.0) -> None:
+        """Open the port again after the cable was pulled; moves nothing.
+
+        The arm stays stopped until ``acknowledge``. Its servos may have been without power: torque
+        is read again, and the first motion is slow.
+
+        Args:
+            within_s: How long to wait for the adapter, known by its USB serial number.
+
+        Raises:
+            BadValueError: The wait is no number of seconds.
+            PortLostError: The adapter was not plugged in in time.
+            ServoSilentError: A servo does not answer.
+            RefusedError: A motion is running.
+        """
+        self._runner.reconnect(within_s)
+
+    def return_within_limits(self) -> None:
+        """Move joints that are a little outside their limits back inside, slowly."""
+        self._runner.return_within_limits()
+
+    def stop(self, reason: str = "") -> None:
+        """Brake the running motion within 0.3 s and hold; safe from signals and other threads.
+
+        The motion ends with ``StoppedError``; nothing moves again before ``acknowledge``.
+        """
+        text = str(reason) or STOPPED_BY_PROGRAM.text
+        self.request_stop(StopReason(StopKind.PROGRAM, text))
+
+    def request_stop(self, reason: StopReason) -> None:
+        """Stop as ``stop`` does, for a reason of any kind."""
+        self._runner.request_stop(reason)
+
+    @property
+    def stop_requests(self) -> int:
+        """Return how often a stop was requested since the last ``acknowledge``."""
+        return self._runner.stop_requests
+
+    @property
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped, until ``acknowledge``; None where it is not stopped."""
+        return self._runner.stop_reason
+
+    @property
+    def stopped_for(self) -> str:
+        """The text of ``stop_reason``; empty where the arm is not stopped."""
+        return self._runner.stop_text
+
+    def acknowledge(self) -> None:
+        """End a stop: the cause is gone, and the arm may be moved again; nothing moves yet."""
+        self._runner.acknowledge()
+
+    def plan_to(
         self,
         position_m: ArrayLike,
         *,
-        wait: Literal[True] = True,
-        **options: Unpack[PointOptions],
+        speed: str = "normal",
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+        orientation: ArrayLike | None = None,
+    ) -> MotionPlan:
+        """Plan a motion of the tip to a point (3,) [m], base frame; see ``move_to``.
+
+        Raises:
+            UnreachableError: It is out of reach; carries the nearest point.
+        """
+        return self._preflight.plan_to(position_m, speed, check_orientation(stance, orientation))
+
+    def plan_line(
+        self,
+        position_m: ArrayLike,
+        *,
+        speed: str = "normal",
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+        orientation: ArrayLike | None = None,
+    ) -> MotionPlan:
+        """Plan a straight line of the tip to a point; see ``move_line``."""
+        stance = check_orientation(stance, orientation)
+        return self.plan_through([position_m], line=True, speed=speed, stance=stance)
+
+    def plan_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        blend_m: float = BLEND_M,
+        line: bool = False,
+        speed: str = "normal",
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+        orientation: ArrayLike | None = None,
+    ) -> MotionPlan:
+        """Plan a motion through points without a stop; see ``move_through``."""
+        stance = check_orientation(stance, orientation)
+        return self._preflight.plan_through(points_m, blend_m, speed, stance, line=line)
+
+    def plan_joints(self, positions: JointPositions, *, speed: str = "normal") -> MotionPlan:
+        """Plan a motion of some joints; see ``move_joints``."""
+        return self._preflight.plan_joints(positions, speed)
+
+    def plan_rest(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose, by another pose where the path is not free."""
+        return self._preflight.plan_rest()
+
+    def plan_lowering(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose, or as much of it as is free."""
+        return self._preflight.plan_lowering()
+
+    def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
+        """Clamp a named pose to this arm's limits, which may be narrower than the pose.
+
+        The rest pose is clamped however far it is beyond them: an arm must always be able to come
+        down. Another pose is where its joints are on their end stops, just beyond a limit.
+
+        Args:
+            pose: Its name.
+            start: The present joints (n,); measured if None.
+
+        Raises:
+            UnknownNameError: No such pose.
+        """
+        return self._preflight.pose_within_limits(pose, start)
+
+    def execute(
+        self, plan: MotionPlan, on_progress: OnProgress | None = None
+    ) -> MoveResult | JointMoveResult:
+        """Execute a plan, block until the arm is at rest, and report the measured result.
+
+        Returns:
+            A ``MoveResult`` for a plan of ``plan_to``, ``plan_line`` or ``plan_through``; for a
+            plan of joints a ``JointMoveResult`` of those that it moves.
+
+        Raises:
+            RefusedError: The arm has moved since it was planned, or the guard stopped it.
+        """
+        return execute(self._context, self._runner, plan, on_progress)
+
+    def go(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> SettlingResult:
+        """Execute a plan. Deprecated: use ``execute``, whose report says more."""
+        _warn_deprecated("go")
+        return run_plan(self._context, self._runner, plan, on_progress)[1]
+
+    def carry_out(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> MoveResult:
+        """Execute a plan of the tip. Deprecated: use ``execute``."""
+        _warn_deprecated("carry_out")
+        return move_tip(self._context, self._runner, plan, on_progress)
+
+    @overload
+    def move_to(
+        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[PointOptions]
     ) -> MoveResult: ...
     @overload
     def move_to(
@@ -200,72 +413,125 @@ class Arm(Foreseeing):
 
         Args:
             position_m: The point (3,), metres, in the arm's base frame.
-            speed: slow, normal or fast.
-            stance: How the tool shall stand there, see ``plan_to``.
-            orientation: The whole orientation R_base_tip (3, 3), instead of a stance. Arms with
-                fewer than six joints have it at few points; they take a direction or a pitch.
+            speed: slow, normal or fast; the first motion after torque comes on is slow.
+            stance: The orientation of the tool at the end; by default the arm keeps the present one
+                as well as it can.
+            orientation: The whole orientation R_base_tip (3, 3) instead. Arms with fewer than six
+                joints have it at few points; they take a direction or a pitch.
             on_progress: Called in every control cycle, in the thread that moves the arm.
-            wait: Whether to block. If false the motion is planned and runs in the background,
-                after the ones before it; the returned ``Motion`` has ``done``, ``wait`` and
-                ``cancel``, its ``wait`` returns the report and raises the errors. Closing the arm
-                cancels it.
+            wait: Whether to block. If false the motion is planned and runs in the background, after
+                the ones before it; the returned ``Motion`` has ``done``, ``wait`` and ``cancel``,
+                its ``wait`` returns the result and raises the errors. Closing the arm cancels it.
 
         Raises:
-            UnreachableError: No joints inside the limits reach it; nothing has moved.
-            OrientationError: The tool cannot stand there as asked; nothing has moved.
-            RefusedError: The guard will not pass a goal on.
-            StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
+            UnreachableError: No joint positions within the limits reach it; nothing has moved.
+            OrientationError: The tool cannot have the orientation there; nothing has moved.
+            CalibrationError: The arm is not calibrated; nothing has moved.
+            RefusedError: Something is in the way, or the guard stopped the motion; the arm holds.
+            StoppedError: ``stop`` was called, here or by another process; the arm holds.
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
-        check_callable("on_progress", on_progress)
-        asked = check_orientation(stance, orientation)
+        stance = check_orientation(stance, orientation)
+        return self._move_tip(
+            lambda: self.plan_to(position_m, speed=speed, stance=stance), on_progress, wait=wait
+        )
 
-        def move() -> MoveResult:
-            plan = self._plan_from_held(lambda: self.plan_to(position_m, speed=speed, stance=asked))
-            return self._execute_move(plan, on_progress)
+    @overload
+    def move_line(
+        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[PointOptions]
+    ) -> MoveResult: ...
+    @overload
+    def move_line(
+        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
+    ) -> Motion[MoveResult]: ...
+    def move_line(
+        self,
+        position_m: ArrayLike,
+        *,
+        speed: str = "normal",
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+        orientation: ArrayLike | None = None,
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> MoveResult | Motion[MoveResult]:
+        """Move the tip to a point on a straight line, and block until the arm is at rest.
 
-        return self._background.run_blocking(move) if wait else self._background.start(move)
+        Options and errors are those of ``move_to``; the tool turns evenly along the line.
 
-    def _move_report(self, plan: MotionPlan, arrival: SettlingResult) -> MoveResult:
-        tip_m = self._planner.tip(arrival.measured)
-        target_m, solution = _require_target(plan)
-        error_m = float(np.linalg.norm(target_m - tip_m))
-        limits = tuple(str(limit) for limit in solution.binding)
-        return MoveResult(
-            target_m=target_m,
-            commanded_tip_m=plan.tip_m,
-            measured_tip_m=tip_m,
-            error_m=error_m,
-            duration_s=arrival.duration_s,
-            reached=error_m <= POSITION_TOLERANCE_M,
-            binding=limits + arrival.residuals,
-            orientation_error_rad=plan.orientation_error_rad
-            + self._planner.rotation_between(plan.goal, arrival.measured),
-            motion_s=arrival.motion_s,
-            settling_s=arrival.settling_s,
-            orientation_requested=plan.orientation_requested,
-            orientation_change_rad=self._planner.rotation_between(plan.start, arrival.measured),
+        Raises:
+            UnreachableError: A point on the line is out of reach; nothing has moved.
+        """
+        stance = check_orientation(stance, orientation)
+        return self._move_tip(
+            lambda: self.plan_line(position_m, speed=speed, stance=stance), on_progress, wait=wait
+        )
+
+    @overload
+    def move_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[ThroughOptions],
+    ) -> MoveResult: ...
+    @overload
+    def move_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        wait: Literal[False],
+        **options: Unpack[ThroughOptions],
+    ) -> Motion[MoveResult]: ...
+    def move_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        blend_m: float = BLEND_M,
+        line: bool = False,
+        speed: str = "normal",
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+        orientation: ArrayLike | None = None,
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> MoveResult | Motion[MoveResult]:
+        """Move the tip through points without a stop, to rest at the last.
+
+        Args:
+            points_m: The points (k, 3), metres, in the arm's base frame.
+            blend_m: Within which distance the tip passes each point but the last.
+            line: Whether the tip moves on straight lines; else the joints do.
+            speed: slow, normal or fast.
+            stance: The orientation of the tool at the last point.
+            orientation: The whole orientation R_base_tip (3, 3) there instead.
+            on_progress: Called in every control cycle.
+            wait: Whether to block; else the motion runs in the background, see ``move_to``.
+
+        Raises:
+            UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Others
+                as for ``move_to``.
+        """
+        stance, points_m = check_orientation(stance, orientation), parse_points(points_m)
+        return self._move_tip(
+            lambda: self._preflight.plan_through(points_m, blend_m, speed, stance, line=line),
+            on_progress,
+            wait=wait,
         )
 
     @overload
     def move_joints(
         self,
-        positions: Mapping[str, float] | ArrayLike,
+        positions: JointPositions,
         *,
         wait: Literal[True] = True,
         **options: Unpack[JointOptions],
     ) -> JointMoveResult: ...
     @overload
     def move_joints(
-        self,
-        positions: Mapping[str, float] | ArrayLike,
-        *,
-        wait: Literal[False],
-        **options: Unpack[JointOptions],
+        self, positions: JointPositions, *, wait: Literal[False], **options: Unpack[JointOptions]
     ) -> Motion[JointMoveResult]: ...
     def move_joints(
         self,
-        positions: Mapping[str, float] | ArrayLike,
+        positions: JointPositions,
         *,
         speed: str = "normal",
         on_progress: OnProgress | None = None,
@@ -275,197 +541,334 @@ class Arm(Foreseeing):
 
         Args:
             positions: By joint, rad, or m for prismatic ones; the others stay. Or an array of all
-                joints (n,), in the order of ``where().names``.
+                joints (n,), in the order of ``joint_names``.
             speed: slow, normal or fast.
             on_progress: Called in every control cycle.
             wait: Whether to block; else the motion runs in the background, see ``move_to``.
 
         Raises:
             UnknownNameError: No such joint.
-            RefusedError: A position lies outside the joint's limits; nothing has moved.
-            StoppedError: It was stopped by ``stop`` or from another terminal; the arm holds.
-            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
+            RefusedError: A position is outside the limits; nothing has moved. Others as for
+                ``move_to``.
         """
         check_callable("on_progress", on_progress)
-        goal = parse_all_positions(positions, self._servos.names)
+        goal = parse_all_positions(positions, self.joint_names)
+        return self._background.run(lambda: self._move_joints(goal, speed, on_progress), wait=wait)
 
-        def move() -> JointMoveResult:
-            plan = self._plan_from_held(lambda: self.plan_joints(goal, speed=speed))
-            return self._move_along_plan(goal, plan, on_progress)
-
-        return self._background.run_blocking(move) if wait else self._background.start(move)
-
-    def _move_along_plan(
+    @overload
+    def pose(
+        self, name: str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+    ) -> JointMoveResult: ...
+    @overload
+    def pose(
+        self, name: str, *, wait: Literal[False], **options: Unpack[JointOptions]
+    ) -> Motion[JointMoveResult]: ...
+    def pose(
         self,
-        positions: Mapping[str, float],
-        plan: MotionPlan,
-        on_progress: Callable[[MotionProgress], None] | None,
-    ) -> JointMoveResult:
-        return self._joint_report(positions, self._run_plan(plan, on_progress)[1])
-
-    def _joint_report(
-        self, positions: Mapping[str, float], arrival: SettlingResult
-    ) -> JointMoveResult:
-        measured = arrival.measured
-        there = {name: float(measured[self._planner.joint_index(name)]) for name in positions}
-        errors = (abs(there[name] - position) for name, position in positions.items())
-        error_rad = max(errors, default=0.0)
-        return JointMoveResult(
-            goal_rad=dict(positions),
-            measured_rad=there,
-            measured_tip_m=self._planner.tip(measured),
-            error_rad=error_rad,
-            duration_s=arrival.duration_s,
-            reached=error_rad <= JOINT_TOLERANCE_RAD,
-            binding=arrival.residuals,
-        )
-
-    def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
-        """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
-
-        The rest pose is brought inside the arm's limits. Where the arm cannot be lowered, for
-        something is in its way or a servo is not well, torque is switched off where it stands;
-        the report then has ``reached`` False and says why in ``binding``.
-
-        Raises:
-            CalibrationError: Nobody knows where the rest pose is; see ``release``.
-            StoppedError: Somebody stopped it; the arm holds.
-            RefusedError: A motion is running, or a stop was not acknowledged; the arm holds.
-            BusError: A servo does not answer; the torque of all others is off.
-        """
-        self.zeros.require_known(self.model.name)
-        with self._turn:
-            self._servos.torque.check_idle()
-            self._servos.check_stop()
-            self._servos.torque.invalidated()  # enabled anew by limits that let it come down
-            report = self._try_lower(on_progress)
-            self.disable_torque()
-            return (
-                self._release_without_lowering(report)
-                if isinstance(report, IkservoError)
-                else report
-            )
-
-    def _try_lower(
-        self, on_progress: Callable[[MotionProgress], None] | None
-    ) -> JointMoveResult | IkservoError:
-        """Lower the arm as far as its way is free; return why where it could not be lowered."""
-        try:
-            return self._lower(on_progress)
-        except (StoppedError, PortError):
-            raise
-        except IkservoError as error:
-            if self._servos.stop_request:
-                raise
-            return error
-
-    def _lower(
-        self, on_progress: Callable[[MotionProgress], None] | None = None
-    ) -> JointMoveResult:
-        with self._servos.tolerate_heat():
-            plan = self._plan_from_held(self.plan_lowering)
-            inside = self._rest_pose()
-            report = self._move_along_plan(inside.positions, plan, on_progress)
-        return replace(report, binding=inside.changed + report.binding)
-
-    def _release_without_lowering(self, error: IkservoError) -> JointMoveResult:
-        """Return where an arm was let go that could not be lowered."""
-        rest, where = dict(self.model.pose("rest")), self.where()
-        measured = {name: where.positions[name] for name in rest}
-        return JointMoveResult(
-            goal_rad=rest,
-            measured_rad=measured,
-            measured_tip_m=where.tip_m,
-            error_rad=max(abs(measured[name] - rest[name]) for name in rest),
-            duration_s=0.0,
-            reached=False,
-            binding=(f"not lowered, torque is off: {error.message}",),
-        )
-
-    def close(self, on_exit: OnExit | None = None) -> None:
-        """Give the port back, leaving the arm held or relaxed; the second time is nothing.
-
-        What runs in the background is cancelled; another running motion ends with
-        ``StoppedError`` first.
+        name: str,
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> JointMoveResult | Motion[JointMoveResult]:
+        """Move to a pose of the arm file, or to a taught one, clamped to the limits.
 
         Args:
-            on_exit: ``hold`` or ``relax``; what ``open_arm`` was told if None.
+            name: Its name.
+            speed: slow, normal or fast.
+            on_progress: Called in every control cycle.
+            wait: Whether to block; else the motion runs in the background, see ``move_to``.
+
+        Returns:
+            The result; ``binding`` names the joints that were clamped.
 
         Raises:
-            UnknownNameError: Neither; the arm stays open.
-            RefusedError: The arm shall be relaxed, and the callback of a motion asks for that.
+            UnknownNameError: No such pose; suggests the closest.
+            RefusedError: It is outside this arm's limits, or something is in the way.
         """
-        if on_exit not in (None, "hold", "relax"):
-            raise UnknownNameError("way to exit", on_exit, ("hold", "relax"))
-        if not self._port.is_open:
-            return
-        self._background.close()
-        relaxed = (on_exit or self._on_exit) == "relax"
-        if relaxed:
-            with self._turn:
-                self._servos.torque.check_idle()
-        try:
-            if relaxed:
-                self.relax()
-        finally:
-            self._closed = True
-            with self._after_motion(*CLOSED):
-                pass
-            if self._listener is not None:
-                self._listener.close()
-            with self._turn:  # not while another terminal relaxes the arm
-                self._port.close()
+        check_callable("on_progress", on_progress)
+        self.model.speed(speed)
+        inside = self.pose_within_limits(name)
+        return self._background.run(lambda: self._move_pose(inside, speed, on_progress), wait=wait)
 
-    def _run_motion(
-        self, plan: MotionPlan, on_progress: Callable[[MotionProgress], None] | None
-    ) -> SettlingResult:
-        servos, paces = self._servos, self._planner.motion_limits(plan.speed)
-        horn_rad_s = self.model.speed(plan.speed).rad_s
-        course = rebase_trajectory(plan, servos.goals(), paces, servos.names)
-        self.workings.check_streamed_path(course, plan.speed)
-        aim = SettlingTarget(self.chain, servos.fences, plan, servos.measure_positions())
-        started_s = servos.clock.now_s()
-        self._stream.run(course, self._progress_reporter(on_progress), speed_rad_s=horn_rad_s)
-        motion_s = servos.clock.now_s() - started_s
-        below = self._backlash_goals(plan)
-        return settle(self._stream, servos, aim, paces, horn_rad_s, motion_s, below)
+    @overload
+    def gripper(
+        self,
+        to: GripperCommand | float | None = None,
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[GripperOptions],
+    ) -> GraspResult: ...
+    @overload
+    def gripper(
+        self,
+        to: GripperCommand | float | None = None,
+        *,
+        wait: Literal[False],
+        **options: Unpack[GripperOptions],
+    ) -> Motion[GraspResult]: ...
+    def gripper(
+        self,
+        to: GripperCommand | float | None = None,
+        *,
+        width_m: float | None = None,
+        force: float | None = None,
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> GraspResult | Motion[GraspResult]:
+        """Open or close the gripper, or move its jaws to a width.
 
-    def _backlash_goals(self, plan: MotionPlan) -> Vector | None:
-        """Return the goals from which joints with known play come up to their places (n,).
+        Where an object blocks the jaws they stop, and hold it with no more than the given force.
 
-        None on a line, on which the tool stays, and where something is in that way.
+        Args:
+            to: open, close, or a width in metres where the arm file has widths.
+            width_m: The same width, by name.
+            force: The fraction of the servo's torque that it may use, 0.05 to 1; 0.3 if None.
+            on_progress: Called in every control cycle.
+            wait: Whether to block; else the motion runs in the background, see ``move_to``.
+
+        Raises:
+            IkservoError: The arm has no gripper.
+            RefusedError: A jaw would touch something; nothing has moved.
+            BadValueError: The width is out of its range or unknown, or the force is no fraction.
         """
-        goals, fences = self._servos.goals(), self._servos.fences
-        backlash = np.array([self.model.joint(name).backlash for name in self._servos.names])
-        below = backlash_approach(goals, plan.goal != plan.start, backlash, fences)
-        if below is None or plan.is_cartesian:
-            return None
-        try:
-            self.workings.check_straight_path(goals, below)
-        except RefusedError:
-            return None
-        return below
+        check_callable("on_progress", on_progress)
+        goal, arm = resolve_goal(to, width_m), (self._context, self._runner)
+        return self._background.run(lambda: move_gripper(*arm, goal, force, on_progress), wait=wait)
 
-    def _progress_reporter(
-        self, on_progress: Callable[[MotionProgress], None] | None
-    ) -> OnCycle | None:
-        if on_progress is None:
-            return None
+    @overload
+    def replay(
+        self, path: Path | str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+    ) -> ReplayResult: ...
+    @overload
+    def replay(
+        self, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
+    ) -> Motion[ReplayResult]: ...
+    def replay(
+        self,
+        path: Path | str,
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+        wait: bool = True,
+    ) -> ReplayResult | Motion[ReplayResult]:
+        """Move to the first pose of a recording of this arm, then along it.
 
-        def tell(beat: ControlCycle) -> None:
-            on_progress(self.workings.progress(beat))
+        It is as fast as recorded where that is within the speed class, else slowed down as a whole.
 
-        return tell
+        Raises:
+            FileFormatError: It is malformed, or another arm's; says in which line.
+            RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
+            CalibrationError: The arm is not calibrated.
+        """
+        path, arm = self._check_replay(path, speed), (self._context, self._runner)
+        check_callable("on_progress", on_progress)
+        return self._background.run(lambda: replay(*arm, path, speed, on_progress), wait=wait)
+
+    def load_replay(
+        self, path: Path | str, *, speed: str = "normal"
+    ) -> tuple[Recording, RecordedTrajectory]:
+        """Read a recording, and what ``replay`` would play after its first pose; nothing moves.
+
+        Raises:
+            FileFormatError, RefusedError, CalibrationError: As ``replay``.
+        """
+        return load_replay(self._context, self._check_replay(path, speed), speed)
+
+    def record(
+        self,
+        path: Path | str,
+        *,
+        duration_s: float | None = None,
+        until: Callable[[], bool] | None = None,
+        period_s: float = 0.02,
+        overwrite: bool = False,
+    ) -> RecordResult:
+        """Write the measured joints to a file at a fixed rate; torque stays as it is.
+
+        Ctrl-C ends it; the file is complete up to then.
+
+        Args:
+            path: A new file: a header, then one line of JSON for each sample.
+            duration_s: How long; until ``until`` returns True if None.
+            until: Called at each sample.
+            period_s: Between two samples.
+            overwrite: Whether an existing file may be replaced.
+
+        Raises:
+            BadValueError: The file exists, or a number is out of its range.
+            FileWriteError: It cannot be written.
+            ServoSilentError: A servo does not answer; the samples before are kept.
+        """
+        return record_arm(self._context, path, duration_s, until, period_s, overwrite=overwrite)
+
+    def teach(
+        self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
+    ) -> dict[str, float]:
+        """Save the measured joints as a pose of this arm; return them, rad or m by name.
+
+        Args:
+            name: 1 to 64 of A-Z a-z 0-9 _ -, and no pose of the arm file.
+            until: Returns once the arm has been moved by hand. The arm is relaxed before, if it
+                holds; without this nothing is relaxed.
+            hold: Whether torque is switched on afterwards.
+
+        Raises:
+            BadValueError: The name cannot be used; nothing has moved.
+            FileWriteError: The pose cannot be saved.
+        """
+        arm = (self._context, self._runner)
+        return teach(*arm, self.poses, name, until, self.relax, hold=hold)
+
+    def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
+        """Move a joint or the tip in one direction for as long as ``wanted`` returns True.
+
+        Args:
+            what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
+            speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative the other way. The
+                arm file's slow speed, or 0.05 m/s, if None.
+            wanted: Called in every control cycle: True goes on, False brakes and holds, None is no
+                news; after 0.3 s without news the arm brakes and holds, too.
+
+        Returns:
+            Where it ended, and why: no longer requested, a limit, or the guard.
+
+        Raises:
+            UnknownNameError: No such joint or direction.
+            BadValueError: The speed is zero, not finite or too high.
+        """
+        return jog(self._context, self._runner, what, speed, wanted)
+
+    def follow(
+        self,
+        targets: Iterable[CartesianOrJointTarget | None],
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+    ) -> FollowResult:
+        """Follow a stream of targets, one in each control cycle, until it ends.
+
+        Each cycle takes the next item: a ``Target``, a point (3,) [m], a pose (4, 4) of the tip,
+        positions by joint [rad or m], or None for nothing new. The arm goes there as fast as its
+        speed class allows, without a stop or a jump, and keeps its branch. A target is valid for
+        0.3 s: without a new one the arm then brakes where it is.
+
+        At the end the sag under load is corrected, as by ``move_to``, at the last target that the
+        guard accepted, or where the arm was braked; not after a stop or an error of the stream.
+
+        Args:
+            targets: The stream; a generator may block for a while.
+            speed: slow, normal or fast.
+            on_progress: Called in every control cycle.
+
+        Raises:
+            BadValueError: An item is no target; the arm was braked first.
+            StoppedError: ``stop`` was called; the arm holds.
+        """
+        check_callable("on_progress", on_progress)
+        check_iterable("The stream of targets", targets, "an iterable of targets")
+        return follow(self._context, self._runner, targets, speed, on_progress)
+
+    def follow_arm(
+        self,
+        leader: Arm,
+        *,
+        speed: str = "normal",
+        until: Callable[[], bool] | None = None,
+        on_progress: OnProgress | None = None,
+    ) -> FollowResult:
+        """Follow another arm that is guided by hand, joint by joint of the same name.
+
+        The leader's torque is left as it is; its gripper leads the gripper. This arm keeps its own
+        limits, and brakes where the leader does not answer for 0.3 s.
+
+        Args:
+            leader: An open arm on another port.
+            speed: slow, normal or fast; fast keeps closest.
+            until: Ends it by returning True.
+            on_progress: Called in every control cycle.
+
+        Raises:
+            InputError: The arms have no joint in common.
+            CalibrationError: One of the arms is not calibrated.
+        """
+        context, arm = self._leader_context(leader), (self._context, self._runner)
+        check_callable("until", until)
+        check_callable("on_progress", on_progress)
+        return follow_arm(*arm, context, speed, until, on_progress)
+
+    def follow_goals(self, source: GoalSource, *, speed: str = "normal") -> None:
+        """Follow joint goals that ``source`` gives in every control cycle, until it ends.
+
+        Raises:
+            CalibrationError: The arm is not calibrated.
+        """
+        follow_goals(self._context, self._runner, source, speed)
+
+    def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> SetpointStream:
+        """Open a stream of setpoints, which the program sends at its own rate.
+
+        ::
+
+            with arm.stream(speed="fast", rate_hz=50) as stream:
+                for q in trajectory:           # (n,), or {"elbow_flex": 0.3}, or a Target
+                    stream.send(q)
+
+        The arm follows the newest setpoint as fast as the speed class allows and without a jump,
+        through the guard. After 0.3 s without one, and at the end of the block, it brakes and
+        holds. An error ends the stream and is raised by the next ``send``, or at the end of the
+        block.
+
+        Args:
+            speed: slow, normal or fast; fast keeps closest.
+            rate_hz: Setpoints a second, 5 to 1000: ``send`` returns when the next is due. If None
+                it returns at once, and the program keeps its own time.
+
+        Raises:
+            CalibrationError: The arm is not calibrated.
+            BadValueError: The rate is out of its range.
+            RefusedError: Another stream is open.
+        """
+        start = self._background.start_stream
+        return SetpointStream(self._context, self._runner, start, speed, rate_hz)
+
+    def _move_tip(
+        self, planning: Callable[[], MotionPlan], on_progress: OnProgress | None, *, wait: bool
+    ) -> MoveResult | Motion[MoveResult]:
+        check_callable("on_progress", on_progress)
+        arm, held = (self._context, self._runner), self._preflight.plan_from_held
+        return self._background.run(lambda: move_tip(*arm, held(planning), on_progress), wait=wait)
+
+    def _move_joints(
+        self, goal: Mapping[str, float], speed: str, on_progress: OnProgress | None
+    ) -> JointMoveResult:
+        plan = self._preflight.plan_from_held(lambda: self.plan_joints(goal, speed=speed))
+        return move_joints(self._context, self._runner, goal, plan, on_progress)
+
+    def _move_pose(
+        self, inside: PoseWithinLimits, speed: str, on_progress: OnProgress | None
+    ) -> JointMoveResult:
+        report = self._move_joints(inside.positions, speed, on_progress)
+        return replace(report, binding=inside.changed + report.binding)
+
+    def _check_replay(self, path: Path | str, speed: str) -> Path:
+        self._context.require_zeros()
+        self.model.speed(speed)
+        return parse_path(path)
+
+    def _leader_context(self, leader: object) -> ArmContext:
+        if not isinstance(leader, Arm) or leader is self:
+            raise BadValueError("The leader", repr(leader), "another open arm")
+        return leader._context
+
+    def _lower(self) -> None:
+        lower(self._context, self._runner, self._preflight)
+
+    def _close_server(self) -> None:
+        if self._server is not None:
+            self._server.close()
 
 
-def _check_plan(plan: object) -> None:
-    if not isinstance(plan, MotionPlan):
-        raise BadValueError(
-            "The plan", repr(plan), "a plan, such as arm.plan_to((0.25, 0.0, 0.15))"
-        )
-
-
-def _require_target(plan: MotionPlan) -> tuple[Vector, Result]:
-    if plan.target_m is None or plan.solution is None:
-        raise BadValueError("The plan", "a motion of joints", "a plan of plan_to")
-    return plan.target_m, plan.solution
+def _warn_deprecated(name: str) -> None:
+    text = f"Arm.{name} is deprecated: use Arm.execute."
+    warnings.warn(text, DeprecationWarning, stacklevel=3)

@@ -211,24 +211,21 @@ class Background:
         self._motions: list[Motion[object]] = []
         self._stream: Motion[object] | None = None
 
-    def run_blocking(self, work: Callable[[], T]) -> T:
-        """Plan and move in this thread, once the motions before are over.
+    def run(self, work: Callable[[], T], *, wait: bool) -> T | Motion[T]:
+        """Run a motion after the ones before it.
+
+        Args:
+            work: Plans and executes it.
+            wait: Whether it runs in this thread; else in the background.
 
         Raises:
             RefusedError: A stream of setpoints is open.
         """
         self._check_no_stream()
+        if not wait:
+            return self._start_thread(work)
         with self._queue:
             return work()
-
-    def start(self, work: Callable[[], T]) -> Motion[T]:
-        """Begin a motion in a thread of its own, once those before are over; never waits.
-
-        Raises:
-            RefusedError: A stream of setpoints is open.
-        """
-        self._check_no_stream()
-        return self._start_thread(work)
 
     def start_stream(self, work: Callable[[], T]) -> Motion[T]:
         """Begin a stream of setpoints; other motions are refused until it has ended.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
 
-from ikservo.arm.zeros import ZeroSource
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.calibration_file import (
     calibration_path,
@@ -32,13 +32,16 @@ from ikservo.hardware import remembered_port as replug
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.serial_ports import is_pseudo_terminal
 from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.geometric_errors import GeometricErrors, apply_geometric_errors
 from ikservo.model import Model, ModelJoint, load_model
 from ikservo.registers import MODELS, RegisterName, control_table_for_number
 
 __all__ = [
+    "MAX_UNCALIBRATED_STEP_RAD",
     "CalibratedArm",
     "CalibratedModel",
+    "ZeroSource",
     "calibrated_limits",
     "calibrated_model",
     "check_calibration_matches",
@@ -51,6 +54,61 @@ __all__ = [
     "registers_allow",
     "serial_number_of",
 ]
+
+MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
+"""How far a joint whose zero nobody knows may be moved at once, as its horn turns."""
+
+_HINT = (
+    "Calibrate it: ikservo calibrate {arm}. Until then: ikservo joints, at most 10° at a time "
+    "(or --uncalibrated, if the horns are mounted exactly as in the arm file)."
+)
+
+
+class ZeroSource(Enum):
+    """Whose the zeros of an arm's joints are."""
+
+    CALIBRATED = "this arm's own"
+    VENDOR = "the maker's"
+    SIMULATED = "the simulator's"
+    ACCEPTED = "the arm file's, as the person said"
+    UNKNOWN = "the arm file's"
+
+    @property
+    def are_known(self) -> bool:
+        """Return whether positions mean what they say."""
+        return self is not ZeroSource.UNKNOWN
+
+    def require_known(self, arm: str) -> None:
+        """Refuse what needs to know where the arm is.
+
+        Raises:
+            CalibrationError: The arm is not calibrated.
+        """
+        if not self.are_known:
+            raise CalibrationError(f"{arm} is not calibrated.", _HINT.format(arm=arm))
+
+    def check_small_steps(
+        self, arm: str, here: Vector, goal: Vector, steps: Mapping[str, float]
+    ) -> None:
+        """Refuse long ways of single joints where zeros are unknown.
+
+        Args:
+            arm: Its name.
+            here: Where the joints are (n,), rad or m.
+            goal: Where they shall go (n,).
+            steps: The longest way for each joint, in the order of the vectors.
+
+        Raises:
+            CalibrationError: A joint would go further.
+        """
+        if self.are_known:
+            return
+        for (name, step), way in zip(steps.items(), abs(goal - here), strict=True):
+            if way > step * (1.0 + 1e-6):
+                raise CalibrationError(
+                    f"{arm} is not calibrated, and {name} would move by more than 10°.",
+                    _HINT.format(arm=arm),
+                )
 
 
 def check_calibration_matches(

@@ -1,172 +1,202 @@
-"""The shared context of an arm's motion functions, and the progress they report."""
+"""The data that every function of an arm works on: model, chain, servos, planner, collision."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
+from ikservo.arm.calibrated_arm import ZeroSource, serial_number_of
 from ikservo.arm.planner import Planner
-from ikservo.arm.reports import MotionProgress
-from ikservo.arm.zeros import ZeroSource
+from ikservo.arm.reports import MotionProgress, OnProgress
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker, sample_line, sample_path
+from ikservo.hardware.port import Port
 from ikservo.ik import Solver
-from ikservo.kinematics import Chain
+from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
-from ikservo.motion import JointMove, RuckigMotion, Trajectory
+from ikservo.motion import RuckigMotion, Trajectory
 
-__all__ = ["ArmContext", "TrajectoryFactory", "make_progress"]
+__all__ = ["ArmContext"]
 
-
-def make_progress(beat: ControlCycle, tip_m: Vector, names: tuple[str, ...]) -> MotionProgress:
-    """Return the state of a motion in one control cycle.
-
-    Args:
-        beat: What was told and heard.
-        tip_m: The measured tip (3,), metres.
-        names: The joints, in the order of the cycle's vectors.
-    """
-    return MotionProgress(
-        beat.time_s, beat.duration_s, tip_m, beat.measured.copy(), beat.goals.copy(), names
-    )
-
-
+# Nearer than this a part counts as lying on something, and a limp one may sink on by the margin.
 _CONTACT_M, _SINK_MARGIN_M = 0.005, 0.010
-
-TrajectoryFactory = Callable[[Vector], Trajectory]
-"""Makes a course that begins at the goals (n,) the servos hold."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmContext:
-    """The inside of an arm, for the rooms that make it do something.
+    """What an arm is made of; its functions take this and a ``MotionRunner``.
 
     Attributes:
-        model: What the arm is.
-        chain: Base to tip inside this arm's limits.
+        model: The arm's model.
+        chain: Base to tip, inside this arm's limits.
         servos: Its servos.
-        planner: Joints, tip and paces.
-        space: What the body must keep clear of; None where nobody looks.
-        zeros: Where its zeros come from.
-        drive: Switches torque on where it is off, streams a course, and hears Ctrl-C meanwhile;
-            takes what begins it, who looks at each beat, and slow, normal or fast. Returns the
-            joints (n,) at the last beat.
-        allowed_speed: The speed a motion may have that was asked for at one: the first is slow.
+        port: The serial port they are on.
+        planner: Plans motions; reads no servo.
+        collision: Checks paths of the body; None where they are not checked.
+        zeros: Where the zeros of its joints come from.
+        index: Which column of a vector of all joints (n,) is which.
+        serial_number: Of the USB adapter; empty where there is none.
     """
 
     model: Model
     chain: Chain
     servos: ServoGroup
+    port: Port
     planner: Planner
-    space: CollisionChecker | None
+    collision: CollisionChecker | None
     zeros: ZeroSource
-    drive: Callable[[TrajectoryFactory, OnCycle | None, str], Vector]
-    allowed_speed: Callable[[str], str]
+    index: JointIndex
+    serial_number: str
+
+    @classmethod
+    def build(
+        cls,
+        model: Model,
+        chain: Chain,
+        servos: ServoGroup,
+        port: Port,
+        collision: CollisionChecker | None = None,
+        zeros: ZeroSource = ZeroSource.SIMULATED,
+    ) -> ArmContext:
+        """Build the context of an arm on an open port."""
+        with_gripper = collision is not None and collision.dof > chain.dof
+        gripper = model.gripper.joint if model.gripper and with_gripper else None
+        index = JointIndex.from_names(servos.names, chain.names, gripper)
+        return cls(
+            model=model,
+            chain=chain,
+            servos=servos,
+            port=port,
+            planner=Planner(model, chain, index),
+            collision=collision,
+            zeros=zeros,
+            index=index,
+            serial_number=serial_number_of(port.name),
+        )
+
+    @property
+    def checked_collision(self) -> CollisionChecker | None:
+        """The collision checker; None where paths are not checked or positions are not known."""
+        return self.collision if self.zeros.are_known else None
 
     def now_s(self) -> float:
-        """Return the time on the line's clock."""
+        """Return the time of the port's clock."""
         return self.servos.clock.now_s()
 
-    def progress(self, beat: ControlCycle) -> MotionProgress:
-        """Return what a control cycle tells whoever watches the motion."""
-        return make_progress(beat, self.planner.tip(beat.measured), self.servos.names)
+    def require_zeros(self) -> None:
+        """Refuse what needs calibrated joint positions.
+
+        Raises:
+            CalibrationError: The arm is not calibrated.
+        """
+        self.zeros.require_known(self.model.name)
 
     def limits(self) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest positions (n,) that are whole ticks inside limits."""
+        """Return the lowest and the highest positions (n,) in whole ticks inside the limits."""
         low, high = zip(*(fence.position_range for fence in self.servos.fences), strict=True)
         return np.array(low), np.array(high)
 
-    def return_within_limits(self) -> None:
-        """Lead joints that stand a little outside their limits back inside, slowly.
+    def progress(self, cycle: ControlCycle) -> MotionProgress:
+        """Return the progress of a motion in one control cycle."""
+        return MotionProgress(
+            cycle.time_s,
+            cycle.duration_s,
+            self.planner.tip(cycle.measured),
+            cycle.measured.copy(),
+            cycle.goals.copy(),
+            self.servos.names,
+        )
 
-        A limp arm sinks there. A motion that is aimed anew at each beat must begin inside: the
-        guard lets a joint come back, and not out again by a single tick.
-        """
-        lower, upper = self.limits()
-        measured = self.servos.measure_positions()
-        if ((measured >= lower) & (measured <= upper)).all():
-            return
-        paces = self.planner.motion_limits("slow")
-        self.drive(lambda here: JointMove(here, np.clip(here, lower, upper), paces), None, "slow")
+    def progress_reporter(self, on_progress: OnProgress | None) -> OnCycle | None:
+        """Return what calls ``on_progress`` in every control cycle; None for None."""
+        return on_progress and (lambda cycle: on_progress(self.progress(cycle)))
 
     def warm_up(self) -> None:
-        """Load what solving and checking need: no goal may wait for it."""
+        """Load what solving and checking need: in a control loop that takes too long."""
         q = self.chain.clip(np.zeros(self.chain.dof))
         Solver(self.chain, "position").track(self.chain.forward(q), q)
-        if self.space is not None:
-            here = np.zeros(self.space.dof)
+        if self.collision is not None:
+            joints = np.zeros(self.collision.dof)
             with suppress(RefusedError):
-                self.space.check_path([here, here])
+                self.collision.check_path([joints, joints])
 
-    def chain_joints(self, joints: Matrix) -> Matrix:
-        """Return the columns of the chain (…, dof) out of vectors of all joints (…, n)."""
-        columns = [self.planner.joint_index(name) for name in self.chain.names]
-        return joints[..., columns]
+    def clearance_m(self, joints: Vector) -> float:
+        """Return the smallest distance of the body [m] to itself, the table and the boxes.
 
-    def body_joints(self, joints: Matrix) -> Matrix:
-        """Return the columns that the body is looked at with: the chain's, then the gripper's."""
-        chained = self.chain_joints(joints)
-        if self.model.gripper is None or self.space is None or self.space.dof == self.chain.dof:
-            return chained
-        jaws = self.planner.joint_index(self.model.gripper.joint)
-        return np.concatenate([chained, joints[..., jaws : jaws + 1]], axis=-1)
+        Args:
+            joints: All joints (n,).
 
-    def check_streamed_path(self, course: Trajectory, speed: str) -> None:
-        """Check the way of a course as it will be streamed, wherever it was planned.
+        Returns:
+            Infinite where paths are not checked or positions are not known.
+        """
+        checker = self.checked_collision
+        if checker is None:
+            return math.inf
+        return float(checker.distances([self.index.body_joints(joints)]).min())
+
+    def is_in_contact(self, joints: Vector) -> bool:
+        """Return whether the body touches itself, the table or a box at joints (n,), or nearly."""
+        return self.clearance_m(joints) < _CONTACT_M
+
+    def check_streamed_path(self, trajectory: Trajectory, speed: str) -> None:
+        """Check the path of a trajectory as it will be streamed.
 
         Raises:
             RefusedError: Something would be touched.
         """
-        if self.space is not None and self.zeros.are_known:
-            way = self.body_joints(self.planner.sample_trajectory(course, speed))
-            self.space.check_path(list(way), self.planner.dynamic_load_factor(speed))
+        if self.checked_collision is not None:
+            path = self.planner.sample_trajectory(trajectory, speed)
+            self._check_path(path, self.planner.dynamic_load_factor(speed))
 
     def check_trajectory(self, move: RuckigMotion) -> None:
-        """Check the way of a motion as it will be gone, braking and turning round included.
+        """Check the path of an online trajectory, braking and reversing included.
 
         Raises:
             RefusedError: Something would be touched.
         """
-        if self.space is not None and self.zeros.are_known:
-            way = sample_path(move.at, move.duration_s, move.top_speed)
-            self.space.check_path(list(self.body_joints(way)))
+        if self.checked_collision is not None:
+            self._check_path(sample_path(move.at, move.duration_s, move.top_speed))
 
-    def check_straight_path(self, here: Vector, goal: Vector) -> None:
-        """Check the straight way of the joints (n,) to a goal for contact of the body.
+    def check_straight_path(self, start: Vector, goal: Vector) -> None:
+        """Check the straight path of the joints (n,) between two positions.
 
         Raises:
             RefusedError: Something would be touched.
         """
-        if self.space is None or not self.zeros.are_known:
+        if self.checked_collision is not None:
+            self._check_path(self.interpolate_joints(start, goal))
+
+    def interpolate_joints(self, start: Vector, goal: Vector) -> Matrix:
+        """Return the straight path (k, n) between joints (n,), dense enough for checks."""
+        joints = [self.model.joint(name) for name in self.servos.names]
+        units = np.array([joint.travel_per_turn / math.tau for joint in joints])
+        return sample_line(start, goal, units)
+
+    def check_recorded_path(self, path: Matrix) -> None:
+        """Check a recorded path (k, n) of the joints.
+
+        A limp arm lies on itself or on the table and sinks further. What it touched at one of the
+        ends of the path it may touch again, a little deeper: it was brought there by hand.
+
+        Raises:
+            RefusedError: Something would be touched.
+        """
+        checker = self.checked_collision
+        if checker is None:
             return
-        self.space.check_path(list(self.body_joints(self.interpolate_joints(here, goal))))
+        samples = list(self.index.body_joints(path))
+        distance_m = checker.distances(samples)
+        ends_m = np.minimum(distance_m[0], distance_m[-1])
+        min_m = np.where(ends_m < _CONTACT_M, np.minimum(ends_m, 0.0) - _SINK_MARGIN_M, 0.0)
+        if (distance_m < min_m).any():
+            checker.check_path(samples)
 
-    def interpolate_joints(self, here: Vector, goal: Vector) -> Matrix:
-        """Return the straight way (k, n) between joints, near enough to look for contact."""
-        turns = [self.model.joint(name).travel_per_turn / math.tau for name in self.servos.names]
-        return sample_line(here, goal, np.array(turns))
-
-    def check_recorded_path(self, way: Matrix) -> None:
-        """Check a recorded way (k, n) of the joints for contact of the body.
-
-        A limp arm lies on itself or on the table and sinks on; so what it lay on at one of the
-        ends it may lie on again, a little deeper, for it was led there by hand.
-
-        Raises:
-            RefusedError: Something would be touched.
-        """
-        if self.space is None or not self.zeros.are_known:
-            return
-        looks = list(self.body_joints(way))
-        gap_m = self.space.distances(looks)
-        ends_m = np.minimum(gap_m[0], gap_m[-1])
-        least_m = np.where(ends_m < _CONTACT_M, np.minimum(ends_m, 0.0) - _SINK_MARGIN_M, 0.0)
-        if (gap_m < least_m).any():
-            self.space.check_path(looks)
+    def _check_path(self, path: Matrix, load_factor: float = 1.0) -> None:
+        if self.checked_collision is not None:
+            self.checked_collision.check_path(list(self.index.body_joints(path)), load_factor)

@@ -11,13 +11,13 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, Protocol, cast
 
 from ikservo.arm.control_socket import (
     ListeningSocket,
@@ -26,16 +26,12 @@ from ikservo.arm.control_socket import (
     socket_path,
     socket_paths,
 )
+from ikservo.arm.reports import ArmState, JointMoveResult
 from ikservo.control.stopping import StopOutcome
 from ikservo.errors import ExitCode, IkservoError, InputError, RefusedError
 from ikservo.files.reading import parse_json
 from ikservo.guard import StopKind, StopReason
 from ikservo.hardware.transport import abandon_in_forked_children
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-
-    from ikservo.arm.motion_runner import Running
 
 __all__ = [
     "BRAKE_TIMEOUT_S",
@@ -44,6 +40,7 @@ __all__ = [
     "Command",
     "CommandHandler",
     "ControlServer",
+    "RemoteTarget",
     "Request",
     "RequestHandler",
     "broadcast_command",
@@ -333,25 +330,70 @@ _RELAXED = StopReason(StopKind.RELEASED, "Torque switched off from another termi
 BRAKE_TIMEOUT_S = 3.0
 
 
-class CommandHandler:
-    """Does other terminals' errands on an arm; called in threads of its own.
+class RemoteTarget(Protocol):
+    """What commands of other processes need of an arm; ``MotionRunner`` has it."""
 
-    The arm's own program has the turn while it moves the arm. To stop needs no turn; to be asked
-    where it is meanwhile is answered with the last beat.
+    @property
+    def arm_name(self) -> str:
+        """The arm's name."""
+        ...
+
+    @property
+    def port_name(self) -> str:
+        """The name of its port."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Its joints."""
+        ...
+
+    @property
+    def lock(self) -> RLock:
+        """Held by each motion."""
+        ...
+
+    def request_stop(self, reason: StopReason) -> None:
+        """Brake the running motion and hold."""
+
+    def stop_servos(self, reason: StopReason) -> StopOutcome:
+        """Hold the measured positions, while no motion runs."""
+        ...
+
+    def latch_stop(self, reason: StopReason) -> None:
+        """Refuse motions until ``acknowledge``."""
+
+    def acknowledge(self) -> None:
+        """End a stop."""
+
+    def state(self) -> ArmState:
+        """Measure the state, while no motion runs."""
+        ...
+
+    def last_state(self) -> ArmState:
+        """Return the state of the last control cycle."""
+        ...
+
+
+class CommandHandler:
+    """Handles the commands of other processes; called in threads of its own.
+
+    A motion of the arm's own program holds the lock. A stop needs no lock; a state request is then
+    answered with the last control cycle.
 
     Args:
-        arm: The arm.
-        turn: Held by whoever moves the arm.
+        target: The arm.
+        relax: Lowers it and switches torque off.
     """
 
-    def __init__(self, arm: Running, turn: RLock) -> None:
-        self._arm, self._turn = arm, turn
+    def __init__(self, target: RemoteTarget, relax: Callable[[], JointMoveResult]) -> None:
+        self._target, self._relax = target, relax
 
     def __call__(self, request: Request) -> Mapping[str, object]:
-        """Return the answer's fields.
+        """Execute a command and return the fields of the reply.
 
         Raises:
-            IkservoError: The arm could not do it.
+            IkservoError: It failed.
         """
         match request.do:
             case Command.STOP:
@@ -362,41 +404,46 @@ class CommandHandler:
                 return self._handle_relax()
 
     def _handle_stop(self) -> Mapping[str, object]:
-        arm, servos = self._arm, self._arm.workings.servos
-        moving = not self._turn.acquire(blocking=False)
+        target = self._target
+        moving = not target.lock.acquire(blocking=False)
         if moving:
-            arm.request_stop(_STOPPED)
-            with self._acquire_turn(BRAKE_TIMEOUT_S):
-                halted = StopOutcome(servos.names, (), ())  # whatever ended the motion, it holds
+            target.request_stop(_STOPPED)
+            with self._acquire_lock(BRAKE_TIMEOUT_S):
+                outcome = StopOutcome(target.joint_names, (), ())  # a motion that ended holds
         else:
             try:
-                halted = servos.hold_measured(_STOPPED)
+                outcome = target.stop_servos(_STOPPED)
             finally:
-                self._turn.release()
-        return {"arm": arm.model.name, "port": arm.port_name, "moving": moving, **asdict(halted)}
+                target.lock.release()
+        return {
+            "arm": target.arm_name,
+            "port": target.port_name,
+            "moving": moving,
+            **asdict(outcome),
+        }
 
     def _handle_where(self) -> Mapping[str, object]:
-        if self._turn.acquire(blocking=False):
+        if self._target.lock.acquire(blocking=False):
             try:
-                here, moving = self._arm.where(), False
+                state, moving = self._target.state(), False
             finally:
-                self._turn.release()
+                self._target.lock.release()
         else:
-            here, moving = self._arm.last_state(), True
-        joints = [asdict(joint) for joint in here.joints]
-        return {"moving": moving, "tip_m": here.tip_m.tolist(), "joints": joints}
+            state, moving = self._target.last_state(), True
+        joints = [asdict(joint) for joint in state.joints]
+        return {"moving": moving, "tip_m": state.tip_m.tolist(), "joints": joints}
 
     def _handle_relax(self) -> Mapping[str, object]:
         self._handle_stop()
-        with self._acquire_turn(BRAKE_TIMEOUT_S):
-            self._arm.acknowledge()
-            report = self._arm.relax()
-            self._arm.workings.servos.latch_stop(_RELAXED)
+        with self._acquire_lock(BRAKE_TIMEOUT_S):
+            self._target.acknowledge()
+            report = self._relax()
+            self._target.latch_stop(_RELAXED)
         return {**asdict(report), "measured_tip_m": report.measured_tip_m.tolist()}
 
     @contextmanager
-    def _acquire_turn(self, timeout_s: float) -> Generator[None]:
-        if not self._turn.acquire(timeout=timeout_s):
+    def _acquire_lock(self, timeout_s: float) -> Generator[None]:
+        if not self._target.lock.acquire(timeout=timeout_s):
             raise IkservoError(
                 "The program that moves the arm did not stop when told to.",
                 "End it, or switch off the arm's power.",
@@ -404,4 +451,4 @@ class CommandHandler:
         try:
             yield
         finally:
-            self._turn.release()
+            self._target.lock.release()

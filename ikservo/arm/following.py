@@ -1,38 +1,196 @@
-"""Following setpoints: from a stream of targets, or from a leader arm."""
+"""Online control: follow a goal that changes in every cycle, a stream of targets, a leader arm."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import repeat
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arm.arguments import parse_joint_positions
 from ikservo.arm.context import ArmContext
-from ikservo.arm.online_control import follow_goals, measured_with_held_gripper
-from ikservo.arm.reports import MotionProgress
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.reports import OnProgress
 from ikservo.arm.settling import settle_at
 from ikservo.control.loop import ControlCycle
 from ikservo.deprecation import current_name
-from ikservo.errors import BadValueError, BusError, InputError, RefusedError, UnknownNameError
+from ikservo.errors import BadValueError, BusError, InputError, RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
 from ikservo.ik import Solver, Target
-from ikservo.kinematics import Chain, finite_array
+from ikservo.kinematics import Chain, JointIndex, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats
 from ikservo.kinematics.se3 import exp_so3
-from ikservo.motion import Rate
+from ikservo.motion import OnlineTrajectory, Rate
 
 __all__ = [
     "CartesianOrJointTarget",
     "FollowResult",
+    "GoalSource",
     "TargetTracker",
     "follow",
+    "follow_arm",
+    "follow_goals",
     "leader_positions",
+    "measured_with_held_gripper",
     "shared_joints",
 ]
+
+# Servos without integral gain sag under load by up to this; a larger error is a jam.
+_MAX_LIFT_RAD = 0.06
+_NEAR_RAD = 0.002  # more than a tick
+_REST_TIME_S = 0.2
+_MAX_ITERATIONS = 6
+# The first motion after torque comes on is slow until it is as near as this to its goal.
+_TOLERANCE_RAD = 0.05
+
+
+class GoalSource(Protocol):
+    """Gives the goal of the joints in every control cycle; must not block."""
+
+    def next_goal(self, cycle: ControlCycle, /) -> Vector | None:
+        """Return the goal (n,), rad or m, or None to brake and end."""
+        ...
+
+    def on_rejected(self, error: RefusedError, /) -> None:
+        """Take note that a goal was refused; the arm keeps the one before."""
+        ...
+
+
+def follow_goals(
+    context: ArmContext,
+    runner: MotionRunner,
+    source: GoalSource,
+    speed: str,
+    *,
+    loaded: bool = False,
+) -> Vector | None:
+    """Follow the goals of a source until it ends.
+
+    Args:
+        context: The arm.
+        runner: Runs the motion.
+        source: Gives the goals.
+        speed: slow, normal or fast.
+        loaded: Whether goals are positions of the joints from the first one on, so that the lead
+            of the servos' goals over loaded joints is kept. Else goals start as the servos' own.
+
+    Returns:
+        Where the joints should be (n,): the last goal that was accepted, or as far short of it as
+        braking came to rest; None where none was accepted.
+
+    Raises:
+        CalibrationError: The arm is not calibrated.
+    """
+    context.require_zeros()
+    context.warm_up()
+    runner.return_within_limits()
+    controller = _OnlineController(context, source, speed, runner.allowed_speed(speed), loaded)
+    runner.run(controller.start_trajectory, controller.on_cycle, speed)
+    if controller.error:
+        raise controller.error
+    return controller.settled_goal
+
+
+def measured_with_held_gripper(context: ArmContext, cycle: ControlCycle) -> Vector:
+    """Return the measured joints of the chain, and the goals of the others (n,): a gripper presses.
+
+    The goals of joints under load differ from their positions: they lead them by the sag.
+    """
+    return np.where(context.index.outside_chain(), cycle.goals, cycle.measured)
+
+
+class _OnlineController:
+    """Retargets an online trajectory to new goals, and compensates the sag of resting joints."""
+
+    def __init__(
+        self, context: ArmContext, source: GoalSource, speed: str, allowed: str, loaded: bool
+    ) -> None:
+        self._context, self._source, self._speed, self._first = context, source, speed, allowed
+        self._limited = allowed != speed
+        self._loaded = loaded
+        self._trajectory: OnlineTrajectory | None = None
+        self._requested: Vector = np.zeros(0)
+        self._accepted: Vector = np.zeros(0)  # the last requested goal that the guard accepted
+        self._lead = np.zeros(0)
+        self._compensated_s = 0.0
+        self._iterations = 0  # an arm that was only held is left where it is
+        self.error: Exception | None = None
+        self.settled_goal: Vector | None = None
+
+    def start_trajectory(self, start: Vector) -> OnlineTrajectory:
+        lower, upper = self._context.limits()
+        limits = self._context.planner.motion_limits(self._first)
+        self._trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
+        self._requested, self._lead = start, np.zeros_like(start)
+        return self._trajectory
+
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        trajectory = self._trajectory
+        if trajectory is None or math.isfinite(trajectory.duration_s):
+            return
+        if self._loaded:
+            self._requested, self._loaded = measured_with_held_gripper(self._context, cycle), False
+            self._lead = trajectory.goal - self._requested
+        goal = self._next_goal(cycle)
+        if goal is None:
+            self._stop_trajectory(trajectory, cycle.time_s)
+        elif not np.array_equal(goal, self._requested):
+            self._retarget(trajectory, goal, cycle)
+        elif self._iterations and self._is_at_rest(trajectory, cycle):
+            self._compensate_load(trajectory, cycle)
+        if self._limited and self._iterations:
+            self._apply_speed(trajectory, cycle.time_s)
+
+    def _next_goal(self, cycle: ControlCycle) -> Vector | None:
+        try:
+            return self._source.next_goal(cycle)
+        except Exception as error:  # raised after the arm has been braked
+            self.error = error
+            return None
+
+    def _retarget(self, trajectory: OnlineTrajectory, goal: Vector, cycle: ControlCycle) -> None:
+        self._requested = goal
+        try:
+            trajectory.retarget(goal + self._lead, cycle.time_s, self._context.check_trajectory)
+        except RefusedError as error:
+            self._source.on_rejected(error)
+        else:
+            self._accepted, self._iterations = goal, _MAX_ITERATIONS
+
+    def _stop_trajectory(self, trajectory: OnlineTrajectory, time_s: float) -> None:
+        goal = trajectory.goal
+        trajectory.set_limits(
+            self._context.planner.motion_limits("fast")
+        )  # stops as soon as it can
+        trajectory.stop(time_s)
+        if len(self._accepted):
+            lower, upper = self._context.limits()
+            self.settled_goal = np.clip(self._accepted, lower, upper) - (goal - trajectory.goal)
+
+    def _apply_speed(self, trajectory: OnlineTrajectory, time_s: float) -> None:
+        remaining = np.abs(trajectory.goal - trajectory.state(time_s).position)
+        if remaining.max() <= _TOLERANCE_RAD:
+            self._limited = False
+            trajectory.set_limits(self._context.planner.motion_limits(self._speed))
+
+    def _is_at_rest(self, trajectory: OnlineTrajectory, cycle: ControlCycle) -> bool:
+        """Return whether the joints had time to come to rest since the last change."""
+        return cycle.time_s - max(trajectory.settles_at_s, self._compensated_s) > _REST_TIME_S
+
+    def _compensate_load(self, trajectory: OnlineTrajectory, cycle: ControlCycle) -> None:
+        """Lead the goals by the error that the load causes in resting joints."""
+        residual = self._accepted - measured_with_held_gripper(self._context, cycle)
+        self._compensated_s = cycle.time_s
+        if np.abs(residual).max() > _NEAR_RAD:
+            self._iterations -= 1
+            max_lead = np.maximum(self._lead, _MAX_LIFT_RAD)
+            min_lead = np.minimum(self._lead, -_MAX_LIFT_RAD)
+            self._lead = np.clip(self._lead + residual, min_lead, max_lead)
+            trajectory.retarget(self._accepted + self._lead, cycle.time_s)
 
 
 CartesianOrJointTarget = Target | Mapping[str, float] | ArrayLike
@@ -42,49 +200,44 @@ _MAX_POSITION = 1000.0
 
 
 class TargetTracker:
-    """Turns wishes into joints, each found from the last, so that the arm keeps its branch.
+    """Solves targets one after the other, each from the last solution, so that the branch stays.
 
     Where a limit is in the way the joints go as near as they can.
 
     Args:
         chain: Base to tip.
-        names: All joints in the order of the vectors (n,).
+        index: All joints in the order of the vectors (n,).
     """
 
-    def __init__(self, chain: Chain, names: Sequence[str]) -> None:
-        self._chain, self._names = chain, list(names)
-        self._columns = [self._names.index(name) for name in chain.names]
+    def __init__(self, chain: Chain, index: JointIndex) -> None:
+        self._chain, self._index = chain, index
         self._solvers: dict[tuple[object, ...], Solver] = {}
 
-    def solve_joints(self, wish: CartesianOrJointTarget, last: Vector) -> tuple[Vector, bool]:
-        """Return the joints (n,) for a wish, from those for the one before, and whether they reach.
+    def solve_joints(self, target: CartesianOrJointTarget, last: Vector) -> tuple[Vector, bool]:
+        """Return the joints (n,) for a target, from the last ones, and whether they reach it.
 
         Raises:
-            BadValueError: It is no wish, or a number in it is not finite.
+            BadValueError: It is no target, or a number in it is not finite.
             UnknownNameError: It names a joint or a link that the arm does not have.
         """
-        if isinstance(wish, Mapping):
-            return self._joints_from_names(parse_joint_positions(wish), last), True
-        target, T = self._target_and_pose(wish)
-        solver = self._solver_for(target)
-        q, reached = solver.track(T, last[self._columns])
-        goal = last.copy()
-        goal[self._columns] = q
-        return goal, reached
+        if isinstance(target, Mapping):
+            return self._joints_from_names(parse_joint_positions(target), last), True
+        parsed, T = self._target_and_pose(target)
+        q, reached = self._solver_for(parsed).track(T, self._index.chain_joints(last))
+        return self._index.with_chain(last, q), reached
 
     def _joints_from_names(self, positions: Mapping[str, float], last: Vector) -> Vector:
         goal = last.copy()
         for name, position in positions.items():
-            if name not in self._names:
-                raise UnknownNameError("joint", name, self._names)
+            column = self._index.column(name)
             if not abs(position) <= _MAX_POSITION:
                 raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
-            goal[self._names.index(name)] = position
+            goal[column] = position
         return goal
 
-    def _target_and_pose(self, wish: Target | ArrayLike) -> tuple[Target, Matrix]:
-        """Return what is asked and the pose (4, 4) that stands for it."""
-        target = wish if isinstance(wish, Target) else _parse_target(wish)
+    def _target_and_pose(self, target: Target | ArrayLike) -> tuple[Target, Matrix]:
+        """Return a target and the pose (4, 4) for the solver."""
+        target = target if isinstance(target, Target) else _parse_target(target)
         T = np.eye(4)
         T[:3, 3] = target.position
         T[:3, :3] = (
@@ -107,13 +260,13 @@ class TargetTracker:
         return self._solvers[key]
 
 
-def _parse_target(wish: ArrayLike) -> Target:
-    """Return the target that an array means.
+def _parse_target(target: ArrayLike) -> Target:
+    """Return the target that an array is.
 
     Raises:
-        BadValueError: It means none.
+        BadValueError: It is none.
     """
-    array = as_floats(wish, "The target", "a point (3,), a pose (4, 4), joints or a Target")
+    array = as_floats(target, "The target", "a point (3,), a pose (4, 4), joints or a Target")
     if array.shape != (4, 4):
         return Target(array)
     T = finite_array(array, (4, 4), "The target pose")
@@ -122,17 +275,17 @@ def _parse_target(wish: ArrayLike) -> Target:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FollowResult:
-    """How a stream of wishes was followed.
+    """How a stream of targets was followed.
 
     Attributes:
         setpoints: How many there were.
         unreached: How many of them were out of reach; the arm went as near as it could.
-        refused: How often the guard would not have a new one; the arm stayed with the one before.
+        refused: How many the guard refused; the arm kept the one before.
         reason: Why the last of those was refused.
-        ended: Why it ended: the stream's end, or its silence.
-        measured_rad: Where the joints are in the end, corrected, rad or m by name.
-        measured_tip_m: Where that puts the tip (3,), metres.
-        duration_s: From the first wish to rest, the correction included.
+        ended: Why it ended: the end of the stream, or a timeout.
+        measured_rad: The joints in the end, corrected, rad or m by name.
+        measured_tip_m: The tip there (3,), metres.
+        duration_s: From the first target to rest, the correction included.
     """
 
     setpoints: int
@@ -147,89 +300,111 @@ class FollowResult:
     if not TYPE_CHECKING:  # a type checker knows today's names only
 
         def __getattr__(self, name: str) -> object:
-            """Return what an old name of a field stands for; it warns."""
+            """Return the field that an old name stands for; it warns."""
             return getattr(self, current_name("FollowResult", {"wishes": "setpoints"}, name))
 
 
-class _SetpointFollower:
-    """Says where the stream wants the joints, beat by beat."""
+class _TargetFollower:
+    """Turns a stream of targets into goals of the joints, one in every control cycle."""
 
     def __init__(
         self,
-        arm: ArmContext,
-        wishes: Iterable[CartesianOrJointTarget | None],
-        on_progress: Callable[[MotionProgress], None] | None,
+        context: ArmContext,
+        targets: Iterable[CartesianOrJointTarget | None],
+        on_progress: OnProgress | None,
     ) -> None:
-        self._arm, self._wishes, self._on_progress = arm, iter(wishes), on_progress
-        self._tracker = TargetTracker(arm.chain, arm.servos.names)
+        self._context, self._targets = context, iter(targets)
+        self._report_progress = context.progress_reporter(on_progress)
+        self._tracker = TargetTracker(context.chain, context.index)
         self._dead_man = DeadManSwitch()
         self._goal: Vector | None = None
         self.count = self.unreached = self.refusals = 0
         self.reason = self.ended = ""
 
-    def next_goal(self, beat: ControlCycle) -> Vector | None:
-        """Return where to go (n,); None after too long a silence."""
+    def next_goal(self, cycle: ControlCycle) -> Vector | None:
+        """Return the goal (n,); None once targets have ceased for too long."""
         if self._goal is None:
-            self._goal = measured_with_held_gripper(self._arm, beat)
-            self._dead_man.refresh(self._arm.now_s())
-        if self._on_progress:
-            self._on_progress(self._arm.progress(beat))
-        return self._solve_setpoint(self._next_setpoint(), self._goal)
+            self._goal = measured_with_held_gripper(self._context, cycle)
+            self._dead_man.refresh(self._context.now_s())
+        if self._report_progress:
+            self._report_progress(cycle)
+        return self._solve_target(self._next_target(), self._goal)
 
     def on_rejected(self, error: RefusedError) -> None:
-        """Count a wish that the guard would not have."""
+        """Count a target that the guard refused."""
         self.refusals += 1
         self.reason = error.message
 
-    def _next_setpoint(self) -> CartesianOrJointTarget | None:
-        """Return the next wish; a stream that has ended is one that is silent from then on."""
+    def _next_target(self) -> CartesianOrJointTarget | None:
+        """Return the next target; after the end of the stream None in every cycle."""
         try:
-            return next(self._wishes)
+            return next(self._targets)
         except StopIteration:
-            self.ended, self._wishes = "end of the targets", repeat(None)
+            self.ended, self._targets = "end of the targets", repeat(None)
             return None
 
-    def _solve_setpoint(self, wish: CartesianOrJointTarget | None, last: Vector) -> Vector | None:
-        now_s = self._arm.now_s()  # a stream may have kept us waiting
+    def _solve_target(self, target: CartesianOrJointTarget | None, last: Vector) -> Vector | None:
+        now_s = self._context.now_s()  # the stream may have blocked
         if self._dead_man.expired(now_s):
             self.ended = self.ended or f"no target for {DEAD_MAN_TIMEOUT_S} s"
             return None
-        if wish is not None:
+        if target is not None:
             self._dead_man.refresh(now_s)
-            self._goal, reached = self._tracker.solve_joints(wish, last)
+            self._goal, reached = self._tracker.solve_joints(target, last)
             self.count += 1
             self.unreached += not reached
         return self._goal
 
 
 def follow(
-    arm: ArmContext,
-    wishes: Iterable[CartesianOrJointTarget | None],
+    context: ArmContext,
+    runner: MotionRunner,
+    targets: Iterable[CartesianOrJointTarget | None],
     speed: str,
-    on_progress: Callable[[MotionProgress], None] | None,
+    on_progress: OnProgress | None,
 ) -> FollowResult:
-    """Follow a stream; see ``Arm.follow``."""
-    follower = _SetpointFollower(arm, wishes, on_progress)
-    started_s = arm.now_s()
-    belongs = follow_goals(arm, follower, speed, loaded=True)
-    measured = arm.servos.measure_positions() if belongs is None else settle_at(arm, belongs, speed)
+    """Follow a stream of targets; see ``Arm.follow``."""
+    context.require_zeros()
+    context.model.speed(speed)
+    follower = _TargetFollower(context, targets, on_progress)
+    started_s = context.now_s()
+    goal = follow_goals(context, runner, follower, speed, loaded=True)
+    if goal is None:
+        measured = context.servos.measure_positions()
+    else:
+        measured = settle_at(context, runner, goal, speed)
     return FollowResult(
         setpoints=follower.count,
         unreached=follower.unreached,
         refused=follower.refusals,
         reason=follower.reason,
         ended=follower.ended,
-        measured_rad=dict(zip(arm.servos.names, measured.tolist(), strict=True)),
-        measured_tip_m=arm.planner.tip(measured),
-        duration_s=arm.now_s() - started_s,
+        measured_rad=context.index.by_name(measured),
+        measured_tip_m=context.planner.tip(measured),
+        duration_s=context.now_s() - started_s,
     )
+
+
+def follow_arm(
+    context: ArmContext,
+    runner: MotionRunner,
+    leader: ArmContext,
+    speed: str,
+    until: Callable[[], bool] | None,
+    on_progress: OnProgress | None,
+) -> FollowResult:
+    """Follow the measured joints of another arm; see ``Arm.follow_arm``."""
+    leader.require_zeros()
+    cycle_time_s = context.servos.measure_cycle_time_s()
+    positions = leader_positions(leader, context, cycle_time_s, until)
+    return follow(context, runner, positions, speed, on_progress)
 
 
 def shared_joints(leader: ArmContext, follower: ArmContext) -> list[str]:
     """Return the joints that both arms have by name and kind.
 
     Raises:
-        InputError: There is none, or a joint of the leader slides and the follower's turns.
+        InputError: There is none, or a joint is prismatic on one of them and revolute on the other.
     """
     units = {fence.joint: fence.joint_map.unit for fence in follower.servos.fences}
     own = {fence.joint: fence.joint_map.unit for fence in leader.servos.fences}
@@ -251,25 +426,24 @@ def shared_joints(leader: ArmContext, follower: ArmContext) -> list[str]:
 def leader_positions(
     leader: ArmContext,
     follower: ArmContext,
-    beat_s: float,
+    cycle_time_s: float,
     until: Callable[[], bool] | None = None,
 ) -> Iterator[dict[str, float] | None]:
-    """Yield the leader's measured joints by name at each beat, or None where it did not answer.
+    """Yield the leader's measured joints by name in every cycle, or None without a reply.
 
     Args:
-        leader: Who leads; its torque is left as it is.
-        follower: Who follows.
-        beat_s: Between two looks at the leader.
+        leader: The arm that is guided by hand; its torque is left as it is.
+        follower: The arm that follows.
+        cycle_time_s: Between two readings of the leader.
         until: Ends it by returning True.
     """
     shared = shared_joints(leader, follower)
-    columns = [leader.planner.joint_index(name) for name in shared]
-    for _ in Rate(leader.servos.clock, beat_s):
+    for _ in Rate(leader.servos.clock, cycle_time_s):
         if until and until():
             return
         try:
-            measured = leader.servos.measure_positions()
+            measured = leader.index.by_name(leader.servos.measure_positions())
         except BusError:
             yield None  # the follower waits a little, then holds
         else:
-            yield {name: float(measured[c]) for name, c in zip(shared, columns, strict=True)}
+            yield {name: measured[name] for name in shared}

@@ -3,144 +3,134 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from ikservo.arm.arguments import parse_number
 from ikservo.arm.context import ArmContext
-from ikservo.arm.reports import MotionProgress
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.reports import OnProgress
+from ikservo.calibration.range_tracker import StillnessDetector
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, IkservoError, UnknownNameError
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.model import Gripper
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 
-__all__ = ["GraspResult", "GripperCommand", "GripperMotion", "move_gripper"]
+__all__ = ["GraspResult", "GripperCommand", "GripperMotion", "move_gripper", "resolve_goal"]
 
 
 _SPEED_FRACTION = 0.65  # of the speed class
-# A jaw that is told to move and has not for so long stands against something.
+# A jaw that has not moved for this time while its goal is ahead is blocked.
 _AT_REST_S = 0.08
 _AT_REST_TICKS = 3.0
-# With its goal ahead and its force on, one that nothing stops goes on within this time.
+# With its goal ahead and its force on, a jaw that is not blocked moves on within this time.
 _PRESSED_S = 0.5
 _MIN_LAG_RAD = 0.03  # of the horn, behind the goal
-_SQUEEZE_RAD = 0.10  # how far the goal stays ahead of a jaw that presses; the torque limit rules
-_MAX_LAG_RAD = 0.12  # so far ahead the goal waits for a jaw that has little force and creeps
+_SQUEEZE_RAD = 0.10  # how far the goal leads a jaw that presses; the torque limit sets its force
+_MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly for lack of force
 _ARRIVED_RAD = 0.05
 
 
 class GripperMotion:
-    """Aims the gripper's joint at its goal, and stops pressing where something stands in the way.
+    """Moves the gripper's joint to its goal, and stops pressing where something blocks it.
 
     Args:
-        arm: Whose gripper it is.
-        column: The joint's place in vectors.
-        goal: Where it goes, rad or m.
+        context: The arm.
+        speed: slow, normal or fast.
+        joint: The gripper's joint.
+        goal: Its goal, rad or m.
 
     Attributes:
-        speed: slow, normal or fast.
+        speed: Likewise.
         blocked: Whether something keeps the joint from going on.
     """
 
-    def __init__(self, arm: ArmContext, column: int, goal: float) -> None:
-        self._arm, self._column, self._goal = arm, column, goal
-        self.speed = arm.allowed_speed("normal")
-        fence = arm.servos.fences[column]
-        self._unit = fence.joint_map.unit_per_tick
-        self._per_horn = self._unit / fence.joint_map.horn_rad_per_tick
-        self._quiet = _AT_REST_TICKS * self._unit
-        self._pressing, self._resting = _JointAtRest(self._quiet), _JointAtRest(self._quiet)
-        self._pressed = _JointAtRest(self._quiet, _PRESSED_S)
-        self._pursuit: OnlineTrajectory | None = None
+    def __init__(self, context: ArmContext, speed: str, joint: str, goal: float) -> None:
+        self._context, self.speed, self._joint, self._goal = context, speed, joint, goal
+        self._column = context.index.column(joint)
+        joint_map = context.servos.fences[self._column].joint_map
+        self._per_horn = joint_map.unit_per_horn_rad
+        self._tolerance = _AT_REST_TICKS * joint_map.unit_per_tick
+        self._blocking = self._resting = StillnessDetector(_AT_REST_S, self._tolerance)
+        self._pressing = StillnessDetector(_PRESSED_S, self._tolerance)
+        self._trajectory: OnlineTrajectory | None = None
         self._blocked_at = 0.0
         self.blocked = False
 
-    def start_trajectory(self, here: Vector) -> OnlineTrajectory:
-        """Return the course from the joints' goals (n,)."""
-        lower, upper = self._arm.limits()
-        self._pursuit = OnlineTrajectory(here, self._gripper_limits(), lower=lower, upper=upper)
-        self._pursuit.retarget(self._with_position(here, self._goal), 0.0)
-        return self._pursuit
+    def start_trajectory(self, start: Vector) -> OnlineTrajectory:
+        """Return the trajectory from the joints' goals (n,)."""
+        lower, upper = self._context.limits()
+        self._trajectory = OnlineTrajectory(start, self._gripper_limits(), lower=lower, upper=upper)
+        self._trajectory.retarget(self._with_position(start, self._goal), 0.0)
+        return self._trajectory
 
-    def on_cycle(self, beat: ControlCycle) -> None:
-        """Look at the joint and choose where its goal goes on to; end it where the joint rests."""
-        pursuit = self._pursuit
-        if pursuit is None or math.isfinite(pursuit.duration_s):
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        """Retarget by where the joint is; end the trajectory where it is at rest."""
+        trajectory = self._trajectory
+        if trajectory is None or math.isfinite(trajectory.duration_s):
             return
-        at, goal = float(beat.measured[self._column]), float(beat.goals[self._column])
-        if self.blocked and abs(at - self._blocked_at) > self._quiet:
-            self.blocked = False  # it crept on, or what stood there yielded
-            self._pressing.restart()
+        at, goal = float(cycle.measured[self._column]), float(cycle.goals[self._column])
+        if self.blocked and abs(at - self._blocked_at) > self._tolerance:
+            self.blocked = False  # it moved on, or the object yielded
+            self._blocking = self._blocking.restarted()
         if not self.blocked:
             self._update_contact(at, goal)
-            pursuit.retarget(
-                self._with_position(beat.goals, self._choose_goal(at, goal)), beat.time_s
-            )
-        still = self._pressed if self.blocked else self._resting
-        if beat.time_s >= pursuit.settles_at_s and still.update(self._arm.now_s(), at):
-            pursuit.stop(beat.time_s)
+            next_goal = self._with_position(cycle.goals, self._choose_goal(at, goal))
+            trajectory.retarget(next_goal, cycle.time_s)
+        if cycle.time_s >= trajectory.settles_at_s and self._update_rest(at):
+            trajectory.stop(cycle.time_s)
 
     def has_arrived(self, at: float) -> bool:
-        """Return whether the joint is where it was told to go."""
+        """Return whether the joint is at its goal."""
         return abs(at - self._goal) <= _ARRIVED_RAD * self._per_horn
 
     def _update_contact(self, at: float, goal: float) -> None:
-        self.blocked, self._blocked_at = self._is_blocked(at, goal), at
-        self._pressed.restart()
+        self.blocked, self._blocked_at = self._update_blocking(at, goal), at
+        self._pressing = self._pressing.restarted()
+
+    def _update_rest(self, at: float) -> bool:
+        """Return whether the joint is at rest, and where it presses has been for longer."""
+        now_s = self._context.now_s()
+        if self.blocked:
+            self._pressing = self._pressing.add_reading(now_s, {0: at})
+            return self._pressing.is_at_rest()
+        self._resting = self._resting.add_reading(now_s, {0: at})
+        return self._resting.is_at_rest()
 
     def _gripper_limits(self) -> list[KinematicLimits]:
-        """Return paces at which the goal turns round soon enough when the jaws meet something."""
-        usual, fast = (self._arm.planner.motion_limits(speed) for speed in (self.speed, "fast"))
-        return [replace(quick, speed_rad_s=_SPEED_FRACTION * pace.speed_rad_s)
-                for pace, quick in zip(usual, fast, strict=True)]  # fmt: skip
+        """Return limits at which the goal reverses soon enough when the jaws meet something."""
+        usual, fast = (self._context.planner.motion_limits(speed) for speed in (self.speed, "fast"))
+        return [
+            replace(quick, speed_rad_s=_SPEED_FRACTION * limit.speed_rad_s)
+            for limit, quick in zip(usual, fast, strict=True)
+        ]
 
     def _choose_goal(self, at: float, goal: float) -> float:
-        """Return where the goal goes on to: no further ahead of a jaw than it can follow."""
+        """Return the next goal: no further ahead of a jaw than it can follow."""
         if not self.blocked and abs(goal - at) <= _MAX_LAG_RAD * self._per_horn:
             return self._goal
         return at + math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
 
-    def _is_blocked(self, at: float, goal: float) -> bool:
+    def _update_blocking(self, at: float, goal: float) -> bool:
         """Return whether the jaw has not moved while its goal was well ahead of it."""
         ahead = (goal - at) * math.copysign(1.0, self._goal - at)
         if ahead <= _MIN_LAG_RAD * self._per_horn:
-            self._pressing.restart()
+            self._blocking = self._blocking.restarted()
             return False
-        return self._pressing.update(self._arm.now_s(), at)
+        self._blocking = self._blocking.add_reading(self._context.now_s(), {0: at})
+        return self._blocking.is_at_rest()
 
     def _with_position(self, joints: Vector, position: float) -> Vector:
-        goal = joints.copy()
-        goal[self._column] = position
-        return goal
-
-
-class _JointAtRest:
-    """Whether something has stayed within a band for a while."""
-
-    def __init__(self, quiet: float, while_s: float = _AT_REST_S) -> None:
-        self._quiet, self._while_s = quiet, while_s
-        self._seen: deque[tuple[float, float]] = deque()
-
-    def restart(self) -> None:
-        self._seen.clear()
-
-    def update(self, now_s: float, at: float) -> bool:
-        self._seen.append((now_s, at))
-        while len(self._seen) > 1 and self._seen[1][0] <= now_s - self._while_s:
-            self._seen.popleft()
-        old = self._seen[0][0] <= now_s - self._while_s
-        return old and all(abs(at - was) <= self._quiet for _, was in self._seen)
+        return self._context.index.with_position(joints, self._joint, position)
 
 
 GripperCommand = Literal["open", "close"]
 
-_FORCE = 0.3  # of a servo's torque: holds a full cup, and can be held for an hour
-_MIN_FORCE = 0.05  # friction takes 2 to 5 % of the torque of the servos we know
-# Jaws that come to stand in this share of their way from open were too weak to close.
-_WIDE = 0.05
+_DEFAULT_FORCE = 0.3  # of a servo's torque: holds a full cup, for an hour without overheating
+_MIN_FORCE = 0.05  # friction takes 2 to 5 % of the torque of known servos
+# Jaws that stop within this fraction of their travel from open were too weak to close.
+_OPEN_FRACTION = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,14 +138,14 @@ class GraspResult:
     """How a motion of the gripper ended.
 
     Attributes:
-        grasped: Whether the jaws stand short of where they were closing to, and have not yielded
-            to their force for half a second. Mostly something is between them. Jaws that stick, by
-            more than their force, look the same to the servo: try more force where that may be.
-        reached: Whether they are where they were told to go.
-        position_rad: Where the gripper's joint is, rad or m.
-        width_m: How far the jaws are apart; None where the arm file does not know.
-        load_percent: What the servo reports: share of its torque or current.
-        force: The share of its torque that it may use.
+        grasped: Whether the closing jaws were blocked short of their goal for half a second, mostly
+            by an object between them. Jaws whose friction exceeds their force look the same to the
+            servo: try more force where that may be.
+        reached: Whether they are at their goal.
+        position_rad: The position of the gripper's joint, rad or m.
+        width_m: The distance between the jaws; None where the arm file has no widths.
+        load_percent: The servo's load: of its torque or current.
+        force: The fraction of its torque that it may use.
         duration_s: How long it took.
     """
 
@@ -169,67 +159,79 @@ class GraspResult:
 
 
 def move_gripper(
-    arm: ArmContext,
+    context: ArmContext,
+    runner: MotionRunner,
     to: GripperCommand | float,
     force: float | None,
-    on_progress: Callable[[MotionProgress], None] | None,
+    on_progress: OnProgress | None,
 ) -> GraspResult:
     """Move the gripper; see ``Arm.gripper``."""
-    gripper = _require_gripper(arm)
-    column = arm.planner.joint_index(gripper.joint)
-    goal, share = _goal_position(arm, gripper, column, to), _torque_fraction(force)
-    _check_gripper_path(arm, column, goal)
-    jaws = GripperMotion(arm, column, goal)
-    started_s = arm.now_s()
-    arm.return_within_limits()
+    gripper = _require_gripper(context)
+    goal, fraction = _goal_position(context, gripper, to), _torque_fraction(force)
+    _check_gripper_path(context, gripper.joint, goal)
+    motion = GripperMotion(context, runner.allowed_speed("normal"), gripper.joint, goal)
+    report_progress = context.progress_reporter(on_progress)
+    started_s = context.now_s()
+    runner.return_within_limits()
 
-    def begin(here: Vector) -> OnlineTrajectory:
-        arm.servos.limit_force(gripper.joint, share)  # torque is on by now, and it was set anew
-        return jaws.start_trajectory(here)
+    def start_trajectory(start: Vector) -> OnlineTrajectory:
+        context.servos.limit_force(gripper.joint, fraction)  # after torque-on, which resets it
+        return motion.start_trajectory(start)
 
-    def on_cycle(beat: ControlCycle) -> None:
-        jaws.on_cycle(beat)
-        if on_progress:
-            on_progress(arm.progress(beat))
+    def on_cycle(cycle: ControlCycle) -> None:
+        motion.on_cycle(cycle)
+        if report_progress:
+            report_progress(cycle)
 
-    arm.drive(begin, on_cycle, jaws.speed)
-    state = arm.servos.read_states()[column]
+    runner.run(start_trajectory, on_cycle, motion.speed)
+    state = context.servos.read_states()[context.index.column(gripper.joint)]
     at = state.position_rad
-    reached = jaws.has_arrived(at)
+    reached = motion.has_arrived(at)
     closed = (at - gripper.open) / (gripper.closed - gripper.open)
     closing = (goal - gripper.open) * (gripper.closed - gripper.open) > 0
     return GraspResult(
-        grasped=jaws.blocked and closing and closed > _WIDE and not reached,
+        grasped=motion.blocked and closing and closed > _OPEN_FRACTION and not reached,
         reached=reached,
         position_rad=at,
         width_m=gripper.width_m(at),
         load_percent=state.load_percent,
-        force=share,
-        duration_s=arm.now_s() - started_s,
+        force=fraction,
+        duration_s=context.now_s() - started_s,
     )
 
 
-def _check_gripper_path(arm: ArmContext, column: int, goal: float) -> None:
-    here = arm.servos.measure_positions()
-    there = here.copy()
-    there[column] = goal
-    arm.check_straight_path(here, there)
+def resolve_goal(
+    to: GripperCommand | float | None, width_m: float | None
+) -> GripperCommand | float:
+    """Return the one goal of a gripper motion out of the two arguments of ``Arm.gripper``.
+
+    Raises:
+        BadValueError: Neither is given, or both.
+    """
+    goal = to if width_m is None else width_m
+    if goal is None or (to is not None and width_m is not None):
+        raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
+    return goal
 
 
-def _require_gripper(arm: ArmContext) -> Gripper:
-    if arm.model.gripper is None:
+def _check_gripper_path(context: ArmContext, joint: str, goal: float) -> None:
+    start = context.servos.measure_positions()
+    context.check_straight_path(start, context.index.with_position(start, joint, goal))
+
+
+def _require_gripper(context: ArmContext) -> Gripper:
+    if context.model.gripper is None:
         raise IkservoError(
-            f'Arm "{arm.model.name}" has no gripper.',
+            f'Arm "{context.model.name}" has no gripper.',
             'Its arm file has no joint with role = "gripper".',
         )
-    return arm.model.gripper
+    return context.model.gripper
 
 
-def _goal_position(
-    arm: ArmContext, gripper: Gripper, column: int, to: GripperCommand | float
-) -> float:
-    """Return where the joint shall go: inside this very arm's limits."""
-    low, high = (float(side[column]) for side in arm.limits())
+def _goal_position(context: ArmContext, gripper: Gripper, to: GripperCommand | float) -> float:
+    """Return the goal of the joint, inside this arm's limits."""
+    column = context.index.column(gripper.joint)
+    low, high = (float(side[column]) for side in context.limits())
     if isinstance(to, str):
         ends = {"open": gripper.open, "close": gripper.closed}
         if to not in ends:
@@ -246,7 +248,7 @@ def _goal_position(
 
 
 def _torque_fraction(force: float | None) -> float:
-    share = _FORCE if force is None else parse_number("The force", force)
-    if not _MIN_FORCE <= share <= 1.0:
-        raise BadValueError("The force", f"{share:g}", f"a share from {_MIN_FORCE} to 1")
-    return share
+    fraction = _DEFAULT_FORCE if force is None else parse_number("The force", force)
+    if not _MIN_FORCE <= fraction <= 1.0:
+        raise BadValueError("The force", f"{fraction:g}", f"a share from {_MIN_FORCE} to 1")
+    return fraction

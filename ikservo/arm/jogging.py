@@ -12,6 +12,7 @@ import numpy as np
 from ikservo.arm.arguments import parse_number
 from ikservo.arm.context import ArmContext
 from ikservo.arm.following import TargetTracker
+from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import DeadManSwitch
@@ -25,19 +26,19 @@ JOG_DIRECTIONS = {
     "-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0), "-z": (0.0, 0.0, -1.0),
     "up": (0.0, 0.0, 1.0), "down": (0.0, 0.0, -1.0),
 }  # fmt: skip
-"""Where the tip can be jogged, base frame."""
+"""Directions in which the tip can be jogged, base frame."""
 
 KeepGoing = Callable[[], bool | None]
-"""Says at each beat whether the jog shall go on: True, False, or None for no news."""
+"""Polled in every cycle: True goes on, False ends the jog, None is no news."""
 
 NO_LONGER_REQUESTED = "no longer requested"
-"""Why a jog ended whose caller ended it."""
+"""Why a jog ended that its caller ended."""
 
 _MAX_DURATION_S = 60.0
 _MAX_M_S = 0.5
-_MAX_SPEED_FACTOR = 100.0  # of a joint: it goes as fast as its class allows
+_MAX_SPEED_FACTOR = 100.0  # of a joint: it goes as fast as its speed class allows
 _DEFAULT_M_S = 0.05
-# The tip is aimed at where it will be after this time.
+# The target of the tip is where it will be after this time.
 _AHEAD_S = 0.2
 
 
@@ -47,8 +48,8 @@ class JogResult:
 
     Attributes:
         ended: Why: no longer requested, a limit, or the message of the guard.
-        measured_rad: Where the joints are in the end, rad or m by name.
-        measured_tip_m: Where that puts the tip (3,), metres.
+        measured_rad: The joints in the end, rad or m by name.
+        measured_tip_m: The tip there (3,), metres.
         duration_s: How long it took.
     """
 
@@ -61,139 +62,147 @@ class JogResult:
 class _JogTarget(Protocol):
     """Where a jog goes next."""
 
-    def next_target(self, pursuit: OnlineTrajectory, time_s: float) -> Vector | str:
-        """Return the joints (n,) to aim at, or why it cannot go on."""
+    def next_target(self, trajectory: OnlineTrajectory, time_s: float) -> Vector | str:
+        """Return the next goal (n,) of the joints, or why it cannot go on."""
         ...
 
 
 class _JointJog:
     """One joint goes to the end of its range."""
 
-    def __init__(self, arm: ArmContext, joint: str, speed: float) -> None:
-        self._arm, self._column, self._speed = arm, arm.planner.joint_index(joint), speed
-        lower, upper = arm.limits()
+    def __init__(self, context: ArmContext, joint: str, speed: float) -> None:
+        self._column, self._speed = context.index.column(joint), speed
+        lower, upper = context.limits()
         self._limit = float((upper if speed > 0 else lower)[self._column])
-        self._words = f"{joint} is at its limit"
+        self._limit_text = f"{joint} is at its limit"
 
-    def next_target(self, pursuit: OnlineTrajectory, time_s: float) -> Vector | str:
-        here = pursuit.state(time_s).position
-        if (self._limit - here[self._column]) * self._speed <= 1e-6 * abs(self._speed):
-            return self._words
-        goal = pursuit.goal.copy()
+    def next_target(self, trajectory: OnlineTrajectory, time_s: float) -> Vector | str:
+        position = trajectory.state(time_s).position[self._column]
+        if (self._limit - position) * self._speed <= 1e-6 * abs(self._speed):
+            return self._limit_text
+        goal = trajectory.goal.copy()
         goal[self._column] = self._limit
         return goal
 
 
 class _CartesianJog:
-    """The tip goes along a line through where it was; joints are found from the last ones."""
+    """The tip goes along a line through its start; joints are solved from the last ones."""
 
-    def __init__(self, arm: ArmContext, direction: Vector, speed_m_s: float) -> None:
-        self._arm, self._velocity = arm, direction * speed_m_s
-        self._tracker = TargetTracker(arm.chain, arm.servos.names)
-        self._from_m: Vector | None = None
+    def __init__(self, context: ArmContext, direction: Vector, speed_m_s: float) -> None:
+        self._context, self._velocity = context, direction * speed_m_s
+        self._tracker = TargetTracker(context.chain, context.index)
+        self._start_m: Vector | None = None
 
-    def next_target(self, pursuit: OnlineTrajectory, time_s: float) -> Vector | str:
-        if self._from_m is None:
-            self._from_m = self._arm.planner.tip(pursuit.goal)
-        point_m = self._from_m + self._velocity * (time_s + _AHEAD_S)
-        goal, reached = self._tracker.solve_joints(point_m, pursuit.goal)
+    def next_target(self, trajectory: OnlineTrajectory, time_s: float) -> Vector | str:
+        if self._start_m is None:
+            self._start_m = self._context.planner.tip(trajectory.goal)
+        point_m = self._start_m + self._velocity * (time_s + _AHEAD_S)
+        goal, reached = self._tracker.solve_joints(point_m, trajectory.goal)
         return goal if reached else "the tip is at the edge of its reach"
 
 
-class _Jogger:
-    """Goes on while it is wanted, and nothing is in the way that braking takes."""
+class _JogController:
+    """Retargets the trajectory while the jog goes on and its braking distance is free."""
 
     def __init__(
-        self, arm: ArmContext, aims: _JogTarget, wanted: KeepGoing, braked_s: float
+        self, context: ArmContext, target: _JogTarget, keep_going: KeepGoing, braking_s: float
     ) -> None:
-        self._arm, self._aims, self._wanted, self._braked_s = arm, aims, wanted, braked_s
+        self._context, self._target = context, target
+        self._keep_going, self._braking_s = keep_going, braking_s
         self._dead_man = DeadManSwitch()
-        self.pursuit: OnlineTrajectory | None = None
+        self._trajectory: OnlineTrajectory | None = None
         self.ended = ""
 
-    def on_cycle(self, beat: ControlCycle) -> None:
-        pursuit = self.pursuit
-        if pursuit is None or math.isfinite(pursuit.duration_s):
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        trajectory = self._trajectory
+        if trajectory is None or math.isfinite(trajectory.duration_s):
             return
-        self.ended = self._stop_reason(beat.time_s) or self._retarget_ahead(pursuit, beat.time_s)
+        self.ended = self._end_reason(cycle.time_s) or self._retarget(trajectory, cycle.time_s)
         if self.ended:
-            pursuit.stop(beat.time_s)
+            trajectory.stop(cycle.time_s)
 
-    def start_trajectory(self, pursuit: OnlineTrajectory) -> OnlineTrajectory:
-        self.pursuit = pursuit
-        self._dead_man.refresh(self._arm.now_s())
-        return pursuit
+    def start_trajectory(self, trajectory: OnlineTrajectory) -> OnlineTrajectory:
+        self._trajectory = trajectory
+        self._dead_man.refresh(self._context.now_s())
+        return trajectory
 
-    def _stop_reason(self, time_s: float) -> str:
-        wanted = self._wanted()
-        if wanted is False or self._dead_man.expired(self._arm.now_s()):
+    def _end_reason(self, time_s: float) -> str:
+        keep_going = self._keep_going()
+        if keep_going is False or self._dead_man.expired(self._context.now_s()):
             return NO_LONGER_REQUESTED
-        if wanted:
-            self._dead_man.refresh(self._arm.now_s())
+        if keep_going:
+            self._dead_man.refresh(self._context.now_s())
         return f"time limit of {_MAX_DURATION_S:.0f} s" if time_s > _MAX_DURATION_S else ""
 
-    def _retarget_ahead(self, pursuit: OnlineTrajectory, time_s: float) -> str:
-        aim = self._aims.next_target(pursuit, time_s)
-        if isinstance(aim, str):
-            return aim
+    def _retarget(self, trajectory: OnlineTrajectory, time_s: float) -> str:
+        goal = self._target.next_target(trajectory, time_s)
+        if isinstance(goal, str):
+            return goal
         try:
-            pursuit.retarget(aim, time_s)
-            # What is gone before the next look could brake it; nothing of it has been sent yet.
-            ahead = (pursuit.state(at_s).position for at_s in (time_s, time_s + self._braked_s))
-            self._arm.check_straight_path(*ahead)
+            trajectory.retarget(goal, time_s)
+            # What is travelled until a later check could brake it; nothing of it has been sent yet.
+            times_s = (time_s, time_s + self._braking_s)
+            start, end = (trajectory.state(at_s).position for at_s in times_s)
+            self._context.check_straight_path(start, end)
         except RefusedError as error:
             return error.message
         return ""
 
 
-def jog(arm: ArmContext, what: str, speed: float | None, wanted: KeepGoing) -> JogResult:
+def jog(
+    context: ArmContext,
+    runner: MotionRunner,
+    what: str,
+    speed: float | None,
+    keep_going: KeepGoing,
+) -> JogResult:
     """Jog a joint or the tip; see ``Arm.jog``."""
-    if not callable(wanted):
-        raise BadValueError("The argument wanted", repr(wanted), "a function")
-    at_most = arm.allowed_speed("normal")
-    aims, paces = _make_jog_target(arm, what, speed, at_most)
-    lower, upper = arm.limits()
-    jogger = _Jogger(arm, aims, wanted, max(pace.stopping_time_s for pace in paces))
-    started_s = arm.now_s()
-    arm.warm_up()
-    arm.return_within_limits()
-    measured = arm.drive(
-        lambda here: jogger.start_trajectory(
-            OnlineTrajectory(here, paces, lower=lower, upper=upper)
+    if not callable(keep_going):
+        raise BadValueError("The argument wanted", repr(keep_going), "a function")
+    speed_class = runner.allowed_speed("normal")
+    target, limits = _make_jog_target(context, what, speed, speed_class)
+    lower, upper = context.limits()
+    braking_s = max(limit.stopping_time_s for limit in limits)
+    controller = _JogController(context, target, keep_going, braking_s)
+    started_s = context.now_s()
+    context.warm_up()
+    runner.return_within_limits()
+    measured = runner.run(
+        lambda start: controller.start_trajectory(
+            OnlineTrajectory(start, limits, lower=lower, upper=upper)
         ),
-        jogger.on_cycle,
-        at_most,
+        controller.on_cycle,
+        speed_class,
     )
     return JogResult(
-        ended=jogger.ended,
-        measured_rad=dict(zip(arm.servos.names, measured.tolist(), strict=True)),
-        measured_tip_m=arm.planner.tip(measured),
-        duration_s=arm.now_s() - started_s,
+        ended=controller.ended,
+        measured_rad=context.index.by_name(measured),
+        measured_tip_m=context.planner.tip(measured),
+        duration_s=context.now_s() - started_s,
     )
 
 
 def _make_jog_target(
-    arm: ArmContext, what: str, speed: float | None, at_most: str
+    context: ArmContext, what: str, speed: float | None, speed_class: str
 ) -> tuple[_JogTarget, list[KinematicLimits]]:
-    paces = arm.planner.motion_limits(at_most)
-    if what in arm.servos.names:
-        column = arm.planner.joint_index(what)
-        slow = arm.planner.motion_limits("slow")[column].speed_rad_s
-        wanted = _check_jog_speed(
-            speed, slow, f"rad/s, or m/s of a slide, at most {_MAX_SPEED_FACTOR}", _MAX_SPEED_FACTOR
-        )
-        own = paces[column]
-        paces[column] = replace(own, speed_rad_s=min(abs(wanted), own.speed_rad_s))
-        return _JointJog(arm, what, wanted), paces
+    limits, names = context.planner.motion_limits(speed_class), context.index.names
+    if what in names:
+        column = context.index.column(what)
+        slow = context.planner.motion_limits("slow")[column].speed_rad_s
+        expected = f"rad/s, or m/s of a slide, at most {_MAX_SPEED_FACTOR}"
+        signed = _check_jog_speed(speed, slow, expected, _MAX_SPEED_FACTOR)
+        own = limits[column]
+        limits[column] = replace(own, speed_rad_s=min(abs(signed), own.speed_rad_s))
+        return _JointJog(context, what, signed), limits
     if not isinstance(cast("object", what), str) or what not in JOG_DIRECTIONS:
-        raise UnknownNameError("joint or direction", what, (*arm.servos.names, *JOG_DIRECTIONS))
-    arm.zeros.require_known(arm.model.name)
-    wanted = _check_jog_speed(speed, _DEFAULT_M_S, f"m/s, at most {_MAX_M_S}", _MAX_M_S)
-    return _CartesianJog(arm, np.array(JOG_DIRECTIONS[what]), wanted), paces
+        raise UnknownNameError("joint or direction", what, (*names, *JOG_DIRECTIONS))
+    context.require_zeros()
+    signed = _check_jog_speed(speed, _DEFAULT_M_S, f"m/s, at most {_MAX_M_S}", _MAX_M_S)
+    return _CartesianJog(context, np.array(JOG_DIRECTIONS[what]), signed), limits
 
 
-def _check_jog_speed(speed: float | None, usual: float, expected: str, most: float) -> float:
-    wanted = usual if speed is None else parse_number("The speed", speed)
-    if not 0.0 < abs(wanted) <= most:
-        raise BadValueError("The speed", f"{wanted:g}", f"{expected}, not zero")
-    return wanted
+def _check_jog_speed(speed: float | None, default: float, expected: str, limit: float) -> float:
+    signed = default if speed is None else parse_number("The speed", speed)
+    if not 0.0 < abs(signed) <= limit:
+        raise BadValueError("The speed", f"{signed:g}", f"{expected}, not zero")
+    return signed

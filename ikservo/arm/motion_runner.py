@@ -1,10 +1,9 @@
-"""Runs trajectories: enables torque safely, one motion at a time, latched stops."""
+"""Runs motions: one at a time, torque enabled safely, stops latched, states cached for others."""
 
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from threading import RLock, current_thread, main_thread
@@ -12,20 +11,17 @@ from threading import RLock, current_thread, main_thread
 import numpy as np
 
 from ikservo.arm.arguments import parse_number
-from ikservo.arm.arm_lines import Lines
-from ikservo.arm.background_motion import Background
-from ikservo.arm.calibrated_arm import is_simulated, serial_number_of
-from ikservo.arm.context import ArmContext, TrajectoryFactory
-from ikservo.arm.control_server import CommandHandler, ControlServer, serve
-from ikservo.arm.plan import MotionPlan
-from ikservo.arm.planner import Planner
-from ikservo.arm.poses import PoseLibrary
-from ikservo.arm.reports import ArmState, JointMoveResult
-from ikservo.arm.zeros import ZeroSource
+from ikservo.arm.calibrated_arm import is_simulated
+from ikservo.arm.context import ArmContext
+from ikservo.arm.reports import ArmState
 from ikservo.control.feedback import JointState
 from ikservo.control.loop import ControlLoop, OnCycle
-from ikservo.control.servo_group import ServoGroup
-from ikservo.control.stopping import CTRL_C, STOPPED_BY_PROGRAM, exit_exception, handle_signals
+from ikservo.control.stopping import (
+    CTRL_C,
+    StopOutcome,
+    exit_exception,
+    handle_signals,
+)
 from ikservo.control.torque_state import TorqueState
 from ikservo.errors import (
     BadValueError,
@@ -35,15 +31,13 @@ from ikservo.errors import (
     ServoAlarmError,
     StoppedError,
 )
-from ikservo.guard import CollisionChecker, StopKind, StopReason
-from ikservo.hardware.port import Port
-from ikservo.kinematics import Chain
+from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics.arrays import Vector
-from ikservo.model import Model
+from ikservo.motion import JointMove, Trajectory
 
-__all__ = ["CLOSED", "Running"]
+__all__ = ["MotionRunner", "TrajectoryFactory"]
 
-CLOSED = (
+_CLOSED = (
     StopReason(StopKind.CLOSED, "The program closed the arm during a motion."),
     "It holds. Open it again to move it.",
 )
@@ -53,157 +47,113 @@ _RELEASED = (
 )
 _STOP_TIMEOUT_S = 1.0
 
-_POLL_PERIOD_S = 0.02  # how soon somebody who asks where the arm is learns that it moves
+_POLL_PERIOD_S = 0.02  # how soon ``state`` in another thread notices that a motion has begun
+
+TrajectoryFactory = Callable[[Vector], Trajectory]
+"""Makes a trajectory that starts at the goals (n,) the servos hold."""
 
 
-class Running(Lines):
-    """What every motion of an ``Arm`` goes through.
+class MotionRunner:
+    """Every motion of an arm runs here, one at a time under ``lock``.
 
-    One motion at a time has the turn. A motion that does not end well leaves the arm stopped; the
-    first one after torque came on is slow.
+    A motion that does not end well leaves the arm stopped; the first one after torque came on is
+    slow.
+
+    Args:
+        context: The arm.
+
+    Attributes:
+        loop: Streams trajectories to the servos.
+        caches_states: Whether joint states are read before each motion, for ``last_state``, also
+            when the motion runs in the main thread.
+        on_overheat: Called where a motion failed and a servo is too hot to hold on; switches
+            torque off.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        chain: Chain,
-        servos: ServoGroup,
-        port: Port,
-        space: CollisionChecker | None,
-        zeros: ZeroSource,
-    ) -> None:
-        self.model, self.chain, self.zeros = model, chain, zeros
-        self._servos, self._port, self._space = servos, port, space
-        self._planner = Planner(model, chain, servos.names)
+    def __init__(self, context: ArmContext) -> None:
+        self._context = context
+        self._servos = context.servos
+        self._lock = RLock()
         self._closed = False
-        self._stream = ControlLoop(servos)
-        self._turn = RLock()
-        self._background = Background(self, servos.stop_request)
         self._states: tuple[JointState, ...] = ()
-        self._listener: ControlServer | None = None
-        self._serial_number = serial_number_of(port.name)
-        self.poses = PoseLibrary(model, self._serial_number)
-        self.workings = ArmContext(
-            model,
-            chain,
-            servos,
-            self._planner,
-            space,
-            zeros,
-            self._run_trajectory,
-            self._allowed_speed,
-        )
+        self.loop = ControlLoop(context.servos)
+        self.caches_states = False
+        self.on_overheat: Callable[[], object] = self.disable_torque
+
+    @property
+    def lock(self) -> RLock:
+        """The lock that a motion holds."""
+        return self._lock
+
+    @property
+    def arm_name(self) -> str:
+        """The arm's name."""
+        return self._context.model.name
 
     @property
     def port_name(self) -> str:
-        """Return the name of the port the arm is on."""
-        return self._port.name
+        """The name of the port."""
+        return self._context.port.name
 
-    def where(self) -> ArmState:
-        """Return the measured tip, joints and health.
-
-        While another thread moves the arm, they are those of its last control cycle.
-        """
-        while not self._turn.acquire(timeout=_POLL_PERIOD_S):
-            moving = self._servos.torque.is_moving
-            if moving and self._states and self._stream.last_cycle is not None:
-                return self.last_state()
-        try:
-            return self._make_arm_state(self._servos.read_states())
-        finally:
-            self._turn.release()
-
-    def last_state(self) -> ArmState:
-        """Return where and how the arm was last heard to be; asks no servo: any thread may look.
-
-        Raises:
-            IkservoError: There was none yet.
-        """
-        beat, states = self._stream.last_cycle, self._states
-        if beat is None or not states:
-            raise IkservoError("The arm has just started to move.", "Try again.")
-        pairs = zip(self._servos.with_latest_telemetry(states), beat.measured.tolist(), strict=True)
-        return self._make_arm_state(tuple(replace(state, position_rad=at) for state, at in pairs))
-
-    def listen(self) -> None:
-        """Let other terminals of this user stop the arm, relax it and ask where it is."""
-        if self._listener is None and not is_simulated(self._port.name):
-            self._listener = serve(self._port.name, CommandHandler(self, self._turn))
-
-    def enable(self) -> None:
-        """Let every servo hold where it is; goals are set before torque, so nothing twitches.
-
-        Raises:
-            RefusedError: A motion is running; ``stop`` ends it.
-        """
-        with self._turn:
-            self._servos.torque.check_idle()
-            self._servos.enable(self.model.speed("slow").rad_s)
-
-    def hold(self) -> None:
-        """Let every servo hold where it is now: another name of ``enable``."""
-        self.enable()
-
-    def stop(self, reason: str = "") -> None:
-        """Brake the running motion within 0.3 s and hold; safe from signals and other threads.
-
-        The motion ends with ``StoppedError``; nothing moves again before ``acknowledge``.
-        """
-        text = str(reason) or STOPPED_BY_PROGRAM.text
-        self.request_stop(StopReason(StopKind.PROGRAM, text))
-
-    def request_stop(self, reason: StopReason) -> None:
-        """Stop as ``stop`` does, for a reason of any kind."""
-        self._stream.request_stop(reason)
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """All joints."""
+        return self._servos.names
 
     @property
     def stop_requests(self) -> int:
-        """Return how often a stop was asked for since the last ``acknowledge``."""
+        """How often a stop was requested since the last ``acknowledge``."""
         return self._servos.stop_request.times
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped until somebody acknowledges it; None where it is not."""
+        """Why the arm was stopped, until that is acknowledged; None where it is not stopped."""
         return self._servos.stop_reason
 
     @property
-    def stopped_for(self) -> str:
+    def stop_text(self) -> str:
         """The text of ``stop_reason``; empty where the arm is not stopped."""
-        reason = self.stop_reason
-        return "" if reason is None else reason.text
+        return "" if self.stop_reason is None else self.stop_reason.text
 
-    def acknowledge(self) -> None:
-        """End a stop: a person has looked, and the arm may be moved again; nothing moves yet."""
-        self._servos.acknowledge()
+    def state(self) -> ArmState:
+        """Measure joints, tip and health.
 
-    def reconnect(self, within_s: float = 10.0) -> None:
-        """Go on after the cable was pulled, once the same adapter is plugged in; moves nothing.
+        While another thread moves the arm, they are those of its last control cycle.
+        """
+        while not self._lock.acquire(timeout=_POLL_PERIOD_S):
+            moving = self._servos.torque.is_moving
+            if moving and self._states and self.loop.last_cycle is not None:
+                return self.last_state()
+        try:
+            return self._make_arm_state(self._servos.read_states())
+        finally:
+            self._lock.release()
 
-        The arm stays stopped until ``acknowledge``; its servos may have been without power, so that
-        torque is looked at anew and the first motion is slow.
-
-        Args:
-            within_s: How long to wait for the adapter; it is known by its USB serial number.
+    def last_state(self) -> ArmState:
+        """Return the state of the last control cycle; reads no servo and is safe in any thread.
 
         Raises:
-            BadValueError: The wait is no number of seconds.
-            PortLostError: It did not come back in time.
-            ServoSilentError: It is back, but its servos do not answer.
+            IkservoError: There was none yet.
+        """
+        cycle, states = self.loop.last_cycle, self._states
+        if cycle is None or not states:
+            raise IkservoError("The arm has just started to move.", "Try again.")
+        latest = self._servos.with_latest_telemetry(states)
+        pairs = zip(latest, cycle.measured.tolist(), strict=True)
+        return self._make_arm_state(tuple(replace(state, position_rad=at) for state, at in pairs))
+
+    def enable(self) -> None:
+        """Switch torque on; each servo's goal is set to its position first.
+
+        Raises:
             RefusedError: A motion is running.
         """
-        within_s = parse_number("The wait", within_s)
-        if not 0.0 <= within_s < math.inf:
-            raise BadValueError("The wait", within_s, "seconds")
-        self._check_open()
-        with self._turn:
+        with self._lock:
             self._servos.torque.check_idle()
-            adapter = "" if is_simulated(self.port_name) else self._serial_number
-            self._servos.reconnect(adapter, within_s)
+            self._servos.enable(self._context.model.speed("slow").rad_s)
 
     def disable_torque(self) -> None:
-        """Switch every servo's torque off where the arm is; what nobody holds falls.
-
-        A running motion ends with ``StoppedError`` first.
+        """Switch every servo's torque off; a running motion ends with ``StoppedError`` first.
 
         Raises:
             BusError: A servo does not answer; the torque of all others is off.
@@ -211,39 +161,167 @@ class Running(Lines):
         with self._after_motion(*_RELEASED):
             self._servos.disable_torque()
 
+    def request_stop(self, reason: StopReason) -> None:
+        """Brake the running motion and hold; safe from signals and other threads."""
+        self.loop.request_stop(reason)
+
+    def acknowledge(self) -> None:
+        """End a stop, so that the arm may be moved again."""
+        self._servos.acknowledge()
+
+    def stop_servos(self, reason: StopReason) -> StopOutcome:
+        """Latch a stop and hold the measured positions, while no motion runs."""
+        return self._servos.hold_measured(reason)
+
+    def latch_stop(self, reason: StopReason) -> None:
+        """Refuse motions until ``acknowledge``; sends the servos nothing."""
+        self._servos.latch_stop(reason)
+
+    def reconnect(self, within_s: float) -> None:
+        """Open the port again once its USB adapter is back; see ``Arm.reconnect``."""
+        within_s = parse_number("The wait", within_s)
+        if not 0.0 <= within_s < math.inf:
+            raise BadValueError("The wait", within_s, "seconds")
+        self.check_open()
+        with self._lock:
+            self._servos.torque.check_idle()
+            adapter = "" if is_simulated(self.port_name) else self._context.serial_number
+            self._servos.reconnect(adapter, within_s)
+
+    def check_open(self) -> None:
+        """Raise once the arm was closed.
+
+        Raises:
+            PortError: It was.
+        """
+        if self._closed:
+            raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
+
+    def close(self, relax: Callable[[], object] | None, close_server: Callable[[], None]) -> None:
+        """Close the port; another thread's motion ends with ``StoppedError`` first.
+
+        Args:
+            relax: Lowers the arm before that; None leaves torque as it is.
+            close_server: Ends what serves other processes.
+
+        Raises:
+            RefusedError: The arm shall be relaxed, and a callback of its motion closes it.
+        """
+        if relax:
+            with self._lock:
+                self._servos.torque.check_idle()
+        try:
+            if relax:
+                relax()
+        finally:
+            self._closed = True
+            with self._after_motion(*_CLOSED):
+                pass
+            close_server()
+            with self._lock:  # not while another process relaxes the arm
+                self._context.port.close()
+
+    @contextmanager
+    def motion(self) -> Generator[None]:
+        """Hold the lock for one motion: torque on, signals handled, faults latched.
+
+        Raises:
+            RefusedError: Another motion is running, or a stop was not acknowledged.
+        """
+        with self._lock:
+            torque = self._servos.torque
+            torque.check_idle()
+            stopped = self.stop_reason is not None  # which `enable` refuses
+            if stopped or not torque.is_on:
+                self.enable()
+            if self.caches_states or current_thread() is not main_thread():
+                self._states = self._servos.read_states()
+            with self._stop_on_error():
+                yield
+            torque.motion_completed()
+            self._servos.acknowledge_ended()
+
+    def run(self, make: TrajectoryFactory, on_cycle: OnCycle | None, speed: str) -> Vector:
+        """Run one trajectory as a motion.
+
+        Args:
+            make: Makes the trajectory from the servos' goals, torque being on.
+            on_cycle: Called in every control cycle.
+            speed: slow, normal or fast.
+
+        Returns:
+            The measured joints (n,) of the last control cycle, rad or m.
+        """
+        horn_rad_s = self._context.model.speed(speed).rad_s
+        with self.motion():
+            return self.loop.run(make(self._servos.goals()), on_cycle, speed_rad_s=horn_rad_s)
+
+    def return_within_limits(self) -> None:
+        """Move joints that are a little outside their limits back inside, slowly.
+
+        A limp arm sinks there. Online trajectories must start inside: the guard lets a joint come
+        back, and not out again by a single tick.
+        """
+        lower, upper = self._context.limits()
+        measured = self._servos.measure_positions()
+        if ((measured >= lower) & (measured <= upper)).all():
+            return
+        limits = self._context.planner.motion_limits("slow")
+        self.run(lambda start: JointMove(start, np.clip(start, lower, upper), limits), None, "slow")
+
+    def start_position(self) -> Vector:
+        """Return where a motion would start (n,): the goals where torque is on, else measured."""
+        if self._servos.torque.is_on:
+            return self._servos.goals()
+        return self._servos.measured_hold_positions()
+
+    def allowed_speed(self, speed: str) -> str:
+        """Return the speed class of a motion that starts now: the first one is slow.
+
+        Raises:
+            UnknownNameError: No such speed.
+        """
+        self._context.model.speed(speed)
+        return "slow" if self._read_first_motion() else speed
+
+    def check_speed(self, speed: str) -> None:
+        """Raise where a planned speed class is no longer allowed.
+
+        Raises:
+            RefusedError: Torque was switched off after the motion was planned.
+        """
+        if speed != "slow" and self._read_first_motion():
+            raise RefusedError(
+                "Torque was switched off after this was planned.",
+                "Nothing was sent. Plan again: the first motion after torque-on is slow.",
+            )
+
+    def _read_first_motion(self) -> bool:
+        """Return whether no motion has completed since torque came on, or torque is off.
+
+        Where that is not known the servos are read.
+        """
+        torque = self._servos.torque
+        return torque.first_motion_due or not (torque.is_on or self._servos.read_torque_on())
+
     @contextmanager
     def _after_motion(self, reason: StopReason, hint: str) -> Generator[None]:
-        """Have the turn, a running motion having been ended without braking.
+        """Hold the lock, a running motion having been ended without braking.
 
-        Its own callback may want that, and so has the turn already; a motion that does not end is
-        not waited for any longer than a second.
+        The motion's own callback may call this and holds the lock already; a motion that does not
+        end is waited for a second at most.
         """
         servos = self._servos
         if servos.torque.is_moving:
             servos.stop_request.set_without_braking(reason, hint)
-        taken = self._turn.acquire(timeout=_STOP_TIMEOUT_S)
+        locked = self._lock.acquire(timeout=_STOP_TIMEOUT_S)
         try:
             if servos.torque.is_moving:
                 servos.hold(reason)
             yield
         finally:
-            if taken:
-                self._turn.release()
-
-    @contextmanager
-    def _motion_turn(self) -> Generator[None]:
-        """Have the turn, torque on and signals heard; after a fault torque is looked at anew."""
-        with self._turn:
-            self._servos.torque.check_idle()
-            stopped = self.stop_reason is not None  # which `enable` refuses
-            if stopped or not self._servos.torque.is_on:
-                self.enable()
-            if self._listener is not None or current_thread() is not main_thread():
-                self._states = self._servos.read_states()
-            with self._stop_on_error():
-                yield
-            self._servos.torque.motion_completed()
-            self._servos.acknowledge_ended()
+            if locked:
+                self._lock.release()
 
     @contextmanager
     def _stop_on_error(self) -> Generator[None]:
@@ -257,21 +335,17 @@ class Running(Lines):
             if isinstance(error, StoppedError) and not request.signal:
                 self._servos.acknowledge_ended()
                 raise
-            raise exit_exception(request.signal, self.stopped_for) from None
+            raise exit_exception(request.signal, self.stop_text) from None
         except ServoAlarmError as error:
             torque.faulted()
-            self._release_overheated(StopReason(StopKind.FAULT, error.message))
+            self._lower_overheated(StopReason(StopKind.FAULT, error.message))
             raise
         except BaseException:
             torque.faulted()
             raise
 
-    @abstractmethod
-    def _lower(self) -> JointMoveResult:
-        """Lower the arm to its rest pose; see ``Arm``."""
-
-    def _release_overheated(self, reason: StopReason) -> None:
-        """Lower the arm and let it go where a servo is too hot to hold it any longer."""
+    def _lower_overheated(self, reason: StopReason) -> None:
+        """Lower the arm and switch torque off where a servo is too hot to hold any longer."""
         servos = self._servos
         if not servos.overheated or servos.torque.state is TorqueState.LOWERING:
             return
@@ -280,7 +354,7 @@ class Running(Lines):
             with servos.tolerate_heat():
                 self.enable()
             servos.torque.lowering_started()
-            self._lower()
+            self.on_overheat()
             self.disable_torque()
         except IkservoError as error:
             servos.warn(f"The arm could not be lowered: {error.message}")
@@ -288,55 +362,13 @@ class Running(Lines):
             servos.torque.lowering_ended()
             servos.latch_stop(reason)
 
-    def _check_open(self) -> None:
-        if self._closed:
-            raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
-
-    def _run_trajectory(
-        self, begin: TrajectoryFactory, on_cycle: OnCycle | None, speed: str
-    ) -> Vector:
-        """Carry out a course that begins where the servos' goals are; see ``ArmContext``."""
-        horn_rad_s = self.model.speed(speed).rad_s
-        with self._motion_turn():
-            course = begin(self._servos.goals())
-            return self._stream.run(course, on_cycle, speed_rad_s=horn_rad_s)
-
     def _make_arm_state(self, states: tuple[JointState, ...]) -> ArmState:
-        joints = np.array([state.position_rad for state in states])
-        T = self._planner.tip_pose(joints)
+        T = self._context.planner.tip_pose(np.array([state.position_rad for state in states]))
         return ArmState(T[:3, 3], states, T[:3, :3])
-
-    def _start_joints(self) -> Vector:
-        """Return where a motion starts: the goals of a holding arm, else the measured joints."""
-        return (
-            self._servos.goals()
-            if self._servos.torque.is_on
-            else self._servos.measured_hold_positions()
-        )
-
-    def _allowed_speed(self, speed: str) -> str:
-        """Return the speed of a motion that could start now: the first one is slow."""
-        self.model.speed(speed)
-        return "slow" if self._read_first_motion() else speed
-
-    def _read_first_motion(self) -> bool:
-        """Tell whether no motion has completed since torque came on, or it is off.
-
-        Where that is not known the servos are read.
-        """
-        torque = self._servos.torque
-        return torque.first_motion_due or not (torque.is_on or self._servos.read_torque_on())
-
-    def _check_speed(self, plan: MotionPlan) -> None:
-        if plan.speed != "slow" and self._read_first_motion():
-            raise RefusedError(
-                "Torque was switched off after this was planned.",
-                "Nothing was sent. Plan again: the first motion after torque-on is slow.",
-            )
 
 
 def _reason_of(error: KeyboardInterrupt | StoppedError) -> StopReason:
-    """Tell for what reason a motion ended that no stop was requested for: a callback raised it."""
+    """Return the reason of a stop that a callback raised without a request."""
     if isinstance(error, StoppedError):
         return StopReason(StopKind.PROGRAM, error.message)
     return CTRL_C

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.arm.arguments import parse_port
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.calibrated_arm import (
     CalibratedArm,
+    ZeroSource,
     check_servo_models,
     load_calibration_for,
     serial_number_of,
 )
-from ikservo.arm.zeros import ZeroSource
+from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError
@@ -27,12 +32,13 @@ from ikservo.hardware.eeprom import back_up_once
 from ikservo.hardware.port import open_port
 from ikservo.hardware.servo import ServoSpec
 from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, ModelJoint, ModelServo, load_model
-from ikservo.model.collision_model import collision_body_with_gripper
+from ikservo.model.collision_model import collision_body, collision_body_with_gripper
 from ikservo.model.sag import joint_compliances, link_masses
 from ikservo.registers import control_table
 
-__all__ = ["open_arm", "open_bus", "resolve_port", "servo_specs"]
+__all__ = ["make_collision_filter", "open_arm", "open_bus", "resolve_port", "servo_specs"]
 
 
 def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
@@ -132,11 +138,12 @@ def open_arm(
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         jaws = model.gripper.joint if model.gripper else None
         servos = ServoGroup(bus, fences, shadows, line.clock, model.health, jaws)
-        space = _make_collision_checker(model) if collisions else None
+        checker = _make_collision_checker(model) if collisions else None
         chain = _narrow_chain(own.chain(), fences)
-        machine = Arm(model, chain, servos, line, on_exit, space, own.zeros)
-        machine.listen()
-        return machine
+        context = ArmContext.build(model, chain, servos, line, checker, own.zeros)
+        opened = Arm(context, MotionRunner(context), on_exit)
+        opened.listen()
+        return opened
     except BaseException:
         line.close()
         raise
@@ -163,6 +170,11 @@ def _make_collision_checker(model: Model) -> CollisionChecker:
         link_masses(model, chain), joint_compliances(model, chain), chain.lower_rad, chain.upper_rad
     )
     return CollisionChecker(body, model.floor_m, model.keep_out, sag_of(body, weight))
+
+
+def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:
+    """Return a function from configurations (n, dof) to whether each is collision-free (n,)."""
+    return CollisionChecker(collision_body(model), model.floor_m, model.keep_out).collision_free
 
 
 def _narrow_chain(chain: Chain, fences: Sequence[CommandLimits]) -> Chain:

@@ -14,13 +14,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
 import tomli_w
 from pydantic import Field, ValidationError
 
+from ikservo.arm.arguments import check_callable
+from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
 from ikservo.calibration.calibration_file import calibration_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.reading import read_toml
@@ -30,7 +33,7 @@ from ikservo.hardware.remembered_port import config_dir
 from ikservo.model import Model
 from ikservo.model.arm_schema import ArmPose
 
-__all__ = ["PoseLibrary", "known_pose_names", "pose_path"]
+__all__ = ["PoseLibrary", "known_pose_names", "pose_path", "teach"]
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _EXPECTED_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
@@ -48,7 +51,7 @@ class _PoseFile(StrictModel):
 
 
 class PoseLibrary:
-    """The poses of one arm: those its arm file names, and those it was taught.
+    """The poses of one arm: those of its arm file, and the taught ones.
 
     Args:
         model: The arm.
@@ -67,7 +70,7 @@ class PoseLibrary:
 
         Raises:
             UnknownNameError: There is no such pose; the closest is offered.
-            FileFormatError: The file of the taught poses is spoiled.
+            FileFormatError: The file of the taught poses is malformed.
         """
         if not isinstance(cast("object", name), str):
             raise UnknownNameError("pose", name, self._model.poses)
@@ -82,7 +85,7 @@ class PoseLibrary:
         """Return every pose by name, the arm file's first.
 
         Raises:
-            FileFormatError: The file of the taught poses is spoiled.
+            FileFormatError: The file of the taught poses is malformed.
         """
         return {**self._model.poses, **self.user_poses()}
 
@@ -90,7 +93,7 @@ class PoseLibrary:
         """Return the taught poses by name.
 
         Raises:
-            FileFormatError: Their file is spoiled, another arm's, or does not fit the arm's joints.
+            FileFormatError: Their file is malformed, another arm's, or does not fit the joints.
         """
         if not self.path.exists():
             return {}
@@ -103,10 +106,10 @@ class PoseLibrary:
         return {name: self._positions_of(name, pose) for name, pose in read.poses.items()}
 
     def check_name(self, name: str) -> str:
-        """Return a name under which a pose can be taught.
+        """Return the name, if a pose can be taught under it.
 
         Raises:
-            BadValueError: It is none, or a pose of the arm file.
+            BadValueError: It is malformed, or a pose of the arm file.
         """
         if not isinstance(cast("object", name), str) or not _NAME.fullmatch(name):
             raise BadValueError("The name of the pose", repr(name), _EXPECTED_NAME)
@@ -117,7 +120,7 @@ class PoseLibrary:
         return name
 
     def save(self, name: str, positions: Positions) -> Path:
-        """Keep a pose, in place of one of that name if there is one; return the file.
+        """Save a pose, replacing one of that name; return the file.
 
         Args:
             name: See ``check_name``.
@@ -125,8 +128,8 @@ class PoseLibrary:
 
         Raises:
             BadValueError: The name cannot be used.
-            FileFormatError: The file is spoiled; it is left as it is.
-            FileWriteError: The disk will not take it; the file is left as it is.
+            FileFormatError: The file is malformed; it is left as it is.
+            FileWriteError: The disk is full or not writable; the file is left as it is.
         """
         poses = {**self.user_poses(), self.check_name(name): positions}
         tables = {name: self._pose_tables(pose) for name, pose in sorted(poses.items())}
@@ -155,13 +158,38 @@ class PoseLibrary:
         return {j: math.radians(value) for j, value in pose.deg.items()} | dict(pose.m)
 
 
+def teach(
+    context: ArmContext,
+    runner: MotionRunner,
+    poses: PoseLibrary,
+    name: str,
+    until: Callable[[], object] | None,
+    relax: Callable[[], object],
+    *,
+    hold: bool,
+) -> dict[str, float]:
+    """Save the measured joints as a pose; see ``Arm.teach``."""
+    check_callable("until", until)
+    poses.check_name(name)
+    poses.user_poses()  # a malformed file is found before the arm is moved by hand
+    if until is not None:
+        if any(state.torque for state in context.servos.read_states()):
+            relax()
+        until()
+    positions = context.index.by_name(context.servos.measure_positions())
+    poses.save(name, positions)
+    if hold:
+        runner.enable()
+    return positions
+
+
 def pose_path(arm: str, usb_serial_number: str) -> Path:
-    """Return where the taught poses of an arm lie: ``poses/so101-58FA083.toml``."""
+    """Return the path of an arm's taught poses: ``poses/so101-58FA083.toml``."""
     return config_dir() / "poses" / calibration_path(arm, usb_serial_number).name
 
 
 def known_pose_names(model: Model) -> list[str]:
-    """Return the names of an arm's poses on whatever adapter it hangs, for completion."""
+    """Return the names of an arm's poses with any adapter, for completion."""
     stems = [path.stem for path in pose_path(model.name, "").parent.glob("*.toml")]
     own = [stem for stem in stems if stem == model.name or stem.startswith(f"{model.name}-")]
     taught = [

@@ -1,72 +1,65 @@
-"""Plans checked before they run: from the measured position, within limits, free of collisions."""
+"""Plans checked before they run: from the start position, within limits, free of collisions."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_all_positions
-from ikservo.arm.motion_runner import Running
+from ikservo.arm.arguments import parse_all_positions, parse_number, parse_points
+from ikservo.arm.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
+from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.plan import (
     RETRACT_POSES,
-    Inside,
     MotionPlan,
-    brought_inside,
-    has_moved,
+    PoseWithinLimits,
+    clamp_pose,
+    clamp_positions,
     via_pose_plan,
 )
 from ikservo.arm.planner import with_suggested_point
-from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
-from ikservo.arm.zeros import MAX_UNCALIBRATED_STEP_RAD
+from ikservo.arm.poses import PoseLibrary
+from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.errors import OrientationError, RefusedError, UnreachableError
+from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["Foreseeing"]
+__all__ = ["PlanFrom", "PreflightPlanner"]
 
-_CONTACT_M = 0.005
-# A gripper's goal leads it by more than this at the horn where something is between its jaws.
+# A gripper's goal leads it by more than this at the horn where it presses on something.
 _PRESSING_LAG_RAD = 0.05
-# Where the whole way down is not free, these shares of it are tried.
+# Where the whole path to the rest pose is not free, these fractions of it are tried.
 _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
 
+PlanFrom = Callable[[Vector, str], MotionPlan]
+"""Makes a plan from a start position (n,), for a speed class."""
 
-class Foreseeing(Running):
-    """What ``Arm`` finds out before it moves; nothing here moves."""
 
-    def plan_to(
-        self,
-        position_m: ArrayLike,
-        *,
-        speed: str = "normal",
-        stance: ToolOrientation = KEEP_BEST_EFFORT,
-        orientation: ArrayLike | None = None,
-    ) -> MotionPlan:
-        """Find joints that bring the tip to a point and the motion that takes them there.
+class PreflightPlanner:
+    """Plans the motions of an arm and checks their paths; moves nothing.
 
-        Args:
-            position_m: The point (3,), metres, in the arm's base frame.
-            speed: slow, normal or fast; the first motion after torque comes on is slow.
-            stance: How the tool shall stand there; if nothing is asked, as well as the arm can
-                keep it.
-            orientation: The whole orientation R_base_tip (3, 3), instead of a stance.
+    Args:
+        context: The arm.
+        runner: Knows where a motion would start, and how fast it may be.
+        poses: The poses of the arm.
+    """
 
-        Raises:
-            UnreachableError: No joints inside the limits reach it; carries the nearest point.
-            OrientationError: The tool cannot stand there as asked.
-            BadValueError: No three finite numbers.
-            RefusedError: On the way the arm would touch itself, the table or a box.
-            CalibrationError: Nobody knows where the arm's zeros are.
-        """
-        asked = check_orientation(stance, orientation)
+    def __init__(self, context: ArmContext, runner: MotionRunner, poses: PoseLibrary) -> None:
+        self._context, self._runner, self._poses = context, runner, poses
+        self._model, self._planner, self._servos = context.model, context.planner, context.servos
+
+    def plan_to(self, position_m: ArrayLike, speed: str, stance: ToolOrientation) -> MotionPlan:
+        """Plan a motion of the tip to a point (3,) [m]; see ``Arm.plan_to``."""
 
         def plan(point_m: ArrayLike) -> MotionPlan:
             return self.plan_cartesian(
-                lambda here, pace: self._planner.plan_to_point(here, point_m, pace, asked), speed
+                lambda start, allowed: self._planner.plan_to_point(start, point_m, allowed, stance),
+                speed,
             )
 
         try:
@@ -74,195 +67,178 @@ class Foreseeing(Running):
         except OrientationError:
             raise
         except UnreachableError as error:
-            tip_m = self._planner.tip(self._start_joints())
-            raise with_suggested_point(error, self.chain, tip_m, plan) from None
+            tip_m = self._planner.tip(self._runner.start_position())
+            raise with_suggested_point(error, self._context.chain, tip_m, plan) from None
 
-    def plan_cartesian(
-        self, planning: Callable[[Vector, str], MotionPlan], speed: str
+    def plan_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        blend_m: float,
+        speed: str,
+        stance: ToolOrientation,
+        *,
+        line: bool,
     ) -> MotionPlan:
-        """Make a plan of the tip from where the arm is, at the speed it may go; look at its way.
+        """Plan a motion of the tip through points (k, 3) [m]; see ``Arm.plan_through``."""
+        blend_m, points_m = parse_number("The blend", blend_m), parse_points(points_m)
+        make = self._planner.plan_linear if line else self._planner.plan_waypoints
+        return self.plan_cartesian(
+            lambda start, allowed: make(start, points_m, allowed, blend_m, stance), speed
+        )
 
-        An arm that lies folded touches itself on nearly every way: it rises first.
+    def plan_cartesian(self, planning: PlanFrom, speed: str) -> MotionPlan:
+        """Plan a motion of the tip from the start position and check its path.
+
+        A folded arm touches itself on nearly every path: it goes by a retract pose.
 
         Raises:
-            RefusedError: On the way the arm would touch itself, the table or a box.
-            CalibrationError: Nobody knows where the arm's zeros are.
+            RefusedError: The arm would touch itself, the table or a box.
+            CalibrationError: The arm is not calibrated.
         """
-        self.zeros.require_known(self.model.name)
-        plan = self._plan_clear_or_via(planning, self._start_joints(), speed)
+        self._context.require_zeros()
+        plan = self._plan_clear_or_via(planning, self._runner.start_position(), speed)
         return self._make_replannable(plan, lambda: self.plan_cartesian(planning, speed))
 
-    def plan_joints(
-        self, positions: Mapping[str, float] | ArrayLike, *, speed: str = "normal"
-    ) -> MotionPlan:
-        """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
-
-        Raises:
-            UnknownNameError: No such joint, or no such speed.
-            BadValueError: A position is not finite, or no joint is named.
-            RefusedError: A position lies outside the joint's limits, or on the way the arm
-                would touch itself, the table or a box.
-            CalibrationError: Nobody knows where the arm's zeros are, and the way is long.
-        """
-        here, goals = self._start_joints(), parse_all_positions(positions, self._servos.names)
-        plan = self._planner.plan_to_joints(here, goals, self._allowed_speed(speed))
-        self.zeros.check_small_steps(self.model.name, here, plan.goal, self._max_steps())
-        self._servos.check_goal(plan.goal, here)
-        if self.zeros.are_known and set(self.chain.names) <= set(goals):  # a pose of the whole arm
+    def plan_joints(self, positions: Mapping[str, float] | ArrayLike, speed: str) -> MotionPlan:
+        """Plan a motion of some joints; see ``Arm.plan_joints``."""
+        start, zeros = self._runner.start_position(), self._context.zeros
+        goals = parse_all_positions(positions, self._servos.names)
+        plan = self._planner.plan_to_joints(start, goals, self._runner.allowed_speed(speed))
+        zeros.check_small_steps(self._model.name, start, plan.goal, self._max_steps())
+        self._servos.check_goal(plan.goal, start)
+        if zeros.are_known and set(self._context.chain.names) <= set(goals):  # the whole arm
             plan = self._plan_clear_or_via(
-                lambda start, pace: self._planner.plan_to_joints(start, goals, pace), here, speed
+                lambda at, allowed: self._planner.plan_to_joints(at, goals, allowed), start, speed
             )
         else:
             plan = self._check_clear(plan, speed)
-        return self._make_replannable(plan, lambda: self.plan_joints(positions, speed=speed))
+        return self._make_replannable(plan, lambda: self.plan_joints(positions, speed))
 
-    def pose_within_limits(self, pose: str) -> Inside:
-        """Return a named pose as this arm can go to it: its limits may be narrower than the pose.
+    def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
+        """Clamp a named pose to this arm's limits; see ``Arm.pose_within_limits``."""
+        if start is None and pose == "rest":
+            return self.rest_pose()
+        positions = self._poses.get_pose(pose)
+        start = self._runner.start_position() if start is None else start
+        return clamp_pose(pose, positions, self._servos.fences, start)
 
-        The rest pose is brought inside them whatever they are: an arm must always be able to come
-        down. Another pose is, where its joints lie on their end stops, just beyond a limit.
-
-        Raises:
-            UnknownNameError: There is no such pose.
-        """
-        if pose == "rest":
-            return self._rest_pose()
-        return brought_inside(self.poses.get_pose(pose), self._servos.fences, self._start_joints())
+    def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
+        """Return the smallest distance of the body [m]; see ``Arm.clearance_m``."""
+        names, index = self._servos.names, self._context.index
+        by_name = parse_all_positions(positions, names)
+        complete = len(by_name) == len(names)
+        joints = np.zeros(len(names)) if complete else self._servos.measure_positions()
+        for name, position in by_name.items():
+            joints[index.column(name)] = position
+        return self._context.clearance_m(finite_vector(joints, len(names), "The joints"))
 
     def plan_rest(self) -> MotionPlan:
-        """Plan the slow way to the rest pose; by another pose where that is not free.
-
-        Raises:
-            CalibrationError: Nobody knows where the rest pose is.
-            RefusedError: No way there is free.
-        """
-        rest = self._rest_pose().positions
+        """Plan the slow motion to the rest pose; see ``Arm.plan_rest``."""
+        rest = self.rest_pose().positions
         try:
-            return self.plan_joints(rest, speed="slow")
+            return self.plan_joints(rest, "slow")
         except RefusedError:
             found = self._plan_via_pose(
-                lambda here, pace: self._planner.plan_to_joints(here, rest, pace),
-                self._start_joints(), "slow", "slow",
-            )  # fmt: skip
+                lambda start, allowed: self._planner.plan_to_joints(start, rest, allowed),
+                self._runner.start_position(),
+                "slow",
+                "slow",
+            )
             if found is None:
                 raise
         return self._make_replannable(found, self.plan_rest)
 
     def plan_lowering(self) -> MotionPlan:
-        """Plan the slow way to the rest pose, or as much of it as is free.
+        """Plan the slow motion to the rest pose, or as much of it as is free.
 
         Raises:
-            CalibrationError: Nobody knows where the rest pose is.
+            CalibrationError: The arm is not calibrated.
             RefusedError: No part of it is free.
         """
         try:
             return self.plan_rest()
         except RefusedError:
-            rest, here = self._rest_pose().positions, self._start_joints()
-            for share in _PATH_FRACTIONS:
+            rest = self.rest_pose().positions
+            start = self._context.index.by_name(self._runner.start_position())
+            for fraction in _PATH_FRACTIONS:
+                part = {n: start[n] + fraction * (rest[n] - start[n]) for n in rest}
                 with suppress(RefusedError):
-                    return self.plan_joints(
-                        self._interpolate_positions(here, rest, share), speed="slow"
-                    )
+                    return self.plan_joints(part, "slow")
             raise
 
-    def _interpolate_positions(
-        self, here: Vector, goal: Mapping[str, float], share: float
-    ) -> dict[str, float]:
-        starts = {name: float(here[self._planner.joint_index(name)]) for name in goal}
-        return {name: at + share * (goal[name] - at) for name, at in starts.items()}
+    def rest_pose(self) -> PoseWithinLimits:
+        """Return the rest pose within the limits, without a gripper that presses on something."""
+        rest, gripper = dict(self._model.pose("rest")), self._model.gripper
+        start = self._runner.start_position()
+        if gripper is not None and self._is_pressing(gripper.joint, start):
+            del rest[gripper.joint]
+        return clamp_pose("rest", rest, self._servos.fences, start)
 
-    def _rest_pose(self) -> Inside:
-        """Return the rest pose inside the limits; a gripper that presses on something is left."""
-        rest, gripper, here = (
-            dict(self.model.pose("rest")),
-            self.model.gripper,
-            self._start_joints(),
-        )
-        if gripper is not None:
-            column = self._planner.joint_index(gripper.joint)
-            joint_map = self._servos.fences[column].joint_map
-            ahead = abs(here[column] - self._servos.measure_positions()[column])
-            if ahead / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD:
-                del rest[gripper.joint]
-        return brought_inside(rest, self._servos.fences, here, most_rad=math.inf)
-
-    def _plan_from_held(self, planning: Callable[[], MotionPlan]) -> MotionPlan:
-        """Return a plan from where the arm holds: a limp one may sink before its torque is on."""
+    def plan_from_held(self, planning: Callable[[], MotionPlan]) -> MotionPlan:
+        """Plan from where the arm holds: a limp one may sink before its torque is on."""
         plan = planning()
         if self._servos.torque.is_on:
             return plan
-        self.enable()
+        self._runner.enable()
         return plan if np.array_equal(plan.start, self._servos.goals()) else planning()
 
+    def _is_pressing(self, joint: str, start: Vector) -> bool:
+        column = self._context.index.column(joint)
+        joint_map = self._servos.fences[column].joint_map
+        lag = abs(start[column] - self._servos.measure_positions()[column])
+        return lag / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD
+
     def _make_replannable(self, plan: MotionPlan, again: Callable[[], MotionPlan]) -> MotionPlan:
-        """Return a plan that can be made anew, if the arm may sink until its torque is on."""
+        """Return a plan that can be made again, if the arm may sink until its torque is on."""
         if self._servos.torque.is_on:
             return plan
 
-        def made_again(arm: object) -> MotionPlan | None:
-            return again() if arm is self else None
+        def plan_again(context: object) -> MotionPlan | None:
+            return again() if context is self._context else None
 
-        return replace(plan, again=made_again)
-
-    def _replan_if_moved(self, plan: MotionPlan) -> MotionPlan:
-        """Return a plan, made anew where a limp arm has sunk since; its servos hold by now.
-
-        Raises:
-            RefusedError: No way is free from there.
-        """
-        goals, paces = self._servos.goals(), self._planner.motion_limits(plan.speed)
-        if plan.again is None or plan.names != self._servos.names:
-            return plan
-        return plan.again(self) or plan if has_moved(plan, goals, paces) else plan
+        return replace(plan, again=plan_again)
 
     def _max_steps(self) -> dict[str, float]:
-        """Return the longest way at once for each joint whose zero nobody knows, rad or m."""
-        turns = {joint.name: joint.travel_per_turn / math.tau for joint in self.model.joints}
-        return {name: MAX_UNCALIBRATED_STEP_RAD * turns[name] for name in self._servos.names}
+        """Return the longest motion of each joint of an uncalibrated arm, rad or m."""
+        joints = [self._model.joint(name) for name in self._servos.names]
+        return {
+            joint.name: MAX_UNCALIBRATED_STEP_RAD * joint.travel_per_turn / math.tau
+            for joint in joints
+        }
 
-    def _plan_clear_or_via(
-        self, planning: Callable[[Vector, str], MotionPlan], here: Vector, speed: str
-    ) -> MotionPlan:
-        """Return a plan whose way is free: straight, or for a folded arm by another pose.
+    def _plan_clear_or_via(self, planning: PlanFrom, start: Vector, speed: str) -> MotionPlan:
+        """Return a plan whose path is free: direct, or for a folded arm by a retract pose.
 
         Raises:
-            RefusedError: On the way the arm would touch itself, the table or a box.
+            RefusedError: The arm would touch itself, the table or a box.
         """
-        pace = self._allowed_speed(speed)
+        allowed = self._runner.allowed_speed(speed)
         try:
-            return self._check_clear(planning(here, pace), speed)
+            return self._check_clear(planning(start, allowed), speed)
         except RefusedError:
-            found = (
-                self._plan_via_pose(planning, here, pace, speed)
-                if self._is_in_contact(here)
-                else None
-            )
+            if not self._context.is_in_contact(start):
+                raise
+            found = self._plan_via_pose(planning, start, allowed, speed)
             if found is None:
                 raise
             return found
 
-    def _is_in_contact(self, here: Vector) -> bool:
-        """Return whether the arm lies on itself, on the table or on a box, or nearly so."""
-        if self._space is None:
-            return False
-        return float(self._space.distances([self.workings.body_joints(here)]).min()) < _CONTACT_M
-
     def _plan_via_pose(
-        self, planning: Callable[[Vector, str], MotionPlan], here: Vector, pace: str, asked: str
+        self, planning: PlanFrom, start: Vector, allowed: str, requested: str
     ) -> MotionPlan | None:
-        """Return a plan by way of a pose where the arm stands free; None where there is no way."""
+        """Return a plan by a pose in which the arm is free; None where there is no free path."""
         for pose in RETRACT_POSES:
-            named = {n: q for n, q in self.model.pose(pose).items() if n in self.chain.names}
-            inside = brought_inside(named, self._servos.fences, here, most_rad=math.inf)
-            first = self._planner.plan_to_joints(here, inside.positions, pace)
+            positions = self._model.pose(pose)
+            named = {name: positions[name] for name in self._context.chain.names}
+            inside = clamp_positions(named, self._servos.fences, start, max_rad=math.inf)
+            first = self._planner.plan_to_joints(start, inside.positions, allowed)
             with suppress(RefusedError):
-                return self._check_clear(
-                    via_pose_plan(first, planning(first.goal, pace), pose), asked
-                )
+                then = planning(first.goal, allowed)
+                change_rad = self._planner.rotation_between(start, then.goal)
+                return self._check_clear(via_pose_plan(first, then, pose, change_rad), requested)
         return None
 
-    def _check_clear(self, plan: MotionPlan, asked: str) -> MotionPlan:
-        """Return the plan, if the body's way to its goal is free."""
-        self.workings.check_streamed_path(plan.course, plan.speed)
-        return replace(plan, speed_reduced=plan.speed != asked)
+    def _check_clear(self, plan: MotionPlan, requested: str) -> MotionPlan:
+        """Return the plan if its path is free, with whether it is slower than requested."""
+        self._context.check_streamed_path(plan.trajectory, plan.speed)
+        return replace(plan, speed_reduced=plan.speed != requested)

@@ -7,8 +7,8 @@
     {"t_s": 0.0, "q": [0.0123, …]}
     {"t_s": 0.02, "q": [0.0123, …]}
 
-Lines are whole as soon as they are written, so that a recording which was cut off keeps what it
-had; a line that is not whole, or says anything else, is refused with its number.
+Each line is flushed when it is written, so that an interrupted recording keeps its samples; an
+incomplete or malformed line is refused with its number.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, cast
+from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ikservo.arm.arguments import parse_number, parse_path
-from ikservo.arm.sampled_trajectory import SampledTrajectory
+from ikservo.arm.arguments import check_callable, parse_number, parse_path
+from ikservo.arm.context import ArmContext
+from ikservo.arm.reports import SampledTrajectory
 from ikservo.clock import Clock
+from ikservo.deprecation import current_name
 from ikservo.errors import BadValueError, FileFormatError, InputError
 from ikservo.files.reading import parse_json
 from ikservo.files.writing import FileWriteError
@@ -41,6 +43,7 @@ __all__ = [
     "RecordingWriter",
     "read_recording",
     "record",
+    "record_arm",
     "recording_header",
 ]
 
@@ -57,7 +60,7 @@ class RecordingHeader:
         arm: The arm's name.
         joints: A name a column.
         units: ``rad`` or ``m``, likewise.
-        period_s: How far samples are apart, as it was meant.
+        period_s: The nominal time between two samples.
     """
 
     arm: str
@@ -68,28 +71,30 @@ class RecordingHeader:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A whole recording.
+    """A recording that was read from a file.
 
     Attributes:
-        heading: What its columns are.
-        times_s: When each sample was taken (k,), growing.
-        joints: Where the joints were (k, n), rad or m.
+        header: What its columns are.
+        times_s: When each sample was taken (k,), increasing.
+        joints: The joints then (k, n), rad or m.
     """
 
-    heading: RecordingHeader
+    header: RecordingHeader
     times_s: Vector
     joints: Matrix
 
+    if not TYPE_CHECKING:  # a type checker knows today's names only
+
+        def __getattr__(self, name: str) -> object:
+            """Return the field that an old name stands for; it warns."""
+            return getattr(self, current_name("Recording", {"heading": "header"}, name))
+
     def trajectory(self) -> SampledTrajectory:
         """Return the samples as a trajectory; velocities are differences of the positions."""
-        several = len(self.times_s) > 1
-        velocities = (
-            np.gradient(self.joints, self.times_s, axis=0) if several else 0.0 * self.joints
-        )
-        heading = self.heading
-        return SampledTrajectory(
-            heading.joints, heading.units, self.times_s, self.joints, velocities
-        )
+        moving = len(self.times_s) > 1
+        velocities = np.gradient(self.joints, self.times_s, axis=0) if moving else 0.0 * self.joints
+        header = self.header
+        return SampledTrajectory(header.joints, header.units, self.times_s, self.joints, velocities)
 
     def to_csv(self, path: Path | str | None = None, *, overwrite: bool = False) -> str:
         """Return the recording as CSV, and write it to a file where a path is given.
@@ -101,9 +106,9 @@ class Recording:
         return self.trajectory().to_csv(path, overwrite=overwrite)
 
     def __repr__(self) -> str:
-        """Return how many samples of which arm these are."""
+        """Return the number of samples, the duration and the arm."""
         last_s = float(self.times_s[-1]) if len(self.times_s) else 0.0
-        return f"Recording({len(self.times_s)} samples in {last_s:.3f} s of {self.heading.arm})"
+        return f"Recording({len(self.times_s)} samples in {last_s:.3f} s of {self.header.arm})"
 
 
 class RecordingWriter:
@@ -111,8 +116,8 @@ class RecordingWriter:
 
     Args:
         path: A new file.
-        heading: What its columns are.
-        overwrite: Whether a file that is there may be lost.
+        header: What its columns are.
+        overwrite: Whether an existing file may be replaced.
 
     Raises:
         InputError: The file exists and ``overwrite`` is false.
@@ -120,18 +125,18 @@ class RecordingWriter:
     """
 
     def __init__(
-        self, path: Path | str, heading: RecordingHeader, *, overwrite: bool = False
+        self, path: Path | str, header: RecordingHeader, *, overwrite: bool = False
     ) -> None:
         self.path, self.samples = Path(path), 0
         self._file = self._open_file(overwrite=overwrite)
-        self._write_row({"schema": SCHEMA, "arm": heading.arm, "joints": heading.joints,
-                   "units": heading.units, "period_s": heading.period_s})  # fmt: skip
+        self._write_row({"schema": SCHEMA, "arm": header.arm, "joints": header.joints,
+                   "units": header.units, "period_s": header.period_s})  # fmt: skip
 
     def write(self, time_s: float, joints: Vector) -> None:
         """Write one sample: seconds since the first, and the joints (n,), rad or m.
 
         Raises:
-            FileWriteError: The disk will not take it.
+            FileWriteError: The disk is full or not writable.
         """
         q = [round(float(x), _PLACES) for x in joints]
         self._write_row({"t_s": round(time_s, _PLACES), "q": q})
@@ -178,7 +183,7 @@ class RecordResult:
 
     Attributes:
         path: The file.
-        samples: How many lines behind the header.
+        samples: The number of samples.
         duration_s: From the first to the last.
     """
 
@@ -191,7 +196,7 @@ def recording_header(model: Model, period_s: float) -> RecordingHeader:
     """Return the header of a recording of an arm.
 
     Raises:
-        BadValueError: The period is no time between two samples.
+        BadValueError: The period is out of its range.
     """
     period_s = parse_number("The period", period_s)
     if not 0.002 <= period_s <= 10.0:
@@ -201,31 +206,50 @@ def recording_header(model: Model, period_s: float) -> RecordingHeader:
     return RecordingHeader(model.name, names, units, period_s)
 
 
+def record_arm(
+    context: ArmContext,
+    path: Path | str,
+    duration_s: float | None,
+    until: Callable[[], bool] | None,
+    period_s: float,
+    *,
+    overwrite: bool,
+) -> RecordResult:
+    """Record the measured joints of an arm; see ``Arm.record``."""
+    path, servos = parse_path(path), context.servos
+    check_callable("until", until)
+    header = recording_header(context.model, period_s)
+    return record(
+        servos.measure_positions, servos.clock, path, header, duration_s, until,
+        overwrite=overwrite,
+    )  # fmt: skip
+
+
 def record(
     measure: Callable[[], Vector],
     clock: Clock,
     path: Path | str,
-    heading: RecordingHeader,
+    header: RecordingHeader,
     duration_s: float | None,
     until: Callable[[], bool] | None,
     *,
     overwrite: bool = False,
 ) -> RecordResult:
-    """Write what ``measure`` returns, joints (n,), to a file; see ``Arm.record``."""
+    """Write what ``measure`` returns, joints (n,), to a file at a fixed rate."""
     if duration_s is None and until is None:
         raise BadValueError("The recording", "without an end", "duration_s, or until")
-    most_s = math.inf if duration_s is None else parse_number("The duration", duration_s)
-    if not most_s > 0.0:
-        raise BadValueError("The duration", f"{most_s:g} s", "seconds above 0")
+    max_s = math.inf if duration_s is None else parse_number("The duration", duration_s)
+    if not max_s > 0.0:
+        raise BadValueError("The duration", f"{max_s:g} s", "seconds above 0")
     last_s = 0.0
-    with RecordingWriter(path, heading, overwrite=overwrite) as recorder:
+    with RecordingWriter(path, header, overwrite=overwrite) as recorder:
         try:
-            for elapsed_s in Rate(clock, heading.period_s):
+            for elapsed_s in Rate(clock, header.period_s):
                 recorder.write(elapsed_s, measure())
                 last_s = elapsed_s
-                if elapsed_s + heading.period_s > most_s or (until and until()):
+                if elapsed_s + header.period_s > max_s or (until and until()):
                     break
-        except KeyboardInterrupt:  # how a person ends it; every line that is written is whole
+        except KeyboardInterrupt:  # ends the recording; every line that was written is complete
             pass
     return RecordResult(recorder.path, recorder.samples, last_s)
 
@@ -240,15 +264,15 @@ def read_recording(path: Path | str) -> Recording:
     """Read a recording.
 
     Raises:
-        FileFormatError: It cannot be read, or a line is not what it should be; says which.
+        FileFormatError: It cannot be read, or a line is malformed; says which.
     """
     path = parse_path(path)
     lines = _read_lines(path)
-    heading = _parse_header(path, next(lines, ""))
+    header = _parse_header(path, next(lines, ""))
     times_s: list[float] = []
     joints: list[list[float]] = []
     for number, line in enumerate(lines, start=2):
-        time_s, q = _parse_sample(path, number, line, len(heading.joints))
+        time_s, q = _parse_sample(path, number, line, len(header.joints))
         if times_s and time_s <= times_s[-1]:
             raise _recording_error(
                 path, number, f"has t_s = {time_s:g}", "a later time than the line before"
@@ -261,7 +285,7 @@ def read_recording(path: Path | str) -> Recording:
         joints.append(q)
     if not times_s:
         raise FileFormatError(path, "", "has no sample", "at least one line behind the header")
-    return Recording(heading, np.array(times_s), np.array(joints))
+    return Recording(header, np.array(times_s), np.array(joints))
 
 
 def _read_lines(path: Path) -> Iterator[str]:

@@ -164,8 +164,8 @@ def record_remote(
             )
         return np.array([joint.position_rad for joint in here.joints])
 
-    heading = recording_header(model, period_s)
-    return record(measure, RealClock(), path, heading, duration_s, until, overwrite=overwrite)
+    header = recording_header(model, period_s)
+    return record(measure, RealClock(), path, header, duration_s, until, overwrite=overwrite)
 
 
 def _request_owner(device: str, errand: Command, timeout_s: float) -> dict[str, Any] | None:

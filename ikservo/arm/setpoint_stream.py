@@ -15,6 +15,7 @@ from ikservo.arm.arguments import parse_joint_positions, parse_number
 from ikservo.arm.background_motion import Motion
 from ikservo.arm.context import ArmContext
 from ikservo.arm.following import CartesianOrJointTarget, follow
+from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.reports import MotionProgress
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
@@ -30,14 +31,14 @@ _POLL_PERIOD_S = 0.1  # how soon a waiting sender notices that the control loop 
 
 
 class SetpointMailbox:
-    """Holds the newest setpoint; the program puts, the control loop takes.
+    """Holds the newest setpoint, from the program to the control loop.
 
-    Simulated time would run far ahead of a program that sends now and then. So it waits for the
-    next setpoint of a sender with a rate, and keeps to the computer's time for one without.
+    Simulated time would run far ahead of the program. So it waits for the next setpoint of a sender
+    with a fixed rate, and follows the computer's time for one without.
 
     Args:
         clock: The arm's.
-        period_s: Between two setpoints, for a sender that is paced; None for one that is not.
+        period_s: Between two setpoints of a sender with a fixed rate; None for one without.
         ended: Whether the control loop has ended.
     """
 
@@ -52,10 +53,7 @@ class SetpointMailbox:
         self._taken_count = 0
 
     def put(self, setpoint: CartesianOrJointTarget) -> None:
-        """Leave a setpoint in place of one that was not taken; return when the next is due.
-
-        Without a period it returns at once.
-        """
+        """Replace the setpoint; return when the next is due, without a period at once."""
         with self._changed:
             self._setpoint, self._late = setpoint, False
             self.put_count += 1
@@ -66,33 +64,33 @@ class SetpointMailbox:
             self._await_due(self._period_s)
 
     def close(self) -> None:
-        """Let the control loop end."""
+        """End the control loop."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
     def await_first(self) -> bool:
-        """Wait for a setpoint; return False where the mailbox was closed instead."""
+        """Wait for a setpoint; return whether one came before the mailbox was closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._setpoint is not None)
             return not self._closed
 
     def setpoints(self) -> Iterator[CartesianOrJointTarget | None]:
-        """Yield the newest setpoint at each control cycle, or None; until closed."""
-        begun_s, begun_wall_s = self._clock.now_s(), time.monotonic()
-        self._taken_s, self._late = begun_s, False
+        """Yield the newest setpoint in each control cycle, or None; until closed."""
+        start_s, start_wall_s = self._clock.now_s(), time.monotonic()
+        self._taken_s, self._late = start_s, False
         while not self._closed:
             now_s = self._clock.now_s()
             if not self._real and self._period_s is None:
-                wall_s = time.monotonic() - begun_wall_s
-                time.sleep(max(0.0, now_s - begun_s - wall_s))
+                wall_s = time.monotonic() - start_wall_s
+                time.sleep(max(0.0, now_s - start_s - wall_s))
             yield self._take_setpoint(now_s)
 
     def _take_setpoint(self, now_s: float) -> CartesianOrJointTarget | None:
         with self._changed:
             if self._pauses_clock(now_s):
-                told = self._changed.wait_for(self._has_update, timeout=DEAD_MAN_TIMEOUT_S)
-                self._late = not told
+                updated = self._changed.wait_for(self._has_update, timeout=DEAD_MAN_TIMEOUT_S)
+                self._late = not updated
             setpoint, self._setpoint = self._setpoint, None
             if setpoint is not None:
                 self._taken_s, self._taken_count = self._cycle_instant(now_s), self.put_count
@@ -100,12 +98,12 @@ class SetpointMailbox:
             return setpoint
 
     def _pauses_clock(self, now_s: float) -> bool:
-        """Return whether simulated time stands still until the next setpoint comes."""
+        """Return whether simulated time is paused until the next setpoint."""
         due = self._period_s is not None and now_s - self._taken_s >= self._period_s
         return due and not (self._real or self._late or self._has_update())
 
     def _cycle_instant(self, now_s: float) -> float:
-        """Return the instant that a setpoint taken now belongs to; the sender's rate is kept."""
+        """Return the nominal time of a setpoint taken now, by the sender's rate."""
         planned_s = self._taken_s + (self._period_s or 0.0)
         on_time = self._period_s is not None and now_s - planned_s < self._period_s
         return planned_s if on_time else now_s
@@ -127,7 +125,7 @@ class SetpointMailbox:
                 self._changed.wait(_POLL_PERIOD_S)
 
 
-_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # slower than the first is silence
+_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man timeout
 
 T = TypeVar("T")
 
@@ -137,29 +135,37 @@ class _StartStream(Protocol):
 
 
 class SetpointStream:
-    """Takes setpoints while its block runs; see ``Arm.stream``.
+    """Takes setpoints in a ``with`` block; see ``Arm.stream``.
 
     Attributes:
         unreached: How many setpoints were out of reach; the arm went as near as it could.
-        refused: How many the guard refused; the arm stayed with the one before.
+        refused: How many the guard refused; the arm kept the one before.
         reason: Why the last of those was refused.
     """
 
     def __init__(
-        self, arm: ArmContext, start: _StartStream, speed: str, rate_hz: float | None
+        self,
+        context: ArmContext,
+        runner: MotionRunner,
+        start: _StartStream,
+        speed: str,
+        rate_hz: float | None,
     ) -> None:
-        self._arm, self._start, self._speed = arm, start, speed
+        context.require_zeros()
+        context.model.speed(speed)
+        runner.check_open()
+        self._context, self._runner, self._start, self._speed = context, runner, start, speed
         self._mailbox = SetpointMailbox(
-            arm.servos.clock, _period_s(rate_hz), lambda: self._has_ended
+            context.servos.clock, _period_s(rate_hz), lambda: self._has_ended
         )
         self._motion: Motion[None] | None = None
         self._progress: MotionProgress | None = None
-        self._told = False
+        self._raised = False
         self.unreached = self.refused = 0
         self.reason = ""
 
     def __enter__(self) -> SetpointStream:
-        """Begin to listen; the arm moves with the first setpoint.
+        """Start to take setpoints; the arm moves with the first one.
 
         Raises:
             RefusedError: It was used before, or another stream is open.
@@ -175,17 +181,17 @@ class SetpointStream:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Brake and hold; raise what went wrong, unless the block raised an error itself."""
+        """Brake and hold; raise the stream's error, unless the block raised one itself."""
         self._mailbox.close()
         motion = self._require_motion()
-        if error is None and not self._told:
+        if error is None and not self._raised:
             motion.wait()
         else:
             motion.cancel()
             motion.join()
 
     def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
-        """Go to a setpoint from now on; the newest one counts.
+        """Send a setpoint; it replaces the one before.
 
         It returns at once; with ``rate_hz``, once the next setpoint is due.
 
@@ -198,17 +204,17 @@ class SetpointStream:
             BadValueError: It is none of these, or a number is not finite.
             UnknownNameError: No such joint.
             StoppedError: The arm was stopped; it holds.
-            IkservoError: Whatever ended the stream; the arm holds.
+            IkservoError: The error that ended the stream; the arm holds.
         """
-        wanted = self._check_setpoint(setpoint)
+        checked = self._check_setpoint(setpoint)
         self._check_running()
-        self._mailbox.put(wanted)
+        self._mailbox.put(checked)
         self._check_running()
 
     @property
     def names(self) -> tuple[str, ...]:
         """Return the joints, in the order of arrays (n,)."""
-        return self._arm.servos.names
+        return self._context.servos.names
 
     @property
     def progress(self) -> MotionProgress | None:
@@ -230,10 +236,13 @@ class SetpointStream:
         return self._motion is not None and self._motion.done
 
     def _follow_setpoints(self) -> None:
-        """Follow setpoints; hold while none come."""
-        self._arm.warm_up()
+        """Follow setpoints; hold while there are none."""
+        self._context.warm_up()
         while self._mailbox.await_first():
-            report = follow(self._arm, self._mailbox.setpoints(), self._speed, self._store_progress)
+            report = follow(
+                self._context, self._runner, self._mailbox.setpoints(), self._speed,
+                self._store_progress,
+            )  # fmt: skip
             self.unreached += report.unreached
             self.refused += report.refused
             self.reason = report.reason or self.reason
@@ -249,7 +258,7 @@ class SetpointStream:
     def _check_running(self) -> None:
         motion = self._require_motion()
         if motion.done:
-            self._told = True  # once is enough for a program that handles it
+            self._raised = True  # not again at the end of the block
             motion.wait()
             raise RefusedError("The stream is closed.", "Open another: arm.stream().")
 

@@ -10,6 +10,7 @@ from enum import Enum, auto
 import numpy as np
 
 from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.tick_rounding import SettlingTarget
 from ikservo.calibration import format_source
 from ikservo.control.loop import ControlCycle, ControlLoop
@@ -17,7 +18,7 @@ from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import NotSettledError
 from ikservo.guard import CommandLimits
 from ikservo.kinematics.arrays import Vector
-from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoint
+from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 
 __all__ = [
     "GoalIntegrator",
@@ -30,22 +31,22 @@ __all__ = [
 ]
 
 
-# The goal moves by this share of what is missing each second, and no slower than the second
-# number [rad/s at the horn]: what sticks must come loose in good time.
+# The goal moves by this fraction of the error each second, and no slower than the second number
+# [rad/s at the horn]: stiction must be overcome in good time.
 _FRACTION_PER_S = 4.0
 _MIN_RAD_S = 8 * math.tau / 4096
-# Near its place a joint that has just moved is waited for: one that broke loose still slides.
+# Near its target a joint that has just moved is waited for: after stiction it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
-# More than sensors flicker.
+# Sensor noise is within this.
 _NOISE_TICKS = 1
 
 
 class Saturation(Enum):
-    """What keeps the goal of a joint from going on."""
+    """What limits the correction of a joint."""
 
     LOAD = auto()
-    """The goal leads the joint by as much as the guard allows of a joint at rest."""
+    """The goal leads the joint by as much as the guard allows for a joint at rest."""
     LIMIT = auto()
     """The goal is at a limit of the joint."""
 
@@ -55,8 +56,8 @@ class SaturationReason:
     """Why the goal of a joint goes no further.
 
     Attributes:
-        kind: What keeps it.
-        text: The same for the user, with the limit that binds and where that comes from.
+        kind: What limits it.
+        text: The same for the user, with the limit that binds and its source.
     """
 
     kind: Saturation
@@ -64,51 +65,51 @@ class SaturationReason:
 
 
 class GoalIntegrator:
-    """Integrates what a joint is short of into its goal.
+    """Integrates the error of a joint into its goal.
 
-    It ends at the tick that is wanted. A joint without load sticks and then leaps by a tick or
-    two; when it has gone across, one tick beside is as near as it gets, and it is not turned
-    round for that: on the way back it would lose its play and leap again.
+    It ends at the target tick. A joint without load sticks and then jumps by a tick or two; when
+    it has crossed the target, one tick beside is as near as it gets, and it is not reversed for
+    that: on the way back it would cross its backlash and jump again.
 
     Args:
-        fence: What its servo may be told.
-        goal: Where the goal is, ticks.
-        wanted: Where the joint shall be, ticks; None where it only has to stand still.
+        fence: The limits of its servo's commands.
+        goal: The goal, ticks.
+        target: Where the joint should be, ticks; None where it only has to come to rest.
         acceleration: How fast the goal's speed may change, ticks/s².
 
     Attributes:
-        goal: Where the goal is, ticks with fraction.
-        at: Where the joint was last seen, ticks.
-        still_since_s: Since when the joint stands.
+        goal: The goal, ticks with fraction.
+        at: The last measured position, ticks.
+        still_since_s: Since when the joint is at rest.
     """
 
     def __init__(
-        self, fence: CommandLimits, goal: int, wanted: int | None, acceleration: float
+        self, fence: CommandLimits, goal: int, target: int | None, acceleration: float
     ) -> None:
-        self.fence, self.goal, self.wanted = fence, float(goal), wanted
+        self.fence, self.goal, self.target = fence, float(goal), target
         low, high = fence.tick_range
         self._low, self._high = min(low, goal), max(high, goal)
         self._acceleration = acceleration
         self._slowest = _MIN_RAD_S / fence.joint_map.horn_rad_per_tick
         self._lead = fence.max_lead_ticks(0.0)
-        self.at = self._before = self._anchor = goal if wanted is None else wanted
+        self.at = self._before = self._anchor = goal if target is None else target
         self._moved_s, self.still_since_s = -math.inf, 0.0
         self._side, self._crossed = 0, False
         self._rate = 0.0
 
     @property
     def error_ticks(self) -> int:
-        """Return how many ticks the joint is short of where it is wanted, signed."""
-        return 0 if self.wanted is None else self.wanted - self.at
+        """Return the error of the joint in ticks, signed."""
+        return 0 if self.target is None else self.target - self.at
 
     @property
     def arrived(self) -> bool:
-        """Return whether the joint is as near as it gets."""
+        """Return whether the joint is as near to its target as it gets."""
         return self.error_ticks == 0 or (self._crossed and abs(self.error_ticks) <= 1)
 
     @property
     def saturation_reason(self) -> SaturationReason | None:
-        """What keeps the goal from going on; None where nothing does."""
+        """Why the goal goes no further; None where it does."""
         if self._is_lead_limited():
             return SaturationReason(Saturation.LOAD, "load too high (correction limit reached)")
         end = self._high if self._side > 0 else self._low
@@ -121,20 +122,20 @@ class GoalIntegrator:
         return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
 
     def goal_at(self, after_s: float) -> float:
-        """Return the goal's tick a time after it was last looked at."""
+        """Return the goal's tick a time after the last update."""
         return min(max(self.goal + self._rate * after_s, self._low), self._high)
 
     def update(self, tick: int, time_s: float, elapsed_s: float) -> None:
-        """Take where the joint is, and choose how fast its goal goes on."""
+        """Take the measured position, and choose the speed of the goal."""
         self.goal = self.goal_at(elapsed_s)
         self._track_motion(tick, time_s)
-        wish = self._desired_speed(time_s)
-        most = self._acceleration * elapsed_s
-        self._rate = min(max(wish, self._rate - most), self._rate + most) if wish else 0.0
+        speed = self._desired_speed(time_s)
+        change = self._acceleration * elapsed_s
+        self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
 
     def _track_motion(self, tick: int, time_s: float) -> None:
         if tick != self.at:
-            if tick != self._before:  # back at the tick before it only flickers
+            if tick != self._before:  # back at the tick before is noise
                 self._moved_s = time_s
             self._before, self.at = self.at, tick
         if abs(tick - self._anchor) > _NOISE_TICKS:
@@ -144,7 +145,7 @@ class GoalIntegrator:
         self._side = side or self._side
 
     def _desired_speed(self, time_s: float) -> float:
-        """Return how fast the goal should go on, ticks/s, signed."""
+        """Return the desired speed of the goal, ticks/s, signed."""
         if self.arrived or self._is_lead_limited():
             return 0.0
         if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self._moved_s < _MIN_WAIT_S:
@@ -159,78 +160,78 @@ class GoalIntegrator:
 
 _AT_REST_S = 0.06
 _MAX_DURATION_S = 3.0
-# A joint is short when it is further off than sensors flicker.
+# An error is reported where it exceeds sensor noise.
 _RESIDUAL_TICKS = 2
 
 
 class SettlingTrajectory:
-    """A course that begins at the arm's goals and ends when all joints have arrived and stand.
+    """A trajectory from the arm's goals that ends when all joints have arrived and are at rest.
 
     Args:
-        fences: What the servos may be told.
-        goals: Where their goals are (n,), ticks.
-        wanted: Where the joints shall be, ticks; None for one that keeps its goal.
-        paces: How fast each may go.
+        fences: The limits of the servos' commands.
+        goals: Their goals (n,), ticks.
+        targets: Where the joints should be, ticks; None for one that keeps its goal.
+        limits: The kinematic limits of each.
     """
 
     def __init__(
         self,
         fences: Sequence[CommandLimits],
         goals: Sequence[int],
-        wanted: Sequence[int | None],
-        paces: Sequence[KinematicLimits],
+        targets: Sequence[int | None],
+        limits: Sequence[KinematicLimits],
     ) -> None:
         self._joints = [
             GoalIntegrator(
-                fence, goal, tick, pace.acceleration_rad_s2 / fence.joint_map.unit_per_tick
+                fence, goal, target, limit.acceleration_rad_s2 / fence.joint_map.unit_per_tick
             )
-            for fence, goal, tick, pace in zip(fences, goals, wanted, paces, strict=True)
+            for fence, goal, target, limit in zip(fences, goals, targets, limits, strict=True)
         ]
-        self._seen_s = 0.0
+        self._updated_s = 0.0
         self._end_s = math.inf
 
     @property
     def duration_s(self) -> float:
-        """Return when it ended; infinite while joints are on their way."""
+        """Return when it ended; infinite until all joints have settled."""
         return self._end_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Return where goals are (n,) at a time from the last look at the joints on."""
-        after_s = max(0.0, min(time_s, self._end_s) - self._seen_s)
+        """Return the goals (n,) at a time since the last update."""
+        after_s = max(0.0, min(time_s, self._end_s) - self._updated_s)
         return TrajectoryPoint.at_rest(
             np.array([j.fence.joint_map.position(j.goal_at(after_s)) for j in self._joints])
         )
 
     def update(self, time_s: float, measured: Vector) -> None:
-        """Take where the joints are (n,) at a time; ends the course when they have arrived."""
+        """Take the measured joints (n,); ends the trajectory when they have arrived."""
         for joint, position in zip(self._joints, measured, strict=True):
             tick = joint.fence.joint_map.tick(float(position))
-            joint.update(tick, time_s, time_s - self._seen_s)
-        self._seen_s = time_s
+            joint.update(tick, time_s, time_s - self._updated_s)
+        self._updated_s = time_s
         settled = all(_has_ended(j) for j in self._joints) and not self.moving_joints
         if settled or time_s >= _MAX_DURATION_S:
             self._end_s = min(self._end_s, time_s)
 
     @property
     def moving_joints(self) -> tuple[str, ...]:
-        """Return the joints that have moved just now."""
-        since_s = self._seen_s - _AT_REST_S
+        """Return the joints that are not at rest."""
+        since_s = self._updated_s - _AT_REST_S
         return tuple(j.fence.joint for j in self._joints if j.still_since_s > since_s)
 
     @property
     def measured(self) -> Vector:
-        """Return where the joints were last seen (n,), rad or m."""
+        """Return the last measured joints (n,), rad or m."""
         return np.array([j.fence.joint_map.position(j.at) for j in self._joints])
 
     @property
     def saturated(self) -> tuple[str, ...]:
         """Return the joints that did not arrive and whose goals go no further."""
-        short = (j for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS)
-        return tuple(j.fence.joint for j in short if j.saturation_reason is not None)
+        missed = (j for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS)
+        return tuple(j.fence.joint for j in missed if j.saturation_reason is not None)
 
     @property
     def residuals(self) -> tuple[str, ...]:
-        """Return which joints did not arrive, by how much and why, in words."""
+        """Describe the joints that did not arrive, by how much and why."""
         return tuple(
             _describe_residual(j) for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS
         )
@@ -252,10 +253,10 @@ class SettlingResult:
     """Where a motion ended.
 
     Attributes:
-        measured: Where the joints are (n,), rad or m.
-        residuals: Which joints did not arrive, by how much and why, in words.
+        measured: The joints (n,), rad or m.
+        residuals: The joints that did not arrive, by how much and why.
         motion_s: How long the motion took up to its planned end.
-        settling_s: How long it took from there until all joints stood where they belong.
+        settling_s: How long settling took after that.
     """
 
     measured: Vector
@@ -270,90 +271,86 @@ class SettlingResult:
 
 
 def settle(
-    stream: ControlLoop,
+    loop: ControlLoop,
     servos: ServoGroup,
-    aim: SettlingTarget,
-    paces: Sequence[KinematicLimits],
+    target: SettlingTarget,
+    limits: Sequence[KinematicLimits],
     speed_rad_s: float,
     motion_s: float,
     below: Vector | None = None,
 ) -> SettlingResult:
-    """Lead the goals until the joints stand where they are wanted, as near as they can.
+    """Correct the goals until the joints are at their target, as near as they can.
 
-    Where a joint can go no further the others make up for it, once.
+    Where a joint can go no further the others compensate for it, once.
 
     Args:
-        stream: The way to the servos.
-        servos: The arm, at the end of its motion.
-        aim: Where the joints belong.
-        paces: How fast each may go.
+        loop: Streams to the servos.
+        servos: The servos, at the end of a motion.
+        target: The ticks at which the joints should be.
+        limits: The kinematic limits of each joint.
         speed_rad_s: The motion's top speed at the horns.
-        motion_s: How long the motion took up to here.
-        below: Goals (n,) to which joints with known play go first, see ``backlash_approach``.
+        motion_s: How long the motion took.
+        below: Goals (n,) to which joints with known backlash go first, see ``backlash_approach``.
 
     Raises:
-        NotSettledError: Some joint still moves after three seconds.
+        NotSettledError: A joint still moves after three seconds.
         StoppedError, RefusedError, BusError, ServoAlarmError: See ``ControlLoop.run``.
     """
     started_s = servos.clock.now_s()
     if below is not None:
-        stream.run(JointMove(servos.goals(), below, paces), speed_rad_s=speed_rad_s)
-    first = last = _run_settling(stream, servos, aim.ticks, paces, speed_rad_s)
-    instead = aim.retarget_without(first.saturated, first.measured) if first.saturated else None
+        loop.run(JointMove(servos.goals(), below, limits), speed_rad_s=speed_rad_s)
+    first = last = _run_settling(loop, servos, target.ticks, limits, speed_rad_s)
+    _check_settled(first)
+    instead = target.retarget_without(first.saturated, first.measured) if first.saturated else None
     if instead is not None:
-        last = _run_settling(stream, servos, instead, paces, speed_rad_s)
+        last = _run_settling(loop, servos, instead, limits, speed_rad_s)
+        _check_settled(last)
     settling_s = servos.clock.now_s() - started_s
-    short = tuple(dict.fromkeys(first.residuals + last.residuals))
-    return SettlingResult(last.measured, short, motion_s, settling_s)
+    residuals = tuple(dict.fromkeys(first.residuals + last.residuals))
+    return SettlingResult(last.measured, residuals, motion_s, settling_s)
 
 
-def _run_settling(
-    stream: ControlLoop,
-    servos: ServoGroup,
-    wanted: Sequence[int | None],
-    paces: Sequence[KinematicLimits],
-    speed_rad_s: float,
-) -> SettlingTrajectory:
-    goals = [f.tick(float(goal)) for f, goal in zip(servos.fences, servos.goals(), strict=True)]
-    course = SettlingTrajectory(servos.fences, goals, wanted, paces)
-
-    def look(beat: ControlCycle) -> None:
-        course.update(beat.time_s, beat.measured)
-
-    stream.run(course, look, speed_rad_s=speed_rad_s)
-    if course.moving_joints:
-        names = ", ".join(course.moving_joints)
-        raise NotSettledError(
-            f"{names} did not settle in time.", "Check for a loose horn or a changing load."
-        )
-    return course
-
-
-def settle_at(arm: ArmContext, goal: Vector, speed: str) -> Vector:
-    """Lead the arm's goals until its joints stand at ``goal`` (n,), as near as they can.
+def settle_at(context: ArmContext, runner: MotionRunner, goal: Vector, speed: str) -> Vector:
+    """Correct the arm's goals until its joints are at ``goal`` (n,), as near as they can.
 
     A gripper keeps its goal: it may hold something.
 
     Args:
-        arm: At rest, its goals near there.
-        goal: Where the joints belong, rad or m.
+        context: The arm.
+        runner: Runs the correction as a motion; the goals are near there.
+        goal: The positions of the joints, rad or m.
         speed: slow, normal or fast.
 
     Returns:
-        Where they were at the last beat (n,).
+        The measured joints (n,) of the last control cycle.
     """
-    fences, corrections = arm.servos.fences, list[SettlingTrajectory]()
-    joints = zip(fences, goal.tolist(), strict=True)
-    wanted = [f.tick(at) if f.joint in arm.chain.names else None for f, at in joints]
+    joints = zip(context.servos.fences, goal.tolist(), strict=True)
+    ticks = [f.tick(at) if f.joint in context.chain.names else None for f, at in joints]
+    limits, horn_rad_s = context.planner.motion_limits(speed), context.model.speed(speed).rad_s
+    with runner.motion():
+        return _run_settling(runner.loop, context.servos, ticks, limits, horn_rad_s).measured
 
-    def begin(here: Vector) -> Trajectory:
-        goals = [f.tick(at) for f, at in zip(fences, here.tolist(), strict=True)]
-        corrections.append(
-            SettlingTrajectory(fences, goals, wanted, arm.planner.motion_limits(speed))
+
+def _run_settling(
+    loop: ControlLoop,
+    servos: ServoGroup,
+    ticks: Sequence[int | None],
+    limits: Sequence[KinematicLimits],
+    speed_rad_s: float,
+) -> SettlingTrajectory:
+    goals = [f.tick(float(goal)) for f, goal in zip(servos.fences, servos.goals(), strict=True)]
+    trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits)
+
+    def update(cycle: ControlCycle) -> None:
+        trajectory.update(cycle.time_s, cycle.measured)
+
+    loop.run(trajectory, update, speed_rad_s=speed_rad_s)
+    return trajectory
+
+
+def _check_settled(trajectory: SettlingTrajectory) -> None:
+    if trajectory.moving_joints:
+        names = ", ".join(trajectory.moving_joints)
+        raise NotSettledError(
+            f"{names} did not settle in time.", "Check for a loose horn or a changing load."
         )
-        return corrections[0]
-
-    def look(beat: ControlCycle) -> None:
-        corrections[0].update(beat.time_s, beat.measured)
-
-    return arm.drive(begin, look, speed)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ikservo.arm.plan import MotionPlan
 from ikservo.calibration import Limits
 from ikservo.guard import CommandLimits
-from ikservo.kinematics import Chain
+from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
 
 __all__ = [
@@ -24,14 +24,14 @@ __all__ = [
 
 
 ROTATION_WEIGHT_M = 0.01
-"""Turning the tool by one radian is as bad as missing by this: 0.17 mm for a degree."""
+"""A rotation error of one radian weighs as much as this position error: 0.17 mm a degree."""
 
-# A joint does not leave the solver's answer by a tick for less than this.
+# A joint does not leave the solver's result by a tick for a gain of less than this.
 _TICK_WEIGHT_M = 2e-6
-# So many combinations are looked at in half a millisecond.
+# This many combinations are evaluated in half a millisecond.
 _MAX_COMBINATIONS = 20_000
 _MAX_TICKS = 8
-# Of these many, the best by the Jacobian, the tool's place is computed exactly.
+# For the best by the Jacobian, this many, the tool's pose is computed exactly.
 _FINALISTS = 16
 
 
@@ -40,7 +40,7 @@ def round_to_ticks(
 ) -> tuple[int, ...]:
     """Return the whole ticks near ``q`` with the smallest error of the tool.
 
-    Every joint's rounding moves the tool a little; a few ticks more in one joint make up for
+    Every joint's rounding moves the tool a little; a few ticks more in one joint compensate
     another's. The search is for the whole numbers d with the least ``|E - A d|²``, where A is how
     the tool moves with a tick of each joint: three rows for its position, three for its
     rotation away from the one at ``q``, these weighted by ``ROTATION_WEIGHT_M``. All combinations
@@ -49,20 +49,22 @@ def round_to_ticks(
 
     Args:
         chain: Base to tool.
-        target_m: Where the tip shall be (3,), metres.
-        q: The solver's answer (dof,), rad or m.
-        fences: What each joint of the chain may be told, in its order.
+        target_m: The target of the tip (3,), metres.
+        q: The solver's result (dof,), rad or m.
+        fences: The limits of each joint of the chain, in its order.
 
     Returns:
         Ticks by joint, inside the limits, and never worse than the nearest ones.
     """
     start = np.array([_nearest_tick_inside(f, float(v)) for f, v in zip(fences, q, strict=True)])
     steps = _best_steps(chain, target_m, q, fences, start)
-    there = _positions_at(fences, start + steps)
-    turns = ROTATION_WEIGHT_M * (there - q) @ chain.jacobian(q)[3:].T
-    misses = chain.forward(there)[:, :3, 3] - target_m
+    rounded = _positions_at(fences, start + steps)
+    rotation = ROTATION_WEIGHT_M * (rounded - q) @ chain.jacobian(q)[3:].T
+    position = chain.forward(rounded)[:, :3, 3] - target_m
     costs = (
-        _squared_norms(misses) + _squared_norms(turns) + _TICK_WEIGHT_M**2 * _squared_norms(steps)
+        _squared_norms(position)
+        + _squared_norms(rotation)
+        + _TICK_WEIGHT_M**2 * _squared_norms(steps)
     )
     return tuple(int(tick) for tick in start + steps[int(np.argmin(costs))])
 
@@ -71,21 +73,21 @@ def _best_steps(
     chain: Chain, target_m: Vector, q: Vector, fences: Sequence[CommandLimits], start: Vector
 ) -> Matrix:
     """Return the most promising steps (k, dof) from the nearest ticks, no step at all the first."""
-    here = _positions_at(fences, start[None])[0]
-    T, J = chain.forward_and_jacobian(here)
+    nearest = _positions_at(fences, start[None])[0]
+    T, J = chain.forward_and_jacobian(nearest)
     weights = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M])
     A = weights[:, None] * J * _tick_units(fences, start)
-    E = np.concatenate([target_m - T[:3, 3], ROTATION_WEIGHT_M * J[3:] @ (q - here)])
+    E = np.concatenate([target_m - T[:3, 3], ROTATION_WEIGHT_M * J[3:] @ (q - nearest)])
     low, high = (
         np.array(ends) - start for ends in zip(*(f.tick_range for f in fences), strict=True)
     )
     steps = _step_grid(A, low, high)
     lead = int(np.argmax(_squared_norms(A.T)))
-    left = E - steps @ A.T
-    best = np.rint(left @ A[:, lead] / (A[:, lead] @ A[:, lead]))
+    residual = E - steps @ A.T
+    best = np.rint(residual @ A[:, lead] / (A[:, lead] @ A[:, lead]))
     steps[:, lead] = np.clip(best, low[lead], high[lead])
-    left -= steps[:, lead : lead + 1] * A[:, lead]
-    costs = _squared_norms(left) + _TICK_WEIGHT_M**2 * _squared_norms(steps)
+    residual -= steps[:, lead : lead + 1] * A[:, lead]
+    costs = _squared_norms(residual) + _TICK_WEIGHT_M**2 * _squared_norms(steps)
     finalists = np.argsort(costs, kind="stable")[:_FINALISTS]
     return np.vstack([np.zeros(len(start)), steps[finalists]])
 
@@ -115,7 +117,7 @@ def _nearest_tick_inside(fence: CommandLimits, position: float) -> int:
 
 
 def _tick_units(fences: Sequence[CommandLimits], ticks: Vector) -> Vector:
-    """Return what one tick more does to each joint there (dof,), rad or m, signed."""
+    """Return by how much one tick moves each joint (dof,), rad or m, signed."""
     return np.array(
         [
             f.joint_map.position(t + 0.5) - f.joint_map.position(t - 0.5)
@@ -141,7 +143,7 @@ def _squared_norms(rows: Matrix) -> Vector:
 _ITERATIONS = 4
 # Near a singularity a step would be large and of no use.
 _DAMPING_M = 0.01
-# A joint goes no further than this for another: a tool that tilts by more is another pose.
+# A joint compensates for another by no more than this: a tool that tilts by more is another pose.
 _MAX_STEP_RAD = 0.05
 
 
@@ -153,12 +155,12 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
 
     Args:
         chain: Base to tool.
-        target_m: Where the tip shall be (3,), metres.
+        target_m: The target of the tip (3,), metres.
         q: Where the joints are (dof,), rad or m.
         held: Names of the joints that stay.
 
     Returns:
-        The joints, or None where the others cannot halve what is missing.
+        The joints, or None where the others cannot halve the error.
     """
     free = np.array([name not in held for name in chain.names])
     low, high = chain.clip(q - _MAX_STEP_RAD), chain.clip(q + _MAX_STEP_RAD)
@@ -174,85 +176,92 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
 
 
 class SettlingTarget:
-    """What a motion is to arrive at.
+    """The ticks at which a motion should end.
 
-    Joints of the chain that a motion of joints leaves alone belong where they stood: their goals
-    lead them by what their load pulls, and that changes with the arm's posture.
+    Joints of the chain that a motion of joints leaves alone keep their measured position: their
+    goals lead it by the sag under load, which changes with the arm's configuration.
 
     Args:
         chain: Base to tool.
-        fences: What the servos may be told.
+        index: The columns of the chain's joints.
+        fences: The limits of each joint's commands.
         plan: The motion.
-        stood: Where the joints were before it (n,), rad or m.
+        measured: The joints before it (n,), rad or m.
 
     Attributes:
-        ticks: Where each joint belongs; None for one besides the chain that is left alone: a
-            gripper presses on.
+        ticks: The tick of each joint; None for one besides the chain that is left alone: a
+            gripper keeps its goal and presses on.
     """
 
     def __init__(
-        self, chain: Chain, fences: Sequence[CommandLimits], plan: MotionPlan, stood: Vector
+        self,
+        chain: Chain,
+        index: JointIndex,
+        fences: Sequence[CommandLimits],
+        plan: MotionPlan,
+        measured: Vector,
     ) -> None:
-        self._chain, self._fences, self._target_m = chain, fences, plan.target_m
-        names = [fence.joint for fence in fences]
-        self._columns = [names.index(name) for name in chain.names]
+        self._chain, self._index, self._fences = chain, index, fences
+        self._target_m = plan.target_m
         joints = zip(fences, plan.start, plan.goal, strict=True)
         self.ticks = [None if start == goal else f.tick(float(goal)) for f, start, goal in joints]
-        for column in self._columns:
+        for column in index.chain:
             if self.ticks[column] is None:
-                self.ticks[column] = fences[column].tick(float(stood[column]))
+                self.ticks[column] = fences[column].tick(float(measured[column]))
         if plan.target_m is not None:
-            self.ticks = self._round_to_nearest(plan.target_m, plan.goal[self._columns], ())
+            q = index.chain_joints(plan.goal)
+            self.ticks = self._round_to_nearest(plan.target_m, q, ())
 
     def retarget_without(self, held: Collection[str], measured: Vector) -> list[int | None] | None:
-        """Return where the joints belong when some can go no further, None if that is no help.
+        """Return the ticks of all joints when some can go no further; None if that is no help.
 
         Args:
             held: The joints that stay where they are.
-            measured: Where all joints are (n,), rad or m.
+            measured: All joints (n,), rad or m.
         """
         if self._target_m is None or not set(held) & set(self._chain.names):
             return None
-        q = compensate(self._chain, self._target_m, measured[self._columns], held)
+        q = compensate(self._chain, self._target_m, self._index.chain_joints(measured), held)
         return None if q is None else self._round_to_nearest(self._target_m, q, held)
 
     def _round_to_nearest(
         self, target_m: Vector, q: Vector, held: Collection[str]
     ) -> list[int | None]:
-        fences = [self._fences[column] for column in self._columns]
+        fences = [self._fences[column] for column in self._index.chain]
         narrowed = [
             replace(f, limits=Limits.of(f.joint, float(x), float(x), "held"))
             if f.joint in held
             else f
             for f, x in zip(fences, q, strict=True)
         ]
-        wanted = list(self.ticks)
+        ticks = list(self.ticks)
         found = round_to_ticks(self._chain, target_m, q, narrowed)
-        for column, tick in zip(self._columns, found, strict=True):
-            wanted[column] = tick
-        return wanted
+        for column, tick in zip(self._index.chain, found, strict=True):
+            ticks[column] = tick
+        return ticks
 
 
-# So far below its place a joint has certainly come through its play.
+# This far below its goal a joint has certainly crossed its backlash.
 _MARGIN_TICKS = 3
 
 
 def backlash_approach(
     goals: Vector, moved: NDArray[np.bool_], backlash: Vector, fences: Sequence[CommandLimits]
 ) -> Vector | None:
-    """Return goals (n,) from which each joint with known play creeps up to its place.
+    """Return goals (n,) from which each joint with known backlash approaches its goal from below.
 
-    On which flank of its play a joint comes to rest depends on where it came from and on how it
-    braked: the same reading, the play apart. So it goes below its place by its play, and up.
+    On which flank of its backlash a joint comes to rest depends on the direction it came from and
+    on how it braked: the same reading at positions a backlash apart. So it goes below its goal by
+    its backlash, then up.
 
     Args:
-        goals: What the servos are told at the end of a motion (n,), rad or m.
+        goals: The servos' goals at the end of a motion (n,), rad or m.
         moved: Whether each joint took part in it (n,).
-        backlash: The play of each (n,), rad or m; 0 where it is not known.
-        fences: What each may be told.
+        backlash: Of each joint (n,), rad or m; 0 where it is not known.
+        fences: The limits of each.
 
     Returns:
-        The goals, inside the limits; None where no joint with known play has moved.
+        The goals, inside the limits; None where no joint with known backlash has moved.
     """
     chosen = moved & (backlash > 0.0)
     if not chosen.any():

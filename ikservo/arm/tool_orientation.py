@@ -1,18 +1,37 @@
-"""The tool orientation that a motion asks for: pitch, roll, direction, or as it is now."""
+"""The tool orientation of a motion, and joint positions that have it at a point."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arm.arguments import parse_number
-from ikservo.errors import BadValueError
-from ikservo.ik import Posture, Target
+from ikservo.errors import BadValueError, OrientationError
+from ikservo.ik import Options, Posture, Result, Solver, Target, solve
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import log_so3, make_pose
+from ikservo.model.tool import ToolFrame, direction_from_angles
+from ikservo.motion.cartesian import ORIENTATION_TOLERANCE_RAD
+from ikservo.motion.path import ArmPlane
 
-__all__ = ["KEEP_BEST_EFFORT", "ToolOrientation", "check_orientation"]
+__all__ = [
+    "KEEP_BEST_EFFORT",
+    "KEPT_ORIENTATION_TOLERANCE_RAD",
+    "MAX_HEADING_ITERATIONS",
+    "POSITION_TOLERANCE_M",
+    "OrientationSolution",
+    "OrientationSolver",
+    "ToolOrientation",
+    "check_orientation",
+    "check_orientation_error",
+    "keep_orientation",
+    "solve_with_orientation",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,3 +128,252 @@ def check_orientation(stance: object, orientation: ArrayLike | None = None) -> T
             "The stance", repr(stance), "a ToolOrientation, such as ToolOrientation(pitch_rad=0.0)"
         )
     return stance if orientation is None else replace(stance, orientation=orientation)
+
+
+MAX_HEADING_ITERATIONS = 6
+"""So often a heading that the tool is to have is found anew from the answer."""
+
+KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4
+POSITION_TOLERANCE_M = 1e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientationSolution:
+    """Joints for a point, and how the tool stands there.
+
+    Attributes:
+        solution: What the solver answered; ``reached`` and the error speak of the position.
+        error_rad: How far the tool is from how it should stand.
+    """
+
+    solution: Result
+    error_rad: float
+
+
+def keep_orientation(
+    chain: Chain, target: Target, here: Vector, plain: Result
+) -> OrientationSolution:
+    """Return the joints near the plain answer at which the tool stands most as it does now."""
+    plane = ArmPlane(chain)
+    first = plane.rotation(here).T @ chain.forward(here)[:3, :3]
+    solver = Solver(chain, "pose", options=Options(position_first=True))
+    q, wanted = plain.q, first
+    for _ in range(MAX_HEADING_ITERATIONS):
+        before, wanted = plane.angle_rad(q), plane.rotation(q) @ first
+        found, _ = solver.track(make_pose(target.position, wanted), q)
+        if solver.result.position_error_m > POSITION_TOLERANCE_M:
+            break
+        q = found
+        if abs(plane.angle_rad(q) - before) < KEPT_ORIENTATION_TOLERANCE_RAD:
+            break
+    left = log_so3(wanted @ chain.forward(q)[:3, :3].T)
+    return OrientationSolution(_result_at(chain, target, plain, q), float(np.linalg.norm(left)))
+
+
+def _result_at(chain: Chain, target: Target, plain: Result, q: Vector) -> Result:
+    nearest_m = chain.forward(q)[:3, 3]
+    gap_m = float(np.linalg.norm(nearest_m - target.position))
+    return replace(plain, q=q, nearest_m=nearest_m, position_error_m=gap_m)
+
+
+# Few starts: most questions here have no exact answer, and each start is tried in vain.
+_RESTARTS = 20
+_NOWHERE_M, _UPRIGHT = 1e-6, 0.99
+_POSE_DOF = 6  # so many joints it takes to have any orientation at a point
+
+
+class OrientationSolver:
+    """Asks for one stance at one point, from where the arm is."""
+
+    def __init__(
+        self, chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, here: Vector
+    ) -> None:
+        self._chain, self._tool, self._target = chain, tool, target
+        self._stance, self._here = stance, here
+        self._first = chain.forward(here)[:3, :3]
+
+    def candidates(self, plain: Result) -> Iterator[OrientationSolution]:
+        """Yield answers, those near the plain one first."""
+        whole = self._target_rotation()
+        if whole is not None:
+            yield from self._solve_target(whole, plain.q)
+        elif self._stance.pitch_rad is None and self._stance.direction is not None:
+            yield from self._solve_direction(plain.q)
+        else:
+            pitch_rad = self._stance.pitch_rad
+            if pitch_rad is None:
+                level = keep_orientation(self._chain, self._target, self._here, plain).solution.q
+                pitch_rad = self._tool.pitch_rad(self._tool_rotation(level))
+            outward = self._outward_rad(plain.q)
+            for heading_rad in (outward, self._heading_rad(plain.q), outward + math.pi):
+                yield from self._solve_pitch(heading_rad, pitch_rad, plain.q)
+
+    def _target_rotation(self) -> Matrix | None:
+        """Return the whole orientation (3, 3) that is asked for; None where a part of it is."""
+        if self._stance.keep:
+            return self._first
+        return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
+
+    def evaluate(self, solution: Result) -> OrientationSolution:
+        """Return how the tool stands in a solution."""
+        return OrientationSolution(solution, self._orientation_error_rad(solution.q))
+
+    def check_error(self, solved: OrientationSolution) -> float:
+        """Return what is left, if it is little.
+
+        Raises:
+            OrientationError: It is more than half a degree.
+        """
+        if solved.error_rad > ORIENTATION_TOLERANCE_RAD:
+            raise OrientationError(
+                self._target.position.tolist(),
+                str(self._stance),
+                self._describe_orientation(solved.solution.q),
+                solved.error_rad,
+                [str(limit) for limit in solved.solution.binding],
+                self._describe_missing_freedom(),
+            )
+        return solved.error_rad
+
+    def _describe_missing_freedom(self) -> str:
+        """Say in words what the arm lacks for a whole orientation; nothing where it has it."""
+        if self._target_rotation() is None or self._chain.dof >= _POSE_DOF:
+            return ""
+        return (
+            f"{self._chain.dof} joints reach few orientations; a whole pose takes {_POSE_DOF}. "
+            "Ask for a direction or a pitch instead."
+        )
+
+    def _describe_orientation(self, q: Vector) -> str:
+        """Say how the tool stands at joints, in the terms of what was asked."""
+        R = self._tool_rotation(q)
+        roll_rad = self._tool.roll_rad(R, self._outward_rad(q))
+        x, y, z = (R @ self._tool.approach_axis).tolist()
+        words = [
+            f"pitch {math.degrees(self._tool.pitch_rad(R)):z.1f}°",
+            f"roll {math.degrees(roll_rad):z.1f}°",
+            f"direction {x:z.3f},{y:z.3f},{z:z.3f}",
+        ]
+        return ", ".join(words)
+
+    def _solve_direction(self, q: Vector) -> Iterator[OrientationSolution]:
+        wanted = Target((0, 0, 0), direction=self._stance.direction).target_axis
+        if wanted is None or self._stance.roll_rad is None:
+            yield from self._solve_target(wanted, q)
+            return
+        upright = math.hypot(wanted[0], wanted[1]) < math.cos(math.radians(89.5))
+        heading_rad = self._outward_rad(q) if upright else math.atan2(wanted[1], wanted[0])
+        pitch_rad = math.asin(float(wanted[2]))
+        R = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
+        yield from self._solve_target(R, q)
+
+    def _solve_pitch(
+        self, heading_rad: float, pitch_rad: float, q: Vector
+    ) -> Iterator[OrientationSolution]:
+        """Yield answers with a pitch, each with the heading that the arm had in the one before."""
+        for _ in range(MAX_HEADING_ITERATIONS):
+            if self._stance.roll_rad is None:
+                wanted = direction_from_angles(heading_rad, pitch_rad)
+            else:
+                wanted = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
+            found = list(self._solve_target(wanted, q))
+            yield from found
+            if not found or found[0].error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
+                return
+            q = found[0].solution.q
+            before, heading_rad = heading_rad, self._heading_rad(q)
+            if abs(math.remainder(heading_rad - before, math.tau)) < KEPT_ORIENTATION_TOLERANCE_RAD:
+                return
+
+    def _solve_target(
+        self, wanted: Matrix | Vector | None, q: Vector
+    ) -> Iterator[OrientationSolution]:
+        """Yield answers that have the point and an orientation (3, 3) or direction (3,)."""
+        of_axis = wanted is None or wanted.ndim == 1
+        target = Target(
+            self._target.position,
+            direction=wanted if of_axis else None,
+            orientation=None if of_axis else wanted,
+            tool_axis=self._tool.approach_axis,
+        )
+        for restarts in (1, _RESTARTS):
+            result = solve(self._chain, target, q, position_first=True, restarts=restarts)
+            if result.position_error_m <= POSITION_TOLERANCE_M:
+                yield self.evaluate(replace(result, reached=True))
+
+    def _orientation_error_rad(self, q: Vector) -> float:
+        """Return how far the tool is from what was asked, at joints (dof,)."""
+        R, stance, left = self._tool_rotation(q), self._stance, [0.0]
+        if stance.pitch_rad is not None:
+            left.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
+        if stance.roll_rad is not None:
+            roll_rad = self._tool.roll_rad(R, self._outward_rad(q))
+            left.append(abs(math.remainder(roll_rad - stance.roll_rad, math.tau)))
+        if stance.direction is not None:
+            wanted = Target(
+                (0, 0, 0), direction=stance.direction, tool_axis=self._tool.approach_axis
+            )
+            left.append(float(np.linalg.norm(wanted.orientation_error(R))))
+        whole = self._target_rotation()
+        if whole is not None:
+            left.append(float(np.linalg.norm(log_so3(whole @ R.T))))
+        return max(left)
+
+    def _tool_rotation(self, q: Vector) -> Matrix:
+        return self._chain.forward(q)[:3, :3]
+
+    def _heading_rad(self, q: Vector) -> float:
+        own = self._tool.heading_rad(self._tool_rotation(q))
+        return self._outward_rad(q) if own is None else own
+
+    def _outward_rad(self, q: Vector) -> float:
+        """Return the heading from the axis of the first joint to the tip."""
+        T, J = self._chain.forward_and_jacobian(q)
+        away = np.cross(J[:3, 0], J[3:, 0])
+        x, y = (away if abs(float(J[5, 0])) > _UPRIGHT else T[:3, 3])[:2].tolist()
+        return 0.0 if math.hypot(x, y) < _NOWHERE_M else math.atan2(y, x)
+
+
+def solve_with_orientation(
+    chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, here: Vector
+) -> OrientationSolution:
+    """Find joints for a point, the position exactly and then the stance as well as it can be.
+
+    Args:
+        chain: The arm.
+        tool: Its axes.
+        target: The point.
+        stance: How the tool shall stand.
+        here: The joints now (dof,): where to start, and what to keep.
+
+    Returns:
+        The answer; where ``solution.reached`` is false, nothing reaches the point.
+
+    Raises:
+        OrientationError: It is asked for, and more than half a degree is left.
+    """
+    plain = solve(chain, target, here, posture=stance.posture)
+    if not plain.reached or stance.posture is not None:
+        return OrientationSolution(plain, 0.0)
+    if not stance.is_constrained:
+        return keep_orientation(chain, target, here, plain)
+    asker = OrientationSolver(chain, tool, target, stance, here)
+    best = asker.evaluate(plain)
+    for answer in asker.candidates(plain):
+        best = min(best, answer, key=lambda each: each.error_rad)
+        if best.error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
+            break
+    asker.check_error(best)
+    return best
+
+
+def check_orientation_error(
+    chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, solution: Result
+) -> float:
+    """Return how far the tool is from how it should stand in a solution, rad.
+
+    Raises:
+        OrientationError: It is more than half a degree.
+    """
+    asker = OrientationSolver(chain, tool, target, stance, solution.q)
+    return asker.check_error(asker.evaluate(solution))

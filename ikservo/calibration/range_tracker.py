@@ -96,29 +96,42 @@ _NOISE_TICKS = 4
 
 @dataclass(frozen=True, slots=True)
 class StillnessDetector:
-    """The unwrapped ticks of the last half second, by servo."""
+    """The positions of the last while, by servo or joint: unwrapped ticks, rad or m.
 
-    readings: tuple[tuple[float, Mapping[int, int]], ...] = ()
+    Attributes:
+        window_s: For how long nothing may move.
+        tolerance: By how much positions may vary at rest.
+        readings: Times and positions within the window, and the last ones before it.
+    """
 
-    def add_reading(self, at_s: float, ticks: Mapping[int, int]) -> StillnessDetector:
-        """Return it with one more reading; those older than half a second are dropped."""
-        kept = [row for row in self.readings if row[0] > at_s - _WINDOW_S]
-        older = [row for row in self.readings if row[0] <= at_s - _WINDOW_S][-1:]
-        return replace(self, readings=(*older, *kept, (at_s, ticks)))
+    window_s: float = _WINDOW_S
+    tolerance: float = _NOISE_TICKS
+    readings: tuple[tuple[float, Mapping[int, float]], ...] = ()
+
+    def add_reading(self, at_s: float, positions: Mapping[int, float]) -> StillnessDetector:
+        """Return it with one more reading, without those that are too old."""
+        start_s = at_s - self.window_s
+        recent = [row for row in self.readings if row[0] > start_s]
+        before = [row for row in self.readings if row[0] <= start_s][-1:]
+        return replace(self, readings=(*before, *recent, (at_s, positions)))
+
+    def restarted(self) -> StillnessDetector:
+        """Return it without readings."""
+        return replace(self, readings=())
 
     def is_at_rest(self) -> bool:
-        """Return whether nothing has moved for half a second."""
-        if len(self.readings) < 3 or self.readings[-1][0] - self.readings[0][0] < _WINDOW_S:
+        """Return whether nothing has moved within the window."""
+        if len(self.readings) < 3 or self.readings[-1][0] - self.readings[0][0] < self.window_s:
             return False
-        return all(max(column) - min(column) <= _NOISE_TICKS for column in self._ticks_by_servo())
+        return all(max(column) - min(column) <= self.tolerance for column in self._columns())
 
     def mean_ticks(self) -> dict[int, float]:
-        """Return the mean tick of each servo over the window."""
-        means = (sum(column) / len(column) for column in self._ticks_by_servo())
+        """Return the mean position of each servo over the window."""
+        means = (sum(column) / len(column) for column in self._columns())
         return dict(zip(self.readings[-1][1], means, strict=True))
 
-    def _ticks_by_servo(self) -> list[list[int]]:
-        return [[ticks[i] for _, ticks in self.readings] for i in self.readings[-1][1]]
+    def _columns(self) -> list[list[float]]:
+        return [[positions[i] for _, positions in self.readings] for i in self.readings[-1][1]]
 
 
 _MIN_MOTION_DEG = 15.0

@@ -102,7 +102,7 @@ def _check_each_joint(machine: Arm, joints: Sequence[str], *, yes: bool) -> list
         )
     machine.enable()  # a limp arm sinks: motions are judged from where it holds
     # It may have sunk past a limit.
-    machine.workings.return_within_limits()
+    machine.return_within_limits()
     _lift_clear(machine, interactive=interactive)
     motions: list[DirectionCheck] = []
     names = [machine.model.joint(name).name for name in joints]

@@ -86,8 +86,8 @@ def _print_start(leading: Arm, machine: Arm) -> None:
 
 
 def _make_end_check(machine: Arm, time_s: float | None) -> Callable[[], bool]:
-    end_s = None if time_s is None else machine.workings.now_s() + time_s
-    return lambda: end_s is not None and machine.workings.now_s() >= end_s
+    end_s = None if time_s is None else machine.clock.now_s() + time_s
+    return lambda: end_s is not None and machine.clock.now_s() >= end_s
 
 
 def _rejection_text(reason: str) -> str:

@@ -104,8 +104,8 @@ def command(
 def _parse_speed(machine: Arm, what: str, speed: str | None) -> float | None:
     if speed is None:
         return None
-    slides = what in JOG_DIRECTIONS and what not in machine.workings.servos.names
-    if not slides and what in machine.workings.servos.names:
+    slides = what in JOG_DIRECTIONS and what not in machine.joint_names
+    if not slides and what in machine.joint_names:
         slides = machine.model.joint(what).joint_map.unit == "m"
     return parse_length_m(speed) if slides else parse_angle_rad(speed)
 
@@ -114,8 +114,8 @@ def _parse_speed(machine: Arm, what: str, speed: str | None) -> float | None:
 def _keep_going_check(machine: Arm, time_s: float | None) -> Generator[KeepGoing]:
     """Yield a function that returns whether to continue: until a time, or while a key is held."""
     if time_s is not None:
-        end_s = machine.workings.now_s() + time_s
-        yield lambda: machine.workings.now_s() < end_s
+        end_s = machine.clock.now_s() + time_s
+        yield lambda: machine.clock.now_s() < end_s
         return
     print_status("Hold the space bar to move; release it to stop.")
     with read_keys() as key:
@@ -125,13 +125,13 @@ def _keep_going_check(machine: Arm, time_s: float | None) -> Generator[KeepGoing
 
 
 def _key_held_check(machine: Arm, key: Keys) -> KeepGoing:
-    pressed_s = machine.workings.now_s()
+    pressed_s = machine.clock.now_s()
 
     def keep_going() -> bool:
         nonlocal pressed_s
         if " " in key():
-            pressed_s = machine.workings.now_s()
-        return machine.workings.now_s() - pressed_s < _HOLD_S
+            pressed_s = machine.clock.now_s()
+        return machine.clock.now_s() - pressed_s < _HOLD_S
 
     return keep_going
 

@@ -131,11 +131,9 @@ def _plan_motion(
 
 
 def _print_preview(plan: MotionPlan, machine: Arm, *, json: bool) -> None:
-    workings = machine.workings
-    goals = dict(zip(workings.servos.names, plan.goal.tolist(), strict=True))
+    goals = machine.joint_index.by_name(plan.goal)
     joints = {name: goals[name] for name in machine.chain.names}
-    change_rad = workings.planner.rotation_between(plan.start, plan.goal)
-    print_plan(plan, machine.model, joints, change_rad, json=json)
+    print_plan(plan, machine.model, joints, plan.orientation_change_rad, json=json)
 
 
 def _print_move_report(report: MoveResult, *, json: bool) -> None:

@@ -61,7 +61,7 @@ def _plan_fields(plan: MotionPlan, goal: Mapping[str, float]) -> dict[str, objec
         "speed": plan.speed,
         "binding": _limiting_lines(plan),
         "near_limits": [
-            {"joint": near.joint, "side": near.side, f"room_{near.unit}": near.room}
+            {"joint": near.joint, "side": near.side, f"room_{near.unit}": near.margin}
             for near in plan.near_limits
         ],
         "orientation_error_rad": plan.orientation_error_rad,
@@ -89,5 +89,5 @@ def _limiting_lines(plan: MotionPlan) -> list[str]:
 
 
 def _format_near_limit(near: NearLimit) -> str:
-    room = f"{near.room:.4f} m" if near.unit == "m" else f"{math.degrees(near.room):.1f}°"
+    room = f"{near.margin:.4f} m" if near.unit == "m" else f"{math.degrees(near.margin):.1f}°"
     return f"{near.joint} to {room} from its {near.side} limit"

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.replay import ReplayResult, load_replay
+from ikservo.arm.replay import ReplayResult
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import (
     ArmOption,
@@ -47,9 +47,7 @@ def command(
     ikservo replay wave.jsonl --arm so101 --port sim
     """
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        machine.zeros.require_known(machine.model.name)
-        machine.model.speed(speed)
-        recording, playback = load_replay(machine.workings, file, speed)
+        recording, playback = machine.load_replay(file, speed=speed)
         slowdown = (
             f", {playback.slowdown:.1f} times slower than recorded" if playback.slowdown > 1 else ""
         )
@@ -76,7 +74,7 @@ def _print_replay_report(report: ReplayResult, *, json: bool) -> None:
             "replay",
             samples=report.samples,
             duration_s=report.duration_s,
-            slowdown=report.slower,
+            slowdown=report.slowdown,
             error_rad=report.error_rad,
             measured_rad=report.measured_rad,
             measured_tip_m=report.measured_tip_m,

@@ -207,12 +207,12 @@ def _solve_with_orientation(
     model: Model, target: Target, orientation: ToolOrientation, start: Vector
 ) -> Result:
     """Return joints with the tool orientation that ``move`` would use."""
-    from ikservo.arm.orientation_solver import solve_with_orientation  # noqa: PLC0415  # rarely used
+    from ikservo.arm.tool_orientation import solve_with_orientation  # noqa: PLC0415  # rarely used
 
     oriented = solve_with_orientation(
         model.chain, tool_frame(model), Target(target.position), orientation, start
     )
-    return replace(oriented.solution, orientation_error_rad=oriented.left_rad)
+    return replace(oriented.solution, orientation_error_rad=oriented.error_rad)
 
 
 def _print_all(

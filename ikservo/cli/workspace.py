@@ -206,7 +206,7 @@ def command(
 
 
 def _make_clearance(model: Model) -> Clear:
-    from ikservo.arm.clearance import make_collision_filter  # noqa: PLC0415  # brings the servos along
+    from ikservo.arm.opening import make_collision_filter  # noqa: PLC0415  # brings the servos along
 
     return make_collision_filter(model)
 

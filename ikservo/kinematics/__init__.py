@@ -10,6 +10,7 @@ from ikservo.kinematics.conditioning import (
     manipulability,
     nearest_singularity,
 )
+from ikservo.kinematics.joint_index import JointIndex
 from ikservo.kinematics.joints import ChainJoint, Joint, JointType, Mimic
 from ikservo.kinematics.packed import pack_chain
 
@@ -18,6 +19,7 @@ __all__ = [
     "ChainJoint",
     "Conditioning",
     "Joint",
+    "JointIndex",
     "JointType",
     "Mimic",
     "Singularity",

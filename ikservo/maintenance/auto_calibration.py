@@ -6,7 +6,9 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
+from ikservo.arm.arm import Arm
 from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
 from ikservo.calibration import Limit, Limits
 from ikservo.calibration.homing import TickRange
 from ikservo.calibration.procedure import CalibrationState
@@ -22,7 +24,7 @@ from ikservo.maintenance.auto_calibration_setup import (
     PosturePlanner,
     can_probe,
     configure_encoders,
-    open_limited_arm,
+    limited_context,
 )
 from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import Model
@@ -65,111 +67,110 @@ class ContactResult:
 
 
 def probe_end_stop(
-    arm: ArmContext,
+    context: ArmContext,
+    runner: MotionRunner,
     bus: ServoBus,
     joint: str,
     end: float,
-    share: float,
-    watch: Callable[[Vector], None],
+    fraction: float,
+    on_positions: Callable[[Vector], None],
 ) -> ContactResult:
     """Drive a joint towards a position until it stands against something, then back off.
 
     Args:
-        arm: The arm behind its fence, torque on.
+        context: The arm with the limits of the search, torque on.
+        runner: Runs the motion.
         bus: Its servos.
         joint: Which.
-        end: Where it is sent, rad or m: past the stop that is looked for.
-        share: How much of its torque the servo may use, 0 to 1; all of it again afterwards.
-        watch: Takes the measured joints (n,) at each beat.
+        end: Its goal, rad or m: past the stop that is searched.
+        fraction: Of its torque that the servo may use, 0 to 1; all of it again afterwards.
+        on_positions: Called with the measured joints (n,) in every control cycle.
 
     Raises:
         StoppedError: The person interrupted; the arm holds.
         RefusedError: The guard stopped it; the arm holds.
     """
-    search = _Search(arm, bus, joint, end, share, watch)
+    search = _EndStopSearch(context, bus, joint, end, fraction, on_positions)
     try:
-        arm.drive(search.start_trajectory, search.on_cycle, "slow")
+        runner.run(search.start_trajectory, search.on_cycle, "slow")
     finally:
-        arm.servos.limit_force(joint, 1.0)
-    return ContactResult(search.furthest, search.feeler.contact)
+        context.servos.limit_force(joint, 1.0)
+    return ContactResult(search.furthest, search.detector.contact)
 
 
-class _Search:
+class _EndStopSearch:
     def __init__(
         self,
-        arm: ArmContext,
+        context: ArmContext,
         bus: ServoBus,
         joint: str,
         end: float,
-        share: float,
-        watch: Callable[[Vector], None],
+        fraction: float,
+        on_positions: Callable[[Vector], None],
     ) -> None:
-        self._arm, self._bus, self._joint, self._end = arm, bus, joint, end
-        self._share, self._watch = share, watch
-        self._column = arm.planner.joint_index(joint)
-        joint_map = arm.servos.fences[self._column].joint_map
+        self._context, self._bus, self._joint, self._end = context, bus, joint, end
+        self._fraction, self._on_positions = fraction, on_positions
+        self._column = context.index.column(joint)
+        joint_map = context.servos.fences[self._column].joint_map
         self._servo = bus.servos[joint_map.servo_id]
         self._per_horn = joint_map.unit_per_horn_rad
-        self._pursuit: OnlineTrajectory | None = None
-        self._looked_s = -math.inf
+        self._trajectory: OnlineTrajectory | None = None
+        self._polled_s = -math.inf
         self._leaving = False
-        self.feeler = EndStopDetector(max_load_percent=100.0 * share)
+        self.detector = EndStopDetector(max_load_percent=100.0 * fraction)
         self.furthest = math.nan
 
-    def start_trajectory(self, here: Vector) -> OnlineTrajectory:
-        self._arm.servos.limit_force(self._joint, self._share)  # torque has come on by now
-        lower, upper = self._arm.limits()
-        self._pursuit = OnlineTrajectory(here, self._slow_limits(), lower=lower, upper=upper)
-        self._pursuit.retarget(self._with_position(here, self._end), 0.0)
-        return self._pursuit
+    def start_trajectory(self, start: Vector) -> OnlineTrajectory:
+        self._context.servos.limit_force(self._joint, self._fraction)  # after torque-on
+        lower, upper = self._context.limits()
+        self._trajectory = OnlineTrajectory(start, self._slow_limits(), lower=lower, upper=upper)
+        self._trajectory.retarget(self._with_position(start, self._end), 0.0)
+        return self._trajectory
 
     def _slow_limits(self) -> list[KinematicLimits]:
-        """Return paces that are slow and yet stop soon: the goal must not run past the stop."""
-        planner = self._arm.planner
+        """Return limits that are slow and yet stop soon: the goal must not run past the stop."""
+        planner = self._context.planner
         pairs = zip(planner.motion_limits("slow"), planner.motion_limits("normal"), strict=True)
         return [
             replace(soon, speed_rad_s=_SPEED_FRACTION * slow.speed_rad_s) for slow, soon in pairs
         ]
 
-    def on_cycle(self, beat: ControlCycle) -> None:
-        self._watch(beat.measured)
-        pursuit, at = self._pursuit, float(beat.measured[self._column])
-        if pursuit is None or math.isfinite(pursuit.duration_s):
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        self._on_positions(cycle.measured)
+        trajectory, at = self._trajectory, float(cycle.measured[self._column])
+        if trajectory is None or math.isfinite(trajectory.duration_s):
             return
+        settled = cycle.time_s >= trajectory.settles_at_s
         if self._leaving:
-            if beat.time_s >= pursuit.settles_at_s:
-                pursuit.stop(beat.time_s)
+            if settled:
+                trajectory.stop(cycle.time_s)
             return
-        self._update_detector(at, float(beat.goals[self._column]))
+        self._update_detector(at, float(cycle.goals[self._column]))
         arrived = abs(at - self._end) <= _ARRIVED_RAD * self._per_horn
-        if self.feeler.contact is not ContactState.MOVING or (
-            arrived and beat.time_s >= pursuit.settles_at_s
-        ):
-            self._back_off(pursuit, beat, at)
+        if self.detector.contact is not ContactState.MOVING or (arrived and settled):
+            self._back_off(trajectory, cycle, at)
 
     def _update_detector(self, at: float, goal: float) -> None:
-        """Let the feeler look; the servo is asked how hard it presses only where that decides."""
-        now_s, horn, ahead = self._arm.now_s(), at / self._per_horn, goal / self._per_horn
-        if not self.feeler.may_be_blocked(now_s, horn, ahead):
-            self.feeler = self.feeler.update(now_s, horn)
-        elif now_s - self._looked_s >= _POLL_PERIOD_S:
-            self._looked_s = now_s
+        """Update the detector; the servo's load is read only where it decides."""
+        now_s, horn, ahead = self._context.now_s(), at / self._per_horn, goal / self._per_horn
+        if not self.detector.may_be_blocked(now_s, horn, ahead):
+            self.detector = self.detector.update(now_s, horn)
+        elif now_s - self._polled_s >= _POLL_PERIOD_S:
+            self._polled_s = now_s
             load = load_percent(
                 self._servo, self._bus.read(self._servo.id, RegisterName.PRESENT_LOAD)
             )
-            self.feeler = self.feeler.update_with_load(now_s, horn, ahead, load)
+            self.detector = self.detector.update_with_load(now_s, horn, ahead, load)
 
-    def _back_off(self, pursuit: OnlineTrajectory, beat: ControlCycle, at: float) -> None:
+    def _back_off(self, trajectory: OnlineTrajectory, cycle: ControlCycle, at: float) -> None:
         self.furthest, self._leaving = at, True
         back = math.copysign(_BACK_OFF_RAD * self._per_horn, self._end - at)
         if abs(self._end - at) < 2 * _ARRIVED_RAD * self._per_horn:
             back = 0.0
-        pursuit.retarget(self._with_position(beat.goals, at - back), beat.time_s)
+        trajectory.retarget(self._with_position(cycle.goals, at - back), cycle.time_s)
 
     def _with_position(self, joints: Vector, position: float) -> Vector:
-        goal = joints.copy()
-        goal[self._column] = position
-        return goal
+        return self._context.index.with_position(joints, self._joint, position)
 
 
 _EARLY_RAD = math.radians(15.0)  # no stop is further than that from where the arm file has it
@@ -312,7 +313,9 @@ class AutoCalibration:
         self._loose, self._tell, self._keep = loose, tell, keep
         self._postures = PosturePlanner(loose.model)
         known = configure_encoders(loose, wizard, pose)
-        self.arm = open_limited_arm(loose, wizard, known, self._postures.space)
+        self._context = limited_context(loose, wizard, known, self._postures.space)
+        self._runner = MotionRunner(self._context)
+        self.arm = Arm(self._context, self._runner)
         self.arm.enable()
         tell("Torque is on. Let go of the arm and keep clear of it.")
         names = frozenset(subject.name for subject in wizard.subjects)
@@ -345,7 +348,7 @@ class AutoCalibration:
         for posture in way or []:
             self._move_to_posture(posture)
         self.arm.pose("rest", speed="slow")
-        self._update_wizard(self.arm.workings.servos.measure_positions())
+        self._update_wizard(self._context.servos.measure_positions())
         self.arm.disable_torque()
         reading = self._loose.read_ticks()
         self.wizard = self.wizard.update(*reading) if reading else self.wizard
@@ -407,8 +410,9 @@ class AutoCalibration:
             CalibrationError: It got there, past where its stop is expected.
         """
         felt = probe_end_stop(
-            self.arm.workings, self._loose.bus, end.joint, end.past, share, self._update_wizard
-        )
+            self._context, self._runner, self._loose.bus, end.joint, end.past, share,
+            self._update_wizard,
+        )  # fmt: skip
         if felt.contact is ContactState.MOVING:
             raise missing_stop_error(felt, end, subject)
         return felt
@@ -430,15 +434,14 @@ class AutoCalibration:
         self.arm.move_joints(positions, speed="slow")
 
     def _chain_joints(self) -> Vector:
-        workings = self.arm.workings
-        return workings.chain_joints(workings.servos.goals())
+        return self._context.index.chain_joints(self._context.servos.goals())
 
     def _update_wizard(self, joints: Vector) -> None:
         """Let the conversation see where the servos are; shadows go with their first servo."""
-        ticks: dict[int, int] = {}
+        ticks, positions = dict[int, int](), self._context.index.by_name(joints)
         for subject in self.wizard.subjects:
             anchor = self.wizard.reference_ticks[subject.servo_id]
-            position = float(joints[self.arm.workings.planner.joint_index(subject.name)])
+            position = positions[subject.name]
             placed = subject.with_mounting(self.wizard.sign(subject), anchor)
             tick = round(placed.exact_tick(position))
             ticks[subject.servo_id] = tick

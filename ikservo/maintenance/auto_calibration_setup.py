@@ -19,9 +19,8 @@ from itertools import chain, islice
 
 import numpy as np
 
-from ikservo.arm.arm import Arm
-from ikservo.arm.calibrated_arm import CalibratedArm
-from ikservo.arm.zeros import ZeroSource
+from ikservo.arm.calibrated_arm import CalibratedArm, ZeroSource
+from ikservo.arm.context import ArmContext
 from ikservo.calibration import Limits
 from ikservo.calibration.homing import TickRange
 from ikservo.calibration.procedure import CalibrationState
@@ -51,7 +50,7 @@ __all__ = [
     "PosturePlanner",
     "can_probe",
     "configure_encoders",
-    "open_limited_arm",
+    "limited_context",
     "restore_encoders",
     "with_known_ranges",
 ]
@@ -143,10 +142,10 @@ def _write_registers(loose: TorqueOffArm, memory: RegisterValues) -> None:
         }
 
 
-def open_limited_arm(
+def limited_context(
     loose: TorqueOffArm, wizard: CalibrationState, known: CalibrationResult, space: CollisionChecker
-) -> Arm:
-    """Return the arm behind the narrow fence; no torque changes."""
+) -> ArmContext:
+    """Return the arm with the limits of the search; no torque changes."""
     model, bus = loose.model, loose.bus
     own = CalibratedArm(bus, model, ZeroSource.CALIBRATED, known.calibration)
     subjects = {subject.name: subject for subject in wizard.subjects}
@@ -155,7 +154,8 @@ def open_limited_arm(
     ]
     shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
     servos = ServoGroup(bus, fences, shadows, bus.clock, model.health)
-    return Arm(model, model.chain, servos, bus.port, "hold", space, ZeroSource.CALIBRATED)
+    zeros = ZeroSource.CALIBRATED
+    return ArmContext.build(model, model.chain, servos, bus.port, space, zeros)
 
 
 def _search_limits(

@@ -13,8 +13,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ikservo.arm.arm import Arm
 from ikservo.arm.calibrated_arm import serial_number_of
 from ikservo.calibration.calibration_file import calibration_path, confirmation_path
@@ -68,7 +66,7 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
     Where both ways are, it goes the one that has more room.
     """
-    joint, here, free_m = arm.model.joint(name), _measured_positions(arm), _make_clearance(arm)
+    joint, here, free_m = arm.model.joint(name), _measured_positions(arm), arm.clearance_m
     low, high = _range(arm, joint)
     way = CHECK_ANGLE_RAD * joint.travel_per_turn / math.tau
 
@@ -86,7 +84,7 @@ def plan_lift(arm: Arm) -> DirectionCheck | None:
 
     Of all joints, that one is taken by which the body gains the most distance.
     """
-    here, free_m = _measured_positions(arm), _make_clearance(arm)
+    here, free_m = _measured_positions(arm), arm.clearance_m
     at_m = free_m(here)
     if at_m >= _CLEAR_M:
         return None
@@ -171,27 +169,13 @@ def _move_joint(arm: Arm, joint: str, position: float) -> None:
 
 
 def _clamp_position(arm: Arm, joint: str, position: float) -> float:
-    fence = next(fence for fence in arm.workings.servos.fences if fence.joint == joint)
-    lower, upper = fence.position_range
-    return min(max(position, lower), upper)
-
-
-def _make_clearance(arm: Arm) -> Callable[[Mapping[str, float]], float]:
-    """Return what tells how much room the body has left in a posture; endless where unknown."""
-    space, names = arm.workings.space, arm.workings.servos.names
-    if space is None or not arm.zeros.are_known:
-        return lambda _: math.inf
-
-    def free_m(joints: Mapping[str, float]) -> float:
-        vector = np.array([joints[name] for name in names])
-        return float(space.distances([arm.workings.body_joints(vector)]).min())
-
-    return free_m
+    column, (lower, upper) = arm.joint_index.column(joint), arm.limits()
+    return min(max(position, float(lower[column])), float(upper[column]))
 
 
 def _room(arm: Arm, name: str) -> Callable[[Mapping[str, float]], float]:
     """Return what tells how much room [m] a joint has in a posture for a motion there and back."""
-    free_m, ways = _make_clearance(arm), _lift_ranges(arm, arm.model.joint(name), CHECK_ANGLE_RAD)
+    free_m, ways = arm.clearance_m, _lift_ranges(arm, arm.model.joint(name), CHECK_ANGLE_RAD)
 
     def room(joints: Mapping[str, float]) -> float:
         ends = [free_m({**joints, name: joints[name] + way}) for way in ways]

@@ -9,8 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ikservo.arm.calibrated_arm import CalibratedArm, check_calibration_matches
-from ikservo.arm.zeros import ZeroSource
+from ikservo.arm.calibrated_arm import (
+    CalibratedArm,
+    ZeroSource,
+    check_calibration_matches,
+)
 from ikservo.calibration import JointMap
 from ikservo.calibration.calibration_file import save_calibration
 from ikservo.calibration.records import (

@@ -11,7 +11,6 @@ from typing import Protocol
 import numpy as np
 
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm, StopKind, StopReason
-from ikservo.arm.online_control import follow_goals
 from ikservo.clock import Clock
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BusError, IkservoError, PortLostError, RefusedError
@@ -40,7 +39,7 @@ class CycleObserver(Protocol):
 
 
 class LiveSession:
-    """Provides the arm's goal from Live on to Live off (``ikservo.arm.online_control.GoalSource``).
+    """Provides the arm's goal from Live on to Live off (``ikservo.arm.following.GoalSource``).
 
     Args:
         observer: Provides commands and receives every control cycle.
@@ -219,7 +218,7 @@ class ArmThread:
     def _run_session(self) -> None:
         """Follow commands until Live ends, the speed changes, or heartbeats stop."""
         session = LiveSession(self, self._clock, self._dead_man_s)
-        follow_goals(self.arm.workings, session, session.speed)
+        self.arm.follow_goals(session, speed=session.speed)
         if session.silent:
             self.log_message(_SILENCE_TEXT)
         if session.silent or session.is_over:  # Live may be on again since the arm braked

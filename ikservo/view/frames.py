@@ -197,8 +197,7 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
 
 def _measured_chain_joints(arm_thread: ArmThread) -> Vector:
     """Return the measured joints of the chain (dof,)."""
-    names = [state.name for state in arm_thread.snapshot.states]
-    return arm_thread.snapshot.measured[[names.index(name) for name in arm_thread.arm.chain.names]]
+    return arm_thread.arm.joint_index.chain_joints(arm_thread.snapshot.measured)
 
 
 def _measured_tip_m(arm_thread: ArmThread) -> Vector:
@@ -223,9 +222,7 @@ class FrameComposer:
         self._regions = ReachableRegionCache(arm.chain)
         self._analyser = PostureAnalyser(arm.chain, VisibilityChecker(arm.model))
         self._previous: Vector | None = None
-        names = [state.name for state in arm_thread.snapshot.states]
-        self._columns = [names.index(name) for name in arm.chain.names]
-        self._names = names
+        self._index = arm.joint_index
 
     @property
     def extent(self) -> ArmExtent:
@@ -352,10 +349,10 @@ class FrameComposer:
         return None if plane is None else self._regions.get(plane, idle=idle)
 
     def _chain_joints(self, joints: Vector) -> Vector:
-        return joints[self._columns]
+        return self._index.chain_joints(joints)
 
     def _other_positions(self, snapshot: ArmSnapshot) -> dict[str, float]:
-        return {name: float(at) for name, at in zip(self._names, snapshot.measured, strict=True)}
+        return self._index.by_name(snapshot.measured)
 
     def _frame_if_changed(self, client: Client, frame: Frame) -> list[Frame]:
         if client.sent.get("status") == frame:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ikservo.arm import Arm
-from ikservo.arm.plan import posed_inside
 from ikservo.errors import UnknownNameError
 from ikservo.ik import Posture, Target
 from ikservo.kinematics import Chain
@@ -88,7 +87,7 @@ def gripper_control(arm: Arm) -> GripperControl | None:
     if gripper is None:
         return None
     column = [joint.name for joint in arm.model.joints].index(gripper.joint)
-    lower, upper = arm.workings.limits()
+    lower, upper = arm.limits()
     low, high = float(lower[column]), float(upper[column])
     ends = (min(max(end, low), high) for end in (gripper.closed, gripper.open))
     return GripperControl(column, *ends)
@@ -204,9 +203,7 @@ class Interaction:
     def __init__(self, arm: Arm) -> None:
         chain = arm.chain
         self._arm, self._chain = arm, chain
-        names = [joint.name for joint in arm.model.joints]
-        self._names = names
-        self._columns = [names.index(name) for name in chain.names]
+        self._index = arm.joint_index
         picker = Picker(link_primitives(capsules_of(arm.model)))
         self._drag = Drag(chain, picker, Picker(object_primitives(arm.model)))
         self._solver, self._gamepad = DragSolver(chain), GamepadControl()
@@ -276,7 +273,7 @@ class Interaction:
         Raises:
             UnknownNameError: There is no such pose, or no such joint.
         """
-        here = measured[self._columns]
+        here = self._index.chain_joints(measured)
         self._solver.posture = preference.make_posture(self._arm.model, self._chain, here)
         self.preference = preference
         self.revision += 1
@@ -287,11 +284,9 @@ class Interaction:
         Raises:
             UnknownNameError: The arm has none of that name.
         """
-        limited = posed_inside(
-            name, self._arm.model.pose(name), self._arm.workings.servos.fences, measured
-        )
+        limited = self._arm.pose_within_limits(name, measured)
         self.reset()
-        self.goal = np.array([limited.positions[joint] for joint in self._names])
+        self.goal = np.array([limited.positions[joint] for joint in self._index.names])
         self.messages.extend(text for text in limited.changed if text not in self.messages)
 
     def handle(
@@ -315,7 +310,7 @@ class Interaction:
     @property
     def shown_goal(self) -> Vector | None:
         """Return the joints of the chain (dof,) to show as the goal."""
-        return None if self.goal is None else self.goal[self._columns]
+        return None if self.goal is None else self._index.chain_joints(self.goal)
 
     def trace_step(self, now_s: float) -> int:
         """Return which step of the solver trace is shown now."""
@@ -339,9 +334,10 @@ class Interaction:
         self, camera: Camera, snapshot: ArmSnapshot, plane_m: Vector | None = None
     ) -> PointerContext:
         """Return what the user sees; for ``plane_m`` see ``PointerContext``."""
-        measured = snapshot.measured[self._columns]
-        arms = (measured,) if self.goal is None else (self.goal[self._columns], measured)
-        other_joints = dict(zip(self._names, snapshot.measured.tolist(), strict=True))
+        measured = self._index.chain_joints(snapshot.measured)
+        goal = self.shown_goal
+        arms = (measured,) if goal is None else (goal, measured)
+        other_joints = self._index.by_name(snapshot.measured)
         return PointerContext(camera, arms, plane_m, other_joints)
 
     def _drive_gripper(
@@ -411,10 +407,9 @@ class Interaction:
             return
         goal = self._resting_joints(snapshot) if self.goal is None else self.goal
         start_s = time.perf_counter()
-        q, is_settled = self._solve_command(command, goal[self._columns], now_s)
+        q, is_settled = self._solve_command(command, self._index.chain_joints(goal), now_s)
         self.solve_s = time.perf_counter() - start_s
-        self.goal = goal.copy()
-        self.goal[self._columns] = q
+        self.goal = self._index.with_chain(goal, q)
         if is_settled:
             self._command = None
             self._warn_unreached()

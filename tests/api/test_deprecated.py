@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import JointMoveResult, MoveResult
+from ikservo.arm import JointMoveResult, MoveResult, Recording
+from ikservo.arm.plan import NearLimit
+from ikservo.arm.recording import RecordingHeader
+from ikservo.arm.replay import ReplayResult
 from tests.arm.simulated import registers, servo_group, true_tip_m
 
 NEAR = (0.2, 0.03, 0.12)
@@ -89,10 +92,24 @@ def test_an_old_public_name_warns_and_is_the_new_one(module, old, new):
 
 def test_an_old_field_of_a_plan_warns_and_is_the_new_one(arm):
     plan = arm.plan_to(NEAR)
-    for old, new in (("setters", "time_limiting_joints"), ("near", "near_limits")):
+    for old, new in (("course", "trajectory"), ("near", "near_limits")):
         with pytest.warns(DeprecationWarning, match=f"use MotionPlan.{new}") as warned:
             assert getattr(plan, old) is getattr(plan, new)
         assert warned[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("value", "old", "new"),
+    [
+        (NearLimit("elbow_flex", "upper", 0.1, "rad"), "room", "margin"),
+        (Recording(RecordingHeader("so101", (), (), 0.02), (), ()), "heading", "header"),
+        (ReplayResult(1, 2.0, 1.5, 0.0, {}, ()), "slower", "slowdown"),
+    ],
+)
+def test_an_old_field_of_a_result_warns_and_is_the_new_one(value, old, new):
+    with pytest.warns(DeprecationWarning, match=f"use {type(value).__name__}.{new}") as warned:
+        assert getattr(value, old) == getattr(value, new)
+    assert warned[0].filename == __file__
 
 
 def test_what_was_never_a_name_is_none(arm):

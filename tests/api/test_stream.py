@@ -3,6 +3,7 @@
 import itertools
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from ikservo.arm.setpoint_stream import SetpointMailbox
 from tests.arm.audit import Auditor
 from tests.arm.simulated import (
     clock_of,
+    context_of,
     line_of,
     registers,
     servo_group,
@@ -255,8 +257,8 @@ def test_a_rate_that_makes_no_sense_is_refused(arm, rate):
 
 
 def test_an_arm_that_is_not_calibrated_streams_nothing(arm, monkeypatch):
-    monkeypatch.setattr(arm, "workings", arm.workings)
-    object.__setattr__(arm.workings, "zeros", ikservo.arm.ZeroSource.UNKNOWN)
+    context = replace(context_of(arm), zeros=ikservo.arm.ZeroSource.UNKNOWN)
+    monkeypatch.setattr(arm, "_context", context)
     with pytest.raises(ikservo.CalibrationError):
         arm.stream()
 

@@ -24,9 +24,19 @@ def clock_of(arm):
     return transport_of(arm).clock
 
 
+def context_of(arm):
+    """Return what the arm is made of: its servos, planner and collision checker."""
+    return arm._context
+
+
+def motion_runner(arm):
+    """Return what runs the motions of the arm."""
+    return arm._runner
+
+
 def servo_group(arm):
     """Return the servos of the arm as its control loop has them: goals, limits, torque state."""
-    return arm._servos
+    return context_of(arm).servos
 
 
 def motion_limits(arm, speed):
@@ -46,7 +56,7 @@ def run_trajectory(arm, make_trajectory, on_cycle, speed):
         on_cycle: Called in each control cycle, or None.
         speed: slow, normal or fast.
     """
-    arm._run_trajectory(make_trajectory, on_cycle, speed)
+    motion_runner(arm).run(make_trajectory, on_cycle, speed)
 
 
 def registers(arm, register):

@@ -9,7 +9,7 @@ import ikservo
 from tests.arm.audit import Auditor
 from tests.arm.line_tracing import PausedLines
 from tests.arm.random_faults import seeded
-from tests.arm.simulated import clock_of
+from tests.arm.simulated import clock_of, context_of
 
 PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three times as long
 MEAN_S = 0.008
@@ -42,7 +42,7 @@ def test_on_a_busy_machine_it_ends_well(name, task):
 
     with ikservo.open_arm(name, port="sim:?pose=home", collisions=False) as arm:
         arm.move_joints({"shoulder_pan": 0.05})
-        arm.workings.warm_up()
+        context_of(arm).warm_up()
         auditor = Auditor(arm, punctual=False)
         with PausedLines(clock_of(arm), busy) as traced:
             traced.begin()

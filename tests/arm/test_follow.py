@@ -11,7 +11,7 @@ import ikservo
 from ikservo.errors import BadValueError, InputError, RefusedError, UnknownNameError
 from servosim.joint import Hand, glide
 from tests.arm.audit import Auditor
-from tests.arm.simulated import line_of, registers, servo_id, true_joints, true_tip_m
+from tests.arm.simulated import line_of, registers, servo_group, servo_id, true_joints, true_tip_m
 from tests.oracle import tip_from_joints
 
 
@@ -22,7 +22,7 @@ def arm():
 
 
 def beats(arm, seconds):
-    return round(seconds / arm.workings.servos.measure_cycle_time_s())
+    return round(seconds / servo_group(arm).measure_cycle_time_s())
 
 
 def circle(centre_m, radius_m, count):
@@ -55,7 +55,7 @@ def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
 )
 def test_every_kind_of_setpoint_is_understood(arm, wish):
     joints = np.array([state.position_rad for state in arm.where().joints])
-    T = arm.chain.forward(arm.workings.chain_joints(joints))
+    T = arm.chain.forward(arm.joint_index.chain_joints(joints))
     report = arm.follow([wish(T)] * 5)
     assert (report.setpoints, report.refused) == (5, 0)
 
@@ -82,7 +82,7 @@ def test_after_silence_it_holds_and_returns(arm):
             yield None
 
     times_s = []
-    report = arm.follow(stream(), on_progress=lambda _: times_s.append(arm.workings.now_s()))
+    report = arm.follow(stream(), on_progress=lambda _: times_s.append(arm.clock.now_s()))
     assert report.ended == "no target for 0.3 s"
     assert 0.3 <= times_s[-1] - times_s[0] <= 0.9
     assert all(registers(arm, "torque_enable").values())
@@ -92,7 +92,7 @@ def test_after_silence_it_holds_and_returns(arm):
 def test_a_stream_that_keeps_it_waiting_is_silence(arm):
     def stream():
         yield {"shoulder_pan": 1.0}
-        arm.workings.servos.clock.sleep_until(arm.workings.now_s() + 1.0)
+        servo_group(arm).clock.sleep_until(arm.clock.now_s() + 1.0)
         yield {"shoulder_pan": -1.0}
 
     assert arm.follow(stream()).ended == "no target for 0.3 s"
@@ -237,8 +237,8 @@ def test_a_jog_ends_at_the_limit(arm):
 
 def test_the_tip_is_jogged_along_a_straight_line(arm):
     before = arm.where().tip_m
-    end_s = arm.workings.now_s() + 0.4
-    arm.jog("-y", 0.1, wanted=lambda: arm.workings.now_s() < end_s)
+    end_s = arm.clock.now_s() + 0.4
+    arm.jog("-y", 0.1, wanted=lambda: arm.clock.now_s() < end_s)
     way = true_tip_m(arm) - before
     assert way[1] == pytest.approx(-0.04, abs=0.02)
     assert abs(way[[0, 2]]).max() < 0.015
@@ -282,8 +282,8 @@ def test_a_second_arm_does_what_a_hand_does_with_the_first(arm, leader):
     for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):  # the other hand
         at = line_of(leader).world.joint(joint).position
         line_of(leader).world.grasp(joint, Hand(lambda _, at=at: (at, 0.0), limit=20.0))
-    end_s = arm.workings.now_s() + 0.9
-    report = arm.follow_arm(leader, speed="fast", until=lambda: arm.workings.now_s() > end_s)
+    end_s = arm.clock.now_s() + 0.9
+    report = arm.follow_arm(leader, speed="fast", until=lambda: arm.clock.now_s() > end_s)
     assert report.refused == 0
     assert true_joints(leader)["shoulder_pan"] == pytest.approx(0.3, abs=0.02)
     for joint, position in true_joints(leader).items():

@@ -47,7 +47,7 @@ def test_the_tip_goes_straight_as_the_servos_own_registers_say(ready):
 
 def test_the_goals_of_a_line_stay_on_it(ready):
     names, goals = ready.model.name, []
-    begin = ready.plan_line((0.22, -0.08, 0.18)).course.state(0.0).position
+    begin = ready.plan_line((0.22, -0.08, 0.18)).trajectory.state(0.0).position
     ready.move_line(
         (0.22, -0.08, 0.18),
         on_progress=lambda _: goals.append(
@@ -61,16 +61,16 @@ def test_the_goals_of_a_line_stay_on_it(ready):
 
 def test_what_was_checked_is_what_a_plan_carries(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
-    np.testing.assert_array_equal(plan.course.state(plan.duration_s).position, plan.goal)
-    assert plan.course.duration_s == plan.duration_s
-    begin_m = ready.chain.forward(plan.course.state(0.0).position[: ready.chain.dof])[:3, 3]
+    np.testing.assert_array_equal(plan.trajectory.state(plan.duration_s).position, plan.goal)
+    assert plan.trajectory.duration_s == plan.duration_s
+    begin_m = ready.chain.forward(plan.trajectory.state(0.0).position[: ready.chain.dof])[:3, 3]
     assert plan.path_m == pytest.approx(np.linalg.norm(plan.tip_m - begin_m), abs=1e-3)
 
 
 def test_a_line_names_what_sets_its_time_and_what_comes_close_to_a_limit(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     assert {words.split()[0] for words in plan.time_limiting_joints} <= set(ready.chain.names)
-    assert all(near.room < 0.2 for near in plan.near_limits)
+    assert all(near.margin < 0.2 for near in plan.near_limits)
 
 
 def test_a_line_that_leaves_what_is_reachable_moves_nothing_and_says_where(ready):
@@ -98,7 +98,7 @@ def test_a_line_through_the_table_or_the_arm_itself_is_refused(ready):
 def test_way_points_are_passed_without_a_stop(ready, line):
     via, goal = np.array((0.22, -0.02, 0.2)), np.array((0.2, -0.08, 0.15))
     plan = ready.plan_through([via, goal], line=line, blend_m=0.02)
-    states = [plan.course.state(t) for t in np.linspace(0.0, plan.duration_s, 800)]
+    states = [plan.trajectory.state(t) for t in np.linspace(0.0, plan.duration_s, 800)]
     tips = ready.chain.forward(np.array([s.position for s in states])[:, : ready.chain.dof])
     assert np.linalg.norm(tips[:, :3, 3] - via, axis=1).min() <= 0.02
     assert min(np.abs(s.velocity).max() for s in states[40:-40]) > 0.01

@@ -13,7 +13,7 @@ def test_joints_within_five_degrees_are_near_closest_first():
     joints = np.radians([[0.0, 0.0, 720.0], [-96.0, 98.0, 0.0], [0.0, 0.0, 0.0]])
     near = near_limits(joints, LOWER, UPPER, ["a", "b", "c"], ["rad"] * 3)
     assert [(each.joint, each.side) for each in near] == [("b", "upper"), ("a", "lower")]
-    assert math.isclose(near[0].room, math.radians(2.0))
+    assert math.isclose(near[0].margin, math.radians(2.0))
 
 
 def test_a_joint_further_away_is_not_near():

@@ -5,7 +5,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import IkservoError
-from tests.arm.simulated import line_of, servo_group
+from tests.arm.simulated import context_of, line_of, servo_group
 
 DEEP_M = 0.001
 
@@ -14,13 +14,13 @@ class Table:
     """Watches how low the bodies of goals and of the true joints come."""
 
     def __init__(self, arm):
-        space = arm.workings.space
+        space = context_of(arm).collision
         self._arm, self._gaps = arm, space.distances
         self._floor = [i for i, (link, thing) in enumerate(space.pairs)
                        if thing == "the floor" and link != arm.model.chain.base]  # fmt: skip
 
     def above_m(self, joints):
-        return float(self._gaps([self._arm.workings.body_joints(joints)])[0][self._floor].min())
+        return float(self._gaps([self._arm.joint_index.body_joints(joints)])[0][self._floor].min())
 
     def true_m(self):
         world = line_of(self._arm).world

@@ -37,7 +37,7 @@ def test_what_is_recorded_is_read_back(tmp_path):
         recorder.write(0.0, np.array([0.1, 0.02]))
         recorder.write(0.02, np.array([-0.2, 0.03]))
     recording = read_recording(tmp_path / "wave.jsonl")
-    assert recording.heading == HEADING
+    assert recording.header == HEADING
     np.testing.assert_array_equal(recording.times_s, [0.0, 0.02])
     np.testing.assert_array_equal(recording.joints, [[0.1, 0.02], [-0.2, 0.03]])
 

@@ -14,7 +14,7 @@ from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedErr
 from ikservo.guard import StopKind, StopReason
 from servosim.clock import VirtualClock
 from servosim.faults import Fault
-from tests.arm.simulated import line_of, registers, true_joints
+from tests.arm.simulated import line_of, motion_runner, registers, servo_group, true_joints
 
 TESTED = StopReason(StopKind.CLIENT, "test")
 
@@ -32,7 +32,8 @@ def device(tmp_path, monkeypatch):
 def arm(device):
     """An arm whose own program listens; the simulated bus itself could be asked by nobody."""
     with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
-        machine._listener = serve(device, CommandHandler(machine, machine._turn))
+        machine._server = serve(device, CommandHandler(motion_runner(machine), machine.relax))
+        motion_runner(machine).caches_states = True
         yield machine
 
 
@@ -98,7 +99,7 @@ def test_a_moving_arm_is_stopped_and_stays_so(arm, other_thread):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=at(0.3, stop))
     stopped = answers[0].result(20)
     assert (stopped.moving, stopped.limp, stopped.silent) == (True, (), ())
-    assert stopped.held == arm.workings.servos.names
+    assert stopped.held == servo_group(arm).names
     assert all(registers(arm, "torque_enable").values())
     assert true_joints(arm)["shoulder_pan"] < 0.6
     with pytest.raises(RefusedError, match="from another terminal"):
@@ -114,7 +115,7 @@ def test_after_it_was_acknowledged_the_arm_moves_again(arm):
 def test_stopping_a_limp_arm_switches_no_torque(arm):
     stopped = remote.stop_arm(arm.model, None)
     assert (stopped.moving, stopped.held) == (False, ())
-    assert stopped.limp == arm.workings.servos.names
+    assert stopped.limp == servo_group(arm).names
     assert not any(registers(arm, "torque_enable").values())
 
 
@@ -164,8 +165,8 @@ def test_servos_that_a_dead_program_left_moving_are_stopped(arm):
     before = registers(arm, "present_position")[1]
     arm.hold()
     line_of(arm).servos[1].write("goal_position", 3000)
-    halted = arm.workings.servos.hold_measured(TESTED)
-    assert halted.held == arm.workings.servos.names
+    halted = servo_group(arm).hold_measured(TESTED)
+    assert halted.held == servo_group(arm).names
     goal, present = (registers(arm, name)[1] for name in ("goal_position", "present_position"))
     assert abs(goal - present) < 40
     assert before <= goal < before + 200
@@ -174,14 +175,14 @@ def test_servos_that_a_dead_program_left_moving_are_stopped(arm):
 def test_a_resting_servo_keeps_its_goal_when_it_is_stopped(arm):
     arm.move_joints({"gripper": 0.6})
     before = registers(arm, "goal_position")
-    arm.workings.servos.hold_measured(TESTED)
+    servo_group(arm).hold_measured(TESTED)
     assert registers(arm, "goal_position") == before
 
 
 def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
     arm.hold()
     line_of(arm).servos[3].power_down()
-    halted = arm.workings.servos.hold_measured(TESTED)
+    halted = servo_group(arm).hold_measured(TESTED)
     assert halted.silent == ("elbow_flex",)
     assert len(halted.held) == 5
 

@@ -32,7 +32,7 @@ def test_the_plan_is_as_long_as_both_its_parts(folded):
     assert plan.duration_s > first.duration_s
     assert plan.path_m > first.path_m
     np.testing.assert_allclose(plan.start, first.start)
-    np.testing.assert_allclose(plan.course.state(0.0).position, plan.start)
+    np.testing.assert_allclose(plan.trajectory.state(0.0).position, plan.start)
 
 
 def test_an_arm_that_stands_free_is_sent_nowhere_else(folded):

@@ -10,6 +10,7 @@ import ikservo
 from ikservo.arm.planner import Planner
 from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.errors import BadValueError, OrientationError, UnknownNameError, UnreachableError
+from ikservo.kinematics import JointIndex
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import load_model
 from ikservo.model.tool import tool_frame
@@ -23,7 +24,8 @@ def bench(name):
     model = load_model(name)
     names = [joint.name for joint in model.joints]
     here = np.array([model.pose("home")[joint] for joint in names])
-    return Planner(model, model.chain, names), model.chain, tool_frame(model), here
+    index = JointIndex.from_names(names, model.chain.names)
+    return Planner(model, model.chain, index), model.chain, tool_frame(model), here
 
 
 def planned(name, point_m, **asked):

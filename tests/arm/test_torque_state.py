@@ -14,7 +14,7 @@ from ikservo.errors import (
 )
 from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
-from tests.arm.simulated import line_of, servo_group
+from tests.arm.simulated import line_of, motion_runner, servo_group
 
 UNKNOWN, OFF, FIRST_MOTION, HOLDING, MOVING, LOWERING = TorqueState
 
@@ -225,7 +225,7 @@ def test_an_overheated_arm_that_fails_again_while_it_is_lowered_is_lowered_once(
         arm.move_joints({"shoulder_pan": 0.0}, on_progress=overheat)
 
     monkeypatch.setattr(type(servo_group(arm)), "overheated", True)
-    monkeypatch.setattr(arm, "_lower", lower)
+    monkeypatch.setattr(motion_runner(arm), "on_overheat", lower)
     with pytest.raises(IkservoError, match="too hot"):
         arm.move_joints({"shoulder_pan": 0.3}, on_progress=overheat)
     assert started == [LOWERING]

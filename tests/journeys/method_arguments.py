@@ -58,8 +58,11 @@ def _target(arm, _=None):
     return np.array(usual_target_m(arm.model.name))
 
 
-def _plan_to_target(arm):
-    return lambda here, speed: arm.workings.planner.plan_to_point(here, _target(arm), speed)
+class _Silent:
+    """A source of goals that ends at once."""
+
+    def next_goal(self, _):
+        return None
 
 
 def _wave(arm, folder):
@@ -83,11 +86,11 @@ _VALUES = {
     "points_m": _points,
     "positions": _some_joints,
     "plan": lambda arm, folder: arm.plan_joints(_some_joints(arm, folder)),
-    "planning": lambda arm, _: _plan_to_target(arm),
     "speed": lambda *_: "slow",
     "name": lambda *_: "home",
     "pose": lambda *_: "rest",
-    "wishes": lambda *_: iter(()),
+    "targets": lambda *_: iter(()),
+    "source": lambda *_: _Silent(),
     "leader": _leader,
     "what": lambda arm, _: arm.chain.names[0],
     "wanted": lambda *_: _continue_for_20(),
@@ -96,6 +99,7 @@ _OWN = {
     ("record", "path"): lambda _, folder: folder / "new.jsonl",
     ("record", "duration_s"): lambda *_: 0.1,
     ("replay", "path"): _wave,
+    ("load_replay", "path"): _wave,
     ("execute", "plan"): lambda arm, _: arm.plan_to(_target(arm)),
     ("request_stop", "reason"): lambda *_: StopReason(StopKind.PROGRAM, "enough"),
     ("teach", "name"): lambda *_: "cup",

@@ -9,7 +9,7 @@ from ikservo.view import messages as said
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.controller import SessionController
-from tests.arm.simulated import clock_of, line_of, registers
+from tests.arm.simulated import clock_of, line_of, registers, servo_group
 
 NUMBERS = itertools.count(1)
 
@@ -66,7 +66,7 @@ class Room:
 
     def listen_in(self):
         """Return a list that grows by the time and the positions of each goal on the bus."""
-        servos, told = self.arm.workings.servos, []
+        servos, told = servo_group(self.arm), []
         command = type(servos).send_goals
 
         def heard(positions, *more):

@@ -143,11 +143,10 @@ def _corrected(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
 
 def _plain(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
     """Execute the same plan without the correction at the goal."""
-    servos, stream, planner = arm._servos, arm._stream, arm._planner  # pyright: ignore[reportPrivateUsage]
-    with arm._motion_turn():  # pyright: ignore[reportPrivateUsage]
-        stream.run(
-            rebase_trajectory(plan, servos.goals(), planner.motion_limits(plan.speed), servos.names)
-        )
+    context, runner = arm._context, arm._runner  # pyright: ignore[reportPrivateUsage]
+    servos, limits = context.servos, context.planner.motion_limits(plan.speed)
+    with runner.motion():
+        runner.loop.run(rebase_trajectory(plan, servos.goals(), limits, servos.names))
     servos.clock.sleep_until(servos.clock.now_s() + REST_S)
     return judge.trial(plan)
 

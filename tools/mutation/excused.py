@@ -19,7 +19,7 @@ _NO_OFFSET = 'offset = joint.servo.holds.get("homing_offset", 0)'
 _HELPER = "any axis helps that is not parallel to the given one"
 _WIDE = "wide = chain.upper_rad[i] - chain.lower_rad[i] >= _FULL_TURN_RAD"
 _ANY_READING = "every reading has the same servos"
-_ROWS = "return [[ticks[i] for _, ticks in self.readings] for i in self.readings[-1][1]]"
+_ROWS = "return [[positions[i] for _, positions in self.readings] for i in self.readings[-1][1]]"
 _MEANS = "return dict(zip(self.readings[-1][1], means, strict=True))"
 _LEAST = "wide = (rows[0].range[0], rows[1].range[1])"
 _ZERO_TICK = (

@@ -1,0 +1,298 @@
+"""Executes plans: trajectory, settling, report; lowers an arm to its rest pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from math import radians
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.arm.arguments import check_callable
+from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.plan import MotionPlan, has_moved, rebase_trajectory
+from ikservo.arm.preflight import PreflightPlanner
+from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
+from ikservo.arm.settling import SettlingResult, settle
+from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
+from ikservo.arm.tool_orientation import ToolOrientation
+from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
+from ikservo.ik import Result
+from ikservo.kinematics.arrays import Vector
+
+__all__ = [
+    "GripperOptions",
+    "JointOptions",
+    "PointOptions",
+    "ThroughOptions",
+    "execute",
+    "lower",
+    "move_joints",
+    "move_tip",
+    "relax",
+    "run_plan",
+]
+
+# Servos of this class come to rest within one or two ticks of 0.09° of their goals.
+_POSITION_TOLERANCE_M = 0.002
+_JOINT_TOLERANCE_RAD = radians(0.5)
+
+
+class JointOptions(TypedDict, total=False):
+    """Options of a motion of joints."""
+
+    speed: str
+    on_progress: OnProgress | None
+
+
+class PointOptions(TypedDict, total=False):
+    """Options of a motion of the tip to a point."""
+
+    speed: str
+    on_progress: OnProgress | None
+    stance: ToolOrientation
+    orientation: ArrayLike | None
+
+
+class ThroughOptions(PointOptions, total=False):
+    """Options of a motion of the tip through several points."""
+
+    blend_m: float
+    line: bool
+
+
+class GripperOptions(TypedDict, total=False):
+    """Options of a motion of the gripper."""
+
+    width_m: float | None
+    force: float | None
+    on_progress: OnProgress | None
+
+
+def execute(
+    context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
+) -> MoveResult | JointMoveResult:
+    """Execute a plan and report how it ended; see ``Arm.execute``."""
+    plan, result = run_plan(context, runner, plan, on_progress)
+    if plan.target_m is not None:
+        return _make_move_report(context, plan, result)
+    ends = zip(plan.names, plan.start.tolist(), plan.goal.tolist(), strict=True)
+    moved = {name: goal for name, start, goal in ends if goal != start}
+    return _make_joint_report(context, moved, result)
+
+
+def move_tip(
+    context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
+) -> MoveResult:
+    """Execute a plan of the tip.
+
+    Raises:
+        BadValueError: It is a plan of joints.
+    """
+    _check_plan(plan)
+    _require_target(plan)
+    return _make_move_report(context, *run_plan(context, runner, plan, on_progress))
+
+
+def move_joints(
+    context: ArmContext,
+    runner: MotionRunner,
+    positions: Mapping[str, float],
+    plan: MotionPlan,
+    on_progress: OnProgress | None,
+) -> JointMoveResult:
+    """Execute a plan of joints, and report on those of ``positions`` [rad or m]."""
+    result = run_plan(context, runner, plan, on_progress)[1]
+    return _make_joint_report(context, positions, result)
+
+
+def run_plan(
+    context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
+) -> tuple[MotionPlan, SettlingResult]:
+    """Execute a plan.
+
+    Returns:
+        The plan, made again where a limp arm has sunk since, and where the motion ended.
+
+    Raises:
+        RefusedError: The arm has moved since it was planned, or the guard stopped it.
+    """
+    _check_plan(plan)
+    check_callable("on_progress", on_progress)
+    runner.check_speed(plan.speed)
+    with runner.motion():
+        plan = _replan_if_moved(context, plan)
+        return plan, _run_motion(context, runner, plan, on_progress)
+
+
+def _replan_if_moved(context: ArmContext, plan: MotionPlan) -> MotionPlan:
+    """Return a plan, made again where a limp arm has sunk since; its servos hold by now.
+
+    Raises:
+        RefusedError: No path is free from there.
+    """
+    goals, limits = context.servos.goals(), context.planner.motion_limits(plan.speed)
+    if plan.again is None or plan.names != context.servos.names:
+        return plan
+    return plan.again(context) or plan if has_moved(plan, goals, limits) else plan
+
+
+def _run_motion(
+    context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
+) -> SettlingResult:
+    servos, limits = context.servos, context.planner.motion_limits(plan.speed)
+    horn_rad_s = context.model.speed(plan.speed).rad_s
+    trajectory = rebase_trajectory(plan, servos.goals(), limits, servos.names)
+    context.check_streamed_path(trajectory, plan.speed)
+    measured = servos.measure_positions()
+    target = SettlingTarget(context.chain, context.index, servos.fences, plan, measured)
+    started_s = context.now_s()
+    reporter = context.progress_reporter(on_progress)
+    runner.loop.run(trajectory, reporter, speed_rad_s=horn_rad_s)
+    motion_s = context.now_s() - started_s
+    below = _backlash_goals(context, plan)
+    return settle(runner.loop, servos, target, limits, horn_rad_s, motion_s, below)
+
+
+def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
+    """Return the goals (n,) from which joints with known backlash approach theirs from below.
+
+    None on a line, on which the tool stays, and where something is in the way of that.
+    """
+    goals, fences = context.servos.goals(), context.servos.fences
+    backlash = np.array([context.model.joint(name).backlash for name in context.servos.names])
+    below = backlash_approach(goals, plan.goal != plan.start, backlash, fences)
+    if below is None or plan.is_cartesian:
+        return None
+    try:
+        context.check_straight_path(goals, below)
+    except RefusedError:
+        return None
+    return below
+
+
+def _make_move_report(context: ArmContext, plan: MotionPlan, result: SettlingResult) -> MoveResult:
+    planner, measured = context.planner, result.measured
+    tip_m = planner.tip(measured)
+    target_m, solution = _require_target(plan)
+    error_m = float(np.linalg.norm(target_m - tip_m))
+    limits = tuple(str(limit) for limit in solution.binding)
+    return MoveResult(
+        target_m=target_m,
+        commanded_tip_m=plan.tip_m,
+        measured_tip_m=tip_m,
+        error_m=error_m,
+        duration_s=result.duration_s,
+        reached=error_m <= _POSITION_TOLERANCE_M,
+        binding=limits + result.residuals,
+        orientation_error_rad=plan.orientation_error_rad
+        + planner.rotation_between(plan.goal, measured),
+        motion_s=result.motion_s,
+        settling_s=result.settling_s,
+        orientation_requested=plan.orientation_requested,
+        orientation_change_rad=planner.rotation_between(plan.start, measured),
+    )
+
+
+def _make_joint_report(
+    context: ArmContext, positions: Mapping[str, float], result: SettlingResult
+) -> JointMoveResult:
+    by_name = context.index.by_name(result.measured)
+    measured = {name: by_name[name] for name in positions}
+    error_rad = _max_error(measured, positions)
+    return JointMoveResult(
+        goal_rad=dict(positions),
+        measured_rad=measured,
+        measured_tip_m=context.planner.tip(result.measured),
+        error_rad=error_rad,
+        duration_s=result.duration_s,
+        reached=error_rad <= _JOINT_TOLERANCE_RAD,
+        binding=result.residuals,
+    )
+
+
+def relax(
+    context: ArmContext,
+    runner: MotionRunner,
+    preflight: PreflightPlanner,
+    on_progress: OnProgress | None = None,
+) -> JointMoveResult:
+    """Lower the arm to its rest pose, then switch torque off; see ``Arm.relax``."""
+    context.require_zeros()
+    with runner.lock:
+        context.servos.torque.check_idle()
+        context.servos.check_stop()
+        context.servos.torque.invalidated()  # enabled again with limits that let it come down
+        report = _try_lower(context, runner, preflight, on_progress)
+        runner.disable_torque()
+        if isinstance(report, IkservoError):
+            return _make_released_report(context, runner, report)
+        return report
+
+
+def lower(
+    context: ArmContext,
+    runner: MotionRunner,
+    preflight: PreflightPlanner,
+    on_progress: OnProgress | None = None,
+) -> JointMoveResult:
+    """Lower the arm to its rest pose, or as far as the path is free; torque stays on."""
+    with context.servos.tolerate_heat():
+        plan = preflight.plan_from_held(preflight.plan_lowering)
+        inside = preflight.rest_pose()
+        report = move_joints(context, runner, inside.positions, plan, on_progress)
+    return replace(report, binding=inside.changed + report.binding)
+
+
+def _try_lower(
+    context: ArmContext,
+    runner: MotionRunner,
+    preflight: PreflightPlanner,
+    on_progress: OnProgress | None,
+) -> JointMoveResult | IkservoError:
+    """Lower the arm; return the error where it could not be lowered."""
+    try:
+        return lower(context, runner, preflight, on_progress)
+    except (StoppedError, PortError):
+        raise
+    except IkservoError as error:
+        if context.servos.stop_request:
+            raise
+        return error
+
+
+def _make_released_report(
+    context: ArmContext, runner: MotionRunner, error: IkservoError
+) -> JointMoveResult:
+    """Return the report of an arm whose torque was switched off without lowering it."""
+    rest, state = dict(context.model.pose("rest")), runner.state()
+    measured = {name: state.positions[name] for name in rest}
+    return JointMoveResult(
+        goal_rad=rest,
+        measured_rad=measured,
+        measured_tip_m=state.tip_m,
+        error_rad=_max_error(measured, rest),
+        duration_s=0.0,
+        reached=False,
+        binding=(f"not lowered, torque is off: {error.message}",),
+    )
+
+
+def _max_error(measured: Mapping[str, float], goals: Mapping[str, float]) -> float:
+    return max((abs(measured[name] - goal) for name, goal in goals.items()), default=0.0)
+
+
+def _check_plan(plan: object) -> None:
+    if not isinstance(plan, MotionPlan):
+        raise BadValueError(
+            "The plan", repr(plan), "a plan, such as arm.plan_to((0.25, 0.0, 0.15))"
+        )
+
+
+def _require_target(plan: MotionPlan) -> tuple[Vector, Result]:
+    if plan.target_m is None or plan.solution is None:
+        raise BadValueError("The plan", "a motion of joints", "a plan of plan_to")
+    return plan.target_m, plan.solution

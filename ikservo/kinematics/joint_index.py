@@ -1,0 +1,89 @@
+"""The columns of a chain and of its gripper in vectors of all joints of an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.errors import UnknownNameError
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = ["JointIndex"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointIndex:
+    """Which column of a vector of all joints (n,) is which.
+
+    Attributes:
+        names: All joints, in the order of the vectors.
+        chain: The columns of the chain's joints (dof,), base to tip.
+        body: The columns that the collision body moves with: the chain's, then the gripper's
+            where the body includes it.
+    """
+
+    names: tuple[str, ...]
+    chain: tuple[int, ...]
+    body: tuple[int, ...]
+
+    @classmethod
+    def from_names(
+        cls, names: Sequence[str], chain: Sequence[str], gripper: str | None = None
+    ) -> JointIndex:
+        """Look the joints of a chain up among all joints.
+
+        Args:
+            names: All joints.
+            chain: Those of the chain, base to tip.
+            gripper: The gripper's joint, where the collision body includes it.
+
+        Raises:
+            ValueError: A joint of the chain is none of them.
+        """
+        names = tuple(names)
+        columns = tuple(names.index(name) for name in chain)
+        return cls(names, columns, columns if gripper is None else (*columns, names.index(gripper)))
+
+    def column(self, joint: str) -> int:
+        """Return the column of a joint.
+
+        Raises:
+            UnknownNameError: No such joint.
+        """
+        if joint not in self.names:
+            raise UnknownNameError("joint", joint, self.names)
+        return self.names.index(joint)
+
+    def chain_joints(self, joints: Matrix) -> Matrix:
+        """Return the chain's columns (…, dof) of all joints (…, n)."""
+        return joints[..., list(self.chain)]
+
+    def body_joints(self, joints: Matrix) -> Matrix:
+        """Return the collision body's columns of all joints (…, n)."""
+        return joints[..., list(self.body)]
+
+    def with_chain(self, joints: Vector, q: Vector) -> Vector:
+        """Return all joints (n,) with the chain's replaced by ``q`` (dof,)."""
+        replaced = joints.copy()
+        replaced[list(self.chain)] = q
+        return replaced
+
+    def with_position(self, joints: Vector, joint: str, position: float) -> Vector:
+        """Return all joints (n,) with one of them at another position.
+
+        Raises:
+            UnknownNameError: No such joint.
+        """
+        replaced = joints.copy()
+        replaced[self.column(joint)] = position
+        return replaced
+
+    def by_name(self, joints: Vector) -> dict[str, float]:
+        """Return the positions (n,) by joint."""
+        return dict(zip(self.names, joints.tolist(), strict=True))
+
+    def outside_chain(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Return which joints (n,) are not of the chain."""
+        return ~np.isin(np.arange(len(self.names)), self.chain)
