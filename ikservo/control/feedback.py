@@ -30,33 +30,33 @@ __all__ = [
 
 
 _ATTEMPTS = 4
-# A busy machine, or an adapter that hiccups, is given this much more time after each attempt.
+# A busy machine or a disturbed adapter is given this much more time after each attempt.
 _PAUSE_S = 0.02
 
 _Key = TypeVar("_Key", bound=Register | RegisterName)
 
 
-def read_register(bus: ServoBus, servo_ids: Iterable[int], wanted: RegisterName) -> dict[int, int]:
-    """Return a raw register of every servo.
+def read_register(bus: ServoBus, servo_ids: Iterable[int], name: RegisterName) -> dict[int, int]:
+    """Read a raw register of every servo.
 
     Raises:
-        BusError: A servo does not answer, however often it is asked; names all such.
+        BusError: A servo does not reply in any attempt; names all such.
     """
-    rows = read_registers(bus, dict.fromkeys(servo_ids, (wanted,)))
-    return {servo_id: row[wanted] for servo_id, row in rows.items()}
+    rows = read_registers(bus, dict.fromkeys(servo_ids, (name,)))
+    return {servo_id: row[name] for servo_id, row in rows.items()}
 
 
 def read_registers(
-    bus: ServoBus, wanted: Mapping[int, Sequence[_Key]]
+    bus: ServoBus, keys_by_id: Mapping[int, Sequence[_Key]]
 ) -> dict[int, Mapping[_Key, int]]:
-    """Return of each servo its own raw registers.
+    """Read raw registers, of each servo its own.
 
     Raises:
-        BusError: A servo does not answer, however often it is asked; names all such.
+        BusError: A servo does not reply in any attempt; names all such.
     """
     known: dict[int, Mapping[_Key, int]] = {}
     for attempt in range(1, _ATTEMPTS + 1):
-        missing = {i: keys for i, keys in wanted.items() if i not in known}
+        missing = {i: keys for i, keys in keys_by_id.items() if i not in known}
         readings = bus.bulk_read(missing, raw=True)
         known |= readings.values
         if not readings.errors:
@@ -67,32 +67,32 @@ def read_registers(
     return known
 
 
-def with_retries(clock: Clock, settle: Callable[[], None]) -> None:
-    """Settle something with a servo at rest; where it fails it is tried again after a pause.
+def with_retries(clock: Clock, access: Callable[[], None]) -> None:
+    """Access a servo at rest; retry after a pause where that fails.
 
     Raises:
-        BusError: However often that was tried.
+        BusError: The last attempt failed.
     """
     for attempt in range(1, _ATTEMPTS):
         try:
-            return settle()
+            return access()
         except BusError:
             clock.sleep_until(clock.now_s() + _PAUSE_S * attempt)
-    return settle()
+    return access()
 
 
-_MAX_LOST = 3  # beats in a row
+_MAX_LOST = 3  # cycles in a row
 
 
 class Feedback:
     """Reads the joints' positions.
 
     Args:
-        bus: The line.
+        bus: The servos' bus.
         fences: One for each joint.
 
     Attributes:
-        latest: The ticks of the joints that answered last, by joint.
+        latest: The ticks of the last cycle, of the joints that replied.
     """
 
     def __init__(self, bus: ServoBus, fences: Sequence[CommandLimits]) -> None:
@@ -103,56 +103,56 @@ class Feedback:
         self.reset_losses()
 
     def reset_losses(self) -> None:
-        """Start counting losses anew: the arm was at rest."""
+        """Start counting losses again: the arm was at rest."""
         self._losses = CommunicationMonitor(
             [fence.joint for fence in self._fences], max_lost=_MAX_LOST
         )
 
     @property
     def lost_joints(self) -> tuple[str, ...]:
-        """Return the joints whose last answer is missing."""
+        """Return the joints whose last reply is missing."""
         return self._losses.lost_joints
 
     def measure_ticks(self) -> dict[str, int]:
-        """Return every joint's tick, measured now.
+        """Read every joint's tick.
 
         Raises:
-            BusError: A servo does not answer, however often it is asked.
+            BusError: A servo does not reply in any attempt.
         """
         return self._ticks_by_joint(self._read_all())
 
     def measure_positions(self) -> Vector:
-        """Return where the joints are (n,), measured now, rad or m.
+        """Read the positions of the joints (n,), rad or m.
 
         Raises:
-            BusError: A servo does not answer, however often it is asked.
+            BusError: A servo does not reply in any attempt.
         """
         self._read_all()
         return self._latest_positions()
 
     def read(self) -> Vector:
-        """Return where the joints are (n,); one that did not answer, where it was last seen.
+        """Read the joints (n,); one without a reply keeps its last position.
 
         Raises:
-            ServoSilentError: A servo gave no answer for three beats in a row; names it.
+            ServoSilentError: A servo did not reply in three cycles in a row; names it.
         """
         readings = self._bus.sync_read(self._ids, RegisterName.PRESENT_POSITION, raw=True)
-        heard = dict(readings.values)
+        ticks = dict(readings.values)
         try:
-            self._store_ticks(heard)
+            self._store_ticks(ticks)
         except ServoSilentError:
-            heard |= self._retry_silent(readings)
+            ticks |= self._retry_silent(readings)
             self.reset_losses()
-            self._store_ticks(heard)
+            self._store_ticks(ticks)
         return self._latest_positions()
 
     def _retry_silent(self, readings: Readings[int]) -> dict[int, int]:
-        """Ask one of the silent with all patience: a busy machine is not a dead servo.
+        """Read one silent servo with all retries: the machine may just be busy.
 
-        Once it has answered the others are asked again, too: nobody has seen them for long.
+        Once it has replied the others are read again, too.
 
         Raises:
-            ServoSilentError: It is silent indeed; names all that are.
+            ServoSilentError: It does not reply; names all that do not.
         """
         servo_id, *others = readings.errors
         try:
@@ -164,16 +164,16 @@ class Feedback:
             self._bus.sync_read(others, RegisterName.PRESENT_POSITION, raw=True).values
         )
 
-    def _store_ticks(self, heard: Mapping[int, int]) -> None:
-        self._last |= heard
-        self.latest = {f.joint: heard[f.servo_id] for f in self._fences if f.servo_id in heard}
+    def _store_ticks(self, ticks: Mapping[int, int]) -> None:
+        self._last |= ticks
+        self.latest = {f.joint: ticks[f.servo_id] for f in self._fences if f.servo_id in ticks}
         self._losses.update(self.latest)
 
     def _read_all(self) -> Mapping[int, int]:
-        heard = read_register(self._bus, self._ids, RegisterName.PRESENT_POSITION)
-        self._last |= heard
-        self.latest = self._ticks_by_joint(heard)
-        return heard
+        ticks = read_register(self._bus, self._ids, RegisterName.PRESENT_POSITION)
+        self._last |= ticks
+        self.latest = self._ticks_by_joint(ticks)
+        return ticks
 
     def _ticks_by_joint(self, by_id: Mapping[int, int]) -> dict[str, int]:
         return {fence.joint: by_id[fence.servo_id] for fence in self._fences}
@@ -191,9 +191,9 @@ class JointState:
         lower_rad: Lower limit, same unit.
         upper_rad: Upper limit.
         limit_from: Where the limits come from.
-        load_percent: Share of the stall torque or, where the servo measures it, current.
-        torque: Whether the servo holds.
-        alarms: What the servo complains about, in words.
+        load_percent: Of the stall torque or, where the servo measures it, of the maximum current.
+        torque: Whether torque is on.
+        alarms: The servo's alarms.
     """
 
     name: str
@@ -219,12 +219,12 @@ _STATE_REGISTERS = (
 def read_joint_states(
     bus: ServoBus, fences: Sequence[CommandLimits], ticks: Mapping[str, int]
 ) -> tuple[JointState, ...]:
-    """Return every joint's position, limits, temperature, voltage, load and torque.
+    """Read every joint's limits, temperature, voltage, load and torque.
 
     Args:
-        bus: The line.
+        bus: The servos' bus.
         fences: One for each joint.
-        ticks: Where they were just measured.
+        ticks: The positions just measured.
 
     Raises:
         BusError: A servo does not answer.
@@ -261,26 +261,26 @@ def _state_value(
     bus: ServoBus,
     fence: CommandLimits,
     rows: Mapping[int, Mapping[RegisterName, int]],
-    role: RegisterName,
+    name: RegisterName,
 ) -> float:
     table = bus.servos[fence.servo_id].table
-    return table.find(role).to_value(rows[fence.servo_id][role])
+    return table.find(name).to_value(rows[fence.servo_id][name])
 
 
 def load_percent(servo: ServoSpec, load: float) -> float:
-    """Return a load as a share of the most there is: of torque, or of the current limit."""
+    """Return a load in percent of the stall torque, or of the maximum current."""
     table = servo.table
     if table.present_load.unit.symbol != "A":
         return 100.0 * load
-    most = table.registers["current_limit"]
-    return 100.0 * load / most.to_value(most.range[1])
+    limit = table.registers["current_limit"]
+    return 100.0 * load / limit.to_value(limit.range[1])
 
 
 _CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)
 _READINGS = 5
-# The bus is busy for a quarter of each beat; the rest is for us, for repeats and for others.
+# The bus is busy for a quarter of each cycle; the rest is for computing and for retries.
 _TIME_MARGIN = 4.0
-_MIN_TIME_MARGIN = 1.25  # a slow bus may be busy for most of it
+_MIN_TIME_MARGIN = 1.25  # a slow bus may be busy for most of the cycle
 
 
 def measure_cycle_time_s(bus: ServoBus, feedback: Feedback) -> float:
@@ -292,25 +292,25 @@ def measure_cycle_time_s(bus: ServoBus, feedback: Feedback) -> float:
     Raises:
         BusError: A servo does not answer.
     """
-    cycle_s = _reading_s(bus, feedback) + _writing_s(bus)
-    for beat_s in _CYCLE_TIMES_S:
-        if beat_s >= _TIME_MARGIN * cycle_s:
-            return beat_s
-    return max(_CYCLE_TIMES_S[-1], _MIN_TIME_MARGIN * cycle_s)
+    bus_s = _reading_s(bus, feedback) + _writing_s(bus)
+    for cycle_time_s in _CYCLE_TIMES_S:
+        if cycle_time_s >= _TIME_MARGIN * bus_s:
+            return cycle_time_s
+    return max(_CYCLE_TIMES_S[-1], _MIN_TIME_MARGIN * bus_s)
 
 
 def _reading_s(bus: ServoBus, feedback: Feedback) -> float:
-    """Return how long it takes to read all positions, and what one servo says besides."""
+    """Measure how long it takes to read all positions, and the telemetry of one servo."""
     taken_s: list[float] = []
     for _ in range(_READINGS):
-        begin_s = bus.clock.now_s()
+        start_s = bus.clock.now_s()
         feedback.measure_positions()
-        taken_s.append(bus.clock.now_s() - begin_s)
+        taken_s.append(bus.clock.now_s() - start_s)
     return median(taken_s) * (1.0 + 1.0 / len(bus.servos))
 
 
 def _writing_s(bus: ServoBus) -> float:
-    """Return how long the goals of all servos are on the wire; nobody answers to them."""
+    """Return how long the goals of all servos are on the wire; they have no replies."""
     header = 14
     each = 1 + next(iter(bus.servos.values())).table.goal_position.size
     return bus.port.wire_s(header + each * len(bus.servos))

@@ -7,7 +7,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from ikservo.control.feedback import JointState, load_percent, read_registers
+from ikservo.control.feedback import (
+    JointState,
+    load_percent,
+    read_register,
+    read_registers,
+)
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.errors import BusError
 from ikservo.guard import HealthMonitor, ServoTelemetry
@@ -16,11 +21,11 @@ from ikservo.hardware.read_plan import contiguous_runs
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, RegisterName
 
-__all__ = ["HealthPoller"]
+__all__ = ["HealthPoller", "read_supply_ranges"]
 
-# Between two questions; where goals are streamed faster than this, not every beat has one.
+# Between two reads; where cycles are shorter than this, not every cycle has one.
 _PERIOD_S = 0.008
-# While the program was held up nobody could be asked: no more of a cycle counts as watched.
+# No more of a cycle counts towards the age of telemetry: a delayed program could read nothing.
 _MAX_AGE_S = 0.025
 
 _NUMBERS = (
@@ -32,16 +37,16 @@ _NUMBERS = (
 
 
 class HealthPoller:
-    """Asks servo after servo for its vitals and lets the guard judge them.
+    """Reads the telemetry of one servo after the other for the guard's health monitor.
 
-    Alarms come with every answer of a servo and are judged at every beat.
+    Alarms are part of every reply and are checked in every cycle.
 
     Args:
-        bus: The line.
-        names: What each servo is called, by id: its joint, or which other servo of it.
-        limits: What must stand in the servos' RAM.
-        health: Judges.
-        tell: Called with each new warning, in words.
+        bus: The servos' bus.
+        names: The name of each servo, by id: its joint, or which further servo of it.
+        limits: The expected limits in the servos' RAM.
+        health: Checks the telemetry.
+        on_warning: Called with each new warning.
     """
 
     def __init__(
@@ -50,51 +55,52 @@ class HealthPoller:
         names: Mapping[int, str],
         limits: ServoRamLimits,
         health: HealthMonitor,
-        tell: Callable[[str], None],
+        on_warning: Callable[[str], None],
     ) -> None:
-        self._bus, self._limits, self._health, self._tell = bus, limits, health, tell
+        self._bus, self._limits, self._health = bus, limits, health
+        self._on_warning = on_warning
         self._names = dict(names)
         self._known: dict[int, dict[Register, int]] = {}
-        self._questions: list[tuple[int, list[Register]]] = []
-        self._next, self._asked_s = 0, -math.inf
-        self._beat_s = self._watched_s = 0.0
-        self._told: set[str] = set()
+        self._requests: list[tuple[int, list[Register]]] = []
+        self._next, self._polled_s = 0, -math.inf
+        self._cycle_s = self._watched_s = 0.0
+        self._warned: set[str] = set()
 
     @property
     def is_overheated(self) -> bool:
-        """Return whether a servo was so hot that it must be let go."""
+        """Return whether a servo was too hot to hold any longer."""
         return self._health.release
 
     def poll_all(self) -> None:
-        """Ask everybody everything before a motion.
+        """Read all telemetry of all servos before a motion.
 
         Raises:
             BusError: A servo does not answer.
-            ServoAlarmError: One is not well; see ``HealthMonitor``.
+            ServoAlarmError: One reports a fault; see ``HealthMonitor``.
             RefusedError: The watchdog of one has tripped.
         """
-        self._beat_s = self._bus.clock.now_s()
-        wanted = {i: self._telemetry_registers(i) for i in self._names}
-        self._known = {i: dict(row) for i, row in read_registers(self._bus, wanted).items()}
-        runs = {i: contiguous_runs(registers) for i, registers in wanted.items()}
-        longest = max(len(r) for r in runs.values())
-        self._questions = [(i, r[k]) for k in range(longest) for i, r in runs.items() if k < len(r)]
+        self._cycle_s = self._bus.clock.now_s()
+        registers = {i: self._telemetry_registers(i) for i in self._names}
+        self._known = {i: dict(row) for i, row in read_registers(self._bus, registers).items()}
+        runs = {i: contiguous_runs(row) for i, row in registers.items()}
+        max_runs = max(len(r) for r in runs.values())
+        self._requests = [(i, r[k]) for k in range(max_runs) for i, r in runs.items() if k < len(r)]
         for servo_id in self._names:
             self._check_servo(servo_id)
 
     def poll(self) -> None:
-        """Ask the next question; an answer that is lost is asked for again in the next round.
+        """Read the next registers; a lost reply is read again in the next round.
 
         Raises:
-            ServoAlarmError: A servo is not well, or was reset; see ``HealthMonitor``.
-            RefusedError: One has not answered how it is for too long, or its watchdog has tripped.
+            ServoAlarmError: A servo reports a fault, or was reset; see ``HealthMonitor``.
+            RefusedError: The telemetry of one is too old, or its watchdog has tripped.
         """
         now_s = self._bus.clock.now_s()
-        self._watched_s += min(now_s - self._beat_s, _MAX_AGE_S)
-        self._beat_s = now_s
-        if now_s - self._asked_s >= _PERIOD_S:
-            self._asked_s = now_s
-            self._read_registers(*self._questions[self._next % len(self._questions)])
+        self._watched_s += min(now_s - self._cycle_s, _MAX_AGE_S)
+        self._cycle_s = now_s
+        if now_s - self._polled_s >= _PERIOD_S:
+            self._polled_s = now_s
+            self._read_registers(*self._requests[self._next % len(self._requests)])
             self._next += 1
         for servo_id in self._names:
             if self._bus.alarms.get(servo_id):
@@ -102,7 +108,7 @@ class HealthPoller:
         self._health.check_telemetry_age(self._watched_s)
 
     def with_latest_telemetry(self, states: Sequence[JointState]) -> tuple[JointState, ...]:
-        """Return joints' states with what their servos have told since; asks nobody."""
+        """Return joints' states with the latest telemetry; reads no servo."""
         ids = {name: servo_id for servo_id, name in self._names.items()}
         return tuple(self._refresh_state(state, ids[state.name]) for state in states)
 
@@ -122,19 +128,19 @@ class HealthPoller:
         )
 
     def _read_registers(self, servo_id: int, registers: list[Register]) -> None:
-        heard = self._bus.bulk_read({servo_id: registers}, raw=True).values
-        if servo_id in heard:
-            self._known[servo_id].update(heard[servo_id])
+        values = self._bus.bulk_read({servo_id: registers}, raw=True).values
+        if servo_id in values:
+            self._known[servo_id].update(values[servo_id])
             self._check_servo(servo_id)
 
     def _check_servo(self, servo_id: int) -> None:
-        vitals = self._make_telemetry(servo_id)
-        if not vitals.settings_intact:  # a watchdog that tripped takes the limits with it, too
+        telemetry = self._make_telemetry(servo_id)
+        if not telemetry.settings_intact:  # a tripped watchdog resets the limits, too
             self._limits.check_watchdog(servo_id)
-        for warning in self._health.update(vitals):
-            if warning not in self._told:
-                self._told.add(warning)
-                self._tell(warning)
+        for warning in self._health.update(telemetry):
+            if warning not in self._warned:
+                self._warned.add(warning)
+                self._on_warning(warning)
 
     def _make_telemetry(self, servo_id: int) -> ServoTelemetry:
         servo, known = self._bus.servos[servo_id], self._known[servo_id]
@@ -153,7 +159,7 @@ class HealthPoller:
         )
 
     def _read_alarms(self, servo_id: int) -> frozenset[str]:
-        """Return what a servo complains about; one whose answers only say that it does is asked."""
+        """Return a servo's alarms; they are read where its replies only flag that it has some."""
         if not self._bus.alarms.get(servo_id):
             return frozenset()
         with contextlib.suppress(BusError):
@@ -162,10 +168,27 @@ class HealthPoller:
 
     def _telemetry_registers(self, servo_id: int) -> list[Register]:
         table = self._bus.servos[servo_id].table
-        wanted = [table.find(role) for role in _NUMBERS]
-        return [*wanted, *self._limits.reset_markers(servo_id)]
+        registers = [table.find(name) for name in _NUMBERS]
+        return [*registers, *self._limits.reset_markers(servo_id)]
 
 
-def _register_value(servo: ServoSpec, known: Mapping[Register, int], role: RegisterName) -> float:
-    register = servo.table.find(role)
+def _register_value(servo: ServoSpec, known: Mapping[Register, int], name: RegisterName) -> float:
+    register = servo.table.find(name)
     return register.to_value(known[register])
+
+
+def read_supply_ranges(bus: ServoBus, names: Mapping[int, str]) -> dict[str, tuple[float, float]]:
+    """Read the supply limits [V] of each servo, by its name.
+
+    Raises:
+        BusError: A servo does not answer.
+    """
+    low = read_register(bus, names, RegisterName.MIN_VOLTAGE_LIMIT)
+    high = read_register(bus, names, RegisterName.MAX_VOLTAGE_LIMIT)
+    ranges: dict[str, tuple[float, float]] = {}
+    for servo_id, name in names.items():
+        table = bus.servos[servo_id].table
+        min_v = table.find(RegisterName.MIN_VOLTAGE_LIMIT).to_value(low[servo_id])
+        max_v = table.find(RegisterName.MAX_VOLTAGE_LIMIT).to_value(high[servo_id])
+        ranges[name] = (min_v, max_v)
+    return ranges

@@ -1,7 +1,4 @@
-"""Limits in servo RAM: profile, torque, watchdog; restored after a servo was reset.
-
-All of them are RAM: they are gone after a servo's reset, which is how a reset is noticed.
-"""
+"""Limits in servo RAM: profile, torque, watchdog; their loss shows that a servo was reset."""
 
 from __future__ import annotations
 
@@ -17,31 +14,31 @@ from ikservo.registers import Family, OperatingMode, Register, RegisterName
 __all__ = ["ServoRamLimits", "limit_torque", "torque_limit_registers"]
 
 
-def limit_torque(bus: ServoBus, servo_id: int, share: float) -> None:
-    """Limit a servo's torque to a share (0 to 1) of what its own settings allow at most.
+def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
+    """Limit a servo's torque to a fraction (0 to 1) of the maximum of its own settings.
 
     Raises:
         RegisterAccessError: The model has no such limit.
-        BusError: It does not take it.
+        BusError: It cannot be written.
     """
     registers = torque_limit_registers(bus, servo_id)
     if registers is None:
         servo = str(bus.servos[servo_id])
         raise RegisterAccessError(servo, "its torque limit", "there is none in RAM")
-    limit, most = registers
-    top = bus.read(servo_id, most, raw=True)
-    bus.write(servo_id, limit, max(1, round(share * top)), raw=True)
+    limit, maximum = registers
+    max_counts = bus.read(servo_id, maximum, raw=True)
+    bus.write(servo_id, limit, max(1, round(fraction * max_counts)), raw=True)
 
 
 def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Register] | None:
-    """Return the RAM register that limits a servo's torque, and the one with the most it may hold.
+    """Return the RAM register that limits a servo's torque, and the one with its maximum.
 
     Feetech STS and older Dynamixel have a torque limit in RAM. Dynamixel X limits its current by
     the goal current where it is in current-based position mode, else its duty by the goal PWM.
     None where the model has no such register.
 
     Raises:
-        BusError: The servo does not say which mode it is in.
+        BusError: The servo's mode cannot be read.
     """
     registers = bus.servos[servo_id].table.registers
     if "torque_limit" in registers:
@@ -59,10 +56,10 @@ _TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
 _COARSE_SPEED = 50  # ticks a second in one count, where bit 2 of a Feetech's phase is clear
 _FINE_SPEED_BIT = 0b100
 
-# The servo's own ramps: from its speed to a stop in this time. They must be steeper than those of
-# the motion, or the servo could not follow it.
+# The servo's own ramps: from its speed to a stop in this time. They must be steeper than the
+# motion's, or the servo could not follow it.
 _RAMP_S = 0.03
-_SPEED_MARGIN = 1.2  # a joint that is behind may catch up
+_SPEED_MARGIN = 1.2  # a joint that lags may catch up
 
 _WATCHDOG_COUNTS = 5  # of 20 ms
 _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
@@ -72,8 +69,8 @@ class ServoRamLimits:
     """Speed, acceleration and torque limits in RAM, and the watchdog where there is one.
 
     Args:
-        bus: The line.
-        servo_ids: The servos that are told goals.
+        bus: The servos' bus.
+        servo_ids: The servos that goals are sent to.
     """
 
     def __init__(self, bus: ServoBus, servo_ids: Sequence[int]) -> None:
@@ -89,17 +86,17 @@ class ServoRamLimits:
         return [i for i in self._ids if "bus_watchdog" in self._limit_registers(i)]
 
     def invalidate(self) -> None:
-        """Take nothing for granted any more: the servos may have lost their RAM."""
+        """Write everything again next time: the servos may have lost their RAM."""
         self._speed_rad_s = None
 
     def prepare(self, servo_id: int, *, keep_torque: bool = False) -> None:
-        """Make a servo ready to take goals and let it have its torque: once, before it is on.
+        """Clear the watchdog and set full torque, before torque comes on.
 
         A watchdog that has tripped keeps goals from being written until it is cleared.
 
         Args:
-            servo_id: Which.
-            keep_torque: Whether a torque limit stays that stands there.
+            servo_id: The servo.
+            keep_torque: Whether its torque limit is kept.
 
         Raises:
             BusError: It does not answer.
@@ -110,17 +107,17 @@ class ServoRamLimits:
         self._time_based[servo_id] = self._read_time_based(servo_id)
         limit = None if keep_torque else torque_limit_registers(self._bus, servo_id)
         if limit is not None:
-            own, most = limit
-            self._bus.write(servo_id, own, self._bus.read(servo_id, most, raw=True), raw=True)
+            own, maximum = limit
+            self._bus.write(servo_id, own, self._bus.read(servo_id, maximum, raw=True), raw=True)
 
     def set_speed(self, speed_rad_s: float) -> None:
-        """Limit how fast every servo turns towards its goal by itself.
+        """Limit the speed with which every servo turns towards its goal.
 
         Args:
             speed_rad_s: The top speed of the motions that follow, at the horn.
 
         Raises:
-            BusError: A servo does not take it.
+            BusError: A servo cannot be written.
         """
         if speed_rad_s == self._speed_rad_s:
             return
@@ -131,35 +128,35 @@ class ServoRamLimits:
         self._speed_rad_s = speed_rad_s
 
     def arm_watchdog(self) -> None:
-        """Let servos stop by themselves once nobody has spoken on the bus for a tenth second.
+        """Arm the servos' watchdogs: they stop after a tenth second without packets.
 
         Raises:
-            BusError: A servo does not take it.
+            BusError: A servo cannot be written.
         """
         self._armed = bool(self.watchdog_ids)
         self._write_watchdogs(_WATCHDOG_COUNTS)
 
     def disarm_watchdog(self) -> None:
-        """Let servos hold without being talked to.
+        """Disarm the watchdogs: servos hold without packets.
 
         Raises:
-            BusError: A servo does not take it.
+            BusError: A servo cannot be written.
         """
         self._write_watchdogs(0)
         self._armed = False
 
     def broadcast_watchdog_off(self) -> None:
-        """Disarm it in an emergency: one packet to all, no answer needed."""
+        """Disarm the watchdogs in an emergency: one packet to all, without replies."""
         for servo_id in self.watchdog_ids[:1]:
             register = self._limit_registers(servo_id)["bus_watchdog"]
             self._bus.sync_write(register, dict.fromkeys(self.watchdog_ids, 0), raw=True)
         self._armed = False
 
     def check_watchdog_gap(self, elapsed_s: float) -> None:
-        """Ask the servos where so long a time has gone that their watchdogs may have tripped.
+        """Read the watchdogs after a gap in which they may have tripped.
 
         Raises:
-            HeldUpError: One has, or does not say; the servos stand where they were.
+            HeldUpError: One has, or cannot be read; the servos hold.
         """
         if self._armed and elapsed_s > _WATCHDOG_S:
             for servo_id in self.watchdog_ids:
@@ -167,16 +164,16 @@ class ServoRamLimits:
                     raise _pause_error()
 
     def check_watchdog(self, servo_id: int) -> None:
-        """Ask a servo whether its watchdog has tripped.
+        """Read whether a servo's watchdog has tripped.
 
         Raises:
-            HeldUpError: It has; the servo stands where it was.
+            HeldUpError: It has; the servo holds.
         """
         if self._read_tripped(servo_id):
             raise _pause_error()
 
     def reset_markers(self, servo_id: int) -> Mapping[Register, int]:
-        """Return what must stand in the RAM of a servo that is told goals, unless it was reset."""
+        """Return the RAM registers of a servo, and their values unless it was reset."""
         if servo_id not in self._expected:
             return {}
         registers, expected = self._limit_registers(servo_id), self._expected[servo_id]
@@ -185,7 +182,7 @@ class ServoRamLimits:
         return expected
 
     def _read_tripped(self, servo_id: int) -> bool | None:
-        """Return whether a servo's watchdog has tripped; None where it does not answer."""
+        """Read whether a servo's watchdog has tripped; None where it does not reply."""
         watchdog = self._limit_registers(servo_id).get("bus_watchdog")
         if watchdog is None:
             return False
@@ -195,7 +192,7 @@ class ServoRamLimits:
             return None
 
     def _write_watchdogs(self, counts: int) -> None:
-        """Write it to each and hear that it was taken: a lost one would look like a reset later."""
+        """Write each and confirm it: a lost write would later look like a reset."""
         for servo_id in self.watchdog_ids:
             register = self._limit_registers(servo_id)["bus_watchdog"]
             write = partial(self._bus.write, servo_id, register, counts, raw=True)
@@ -204,7 +201,7 @@ class ServoRamLimits:
     def _limit_speed(self, servo_id: int, speed_rad_s: float) -> None:
         table = self._servo_spec(servo_id).table
         speed = table.find(RegisterName.PROFILE_VELOCITY)
-        if self._time_based[servo_id]:  # it is told how long a step takes; 0 leaves it to us
+        if self._time_based[servo_id]:  # the register is a duration; 0 disables the profile
             self._write_limit(servo_id, speed, 0)
             return
         self._write_limit(servo_id, speed, self._read_speed_counts(servo_id, speed, speed_rad_s))
@@ -214,7 +211,7 @@ class ServoRamLimits:
             self._write_limit(servo_id, ramp, counts)
 
     def _write_limit(self, servo_id: int, register: Register, counts: int) -> None:
-        """Write a limit; the one written last is the canary."""
+        """Write a limit; the last one written is the reset marker."""
         self._bus.write(servo_id, register, counts, raw=True)
         self._expected[servo_id] = {register: counts}
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import FrameType
 
 from ikservo.clock import Clock
-from ikservo.errors import StoppedError
+from ikservo.errors import IkservoError, RefusedError, StoppedError
 from ikservo.guard import CommandLimits, Gate, StopKind, StopReason
 from ikservo.hardware.bus import ServoBus
 from ikservo.registers import RegisterName
@@ -23,7 +23,9 @@ __all__ = [
     "StopOutcome",
     "StopReason",
     "StopRequest",
+    "check_pause",
     "exit_exception",
+    "fault_reason",
     "handle_signals",
     "hold_servos",
     "stop_on_signals",
@@ -36,14 +38,14 @@ RELAX_HINT = "Switch torque off with: ikservo relax"
 
 
 class StopRequest:
-    """Remembers that the arm shall stop, why, and how often that was requested.
+    """A request to stop the arm: its reason, and how often it was made.
 
-    To set it is a few assignments: a signal or another thread may do it at any time. The control
-    loop looks at it in every cycle.
+    Setting it is a few assignments, safe from signals and other threads. The control loop checks
+    it in every cycle.
 
     Attributes:
         times: How often a stop was requested.
-        acknowledged: Whether the stop was acknowledged before the motion that it ends has ended.
+        acknowledged: Whether the stop was acknowledged before its motion has ended.
         signal: The signal that requested first; 0 where none did.
     """
 
@@ -59,7 +61,7 @@ class StopRequest:
 
     @property
     def reason(self) -> StopReason | None:
-        """Why, as first requested; None where no stop was."""
+        """The reason of the first request; None where there was none."""
         return self._reason
 
     @property
@@ -68,20 +70,20 @@ class StopRequest:
         return self._motion_running
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
-        """Request that the motion ends; says which signal requests it, if one does."""
+        """Request that the motion ends, for a signal if one is given."""
         self.signal = self.signal or signal
         self._reason = self._reason or reason
         self.acknowledged = False
         self.times += 1
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:
-        """Request that the motion ends at once: nothing more can or shall be sent."""
+        """Request that the motion ends at once, without sending anything more."""
         self._without_braking, self._hint = True, hint
         self.set(reason)
 
     @contextmanager
     def motion(self) -> Generator[None]:
-        """Note that a motion runs while the block does: a stop of it cannot be taken back."""
+        """Mark a motion as running within the block: its stop cannot be cleared."""
         before, self._motion_running = self._motion_running, True
         try:
             yield
@@ -92,7 +94,7 @@ class StopRequest:
         """Raise where the motion must end without braking.
 
         Raises:
-            StoppedError: It must; says why.
+            StoppedError: It must; carries the reason.
         """
         if self._without_braking:
             self.raise_if_set()
@@ -101,15 +103,51 @@ class StopRequest:
         """Raise where a stop was requested.
 
         Raises:
-            StoppedError: It was; says why.
+            StoppedError: It was; carries the reason.
         """
         if self:
             raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, self._hint)
 
     def clear(self) -> None:
-        """Forget it: the arm holds, or shall be moved again."""
+        """Clear the request: the arm holds, or may be moved again."""
         self._reason, self.times, self.signal = None, 0, 0
         self._without_braking, self._hint, self.acknowledged = False, RELAX_HINT, False
+
+
+# A motion does not continue by itself after a longer pause of the program.
+_MAX_PAUSE_S = 10.0
+
+
+def check_pause(elapsed_s: float) -> None:
+    """Refuse to continue after a pause in which a person may have come near the arm.
+
+    Raises:
+        RefusedError: It was too long.
+    """
+    if elapsed_s > _MAX_PAUSE_S:
+        raise RefusedError(
+            f"The program was delayed by {elapsed_s:.0f} s in the middle of a motion; "
+            "torque stays on.",
+            "Look at the arm, then move it again.",
+        )
+
+
+def fault_reason(error: BaseException) -> StopReason:
+    """Return the reason of a stop that an error caused."""
+    if isinstance(error, KeyboardInterrupt):
+        return CTRL_C
+    return StopReason(StopKind.FAULT, _describe_fault(error))
+
+
+def _describe_fault(error: BaseException) -> str:
+    if isinstance(error, IkservoError):
+        return error.message
+    if isinstance(error, MemoryError):
+        return "The program ran out of memory during the motion."
+    if isinstance(error, (SystemExit, GeneratorExit)):
+        return "The program ended during the motion."
+    text = f"{type(error).__name__}: {error}".removesuffix(": ")
+    return f"The program failed during the motion ({text})."
 
 
 _REASONS = {
@@ -122,29 +160,29 @@ _REASONS = {
 _DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
 
 
-def exit_exception(number: int, words: str) -> BaseException:
-    """Return what ends the program after a signal has stopped the arm; see decision 15.
+def exit_exception(number: int, text: str) -> BaseException:
+    """Return the exception that ends the program after a signal; see decision 15.
 
     No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
     pressed Ctrl-C does not go on to its next motion.
 
     Args:
         number: The signal; 0 where the program raised ``KeyboardInterrupt`` itself.
-        words: What was done about the arm.
+        text: What was done with the arm.
     """
     if number in (0, signal.SIGINT):
-        return KeyboardInterrupt(words)
-    return SystemExit(128 + number)  # what a shell says of a process that a signal ended
+        return KeyboardInterrupt(text)
+    return SystemExit(128 + number)  # a shell's exit code for a process that a signal ended
 
 
 _watched_stops: list[tuple[StopRequest, Callable[[], bool]]] = []
 
 
 def stop_on_signals(stop_request: StopRequest, running: Callable[[], bool]) -> None:
-    """Let Ctrl-C, SIGTERM and SIGHUP stop a motion of another thread, wherever this thread is.
+    """Stop a motion of another thread on Ctrl-C, SIGTERM and SIGHUP, which also end the program.
 
-    The program is ended besides, see ``ending``. Once nothing runs any more, signals do again what
-    they did. Handlers that a program has set itself stay; only the main thread can set any.
+    Once no such motion runs, signals have their default effect again. Handlers of the program
+    itself are kept; only the main thread can set any.
 
     Args:
         stop_request: Set by the signal.
@@ -166,7 +204,7 @@ def _on_signal(number: int, _: FrameType | None) -> None:
 
 
 def _request_watched(number: int) -> bool:
-    """Stop every motion of the background that still runs; return whether there was one."""
+    """Stop every background motion that still runs; return whether there was one."""
     requests = [request for request, running in _watched_stops if running()]
     for request in requests:
         request.set(_reason_of(number), number)
@@ -183,15 +221,15 @@ def _signal_numbers() -> list[int]:
 
 @contextmanager
 def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) -> Generator[None]:
-    """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request, while the block runs.
+    """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request within the block.
 
-    Where no control loop runs, the arm holds: ``KeyboardInterrupt`` ends the waiting at once.
-    Handlers that a program has set itself stay, and threads other than the main one, to which
-    Python gives no signals, are left alone.
+    Where no control loop runs, the arm holds: ``KeyboardInterrupt`` is raised at once. Handlers of
+    the program itself are kept. In threads other than the main one, which receives all signals,
+    nothing is changed.
 
     Args:
         stop_request: Set by the signal.
-        loop_running: Whether a control loop will see the request in its next cycle.
+        loop_running: Whether a control loop will handle the request in its next cycle.
     """
 
     def request_stop(number: int, _: FrameType | None) -> None:
@@ -214,8 +252,8 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
             signal.signal(number, handler)
 
 
-# A joint that moves by more in this time was on its way; one that rests keeps its goal, for its
-# load has pulled it below, and a goal where it is would let it sink further at every stop.
+# A joint that moves by more in this time was moving; one at rest keeps its goal, for its load has
+# pulled it below, and a goal at its position would let it sink further at every stop.
 _POLL_PERIOD_S = 0.06
 _MOVED_TICKS = 2
 _ATTEMPTS = 3
@@ -223,12 +261,12 @@ _ATTEMPTS = 3
 
 @dataclass(frozen=True, slots=True)
 class StopOutcome:
-    """What became of each joint.
+    """The outcome of a stop for each joint.
 
     Attributes:
-        held: Those that hold now.
+        held: Those that hold.
         limp: Those without torque; nothing was changed there.
-        silent: Those that did not answer; nobody knows.
+        silent: Those that did not answer.
     """
 
     held: tuple[str, ...]
@@ -237,7 +275,7 @@ class StopOutcome:
 
 
 def hold_servos(bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) -> StopOutcome:
-    """Let every joint that has torque stay where it is; switches no torque."""
+    """Hold every joint that has torque at its position; switches no torque."""
     ids = {fence.servo_id: fence for fence in fences}
     torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).values
     on = [i for i, value in torque.items() if value]
@@ -274,11 +312,11 @@ def _send_goals(
         bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
 
     ids = {fence.joint: fence.servo_id for fence in fences}
-    left = dict(ticks)
-    for _ in range(_ATTEMPTS):  # no servo answers to a sync write: it is read back
-        if left:
-            Gate(fences, send, clock).reset_goals(left)
+    pending = dict(ticks)
+    for _ in range(_ATTEMPTS):  # a sync write has no reply: goals are read back
+        if pending:
+            Gate(fences, send, clock).reset_goals(pending)
             goals = bus.sync_read(
-                [ids[name] for name in left], RegisterName.GOAL_POSITION, raw=True
+                [ids[name] for name in pending], RegisterName.GOAL_POSITION, raw=True
             ).values
-            left = {name: tick for name, tick in left.items() if goals.get(ids[name]) != tick}
+            pending = {name: tick for name, tick in pending.items() if goals.get(ids[name]) != tick}

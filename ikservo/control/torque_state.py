@@ -1,4 +1,4 @@
-"""Whether an arm's servos hold, and what its next motion may be: one state, a transition a reason.
+"""The torque state of an arm: one state machine with a transition for each event.
 
 ::
 
@@ -9,7 +9,7 @@
     FIRST_MOTION, HOLDING --lowering_started--> LOWERING --released--> OFF
                                                 LOWERING --lowering_ended--> UNKNOWN
 
-What latches a stop is not a state of torque and stays with the gate (``guard.Latch``).
+A latched stop is not a state of torque; it belongs to the gate (``guard.Latch``).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["TorqueState", "TorqueStateMachine"]
 
 
 class TorqueState(Enum):
-    """What is known of the torque of an arm's servos, and what they do with it."""
+    """The torque of an arm's servos, as far as it is known."""
 
     UNKNOWN = auto()
     """Not read since the arm was opened, or since a fault, a reconnect or an acknowledge."""
@@ -33,9 +33,9 @@ class TorqueState(Enum):
     HOLDING = auto()
     """On, each servo at its goal."""
     MOVING = auto()
-    """On, and a control loop sends goals and looks at the stop request in every cycle."""
+    """On, and a control loop sends goals and checks the stop request in every cycle."""
     LOWERING = auto()
-    """On, while an overheated arm is brought to its rest pose; between two control loops."""
+    """On, while an overheated arm is lowered to its rest pose; between two control loops."""
 
 
 _ON = (TorqueState.FIRST_MOTION, TorqueState.HOLDING, TorqueState.LOWERING)
@@ -44,9 +44,9 @@ _ON = (TorqueState.FIRST_MOTION, TorqueState.HOLDING, TorqueState.LOWERING)
 class TorqueStateMachine:
     """The torque state of one arm.
 
-    Transitions are made by the thread that has the arm's turn; signals and others only read. One
-    thing is remembered besides the state: whether a first motion is due. A fault makes the state
-    UNKNOWN, but completes no motion, so that the next one is still slow.
+    Transitions are made by the thread that holds the runner's lock; signals and other threads only
+    read. Besides the state it keeps whether a first motion is due: a fault makes the state UNKNOWN,
+    but completes no motion, so that the next one is still slow.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class TorqueStateMachine:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a control loop runs, and so will see a stop request in its next cycle."""
+        """Whether a control loop runs, and so will handle a stop request in its next cycle."""
         return self._loop_running
 
     @property
@@ -85,7 +85,7 @@ class TorqueStateMachine:
             )
 
     def enabling(self, *, was_on: bool) -> None:
-        """Torque is about to be switched on: until all of it is, nothing is certain.
+        """Torque is about to be switched on: until all servos have it, the state is unknown.
 
         Args:
             was_on: Whether every servo had its torque on already.
@@ -99,7 +99,7 @@ class TorqueStateMachine:
         self._at_rest = TorqueState.FIRST_MOTION if due else TorqueState.HOLDING
 
     def loop_started(self) -> None:
-        """A control loop begins to send goals.
+        """A control loop starts to send goals.
 
         Raises:
             RefusedError: One runs already, or torque is not known to be on.
@@ -110,36 +110,36 @@ class TorqueStateMachine:
         self._loop_running = True
 
     def loop_ended(self) -> None:
-        """The control loop has sent its last goal, well or not."""
+        """The control loop has sent its last goal, after success or a fault."""
         self._loop_running = False
 
     def motion_completed(self) -> None:
-        """A motion has ended well, after one control loop or several."""
+        """A motion has completed, after one control loop or several."""
         if self._at_rest in (TorqueState.FIRST_MOTION, TorqueState.HOLDING):
             self._at_rest, self._first_motion_due = TorqueState.HOLDING, False
 
     def faulted(self) -> None:
         """A motion has failed or was stopped: goals and torque are read before the next one.
 
-        Torque that was switched off in that motion is off, and a lowering goes on to its own end.
+        Torque that was switched off in that motion is off, and a lowering continues to its end.
         """
         if self._at_rest not in (TorqueState.OFF, TorqueState.LOWERING):
             self._at_rest = TorqueState.UNKNOWN
 
     def invalidated(self) -> None:
-        """Torque shall be enabled anew before the next motion, because that has other limits."""
+        """Torque must be enabled again before the next motion, which has other limits."""
         self._at_rest = TorqueState.UNKNOWN
 
     def acknowledged(self) -> None:
-        """A user has looked at a stopped arm, and may have done anything to it meanwhile."""
+        """A stop was acknowledged; the arm may have been changed meanwhile."""
         self._at_rest = TorqueState.UNKNOWN
 
     def reconnected(self) -> None:
-        """The line was lost: the servos may have been without power."""
+        """The port was lost: the servos may have been without power."""
         self._at_rest, self._first_motion_due = TorqueState.UNKNOWN, True
 
     def releasing(self) -> None:
-        """Torque is about to be switched off: of a servo that does not answer nothing is known."""
+        """Torque is about to be switched off: a servo that does not reply is unknown."""
         self._at_rest = TorqueState.UNKNOWN
 
     def released(self) -> None:
@@ -147,7 +147,7 @@ class TorqueStateMachine:
         self._at_rest, self._first_motion_due = TorqueState.OFF, True
 
     def lowering_started(self) -> None:
-        """An overheated arm is about to be brought to its rest pose.
+        """An overheated arm is about to be lowered to its rest pose.
 
         Raises:
             RefusedError: Torque is not known to be on.
@@ -157,6 +157,6 @@ class TorqueStateMachine:
         self._at_rest = TorqueState.LOWERING
 
     def lowering_ended(self) -> None:
-        """That is over: either torque is off, or the arm could not be brought down."""
+        """Lowering has ended: torque is off, or the arm could not be lowered."""
         if self._at_rest is TorqueState.LOWERING:
             self._at_rest = TorqueState.UNKNOWN

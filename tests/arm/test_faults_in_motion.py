@@ -240,6 +240,6 @@ def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
 
 def test_a_servo_that_replies_with_positions_but_no_status_stops_the_arm(arm, monkeypatch):
     arm.enable()
-    monkeypatch.setattr(servo_group(arm)._round, "_read_registers", lambda *_: None)
+    monkeypatch.setattr(servo_group(arm)._health_poller, "_read_registers", lambda *_: None)
     with pytest.raises(RefusedError, match=r"No status \(temperature, voltage, load\) from"):
         arm.move_joints({"shoulder_pan": 0.8})

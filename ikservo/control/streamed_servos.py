@@ -1,0 +1,353 @@
+"""Reads the joints and sends goals through the guard, in every cycle of a control loop."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Generator, Mapping, Sequence
+
+import numpy as np
+
+from ikservo.clock import Clock
+from ikservo.control.feedback import Feedback, measure_cycle_time_s
+from ikservo.control.health_polling import HealthPoller
+from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.stopping import StopRequest, check_pause, fault_reason
+from ikservo.control.torque_state import TorqueStateMachine
+from ikservo.errors import HeldUpError, RefusedError, StoppedError
+from ikservo.guard import CommandLimits, Gate, StopReason, TrackingMonitor
+from ikservo.hardware.bus import ServoBus
+from ikservo.kinematics.arrays import Vector
+from ikservo.registers import RegisterName
+
+__all__ = ["StreamedServos", "prepare_servos"]
+
+
+# A joint that lags its goal by more than its load explains presses against something.
+_PRESSING_LAG_RAD = math.radians(8.0)  # at the horn
+# After a cycle as long as this a lost reply is read again at once.
+_STALL_S = 0.1
+# After more restarts than this a motion does not continue by itself.
+_MAX_RESTARTS = 10
+
+
+class StreamedServos:
+    """Reads joints and sends goals through the guard; ``ServoGroup`` adds what is done at rest.
+
+    Args:
+        bus: The servos' bus.
+        fences: The command limits of each joint's servo.
+        clock: The bus's clock.
+
+    Attributes:
+        clock: Likewise.
+        fences: Likewise.
+        names: The joints, in the order of the vectors.
+        stop_request: Requests that the running motion ends.
+        torque: Whether the servos hold, and whether a control loop runs.
+        restarts: How often in this motion the servos' watchdogs stopped them, because the program
+            was delayed, and they were started again.
+        warn: Called with each warning for the user; ignores them by default.
+    """
+
+    def __init__(self, bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) -> None:
+        self._bus, self.clock = bus, clock
+        self.fences = tuple(fences)
+        self.names = tuple(fence.joint for fence in fences)
+        self._ids = [fence.servo_id for fence in fences]
+        self._gate = Gate(fences, self._write_goals, clock)
+        self._feedback = Feedback(bus, fences)
+        self._limits = ServoRamLimits(bus, self._ids)
+        self._health_poller: HealthPoller | None = None
+        self._cycle_time_s: float | None = None
+        self._cycle_at_s = self._horn_rad_s = 0.0
+        self.restarts = 0
+        self.stop_request, self.torque = StopRequest(), TorqueStateMachine()
+        self.warn: Callable[[str], None] = lambda _: None
+
+    def measure_positions(self) -> Vector:
+        """Read the positions of the joints (n,), rad or m."""
+        return self._feedback.measure_positions()
+
+    def goals(self) -> Vector:
+        """Return the last goals sent (n,), rad or m."""
+        return self._to_positions(self._gate.goals)
+
+    @property
+    def cycle_time_s(self) -> float:
+        """The time between two goals, as last measured; reads no servo.
+
+        Raises:
+            RefusedError: It was not measured yet.
+        """
+        if self._cycle_time_s is None:
+            raise RefusedError(
+                "The control cycle of this arm has not been measured.",
+                "Switch its torque on first.",
+            )
+        return self._cycle_time_s
+
+    def measure_cycle_time_s(self) -> float:
+        """Measure five readings of the bus and choose the time between two goals.
+
+        Raises:
+            BusError: A servo does not answer.
+        """
+        self._cycle_time_s = measure_cycle_time_s(self._bus, self._feedback)
+        return self._cycle_time_s
+
+    @property
+    def lost_joints(self) -> tuple[str, ...]:
+        """Return the joints whose reply was missing in the last cycle."""
+        return self._feedback.lost_joints
+
+    @property
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped, until that is acknowledged; None where it is not stopped."""
+        return self._gate.stop_reason
+
+    def check_stop(self) -> None:
+        """Raise while a stop was not acknowledged.
+
+        Raises:
+            RefusedError: The arm was stopped; says why.
+        """
+        self._gate.check_stop()
+
+    def request_stop(self, reason: StopReason) -> None:
+        """End the running motion, or refuse the next one; safe from signals and threads."""
+        self.stop_request.set(reason)
+        if not self.torque.is_moving:
+            self._gate.latch_stop(reason)
+
+    def latch_stop(self, reason: StopReason) -> None:
+        """Refuse motions until ``acknowledge``; sends the servos nothing."""
+        self._gate.latch_stop(reason)
+
+    def acknowledge(self) -> None:
+        """Allow motions again after a stop; torque is checked and set again first.
+
+        A stopped motion ends nevertheless: while it runs, this takes effect at its end.
+        """
+        if self.stop_request.motion_running:
+            self.stop_request.acknowledged = bool(self.stop_request)
+            return
+        self._gate.acknowledge()
+        self.stop_request.clear()
+        self.torque.acknowledged()
+
+    def acknowledge_ended(self) -> None:
+        """Acknowledge a stop that was acknowledged before the motion it stopped had ended."""
+        if self.stop_request.acknowledged:
+            self.acknowledge()
+
+    @contextlib.contextmanager
+    def streaming(self, speed_rad_s: float | None) -> Generator[None]:
+        """Prepare the servos for goals in every cycle; an error in the block stops the arm.
+
+        Args:
+            speed_rad_s: The top speed of the motion at the horns; the fences' if None.
+
+        Raises:
+            BusError: A servo does not answer.
+            ServoAlarmError: A servo reports a fault.
+            RefusedError: The arm was stopped, its torque was never switched on, or it moves
+                already; that motion continues.
+            StoppedError: A stop was requested between two control loops.
+        """
+        self.torque.check_idle()
+        try:
+            self.stop_request.raise_if_set()  # requested between two loops of one motion
+            self._prepare_streaming(speed_rad_s)
+            self.torque.loop_started()
+            yield
+            self._limits.disarm_watchdog()
+            self.torque.loop_ended()
+            self.stop_request.raise_if_set()  # requested after the last cycle
+        except BaseException as error:
+            self.hold(self._reason_of(error))
+            self.torque.faulted()
+            raise
+        finally:
+            self.torque.loop_ended()
+
+    def update(self) -> Vector:
+        """Read the joints (n,), rad or m, and the telemetry of one servo.
+
+        Servos that their watchdogs stopped while the program was delayed are started again at
+        their positions, where goals then start, too; ``restarts`` counts that.
+
+        Raises:
+            ServoSilentError: A joint did not reply in three cycles in a row.
+            ServoAlarmError: A servo reports a fault, or was reset.
+            RefusedError: A joint does not follow its goal.
+            HeldUpError: The program was delayed too long, or too often.
+        """
+        self.stop_request.raise_if_without_braking()
+        try:
+            return self._update_measured()
+        except HeldUpError:
+            if self.restarts >= _MAX_RESTARTS:
+                raise
+        self._restart_servos()
+        return self.measure_positions()
+
+    def _update_measured(self) -> Vector:
+        now_s, before_s = self.clock.now_s(), self._cycle_at_s
+        self._cycle_at_s = now_s
+        check_pause(now_s - before_s)
+        measured = self._feedback.read()
+        if self.lost_joints and now_s - before_s > _STALL_S:  # not read for long
+            now_s = self.clock.now_s()
+            measured = self._feedback.read()
+        # Measured since the cycle before began: whether its goals arrived is not known.
+        self._limits.check_watchdog_gap(self.clock.now_s() - before_s)
+        self._gate.update_measured(self._feedback.latest, now_s)  # measured no earlier than that
+        self._following.update(self.goals(), measured)
+        if self._health_poller:
+            self._health_poller.poll()
+        return measured
+
+    def _restart_servos(self) -> None:
+        """Start servos again, at their positions, that their watchdogs have stopped.
+
+        Raises:
+            BusError: A servo does not answer.
+            ServoAlarmError: One reports a fault, or was reset.
+        """
+        self.restarts += 1
+        self._limits.disarm_watchdog()
+        self._limits.invalidate()
+        self._limits.set_speed(self._horn_rad_s)
+        now_s = self.clock.now_s()
+        ticks = self._feedback.measure_ticks()
+        self._gate.reset_goals(ticks)
+        self._gate.update_measured(ticks, now_s)
+        self._feedback.reset_losses()
+        self._cycle_at_s = prepare_servos(
+            self._limits, self._health_poller, self.clock, self._horn_rad_s
+        )
+
+    def allowed_advance_s(self, elapsed_s: float) -> float:
+        """Return by how much a motion may advance, so that its goals stay near the joints."""
+        return self._gate.allowed_advance_s(elapsed_s)
+
+    def send_goals(self, positions: Vector, now_s: float) -> bool:
+        """Send goals (n,), rad or m, through the guard, with steps cut to what is allowed now.
+
+        While a joint has no recent position reading nothing is sent: the arm holds.
+
+        Args:
+            positions: The goals.
+            now_s: The clock's time for which they were computed.
+
+        Returns:
+            Whether they were sent uncut.
+
+        Raises:
+            RefusedError: The guard refuses them; nothing was sent.
+        """
+        self.stop_request.raise_if_without_braking()
+        if self._gate.stale_joints(now_s):
+            return False
+        requested = self._to_ticks(positions)
+        goals = self._gate.shorten_goals(requested, now_s)
+        self._gate.send(goals, now_s)
+        return goals == requested
+
+    def hold(self, reason: StopReason) -> None:
+        """Latch a stop and hold, until ``acknowledge``; never raises.
+
+        Every joint keeps its goal, a little ahead of it; the goal of one that has an alarm or
+        cannot follow is set to its position, so that it does not press on.
+        """
+        self._gate.latch_stop(reason)
+        # These packets have no reply: the first is sent twice, for one may be lost.
+        for step in (self._hold_goals, self._hold_goals, self._limits.broadcast_watchdog_off):
+            with contextlib.suppress(Exception):  # each is tried, even if another fails
+                step()
+
+    def _prepare_streaming(self, speed_rad_s: float | None) -> None:
+        horns = {f.joint: f.joint_map.unit_per_horn_rad for f in self.fences}
+        speeds = {f.joint: f.speed for f in self.fences}
+        if speed_rad_s is not None:
+            speeds = {name: min(speed_rad_s * horns[name], speeds[name]) for name in speeds}
+        self._gate.set_speeds(speeds)
+        self._following = TrackingMonitor.for_limits(self.fences, speeds)
+        self._feedback.reset_losses()
+        self._horn_rad_s, self.restarts = max(speeds[name] / horns[name] for name in speeds), 0
+        self._cycle_at_s = prepare_servos(
+            self._limits, self._health_poller, self.clock, self._horn_rad_s
+        )
+
+    def _hold_goals(self) -> None:
+        self._gate.hold({name: self._hold_tick(name) for name in self._gate.goals})
+
+    def _hold_tick(self, joint: str) -> int:
+        fence, goal = self.fences[self.names.index(joint)], self._gate.goals[joint]
+        measured = self._gate.measured_ticks.get(joint, goal)
+        presses = abs(goal - measured) * fence.joint_map.horn_rad_per_tick > _PRESSING_LAG_RAD
+        return measured if presses or self._bus.alarms.get(fence.servo_id) else goal
+
+    def _reason_of(self, error: BaseException) -> StopReason:
+        """Return the reason of a stop: the requested one, or the error."""
+        interrupted = isinstance(error, (StoppedError, KeyboardInterrupt))
+        requested = self.stop_request.reason
+        return requested if interrupted and requested is not None else fault_reason(error)
+
+    def _write_goals(self, goals: Mapping[int, int]) -> None:
+        self._bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
+
+    def _to_ticks(self, positions: Vector) -> dict[str, int]:
+        return {
+            fence.joint: fence.tick(float(position))
+            for fence, position in zip(self.fences, positions, strict=True)
+        }
+
+    def _to_positions(self, ticks: Mapping[str, int]) -> Vector:
+        return np.array([f.joint_map.position(ticks[f.joint]) for f in self.fences])
+
+
+# Watchdogs are armed in less than this, or armed again this many times.
+_WATCHDOG_DELAY_S, _ATTEMPTS = 0.08, 3
+
+
+def prepare_servos(
+    limits: ServoRamLimits, health_poller: HealthPoller | None, clock: Clock, horn_rad_s: float
+) -> float:
+    """Set limits, arm watchdogs and read all telemetry; again where that took too long.
+
+    A watchdog that trips meanwhile resets the limits.
+
+    Args:
+        limits: Of the servos.
+        health_poller: Reads their telemetry; None before torque was ever switched on.
+        clock: The bus's clock.
+        horn_rad_s: The top speed of the motion.
+
+    Returns:
+        The start time of the first cycle, which includes any pause since then.
+
+    Raises:
+        BusError: A servo does not answer.
+        ServoAlarmError: A servo reports a fault.
+        HeldUpError: The program was delayed in every attempt.
+    """
+
+    def arm() -> float:
+        limits.set_speed(horn_rad_s)
+        since_s = clock.now_s()
+        limits.arm_watchdog()
+        if health_poller:
+            health_poller.poll_all()
+        return since_s
+
+    for _ in range(_ATTEMPTS):
+        with contextlib.suppress(HeldUpError):  # one has tripped already
+            since_s = arm()
+            if clock.now_s() - since_s < _WATCHDOG_DELAY_S or not limits.watchdog_ids:
+                return since_s
+        limits.disarm_watchdog()
+        limits.invalidate()
+    arm()
+    return clock.now_s()  # the bus is too slow for that
