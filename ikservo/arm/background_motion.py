@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 class Stoppable(Protocol):
-    """What a motion needs of its arm."""
+    """What a background motion needs of its arm; ``MotionRunner`` has it."""
 
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold."""
@@ -36,12 +36,12 @@ class Stoppable(Protocol):
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped; None where it is not."""
+        """Why the arm was stopped; None where it is not stopped."""
         ...
 
     @property
     def stop_requests(self) -> int:
-        """Return how often a stop was asked for since it was last acknowledged."""
+        """Return how often a stop was requested since the last ``acknowledge``."""
         ...
 
 
@@ -52,26 +52,26 @@ class Motion(Generic[T]):
     ``await`` the motion instead; cancelling the task then cancels the motion.
 
     Args:
-        work: Plans and carries out the motion, and returns its report.
-        arm: Whose motion it is.
-        queue: Held by whoever plans and moves; motions take their turn.
+        work: Plans and executes the motion, and returns its result.
+        arm: The arm that it moves.
+        queue: Held by one motion at a time.
     """
 
     def __init__(self, work: Callable[[], T], arm: Stoppable, queue: threading.RLock) -> None:
         self._work, self._arm, self._queue = work, arm, queue
         self._finished, self._state = threading.Event(), threading.Lock()
-        self._cancelled = self._moving = self._told = False
+        self._cancelled = self._moving = self._raised = False
         self._report: T | None = None
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="ikservo-motion", daemon=True)
 
     def start(self) -> None:
-        """Begin; called once, by whoever made the motion."""
+        """Start the thread; called once."""
         self._thread.start()
 
     @property
     def done(self) -> bool:
-        """Return whether the motion has ended, well or not; never waits."""
+        """Return whether the motion has ended; never waits."""
         return self._finished.is_set()
 
     @property
@@ -80,13 +80,13 @@ class Motion(Generic[T]):
         return self._cancelled
 
     def wait(self, timeout_s: float | None = None) -> T:
-        """Wait for the motion's end and return its report.
+        """Wait for the motion's end and return its result.
 
         Args:
             timeout_s: For how long, by the computer's clock; for as long as it takes if None.
 
         Raises:
-            NotSettledError: It is not over after that time; a ``TimeoutError``. It goes on.
+            NotSettledError: It has not ended after that time; a ``TimeoutError``. It continues.
             StoppedError: It was cancelled or stopped; the arm holds.
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
             IkservoError: Whatever the blocking call would have raised.
@@ -97,7 +97,7 @@ class Motion(Generic[T]):
             raise RefusedError("A motion cannot wait for itself.", "Wait in another thread.")
         try:
             over = self._finished.wait(timeout_s)
-        except (KeyboardInterrupt, SystemExit):  # the signal's handler has asked for the stop
+        except (KeyboardInterrupt, SystemExit):  # the signal's handler has requested the stop
             self._finished.wait(_BRAKE_TIMEOUT_S)
             raise
         if not over:
@@ -105,13 +105,13 @@ class Motion(Generic[T]):
                 f"The motion is not over after {timeout_s:g} s.",
                 "The motion continues: wait again, or cancel it.",
             )
-        self._told = True
+        self._raised = True
         if self._error is not None:
             raise self._error
         return cast("T", self._report)
 
     def cancel(self) -> None:
-        """Brake within 0.3 s and hold; where it has not begun, it never does. Never waits.
+        """Brake within 0.3 s and hold; a motion that has not started never does. Never waits.
 
         ``wait`` then raises ``StoppedError``. The next motion needs no ``acknowledge``. Nothing
         happens where the motion has ended.
@@ -134,15 +134,15 @@ class Motion(Generic[T]):
         return self._result_or_raise().__await__()
 
     def __repr__(self) -> str:
-        """Return how far it is."""
+        """Return whether it has ended, and its result."""
         if not self.done:
             return "Motion(running)"
         failed = self._error is not None
         return f"Motion(done, {f'error {self._error!r}' if failed else repr(self._report)})"
 
     def __del__(self) -> None:
-        """Log an error that nobody has waited for."""
-        if self._error is not None and not self._told and not self._cancelled:
+        """Log an error that no ``wait`` has raised."""
+        if self._error is not None and not self._raised and not self._cancelled:
             logging.getLogger("ikservo").error("A motion nobody waited for failed: %s", self._error)
 
     async def _result_or_raise(self) -> T:
@@ -150,7 +150,7 @@ class Motion(Generic[T]):
         try:
             return await loop.run_in_executor(None, self.wait)
         except asyncio.CancelledError:
-            self._told = True
+            self._raised = True
             self.cancel()
             raise
 
@@ -162,7 +162,7 @@ class Motion(Generic[T]):
                     self._report = self._work()
                 finally:
                     self._mark_ended()
-        except BaseException as error:  # told by ``wait``, whatever it is
+        except BaseException as error:  # raised by ``wait``
             self._error = self._as_cancelled(error)
         finally:
             with self._state:
@@ -175,7 +175,7 @@ class Motion(Generic[T]):
             self._moving = True
 
     def _mark_ended(self) -> None:
-        """Forget the stop that a cancel was, unless somebody else asked for one, too."""
+        """Acknowledge the stop that a cancel was, unless another one was requested, too."""
         with self._state:
             self._moving = False
             if self._cancelled and self._is_only_stop():
@@ -187,7 +187,7 @@ class Motion(Generic[T]):
         return ours and self._arm.stop_requests <= 1
 
     def _as_cancelled(self, error: BaseException) -> BaseException:
-        """Return the error; a cancelled motion was stopped, however it noticed that."""
+        """Return the error of a motion; a cancelled one was stopped, whatever it raised."""
         stopped = self._arm.stop_reason is not None
         if not self._cancelled or stopped or not isinstance(error, IkservoError):
             return error
@@ -201,7 +201,7 @@ class Background:
     """The motions of one arm, one after the other.
 
     Args:
-        arm: Whose motions they are.
+        arm: The arm.
         stop_request: Requests that the running motion ends, for signals.
     """
 
@@ -228,7 +228,7 @@ class Background:
             return work()
 
     def start_stream(self, work: Callable[[], T]) -> Motion[T]:
-        """Begin a stream of setpoints; other motions are refused until it has ended.
+        """Start a stream of setpoints; other motions are refused until it has ended.
 
         Raises:
             RefusedError: Another one is open.
@@ -262,7 +262,7 @@ class Background:
 
 
 def _cancel_all() -> None:
-    """Brake what still runs when the program ends; its threads would die in mid-motion."""
+    """Brake running motions when the program ends: their threads would end in mid-motion."""
     motions = list(_running_motions)
     for motion in motions:
         motion.cancel()

@@ -56,7 +56,7 @@ __all__ = [
 ]
 
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
-"""How far a joint whose zero nobody knows may be moved at once, as its horn turns."""
+"""How far an uncalibrated joint may be moved at once, as its horn turns."""
 
 _HINT = (
     "Calibrate it: ikservo calibrate {arm}. Until then: ikservo joints, at most 10° at a time "
@@ -65,7 +65,7 @@ _HINT = (
 
 
 class ZeroSource(Enum):
-    """Whose the zeros of an arm's joints are."""
+    """Where the zeros of an arm's joints come from."""
 
     CALIBRATED = "this arm's own"
     VENDOR = "the maker's"
@@ -75,11 +75,11 @@ class ZeroSource(Enum):
 
     @property
     def are_known(self) -> bool:
-        """Return whether positions mean what they say."""
+        """Return whether joint positions are calibrated."""
         return self is not ZeroSource.UNKNOWN
 
     def require_known(self, arm: str) -> None:
-        """Refuse what needs to know where the arm is.
+        """Refuse what needs calibrated joint positions.
 
         Raises:
             CalibrationError: The arm is not calibrated.
@@ -88,23 +88,23 @@ class ZeroSource(Enum):
             raise CalibrationError(f"{arm} is not calibrated.", _HINT.format(arm=arm))
 
     def check_small_steps(
-        self, arm: str, here: Vector, goal: Vector, steps: Mapping[str, float]
+        self, arm: str, start: Vector, goal: Vector, steps: Mapping[str, float]
     ) -> None:
-        """Refuse long ways of single joints where zeros are unknown.
+        """Refuse long motions of single joints where zeros are unknown.
 
         Args:
             arm: Its name.
-            here: Where the joints are (n,), rad or m.
-            goal: Where they shall go (n,).
-            steps: The longest way for each joint, in the order of the vectors.
+            start: The joints (n,), rad or m.
+            goal: Their goals (n,).
+            steps: The longest motion of each joint, in the order of the vectors.
 
         Raises:
             CalibrationError: A joint would go further.
         """
         if self.are_known:
             return
-        for (name, step), way in zip(steps.items(), abs(goal - here), strict=True):
-            if way > step * (1.0 + 1e-6):
+        for (name, step), distance in zip(steps.items(), abs(goal - start), strict=True):
+            if distance > step * (1.0 + 1e-6):
                 raise CalibrationError(
                     f"{arm} is not calibrated, and {name} would move by more than 10°.",
                     _HINT.format(arm=arm),
@@ -136,12 +136,12 @@ def check_joints_match(calibration: Calibration, model: Model, path: str) -> Non
         CalibrationError: The arm file has other servos or another chain.
     """
     filed = {joint.name: _describe_calibrated(joint) for joint in calibration.joints}
-    wanted = {joint.name: _describe_expected(joint) for joint in model.joints}
-    for name in filed.keys() | wanted.keys():
-        if filed.get(name) != wanted.get(name):
+    expected = {joint.name: _describe_expected(joint) for joint in model.joints}
+    for name in filed.keys() | expected.keys():
+        if filed.get(name) != expected.get(name):
             raise CalibrationError(
                 f"{name} is {filed.get(name, 'unknown')} in {path} and "
-                f"{wanted.get(name, 'unknown')} in the arm file.",
+                f"{expected.get(name, 'unknown')} in the arm file.",
                 "Choose the right arm with --arm, or calibrate again: ikservo calibrate",
             )
     _check_origins(calibration, model)
@@ -167,7 +167,7 @@ def _describe_expected(joint: ModelJoint) -> str:
 
 
 def _format_servos(servos: list[tuple[int, str]], gear: float) -> str:
-    """Return servos as a person reads them: ``XM430-W350 (id 2)``."""
+    """Format servos as ``XM430-W350 (id 2)``."""
     listed = " and ".join(f"{model} (id {servo_id})" for servo_id, model in servos)
     return listed if abs(gear - 1.0) < 1e-9 else f"{listed} with gear {gear:.6g}"
 
@@ -176,11 +176,11 @@ _SIMULATED = "sim"
 
 
 class CalibratedArm:
-    """The joints of the arm that is on the line, with this arm's zeros and ranges.
+    """The joints of the arm on a bus, with this arm's zeros and ranges.
 
     Attributes:
         zeros: Where its zeros come from.
-        calibration: What its file says, or None.
+        calibration: Its calibration file, or None.
     """
 
     def __init__(
@@ -190,17 +190,17 @@ class CalibratedArm:
         self.zeros, self.calibration = zeros, calibration
 
     def joint_map(self, joint: ModelJoint) -> JointMap:
-        """Return how the ticks that the servo reports at present relate to the joint."""
+        """Return the map from the ticks that the servo reports at present to the joint."""
         own = self._calibrated_joint(joint)
         if own is None:
             return joint.joint_map
         return self._map_for_present_turn(own, own.joint_map(joint.joint_map))
 
     def limits(self, joint: ModelJoint, joint_map: JointMap) -> Limits:
-        """Return the joint's range: arm file, calibration and servo registers, whichever binds.
+        """Return the joint's range within arm file, calibration and servo registers.
 
         Raises:
-            CalibrationError: Nothing lies inside all of them; names the two that exclude it.
+            CalibrationError: They have no common range; names the two that exclude it.
         """
         own, registers = self._calibrated_joint(joint), self._position_limits(joint)
         if own is None or self.calibration is None:
@@ -220,13 +220,13 @@ class CalibratedArm:
         return self.calibration.joint(joint.name) if self.calibration else None
 
     def _position_limits(self, joint: ModelJoint) -> tuple[int, int] | None:
-        """Return the position limits that stand in the servo; None where they are no limits."""
+        """Read the position limits of the servo; None where they are no limits."""
         low = self._bus.read(joint.servo.id, RegisterName.MIN_POSITION_LIMIT, raw=True)
         high = self._bus.read(joint.servo.id, RegisterName.MAX_POSITION_LIMIT, raw=True)
-        return None if low == high == 0 else (low, high)  # Feetech: several turns, no limits
+        return None if low == high == 0 else (low, high)  # Feetech: several revolutions, no limits
 
     def _map_for_present_turn(self, own: CalibratedJoint, joint_map: JointMap) -> JointMap:
-        """Return the map for the turn on which a servo that counts on has begun this time."""
+        """Return the map for the revolution on which a multi-turn servo started this time."""
         if not own.extended:
             return joint_map
         turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
@@ -239,17 +239,17 @@ class CalibratedArm:
 def load_calibration_for(
     bus: ServoBus, model: Model, *, uncalibrated: bool = False
 ) -> CalibratedArm:
-    """Find out what is known of the arm on the line.
+    """Load the calibration of the arm on a bus.
 
     Args:
         bus: Its servos.
-        model: What the arm file says.
-        uncalibrated: Whether the person vouches for the arm file's zeros.
+        model: The arm file's model.
+        uncalibrated: Whether the user accepts the arm file's zeros.
 
     Raises:
-        CalibrationError: The calibration contradicts the servos or the arm file, or was left
-            half written.
-        FileFormatError: The calibration is spoiled.
+        CalibrationError: The calibration contradicts the servos or the arm file, or its last write
+            was interrupted.
+        FileFormatError: The calibration is malformed.
     """
     if is_simulated(bus.port.name):
         return CalibratedArm(bus, model, ZeroSource.SIMULATED, None)
@@ -323,17 +323,17 @@ def registers_allow(joint_map: JointMap, limits: Limits, registers: tuple[int, i
 
 
 def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: ModelJoint) -> Limits:
-    """Return the range inside arm file, calibration and what the person set.
+    """Return the range within arm file, calibration and the user's limits.
 
     Raises:
-        CalibrationError: Nothing lies inside all of them; names the two that exclude it.
+        CalibrationError: They have no common range; names the two that exclude it.
     """
     encoder = encoder_of(MODELS[own.servo.model])
     return calibration.narrow_limits(own, limit_to_one_turn(joint.limits, joint.joint_map, encoder))
 
 
 def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
-    """Return limits that a servo can tell apart, where the arm file gives a joint none."""
+    """Return limits of one revolution, where the arm file gives a joint none."""
     if math.isfinite(limits.upper.value - limits.lower.value):
         return limits
     half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick
@@ -343,7 +343,7 @@ def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedModel:
-    """An arm as its files know it.
+    """An arm as its files describe it.
 
     Attributes:
         model: With this arm's links, its chain and joints inside this arm's ranges.
@@ -357,12 +357,12 @@ class CalibratedModel:
 
 
 def calibrated_model(model: Model) -> CalibratedModel:
-    """Read the calibrations of an arm and return it inside the newest; nothing is asked of a bus.
+    """Read the calibrations of an arm and return it with the newest; opens no bus.
 
-    A bare URDF has no servos, and therefore no calibration.
+    A URDF without an arm file has no servos, and therefore no calibration.
 
     Raises:
-        FileFormatError: A calibration is spoiled.
+        FileFormatError: A calibration is malformed.
         CalibrationError: The newest is of other servos or another chain than the arm file's, or
             leaves a joint no range.
     """
@@ -371,7 +371,7 @@ def calibrated_model(model: Model) -> CalibratedModel:
         return CalibratedModel(model)
     newest = max(read, key=lambda path: read[path].written)
     calibration = read[newest]
-    # The way to its own tip tells the arm from others, whatever link is asked about.
+    # The chain to its own tip identifies the arm, whatever tip the given model has.
     check_calibration_matches(calibration, load_model(model.path), calibration.usb_serial_number)
     others = tuple(path for path in read if path != newest)
     return CalibratedModel(_with_calibration(model, calibration), newest, others)

@@ -1,7 +1,7 @@
 """The control server of an open arm: stop, state and relax requests from other processes.
 
-There is no pickle, no code and no name of a file in it: a word out of a fixed list, and the secret
-of a place that has no permissions of its own. Whatever is not exactly that is refused unread.
+A request has no pickle, no code and no file name: one command of a fixed list, and a secret where
+the socket has no permissions. Anything else is refused.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _KEYS = {"schema", "do", "secret"}
 
 
 class Command(StrEnum):
-    """What another process may have done."""
+    """The commands of other processes."""
 
     STOP = "stop"
     WHERE = "where"
@@ -69,11 +69,11 @@ class Command(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One errand.
+    """A request of another process.
 
     Attributes:
-        do: What shall be done.
-        secret: What only the owner's user can read, where a place needs one.
+        do: The command.
+        secret: Proves that it is the same user, where the socket has no permissions.
     """
 
     do: Command
@@ -81,12 +81,12 @@ class Request:
 
 
 def encode_request(request: Request) -> bytes:
-    """Return a request as it goes over the line."""
+    """Encode a request as one line."""
     return _encode_line({"schema": SCHEMA, "do": request.do.value, "secret": request.secret})
 
 
 def decode_request(line: bytes) -> Request:
-    """Return the request in a line.
+    """Decode the request in a line.
 
     Raises:
         InputError: It is too long, no JSON, or anything but a request of this schema.
@@ -100,12 +100,12 @@ def decode_request(line: bytes) -> Request:
 
 
 def encode_reply(fields: Mapping[str, object]) -> bytes:
-    """Return an answer as it goes over the line."""
+    """Encode a reply as one line."""
     return _encode_line({"schema": SCHEMA, **fields})
 
 
 def decode_reply(line: bytes) -> dict[str, Any]:
-    """Return the fields of an answer.
+    """Decode the fields of a reply.
 
     Raises:
         InputError: It is none of this schema.
@@ -120,9 +120,9 @@ def _encode_line(row: Mapping[str, object]) -> bytes:
     return json.dumps(row, allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
 
-def _decode_line(line: bytes, longest: int) -> dict[str, Any]:
-    if len(line) > longest:
-        raise _message_error(f"at most {longest} bytes")
+def _decode_line(line: bytes, max_bytes: int) -> dict[str, Any]:
+    if len(line) > max_bytes:
+        raise _message_error(f"at most {max_bytes} bytes")
     if not line.endswith(b"\n"):
         raise _message_error("the end of the line is missing")
     try:
@@ -139,77 +139,77 @@ def _message_error(why: str) -> InputError:
 
 
 RequestHandler = Callable[[Request], Mapping[str, object]]
-"""Does what a request asks and returns the fields of the answer; called in threads of its own."""
+"""Executes a request and returns the fields of the reply; called in threads of its own."""
 
-_MAX_CALLERS = 16
-_REQUEST_TIMEOUT_S = 1.0  # a caller that takes longer for its one line is sent away
+_MAX_CLIENTS = 16
+_REQUEST_TIMEOUT_S = 1.0  # a client that takes longer for its one line is disconnected
 
 
-def serve(device: str, answer: RequestHandler) -> ControlServer | None:
-    """Listen for the callers of a device that this process has opened.
+def serve(device: str, handler: RequestHandler) -> ControlServer | None:
+    """Listen for the clients of a device that this process has opened.
 
     Returns:
-        The listener, or None where the system offers no safe place for one: an arm works without.
+        The server, or None where no safe socket can be made: an arm works without.
     """
     try:
-        door = open_socket(socket_path(device))
+        listening = open_socket(socket_path(device))
     except (OSError, IkservoError):
         return None
-    return ControlServer(door, answer) if door else None
+    return ControlServer(listening, handler) if listening else None
 
 
 class ControlServer:
-    """Answers callers until it is closed; each one in a thread, a few at a time.
+    """Serves clients until it is closed; each one in a thread, a few at a time.
 
     Args:
-        door: What is listened on.
-        answer: Does the errands.
+        listening: The socket.
+        handler: Executes requests.
     """
 
-    def __init__(self, door: ListeningSocket, answer: RequestHandler) -> None:
-        self._door, self._answer = door, answer
-        self._free = threading.BoundedSemaphore(_MAX_CALLERS)
+    def __init__(self, listening: ListeningSocket, handler: RequestHandler) -> None:
+        self._listening, self._handler = listening, handler
+        self._free = threading.BoundedSemaphore(_MAX_CLIENTS)
         self._closing = False
         self._thread = threading.Thread(
-            target=self._accept_callers, name="ikservo-owner", daemon=True
+            target=self._accept_clients, name="ikservo-owner", daemon=True
         )
         self._thread.start()
         abandon_in_forked_children(self)
 
     def abandon(self) -> None:
-        """Close a forked child's copy of the socket: its parent goes on listening."""
+        """Close a forked child's copy of the socket: its parent continues to listen."""
         self._closing = True
-        self._door.socket.close()
+        self._listening.socket.close()
 
     def close(self) -> None:
-        """Stop listening; callers that are being answered get a second for that."""
+        """Stop listening; waits a second for clients that are being served."""
         if self._closing:
             return
         self._closing = True
         with contextlib.suppress(OSError):
-            woken = connect(self._door.place, 0.5)  # accept has no other way of being interrupted
-            if woken:
-                woken[0].close()
+            found = connect(self._listening.path, 0.5)  # interrupts accept
+            if found:
+                found[0].close()
         self._thread.join(1.0)
-        self._door.close()
+        self._listening.close()
         deadline_s = time.monotonic() + _REQUEST_TIMEOUT_S
-        for _ in range(_MAX_CALLERS):
+        for _ in range(_MAX_CLIENTS):
             self._free.acquire(timeout=max(0.0, deadline_s - time.monotonic()))
 
-    def _accept_callers(self) -> None:
+    def _accept_clients(self) -> None:
         while not self._closing:
             try:
-                connection, _ = self._door.socket.accept()
+                connection, _ = self._listening.socket.accept()
             except OSError:
                 return
             if self._closing or not self._free.acquire(blocking=False):
                 connection.close()
                 continue
-            threading.Thread(target=self._serve_caller, args=(connection,), daemon=True).start()
+            threading.Thread(target=self._serve_client, args=(connection,), daemon=True).start()
 
-    def _serve_caller(self, connection: socket.socket) -> None:
+    def _serve_client(self, connection: socket.socket) -> None:
         try:
-            with connection, contextlib.suppress(OSError):  # a caller that is too slow, or gone
+            with connection, contextlib.suppress(OSError):  # a client that is too slow, or gone
                 line = _receive_line(connection)
                 fields = self._make_reply(connection, line)
                 connection.settimeout(_REQUEST_TIMEOUT_S)
@@ -220,17 +220,17 @@ class ControlServer:
     def _make_reply(self, connection: socket.socket, line: bytes) -> Mapping[str, object]:
         try:
             request = decode_request(line)
-            if not self._door.authenticate(connection, request.secret):
+            if not self._listening.authenticate(connection, request.secret):
                 raise RefusedError("The arm belongs to another user.", "Nothing was done.")
-            return self._answer(request)
+            return self._handler(request)
         except IkservoError as error:
             return _error_fields(error)
-        except Exception as error:  # a caller must not end the owner's program
+        except Exception as error:  # a client must not end this program
             return _error_fields(IkservoError(f"It failed: {type(error).__name__}: {error}."))
 
 
 def _receive_line(connection: socket.socket) -> bytes:
-    """Return the first line, or what came of it in time, one byte more than allowed at most."""
+    """Receive the first line, or the part of it that came in time."""
     deadline_s, line = time.monotonic() + _REQUEST_TIMEOUT_S, b""
     while not line.endswith(b"\n") and len(line) <= MAX_REQUEST_BYTES:
         connection.settimeout(max(1e-3, deadline_s - time.monotonic()))
@@ -247,52 +247,52 @@ def _error_fields(error: IkservoError) -> Mapping[str, object]:
     return {"error": error.message, "hint": error.command_hint, "exit_code": int(error.exit_code)}
 
 
-def send_command(device: str, errand: Command, timeout_s: float = 10.0) -> dict[str, Any] | None:
-    """Let the process that has a device open do an errand.
+def send_command(device: str, command: Command, timeout_s: float = 10.0) -> dict[str, Any] | None:
+    """Send a command to the process that has a device open.
 
     Args:
         device: The port, by any of its names.
-        errand: What shall be done.
-        timeout_s: How long the answer may take; relaxing is slow.
+        command: The command.
+        timeout_s: How long the reply may take; relaxing is slow.
 
     Returns:
-        The fields of the answer, or None where nobody listens.
+        The fields of the reply, or None where no process listens.
 
     Raises:
-        IkservoError: The owner could not or would not; carries its words and its exit code.
+        IkservoError: The command failed there; carries its message and its exit code.
     """
-    return _request_at(socket_path(device), device, errand, timeout_s)
+    return _request_at(socket_path(device), device, command, timeout_s)
 
 
 def broadcast_command(
-    errand: Command, timeout_s: float = 10.0
+    command: Command, timeout_s: float = 10.0
 ) -> list[dict[str, Any] | IkservoError]:
-    """Let every process of this user that has a device open do an errand.
+    """Send a command to every process of this user that has a device open.
 
     Returns:
-        An answer, or an error, for each that listens.
+        A reply, or an error, of each that listens.
     """
-    answers: list[dict[str, Any] | IkservoError] = []
-    for place in socket_paths():
+    replies: list[dict[str, Any] | IkservoError] = []
+    for path in socket_paths():
         try:
-            answer = _request_at(place, "a port", errand, timeout_s)
+            reply = _request_at(path, "a port", command, timeout_s)
         except IkservoError as error:
-            answers.append(error)
+            replies.append(error)
         else:
-            answers += [answer] if answer is not None else []
-    return answers
+            replies += [reply] if reply is not None else []
+    return replies
 
 
 def _request_at(
-    place: Path, device: str, errand: Command, timeout_s: float
+    path: Path, device: str, command: Command, timeout_s: float
 ) -> dict[str, Any] | None:
     try:
-        found = connect(place, timeout_s)
+        found = connect(path, timeout_s)
         if found is None:
             return None
         connection, secret = found
         with connection:
-            return _check_reply(_exchange_lines(connection, Request(errand, secret), timeout_s))
+            return _check_reply(_exchange_lines(connection, Request(command, secret), timeout_s))
     except IkservoError:
         raise
     except OSError as error:
@@ -303,20 +303,20 @@ def _request_at(
 
 
 def _exchange_lines(connection: socket.socket, request: Request, timeout_s: float) -> bytes:
-    deadline_s, answer = time.monotonic() + timeout_s, b""
-    with contextlib.suppress(BrokenPipeError):  # sent away at once; its answer may still wait
+    deadline_s, reply = time.monotonic() + timeout_s, b""
+    with contextlib.suppress(BrokenPipeError):  # disconnected at once; its reply may still be there
         connection.sendall(encode_request(request))
-    while not answer.endswith(b"\n") and len(answer) <= MAX_REPLY_BYTES:
+    while not reply.endswith(b"\n") and len(reply) <= MAX_REPLY_BYTES:
         connection.settimeout(max(1e-3, deadline_s - time.monotonic()))
-        piece = connection.recv(MAX_REPLY_BYTES + 1 - len(answer))
+        piece = connection.recv(MAX_REPLY_BYTES + 1 - len(reply))
         if not piece:
             raise ConnectionError("it has too many callers, or has just ended")
-        answer += piece
-    return answer
+        reply += piece
+    return reply
 
 
-def _check_reply(answer: bytes) -> dict[str, Any]:
-    fields = decode_reply(answer)
+def _check_reply(reply: bytes) -> dict[str, Any]:
+    fields = decode_reply(reply)
     if "error" not in fields:
         return fields
     error = IkservoError(str(fields["error"]), str(fields.get("hint", "")))

@@ -1,8 +1,8 @@
 """The local socket address of an open arm: a Unix socket, or a loopback port where there is none.
 
 A Unix socket is guarded by the permissions of its folder and of itself. A port on the loopback
-could be reached by every user of the machine, so its number lies in a file that only the owner's
-user may read, together with a secret that every request has to carry.
+could be reached by every user of the machine, so its number is in a file that only this user may
+read, together with a secret that every request must contain.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ _MAX_PATH_CHARS = 100
 
 
 def socket_path(device: str) -> Path:
-    """Return where the owner of a device listens; all names of one device lead to one place."""
+    """Return the socket path of a device; all names of one device have the same."""
     real = device if "://" in device else str(Path(device).resolve())
     name = hashlib.sha256(real.encode()).hexdigest()[:16]
-    place = _socket_folder() / f"{name}.sock"
-    return place if len(os.fsencode(place)) <= _MAX_PATH_CHARS else _shorten_path(place)
+    path = _socket_folder() / f"{name}.sock"
+    return path if len(os.fsencode(path)) <= _MAX_PATH_CHARS else _shorten_path(path)
 
 
 def socket_paths() -> list[Path]:
-    """Return every place at which an owner of this user listens, or listened before it died."""
+    """Return every path at which a process of this user listens, or listened before it ended."""
     near, short = _socket_folder(), _shorten_path(_socket_folder() / "x")
     prefix = short.name.removesuffix("x")
     return sorted({*near.glob("*.sock"), *short.parent.glob(f"{prefix}*.sock")})
 
 
 def make_private_directory(folder: Path) -> None:
-    """Make the folder, open to its user alone.
+    """Create the folder, accessible to this user only.
 
     Raises:
-        IkservoError: It is somebody else's, or no folder at all.
+        IkservoError: It is another user's, or no folder.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     found = folder.lstat()
@@ -75,10 +75,10 @@ def _socket_folder() -> Path:
     return Path(tempfile.gettempdir()) / f"ikservo-run-{_user_id()}"
 
 
-def _shorten_path(place: Path) -> Path:
-    """Return a place near the root for one whose path is too long for an address."""
-    folder = hashlib.sha256(os.fsencode(place.parent)).hexdigest()[:16]
-    return Path(tempfile.gettempdir()) / f"ikservo-{_user_id()}" / f"{folder}-{place.name}"
+def _shorten_path(path: Path) -> Path:
+    """Return a short path for one that is too long for an address."""
+    folder = hashlib.sha256(os.fsencode(path.parent)).hexdigest()[:16]
+    return Path(tempfile.gettempdir()) / f"ikservo-{_user_id()}" / f"{folder}-{path.name}"
 
 
 def _user_id() -> int:
@@ -95,57 +95,57 @@ class ListeningSocket:
     """A listening socket.
 
     Attributes:
-        socket: What is listened on.
-        place: The socket's file, or the file that tells of the port.
-        secret: What a request has to carry; empty where permissions guard the socket.
-        made: Which file it is and when it was made, so that nobody else's is ever removed.
+        socket: The socket.
+        path: The socket's file, or the file with the port number.
+        secret: Part of every request; empty where permissions guard the socket.
+        identity: Inode and time of the file, so that another process's is never removed.
     """
 
     socket: socket.socket
-    place: Path
+    path: Path
     secret: str
-    made: tuple[int, int]
+    identity: tuple[int, int]
 
     def close(self) -> None:
-        """Stop listening and take the file away."""
+        """Stop listening and remove the file."""
         with contextlib.suppress(OSError):
-            if _file_identity(self.place) == self.made:
-                self.place.unlink()
+            if _file_identity(self.path) == self.identity:
+                self.path.unlink()
         self.socket.close()
 
     def authenticate(self, connection: socket.socket, secret: str) -> bool:
-        """Return whether whoever is on a connection is the user that listens."""
+        """Return whether the client of a connection is this user."""
         if self.secret:
             return secrets.compare_digest(secret.encode(), self.secret.encode())
         return _peer_user(connection) in (None, os.getuid())
 
 
-def open_socket(place: Path) -> ListeningSocket | None:
-    """Listen at a place; None where another living process listens there already.
+def open_socket(path: Path) -> ListeningSocket | None:
+    """Listen at a path; None where another process listens there already.
 
     Raises:
-        OSError: The system will not have it.
-        IkservoError: The folder is somebody else's.
+        OSError: The socket cannot be made.
+        IkservoError: The folder is another user's.
     """
-    make_private_directory(place.parent)
-    if _is_listening(place):
+    make_private_directory(path.parent)
+    if _is_listening(path):
         return None
-    place.unlink(missing_ok=True)  # left behind by a process that was killed
-    return _listen_unix(place) if HAS_UNIX_SOCKETS else _listen_loopback(place)
+    path.unlink(missing_ok=True)  # of a process that was killed
+    return _listen_unix(path) if HAS_UNIX_SOCKETS else _listen_loopback(path)
 
 
-def connect(place: Path, timeout_s: float) -> tuple[socket.socket, str] | None:
-    """Connect to whoever listens at a place; return the socket and the secret, or None.
+def connect(path: Path, timeout_s: float) -> tuple[socket.socket, str] | None:
+    """Connect to the process that listens at a path; return socket and secret, or None.
 
     Raises:
-        OSError: Somebody listens and does not take the connection.
+        OSError: A process listens and does not accept the connection.
     """
     secret = ""
     try:
         if HAS_UNIX_SOCKETS:
-            connection, address = socket.socket(socket.AF_UNIX), str(place)
+            connection, address = socket.socket(socket.AF_UNIX), str(path)
         else:
-            port, secret = _read_address_file(place)
+            port, secret = _read_address_file(path)
             connection, address = socket.socket(socket.AF_INET), (_LOOPBACK, port)
     except (FileNotFoundError, ValueError):
         return None
@@ -161,14 +161,14 @@ def connect(place: Path, timeout_s: float) -> tuple[socket.socket, str] | None:
     return connection, secret
 
 
-def _file_identity(place: Path) -> tuple[int, int]:
-    found = place.lstat()
-    return found.st_ino, found.st_mtime_ns  # a number alone may be given again
+def _file_identity(path: Path) -> tuple[int, int]:
+    found = path.lstat()
+    return found.st_ino, found.st_mtime_ns  # an inode number alone may be reused
 
 
-def _is_listening(place: Path) -> bool:
+def _is_listening(path: Path) -> bool:
     try:
-        found = connect(place, 1.0)
+        found = connect(path, 1.0)
     except OSError:
         return True
     if found:
@@ -176,40 +176,40 @@ def _is_listening(place: Path) -> bool:
     return found is not None
 
 
-def _listen_unix(place: Path) -> ListeningSocket:
+def _listen_unix(path: Path) -> ListeningSocket:
     listening = socket.socket(socket.AF_UNIX)
     try:
-        listening.bind(str(place))
-        place.chmod(0o600)
+        listening.bind(str(path))
+        path.chmod(0o600)
         listening.listen(_BACKLOG)
-        return ListeningSocket(listening, place, "", _file_identity(place))
+        return ListeningSocket(listening, path, "", _file_identity(path))
     except OSError:
         listening.close()
         raise
 
 
-def _listen_loopback(place: Path) -> ListeningSocket:
+def _listen_loopback(path: Path) -> ListeningSocket:
     listening = socket.socket(socket.AF_INET)
     try:
         listening.bind((_LOOPBACK, 0))
         listening.listen(_BACKLOG)
         secret = secrets.token_hex(16)
-        _write_address_file(place, listening.getsockname()[1], secret)
-        return ListeningSocket(listening, place, secret, _file_identity(place))
+        _write_address_file(path, listening.getsockname()[1], secret)
+        return ListeningSocket(listening, path, secret, _file_identity(path))
     except OSError:
         listening.close()
         raise
 
 
-def _write_address_file(place: Path, port: int, secret: str) -> None:
-    handle = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+def _write_address_file(path: Path, port: int, secret: str) -> None:
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(handle, "w", encoding="utf-8") as file:
         json.dump({"port": port, "secret": secret}, file)
 
 
-def _read_address_file(place: Path) -> tuple[int, str]:
-    """Return what the file says; a spoiled one is as good as none (ValueError)."""
-    row = json.loads(place.read_text("utf-8")[:1024])
+def _read_address_file(path: Path) -> tuple[int, str]:
+    """Read port and secret from the file; a malformed one is a ValueError."""
+    row = json.loads(path.read_text("utf-8")[:1024])
     match row:
         case {"port": int(port), "secret": str(secret)} if 0 < port < 65536:
             return port, secret
@@ -218,7 +218,7 @@ def _read_address_file(place: Path) -> tuple[int, str]:
 
 
 def _peer_user(connection: socket.socket) -> int | None:
-    """Return the user on the other end of a Unix socket, where the system tells (Linux)."""
+    """Return the user on the other end of a Unix socket, where the system has it (Linux)."""
     option = getattr(socket, "SO_PEERCRED", None)
     if option is None:
         return None

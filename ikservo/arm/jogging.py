@@ -29,7 +29,7 @@ JOG_DIRECTIONS = {
 """Directions in which the tip can be jogged, base frame."""
 
 KeepGoing = Callable[[], bool | None]
-"""Polled in every cycle: True goes on, False ends the jog, None is no news."""
+"""Polled in every cycle: True continues, False ends the jog, None is no news."""
 
 NO_LONGER_REQUESTED = "no longer requested"
 """Why a jog ended that its caller ended."""
@@ -60,7 +60,7 @@ class JogResult:
 
 
 class _JogTarget(Protocol):
-    """Where a jog goes next."""
+    """Chooses the next goal of a jog."""
 
     def next_target(self, trajectory: OnlineTrajectory, time_s: float) -> Vector | str:
         """Return the next goal (n,) of the joints, or why it cannot go on."""
@@ -68,7 +68,7 @@ class _JogTarget(Protocol):
 
 
 class _JointJog:
-    """One joint goes to the end of its range."""
+    """Moves one joint to the end of its range."""
 
     def __init__(self, context: ArmContext, joint: str, speed: float) -> None:
         self._column, self._speed = context.index.column(joint), speed
@@ -86,7 +86,7 @@ class _JointJog:
 
 
 class _CartesianJog:
-    """The tip goes along a line through its start; joints are solved from the last ones."""
+    """Moves the tip along a line from its start; joints are solved from the last ones."""
 
     def __init__(self, context: ArmContext, direction: Vector, speed_m_s: float) -> None:
         self._context, self._velocity = context, direction * speed_m_s
@@ -102,7 +102,7 @@ class _CartesianJog:
 
 
 class _JogController:
-    """Retargets the trajectory while the jog goes on and its braking distance is free."""
+    """Retargets the trajectory while the jog continues and its braking distance is free."""
 
     def __init__(
         self, context: ArmContext, target: _JogTarget, keep_going: KeepGoing, braking_s: float

@@ -42,12 +42,12 @@ __all__ = ["make_collision_filter", "open_arm", "open_bus", "resolve_port", "ser
 
 
 def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
-    """Open the port of an arm's servos; none of them is asked anything yet.
+    """Open the port of an arm's servos; nothing is sent yet.
 
     Args:
         model: The arm.
         port: See ``choose_port``.
-        retries: How often a question is put again whose answer is lost.
+        retries: How often a request is repeated whose reply is lost.
 
     Raises:
         InputError: The model names no servos.
@@ -58,17 +58,17 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
 
 
 def resolve_port(model: Model, port: str | None) -> str:
-    """Return the port's name as the transport wants it.
+    """Return the port's name for the transport.
 
     Raises:
         NoPortError: There is none to choose.
-        BadValueError: What is given is no name.
+        BadValueError: It is no name of a port.
     """
     return simulated_port_url(choose_port(parse_port(port), model.name), model.path)
 
 
 def servo_specs(model: Model) -> list[ServoSpec]:
-    """Return every servo of an arm, shadows behind the servo they follow.
+    """Return every servo of an arm; further servos of a joint follow its first.
 
     Raises:
         InputError: The model names no servos.
@@ -89,7 +89,7 @@ def _make_spec(servo: ModelServo, joint: str) -> ServoSpec:
     return ServoSpec(servo.id, control_table(servo.model), joint)
 
 
-# Goals may run ahead of the beat by what a busy machine delays it.
+# A cycle that a busy machine delays is followed by a longer step.
 _SPEED_MARGIN = 1.2
 
 
@@ -108,49 +108,49 @@ def open_arm(
         port: A serial port, ``sim`` for the simulated bus, or None for the only adapter.
         on_exit: What ``close`` does: ``hold`` leaves torque as it is, ``relax`` lowers the arm
             to its rest pose and releases it.
-        collisions: Whether the way of the body is looked at before it moves: the arm against
-            itself, the table and the boxes of its arm file.
-        uncalibrated: Whether the person vouches that the horns are mounted as the arm file
-            says, so that an arm without a calibration moves freely.
+        collisions: Whether paths of the body are checked before it moves: the arm against itself,
+            the table and the boxes of its arm file.
+        uncalibrated: Whether the user accepts the arm file's zeros, so that an arm without a
+            calibration moves freely.
 
     Raises:
         UnknownNameError: No such arm.
         NoPortError: No such port, or none to choose.
         PortBusyError: Another process holds the port.
-        ServoSilentError: A servo does not answer; names all that do not, and who is there instead.
-        BadReplyError: Two servos answer to one id.
-        CalibrationError: A servo is of another model than the arm file says, or holds other
-            numbers than when the arm was calibrated; says which.
-        FileFormatError: The arm's calibration is spoiled.
+        ServoSilentError: A servo does not reply; names all that do not, and unexpected ones.
+        BadReplyError: Two servos have one id.
+        CalibrationError: A servo is of another model than in the arm file, or its registers
+            have changed since the arm was calibrated; says which.
+        FileFormatError: The arm's calibration is malformed.
     """
     model = arm if isinstance(arm, Model) else load_model(arm)
     bus = open_bus(model, port)
-    line = bus.port
+    opened_port = bus.port
     try:
         with detecting_duplicate_ids(bus):
             with explaining_silence(bus):
                 check_servo_models(bus)
-            remember_port(model.name, line.name)
+            remember_port(model.name, opened_port.name)
             bus.load_return_delays()
             own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
             _back_up_eeproms(bus, model, own)
         fences = [_make_limits(own, model, joint) for joint in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
-        jaws = model.gripper.joint if model.gripper else None
-        servos = ServoGroup(bus, fences, shadows, line.clock, model.health, jaws)
+        gripper = model.gripper.joint if model.gripper else None
+        servos = ServoGroup(bus, fences, shadows, bus.port.clock, model.health, gripper)
         checker = _make_collision_checker(model) if collisions else None
         chain = _narrow_chain(own.chain(), fences)
-        context = ArmContext.build(model, chain, servos, line, checker, own.zeros)
+        context = ArmContext.build(model, chain, servos, opened_port, checker, own.zeros)
         opened = Arm(context, MotionRunner(context), on_exit)
         opened.listen()
         return opened
     except BaseException:
-        line.close()
+        opened_port.close()
         raise
 
 
 def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:
-    """Copy every servo's EEPROM to a file at the first contact, where there is a file to write."""
+    """Copy every servo's EEPROM to a file when it is first used, where one can be written."""
     if own.zeros is not ZeroSource.SIMULATED:
         with contextlib.suppress(FileWriteError):
             back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
@@ -178,7 +178,7 @@ def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]
 
 
 def _narrow_chain(chain: Chain, fences: Sequence[CommandLimits]) -> Chain:
-    """Return the chain inside the fences, so that every solution is a goal that passes."""
+    """Return the chain inside the command limits, so that every solution is a valid goal."""
     by_joint: Mapping[str, CommandLimits] = {fence.joint: fence for fence in fences}
     missing = [name for name in chain.names if name not in by_joint]
     if missing:

@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 _RELAX_TIMEOUT_S = 120.0
-# Between opening a port and listening a program looks at all of its servos.
+# Between opening a port and listening a program reads all of its servos.
 _START_TIMEOUT_S, _RETRY_PERIOD_S = 3.0, 0.02
 
 T = TypeVar("T")
@@ -41,15 +41,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class StopResult:
-    """What became of an arm that was stopped from here.
+    """The outcome of stopping an arm.
 
     Attributes:
         arm: Its name.
         port: Its port.
         moving: Whether another program was moving it.
-        held: The joints that hold now.
+        held: The joints that hold.
         limp: Those without torque; nothing was changed there.
-        silent: Those that did not answer; nobody knows.
+        silent: Those that did not reply.
     """
 
     arm: str
@@ -61,77 +61,77 @@ class StopResult:
 
 
 _STOPPED_FIELDS = TypeAdapter(StopResult)
-# Whatever is none of its kinds is refused here, and whatever is no field of it by the report.
+# Checks the types of the values; the names of the fields are checked by the class.
 _JOINT_REPORT = TypeAdapter[dict[str, Any]](
     dict[str, bool | float | dict[str, float] | tuple[str, ...]]
 )
 
 
 def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> StopResult:
-    """Stop an arm: through the program that owns its port, or on the port itself.
+    """Stop an arm: by a command to the program that has its port open, else on the port itself.
 
     Args:
         model: The arm.
         port: Its port; chosen as for every command if None.
-        clock: Measures how long a program that does not listen yet is waited for.
+        clock: Measures how long to wait for a program that does not listen yet.
 
     Raises:
-        IkservoError: The owner cannot, or the port cannot be opened.
+        IkservoError: That program cannot, or the port cannot be opened.
     """
     device = resolve_port(model, port)
     clock = clock or RealClock()
     until_s = clock.now_s() + _START_TIMEOUT_S
     while True:
-        answer = _request_owner(device, Command.STOP, BRAKE_TIMEOUT_S + 2.0)
-        if answer is not None:
-            return _validate_reply(_STOPPED_FIELDS, answer)
+        reply = _request(device, Command.STOP, BRAKE_TIMEOUT_S + 2.0)
+        if reply is not None:
+            return _validate_reply(_STOPPED_FIELDS, reply)
         try:
-            halted = halt_line(model, port)
+            outcome = halt_line(model, port)
         except PortBusyError:  # a program that has just opened it, and does not listen yet
             if clock.now_s() > until_s:
                 raise
             clock.sleep_until(clock.now_s() + _RETRY_PERIOD_S)
         else:
-            return StopResult(model.name, device, False, halted.held, halted.limp, halted.silent)
+            return StopResult(model.name, device, False, outcome.held, outcome.limp, outcome.silent)
 
 
 def stop_all_arms() -> list[StopResult]:
-    """Stop every arm whose port some program of this user owns.
+    """Stop every arm whose port a program of this user has open.
 
     Raises:
         IkservoError: One of them could not be stopped; the others were.
     """
-    answers = broadcast_command(Command.STOP, BRAKE_TIMEOUT_S + 2.0)
-    for answer in answers:
-        if isinstance(answer, IkservoError):
-            raise answer
-    return [_validate_reply(_STOPPED_FIELDS, answer) for answer in answers]
+    replies = broadcast_command(Command.STOP, BRAKE_TIMEOUT_S + 2.0)
+    for reply in replies:
+        if isinstance(reply, IkservoError):
+            raise reply
+    return [_validate_reply(_STOPPED_FIELDS, reply) for reply in replies]
 
 
 def query_state(model: Model, port: str | None) -> ArmState | None:
-    """Let the owner of an arm say where it is; None where nobody owns the port.
+    """Request an arm's state from the program that has its port open; None where none has.
 
     Raises:
-        IkservoError: The owner cannot.
+        IkservoError: That program cannot.
     """
-    answer = _request_owner(resolve_port(model, port), Command.WHERE, 10.0)
-    if answer is None:
+    reply = _request(resolve_port(model, port), Command.WHERE, 10.0)
+    if reply is None:
         return None
-    joints = _validate_reply(TypeAdapter(tuple[JointState, ...]), answer.get("joints"))
-    return ArmState(as_floats(answer.get("tip_m", ()), "The tip", "three numbers"), joints)
+    joints = _validate_reply(TypeAdapter(tuple[JointState, ...]), reply.get("joints"))
+    return ArmState(as_floats(reply.get("tip_m", ()), "The tip", "three numbers"), joints)
 
 
 def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
-    """Let the owner of an arm lower and release it; None where nobody owns the port.
+    """Let the program that has an arm's port open relax it; return None where none has.
 
     Raises:
-        IkservoError: The owner cannot.
+        IkservoError: That program cannot.
     """
-    answer = _request_owner(resolve_port(model, port), Command.RELAX, _RELAX_TIMEOUT_S)
-    if answer is None:
+    reply = _request(resolve_port(model, port), Command.RELAX, _RELAX_TIMEOUT_S)
+    if reply is None:
         return None
-    tip_m = as_floats(answer.pop("measured_tip_m", ()), "The tip", "three numbers")
-    fields = _validate_reply(_JOINT_REPORT, answer)
+    tip_m = as_floats(reply.pop("measured_tip_m", ()), "The tip", "three numbers")
+    fields = _validate_reply(_JOINT_REPORT, reply)
     try:
         return JointMoveResult(**fields, measured_tip_m=tip_m)
     except TypeError:
@@ -148,28 +148,28 @@ def record_remote(
     *,
     overwrite: bool,
 ) -> RecordResult | None:
-    """Record an arm that another program moves, by asking that; None where nobody owns the port.
+    """Record an arm that another program moves, by state requests; None where none has its port.
 
     Raises:
-        IkservoError: The owner has ended, or the file cannot be written.
+        IkservoError: That program has ended, or the file cannot be written.
     """
     if query_state(model, port) is None:
         return None
 
     def measure() -> Vector:
-        here = query_state(model, port)
-        if here is None:
+        state = query_state(model, port)
+        if state is None:
             raise IkservoError(
                 "The program that moved the arm has ended.", "The recording up to then is kept."
             )
-        return np.array([joint.position_rad for joint in here.joints])
+        return np.array([joint.position_rad for joint in state.joints])
 
     header = recording_header(model, period_s)
     return record(measure, RealClock(), path, header, duration_s, until, overwrite=overwrite)
 
 
-def _request_owner(device: str, errand: Command, timeout_s: float) -> dict[str, Any] | None:
-    return None if is_simulated(device) else send_command(device, errand, timeout_s)
+def _request(device: str, command: Command, timeout_s: float) -> dict[str, Any] | None:
+    return None if is_simulated(device) else send_command(device, command, timeout_s)
 
 
 def _validate_reply(adapter: TypeAdapter[T], value: object) -> T:
@@ -187,9 +187,9 @@ def _version_error() -> IkservoError:
 
 
 def halt_line(model: Model, port: str | None) -> StopOutcome:
-    """Open the port of an arm that nobody owns, and let every joint with torque stay where it is.
+    """Open the port of an arm that no program has open, and hold every joint that has torque.
 
-    Neither models nor calibration are looked at: what moves is stopped, whatever it is.
+    Neither models nor calibration are checked: whatever moves is stopped.
 
     Raises:
         PortError: The port cannot be opened.

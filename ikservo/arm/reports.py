@@ -1,4 +1,4 @@
-"""What the arm says about itself and about a motion, as values."""
+"""Results as values: arm state, progress and result of a motion, sampled trajectories."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ def _unknown_pose() -> Matrix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmState:
-    """Where the arm is, measured: as a tuple of joints, as arrays, and by joint name.
+    """The measured state of the arm: as a tuple of joints, as arrays, and by joint name.
 
     Arrays have one element for each joint, (n,), in the order of ``names``; rad, or m for
-    prismatic joints. ``here["elbow_flex"]`` is the state of one joint.
+    prismatic joints. ``state["elbow_flex"]`` is the state of one joint.
 
     Attributes:
         tip_m: The tip (3,), metres, base frame.
         joints: Base to tip, gripper last.
-        orientation: How the tool is turned, R_base_tip (3, 3); NaN where it was not told.
+        orientation: Of the tool, R_base_tip (3, 3); NaN where it is not known.
     """
 
     tip_m: Vector
@@ -102,7 +102,7 @@ class ArmState:
 
     @property
     def loads_percent(self) -> Vector:
-        """Return the servos' loads (n,), see ``JointState``; NaN where a servo tells none."""
+        """Return the servos' loads (n,), see ``JointState``; NaN where a servo has none."""
         loads = (joint.load_percent for joint in self.joints)
         return np.array([np.nan if load is None else load for load in loads])
 
@@ -124,10 +124,10 @@ class MotionProgress:
 
     Attributes:
         elapsed_s: Time of the motion; behind the clock where it was slowed down.
-        duration_s: Of the whole motion; infinite for one that goes on until it is ended.
+        duration_s: Of the whole motion; infinite for one that continues until it is ended.
         tip_m: The measured tip (3,), metres, base frame.
-        joints_rad: The measured joints (n,), rad or m; without an answer, as last measured.
-        setpoints_rad: Where the servos were told to go (n,).
+        joints_rad: The measured joints (n,), rad or m; without a reply, as last measured.
+        setpoints_rad: The servos' goals (n,).
         names: The joints, in the order of the arrays.
     """
 
@@ -153,18 +153,18 @@ class MoveResult:
     """How a motion to a point ended.
 
     Attributes:
-        target_m: What was asked (3,), metres, base frame.
-        commanded_tip_m: Where the solver's joints put the tip (3,).
-        measured_tip_m: Where the servos' own positions put it (3,).
+        target_m: The requested point (3,), metres, base frame.
+        commanded_tip_m: The tip at the solver's joints (3,).
+        measured_tip_m: The tip at the measured joints (3,).
         error_m: From the target to the measured tip.
         duration_s: From the first goal to rest.
         reached: Whether the error is within the arm's tolerance.
-        binding: The limits the solution stands at, and the joints that did not arrive, in words.
-        orientation_error_rad: How far the tool is turned from how it should stand, at most.
+        binding: The active limits of the solution, and the joints that did not arrive.
+        orientation_error_rad: The largest angle between the tool and its requested orientation.
         motion_s: From the first goal to the planned end of the motion.
-        settling_s: From there until every joint stood where it belongs.
+        settling_s: From there until every joint had settled.
         orientation_requested: Whether an orientation of the tool was requested.
-        orientation_change_rad: How far the tool is turned from where it began.
+        orientation_change_rad: The angle between the tool's orientations at start and end.
     """
 
     target_m: Vector
@@ -186,13 +186,13 @@ class JointMoveResult:
     """How a motion of joints ended; rad, or m for prismatic joints.
 
     Attributes:
-        goal_rad: What was asked of each joint that was named.
-        measured_rad: Where those joints are.
-        measured_tip_m: Where the servos' own positions put the tip (3,).
-        error_rad: The largest difference of a revolute or prismatic joint.
+        goal_rad: The goals of the joints that were named.
+        measured_rad: Their measured positions.
+        measured_tip_m: The tip at the measured joints (3,).
+        error_rad: The largest error of a joint.
         duration_s: From the first goal to rest.
         reached: Whether every joint is within its tolerance.
-        binding: The joints that did not arrive, in words.
+        binding: The joints that did not arrive.
     """
 
     goal_rad: dict[str, float]
@@ -275,19 +275,19 @@ class SampledTrajectory:
 
 
 def sample_trajectory(
-    course: Trajectory, dt_s: float, names: tuple[str, ...], units: tuple[str, ...]
+    trajectory: Trajectory, dt_s: float, names: tuple[str, ...], units: tuple[str, ...]
 ) -> SampledTrajectory:
-    """Return a course at multiples of ``dt_s`` from its start, and at its end.
+    """Sample a trajectory at multiples of ``dt_s`` from its start, and at its end.
 
     Raises:
         BadValueError: ``dt_s`` is not above 0, or makes more than a million samples.
     """
-    duration_s = course.duration_s
+    duration_s = trajectory.duration_s
     if not dt_s > 0.0 or duration_s / dt_s > _MAX_SAMPLES:
         expected = f"seconds above 0, at most {_MAX_SAMPLES} samples of {duration_s:g} s"
         raise BadValueError("The time between two samples", f"{dt_s:g} s", expected)
     times_s = np.append(np.arange(0.0, duration_s * (1.0 - 1e-12), dt_s), duration_s)
-    states = [course.state(time_s) for time_s in times_s.tolist()]
+    states = [trajectory.state(time_s) for time_s in times_s.tolist()]
     return SampledTrajectory(
         names=names,
         units=units,

@@ -36,18 +36,18 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolOrientation:
-    """What is asked of the tool's orientation; nothing is, if all is left out.
+    """A constraint on the tool's orientation; none by default.
 
-    A tool of which nothing is asked keeps what the arm can: arms with six joints the whole
-    orientation; arms with four or five its pitch, then its roll, in the plane that their first
-    joint turns. What is asked must be met within half a degree.
+    Without a constraint the tool keeps its orientation as well as the arm can: arms with six joints
+    the whole orientation; arms with four or five its pitch, then its roll, in the plane that their
+    first joint rotates. A constraint must be met within half a degree.
 
     Attributes:
         pitch_rad: The angle of the tool axis above the horizontal: -π/2 is straight down.
-        roll_rad: The turn about the tool axis, clockwise as seen from behind the tool; 0 is level.
+        roll_rad: The rotation about the tool axis, clockwise from behind the tool; 0 is level.
         direction: Where the tool axis points (3,), base frame, any length.
         keep: Whether the orientation of the start is kept in the base frame, all of it.
-        posture: Joints to lean towards instead, where the point leaves freedom (lecture L10).
+        posture: Preferred joint positions instead, where the point leaves freedom (lecture L10).
         orientation: The whole orientation R_base_tip (3, 3). An arm with fewer than six joints
             has it at few points only.
 
@@ -90,18 +90,18 @@ class ToolOrientation:
 
     @property
     def constrains_more_than_keep(self) -> bool:
-        """Return whether anything but to keep is asked."""
+        """Return whether there is a constraint other than ``keep``."""
         parts = (self.pitch_rad, self.roll_rad, self.direction, self.orientation)
         return any(part is not None for part in parts)
 
     @property
     def is_constrained(self) -> bool:
-        """Return whether anything is asked."""
+        """Return whether there is a constraint."""
         return self.keep or self.constrains_more_than_keep
 
     def __str__(self) -> str:
-        """Return it in words."""
-        words = [
+        """Describe the constraint."""
+        parts = [
             f"pitch {math.degrees(self.pitch_rad):.1f}°" if self.pitch_rad is not None else "",
             f"roll {math.degrees(self.roll_rad):.1f}°" if self.roll_rad is not None else "",
             "direction " + ",".join(f"{x:g}" for x in np.ravel(self.direction))
@@ -110,18 +110,18 @@ class ToolOrientation:
             "the present orientation" if self.keep else "",
             "the given orientation" if self.orientation is not None else "",
         ]
-        return " and ".join(word for word in words if word)
+        return " and ".join(part for part in parts if part)
 
 
 KEEP_BEST_EFFORT = ToolOrientation()
-"""Nothing asked."""
+"""No constraint."""
 
 
 def check_orientation(stance: object, orientation: ArrayLike | None = None) -> ToolOrientation:
-    """Return how the tool shall stand, with an orientation (3, 3) that was given besides.
+    """Return the constraint, with the whole orientation (3, 3) where that is given instead.
 
     Raises:
-        BadValueError: It is no ``ToolOrientation``, or asks for another orientation.
+        BadValueError: It is no ``ToolOrientation``, or both are given.
     """
     if not isinstance(stance, ToolOrientation):
         raise BadValueError(
@@ -131,7 +131,7 @@ def check_orientation(stance: object, orientation: ArrayLike | None = None) -> T
 
 
 MAX_HEADING_ITERATIONS = 6
-"""So often a heading that the tool is to have is found anew from the answer."""
+"""How often the heading of the tool is updated from the solution."""
 
 KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4
 POSITION_TOLERANCE_M = 1e-5
@@ -139,11 +139,11 @@ POSITION_TOLERANCE_M = 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationSolution:
-    """Joints for a point, and how the tool stands there.
+    """Joints for a point, and the orientation error of the tool there.
 
     Attributes:
-        solution: What the solver answered; ``reached`` and the error speak of the position.
-        error_rad: How far the tool is from how it should stand.
+        solution: The solver's result; ``reached`` and its error are those of the position.
+        error_rad: The angle between the tool and its requested orientation.
     """
 
     solution: Result
@@ -151,23 +151,23 @@ class OrientationSolution:
 
 
 def keep_orientation(
-    chain: Chain, target: Target, here: Vector, plain: Result
+    chain: Chain, target: Target, start: Vector, plain: Result
 ) -> OrientationSolution:
-    """Return the joints near the plain answer at which the tool stands most as it does now."""
+    """Return the joints near an unconstrained solution that keep the tool's orientation best."""
     plane = ArmPlane(chain)
-    first = plane.rotation(here).T @ chain.forward(here)[:3, :3]
+    first = plane.rotation(start).T @ chain.forward(start)[:3, :3]
     solver = Solver(chain, "pose", options=Options(position_first=True))
-    q, wanted = plain.q, first
+    q, desired = plain.q, first
     for _ in range(MAX_HEADING_ITERATIONS):
-        before, wanted = plane.angle_rad(q), plane.rotation(q) @ first
-        found, _ = solver.track(make_pose(target.position, wanted), q)
+        before, desired = plane.angle_rad(q), plane.rotation(q) @ first
+        found, _ = solver.track(make_pose(target.position, desired), q)
         if solver.result.position_error_m > POSITION_TOLERANCE_M:
             break
         q = found
         if abs(plane.angle_rad(q) - before) < KEPT_ORIENTATION_TOLERANCE_RAD:
             break
-    left = log_so3(wanted @ chain.forward(q)[:3, :3].T)
-    return OrientationSolution(_result_at(chain, target, plain, q), float(np.linalg.norm(left)))
+    error = log_so3(desired @ chain.forward(q)[:3, :3].T)
+    return OrientationSolution(_result_at(chain, target, plain, q), float(np.linalg.norm(error)))
 
 
 def _result_at(chain: Chain, target: Target, plain: Result, q: Vector) -> Result:
@@ -176,24 +176,24 @@ def _result_at(chain: Chain, target: Target, plain: Result, q: Vector) -> Result
     return replace(plain, q=q, nearest_m=nearest_m, position_error_m=gap_m)
 
 
-# Few starts: most questions here have no exact answer, and each start is tried in vain.
+# Few restarts: most of these problems have no exact solution, and each restart fails.
 _RESTARTS = 20
 _NOWHERE_M, _UPRIGHT = 1e-6, 0.99
-_POSE_DOF = 6  # so many joints it takes to have any orientation at a point
+_POSE_DOF = 6  # joints for any orientation at a point
 
 
 class OrientationSolver:
-    """Asks for one stance at one point, from where the arm is."""
+    """Solves one orientation at one point, from the start joints."""
 
     def __init__(
-        self, chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, here: Vector
+        self, chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, start: Vector
     ) -> None:
         self._chain, self._tool, self._target = chain, tool, target
-        self._stance, self._here = stance, here
-        self._first = chain.forward(here)[:3, :3]
+        self._stance, self._start = stance, start
+        self._first = chain.forward(start)[:3, :3]
 
     def candidates(self, plain: Result) -> Iterator[OrientationSolution]:
-        """Yield answers, those near the plain one first."""
+        """Yield solutions, those near the unconstrained one first."""
         whole = self._target_rotation()
         if whole is not None:
             yield from self._solve_target(whole, plain.q)
@@ -202,24 +202,24 @@ class OrientationSolver:
         else:
             pitch_rad = self._stance.pitch_rad
             if pitch_rad is None:
-                level = keep_orientation(self._chain, self._target, self._here, plain).solution.q
+                level = keep_orientation(self._chain, self._target, self._start, plain).solution.q
                 pitch_rad = self._tool.pitch_rad(self._tool_rotation(level))
             outward = self._outward_rad(plain.q)
             for heading_rad in (outward, self._heading_rad(plain.q), outward + math.pi):
                 yield from self._solve_pitch(heading_rad, pitch_rad, plain.q)
 
     def _target_rotation(self) -> Matrix | None:
-        """Return the whole orientation (3, 3) that is asked for; None where a part of it is."""
+        """Return the requested orientation (3, 3); None where only a part of it is constrained."""
         if self._stance.keep:
             return self._first
         return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
 
     def evaluate(self, solution: Result) -> OrientationSolution:
-        """Return how the tool stands in a solution."""
+        """Evaluate the orientation error of a solution."""
         return OrientationSolution(solution, self._orientation_error_rad(solution.q))
 
     def check_error(self, solved: OrientationSolution) -> float:
-        """Return what is left, if it is little.
+        """Return the orientation error, if it is within the tolerance.
 
         Raises:
             OrientationError: It is more than half a degree.
@@ -236,7 +236,7 @@ class OrientationSolver:
         return solved.error_rad
 
     def _describe_missing_freedom(self) -> str:
-        """Say in words what the arm lacks for a whole orientation; nothing where it has it."""
+        """Describe what the arm lacks for a whole orientation; empty where it has six joints."""
         if self._target_rotation() is None or self._chain.dof >= _POSE_DOF:
             return ""
         return (
@@ -245,38 +245,38 @@ class OrientationSolver:
         )
 
     def _describe_orientation(self, q: Vector) -> str:
-        """Say how the tool stands at joints, in the terms of what was asked."""
+        """Describe the tool's orientation at joints (dof,), in the terms of a constraint."""
         R = self._tool_rotation(q)
         roll_rad = self._tool.roll_rad(R, self._outward_rad(q))
         x, y, z = (R @ self._tool.approach_axis).tolist()
-        words = [
+        parts = [
             f"pitch {math.degrees(self._tool.pitch_rad(R)):z.1f}°",
             f"roll {math.degrees(roll_rad):z.1f}°",
             f"direction {x:z.3f},{y:z.3f},{z:z.3f}",
         ]
-        return ", ".join(words)
+        return ", ".join(parts)
 
     def _solve_direction(self, q: Vector) -> Iterator[OrientationSolution]:
-        wanted = Target((0, 0, 0), direction=self._stance.direction).target_axis
-        if wanted is None or self._stance.roll_rad is None:
-            yield from self._solve_target(wanted, q)
+        desired = Target((0, 0, 0), direction=self._stance.direction).target_axis
+        if desired is None or self._stance.roll_rad is None:
+            yield from self._solve_target(desired, q)
             return
-        upright = math.hypot(wanted[0], wanted[1]) < math.cos(math.radians(89.5))
-        heading_rad = self._outward_rad(q) if upright else math.atan2(wanted[1], wanted[0])
-        pitch_rad = math.asin(float(wanted[2]))
+        upright = math.hypot(desired[0], desired[1]) < math.cos(math.radians(89.5))
+        heading_rad = self._outward_rad(q) if upright else math.atan2(desired[1], desired[0])
+        pitch_rad = math.asin(float(desired[2]))
         R = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
         yield from self._solve_target(R, q)
 
     def _solve_pitch(
         self, heading_rad: float, pitch_rad: float, q: Vector
     ) -> Iterator[OrientationSolution]:
-        """Yield answers with a pitch, each with the heading that the arm had in the one before."""
+        """Yield solutions with a pitch, each with the heading of the one before."""
         for _ in range(MAX_HEADING_ITERATIONS):
             if self._stance.roll_rad is None:
-                wanted = direction_from_angles(heading_rad, pitch_rad)
+                desired = direction_from_angles(heading_rad, pitch_rad)
             else:
-                wanted = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
-            found = list(self._solve_target(wanted, q))
+                desired = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
+            found = list(self._solve_target(desired, q))
             yield from found
             if not found or found[0].error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
                 return
@@ -286,14 +286,14 @@ class OrientationSolver:
                 return
 
     def _solve_target(
-        self, wanted: Matrix | Vector | None, q: Vector
+        self, desired: Matrix | Vector | None, q: Vector
     ) -> Iterator[OrientationSolution]:
-        """Yield answers that have the point and an orientation (3, 3) or direction (3,)."""
-        of_axis = wanted is None or wanted.ndim == 1
+        """Yield solutions with the point and an orientation (3, 3) or direction (3,)."""
+        of_axis = desired is None or desired.ndim == 1
         target = Target(
             self._target.position,
-            direction=wanted if of_axis else None,
-            orientation=None if of_axis else wanted,
+            direction=desired if of_axis else None,
+            orientation=None if of_axis else desired,
             tool_axis=self._tool.approach_axis,
         )
         for restarts in (1, _RESTARTS):
@@ -302,22 +302,22 @@ class OrientationSolver:
                 yield self.evaluate(replace(result, reached=True))
 
     def _orientation_error_rad(self, q: Vector) -> float:
-        """Return how far the tool is from what was asked, at joints (dof,)."""
-        R, stance, left = self._tool_rotation(q), self._stance, [0.0]
+        """Return the largest angle to the requested orientation at joints (dof,), rad."""
+        R, stance, errors = self._tool_rotation(q), self._stance, [0.0]
         if stance.pitch_rad is not None:
-            left.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
+            errors.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
         if stance.roll_rad is not None:
             roll_rad = self._tool.roll_rad(R, self._outward_rad(q))
-            left.append(abs(math.remainder(roll_rad - stance.roll_rad, math.tau)))
+            errors.append(abs(math.remainder(roll_rad - stance.roll_rad, math.tau)))
         if stance.direction is not None:
-            wanted = Target(
+            desired = Target(
                 (0, 0, 0), direction=stance.direction, tool_axis=self._tool.approach_axis
             )
-            left.append(float(np.linalg.norm(wanted.orientation_error(R))))
+            errors.append(float(np.linalg.norm(desired.orientation_error(R))))
         whole = self._target_rotation()
         if whole is not None:
-            left.append(float(np.linalg.norm(log_so3(whole @ R.T))))
-        return max(left)
+            errors.append(float(np.linalg.norm(log_so3(whole @ R.T))))
+        return max(errors)
 
     def _tool_rotation(self, q: Vector) -> Matrix:
         return self._chain.forward(q)[:3, :3]
@@ -335,45 +335,45 @@ class OrientationSolver:
 
 
 def solve_with_orientation(
-    chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, here: Vector
+    chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, start: Vector
 ) -> OrientationSolution:
-    """Find joints for a point, the position exactly and then the stance as well as it can be.
+    """Solve joints for a point: the position exactly, then the orientation as well as possible.
 
     Args:
         chain: The arm.
         tool: Its axes.
         target: The point.
-        stance: How the tool shall stand.
-        here: The joints now (dof,): where to start, and what to keep.
+        stance: The requested orientation.
+        start: The present joints (dof,): where to start, and what to keep.
 
     Returns:
-        The answer; where ``solution.reached`` is false, nothing reaches the point.
+        The solution; where ``solution.reached`` is false, the point is out of reach.
 
     Raises:
-        OrientationError: It is asked for, and more than half a degree is left.
+        OrientationError: The error of a requested orientation is more than half a degree.
     """
-    plain = solve(chain, target, here, posture=stance.posture)
+    plain = solve(chain, target, start, posture=stance.posture)
     if not plain.reached or stance.posture is not None:
         return OrientationSolution(plain, 0.0)
     if not stance.is_constrained:
-        return keep_orientation(chain, target, here, plain)
-    asker = OrientationSolver(chain, tool, target, stance, here)
-    best = asker.evaluate(plain)
-    for answer in asker.candidates(plain):
-        best = min(best, answer, key=lambda each: each.error_rad)
+        return keep_orientation(chain, target, start, plain)
+    solver = OrientationSolver(chain, tool, target, stance, start)
+    best = solver.evaluate(plain)
+    for candidate in solver.candidates(plain):
+        best = min(best, candidate, key=lambda each: each.error_rad)
         if best.error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
             break
-    asker.check_error(best)
+    solver.check_error(best)
     return best
 
 
 def check_orientation_error(
     chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, solution: Result
 ) -> float:
-    """Return how far the tool is from how it should stand in a solution, rad.
+    """Return the orientation error of the tool in a solution, rad.
 
     Raises:
         OrientationError: It is more than half a degree.
     """
-    asker = OrientationSolver(chain, tool, target, stance, solution.q)
-    return asker.check_error(asker.evaluate(solution))
+    solver = OrientationSolver(chain, tool, target, stance, solution.q)
+    return solver.check_error(solver.evaluate(solution))

@@ -35,11 +35,11 @@ from ikservo.maintenance.auto_calibration_setup import (
 from ikservo.maintenance.calibration_session import TorqueOffArm, open_torque_off
 from ikservo.maintenance.direction_check import (
     DirectionCheck,
+    check_clearance_m,
     confirm_directions,
     execute_lift,
-    making_room,
+    plan_clearance,
     plan_direction_check,
-    room_m,
     run_direction_check,
 )
 from ikservo.model import Model
@@ -159,7 +159,7 @@ def _show_directions(auto: AutoCalibration, options: CalibrationOptions) -> None
     for joint in auto.arm.model.joints:
         _make_room(auto.arm, joint.name, options)
         motion = plan_direction_check(auto.arm, joint.name)
-        print_status(f"{motion.joint} moves {motion.words}, then back.")
+        print_status(f"{motion.joint} moves {motion.direction}, then back.")
         run_direction_check(auto.arm, motion)
         _check_seen(auto.arm, motion, options)
 
@@ -171,13 +171,15 @@ def _make_room(arm: Arm, joint: str, options: CalibrationOptions) -> None:
         RefusedError: No motion of a single joint increases the clearance.
     """
     for _ in arm.model.joints:
-        motion = making_room(arm, joint)
+        motion = plan_clearance(arm, joint)
         if motion is None:
             break
-        print_status(f"{motion.joint} moves {motion.words}, and stays there: {joint} needs room.")
+        print_status(
+            f"{motion.joint} moves {motion.direction}, and stays there: {joint} needs room."
+        )
         execute_lift(arm, motion)
         _check_seen(arm, motion, options)
-    if room_m(arm, joint) < 0.0:
+    if check_clearance_m(arm, joint) < 0.0:
         raise RefusedError(
             f"{joint} cannot move by 5° without a collision; torque stays on.",
             "Nothing was saved. Begin in a pose with more room: "
@@ -186,7 +188,7 @@ def _make_room(arm: Arm, joint: str, options: CalibrationOptions) -> None:
 
 
 def _check_seen(arm: Arm, motion: DirectionCheck, options: CalibrationOptions) -> None:
-    question = f"Did {motion.joint} move {motion.words}?"
+    question = f"Did {motion.joint} move {motion.direction}?"
     if not confirm_start(question, default=True, interactive=options.interactive):
         raise CalibrationError(
             f"{motion.joint} does not move as in the arm file; torque stays on.",

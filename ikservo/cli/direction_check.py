@@ -16,7 +16,7 @@ from ikservo.maintenance.direction_check import (
     confirm_directions,
     directions_confirmed,
     execute_lift,
-    making_room,
+    plan_clearance,
     plan_direction_check,
     plan_lift,
     run_direction_check,
@@ -82,14 +82,14 @@ def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bo
     if json:
         print_json("wiggle", joints=list(map(_motion_fields, motions)), confirmed=not yes)
     else:
-        print_lines([f"{motion.joint}: it moves {motion.words}" for motion in motions])
+        print_lines([f"{motion.joint}: it moves {motion.direction}" for motion in motions])
 
 
 def _motion_fields(motion: DirectionCheck) -> dict[str, object]:
     return {
         "joint": motion.joint,
-        "displacement_rad": motion.way,
-        "description": motion.words,
+        "displacement_rad": motion.travel,
+        "description": motion.direction,
     }
 
 
@@ -120,7 +120,7 @@ def _lift_clear(machine: Arm, *, interactive: bool) -> None:
     motion = plan_lift(machine)
     if motion is not None:
         print_status(
-            f"The arm lies on something: {motion.joint} moves {motion.words}, and stays there."
+            f"The arm lies on something: {motion.joint} moves {motion.direction}, and stays there."
         )
         execute_lift(machine, motion)
         _confirm_direction(machine, motion, interactive=interactive)
@@ -128,22 +128,24 @@ def _lift_clear(machine: Arm, *, interactive: bool) -> None:
 
 def _make_room(machine: Arm, name: str, *, interactive: bool) -> None:
     """Move another joint if one would collide in both directions of its test motion."""
-    motion = making_room(machine, name)
+    motion = plan_clearance(machine, name)
     if motion is not None:
-        print_status(f"{motion.joint} moves {motion.words}, and stays there: {name} needs room.")
+        print_status(
+            f"{motion.joint} moves {motion.direction}, and stays there: {name} needs room."
+        )
         execute_lift(machine, motion)
         _confirm_direction(machine, motion, interactive=interactive)
 
 
 def _check_one_joint(machine: Arm, motion: DirectionCheck, *, interactive: bool) -> None:
-    print_status(f"{motion.joint} moves {motion.words}, then back.")
+    print_status(f"{motion.joint} moves {motion.direction}, then back.")
     run_direction_check(machine, motion)
     _confirm_direction(machine, motion, interactive=interactive)
 
 
 def _confirm_direction(machine: Arm, motion: DirectionCheck, *, interactive: bool) -> None:
     if not confirm_start(
-        f"Did {motion.joint} move {motion.words}?", default=True, interactive=interactive
+        f"Did {motion.joint} move {motion.direction}?", default=True, interactive=interactive
     ):
         raise CalibrationError(
             f"{motion.joint} does not move as in the arm file; torque stays on.",

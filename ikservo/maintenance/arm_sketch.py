@@ -10,7 +10,7 @@ from ikservo.model import Model
 __all__ = ["ascii_sketch"]
 
 _COLUMNS, _ROWS = 46, 13
-_ASPECT = 2.0  # a letter is twice as high as it is wide
+_ASPECT = 2.0  # a character is twice as high as it is wide
 _MARK, _JOINT, _LINK = "@", "o", "."
 
 Point = tuple[float, float]
@@ -18,37 +18,37 @@ Cell = tuple[int, int]
 
 
 def ascii_sketch(model: Model, joint: str, pose: str = "home") -> list[str]:
-    """Return the lines of a side view in a named pose: ``@`` the joint, ``o`` the others.
+    """Draw a side view in a named pose: ``@`` the joint, ``o`` the others; return its lines.
 
     Raises:
         UnknownNameError: The arm has no such pose.
     """
-    places = _joint_places(model, pose)
-    points = [(0.0, 0.0), *places.values()]
+    points_by_joint = _joint_points(model, pose)
+    points = [(0.0, 0.0), *points_by_joint.values()]
     cells = _AsciiCanvas(points)
-    for begin, end in pairwise(points):
-        cells.draw(begin, end)
-    for name, place in places.items():
-        cells.put(place, _MARK if name == joint else _JOINT)
-    cells.put(places[joint], _MARK)
+    for start, end in pairwise(points):
+        cells.draw(start, end)
+    for name, point in points_by_joint.items():
+        cells.put(point, _MARK if name == joint else _JOINT)
+    cells.put(points_by_joint[joint], _MARK)
     return [*cells.lines(), "=" * _COLUMNS, f"{_MARK} {joint}"]
 
 
-def _joint_places(model: Model, pose: str) -> dict[str, Point]:
-    """Return every joint's place: how far out and how high, metres; a gripper sits at the tip."""
+def _joint_points(model: Model, pose: str) -> dict[str, Point]:
+    """Return every joint's radius and height, metres; a gripper is drawn at the tip."""
     q = model.chain_pose(pose)
     children = {joint.name: joint.child for joint in model.urdf.joints}
     frames = set(model.chain.frames)
-    places: dict[str, Point] = {}
+    points_by_joint: dict[str, Point] = {}
     for joint in model.joints:
         child = children[joint.name]
         T = model.chain.forward(q, frame=child if child in frames else None)
-        places[joint.name] = (float(T[0, 3] ** 2 + T[1, 3] ** 2) ** 0.5, float(T[2, 3]))
-    return places
+        points_by_joint[joint.name] = (float(T[0, 3] ** 2 + T[1, 3] ** 2) ** 0.5, float(T[2, 3]))
+    return points_by_joint
 
 
 class _AsciiCanvas:
-    """A field of letters, with the drawing fitted into it."""
+    """A grid of characters, scaled to the drawing."""
 
     def __init__(self, points: Sequence[Point]) -> None:
         self._cells: dict[Cell, str] = {}
@@ -58,11 +58,11 @@ class _AsciiCanvas:
         high = max(z for _, z in points) - self._floor
         self._step_m = max(wide / (_COLUMNS - 1), _ASPECT**-1 * high / (_ROWS - 1), 1e-6)
 
-    def put(self, point: Point, letter: str) -> None:
-        self._cells[self._to_cell(point)] = letter
+    def put(self, point: Point, character: str) -> None:
+        self._cells[self._to_cell(point)] = character
 
-    def draw(self, begin: Point, end: Point) -> None:
-        (x0, y0), (x1, y1) = self._to_cell(begin), self._to_cell(end)
+    def draw(self, start: Point, end: Point) -> None:
+        (x0, y0), (x1, y1) = self._to_cell(start), self._to_cell(end)
         steps = max(abs(x1 - x0), abs(y1 - y0), 1)
         for k in range(steps + 1):
             cell = round(x0 + (x1 - x0) * k / steps), round(y0 + (y1 - y0) * k / steps)

@@ -55,11 +55,11 @@ _POLL_PERIOD_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class ContactResult:
-    """What one joint met.
+    """What stopped a joint.
 
     Attributes:
-        position: How far it went, rad or m.
-        contact: Whether that was a stop; `Touch.MOVING` where it went as far as it was sent.
+        position: Where it stopped, rad or m.
+        contact: What stopped it; ``ContactState.MOVING`` where it reached its goal.
     """
 
     position: float
@@ -75,7 +75,7 @@ def probe_end_stop(
     fraction: float,
     on_positions: Callable[[Vector], None],
 ) -> ContactResult:
-    """Drive a joint towards a position until it stands against something, then back off.
+    """Move a joint towards a position until something stops it, then back off.
 
     Args:
         context: The arm with the limits of the search, torque on.
@@ -87,7 +87,7 @@ def probe_end_stop(
         on_positions: Called with the measured joints (n,) in every control cycle.
 
     Raises:
-        StoppedError: The person interrupted; the arm holds.
+        StoppedError: The user stopped it; the arm holds.
         RefusedError: The guard stopped it; the arm holds.
     """
     search = _EndStopSearch(context, bus, joint, end, fraction, on_positions)
@@ -173,7 +173,7 @@ class _EndStopSearch:
         return self._context.index.with_position(joints, self._joint, position)
 
 
-_EARLY_RAD = math.radians(15.0)  # no stop is further than that from where the arm file has it
+_EARLY_RAD = math.radians(15.0)  # no stop is further than this from its position in the arm file
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,10 +181,10 @@ class RangeEnd:
     """One end of a joint's range, rad or m.
 
     Attributes:
-        joint: Whose.
-        start: From where it is driven: the middle of its range.
-        expected: Where the arm file has it.
-        past: Where the joint is sent.
+        joint: The joint.
+        start: Where the search starts: the middle of its range.
+        expected: Its position in the arm file.
+        past: The goal of the search, beyond it.
     """
 
     joint: str
@@ -202,69 +202,69 @@ def range_ends(subject: JointUnderCalibration) -> Iterator[RangeEnd]:
 
 
 def horn_to_joint(subject: JointUnderCalibration) -> float:
-    """Return what one radian of the horn is worth at most, rad or m."""
+    """Return the largest motion of the joint for one radian of the horn, rad or m."""
     return subject.joint_map.unit_per_horn_rad
 
 
-def is_end_stop(felt: ContactResult, end: RangeEnd, subject: JointUnderCalibration) -> bool:
-    """Return whether a joint stands against its stop, not against something on the way."""
-    short = (end.expected - felt.position) * math.copysign(1.0, end.past - end.start)
-    return felt.contact is ContactState.STOP and short <= _EARLY_RAD * horn_to_joint(subject)
+def is_end_stop(found: ContactResult, end: RangeEnd, subject: JointUnderCalibration) -> bool:
+    """Return whether a joint is at its stop, not at an obstacle before it."""
+    missing = (end.expected - found.position) * math.copysign(1.0, end.past - end.start)
+    return found.contact is ContactState.STOP and missing <= _EARLY_RAD * horn_to_joint(subject)
 
 
 def early_contact_error(
-    felt: ContactResult, end: RangeEnd, subject: JointUnderCalibration
+    found: ContactResult, end: RangeEnd, subject: JointUnderCalibration
 ) -> CalibrationError:
-    """Return what to say of a joint that stands where its stop cannot be."""
-    say = subject.joint_map.format
-    if felt.contact is ContactState.NO_CONTACT:
+    """Return the error of a joint that was stopped where its stop cannot be."""
+    text = subject.joint_map.format
+    if found.contact is ContactState.NO_CONTACT:
         return CalibrationError(
-            f"{end.joint} does not move from {say(felt.position)} although no load was felt.",
+            f"{end.joint} does not move from {text(found.position)} although no load was felt.",
             "Nothing was saved. Check supply, cable and alarms: ikservo where. Or leave it to the "
             f"arm file: --skip {end.joint}",
         )
     return CalibrationError(
-        f"{end.joint} hit something at {say(felt.position)}; its end stop is expected at "
-        f"{say(end.expected)}.",
+        f"{end.joint} hit something at {text(found.position)}; its end stop is expected at "
+        f"{text(end.expected)}.",
         "Nothing was saved; torque stays on. Remove the obstacle. If that is its end stop, "
         f"calibrate by hand: ikservo calibrate. Or leave it to the arm file: --skip {end.joint}",
     )
 
 
 def missing_stop_error(
-    felt: ContactResult, end: RangeEnd, subject: JointUnderCalibration
+    found: ContactResult, end: RangeEnd, subject: JointUnderCalibration
 ) -> CalibrationError:
-    """Return what to say of a joint that went past where its stop is expected."""
+    """Return the error of a joint that moved past where its stop is expected."""
     return CalibrationError(
-        f"{end.joint} found no end stop up to {subject.joint_map.format(felt.position)}.",
+        f"{end.joint} found no end stop up to {subject.joint_map.format(found.position)}.",
         "Nothing was saved. Check that the arm was in the pose when it was recorded. If the "
         f"joint has no end stop: --continuous {end.joint}",
     )
 
 
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
-    """Return what to say of a joint of which an end cannot be looked for.
+    """Describe a joint of which an end cannot be searched.
 
     Args:
         subject: The joint.
-        lower: Where its lower stop was found, rad or m, or why it was not looked for.
+        lower: Where its lower stop was found, rad or m, or why it was not searched.
         upper: Likewise.
     """
-    say, expected = subject.joint_map.format, subject.expected
+    text, expected = subject.joint_map.format, subject.expected
     ends = ((lower, expected.lower.value), (upper, expected.upper.value))
-    reasons = [f"its end stop near {say(at)} ({why})" for why, at in ends if isinstance(why, str)]
-    found = [f"the other is at {say(at)}" for at, _ in ends if isinstance(at, float)]
+    reasons = [f"its end stop near {text(at)} ({why})" for why, at in ends if isinstance(why, str)]
+    found = [f"the other is at {text(at)}" for at, _ in ends if isinstance(at, float)]
     kept = "the limit of the arm file is" if found else "both limits of the arm file are"
     missing = f"cannot search {', nor '.join(reasons)}; {kept} used there"
     return "; ".join([missing, *found]) + "."
 
 
 def nearly_a_turn(subject: JointUnderCalibration) -> str:
-    """Return what to say of a joint whose range leaves no room to look for stops."""
-    say, expected = subject.joint_map.format, subject.expected
+    """Describe a joint whose range is too wide to search stops."""
+    text, expected = subject.joint_map.format, subject.expected
     low, high = expected.lower.value, expected.upper.value
     return (
-        f"not searched: its range in the arm file, {say(low)} to {say(high)}, is nearly a whole "
+        f"not searched: its range in the arm file, {text(low)} to {text(high)}, is nearly a whole "
         "turn or more; that range is used."
     )
 
@@ -273,10 +273,10 @@ _TORQUE_FRACTIONS = (0.3, 0.45, 0.6)  # of a servo's torque, one after the other
 
 
 def check_auto_allowed(model: Model) -> None:
-    """Refuse arms that must not look for their stops by themselves.
+    """Refuse arms whose arm file forbids automatic calibration.
 
     Raises:
-        CalibrationError: The arm file says so, and why.
+        CalibrationError: It does; carries its reason.
     """
     if model.auto_unsafe:
         raise CalibrationError(
@@ -286,19 +286,19 @@ def check_auto_allowed(model: Model) -> None:
 
 
 class AutoCalibration:
-    """An arm that has been put into a named pose, and now finds its ranges itself.
+    """Measures the ranges of an arm that is held in a named pose.
 
     Args:
         loose: Its servos, torque off.
-        wizard: The conversation, the anchor taken.
+        wizard: The calibration state, its anchor pose recorded.
         pose: The named pose.
-        tell: Takes what happens, in words.
-        keep: Takes the travel of each joint whose two stops were found, in bare ticks.
+        on_status: Called with what happens.
+        on_measured: Called with the travel of each joint whose two stops were found, raw ticks.
 
     Attributes:
-        wizard: The conversation with all that was found so far.
-        arm: The arm behind its narrow fence.
-        felt: The limit that is known of joints of which only one end could be looked for.
+        wizard: The calibration state with all measurements so far.
+        arm: The arm with the limits of the search.
+        partial_limits: The limits of joints of which only one end could be searched.
     """
 
     def __init__(
@@ -306,28 +306,28 @@ class AutoCalibration:
         loose: TorqueOffArm,
         wizard: CalibrationState,
         pose: str,
-        tell: Callable[[str], None],
-        keep: Callable[[JointUnderCalibration, TickRange], None],
+        on_status: Callable[[str], None],
+        on_measured: Callable[[JointUnderCalibration, TickRange], None],
     ) -> None:
         check_auto_allowed(loose.model)
-        self._loose, self._tell, self._keep = loose, tell, keep
+        self._loose, self._on_status, self._on_measured = loose, on_status, on_measured
         self._postures = PosturePlanner(loose.model)
         known = configure_encoders(loose, wizard, pose)
         self._context = limited_context(loose, wizard, known, self._postures.space)
         self._runner = MotionRunner(self._context)
         self.arm = Arm(self._context, self._runner)
         self.arm.enable()
-        tell("Torque is on. Let go of the arm and keep clear of it.")
+        on_status("Torque is on. Let go of the arm and keep clear of it.")
         names = frozenset(subject.name for subject in wizard.subjects)
         self.wizard = replace(wizard, known_signs=names, motor_driven=True)
         self.partial_limits: dict[str, Limits] = {}
 
     def sweep(self) -> None:
-        """Look for the stops of every joint that has some and was not measured before, tip first.
+        """Search the stops of every joint that has some and was not measured before, tip first.
 
         Raises:
-            CalibrationError: A joint met something where its stop cannot be, or no stop at all.
-            StoppedError: The person interrupted; the arm holds.
+            CalibrationError: A joint was stopped where its stop cannot be, or not at all.
+            StoppedError: The user stopped it; the arm holds.
             RefusedError: The guard stopped it; the arm holds.
         """
         for subject in reversed(self.wizard.subjects):
@@ -339,13 +339,13 @@ class AutoCalibration:
                 self.wizard = self.wizard.skip(subject.name, nearly_a_turn(subject))
 
     def finish(self) -> CalibrationState:
-        """Lower the arm to its rest pose, let it go, and return the conversation at its review.
+        """Lower the arm to its rest pose, switch torque off, and return the state for review.
 
         Raises:
-            CalibrationError: The servos of one joint did not go alike.
+            CalibrationError: The servos of one joint have moved differently.
         """
-        way = self._postures.find_path(self._chain_joints(), self.arm.model.chain_pose("rest"))
-        for posture in way or []:
+        path = self._postures.find_path(self._chain_joints(), self.arm.model.chain_pose("rest"))
+        for posture in path or []:
             self._move_to_posture(posture)
         self.arm.pose("rest", speed="slow")
         self._update_wizard(self._context.servos.measure_positions())
@@ -358,16 +358,16 @@ class AutoCalibration:
         lower, upper = (self._find_end_stop(end, subject) for end in range_ends(subject))
         if isinstance(lower, float) and isinstance(upper, float):
             track = self.wizard.tracks[subject.servo_id]
-            self._keep(subject, TickRange(track.low, track.high))
+            self._on_measured(subject, TickRange(track.low, track.high))
             self._learn(subject)
             return
         reason = unreached(subject, lower, upper)
-        self._tell(f"{subject.name}: {reason}")
+        self._on_status(f"{subject.name}: {reason}")
         self.wizard = self.wizard.skip(subject.name, reason)
         self._record_end_stops(subject, lower, upper)
 
     def _learn(self, subject: JointUnderCalibration) -> None:
-        """Let other joints be looked for with this one near the ends it is known to have."""
+        """Use the measured range of a joint in the postures for other joints."""
         names = self.arm.model.chain.names
         ends = measure_joint(self.wizard, subject).range_inside_margin(0.0)
         if ends is not None and subject.name in names:
@@ -382,43 +382,43 @@ class AutoCalibration:
         self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)
 
     def _find_end_stop(self, end: RangeEnd, subject: JointUnderCalibration) -> float | str:
-        """Return where a joint's stop is, rad or m, or why it cannot be looked for."""
+        """Search a joint's stop; return its position, rad or m, or why it cannot be searched."""
         try:
-            way = self._room(end)
+            path = self._path_to_clear(end)
         except RefusedError as error:
             return error.message
-        for posture in way:
+        for posture in path:
             self._move_to_posture(posture)
-        self._tell(
+        self._on_status(
             f"{end.joint}: searching its end stop near {subject.joint_map.format(end.expected)}."
         )
-        felt = self._press_against(end, subject, _TORQUE_FRACTIONS[0])
-        for share in _TORQUE_FRACTIONS[1:]:
-            if is_end_stop(felt, end, subject):
+        found = self._press_against(end, subject, _TORQUE_FRACTIONS[0])
+        for fraction in _TORQUE_FRACTIONS[1:]:
+            if is_end_stop(found, end, subject):
                 break
-            felt = self._press_against(end, subject, share)
-        if not is_end_stop(felt, end, subject):
-            raise early_contact_error(felt, end, subject)
-        return felt.position
+            found = self._press_against(end, subject, fraction)
+        if not is_end_stop(found, end, subject):
+            raise early_contact_error(found, end, subject)
+        return found.position
 
     def _press_against(
-        self, end: RangeEnd, subject: JointUnderCalibration, share: float
+        self, end: RangeEnd, subject: JointUnderCalibration, fraction: float
     ) -> ContactResult:
-        """Drive a joint to its end with a share of its torque.
+        """Move a joint to its end with a fraction of its torque.
 
         Raises:
-            CalibrationError: It got there, past where its stop is expected.
+            CalibrationError: It moved past where its stop is expected.
         """
-        felt = probe_end_stop(
-            self._context, self._runner, self._loose.bus, end.joint, end.past, share,
+        found = probe_end_stop(
+            self._context, self._runner, self._loose.bus, end.joint, end.past, fraction,
             self._update_wizard,
         )  # fmt: skip
-        if felt.contact is ContactState.MOVING:
-            raise missing_stop_error(felt, end, subject)
-        return felt
+        if found.contact is ContactState.MOVING:
+            raise missing_stop_error(found, end, subject)
+        return found
 
-    def _room(self, end: RangeEnd) -> list[Vector]:
-        """Return the way to a posture in which the joint can go to its end.
+    def _path_to_clear(self, end: RangeEnd) -> list[Vector]:
+        """Plan the path to a posture in which the joint can move to its end.
 
         Raises:
             RefusedError: There is none; nothing has moved.
@@ -426,8 +426,8 @@ class AutoCalibration:
         if end.joint not in self.arm.model.chain.names:
             return []
         column = self.arm.model.chain.names.index(end.joint)
-        reach = end.expected + 0.25 * (end.past - end.expected)
-        return self._postures.path_to_clear(column, end.start, reach, self._chain_joints())
+        beyond = end.expected + 0.25 * (end.past - end.expected)
+        return self._postures.path_to_clear(column, end.start, beyond, self._chain_joints())
 
     def _move_to_posture(self, posture: Vector) -> None:
         positions = dict(zip(self.arm.model.chain.names, posture.tolist(), strict=True))
@@ -437,7 +437,7 @@ class AutoCalibration:
         return self._context.index.chain_joints(self._context.servos.goals())
 
     def _update_wizard(self, joints: Vector) -> None:
-        """Let the conversation see where the servos are; shadows go with their first servo."""
+        """Update the calibration state; further servos of a joint move with its first."""
         ticks, positions = dict[int, int](), self._context.index.by_name(joints)
         for subject in self.wizard.subjects:
             anchor = self.wizard.reference_ticks[subject.servo_id]

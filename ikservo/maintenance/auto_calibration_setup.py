@@ -1,10 +1,10 @@
 """Preparation of an automatic calibration: limited torque, postures, stored progress.
 
-The limits are not known yet; the zeros are, for the arm was held in a named pose. So the guard is
-given the arm file's ranges and a little more, the arm's slowest speed, and nothing else passes.
+The limits are not known yet; the zeros are, for the arm was held in a named pose. So the guard has
+the arm file's ranges with a margin, and the arm's slowest speed.
 
-The travel of a joint between its stops is kept in ticks of the bare encoder: these stay the same
-whatever is written into the servo, and wherever the arm is held when the next run begins.
+The travel of a joint between its stops is stored in raw encoder ticks: these do not depend on what
+is written into the servo, nor on the pose in which the next run starts.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ikservo.calibration.records import (
     read_partial,
 )
 from ikservo.calibration.result import CalibrationResult, RegisterValues, measure_joint
-from ikservo.calibration.servo_config import ServoConfig, read_servo_config
+from ikservo.calibration.servo_config import ServoConfig
 from ikservo.calibration.transaction import commit, plan_changes
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import BusError, CalibrationError, FileFormatError, RefusedError
@@ -57,35 +57,35 @@ __all__ = [
 
 
 SEARCH_MARGIN_RAD = math.radians(20.0)
-"""How far past its expected end a joint may look for its stop, the horn's angle."""
+"""How far past its expected end a joint may search its stop, the horn's angle."""
 
-_WIDENING_RAD = 300 / 360  # of a turn: such a joint has no stops, or none that is worth looking for
+_MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution: a joint with more has no useful stops
 _SPEED_MARGIN = 1.2
 
 
 def can_probe(subject: JointUnderCalibration, wizard: CalibrationState) -> bool:
-    """Return whether a joint has stops to be looked for."""
-    roomy = (
+    """Return whether a joint has stops to search."""
+    too_wide = (
         subject.ticks_per_turn > 0
-        and subject.expected_ticks >= _WIDENING_RAD * subject.ticks_per_turn
+        and subject.expected_ticks >= _MAX_SEARCHED_FRACTION * subject.ticks_per_turn
     )
-    left_out = subject.name in wizard.free | wizard.skipped
-    return not (roomy or left_out or subject.known)
+    excluded = subject.name in wizard.free | wizard.skipped
+    return not (too_wide or excluded or subject.known)
 
 
 def configure_encoders(
     loose: TorqueOffArm, wizard: CalibrationState, pose: str
 ) -> CalibrationResult:
-    """Let every servo count so that no seam lies where its stop is looked for; torque is off.
+    """Configure every servo so that its count does not wrap inside the search; torque is off.
 
-    The calibration file is left as it is; see ``restore_encoders``.
+    The calibration file is not changed; see ``restore_encoders``.
 
     Returns:
-        The arm as it is known from its pose alone.
+        The calibration of the arm from its pose alone.
 
     Raises:
-        CalibrationError: A joint would cross a seam that cannot be moved.
-        IkservoError: A servo cannot be written; nothing is changed, or it says how to go on.
+        CalibrationError: A joint would cross a wrap-around that cannot be moved.
+        IkservoError: A servo cannot be written; nothing is changed, or it says how to continue.
     """
     subjects = tuple(_widen_range(subject, wizard) for subject in wizard.subjects)
     names = frozenset(subject.name for subject in subjects)
@@ -99,37 +99,37 @@ def configure_encoders(
 
 
 @contextmanager
-def restore_encoders(loose: TorqueOffArm, tell: Callable[[str], None]) -> Generator[None]:
-    """Give limp servos back what they held, where the block ends without a calibration.
+def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> Generator[None]:
+    """Restore the registers of limp servos where the block ends without a calibration.
 
-    An arm that holds is not dropped for that: then it is told how to get them back.
+    Where the arm holds its torque stays on; the user is told how to restore them.
 
     Args:
-        loose: The servos, as they were found.
-        tell: Takes what was done or is to do, in words.
+        loose: The servos, with the configuration read before.
+        on_status: Called with what was done, or is to do.
     """
     memory = {i: facts.registers for i, facts in loose.facts.items()}
     try:
         yield
     except BaseException:
-        with contextlib.suppress(BusError):  # who is silent has been named already
-            _restore_registers(loose, memory, tell)
+        with contextlib.suppress(BusError):  # silent servos are in the error already
+            _restore_registers(loose, memory, on_status)
         raise
 
 
 def _restore_registers(
-    loose: TorqueOffArm, memory: RegisterValues, tell: Callable[[str], None]
+    loose: TorqueOffArm, memory: RegisterValues, on_status: Callable[[str], None]
 ) -> None:
     if loose.journal_path.exists() or not plan_changes(loose.bus, memory):
         return
     if not loose.torque_on_servos():
         _write_registers(loose, memory)
-        tell("The settings of the servos were restored.")
+        on_status("The settings of the servos were restored.")
         return
     again = f"ikservo calibrate {loose.model.name}"
     old = f"; or restore the previous calibration: ikservo calibration push {loose.model.name}"
     filed = old if loose.path.exists() else ""
-    tell(f"The servos keep the settings of the search. Calibrate again: {again}{filed}.")
+    on_status(f"The servos keep the settings of the search. Calibrate again: {again}{filed}.")
 
 
 def _write_registers(loose: TorqueOffArm, memory: RegisterValues) -> None:
@@ -137,9 +137,7 @@ def _write_registers(loose: TorqueOffArm, memory: RegisterValues) -> None:
     if changes:
         text = loose.path.read_text("utf-8") if loose.path.exists() else ""
         commit(loose.bus, loose.journal_path, loose.path, text, changes)
-        loose.facts = {
-            servo_id: read_servo_config(loose.bus, servo_id) for servo_id in loose.bus.servos
-        }
+        loose.read_facts()
 
 
 def limited_context(
@@ -171,23 +169,23 @@ def _search_limits(
 
 
 def _widen_range(subject: JointUnderCalibration, wizard: CalibrationState) -> JointUnderCalibration:
-    """Return a joint with the range in which its stops are looked for."""
+    """Return a joint with the range in which its stops are searched."""
     if not can_probe(subject, wizard):
         return subject
     beyond = SEARCH_MARGIN_RAD / subject.joint_map.horn_rad_per_tick  # ticks
-    room = (
+    free = (
         (subject.ticks_per_turn - 64 - subject.expected_ticks) / 2
         if subject.ticks_per_turn
         else beyond
     )
-    more = min(beyond, room) * subject.joint_map.unit_per_tick
-    low, high = subject.expected.lower.value - more, subject.expected.upper.value + more
+    margin = min(beyond, free) * subject.joint_map.unit_per_tick
+    low, high = subject.expected.lower.value - margin, subject.expected.upper.value + margin
     unit = subject.expected.unit
     return replace(subject, expected=Limits.of(subject.name, low, high, "the search", unit))
 
 
 def _registers_without_limits(facts: ServoConfig, held: Mapping[str, int]) -> dict[str, int]:
-    """Return what a servo shall hold, its own limits opened: they may lie inside the stops."""
+    """Return a servo's registers without its own limits, which may be inside the stops."""
     low, high = (
         facts.table.find(RegisterName.MIN_POSITION_LIMIT),
         facts.table.find(RegisterName.MAX_POSITION_LIMIT),
@@ -197,19 +195,19 @@ def _registers_without_limits(facts: ServoConfig, held: Mapping[str, int]) -> di
 
 _SAMPLES = 30
 _MAX_TRIES, _DETOURS = 400, 40
-_LIMIT_MARGIN_RAD = 0.26  # from the arm file's ends: nobody knows yet where the true ones are
+_LIMIT_MARGIN_RAD = 0.26  # from the arm file's ends: the true ones are not known yet
 _INSIDE_MEASURED_RAD = 0.06  # from ends that have been measured
-# So near its end a joint may meet its own neighbour: that is what many stops are. What it never
-# may meet is the table, or a thing that stands there.
+# This near its end a joint may touch its neighbour, as many stops do. It must never touch the table
+# or a keep-out box.
 _NEARBY_RAD = 0.22
-# Postures by chance seldom leave room for a long arm above its table; the best are improved.
+# Random postures seldom have clearance for a long arm above its table; the best are improved.
 _IMPROVED = 10
 _WIDE_RAD, _FINE_RAD = 0.4, 0.03
 _ENOUGH_M = 0.004
 
 
 class PosturePlanner:
-    """Finds postures of one arm that is described but not yet measured.
+    """Finds collision-free postures of an arm that is not calibrated yet.
 
     Args:
         model: The arm.
@@ -217,7 +215,7 @@ class PosturePlanner:
 
     def __init__(self, model: Model) -> None:
         body = collision_body(model)
-        self._own = len(body.pairs)
+        self._own_pairs = len(body.pairs)
         self.space = CollisionChecker(body, model.floor_m, model.keep_out)
         self._known = [model.chain_pose(name) for name in model.poses]
         low = np.maximum(model.chain.lower_rad, -np.pi) + _LIMIT_MARGIN_RAD
@@ -225,44 +223,44 @@ class PosturePlanner:
         self._low, self._high = np.minimum(low, high), np.maximum(low, high)
 
     def learn(self, column: int, low: float, high: float) -> None:
-        """Take the measured range of a joint: it may stand nearer to ends that are known."""
+        """Use the measured range of a joint: postures may be nearer to measured ends."""
         low, high = low + _INSIDE_MEASURED_RAD, high - _INSIDE_MEASURED_RAD
         if low < high:
             self._low[column], self._high[column] = low, high
 
-    def path_to_clear(self, column: int, start: float, end: float, here: Vector) -> list[Vector]:
-        """Return the way to a posture from which a joint can go to its end.
+    def path_to_clear(self, column: int, start: float, end: float, present: Vector) -> list[Vector]:
+        """Plan the path to a posture from which a joint can move to its end.
 
         Args:
-            column: The joint's place in the chain's vectors.
-            start: From where it goes, rad or m.
+            column: The joint's column in the chain's vectors.
+            start: Where it starts, rad or m.
             end: Where its stop is expected, and a little beyond.
-            here: Where the arm is (dof,).
+            present: The present posture (dof,).
 
         Returns:
             Postures (dof,) one after the other, the last with the joint at its start.
 
         Raises:
-            RefusedError: The arm would touch something in every posture that was tried; says
-                what in the best of them.
+            RefusedError: The arm would touch something in every tried posture; says what in the
+                best of them.
         """
-        drive = _Drive(column, start, end)
+        search = _JointSearch(column, start, end)
         nearest = (-np.inf, "")
-        for posture in chain([here], self._known, self._improved(drive)):
-            begin = drive.begun(posture)
-            nearest = max(nearest, self._least(drive, begin))
-            if self._can_reach_end(begin, drive):
-                way = self.find_path(here, begin)
-                if way is not None:
-                    return way
-        raise RefusedError(_blocked(*nearest))
+        for candidate in chain([present], self._known, self._improved_postures(search)):
+            posture = search.start_posture(candidate)
+            nearest = max(nearest, self._min_distance(search, posture))
+            if self._can_reach_end(posture, search):
+                path = self.find_path(present, posture)
+                if path is not None:
+                    return path
+        raise RefusedError(_describe_collision(*nearest))
 
-    def find_path(self, here: Vector, goal: Vector) -> list[Vector] | None:
-        """Return postures (dof,) by which the arm gets to a goal and touches nothing, or None."""
-        if self._is_path_free(sample_line(here, goal)):
+    def find_path(self, present: Vector, goal: Vector) -> list[Vector] | None:
+        """Plan a collision-free path through postures (dof,) to a goal; None if none is found."""
+        if self._is_path_free(sample_line(present, goal)):
             return [goal]
         for between in self._via_postures():
-            if self._is_path_free(sample_line(here, between)) and self._is_path_free(
+            if self._is_path_free(sample_line(present, between)) and self._is_path_free(
                 sample_line(between, goal)
             ):
                 return [between, goal]
@@ -272,72 +270,76 @@ class PosturePlanner:
         return chain(self._known, islice(self._random_postures(), _DETOURS))
 
     def _random_postures(self) -> Iterator[Vector]:
-        chance = np.random.default_rng(1)  # the same arm is treated alike each time
+        random = np.random.default_rng(1)  # the same postures in each run
         while True:
-            yield chance.uniform(self._low, self._high)
+            yield random.uniform(self._low, self._high)
 
-    def _improved(self, drive: _Drive) -> Iterator[Vector]:
-        """Yield the postures by chance that leave most room, each improved joint by joint."""
-        found = [drive.begun(posture) for posture in islice(self._random_postures(), _MAX_TRIES)]
-        found.sort(key=lambda begin: self._least(drive, begin)[0], reverse=True)
-        for begin in found[:_IMPROVED]:
-            yield self._climbed(begin, drive)
+    def _improved_postures(self, search: _JointSearch) -> Iterator[Vector]:
+        """Yield the random postures with the most clearance, each improved joint by joint."""
+        found = [search.start_posture(row) for row in islice(self._random_postures(), _MAX_TRIES)]
+        found.sort(key=lambda posture: self._min_distance(search, posture)[0], reverse=True)
+        for posture in found[:_IMPROVED]:
+            yield self._improve(posture, search)
 
-    def _climbed(self, begin: Vector, drive: _Drive) -> Vector:
-        """Return a posture from which small changes of single joints leave no more room."""
-        best, best_m, step = begin, self._least(drive, begin)[0], _WIDE_RAD
+    def _improve(self, posture: Vector, search: _JointSearch) -> Vector:
+        """Improve a posture until small changes of single joints gain no more clearance."""
+        best, best_m, step = posture, self._min_distance(search, posture)[0], _WIDE_RAD
         while step >= _FINE_RAD and best_m < _ENOUGH_M:
-            rows = self._beside(best, step, drive.column)
-            gap_m, row = max((self._least(drive, row)[0], i) for i, row in enumerate(rows))
-            if gap_m > best_m:
-                best, best_m = rows[row], gap_m
+            rows = self._neighbour_postures(best, step, search.column)
+            distance_m, row = max(
+                (self._min_distance(search, row)[0], i) for i, row in enumerate(rows)
+            )
+            if distance_m > best_m:
+                best, best_m = rows[row], distance_m
             else:
                 step /= 2
         return best
 
-    def _beside(self, posture: Vector, step: float, column: int) -> Matrix:
-        """Return the postures (n, dof) in which one other joint stands a step elsewhere."""
+    def _neighbour_postures(self, posture: Vector, step: float, column: int) -> Matrix:
+        """Return the postures (n, dof) with one other joint moved by a step."""
         steps = step * np.vstack([np.eye(len(posture)), -np.eye(len(posture))])
         steps[:, column] = 0.0
         rows = np.clip(posture + steps, self._low, self._high)
         rows[:, column] = posture[column]
         return rows
 
-    def _least(self, drive: _Drive, begin: Vector) -> tuple[float, str]:
-        """Return the least gap [m] on the way to an end, and between what it is."""
-        gap_m = self._gaps(drive, begin).min(axis=0)
-        pair = int(np.argmin(gap_m))
-        return float(gap_m[pair]), " would touch ".join(self.space.pairs[pair])
+    def _min_distance(self, search: _JointSearch, posture: Vector) -> tuple[float, str]:
+        """Return the smallest distance [m] on the path to an end, and the pair that has it."""
+        distance_m = self._distances(search, posture).min(axis=0)
+        pair = int(np.argmin(distance_m))
+        return float(distance_m[pair]), " would touch ".join(self.space.pairs[pair])
 
-    def _gaps(self, drive: _Drive, begin: Vector) -> Matrix:
-        """Return the gaps (looks, pairs) [m] that count on the way of a joint to its end."""
-        way = drive.swept(begin)
-        gap_m = self.space.distances(way)
-        gap_m[np.abs(way[:, drive.column] - drive.start) > drive.alone, : self._own] = np.inf
-        return gap_m
+    def _distances(self, search: _JointSearch, posture: Vector) -> Matrix:
+        """Return the distances (samples, pairs) [m] that count on the path to an end."""
+        path = search.sample_path(posture)
+        distance_m = self.space.distances(path)
+        distance_m[
+            np.abs(path[:, search.column] - search.start) > search.clear_travel, : self._own_pairs
+        ] = np.inf
+        return distance_m
 
-    def _can_reach_end(self, begin: Vector, drive: _Drive) -> bool:
-        around_m = self.space.distances(drive.swept(begin))[:, self._own :]
-        if not (around_m >= 0.0).all():
+    def _can_reach_end(self, posture: Vector, search: _JointSearch) -> bool:
+        obstacles_m = self.space.distances(search.sample_path(posture))[:, self._own_pairs :]
+        if not (obstacles_m >= 0.0).all():
             return False
-        return self._is_path_free(drive.swept(begin, drive.alone))
+        return self._is_path_free(search.sample_path(posture, search.clear_travel))
 
-    def _is_path_free(self, way: Sequence[Vector] | Matrix) -> bool:
+    def _is_path_free(self, path: Sequence[Vector] | Matrix) -> bool:
         try:
-            self.space.check_path(list(way))
+            self.space.check_path(list(path))
         except RefusedError:
             return False
         return True
 
 
 @dataclass(frozen=True, slots=True)
-class _Drive:
-    """One joint's way to its end, whatever the others do; rad or m.
+class _JointSearch:
+    """The motion of one joint to its end, in any posture of the others; rad or m.
 
     Attributes:
-        column: The joint's place in the chain's vectors.
-        start: From where it goes.
-        end: Where to.
+        column: The joint's column in the chain's vectors.
+        start: Where it starts.
+        end: Where it ends.
     """
 
     column: int
@@ -345,30 +347,30 @@ class _Drive:
     end: float
 
     @property
-    def alone(self) -> float:
-        """Return how far it goes before it may meet its neighbour."""
+    def clear_travel(self) -> float:
+        """Return how far it moves before it may touch its neighbour."""
         return max(abs(self.end - self.start) - _NEARBY_RAD, 0.0)
 
-    def begun(self, posture: Vector) -> Vector:
+    def start_posture(self, posture: Vector) -> Vector:
         """Return a posture with the joint at its start."""
-        begin = posture.copy()
-        begin[self.column] = self.start
-        return begin
+        moved = posture.copy()
+        moved[self.column] = self.start
+        return moved
 
-    def swept(self, begin: Vector, most: float = math.inf) -> Matrix:
-        """Return the way (looks, dof), no further than so far from its start."""
-        far = min(abs(self.end - self.start), most)
-        rows: Matrix = np.tile(begin, (_SAMPLES, 1))
+    def sample_path(self, posture: Vector, max_travel: float = math.inf) -> Matrix:
+        """Return the path (samples, dof), no longer than ``max_travel``."""
+        travel = min(abs(self.end - self.start), max_travel)
+        rows: Matrix = np.tile(posture, (_SAMPLES, 1))
         rows[:, self.column] += np.linspace(
-            0.0, math.copysign(far, self.end - self.start), _SAMPLES
+            0.0, math.copysign(travel, self.end - self.start), _SAMPLES
         )
         return rows
 
 
-def _blocked(gap_m: float, touch: str) -> str:
-    if gap_m >= 0.0:
+def _describe_collision(distance_m: float, pair: str) -> str:
+    if distance_m >= 0.0:
         return "no free path was found to a posture that leaves room for it"
-    return f"{touch} by {-gap_m * 1e3:.0f} mm in the best posture found"
+    return f"{pair} by {-distance_m * 1e3:.0f} mm in the best posture found"
 
 
 class MeasuredRanges:
@@ -379,7 +381,7 @@ class MeasuredRanges:
 
     Attributes:
         path: The file.
-        travels: The measured joints, as the file has them; none where there is no sound file.
+        travels: The measured joints of the file; none where it is missing or malformed.
         written: When the file was written; empty where there is none.
     """
 
@@ -396,16 +398,16 @@ class MeasuredRanges:
         """Add a joint to the file.
 
         Raises:
-            FileWriteError: The disk will not take it.
+            FileWriteError: The disk is full or not writable.
         """
         self.travels[subject.name] = travel
         write_atomic(self.path, dump_partial(self._make_partial()))
 
     def remove_file(self) -> None:
-        """Remove the file: a calibration has been saved, or all is measured anew.
+        """Remove the file: a calibration has been saved, or all joints are measured again.
 
         Raises:
-            FileWriteError: It stays.
+            FileWriteError: It cannot be removed.
         """
         self.travels.clear()
         remove_durably(self.path)
@@ -436,9 +438,9 @@ class MeasuredRanges:
 def with_known_ranges(
     wizard: CalibrationState, travels: Mapping[str, TickRange]
 ) -> CalibrationState:
-    """Return a conversation, its anchor taken, in which measured joints are not swept again.
+    """Return a calibration state in which measured joints are not measured again.
 
-    A joint that now stands outside what was measured is measured anew.
+    A joint that is now outside its measured range is measured again.
     """
     subjects = (_with_known_range(wizard, s, travels.get(s.name)) for s in wizard.subjects)
     return replace(wizard, subjects=tuple(subjects))
@@ -458,6 +460,6 @@ def _with_known_range(
 def _read_matching(loose: TorqueOffArm) -> PartialCalibration | None:
     try:
         found = read_partial(loose.partial_path)
-    except FileFormatError:  # no more than some minutes of work: measured anew
+    except FileFormatError:  # a few minutes of work: measured again
         return None
     return found if found and found.arm == loose.model.name else None

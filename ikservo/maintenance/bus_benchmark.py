@@ -20,7 +20,7 @@ from ikservo.registers import Family, RegisterName
 __all__ = ["CYCLES", "BusTiming", "benchmark_bus"]
 
 CYCLES = 1000
-_WARM_UP = 50  # cycles in which the line is learned
+_WARM_UP = 50  # cycles in which the adaptive timeout settles
 
 OnProgress = Callable[[str, int], None]
 
@@ -40,11 +40,11 @@ class BusTiming:
     Attributes:
         what: What a cycle does.
         cycles_s: Each cycle's duration, ascending, seconds.
-        host_s: What of it was our own work, median, seconds.
-        wire_s: What the bytes and return delays of one cycle need, seconds.
+        host_s: The host's own part of it, median, seconds.
+        wire_s: The time of the bytes and return delays of one cycle, seconds.
         sent_bytes: Of one cycle.
         received_bytes: Of one cycle.
-        lost: Answers that did not come.
+        lost: Replies that did not come.
     """
 
     what: str
@@ -66,7 +66,7 @@ class BusTiming:
         return 1.0 / self.wire_s
 
     def cycle_s(self, quantile: float) -> float:
-        """Return the time that a share of the cycles did not exceed."""
+        """Return a quantile of the cycles' durations, seconds."""
         return _sorted_quantile(self.cycles_s, quantile)
 
 
@@ -76,15 +76,15 @@ def benchmark_bus(
     cycles: int = CYCLES,
     on_cycle: OnProgress | None = None,
 ) -> list[BusTiming]:
-    """Measure an arm's line; nothing moves, and torque stays as it is.
+    """Measure an arm's bus; nothing moves, and torque stays as it is.
 
-    On a simulated line time is virtual; to what passes there the host's own time is added.
+    On a simulated bus time is virtual; the host's own time is added to it.
 
     Args:
         model: The arm.
         port: See ``choose_port``.
         cycles: Of each kind.
-        on_cycle: Told what is measured and how many cycles are done.
+        on_cycle: Called with what is measured and the number of cycles done.
 
     Raises:
         PortError: No port, or it is lost.
@@ -93,14 +93,14 @@ def benchmark_bus(
     """
     name = resolve_port(model, port)
     meter = MeteredTransport(open_transport(name, model.baud_rate))
-    line = Port(cast("Transport", meter), name, model.baud_rate)
-    with ServoBus(line, servo_specs(model)) as bus:
+    opened_port = Port(cast("Transport", meter), name, model.baud_rate)
+    with ServoBus(opened_port, servo_specs(model)) as bus:
         with detecting_duplicate_ids(bus):
             bus.load_return_delays()
         bench = _Benchmark(bus, meter, [joint.servo.id for joint in model.joints])
         return [
-            bench.measure(what, roles, cycles, on_cycle or _ignore_progress)
-            for what, roles in _TASKS.items()
+            bench.measure(what, names, cycles, on_cycle or _ignore_progress)
+            for what, names in _TASKS.items()
         ]
 
 
@@ -113,46 +113,46 @@ class _Benchmark:
         self.lost = 0
 
     def measure(
-        self, what: str, roles: Sequence[RegisterName], cycles: int, tell: OnProgress
+        self, what: str, names: Sequence[RegisterName], cycles: int, on_progress: OnProgress
     ) -> BusTiming:
         for _ in range(_WARM_UP):
-            self._run_cycle(roles)
-        sent, received, wire_s = self._count_wire_traffic(roles)
+            self._run_cycle(names)
+        sent, received, wire_s = self._count_wire_traffic(names)
         self.lost = 0
         took: list[tuple[float, float]] = []
         for count in range(1, cycles + 1):
-            took.append(self._time_cycle(roles))
-            tell(what, count)
+            took.append(self._time_cycle(names))
+            on_progress(what, count)
         cycles_s = tuple(sorted(cycle_s for cycle_s, _ in took))
         host_s = _sorted_quantile(sorted(host_s for _, host_s in took), 0.5)
         return BusTiming(what, cycles_s, host_s, wire_s, sent, received, self.lost)
 
-    def _run_cycle(self, roles: Sequence[RegisterName]) -> None:
-        readings = self._bus.sync_read_many(self._ids, roles, raw=True)
+    def _run_cycle(self, names: Sequence[RegisterName]) -> None:
+        readings = self._bus.sync_read_many(self._ids, names, raw=True)
         self.lost += len(readings.errors)
         self._bus.sync_write(RegisterName.GOAL_POSITION, self._goals, raw=True)
 
-    def _time_cycle(self, roles: Sequence[RegisterName]) -> tuple[float, float]:
-        """Return how long a cycle takes, and how much of it is our own work."""
+    def _time_cycle(self, names: Sequence[RegisterName]) -> tuple[float, float]:
+        """Run a cycle; return its duration, and the host's own part of it."""
         inside_s, busy_s = self._meter.inside_s, time.thread_time()
-        line_s = self._bus.clock.now_s()
-        self._run_cycle(roles)
-        line_s = self._bus.clock.now_s() - line_s
+        bus_s = self._bus.clock.now_s()
+        self._run_cycle(names)
+        bus_s = self._bus.clock.now_s() - bus_s
         host_s = time.thread_time() - busy_s - (self._meter.inside_s - inside_s)
-        return (line_s + host_s if self._virtual else line_s), host_s
+        return (bus_s + host_s if self._virtual else bus_s), host_s
 
-    def _count_wire_traffic(self, roles: Sequence[RegisterName]) -> tuple[int, int, float]:
-        """Return bytes out, bytes in, and the least time that one cycle needs."""
+    def _count_wire_traffic(self, names: Sequence[RegisterName]) -> tuple[int, int, float]:
+        """Run a cycle; return bytes sent and received, and the time they take on the wire."""
         sent, received = self._meter.sent, self._meter.received
         self._meter.capture, self._meter.captured = True, bytearray()
-        self._run_cycle(roles)
+        self._run_cycle(names)
         self._meter.capture = False
         sent, received = self._meter.sent - sent, self._meter.received - received
         wire_s = self._bus.port.wire_s(sent + received)
         return sent, received, wire_s + self._delays_s(bytes(self._meter.captured))
 
-    def _delays_s(self, heard: bytes) -> float:
-        """Return the return delays of one cycle: one for each packet that was heard."""
+    def _delays_s(self, received: bytes) -> float:
+        """Return the return delays of one cycle: one for each packet received."""
         ids = [
             i
             for i in self._ids
@@ -165,11 +165,11 @@ class _Benchmark:
         mean_s = sum(delays.values()) / max(1, len(delays))
         families = {self._bus.servos[i].table.family for i in self._ids}
         header = b"\xff\xff\xfd\x00" if families == {Family.DYNAMIXEL_2} else b"\xff\xff"
-        return heard.count(header) * mean_s
+        return received.count(header) * mean_s
 
 
 def _ignore_progress(_: str, __: int) -> None:
-    """Nobody wants to know."""
+    """Ignore progress."""
 
 
 def _sorted_quantile(ascending: Sequence[float], quantile: float) -> float:

@@ -76,34 +76,34 @@ class TorqueOffArm:
     """The servos of an arm while it is calibrated; see ``open_torque_off``.
 
     Attributes:
-        model: What the arm file says.
-        bus: The line.
-        facts: Every servo as it was found, by id.
+        model: The arm file's model.
+        bus: The servos' bus.
+        facts: The configuration of every servo as read, by id.
         serial_number: Of the USB adapter; empty where it has none.
-        settled: What was cleared up of an earlier calibration; empty where nothing was.
+        settled: How an interrupted write was recovered; empty where there was none.
     """
 
     def __init__(self, model: Model, bus: ServoBus, *, settled: bool = True) -> None:
         self.model, self.bus = model, bus
         self.serial_number = serial_number_of(bus.port.name)
         self.settled = recover(bus, self.journal_path) if settled else ""
-        self.facts = {servo_id: read_servo_config(bus, servo_id) for servo_id in bus.servos}
+        self.read_facts()
         self._failures = 0
         self._next_s = bus.clock.now_s()
 
     @property
     def path(self) -> Path:
-        """Return where its calibration lies."""
+        """Return the path of its calibration."""
         return calibration_path(self.model.name, self.serial_number)
 
     @property
     def journal_path(self) -> Path:
-        """Return where it is noted what is being written."""
+        """Return the path of the journal of a write."""
         return journal_path(self.model.name, self.serial_number)
 
     @property
     def partial_path(self) -> Path:
-        """Return where an interrupted self-calibration keeps the joints it has measured."""
+        """Return the path of the joints measured by an interrupted automatic calibration."""
         return partial_path(self.model.name, self.serial_number)
 
     def make_subjects(
@@ -112,7 +112,7 @@ class TorqueOffArm:
         known: Mapping[str, TickRange] | None = None,
         only: Collection[str] = (),
     ) -> list[JointUnderCalibration]:
-        """Return the joints to be calibrated from a named pose; all of them if ``only`` is empty.
+        """Return the joints to calibrate from a named pose; all of them if ``only`` is empty.
 
         Raises:
             UnknownNameError: The arm has no such pose.
@@ -124,24 +124,28 @@ class TorqueOffArm:
             if not only or joint.name in only
         ]
 
+    def read_facts(self) -> None:
+        """Read the configuration of every servo."""
+        self.facts = {i: read_servo_config(self.bus, i) for i in self.bus.servos}
+
     def torque_on_servos(self) -> list[str]:
-        """Return the servos whose torque is on."""
+        """Read which servos have their torque on."""
         torque = self.bus.sync_read(
             self.bus.servos, RegisterName.TORQUE_ENABLE, raw=True
         ).require_all()
         return [str(self.bus.servos[i]) for i, on in torque.items() if on]
 
     def disable_torque(self) -> None:
-        """Switch torque off; whoever calibrates holds the arm.
+        """Switch torque off; the user must hold the arm.
 
         Raises:
-            BusError: A servo did not hear; the others are off.
+            BusError: A servo does not reply; the others are off.
         """
         for error in torque_off(self.bus, self.bus.servos).values():
             raise error
 
     def read_ticks(self) -> tuple[float, dict[int, int]] | None:
-        """Wait for the next beat; return time [s] and bare ticks by id, or None if one is missing.
+        """Wait for the next period; return time [s] and raw ticks by id, None if one is missing.
 
         Raises:
             BusError: Servos have been silent for half a second.
@@ -153,7 +157,7 @@ class TorqueOffArm:
         return at_s, {i: _encoder_tick(self.facts[i], tick) for i, tick in ticks.items()}
 
     def read_positions(self) -> tuple[float, dict[int, int]] | None:
-        """Wait for the next beat; return time [s] and ticks as the servos report them by id.
+        """Wait for the next period; return time [s] and ticks by id, None if one is missing.
 
         Raises:
             BusError: Servos have been silent for half a second.
@@ -179,11 +183,8 @@ class TorqueOffArm:
         user: Mapping[str, Limits] | None = None,
         facts: Mapping[int, ServoConfig] | None = None,
     ) -> CalibrationResult:
-        """Work out the calibration; see ``ikservo.calibration.result``.
-
-        ``facts`` is how the servos should be taken to be, where that is not as they were found.
-        """
-        about = CalibrationMetadata(
+        """Build the calibration; ``facts`` replaces the servos' configuration as read."""
+        metadata = CalibrationMetadata(
             arm=self.model.name,
             written=written.replace(microsecond=0),
             tool_version=version("ikservo"),
@@ -191,36 +192,34 @@ class TorqueOffArm:
             family=next(iter(self.facts.values())).table.family,
             anchor_pose=pose,
         )
-        found = facts or self.facts
-        return build_calibration(wizard, found, about, write_limits=write_limits, user=user)
+        facts = facts or self.facts
+        return build_calibration(wizard, facts, metadata, write_limits=write_limits, user=user)
 
     def register_limit_warnings(self, outcome: CalibrationResult) -> Iterator[str]:
-        """Yield whose range the servo's own limits would cut, one line each."""
+        """Yield a warning for each joint whose range the servo's own limits would cut."""
         for joint in self.model.joints:
             own = outcome.calibration.joint(joint.name)
             if own is None or own.extended:
                 continue
             joint_map = own.joint_map(joint.joint_map)
             limits = outcome.calibration.narrow_limits(own, joint.limits)
-            held = [own.servo.holds[name] for name in _limit_names(self.facts[own.servo.id])]
-            if any(held) and not registers_allow(joint_map, limits, (held[0], held[1])):
+            low, high = (own.servo.holds[name] for name in _limit_names(self.facts[own.servo.id]))
+            if (low or high) and not registers_allow(joint_map, limits, (low, high)):
                 yield (
-                    f"{joint.name}: its servo's own limits, {held[0]} to {held[1]}, are narrower "
+                    f"{joint.name}: its servo's own limits, {low} to {high}, are narrower "
                     "than the range found; replace them with --write-limits."
                 )
 
     def save(self, outcome: CalibrationResult) -> Path:
-        """Write the servos and the file as one, read everything back, and return the file.
+        """Write servos and file as one transaction, verify them, and return the file.
 
         Raises:
-            IkservoError: It failed; either nothing is changed, or the message says how to go on.
+            IkservoError: It failed; nothing is changed, or the message says how to continue.
         """
         changes = plan_changes(self.bus, outcome.memory)
         text = dump_calibration(outcome.calibration)
         commit(self.bus, self.journal_path, self.path, text, changes)
-        self.facts = {
-            servo_id: read_servo_config(self.bus, servo_id) for servo_id in self.bus.servos
-        }
+        self.read_facts()
         raise_on_mismatch(register_mismatches(outcome.calibration, self.facts))
         return self.path
 
@@ -238,17 +237,17 @@ class TorqueOffArm:
 def open_torque_off(
     model: Model, port: str | None, *, settled: bool = True
 ) -> Generator[TorqueOffArm]:
-    """Open an arm for calibration; torque stays as it is until ``let_go``.
+    """Open an arm for calibration; torque stays as it is.
 
     Args:
         model: The arm.
         port: See ``choose_port``.
-        settled: Whether a writing that was broken off must be cleared up first.
+        settled: Whether an interrupted write is recovered first.
 
     Raises:
         PortError: No port, or it cannot be opened.
-        ServoSilentError: A servo does not answer; names all that do not.
-        CalibrationError: A servo is of another model, or a calibration is half written.
+        ServoSilentError: A servo does not reply.
+        CalibrationError: A servo is of another model, or a write was interrupted.
     """
     with open_bus(model, port) as bus:
         check_servo_models(bus)
@@ -256,13 +255,9 @@ def open_torque_off(
         yield TorqueOffArm(model, bus, settled=settled)
 
 
-def _limit_names(facts: ServoConfig) -> tuple[str, str]:
-    table = facts.table
-    low, high = (
-        table.find(RegisterName.MIN_POSITION_LIMIT),
-        table.find(RegisterName.MAX_POSITION_LIMIT),
-    )
-    return low.name, high.name
+def _limit_names(facts: ServoConfig) -> list[str]:
+    limits = (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
+    return [facts.table.find(limit).name for limit in limits]
 
 
 def _encoder_tick(facts: ServoConfig, tick: int) -> int:
@@ -270,11 +265,11 @@ def _encoder_tick(facts: ServoConfig, tick: int) -> int:
 
 
 def load_own_calibration(loose: TorqueOffArm) -> Calibration:
-    """Return the arm's calibration.
+    """Load the arm's calibration.
 
     Raises:
         CalibrationError: There is none.
-        FileFormatError: It is spoiled.
+        FileFormatError: It is malformed.
     """
     name = loose.model.name
     calibration = load_calibration(name, loose.serial_number)
@@ -289,13 +284,13 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
 
 
 def register_differences(loose: TorqueOffArm) -> list[RegisterMismatch]:
-    """Return where the servos hold other numbers than the file."""
+    """Return the registers that differ from the file."""
     return list(register_mismatches(load_own_calibration(loose), loose.facts))
 
 
 def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
-    """Yield what the calibration before knows and a new one does not, one line each."""
-    with contextlib.suppress(FileFormatError):  # of one that is spoiled nothing is lost
+    """Yield a warning where a new calibration loses the corrections of a touch-off."""
+    with contextlib.suppress(FileFormatError):  # a malformed one has nothing to lose
         before = load_calibration(loose.model.name, loose.serial_number)
         if before and before.geometry:
             yield (
@@ -306,11 +301,11 @@ def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
 
 
 def push(loose: TorqueOffArm) -> Path:
-    """Make the servos hold what the file says; torque goes off first.
+    """Write the file's registers into the servos; torque is switched off first.
 
     Raises:
         CalibrationError: There is no file, or it is of other servos than the arm file's.
-        IkservoError: It failed; nothing is changed, or the message says how to go on.
+        IkservoError: It failed; nothing is changed, or the message says how to continue.
     """
     calibration = _load_matching_calibration(loose)
     memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
@@ -319,11 +314,11 @@ def push(loose: TorqueOffArm) -> Path:
 
 
 def pull(loose: TorqueOffArm) -> Path:
-    """Make the file say what the servos hold; zeros and travels move with the offsets.
+    """Write the servos' registers into the file; zeros and travels move with the offsets.
 
     Raises:
         CalibrationError: There is no file, it is of other servos than the arm file's, or the
-            servos count the other way round, not at all, or with a seam in a joint's travel.
+            count direction has changed, or a count wraps inside a joint's range.
     """
     calibration = _load_matching_calibration(loose)
     joints = tuple(_shift_joint(joint, loose.facts) for joint in calibration.joints)
@@ -365,13 +360,13 @@ def _shift_joint(joint: CalibratedJoint, facts: Mapping[int, ServoConfig]) -> Ca
 
 
 def _count_shift(joint: CalibratedJoint, lead: ServoConfig) -> int:
-    """Return how far a servo's count has moved since the file was written."""
+    """Return the shift of a servo's count since the file was written."""
     moved = lead.registers.get("homing_offset", 0) - joint.servo.holds.get("homing_offset", 0)
     shift = -moved if lead.table.family is Family.FEETECH_STS else moved
     turn = encoder_of(lead.table)
     if not turn.wraps or joint.extended:
         return shift
-    # Where the count now begins elsewhere the travel may have moved by a turn.
+    # With another start of the count the travel may have moved by a revolution.
     low = joint.travel_ticks[0] + shift
     return shift + (low % turn.ticks - low)
 
@@ -383,26 +378,26 @@ def _with_present_registers(
 
 
 def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path, Calibration]:
-    """Return the calibration that the servos on this line agree with, and where it lies.
+    """Find the calibration that matches the servos on this bus; return its path and content.
 
     Args:
         loose: The arm.
-        path: The file; None to look at what was made for this arm on other adapters.
+        path: The file; None for those of this arm on other adapters.
 
     Raises:
         CalibrationError: None fits, or several do; says why.
-        FileFormatError: The file is spoiled.
+        FileFormatError: The file is malformed.
     """
     paths = [path] if path else [p for p in calibrations_of(loose.model.name) if p != loose.path]
     found = [(candidate, read_calibration(candidate)) for candidate in paths]
-    doubts = {candidate: next(_find_mismatches(loose, c), "") for candidate, c in found}
-    fitting = [row for row in found if not doubts[row[0]]]
+    mismatches = {candidate: next(_find_mismatches(loose, c), "") for candidate, c in found}
+    fitting = [row for row in found if not mismatches[row[0]]]
     if len(fitting) == 1:
         return fitting[0]
     if fitting:
         names = ", ".join(str(candidate) for candidate, _ in fitting)
         raise CalibrationError(f"Several calibrations fit: {names}.", "Choose one: --from FILE")
-    reasons = " ".join(f"{p}: {doubt}" for p, doubt in doubts.items())
+    reasons = " ".join(f"{p}: {reason}" for p, reason in mismatches.items())
     raise CalibrationError(
         f"No calibration of another adapter fits this arm. {reasons}".rstrip(),
         f"Calibrate it: ikservo calibrate {loose.model.name}",
@@ -410,13 +405,13 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
 
 
 def adopt_calibration(loose: TorqueOffArm, calibration: Calibration) -> Path:
-    """Save a calibration as that of the arm on this adapter; the one before is kept beside it."""
+    """Save a calibration for this adapter; the one before is kept as a copy."""
     own = {"usb_serial_number": loose.serial_number}
     return save_calibration(calibration.model_copy(update=own))
 
 
 def _find_mismatches(loose: TorqueOffArm, calibration: Calibration) -> Iterator[str]:
-    """Yield why a calibration cannot be this arm's."""
+    """Yield why a calibration does not match this arm."""
     if calibration.arm != loose.model.name:
         yield f"made for {calibration.arm}."
     try:
@@ -430,15 +425,14 @@ _USER_KEYS = ("user_lower_deg", "user_upper_deg", "user_lower_m", "user_upper_m"
 
 
 def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibration:
-    """Return the calibration of which some joints are to be replaced.
+    """Load the calibration of which some joints are to be replaced.
 
     Raises:
         CalibrationError: There is none, it is another arm's, or the servos of the joints that
             are kept contradict it.
-        FileFormatError: It is damaged.
+        FileFormatError: It is malformed.
     """
-    calibration = load_own_calibration(loose)
-    check_calibration_matches(calibration, loose.model, loose.serial_number)
+    calibration = _load_matching_calibration(loose)
     kept = tuple(joint for joint in calibration.joints if joint.name not in joints)
     raise_on_mismatch(
         register_mismatches(calibration.model_copy(update={"joints": kept}), loose.facts)
@@ -447,10 +441,7 @@ def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibratio
 
 
 def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationResult:
-    """Return an outcome of some joints completed by the other joints of a calibration.
-
-    Geometry found by a touch-off stays, as do ranges that the person has set.
-    """
+    """Complete a result of some joints with the other joints, geometry and user limits before."""
     new = {joint.name: joint for joint in outcome.calibration.joints}
     joints = tuple(
         _with_user_range(new[old.name], old) if old.name in new else old for old in base.joints
@@ -460,7 +451,7 @@ def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationR
 
 
 def find_replaced_zeros(base: Calibration, joints: Collection[str]) -> Iterator[str]:
-    """Yield what of a touch-off is lost by calibrating some joints again, one line each."""
+    """Yield a warning where calibrating some joints again replaces zeros of a touch-off."""
     if base.geometry:
         yield (
             f"Zeros from the touch-off of {base.geometry.touched:%Y-%m-%d} are replaced for "
@@ -475,21 +466,21 @@ def _with_user_range(new: CalibratedJoint, old: CalibratedJoint) -> CalibratedJo
 
 
 def rest_pose_violations(model: Model, calibration: Calibration) -> list[str]:
-    """Return which joints of the rest pose lie outside their calibrated limits, in words.
+    """Describe the joints of the rest pose that are outside their calibrated limits.
 
     Raises:
         CalibrationError: A joint has no range left.
     """
     found: list[str] = []
     for own in calibration.joints:
-        joint, at = model.joint(own.name), model.pose("rest").get(own.name)
+        joint, position = model.joint(own.name), model.pose("rest").get(own.name)
         limits = calibrated_limits(calibration, own, joint)
-        if at is None or limits.contains(at):
+        if position is None or limits.contains(position):
             continue
-        limit = limits.upper if at > limits.upper.value else limits.lower
-        say = joint.joint_map.format
+        limit = limits.upper if position > limits.upper.value else limits.lower
+        at, end = joint.joint_map.format(position), joint.joint_map.format(limit.value)
         found.append(
-            f"{own.name}: the rest pose is at {say(at)}, outside its limit of {say(limit.value)} "
+            f"{own.name}: the rest pose is at {at}, outside its limit of {end} "
             f"({limit.source}); the arm is lowered to the limit."
         )
     return found

@@ -1,7 +1,7 @@
 """The numbered steps of a calibration by hand, with the request of each as text.
 
 Step 1 is the pose, then comes one step for each joint's direction, then the sweep, then the
-review. A skipped joint leaves a gap, so that the numbers stay what they are.
+review. A skipped joint leaves a gap, so that the numbers do not change.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class CalibrationStep:
     Attributes:
         number: From 1.
         count: How many steps there are.
-        request: What the person is to do.
+        request: What the user is to do.
     """
 
     number: int
@@ -40,9 +40,9 @@ def current_step(model: Model, pose: str, wizard: CalibrationState) -> Calibrati
     if wizard.stage is CalibrationStage.REFERENCE_POSE:
         return CalibrationStep(1, count, _pose_request(model, pose, wizard))
     if wizard.current_joint:
-        place = [subject.name for subject in wizard.subjects].index(wizard.current_joint.name)
+        number = [subject.name for subject in wizard.subjects].index(wizard.current_joint.name) + 2
         return CalibrationStep(
-            place + 2, count, _direction_request(model, pose, wizard, wizard.current_joint)
+            number, count, _direction_request(model, pose, wizard, wizard.current_joint)
         )
     if wizard.stage is CalibrationStage.SWEEP:
         return CalibrationStep(
@@ -54,19 +54,19 @@ def current_step(model: Model, pose: str, wizard: CalibrationState) -> Calibrati
 def _pose_request(model: Model, pose: str, wizard: CalibrationState) -> str:
     what = f'Put the arm in the pose "{pose}"'
     if len(wizard.subjects) < len(model.joints):
-        places = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in wizard.subjects]
-        what = f'Put {", ".join(places)} (pose "{pose}")'
+        positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in wizard.subjects]
+        what = f'Put {", ".join(positions)} (pose "{pose}")'
     return f"{what}: {'held still, press Enter.' if wizard.is_at_rest else 'hold it still …'}"
 
 
 def _direction_request(
     model: Model, pose: str, wizard: CalibrationState, subject: JointUnderCalibration
 ) -> str:
-    way = describe_direction(model, model.joint(subject.name), pose, subject.free_direction)
+    direction = describe_direction(model, model.joint(subject.name), pose, subject.free_direction)
     if not wizard.is_second_trial:
-        return f"Move {subject.name} {way}."
+        return f"Move {subject.name} {direction}."
     if wizard.returned:
-        return f"Move {subject.name} again {way}."
+        return f"Move {subject.name} again {direction}."
     return (
         f"{subject.name}: sign is opposite to the arm file. Was it first moved the wrong way? "
         "Move it back to where it was."

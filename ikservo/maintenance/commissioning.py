@@ -26,12 +26,12 @@ __all__ = ["ConfiguredServo", "ServoSettings", "SetupPrompt", "commission", "pla
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredServo:
-    """A servo that is what it shall be.
+    """A servo after its set-up.
 
     Attributes:
         servo: Its id, table and joint.
-        found: As it was.
-        written: What was changed, in words; nothing where all was right.
+        found: As it was before.
+        written: Descriptions of what was changed; empty where nothing was.
     """
 
     servo: ServoSpec
@@ -40,31 +40,31 @@ class ConfiguredServo:
 
 
 class SetupPrompt(Protocol):
-    """Who talks to the person."""
+    """The dialogue with the user."""
 
-    def request_servo(self, settings: ServoSettings) -> None:
-        """Ask that only this servo be plugged in."""
+    def request_servo(self, settings: ServoSettings, /) -> None:
+        """Request that only this servo be plugged in."""
         ...
 
     def show_found(self, found: Sequence[FoundServo]) -> None:
-        """Say who answers; called each time that changes."""
+        """Show the servos that reply; called each time they change."""
         ...
 
     def show_search(self, baud_rate: int) -> None:
-        """Say at which rate a servo is looked for; called before each is tried."""
+        """Show the baud rate that is searched; called before each."""
         ...
 
-    def confirm_write(self, settings: ServoSettings, found: FoundServo) -> bool:
+    def confirm_write(self, settings: ServoSettings, found: FoundServo, /) -> bool:
         """Return whether this servo may be written."""
         ...
 
-    def report(self, configured: ConfiguredServo, *, last: bool) -> None:
-        """Say that a servo is done; unless it is the last, that it be pulled out."""
+    def report(self, configured: ConfiguredServo, /, *, last: bool) -> None:
+        """Report that a servo is done; unless it is the last, request that it be unplugged."""
         ...
 
 
 def planned_settings(model: Model) -> list[ServoSettings]:
-    """Return what each servo of an arm shall be, in the arm file's order."""
+    """Return the settings of each servo of an arm, in the arm file's order."""
     return [
         ServoSettings(
             ServoSpec(servo.id, control_table(servo.model), joint.name),
@@ -84,36 +84,37 @@ def commission(
     Args:
         model: The arm.
         port: See ``choose_port``.
-        helper: Who talks to the person.
-        start: The joint to begin with; the first if None.
+        helper: The dialogue with the user.
+        start: The joint to start with; the first if None.
         wait_s: How long to wait for each servo to be plugged in or out.
 
     Raises:
         UnknownNameError: The arm has no joint ``start``.
         PortError: No port, or it is lost.
-        ServoSilentError: No servo came, or several stayed plugged in.
+        ServoSilentError: No servo was plugged in, or several are.
         CalibrationError: A servo is of another model.
-        BusError: A servo did not keep what was written.
+        BusError: A servo did not keep a written value.
     """
     todo = _remaining_from(planned_settings(model), start)
     done: list[ConfiguredServo] = []
-    with open_port(resolve_port(model, port), model.baud_rate) as line:
+    with open_port(resolve_port(model, port), model.baud_rate) as opened_port:
         for settings in todo:
-            settled = _configure_servo(line, settings, helper, wait_s)
+            configured = _configure_servo(opened_port, settings, helper, wait_s)
             last = settings is todo[-1]
-            done.append(settled)
-            helper.report(settled, last=last)
+            done.append(configured)
+            helper.report(configured, last=last)
             if not last:
-                wait_until_unplugged(line, _wait_for_place(settings, settled.found), wait_s)
+                now = _found_now(settings, configured.found)
+                wait_until_unplugged(opened_port, now, wait_s)
     return done
 
 
 def _configure_servo(
-    line: Port, settings: ServoSettings, helper: SetupPrompt, wait_s: float
+    port: Port, settings: ServoSettings, helper: SetupPrompt, wait_s: float
 ) -> ConfiguredServo:
     helper.request_servo(settings)
     found = wait_for_servo(
-        line,
+        port,
         settings.servo.table,
         settings.baud_rate,
         wait_s,
@@ -123,7 +124,7 @@ def _configure_servo(
     check_model(found, settings)
     if not helper.confirm_write(settings, found):
         raise IkservoError("Cancelled; this servo was not changed.")
-    return ConfiguredServo(settings.servo, found, provision(line, found, settings))
+    return ConfiguredServo(settings.servo, found, provision(port, found, settings))
 
 
 def _remaining_from(todo: Sequence[ServoSettings], start: str | None) -> Sequence[ServoSettings]:
@@ -135,5 +136,5 @@ def _remaining_from(todo: Sequence[ServoSettings], start: str | None) -> Sequenc
     return todo[names.index(start) :]
 
 
-def _wait_for_place(settings: ServoSettings, found: FoundServo) -> FoundServo:
+def _found_now(settings: ServoSettings, found: FoundServo) -> FoundServo:
     return FoundServo(settings.servo.id, settings.baud_rate, found.protocol, found.table)

@@ -29,7 +29,7 @@ from ikservo.model import Model
 __all__ = ["READS", "diagnose", "udev_rules"]
 
 READS = 1000
-"""Reads by which the line is judged."""
+"""How often the positions are read to measure the line quality."""
 
 _SLOW_S = 0.004  # median; a USB frame is 1 ms, FTDI's timer 16 ms
 _MAX_LOSS_FRACTION = 0.01
@@ -44,12 +44,12 @@ Progress = Callable[[str, float, float], None]
 def diagnose(
     port: str | None = None, model: Model | None = None, on_progress: Progress | None = None
 ) -> Iterator[Finding]:
-    """Yield what is found, from the adapter up to the servos; ends where nothing more can be told.
+    """Diagnose adapter, port, bus and servos; ends at a failure that hides the rest.
 
     Args:
         port: See ``choose_port``.
-        model: The arm that should be on it; without, whoever answers is looked at.
-        on_progress: Told what is being done, how much of it is done, and of how much.
+        model: The expected arm; all servos that reply are checked if None.
+        on_progress: Called with the present step, how much of it is done, and of how much.
 
     Raises:
         InputError: The model names no servos, or a bus is to be simulated without one.
@@ -67,13 +67,13 @@ def diagnose(
 
 def _check_port(name: str, model: Model | None, on_progress: Progress | None) -> Iterator[Finding]:
     try:
-        line = open_port(name, model.baud_rate if model else candidate_baud_rates()[0])
+        opened_port = open_port(name, model.baud_rate if model else candidate_baud_rates()[0])
     except PortError as error:
         yield failure("port", error.message, error.command_hint)
         return
-    with line:
+    with opened_port:
         yield ok("port", f"{name} can be opened; no other program uses it")
-        yield from _check_line(line, model, on_progress)
+        yield from _check_bus(opened_port, model, on_progress)
 
 
 def udev_rules() -> str:
@@ -92,9 +92,9 @@ def _check_adapter(name: str) -> Iterator[Finding]:
 def _check_udev_rules(name: str) -> Iterator[Finding]:
     if not has_udev() or name.startswith("sim:") or "://" in name:
         return
-    where = installed_rules()
-    if where:
-        yield ok("udev", f"{where} is installed")
+    path = installed_rules()
+    if path:
+        yield ok("udev", f"{path} is installed")
         return
     yield warning(
         "udev",
@@ -103,33 +103,33 @@ def _check_udev_rules(name: str) -> Iterator[Finding]:
     )
 
 
-def _check_line(line: Port, model: Model | None, on_progress: Progress | None) -> Iterator[Finding]:
+def _check_bus(port: Port, model: Model | None, on_progress: Progress | None) -> Iterator[Finding]:
     if model is None:
-        found = _scan_with_progress(line, on_progress)
+        found = _scan_with_progress(port, on_progress)
         yield _duplicate_id_finding(found)
         specs = [ServoSpec(f.id, f.table) for f in found if f.table and not f.shares_id]
     else:
         specs = servo_specs(model)
-    bus = ServoBus(line, specs, retries=0)
-    crowds = find_duplicate_ids(bus) if model else []
-    if crowds:
-        yield _duplicate_ids_finding(spec.id for spec in crowds)
-        specs = [spec for spec in specs if spec not in crowds]
-    there = [spec for spec in specs if model is None or _responds(bus, spec.id)]
+    bus = ServoBus(port, specs, retries=0)
+    duplicates = find_duplicate_ids(bus) if model else []
+    if duplicates:
+        yield _duplicate_ids_finding(spec.id for spec in duplicates)
+        specs = [spec for spec in specs if spec not in duplicates]
+    present = [spec for spec in specs if model is None or _responds(bus, spec.id)]
     if model and specs:
-        yield from _check_presence(line, specs, there, on_progress)
-    if not there:
+        yield from _check_presence(port, specs, present, on_progress)
+    if not present:
         return
     quality = measure_line_quality(
-        bus, [s.id for s in there], READS, _make_ping_callback(on_progress)
+        bus, [s.id for s in present], READS, _make_ping_callback(on_progress)
     )
-    yield from _check_quality(quality, bus, find_adapter(line.name))
-    yield from check_servos(ServoBus(line, there), model)
+    yield from _check_quality(quality, bus, find_adapter(port.name))
+    yield from check_servos(ServoBus(port, present), model)
 
 
-def _scan_with_progress(line: Port, on_progress: Progress | None) -> list[FoundServo]:
+def _scan_with_progress(port: Port, on_progress: Progress | None) -> list[FoundServo]:
     return scan(
-        line,
+        port,
         on_step=on_progress
         and (lambda s: on_progress(f"{s.baud_rate} baud, {s.protocol}", s.pinged, s.ids)),
     )
@@ -140,9 +140,9 @@ def _make_ping_callback(on_progress: Progress | None) -> Callable[[int], None] |
 
 
 def _duplicate_id_finding(found: Sequence[FoundServo]) -> Finding:
-    crowds = [f.id for f in found if f.shares_id]
-    if crowds:
-        return _duplicate_ids_finding(crowds)
+    duplicates = [f.id for f in found if f.shares_id]
+    if duplicates:
+        return _duplicate_ids_finding(duplicates)
     if not found:
         return failure("servos", "no servo answers at any baud rate", _NO_POWER)
     return ok(
@@ -173,20 +173,23 @@ def _responds(bus: ServoBus, servo_id: int) -> bool:
 
 
 def _check_presence(
-    line: Port, specs: Sequence[ServoSpec], there: Sequence[ServoSpec], on_progress: Progress | None
+    port: Port,
+    specs: Sequence[ServoSpec],
+    present: Sequence[ServoSpec],
+    on_progress: Progress | None,
 ) -> Iterator[Finding]:
-    silent = [spec for spec in specs if spec not in there]
+    silent = [spec for spec in specs if spec not in present]
     if not silent:
-        yield ok("servos", f"all {len(specs)} answer at {line.baudrate} baud")
-    elif there:
+        yield ok("servos", f"all {len(specs)} answer at {port.baudrate} baud")
+    elif present:
         names = ", ".join(map(str, silent))
-        hint = silence_hint(specs, [s.id for s in there], [s.id for s in silent])
+        hint = silence_hint(specs, [s.id for s in present], [s.id for s in silent])
         yield failure("servos", f"no answer from {names}", hint)
     else:
-        rate = line.baudrate
-        elsewhere = _scan_with_progress(line, on_progress)
-        line.setBaudRate(rate)
-        yield _unexpected_servos_finding(elsewhere, rate)
+        rate = port.baudrate
+        found = _scan_with_progress(port, on_progress)
+        port.setBaudRate(rate)
+        yield _unexpected_servos_finding(found, rate)
 
 
 def _unexpected_servos_finding(found: Sequence[FoundServo], rate: int) -> Finding:
@@ -209,9 +212,11 @@ def _check_quality(
     if not lost:
         yield ok("loss", text)
         return
-    who = ", ".join(f"{bus.servos[i]}: {count}" for i, count in quality.lost.items())
+    counts = ", ".join(f"{bus.servos[i]}: {count}" for i, count in quality.lost.items())
     kind = failure if quality.lost_fraction > _MAX_LOSS_FRACTION else warning
-    yield kind("loss", f"{text} ({who})", "Check for loose connectors, a weak supply, long cables.")
+    yield kind(
+        "loss", f"{text} ({counts})", "Check for loose connectors, a weak supply, long cables."
+    )
 
 
 def _latency_finding(quality: LineQuality, adapter: SerialAdapter | None) -> Finding:

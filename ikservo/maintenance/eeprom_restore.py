@@ -1,4 +1,4 @@
-"""A servo gets the EEPROM back that it had when its backup was made."""
+"""Restore the EEPROM of a servo from its backup."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from ikservo.registers import Access, ControlTable, Register, RegisterName
 
 __all__ = ["Restoration", "plan_restoration", "restore"]
 
-_OTHER_PROTOCOL = "protocol_type"  # with the other one the servo would no longer answer on this bus
+_PROTOCOL = "protocol_type"  # with another one the servo would no longer reply on this bus
 
 
 @dataclass(frozen=True, slots=True)
 class Restoration:
-    """What is to be written so that a servo holds what its backup says.
+    """The writes that restore a servo from its backup.
 
     Attributes:
         servo: The servo.
         backup: The backup.
         changes: The registers that differ and will be written.
-        kept: The registers that differ and stay as they are: id, baud rate, protocol, what is
-            read-only, and what a servo of another model cannot hold.
+        kept: The registers that differ and are not written: id, baud rate, protocol, read-only
+            ones, and values that a servo of another model does not accept.
     """
 
     servo: ServoSpec
@@ -47,19 +47,19 @@ def plan_restoration(
     """Compare a servo with a backup; nothing is written.
 
     Args:
-        bus: The line, with the arm's servos.
-        backup: What the servo shall hold.
+        bus: The bus, with the arm's servos.
+        backup: The backup to restore.
         target: The joint or the id of the servo to write, which may then have another id than
             the backup; the servo with the backup's id if None.
         other_model: Whether the backup may be of another model.
 
     Raises:
-        InputError: The backup is of another servo or model, and nobody said that this is meant.
+        InputError: The backup is of another servo or model, and that was not allowed.
         CalibrationError: The connected servo is of another model than the arm file says.
-        RegisterAccessError: Torque is on, or the servo takes a number no more.
+        RegisterAccessError: Torque is on, or the servo does not accept a value.
         BusError: The servo does not answer.
     """
-    servo = _servo(bus, backup, target)
+    servo = _find_servo(bus, backup, target)
     _check_model(bus, servo)
     if backup.table is not servo.table and not other_model:
         raise InputError(
@@ -67,9 +67,9 @@ def plan_restoration(
             f"{servo} is a {servo.table.model_name}.",
             "Choose the backup of this servo, or add --other-model.",
         )
-    found = register_differences(bus, servo.id, _common(servo.table, backup.eeprom))
+    found = register_differences(bus, servo.id, _common_registers(servo.table, backup.eeprom))
     changes = tuple(
-        each for each in found if _restorable(servo.table, each, strict=not other_model)
+        each for each in found if _is_restorable(servo.table, each, strict=not other_model)
     )
     if changes:
         refuse_under_torque(bus, servo.id, changes[0].register)
@@ -78,18 +78,18 @@ def plan_restoration(
 
 
 def restore(bus: ServoBus, restoration: Restoration) -> list[RegisterDifference]:
-    """Write what was planned, read it back and lock the memory; return what was changed.
+    """Write the changes, verify them and lock the EEPROM; return them.
 
     Raises:
         RegisterAccessError: Torque is on.
-        ServoRefusedError: A number did not last.
+        ServoRejectedError: A value was not kept.
         BusError: The servo does not answer.
     """
-    wanted: dict[RegisterRef, int] = {each.register: each.expected for each in restoration.changes}
-    return update_eeprom(bus, restoration.servo.id, wanted) if wanted else []
+    values: dict[RegisterRef, int] = {each.register: each.expected for each in restoration.changes}
+    return update_eeprom(bus, restoration.servo.id, values) if values else []
 
 
-def _servo(bus: ServoBus, backup: Backup, target: str | None) -> ServoSpec:
+def _find_servo(bus: ServoBus, backup: Backup, target: str | None) -> ServoSpec:
     servos = list(bus.servos.values())
     if target is not None:
         found = [each for each in servos if target in (each.name, str(each.id))]
@@ -117,29 +117,31 @@ def _check_model(bus: ServoBus, servo: ServoSpec) -> None:
         )
 
 
-def _common(table: type[ControlTable], eeprom: Mapping[str, int]) -> dict[RegisterRef, int]:
-    """Return the numbers of a backup for which a model has registers."""
+def _common_registers(
+    table: type[ControlTable], eeprom: Mapping[str, int]
+) -> dict[RegisterRef, int]:
+    """Return the values of a backup for which a model has registers."""
     rows = {name: table.registers[name] for name in eeprom if name in table.registers}
     return {register: eeprom[name] for name, register in rows.items()}
 
 
-def _restorable(table: type[ControlTable], change: RegisterDifference, *, strict: bool) -> bool:
+def _is_restorable(table: type[ControlTable], change: RegisterDifference, *, strict: bool) -> bool:
     register = change.register
-    left = register in (table.id, table.baud_rate) or register.name == _OTHER_PROTOCOL
-    if left or register.access is Access.RO:
+    fixed = register in (table.id, table.baud_rate) or register.name == _PROTOCOL
+    if fixed or register.access is Access.RO:
         return False
-    return strict or _takes(register, change.expected)
+    return strict or _accepts(register, change.expected)
 
 
 def _check_ranges(servo: ServoSpec, changes: tuple[RegisterDifference, ...]) -> None:
-    """Check all numbers before the first is written."""
+    """Check all values before the first is written."""
     for each in changes:
-        if not _takes(each.register, each.expected):
+        if not _accepts(each.register, each.expected):
             lower, upper = each.register.range
             reason = f"{each.expected} is outside {lower} to {upper}"
             raise RegisterAccessError(str(servo), each.register.name, reason)
 
 
-def _takes(register: Register, number: int) -> bool:
+def _accepts(register: Register, number: int) -> bool:
     lower, upper = register.range
     return lower <= number <= upper

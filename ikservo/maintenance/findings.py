@@ -9,7 +9,7 @@ __all__ = ["Finding", "Severity", "failure", "ok", "warning"]
 
 
 class Severity(StrEnum):
-    """How much it matters; the value stands in JSON."""
+    """The severity of a finding; the value is used in JSON."""
 
     GOOD = "ok"
     ODD = "warning"
@@ -17,7 +17,7 @@ class Severity(StrEnum):
 
     @property
     def mark(self) -> str:
-        """Return the sign in front of the line."""
+        """Return the symbol in front of the line."""
         return _MARKS[self]
 
 
@@ -26,12 +26,12 @@ _MARKS = {Severity.GOOD: "✓", Severity.ODD: "!", Severity.BAD: "✗"}
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes:
-        level: Good, odd or bad.
-        topic: What was looked at, one word.
-        text: What was found.
+        level: Its severity.
+        topic: What was checked, one word.
+        text: The result.
         fix: What to do about it; may have several lines.
     """
 
@@ -42,15 +42,15 @@ class Finding:
 
 
 def ok(topic: str, text: str) -> Finding:
-    """Return a finding that needs no thought."""
+    """Return a finding without a problem."""
     return Finding(Severity.GOOD, topic, text)
 
 
 def warning(topic: str, text: str, fix: str = "") -> Finding:
-    """Return a finding that somebody should know about."""
+    """Return a finding that the user should know."""
     return Finding(Severity.ODD, topic, text, fix)
 
 
 def failure(topic: str, text: str, fix: str = "") -> Finding:
-    """Return a finding that must be mended first."""
+    """Return a finding that must be repaired first."""
     return Finding(Severity.BAD, topic, text, fix)

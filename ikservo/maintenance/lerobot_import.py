@@ -44,7 +44,7 @@ def check_lerobot_joints(joints: Sequence[LerobotJoint], model: Model, loose: To
 
 
 def lerobot_travels(joints: Sequence[LerobotJoint], loose: TorqueOffArm) -> dict[str, TickRange]:
-    """Return the ranges that LeRobot recorded, as travels in bare ticks by joint."""
+    """Return the ranges that LeRobot recorded, as travels in raw ticks by joint."""
     travels: dict[str, TickRange] = {}
     for joint in joints:
         feetech = loose.facts[joint.id].table.family is Family.FEETECH_STS
@@ -57,7 +57,7 @@ def lerobot_travels(joints: Sequence[LerobotJoint], loose: TorqueOffArm) -> dict
 def with_lerobot_homing(
     joints: Sequence[LerobotJoint], facts: Mapping[int, ServoConfig]
 ) -> dict[int, ServoConfig]:
-    """Return the servos as LeRobot set them up, so that what it wrote is kept where it serves."""
+    """Return the servos' configuration with the homing offsets that LeRobot recorded."""
     changed = dict(facts)
     for joint in joints:
         held = {**facts[joint.id].registers, "homing_offset": joint.homing_offset}
@@ -69,7 +69,7 @@ def with_lerobot_homing(
 def lerobot_mismatches(
     joints: Sequence[LerobotJoint], facts: Mapping[int, ServoConfig]
 ) -> Iterator[str]:
-    """Yield where the servos no longer hold what LeRobot recorded, one line each."""
+    """Yield a warning for each homing offset that differs from LeRobot's recording."""
     for joint in joints:
         held = facts[joint.id].registers.get("homing_offset", 0)
         encoder = encoder_of(facts[joint.id].table)

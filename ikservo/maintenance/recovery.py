@@ -13,22 +13,22 @@ from ikservo.registers import Alarm, Family, RegisterName
 
 __all__ = ["RecoveryResult", "recover"]
 
-_BOOT_S = 3.0  # longest time until a servo answers again
+_BOOT_S = 3.0  # the longest time until a servo replies again
 _BOOT_STEP_S = 0.05
-_REBOOTING = (Family.DYNAMIXEL_2,)  # keep an alarm until they start anew
+_REBOOTING = (Family.DYNAMIXEL_2,)  # keep an alarm until they restart
 _NEEDS_REBOOT = "keeps its alarm until it restarts: support the arm, then ikservo recover --reboot"
 
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """What became of one servo.
+    """The recovery of one servo.
 
     Attributes:
-        servo: Which.
-        before: What it complained about.
-        after: What it still complains about.
-        action: What was done, in words.
-        torque: Whether it holds now; None where it does not answer.
+        servo: The servo.
+        before: Its alarms before.
+        after: Its alarms afterwards.
+        action: What was done, for the user.
+        torque: Whether its torque is on; None where it does not reply.
     """
 
     servo: ServoSpec
@@ -39,22 +39,22 @@ class RecoveryResult:
 
     @property
     def healthy(self) -> bool:
-        """Whether it answers and has no complaint."""
+        """Whether it replies and has no alarm."""
         return self.torque is not None and not self.after
 
 
 def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
-    """Clear alarms, and make every servo's goal where it is.
+    """Clear alarms, and set every servo's goal to its position.
 
-    A Feetech servo's torque is switched off and, if it was on, on again where the joint stands.
-    A Dynamixel is restarted, which lets the joint go, and only if ``reboot`` asks for it.
+    A Feetech servo's torque is switched off and, if it was on, on again at its position. A
+    Dynamixel is restarted, which switches its torque off, and only if ``reboot`` is true.
 
     Args:
-        bus: The line.
+        bus: The servos' bus.
         reboot: Whether servos that need it may be restarted.
 
     Raises:
-        PortLostError: The line is gone.
+        PortLostError: The port is gone.
     """
     done = [_recover_servo(bus, servo, reboot=reboot) for servo in bus.servos.values()]
     _set_goals_to_present(bus, [r.servo.id for r in done if r.torque is not None])
@@ -69,7 +69,7 @@ def _recover_servo(bus: ServoBus, servo: ServoSpec, *, reboot: bool) -> Recovery
         after = _read_alarms(bus, servo)
     except BusError as error:
         return RecoveryResult(servo, before, before, error.found, None)
-    except ServoAlarmError as error:  # its supply is wrong: it must not hold
+    except ServoAlarmError as error:  # its supply is out of range: torque stays off
         action, after = f"torque stays off: {error.message}", (str(Alarm.VOLTAGE),)
     return RecoveryResult(servo, before, after, action, _is_torque_on(bus, servo))
 
@@ -106,7 +106,7 @@ def _cycle_torque(bus: ServoBus, servo: ServoSpec) -> str:
 
 
 def _wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
-    """Wait until a servo that restarts answers again.
+    """Wait until a restarting servo replies again.
 
     Raises:
         BusError: It does not.
@@ -124,12 +124,10 @@ def _wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
 
 
 def _set_goals_to_present(bus: ServoBus, servo_ids: Iterable[int]) -> None:
-    """Make goals of where the joints are, so that nothing moves when torque comes on."""
+    """Set goals to the positions of the joints, so that nothing moves when torque comes on."""
     present: Mapping[int, int] = bus.sync_read(
         servo_ids, RegisterName.PRESENT_POSITION, raw=True
     ).values
     if present:
         bus.sync_write(RegisterName.GOAL_POSITION, present, raw=True)
-        bus.sync_read(
-            present, RegisterName.GOAL_POSITION
-        )  # once somebody answers, all have heard it
+        bus.sync_read(present, RegisterName.GOAL_POSITION)  # a reply shows that the write is over

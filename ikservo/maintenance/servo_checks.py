@@ -37,33 +37,33 @@ _CALIBRATED_REGISTERS = {
 
 
 def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
-    """Yield where servos hold other numbers than the arm file says.
+    """Compare the servos' EEPROM with the arm file.
 
     Args:
-        bus: The line, with the servos that answer.
-        model: The arm they should be.
+        bus: The bus, with the servos that reply.
+        model: The expected arm.
     """
-    own_numbers = _has_calibrated_registers(bus, model)
-    compared, alike = 0, True
+    calibrated = _has_calibrated_registers(bus, model)
+    compared, matching = 0, True
     for own in all_servos(model):
         if own.id not in bus.servos or not own.eeprom:
             continue
         compared += len(own.eeprom)
-        for finding in _differing_registers(bus, own, own_numbers):
-            alike = False
+        for finding in _differing_registers(bus, own, calibrated):
+            matching = False
             yield finding
-    if compared and alike:
+    if compared and matching:
         yield ok("eeprom", f"{compared} values match the arm file")
 
 
-def _differing_registers(bus: ServoBus, own: ModelServo, own_numbers: bool) -> Iterator[Finding]:
+def _differing_registers(bus: ServoBus, own: ModelServo, calibrated: bool) -> Iterator[Finding]:
     servo = bus.servos[own.id]
     try:
-        left = register_differences(bus, own.id, _expected_registers(servo, own, own_numbers))
+        differences = register_differences(bus, own.id, _expected_registers(servo, own, calibrated))
     except (BusError, UnknownNameError) as error:
         yield failure("eeprom", f"{servo}: {error.message}", error.command_hint)
         return
-    for one in left:
+    for one in differences:
         kind = warning if one.register.name in _CALIBRATED_REGISTERS else failure
         yield kind(
             "eeprom",
@@ -73,24 +73,24 @@ def _differing_registers(bus: ServoBus, own: ModelServo, own_numbers: bool) -> I
 
 
 def _has_calibrated_registers(bus: ServoBus, model: Model) -> bool:
-    """Return whether some of the servos' numbers are this very arm's and not the arm file's."""
+    """Return whether a calibration of this arm has set some of the registers."""
     try:
         return load_calibration(model.name, serial_number_of(bus.port.name)) is not None
     except FileFormatError:
-        return True  # a spoiled calibration is still one
+        return True  # a malformed calibration is still one
 
 
 def _expected_registers(
-    servo: ServoSpec, own: ModelServo, own_numbers: bool
+    servo: ServoSpec, own: ModelServo, calibrated: bool
 ) -> dict[RegisterRef, int]:
-    """Return what the arm file says, but for what a calibration of this arm rests on."""
-    wanted = expected_eeprom(servo, own.eeprom)
-    kept = calibration_registers(servo.table) if own_numbers else ()
-    return {register: number for register, number in wanted.items() if register not in kept}
+    """Return the arm file's values, without the registers that a calibration has set."""
+    expected = expected_eeprom(servo, own.eeprom)
+    kept = calibration_registers(servo.table) if calibrated else ()
+    return {register: number for register, number in expected.items() if register not in kept}
 
 
 def all_servos(model: Model) -> list[ModelServo]:
-    """Return every servo of the arm file, shadows behind the servo they follow."""
+    """Return every servo of the arm file; further servos of a joint follow its first."""
     return [servo for joint in model.joints for servo in (joint.servo, *joint.shadows)]
 
 
@@ -108,22 +108,22 @@ def expected_eeprom(servo: ServoSpec, values: Mapping[str, int]) -> dict[Registe
 
 
 def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDifference]]:
-    """Make every servo hold what the arm file says, and answer at once; return what changed.
+    """Write the arm file's EEPROM values and no return delay; return the changes.
 
-    What a calibration of this arm rests on is left alone: the calibration says what belongs there.
+    Registers that a calibration of this arm has set are not written.
 
     Raises:
-        RegisterAccessError: Torque is on, or a register forbids its number; servos before it
-            are written.
-        ServoRefusedError: A number did not last.
+        RegisterAccessError: Torque is on, or a value is out of range; servos before it are
+            written.
+        ServoRejectedError: A value was not kept.
         BusError: A servo does not answer.
     """
     changed: dict[ServoSpec, list[RegisterDifference]] = {}
-    own_numbers = _has_calibrated_registers(bus, model)
+    calibrated = _has_calibrated_registers(bus, model)
     for own in all_servos(model):
         servo = bus.servos[own.id]
         changes = update_eeprom(
-            bus, own.id, zero_return_delay(servo) | _expected_registers(servo, own, own_numbers)
+            bus, own.id, zero_return_delay(servo) | _expected_registers(servo, own, calibrated)
         )
         if changes:
             changed[servo] = changes
@@ -131,7 +131,7 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
 
 
 def zero_return_delay(servo: ServoSpec) -> dict[RegisterRef, int]:
-    """Return the return delay as it should be, where the servo has one."""
+    """Return a zero return delay, where the servo has that register."""
     has_delay = RegisterName.RETURN_DELAY not in servo.table.missing
     return {servo.table.return_delay: 0} if has_delay else {}
 
@@ -141,11 +141,11 @@ _LONG_DELAY_S = 1e-4  # of all servos together
 
 
 def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
-    """Yield what is found about servos that answer; nothing is changed.
+    """Check servos that reply; changes nothing.
 
     Args:
-        bus: The line, with those servos.
-        model: The arm they should be, if one is meant.
+        bus: The bus, with those servos.
+        model: The expected arm, if one is given.
     """
     limits = model.health if model else _USUAL_HEALTH
     checks: dict[str, Callable[[], Iterator[Finding]]] = {
@@ -182,23 +182,23 @@ def _check_models(bus: ServoBus) -> Iterator[Finding]:
 
 
 def _check_supply(bus: ServoBus) -> Iterator[Finding]:
-    wanted = (
+    names = (
         RegisterName.PRESENT_VOLTAGE,
         RegisterName.MIN_VOLTAGE_LIMIT,
         RegisterName.MAX_VOLTAGE_LIMIT,
     )
-    rows = bus.sync_read_many(bus.servos, wanted).require_all()
-    fed = True
+    rows = bus.sync_read_many(bus.servos, names).require_all()
+    in_range = True
     for servo in bus.servos.values():
-        volts, lower, upper = (rows[servo.id][role] for role in wanted)
+        volts, lower, upper = (rows[servo.id][name] for name in names)
         if not lower <= volts <= upper:
-            fed = False
+            in_range = False
             yield failure(
                 "supply",
                 f"{servo} has a supply of {volts:.1f} V; allowed are {lower:.1f} to {upper:.1f} V",
                 "Check that the power supply is the right one; torque cannot be switched on.",
             )
-    if fed:
+    if in_range:
         volts = [row[RegisterName.PRESENT_VOLTAGE] for row in rows.values()]
         yield ok("supply", f"{_format_range(volts, '.1f')} V, inside every servo's limits")
 
@@ -235,8 +235,8 @@ def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
 
 
 def _check_alarms(bus: ServoBus) -> Iterator[Finding]:
-    complaints = {i: bus.read_alarms(i) for i in bus.servos}
-    for servo_id, alarms in complaints.items():
+    alarms_by_id = {i: bus.read_alarms(i) for i in bus.servos}
+    for servo_id, alarms in alarms_by_id.items():
         if alarms:
             text = ", ".join(sorted(str(alarm) for alarm in alarms))
             yield failure(
@@ -244,7 +244,7 @@ def _check_alarms(bus: ServoBus) -> Iterator[Finding]:
                 f"{bus.servos[servo_id]}: {text}",
                 "Remove the load, then: ikservo recover",
             )
-    if not any(complaints.values()):
+    if not any(alarms_by_id.values()):
         yield ok("alarms", "none")
 
 
@@ -282,7 +282,7 @@ def _format_names(names: Iterable[str]) -> str:
 
 
 def _format_range(values: Iterable[float], form: str) -> str:
-    """Return ``11.9 to 12.1``, or one number where all are alike."""
+    """Format as ``11.9 to 12.1``, or one number where all are equal."""
     ordered = sorted(values)
     ends = dict.fromkeys((f"{ordered[0]:{form}}", f"{ordered[-1]:{form}}"))
     return " to ".join(ends)

@@ -33,23 +33,23 @@ from ikservo.model.touch_procedure import TouchOffState, TouchTarget
 
 __all__ = ["TouchOffSession", "apply_touch_off"]
 
-# What is closer than that to a point can be guided there, for all the errors there may be.
+# A point that the model reaches this closely can be reached by hand, whatever its errors.
 _REACHED_M = 0.01
 
 
 class TouchOffSession:
-    """A calibrated arm that has been let go, ready for a touch-off.
+    """A calibrated arm with its torque off, ready for a touch-off.
 
     Attributes:
         loose: Its servos.
-        calibration: What its file says.
-        chain: As described: what an earlier touch-off found of its links is found anew.
-        present: With what an earlier touch-off found.
-        maps: What the ticks of the chain's joints mean.
+        calibration: Its calibration file.
+        chain: As in the arm file, without the corrections of an earlier touch-off.
+        present: With the corrections of an earlier touch-off.
+        maps: From ticks to positions, of the chain's joints.
 
     Raises:
-        CalibrationError: It is not calibrated, or its servos say otherwise.
-        FileFormatError: Its calibration is spoiled.
+        CalibrationError: It is not calibrated, or its servos contradict the calibration.
+        FileFormatError: Its calibration is malformed.
     """
 
     def __init__(self, loose: TorqueOffArm) -> None:
@@ -62,27 +62,27 @@ class TouchOffSession:
         joints = [loose.model.joint(name) for name in self.chain.names]
         self.maps: tuple[JointMap, ...] = tuple(own.joint_map(joint) for joint in joints)
 
-    def start_touch_off(self, places: Sequence[TouchTarget]) -> TouchOffState:
-        """Return the conversation over some points."""
-        return TouchOffState.begin(self.chain, self.present, self.maps, places)
+    def start_touch_off(self, targets: Sequence[TouchTarget]) -> TouchOffState:
+        """Return the initial state of a touch-off at some points."""
+        return TouchOffState.begin(self.chain, self.present, self.maps, targets)
 
-    def reachable_targets(self, places: Sequence[TouchTarget]) -> list[TouchTarget]:
-        """Return the places that the tip can be put on."""
-        return [place for place in places if self._is_reachable(place.position_m)]
+    def reachable_targets(self, targets: Sequence[TouchTarget]) -> list[TouchTarget]:
+        """Return the targets within reach of the tip."""
+        return [target for target in targets if self._is_reachable(target.position_m)]
 
     def save(self, found: CalibrationEstimate, written: datetime) -> Path:
-        """Write the calibration with what a touch-off found; the one before is kept beside it.
+        """Save the calibration with the result of a touch-off; the one before is kept as a copy.
 
         Raises:
-            FileWriteError: The disk will not take it; the one before still stands.
+            FileWriteError: The disk is full or not writable; the one before is unchanged.
         """
         return save_calibration(apply_touch_off(self.calibration, self.maps, found, written))
 
     def _is_reachable(self, position_m: Vector | None) -> bool:
         if position_m is None:
             return True
-        answer = solve(self.chain, Target(position_m), restarts=10, nearest=False)
-        return answer.position_error_m < _REACHED_M
+        result = solve(self.chain, Target(position_m), restarts=10, nearest=False)
+        return result.position_error_m < _REACHED_M
 
 
 def apply_touch_off(
@@ -91,9 +91,9 @@ def apply_touch_off(
     found: CalibrationEstimate,
     written: datetime,
 ) -> Calibration:
-    """Return a calibration with the zeros and the geometry that a touch-off found."""
-    moves = {m.joint: float(z) for m, z in zip(maps, found.zeros, strict=True)}
-    joints = tuple(_shift_joint(joint, moves, maps) for joint in calibration.joints)
+    """Return a calibration with the zeros and the geometry of a touch-off."""
+    shifts = {m.joint: float(z) for m, z in zip(maps, found.zeros, strict=True)}
+    joints = tuple(_shift_joint(joint, shifts, maps) for joint in calibration.joints)
     written = written.replace(microsecond=0)
     geometry = (
         _calibrated_geometry(found, written)
@@ -106,22 +106,22 @@ def apply_touch_off(
 
 
 def _shift_joint(
-    joint: CalibratedJoint, moves: dict[str, float], maps: Sequence[JointMap]
+    joint: CalibratedJoint, shifts: dict[str, float], maps: Sequence[JointMap]
 ) -> CalibratedJoint:
-    """Return a joint whose positions all lie ``moves`` further on; its stops stay where they are.
+    """Return a joint whose positions are shifted; its stops do not move.
 
-    What the person set is meant in the geometry's own numbers and does not move.
+    Limits of the user are positions of the geometry and do not move.
     """
-    if joint.name not in moves:
+    if joint.name not in shifts:
         return joint
     joint_map = next(m for m in maps if m.joint == joint.name)
-    move = moves[joint.name]
-    ends = {"lower_deg": math.degrees(move), "upper_deg": math.degrees(move)}
-    ends |= {"lower_m": move, "upper_m": move}
+    shift = shifts[joint.name]
+    ends = {"lower_deg": math.degrees(shift), "upper_deg": math.degrees(shift)}
+    ends |= {"lower_m": shift, "upper_m": shift}
     shifted = {
         key: getattr(joint, key) + by for key, by in ends.items() if getattr(joint, key) is not None
     }
-    ticks = joint_map.sign * move / joint_map.unit_per_tick
+    ticks = joint_map.sign * shift / joint_map.unit_per_tick
     return joint.model_copy(update={"zero_tick": joint.zero_tick - ticks, **shifted})
 
 

@@ -262,7 +262,7 @@ def stopped_there(_):
 
 
 def test_an_arm_without_room_for_a_motion_is_told_to_begin_elsewhere(monkeypatch, say):
-    monkeypatch.setattr("ikservo.cli.calibrate_auto.making_room", lambda *_: None)
+    monkeypatch.setattr("ikservo.cli.calibrate_auto.plan_clearance", lambda *_: None)
     done = limp(say, "so100")
     assert done.code == 8
     assert "shoulder_lift cannot move by 5° without a collision" in done.err

@@ -53,7 +53,7 @@ def watcher(monkeypatch):
             arm.world.schedule(arm.world.time_s, look)
             original(machine, motion)
             moved = max(most, key=lambda name: abs(most[name]))
-            seen[motion.joint] = moved == motion.joint and most[moved] * motion.way > 0
+            seen[motion.joint] = moved == motion.joint and most[moved] * motion.travel > 0
 
         monkeypatch.setattr(direction_check, "run_direction_check", wiggle)
         monkeypatch.setattr("sys.stdin.isatty", lambda: True)

@@ -130,7 +130,7 @@ def test_the_end_of_a_child_leaves_its_parents_lock_in_force(pty_name):
 
 def test_a_child_that_closes_the_owners_listener_leaves_the_parent_listening(short_folder):
     listener = serve(str(short_folder / "device"), lambda _: {})
-    place = listener._door.place
+    place = listener._listening.path
     assert in_fork(listener.close) == "None"
     assert place.exists()
     listener.close()
