@@ -130,10 +130,8 @@ class TorqueOffArm:
 
     def torque_on_servos(self) -> list[str]:
         """Read which servos have their torque on."""
-        torque = self.bus.sync_read(
-            self.bus.servos, RegisterName.TORQUE_ENABLE, raw=True
-        ).require_all()
-        return [str(self.bus.servos[i]) for i, on in torque.items() if on]
+        readings = self.bus.sync_read(self.bus.servos, RegisterName.TORQUE_ENABLE, raw=True)
+        return [str(self.bus.servos[i]) for i, on in readings.require_all().items() if on]
 
     def disable_torque(self) -> None:
         """Switch torque off; the user must hold the arm.
@@ -150,8 +148,7 @@ class TorqueOffArm:
         Raises:
             BusError: Servos have been silent for half a second.
         """
-        reading = self.read_positions()
-        if reading is None:
+        if (reading := self.read_positions()) is None:
             return None
         at_s, ticks = reading
         return at_s, {i: _encoder_tick(self.facts[i], tick) for i, tick in ticks.items()}
@@ -169,9 +166,7 @@ class TorqueOffArm:
         self._failures = self._failures + 1 if readings.errors else 0
         if self._failures > _MAX_FAILURES:
             readings.require_all()
-        if readings.errors:
-            return None
-        return clock.now_s(), dict(readings.values)
+        return None if readings.errors else (clock.now_s(), dict(readings.values))
 
     def build_calibration(
         self,
@@ -322,8 +317,8 @@ def pull(loose: TorqueOffArm) -> Path:
     """
     calibration = _load_matching_calibration(loose)
     joints = tuple(_shift_joint(joint, loose.facts) for joint in calibration.joints)
-    now = datetime.now(UTC).replace(microsecond=0)
-    return save_calibration(calibration.model_copy(update={"joints": joints, "written": now}))
+    update = {"joints": joints, "written": datetime.now(UTC).replace(microsecond=0)}
+    return save_calibration(calibration.model_copy(update=update))
 
 
 def _load_matching_calibration(loose: TorqueOffArm) -> Calibration:
@@ -353,8 +348,8 @@ def _shift_joint(joint: CalibratedJoint, facts: Mapping[int, ServoConfig]) -> Ca
             "zero_tick": joint.zero_tick + shift,
             "travel_ticks": (low, high),
             "extended": lead.is_multi_turn,
-            "servo": _with_present_registers(joint.servo, facts),
-            "shadows": tuple(_with_present_registers(shadow, facts) for shadow in joint.shadows),
+            "servo": _with_registers(joint.servo, facts),
+            "shadows": tuple(_with_registers(shadow, facts) for shadow in joint.shadows),
         }
     )
 
@@ -371,9 +366,7 @@ def _count_shift(joint: CalibratedJoint, lead: ServoConfig) -> int:
     return shift + (low % turn.ticks - low)
 
 
-def _with_present_registers(
-    servo: CalibratedServo, facts: Mapping[int, ServoConfig]
-) -> CalibratedServo:
+def _with_registers(servo: CalibratedServo, facts: Mapping[int, ServoConfig]) -> CalibratedServo:
     return servo.model_copy(update={"holds": dict(facts[servo.id].registers)})
 
 
@@ -406,8 +399,8 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
 
 def adopt_calibration(loose: TorqueOffArm, calibration: Calibration) -> Path:
     """Save a calibration for this adapter; the one before is kept as a copy."""
-    own = {"usb_serial_number": loose.serial_number}
-    return save_calibration(calibration.model_copy(update=own))
+    update = {"usb_serial_number": loose.serial_number}
+    return save_calibration(calibration.model_copy(update=update))
 
 
 def _find_mismatches(loose: TorqueOffArm, calibration: Calibration) -> Iterator[str]:
