@@ -18,6 +18,7 @@ check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/codespell
+	$(BIN)/python tools/style_figures.py --check
 
 build: $(VENV)/installed  ## compile the kernels where they have changed; says whether they are compiled
 	@$(BIN)/python tools/kernel/build_kernels.py
