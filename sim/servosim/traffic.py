@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from servosim.frames import Dynamixel2Reader, Frame, FrameReader
+from servosim.frames import HEADER, Dynamixel2Reader, Frame, FrameReader
 from servosim.servo import BusProtocol, Servo
 
 __all__ = ["Audit", "FrameListener", "TrafficLog"]
@@ -136,7 +136,7 @@ class TrafficLog:
         if servo is None:
             meaning = "collision"
         else:
-            error = data[8] if servo.protocol is BusProtocol.DYNAMIXEL_2 else data[4]
+            error = _status_error(servo, data)
             meaning = f"status {servo.id}" + (f" error 0x{error:02X}" if error else "")
         self._write_line(at_s, "<", data, meaning)
 
@@ -158,6 +158,17 @@ class TrafficLog:
                 row = servo.table.by_byte[address]
                 return f" {row.name} ({address})" if row else f" ({address})"
         return f" ({address})"
+
+
+def _status_error(servo: Servo, data: bytes) -> int:
+    """Return the error byte of a status packet.
+
+    The second and later servos of a fast read send no header: their share of the common packet
+    begins with the error byte (e-manual, protocol 2.0, "Fast Sync Read").
+    """
+    if servo.protocol is not BusProtocol.DYNAMIXEL_2:
+        return data[4]
+    return data[8] if data.startswith(HEADER) else data[0]
 
 
 class FrameListener(Protocol):

@@ -18,6 +18,7 @@ import scservo_sdk
 
 import servosim
 from servosim.assembly import make_bench_world
+from servosim.frames import encode2
 from servosim.pty import point_link, remove_link
 from servosim.remote import RemoteControl
 from servosim.server import parse_options
@@ -75,6 +76,22 @@ class TestJournal:
         first, second = (tmp_path / "log").read_text().splitlines()
         assert first == "    0.000080 > FF FF 01 04 02 38 02 BE  read 1 present_position (56)"
         assert second.endswith("< FF FF 01 04 00 00 08 F2  status 1")
+
+    @pytest.mark.parametrize(
+        ("instruction", "params"),
+        [(0x8A, "84 00 04 00 01 02"), (0x9A, "01 84 00 04 00 02 84 00 04 00")],
+    )
+    def test_writes_down_each_share_of_a_fast_read(self, desk, tmp_path, instruction, params):
+        port = desk("XL430-W250", "XL430-W250")
+        port.line.servos[2].inject_alarm(0x20)
+        journal = TrafficLog(tmp_path / "log", port.line.world.servos)
+        port.line.witnesses.append(journal)
+        port.write(encode2(254, instruction, bytes.fromhex(params)))
+        port.read(64)
+        journal.close()
+        _, first, second = (tmp_path / "log").read_text().splitlines()
+        assert first.endswith("status 1")
+        assert second.endswith("status 2 error 0x80")
 
     def test_names_errors_and_collisions(self, desk, tmp_path):
         port = desk("XL430-W250", "XL330-M288", ids=(1, 1))
