@@ -127,9 +127,9 @@ def _parse_servos(text: str) -> list[BenchServo]:
     """Read ``1-3:xl430-w250``, ``1,4:sts3215`` or, at a rate of its own, ``7:ax-12a@57600``."""
     ids, _, wanted = text.partition(":")
     wanted, at, rate = wanted.partition("@")
-    models = {name.lower(): name for name in TABLES}
-    if wanted.lower() not in models:
-        known = ", ".join(models)
+    model = _find_model(wanted)
+    if model is None:
+        known = ", ".join(name.lower() for name in TABLES)
         raise argparse.ArgumentTypeError(f"no model {wanted!r} in {text!r}; known: {known}")
     try:
         numbers = [number for part in ids.split(",") for number in _parse_range(part)]
@@ -140,7 +140,16 @@ def _parse_servos(text: str) -> list[BenchServo]:
     if not all(0 <= number <= 252 for number in numbers):
         raise argparse.ArgumentTypeError(f"ids go from 0 to 252, not {ids}")
     baud = _parse_rate(rate) if at else None
-    return [BenchServo(number, models[wanted.lower()], baud) for number in numbers]
+    return [BenchServo(number, model, baud) for number in numbers]
+
+
+def _find_model(wanted: str) -> str | None:
+    """Return the model of a name, or the only one that continues it: ax-12 means AX-12A."""
+    models = {name.lower(): name for name in TABLES}
+    if wanted.lower() in models:
+        return models[wanted.lower()]
+    longer = [name for lower, name in models.items() if wanted and lower.startswith(wanted.lower())]
+    return longer[0] if len(longer) == 1 else None
 
 
 def _parse_rate(text: str) -> int:

@@ -36,6 +36,20 @@ class TestOptions:
             (7, "XL330-M288"), (9, "XL330-M288"),
         ]  # fmt: skip
 
+    @pytest.mark.parametrize(
+        ("name", "model"),
+        [("ax-12", "AX-12A"), ("xl430", "XL430-W250"), ("sts3215", "STS3215")],
+    )
+    def test_know_a_model_by_the_start_of_its_name(self, name, model):
+        (servo,) = parse_options(["--servo", f"1:{name}"]).servos
+        assert servo.model == model
+
+    @pytest.mark.parametrize("name", ["xl330", "x", ""])
+    def test_refuse_a_name_that_several_models_begin_with(self, name, capsys):
+        with pytest.raises(SystemExit):
+            parse_options(["--servo", f"1:{name}"])
+        assert f"no model {name!r}" in capsys.readouterr().err
+
     def test_give_a_servo_a_rate_of_its_own(self):
         options = parse_options(["--servo", "1:sts3215@115200", "--servo", "1:sts3215"])
         world = make_bench_world(options.servos)
