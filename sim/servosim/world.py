@@ -235,6 +235,9 @@ class World:
         if moving:
             self._positions = positions
         busy = moving or self.hands or any(servo.is_active for servo in self.servos)
+        if self._mover is None:
+            # Gears that cross their backlash turn while the output shaft is still.
+            busy = busy or any(servo.motor.velocity_rad_s for servo in self.servos)
         self._still = 0 if busy else self._still + 1
 
     def _has_moved(self, positions: list[float]) -> bool:

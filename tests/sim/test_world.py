@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import pytest
 
@@ -20,6 +21,19 @@ def test_a_world_at_rest_dozes(desk):
     port = desk("STS3215")
     run(port, 0.1)
     assert port.line.world.is_idle
+
+
+def test_a_motor_that_crosses_its_backlash_goes_on_to_its_goal(desk):
+    port = desk("STS3215")
+    servo, goals = port.line.servos[1], random.Random(1)
+    servo.write("torque_enable", 1)
+    servo.write("goal_speed", 1500)
+    for _ in range(20):
+        goal = goals.randrange(600, 3500)
+        servo.write("goal_position", goal)
+        run(port, 3.0)
+        assert servo.read("present_position") == pytest.approx(goal, abs=4)
+        assert servo.read("moving") == 0
 
 
 def test_a_dozing_world_keeps_the_time(desk):
