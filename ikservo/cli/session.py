@@ -183,7 +183,7 @@ def warn_uncompiled() -> None:
     """Say, before goals are streamed, that the solver is slow because it is not compiled."""
     if not is_compiled():
         print_status("The solver is not compiled: goals are late. Install a C compiler, then")
-        print_status("install ikservo again (in a clone: make build).")
+        print_status("reinstall ikservo; in a clone run: make build.")
 
 
 def _warn_uncalibrated(machine: Arm) -> None:

@@ -340,7 +340,10 @@ def test_an_error_that_was_not_waited_for_is_logged(arm, caplog):
     with ikservo.open_arm("so101", port="sim:?pose=home") as other:
         other.gripper("open", wait=False).wait()  # whatever is watched for signals is looked at
     del motion
-    gc.collect()
+    end_s = time.monotonic() + 10.0
+    while "nobody waited for" not in caplog.text and time.monotonic() < end_s:
+        gc.collect()  # the thread of the motion may still be about to end
+        time.sleep(0.01)
     assert "nobody waited for" in caplog.text
 
 

@@ -27,7 +27,7 @@ def ended_after(monkeypatch, *errors):
         raise before
 
     monkeypatch.setattr(entry_point, "_run_command", fail)
-    return entry_point._ended(["move"])
+    return entry_point._run_and_report(["move"])
 
 
 @posix
@@ -83,7 +83,8 @@ def test_what_fails_after_ctrl_c_keeps_its_own_exit_code(monkeypatch):
 def test_on_windows_ctrl_c_is_an_exit_with_130(monkeypatch):
     codes = []
     monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(entry_point, "_ended", lambda _: entry_point._Ended(130, interrupted=True))
+    outcome = entry_point._Outcome(130, interrupted=True)
+    monkeypatch.setattr(entry_point, "_run_and_report", lambda _: outcome)
     monkeypatch.setattr("os._exit", codes.append)
     entry_point.console()
     assert codes == [130]
