@@ -1,0 +1,347 @@
+"""Identify servo motors from pendulum logs: electrical constants, inertia, friction.
+
+Run ``python tools/identify_motor.py LOGS`` with the folder of the logs; it takes some minutes on
+one core and prints the parameters and the mean absolute error of each kind of trajectory, on the
+logs that were fitted and on the others. Results belong in ``sim/servosim/parameters.py``.
+
+The model is that of ``servosim.motor`` (friction model m4 of Rhoban's BAM, the firmware's ramp of
+the target and its duty law), stepped for all logs at once. Goals act when the bench's servo
+received them, which is later than they were logged: ``bench_timing.npz`` has each step and release
+of the STS logs, and gliding goals are 30 ms late.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+GRAVITY_M_S2 = 9.81
+TICK_RAD = 2.0 * math.pi / 4096
+ROD_KG = 0.036
+DISC_M2 = 0.0023  # square of the weights' radius of gyration: 10 to 24 % above the point mass
+GLIDE_DELAY_S = 0.030
+ROW_S = 0.010
+SUBSTEPS = 5
+NOT_READ = -2047  # position of a row that the bench could not read
+RESIDUAL_SCALE_RAD = 0.02  # residuals beyond this weigh less
+RELATIVE_STEP = 1e-3  # of the Jacobian's differences
+
+NAMES = (
+    "torque_constant_nm_a", "resistance_ohm", "armature_kg_m2", "friction_nm", "viscous_nm_s",
+    "stribeck_nm", "stribeck_rad_s", "load_friction", "load_stribeck", "torque_limit_nm",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Firmware:
+    """The part of a servo that its firmware decides.
+
+    Attributes:
+        duty_per_gain_rad: Duty for one unit of the P gain and one radian.
+        startup_duty: Duty that is added in the direction of the error.
+        ramp_rad_s: Speed of the target towards a new goal.
+        dead_zone_ticks: Errors up to this size count as none.
+    """
+
+    duty_per_gain_rad: float
+    startup_duty: float
+    ramp_rad_s: float
+    dead_zone_ticks: float
+
+
+@dataclass(frozen=True)
+class Logs:
+    """Logs on one grid of time.
+
+    Attributes:
+        name: Of each log.
+        trajectory: Kind of each log.
+        p_gain: Gain register of each log.
+        mass_kg: Point mass of each log.
+        length_m: From the shaft to the mass.
+        supply_v: Median voltage of each log.
+        position_rad: Measured, shape (logs, rows); 0 hangs down.
+        goal_rad: As the servo received it, shape (logs, rows * SUBSTEPS).
+        torque_on: Likewise, 1 or 0.
+    """
+
+    name: NDArray[np.str_]
+    trajectory: NDArray[np.str_]
+    p_gain: Array
+    mass_kg: Array
+    length_m: Array
+    supply_v: Array
+    position_rad: Array
+    goal_rad: Array
+    torque_on: Array
+
+    def select(self, chosen: Mask) -> Logs:
+        """Return the chosen logs."""
+        return Logs(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Servos to identify.
+
+    Attributes:
+        firmware: What their firmware does.
+        read: Reads their logs from the folder.
+        start: Where the search starts, in the order of NAMES.
+    """
+
+    firmware: Firmware
+    read: Callable[[Path], Logs]
+    start: tuple[float, ...]
+
+
+def simulate(values: Array, firmware: Firmware, logs: Logs) -> Array:
+    """Return positions [rad] of shape (sets, logs, rows) for parameter sets (sets, NAMES)."""
+    kt, ohm, armature, base, viscous, stribeck, slow, load, load_slow, most_nm = values.T[
+        :, :, None
+    ]
+    dt_s, rows = ROW_S / SUBSTEPS, logs.position_rad.shape[1]
+    length, mass = logs.length_m, logs.mass_kg
+    inertia = armature + mass * (length**2 + DISC_M2) + ROD_KG * length**2 / 3.0
+    weight_nm = GRAVITY_M_S2 * length * (mass + ROD_KG / 2.0)
+    full_nm, back_emf = kt / ohm * logs.supply_v, kt * kt / ohm
+    position = np.broadcast_to(logs.position_rad[:, 0], (len(values), len(mass))).copy()
+    velocity, reference = np.zeros_like(position), position.copy()
+    out = np.empty((rows, *position.shape))
+    for k in range(rows * SUBSTEPS):
+        if k % SUBSTEPS == 0:
+            out[k // SUBSTEPS] = position
+        on = logs.torque_on[:, k]
+        reference = step_reference(reference, logs.goal_rad[:, k], firmware.ramp_rad_s * dt_s)
+        drive_nm = full_nm * duty_of(reference - position, firmware, logs.p_gain) * on
+        damping = back_emf * on
+        free_nm = drive_nm - damping * velocity
+        limited = np.abs(free_nm) > most_nm
+        motor_nm = np.clip(free_nm, -most_nm, most_nm)
+        damping = np.where(limited, 0.0, damping) + viscous
+        load_nm = -weight_nm * np.sin(position)
+        gear_nm = np.abs(motor_nm - load_nm)
+        slowness = np.exp(-np.abs(velocity) / slow)
+        dry_nm = base + load * gear_nm + slowness * (stribeck + load_slow * gear_nm)
+        per_nm = dt_s / (inertia + dt_s * damping)
+        velocity += per_nm * (motor_nm + load_nm - viscous * velocity)
+        stopped: Array = np.maximum(np.abs(velocity) - per_nm * dry_nm, 0.0)
+        velocity = stopped * np.sign(velocity)
+        position += dt_s * velocity
+    return np.moveaxis(out, 0, -1)
+
+
+def step_reference(reference: Array, goal: Array, most_rad: float) -> Array:
+    """Return the firmware's target after a step towards the goal."""
+    return reference + np.clip(goal - reference, -most_rad, most_rad)
+
+
+def duty_of(error_rad: Array, firmware: Firmware, p_gain: Array) -> Array:
+    """Return the duty -1..1 that the firmware's position loop gives."""
+    ticks = np.rint(error_rad / TICK_RAD)
+    error = np.where(np.abs(ticks) <= firmware.dead_zone_ticks, 0.0, ticks * TICK_RAD)
+    duty = firmware.duty_per_gain_rad * p_gain * error + firmware.startup_duty * np.sign(error)
+    return np.clip(duty, -1.0, 1.0)
+
+
+def read_kscale(folder: Path, name: str) -> Logs:
+    """Return the STS logs of a file, with goals at the moments when the servo received them."""
+    data, late = np.load(folder / name), np.load(folder / "bench_timing.npz")
+    index = {str(log): k for k, log in enumerate(late["name"])}
+    grid, fine = np.arange(600) * ROW_S, np.arange(600 * SUBSTEPS) * ROW_S / SUBSTEPS
+    columns: list[tuple[Array, Array, Array]] = []
+    for i, log in enumerate(data["name"]):
+        rows = slice(data["start"][i], data["start"][i + 1])
+        at_s, goal = data["time_100us"][rows] * 1e-4, data["goal_100urad"][rows] * 1e-4
+        tick, k = data["position_tick"][rows], index.get(str(log))
+        position: Array = _interpolated(
+            grid, at_s[tick != NOT_READ], tick[tick != NOT_READ] * TICK_RAD
+        )
+        received, on = _interpolated(fine - GLIDE_DELAY_S, at_s, goal), np.ones_like(fine)
+        if k is not None and data["trajectory"][i] == "brutal":
+            received = _delayed_steps(
+                fine, at_s, goal, (late["step_up_s"][k], late["step_down_s"][k])
+            )
+        elif k is not None:
+            on = np.where(fine < late["release_s"][k], 1.0, 0.0)
+        columns.append((position, received, on))
+    volts = np.array(
+        [np.median(part) / 10.0 for part in np.split(data["supply_dv"], data["start"][1:-1])]
+    )
+    return _logs_of(data, np.arange(len(columns)), volts, columns)
+
+
+def _delayed_steps(fine: Array, at_s: Array, goal: Array, delays_s: tuple[float, float]) -> Array:
+    """Return a goal that steps as often as the logged one, each step later by its delay."""
+    received = np.full(len(fine), goal[0])
+    for k, delay_s in zip(np.flatnonzero(np.diff(goal)), delays_s, strict=False):
+        received[fine >= at_s[k + 1] + delay_s] = goal[k + 1]
+    return received
+
+
+def _interpolated(at_s: NDArray[Any], times_s: NDArray[Any], values: NDArray[Any]) -> Array:
+    return np.asarray(np.interp(at_s, times_s, values), dtype=np.float64)
+
+
+XL330_DELAY_S = 0.0  # of goals behind the log, and where the bench's pendulum hangs
+XL330_OFFSET_RAD = 0.0155
+
+
+def read_bam(folder: Path) -> Logs:
+    """Return the XL330 logs of Rhoban's bench."""
+    data = np.load(folder / "bam_xl330_sts3250_pendulum.npz")
+    chosen = np.flatnonzero(data["motor"] == "xl330")
+    table = data["rows_t_goal_pos_torque_volts"].astype(float)
+    parts = [table[data["start"][i] : data["start"][i + 1]].T for i in chosen]
+    rows = int(min(at_s[-1] for at_s, *_ in parts) / ROW_S)
+    grid, fine = np.arange(rows) * ROW_S, np.arange(rows * SUBSTEPS) * ROW_S / SUBSTEPS
+    columns = [
+        (
+            _interpolated(grid, at_s, position + XL330_OFFSET_RAD),
+            _interpolated(fine - XL330_DELAY_S, at_s, goal + XL330_OFFSET_RAD),
+            np.where(_interpolated(fine - XL330_DELAY_S, at_s, on) > 0.5, 1.0, 0.0),
+        )
+        for at_s, goal, position, on, _ in parts
+    ]
+    return _logs_of(data, chosen, np.array([np.median(part[4]) for part in parts]), columns)
+
+
+def _logs_of(
+    data: Mapping[str, NDArray[Any]],
+    chosen: NDArray[np.intp],
+    volts: Array,
+    columns: list[tuple[Array, Array, Array]],
+) -> Logs:
+    position, goal, on = (np.stack(column) for column in zip(*columns, strict=True))
+    return Logs(
+        data["name"][chosen], data["trajectory"][chosen], data["p_gain"][chosen].astype(float),
+        data["mass_kg"][chosen], data["length_m"][chosen], volts, position, goal, on,
+    )  # fmt: skip
+
+
+def split(logs: Logs) -> Mask:
+    """Return the logs to fit: a chessboard of masses, gains and lengths; the rest validates."""
+    places = [
+        np.searchsorted(np.unique(of), of) for of in (logs.mass_kg, logs.p_gain, logs.length_m)
+    ]
+    return np.sum(places, axis=0) % 2 == 0
+
+
+def fit(start: Array, firmware: Firmware, logs: Logs) -> Array:
+    """Return the parameters that fit best, sought as logarithms."""
+    measured = logs.position_rad
+
+    def residuals(x: Array) -> Array:
+        return (simulate(np.exp(x[None]), firmware, logs)[0] - measured).ravel()
+
+    def jacobian(x: Array) -> Array:
+        steps = RELATIVE_STEP * np.eye(len(x))
+        found = simulate(np.exp(np.concatenate([x + steps, x - steps])), firmware, logs)
+        ahead, behind = found.reshape(2, len(x), -1)
+        return ((ahead - behind) / (2.0 * RELATIVE_STEP)).T
+
+    x0 = np.log(start)
+    found = least_squares(
+        residuals, x0, jacobian, loss="soft_l1", f_scale=RESIDUAL_SCALE_RAD, max_nfev=30, xtol=1e-4,
+        bounds=(x0 - 4.0, x0 + 4.0),
+    )  # fmt: skip
+    return np.exp(found.x)
+
+
+def mean_errors_deg(values: Array, firmware: Firmware, logs: Logs) -> Array:
+    """Return the mean absolute error of each log [degrees]."""
+    error_rad = simulate(values[None], firmware, logs)[0] - logs.position_rad
+    return np.degrees(np.abs(error_rad).mean(axis=-1))
+
+
+def print_errors(title: str, values: Array, firmware: Firmware, logs: Logs) -> None:
+    """Print the median of the mean absolute errors of each kind of trajectory."""
+    errors = mean_errors_deg(values, firmware, logs)
+    kinds = np.unique(logs.trajectory)
+    found = [f"{kind} {np.median(errors[logs.trajectory == kind]):.2f}" for kind in kinds]
+    print(f"  {title:<34}{', '.join(found)}; all {np.median(errors):.2f} degrees", flush=True)
+
+
+WITHOUT: dict[str, dict[str, float]] = {
+    "load-dependent friction": {"load_friction": 0.0, "load_stribeck": 0.0},
+    "Stribeck friction": {"stribeck_nm": 0.0, "load_stribeck": 0.0},
+    "all dry friction": {
+        "friction_nm": 0.0, "stribeck_nm": 0.0, "load_friction": 0.0, "load_stribeck": 0.0,
+    },
+    "torque limit": {"torque_limit_nm": math.inf},
+    "armature": {"armature_kg_m2": 0.0},
+}  # fmt: skip
+
+
+def print_sensitivity(values: Array, firmware: Firmware, logs: Logs) -> None:
+    """Print the errors with one part of the model taken away and nothing fitted anew."""
+    for part, changes in WITHOUT.items():
+        changed = values.copy()
+        for name, value in changes.items():
+            changed[NAMES.index(name)] = value
+        print_errors(f"without {part}", changed, firmware, logs)
+    for part, without in (
+        ("target ramp", replace(firmware, ramp_rad_s=math.inf)),
+        ("start-up force", replace(firmware, startup_duty=0.0)),
+    ):
+        print_errors(f"without {part}", values, without, logs)
+
+
+BENCHES = {
+    "STS3215-C018": Bench(
+        Firmware(0.163, 0.014, 66 * 50 * TICK_RAD, 1.0),
+        lambda folder: read_kscale(folder, "kscale_sts3215_12v_pendulum.npz"),
+        (2.2, 3.81, 0.0215, 0.115, 0.03, 0.054, 0.2, 0.117, 0.068, 3.5),
+    ),
+    "STS3250": Bench(
+        Firmware(0.163, 0.004, 110 * 50 * TICK_RAD, 1.0),
+        lambda folder: read_kscale(folder, "kscale_sts3250_pendulum.npz"),
+        (1.45, 1.86, 0.0088, 0.047, 0.066, 0.04, 0.068, 0.08, 0.022, 3.5),
+    ),
+    "XL330-M288": Bench(
+        Firmware(1.0 / (256 * 885 * TICK_RAD), 0.0, math.inf, 0.0),
+        read_bam,
+        (0.383, 3.03, 0.002, 0.0025, 0.0005, 0.0003, 0.46, 0.27, 0.045, 0.67),
+    ),
+}
+"""Start values: K-Scale's id008 m4 for the STS, Rhoban's m4 for the XL330, after earlier fits."""
+
+
+def identify(name: str, folder: Path) -> None:
+    """Fit one servo and print what comes out."""
+    bench = BENCHES[name]
+    logs = bench.read(folder)
+    fitted = split(logs) if len(logs.name) > 100 else np.ones(len(logs.name), bool)
+    found = fit(np.array(bench.start), bench.firmware, logs.select(fitted))
+    print(f"{name}: {fitted.sum()} logs fitted, {(~fitted).sum()} for validation")
+    for parameter, value in zip(NAMES, found, strict=True):
+        print(f"  {parameter:<22}{value:.5g}")
+    print_errors("fitted", found, bench.firmware, logs.select(fitted))
+    kept = logs.select(~fitted) if not fitted.all() else logs
+    print_errors("validation", found, bench.firmware, kept)
+    print_sensitivity(found, bench.firmware, kept)
+
+
+def main() -> None:
+    """Identify the servos that are asked for."""
+    parser = argparse.ArgumentParser(description="Identify servo motors from pendulum logs.")
+    parser.add_argument("logs", type=Path, help="folder of the logs")
+    parser.add_argument("--servo", choices=tuple(BENCHES), help="only this one")
+    options = parser.parse_args()
+    for name in (options.servo,) if options.servo else BENCHES:
+        identify(name, options.logs)
+
+
+if __name__ == "__main__":
+    main()
