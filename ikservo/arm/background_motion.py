@@ -208,7 +208,9 @@ class Background:
     def __init__(self, arm: Stoppable, stop_request: StopRequest) -> None:
         self._arm, self._stop_request = arm, stop_request
         self._queue = threading.RLock()
-        self._motions: list[Motion[object]] = []
+        # A motion lives as long as its thread or its handle: an error that nobody waits for is
+        # logged when the handle is dropped, not when the arm is.
+        self._motions: weakref.WeakSet[Motion[object]] = weakref.WeakSet()
         self._stream: Motion[object] | None = None
 
     def run(self, work: Callable[[], T], *, wait: bool) -> T | Motion[T]:
@@ -240,15 +242,15 @@ class Background:
 
     def close(self) -> None:
         """Cancel what still runs or waits, and return once it is over."""
-        for motion in self._motions:
+        motions = list(self._motions)
+        for motion in motions:
             motion.cancel()
-        for motion in self._motions:
+        for motion in motions:
             motion.join()
 
     def _start_thread(self, work: Callable[[], T]) -> Motion[T]:
         motion = Motion(work, self._arm, self._queue)
-        self._motions = [each for each in self._motions if not each.done]
-        self._motions.append(motion)  # pyright: ignore[reportArgumentType]  # of whatever result
+        self._motions.add(motion)  # pyright: ignore[reportArgumentType]  # of whatever result
         _running_motions.add(motion)  # pyright: ignore[reportArgumentType]
         stop_on_signals(self._stop_request, lambda: not motion.done)
         motion.start()
