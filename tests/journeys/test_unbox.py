@@ -124,6 +124,7 @@ def cancel_touch_off(terminal, arm):
         program.wait_for("Point 1 of 20")
         arm.move_tip(requested_point_m(program))
         touch(program)
+        program.wait_for("Ctrl-C stop")
         program.type("\x03")
         ended = program.ended()
     assert ended.code == -signal.SIGINT, ended.text
