@@ -318,18 +318,19 @@ BENCHES = {
 """Start values: K-Scale's id008 m4 for the STS, Rhoban's m4 for the XL330, after earlier fits."""
 
 
-def identify(name: str, folder: Path) -> None:
+def identify(name: str, logs: Logs) -> None:
     """Fit one servo and print what comes out."""
     bench = BENCHES[name]
-    logs = bench.read(folder)
     fitted = split(logs) if len(logs.name) > 100 else np.ones(len(logs.name), bool)
     found = fit(np.array(bench.start), bench.firmware, logs.select(fitted))
     print(f"{name}: {fitted.sum()} logs fitted, {(~fitted).sum()} for validation")
     for parameter, value in zip(NAMES, found, strict=True):
         print(f"  {parameter:<22}{value:.5g}")
     print_errors("fitted", found, bench.firmware, logs.select(fitted))
-    kept = logs.select(~fitted) if not fitted.all() else logs
-    print_errors("validation", found, bench.firmware, kept)
+    kept = logs
+    if not fitted.all():  # too few logs keep none aside
+        kept = logs.select(~fitted)
+        print_errors("validation", found, bench.firmware, kept)
     print_sensitivity(found, bench.firmware, kept)
 
 
@@ -340,7 +341,11 @@ def main() -> None:
     parser.add_argument("--servo", choices=tuple(BENCHES), help="only this one")
     options = parser.parse_args()
     for name in (options.servo,) if options.servo else BENCHES:
-        identify(name, options.logs)
+        try:
+            logs = BENCHES[name].read(options.logs)
+        except OSError as error:
+            parser.error(f"cannot read the logs of {name}: {error}")
+        identify(name, logs)
 
 
 if __name__ == "__main__":
