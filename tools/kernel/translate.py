@@ -7,109 +7,35 @@ does, to the last bit, or there is none. Standard library only, as it runs when 
 from __future__ import annotations
 
 import ast
-import hashlib
 import math
-from dataclasses import dataclass, field
+import sys
+from functools import reduce
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from sources import Module, Number, Sources, TranslationError
+from subset import ARRAYS, C_TYPES, MATH, NUMBERS, SIGNS, WHOLE
 
 __all__ = ["TranslationError", "translate"]
 
-NUMBERS = ("float", "int")
-# Item type and dimensions of an array, and its letter in the table of entries.
-ARRAYS = {
-    "Vector": ("double", 1, "v"), "Matrix": ("double", 2, "m"),
-    "IntVector": ("int64_t", 1, "w"), "IntMatrix": ("int64_t", 2, "x"),
-}  # fmt: skip
-C_TYPES = {name: name for name in (*ARRAYS, "FloatPair")}
-C_TYPES |= {"float": "double", "int": "int64_t", "bool": "bool", "None": "void"}
-MATH = {"sqrt": 1, "sin": 1, "cos": 1, "asin": 1, "acos": 1, "floor": 1, "ceil": 1}
-MATH |= {"atan2": 2, "copysign": 2}
-SIGNS: dict[type[ast.AST], str] = {
-    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">",
-    ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.And: " && ", ast.Or: " || ",
-}  # fmt: skip
-WHOLE: dict[type[ast.AST], str] = {ast.FloorDiv: "floor_div", ast.Mod: "floor_mod"}
-Number = int | float
 Typed = tuple[str, str]
 """An expression in C, and its type in Python."""
-
-
-class TranslationError(Exception):
-    """A kernel uses what is not in the subset."""
-
-
-@dataclass
-class Module:
-    """A source file: its constants and functions, and the modules that other names come from."""
-
-    name: str
-    path: Path
-    constants: dict[str, Number] = field(default_factory=dict[str, Number])
-    functions: dict[str, ast.FunctionDef] = field(default_factory=dict[str, ast.FunctionDef])
-    origins: dict[str, Typed] = field(default_factory=dict[str, Typed])
-
-    def refusal(self, node: ast.AST, what: str = "") -> TranslationError:
-        """Return the error that names a place."""
-        line = getattr(node, "lineno", 0)
-        return TranslationError(f"{self.path}:{line}: {what or ast.unparse(node) + ': not known'}")
 
 
 class Program:
     """The entries of some modules and all functions that they need, in C."""
 
     def __init__(self, root: Path) -> None:
-        self.root, self.modules = root, dict[str, Module]()
-        self.functions: dict[tuple[str, str], Function] = {}
+        self.sources, self.functions = Sources(root), dict[tuple[str, str], Function]()
         self.c, self.table = list[str](), list[str]()
-
-    def load(self, name: str) -> Module:
-        """Parse a module once; note its constants, functions and imports."""
-        if name not in self.modules:
-            path = self.root.joinpath(*name.split(".")).with_suffix(".py")
-            module = self.modules[name] = Module(name, path)
-            for node in ast.parse(path.read_text("utf-8")).body:
-                if isinstance(node, ast.FunctionDef):
-                    module.functions[node.name] = node
-                elif isinstance(node, ast.ImportFrom):
-                    for each in node.names:
-                        module.origins[each.asname or each.name] = (node.module or "", each.name)
-                elif isinstance(node, ast.Assign):
-                    self._read_constants(module, node)
-        return self.modules[name]
-
-    def _read_constants(self, module: Module, node: ast.Assign) -> None:
-        used = [each.id for each in ast.walk(node.value) if isinstance(each, ast.Name)]
-        known: dict[str, object] = {name: self.constant(module, name) for name in used}
-        known |= {"math": math, "__builtins__": {}}
-        if None in known.values():
-            return
-        value = eval(compile(ast.Expression(node.value), str(module.path), "eval"), known)
-        (target,) = node.targets
-        several = isinstance(target, ast.Tuple)
-        names, values = (target.elts, value) if several else ([target], [value])
-        for each, number in zip(names, values, strict=True):
-            if ast.unparse(each) in module.constants:
-                raise module.refusal(node, f"{ast.unparse(each)} is assigned twice")
-            if type(number) in (int, float):
-                module.constants[ast.unparse(each)] = number
-
-    def constant(self, module: Module, name: str) -> Number | None:
-        """Return the value of a module's constant, maybe imported; None if it is none."""
-        home, original = module.origins.get(name, ("", ""))
-        if home and self.root.joinpath(*home.split(".")).with_suffix(".py").is_file():
-            return self.constant(self.load(home), original)
-        return module.constants.get(name)
 
     def function(self, module: Module, name: str, node: ast.AST) -> Function:
         """Return a function, which is translated if it was not yet."""
-        if name in module.origins:
-            home, original = module.origins[name]
-            return self.function(self.load(home), original, node)
-        if name not in module.functions:
-            raise module.refusal(node, f"{name}() is not known")
-        key = (module.name, name)
+        home = self.sources.home(module, name, node)
+        key = (home.name, name)
         if key not in self.functions:
-            self.functions[key] = Function(self, module, module.functions[name])
+            self.functions[key] = Function(self, home, home.functions[name])
             self.functions[key].translate()
         if not self.functions[key].is_complete:
             raise module.refusal(node, f"{name}() calls itself")
@@ -148,6 +74,7 @@ class Function:
 
     def __init__(self, program: Program, module: Module, node: ast.FunctionDef) -> None:
         self.program, self.module, self.node = program, module, node
+        self.constant = program.sources.constant
         self.c_name = f"{module.name.rpartition('.')[2]}_{node.name}"
         self.depth, self.is_complete, self.writes = 1, False, set[str]()
         self.lines, self.memory, self.loops = list[str](), list[str](), set[str]()
@@ -314,7 +241,7 @@ class Function:
                 return _literal(value)
             case ast.Name(name) if name in self.types:
                 return f"v_{name}", self.types[name]
-            case ast.Name(name) if (known := self.program.constant(self.module, name)) is not None:
+            case ast.Name(name) if (known := self.constant(self.module, name)) is not None:
                 return _literal(known)
             case ast.Attribute(ast.Name("math"), "pi" | "inf" as name):
                 return _literal(getattr(math, name))
@@ -374,14 +301,9 @@ class Function:
             return f"fabs({one})", kind
         if name == "len" and kind in ARRAYS:
             return f"{one}.rows", "int"
-        if (
-            name in ("min", "max")
-            and len(given) > 1
-            and kinds in ([k] * len(given) for k in NUMBERS)
-        ):
-            for other in codes[1:]:
-                codes[0] = f"{name}_{kinds[0]}({codes[0]}, {other})"
-            return codes[0], kinds[0]
+        alike = len(given) > 1 and len(set(kinds)) == 1 and kinds[0] in NUMBERS
+        if name in ("min", "max") and alike:
+            return reduce(lambda a, b: f"{name}_{kinds[0]}({a}, {b})", codes), kinds[0]
         if not isinstance(node.func, ast.Name):
             raise self.module.refusal(node)
         called = self.program.function(self.module, name, node)
@@ -431,13 +353,12 @@ class Function:
         if isinstance(node, ast.BoolOp):  # its operands are evaluated one after the other
             return
         known = self.module.functions.keys() | self.module.origins.keys()
-        calls = [each for each in ast.walk(node) if isinstance(each, ast.Call)]
-        calls = [each for each in calls if ast.unparse(each.func) in known]
-        writing = [
-            each
-            for each in calls
-            if self.program.function(self.module, ast.unparse(each.func), each).writes
-        ]
+        calls = {
+            each: self.program.function(self.module, ast.unparse(each.func), each)
+            for each in ast.walk(node)
+            if isinstance(each, ast.Call) and ast.unparse(each.func) in known
+        }
+        writing = [each for each, called in calls.items() if called.writes]
         if writing:
             inside = {id(each) for given in writing[0].args for each in ast.walk(given)}
             beside = [each for each in ast.walk(node) if id(each) not in inside]
@@ -468,8 +389,7 @@ def translate(root: Path, modules: list[str]) -> tuple[str, list[Path], str]:
     """
     program = Program(root)
     for name in modules:
-        program.add_entries(program.load(name))
+        program.add_entries(program.sources.load(name))
     table = ["static const Entry ENTRIES[] = {", *program.table, "    {NULL, NULL, 0, NULL},", "};"]
-    sources = sorted(module.path for module in program.modules.values())
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    sources, digest = program.sources.digest()
     return "\n".join([*program.c, *table, ""]), sources, digest
