@@ -65,9 +65,13 @@ PACKAGES = {
         Package("guard", left_out=("promise",), kernel="collision_kernel"),
         Package(
             "kinematics",
-            beyond=("guard/test_space.py", "guard/test_collision_kernel.py", "ik/test_kernel.py"),
+            beyond=(
+                "guard/test_collision_checker.py",
+                "guard/test_collision_kernel.py",
+                "ik/test_kernel.py",
+            ),
             layouts=("packed",),
         ),
-        Package("calibration", left_out=("hidden_arms",)),
+        Package("calibration", left_out=("mounted_arms",)),
     )
 }
