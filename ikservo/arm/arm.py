@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Unpack, overload
 
 from numpy.typing import ArrayLike
@@ -23,18 +22,7 @@ from ikservo.arm.background_motion import Background, Motion
 from ikservo.arm.calibrated_arm import ZeroSource, is_simulated
 from ikservo.arm.context import ArmContext
 from ikservo.arm.control_server import CommandHandler, ControlServer, serve
-from ikservo.arm.execution import (
-    GripperOptions,
-    JointOptions,
-    PointOptions,
-    ThroughOptions,
-    execute,
-    lower,
-    move_joints,
-    move_tip,
-    relax,
-    run_plan,
-)
+from ikservo.arm.execution import execute, lower, move_joints, move_tip, relax, run_plan
 from ikservo.arm.following import (
     CartesianOrJointTarget,
     FollowResult,
@@ -45,6 +33,18 @@ from ikservo.arm.following import (
 )
 from ikservo.arm.gripper import GraspResult, GripperCommand, move_gripper, resolve_goal
 from ikservo.arm.jogging import JogResult, KeepGoing, jog
+from ikservo.arm.motion_options import (
+    FollowOptions,
+    GripperOptions,
+    JointOptions,
+    MotionSettings,
+    PlanOptions,
+    PlanThroughOptions,
+    PointOptions,
+    ThroughOptions,
+    check_options,
+    parse_options,
+)
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.plan import MotionPlan, PoseWithinLimits
 from ikservo.arm.poses import PoseLibrary, teach
@@ -54,7 +54,6 @@ from ikservo.arm.replay import RecordedTrajectory, ReplayResult, load_replay, re
 from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.setpoint_stream import SetpointStream
 from ikservo.arm.settling import SettlingResult
-from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
 from ikservo.clock import Clock
 from ikservo.control.stopping import STOPPED_BY_PROGRAM
 from ikservo.deprecation import current_name
@@ -68,11 +67,14 @@ __all__ = ["Arm", "OnExit"]
 
 OnExit = Literal["hold", "relax"]
 
-JointPositions = Mapping[str, float] | ArrayLike
+Positions = Mapping[str, float] | ArrayLike
 """Positions by joint, or of all joints (n,), rad or m."""
 
-BLEND_M = 0.02
-"""The distance from a waypoint at which the path turns towards the next."""
+Points = Sequence[ArrayLike]
+"""Points (k, 3) [m], base frame."""
+
+JawGoal = GripperCommand | float | None
+"""open, close, or the distance between the jaws [m]."""
 
 _RENAMED = {
     "glimpse": "last_state",
@@ -85,8 +87,17 @@ _RENAMED = {
 class Arm:
     """An arm on an open port; see ``open_arm``.
 
-    The first motion switches torque on. It stays on when the arm is closed unless ``on_exit`` is
-    ``relax``: an arm never drops because a program ended.
+    Metres and radians; points and orientations in the arm's base frame; vectors of all joints (n,)
+    in the order of ``joint_names``, metres for prismatic joints.
+
+    The first motion switches torque on, and is slow. Torque stays on when the arm is closed unless
+    ``on_exit`` is ``relax``: an arm never drops because a program ended.
+
+    Motions (``move_to``, ``move_line``, ``move_through``, ``move_joints``, ``pose``, ``gripper``,
+    ``replay``) block until the arm is at rest. With ``wait=False`` they run in the background,
+    after the ones before, and return a ``Motion`` with ``done``, ``wait`` and ``cancel``; its
+    ``wait`` returns the result and raises the errors. Closing the arm cancels it. The options of
+    motions are documented in ``ikservo.arm.motion_options``.
 
     Args:
         context: What the arm is made of.
@@ -99,6 +110,15 @@ class Arm:
         zeros: Where the zeros of its joints come from.
         poses: The poses of its arm file, and the taught ones.
         joint_index: Which column of vectors of all joints (n,) is which.
+
+    Raises:
+        CalibrationError: By every motion where the arm is not calibrated, small steps of single
+            joints aside; nothing has moved.
+        RefusedError: By every motion where something is in the way, and nothing has moved; or
+            where the guard stopped it, and the arm holds.
+        StoppedError: By every motion that ``stop``, called here or by another process, has ended;
+            the arm holds.
+        KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
     """
 
     def __init__(self, context: ArmContext, runner: MotionRunner, on_exit: OnExit = "hold") -> None:
@@ -129,12 +149,7 @@ class Arm:
         self._runner.check_open()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close(self._on_exit if error is None else "hold")
 
     if not TYPE_CHECKING:  # a type checker knows today's names only
@@ -162,14 +177,11 @@ class Arm:
         """Return the lower and upper limits (n,), in whole ticks, rad or m."""
         return self._context.limits()
 
-    def clearance_m(self, positions: JointPositions) -> float:
+    def clearance_m(self, positions: Positions) -> float:
         """Return the smallest distance of the body [m] to itself, the table and the boxes.
 
-        Args:
-            positions: By joint, rad or m; the others as measured. Or of all joints (n,).
-
-        Returns:
-            Infinite where the arm is not calibrated or was opened without collision checks.
+        ``positions`` are by joint, rad or m, the others as measured; or of all joints (n,). It is
+        infinite where the arm is not calibrated or was opened without collision checks.
         """
         return self._preflight.clearance_m(positions)
 
@@ -192,12 +204,10 @@ class Arm:
         """Close the port, leaving the arm held or relaxed; the second call does nothing.
 
         Motions in the background are cancelled; another running motion ends with ``StoppedError``.
-
-        Args:
-            on_exit: ``hold`` or ``relax``; as given to ``open_arm`` if None.
+        ``on_exit`` is ``hold`` or ``relax``, or as given to ``open_arm`` if None.
 
         Raises:
-            UnknownNameError: Neither; the arm stays open.
+            UnknownNameError: It is neither; the arm stays open.
             RefusedError: The arm shall be relaxed, and a callback of its motion closes it.
         """
         chosen = check_choice("way to exit", on_exit or self._on_exit, ("hold", "relax"))
@@ -250,11 +260,9 @@ class Arm:
     def reconnect(self, within_s: float = 10.0) -> None:
         """Open the port again after the cable was pulled; moves nothing.
 
-        The arm stays stopped until ``acknowledge``. Its servos may have been without power: torque
-        is read again, and the first motion is slow.
-
-        Args:
-            within_s: How long to wait for the adapter, known by its USB serial number.
+        Waits ``within_s`` for the adapter, known by its USB serial number. The arm stays stopped
+        until ``acknowledge``. Its servos may have been without power: torque is read again, and the
+        first motion is slow.
 
         Raises:
             BadValueError: The wait is no number of seconds.
@@ -299,48 +307,31 @@ class Arm:
         """End a stop: the cause is gone, and the arm may be moved again; nothing moves yet."""
         self._runner.acknowledge()
 
-    def plan_to(
-        self,
-        position_m: ArrayLike,
-        *,
-        speed: str = "normal",
-        stance: ToolOrientation = KEEP_BEST_EFFORT,
-        orientation: ArrayLike | None = None,
-    ) -> MotionPlan:
-        """Plan a motion of the tip to a point (3,) [m], base frame; see ``move_to``.
+    def plan_to(self, position_m: ArrayLike, **options: Unpack[PlanOptions]) -> MotionPlan:
+        """Plan a motion of the tip to a point (3,) [m]; see ``move_to``.
+
+        Options: speed, stance, orientation; see ``PlanOptions``.
 
         Raises:
             UnreachableError: It is out of reach; carries the nearest point.
         """
-        return self._preflight.plan_to(position_m, speed, check_orientation(stance, orientation))
+        tip = parse_options("plan_to", PlanOptions, options)
+        return self._preflight.plan_to(position_m, tip)
 
-    def plan_line(
-        self,
-        position_m: ArrayLike,
-        *,
-        speed: str = "normal",
-        stance: ToolOrientation = KEEP_BEST_EFFORT,
-        orientation: ArrayLike | None = None,
-    ) -> MotionPlan:
-        """Plan a straight line of the tip to a point; see ``move_line``."""
-        stance = check_orientation(stance, orientation)
-        return self.plan_through([position_m], line=True, speed=speed, stance=stance)
+    def plan_line(self, position_m: ArrayLike, **options: Unpack[PlanOptions]) -> MotionPlan:
+        """Plan a straight line of the tip to a point; options as ``plan_to``; see ``move_line``."""
+        tip = parse_options("plan_line", PlanOptions, options)
+        return self._preflight.plan_line(position_m, tip)
 
-    def plan_through(
-        self,
-        points_m: Sequence[ArrayLike],
-        *,
-        blend_m: float = BLEND_M,
-        line: bool = False,
-        speed: str = "normal",
-        stance: ToolOrientation = KEEP_BEST_EFFORT,
-        orientation: ArrayLike | None = None,
-    ) -> MotionPlan:
-        """Plan a motion through points without a stop; see ``move_through``."""
-        stance = check_orientation(stance, orientation)
-        return self._preflight.plan_through(points_m, blend_m, speed, stance, line=line)
+    def plan_through(self, points_m: Points, **options: Unpack[PlanThroughOptions]) -> MotionPlan:
+        """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``.
 
-    def plan_joints(self, positions: JointPositions, *, speed: str = "normal") -> MotionPlan:
+        Options: blend_m, line, speed, stance, orientation; see ``PlanThroughOptions``.
+        """
+        tip = parse_options("plan_through", PlanThroughOptions, options)
+        return self._preflight.plan_through(points_m, tip)
+
+    def plan_joints(self, positions: Positions, *, speed: str = "normal") -> MotionPlan:
         """Plan a motion of some joints; see ``move_joints``."""
         return self._preflight.plan_joints(positions, speed)
 
@@ -357,10 +348,7 @@ class Arm:
 
         The rest pose is clamped however far it is beyond them: an arm must always be able to come
         down. Another pose is where its joints are on their end stops, just beyond a limit.
-
-        Args:
-            pose: Its name.
-            start: The present joints (n,); measured if None.
+        ``start`` are the present joints (n,); measured if None.
 
         Raises:
             UnknownNameError: No such pose.
@@ -400,41 +388,19 @@ class Arm:
         self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
     ) -> Motion[MoveResult]: ...
     def move_to(
-        self,
-        position_m: ArrayLike,
-        *,
-        speed: str = "normal",
-        stance: ToolOrientation = KEEP_BEST_EFFORT,
-        orientation: ArrayLike | None = None,
-        on_progress: OnProgress | None = None,
-        wait: bool = True,
+        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[PointOptions]
     ) -> MoveResult | Motion[MoveResult]:
-        """Move the tip to a point and block until the arm is at rest.
+        """Move the tip to a point (3,) [m].
 
-        Args:
-            position_m: The point (3,), metres, in the arm's base frame.
-            speed: slow, normal or fast; the first motion after torque comes on is slow.
-            stance: The orientation of the tool at the end; by default the arm keeps the present one
-                as well as it can.
-            orientation: The whole orientation R_base_tip (3, 3) instead. Arms with fewer than six
-                joints have it at few points; they take a direction or a pitch.
-            on_progress: Called in every control cycle, in the thread that moves the arm.
-            wait: Whether to block. If false the motion is planned and runs in the background, after
-                the ones before it; the returned ``Motion`` has ``done``, ``wait`` and ``cancel``,
-                its ``wait`` returns the result and raises the errors. Closing the arm cancels it.
+        Options: speed, stance, orientation, on_progress; see ``PointOptions``.
 
         Raises:
             UnreachableError: No joint positions within the limits reach it; nothing has moved.
             OrientationError: The tool cannot have the orientation there; nothing has moved.
-            CalibrationError: The arm is not calibrated; nothing has moved.
-            RefusedError: Something is in the way, or the guard stopped the motion; the arm holds.
-            StoppedError: ``stop`` was called, here or by another process; the arm holds.
-            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
+            IkservoError: Those of every motion; see ``Arm``.
         """
-        stance = check_orientation(stance, orientation)
-        return self._move_tip(
-            lambda: self.plan_to(position_m, speed=speed, stance=stance), on_progress, wait=wait
-        )
+        tip = parse_options("move_to", PointOptions, options)
+        return self._move_tip(lambda: self._preflight.plan_to(position_m, tip), tip, wait=wait)
 
     @overload
     def move_line(
@@ -445,115 +411,65 @@ class Arm:
         self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
     ) -> Motion[MoveResult]: ...
     def move_line(
-        self,
-        position_m: ArrayLike,
-        *,
-        speed: str = "normal",
-        stance: ToolOrientation = KEEP_BEST_EFFORT,
-        orientation: ArrayLike | None = None,
-        on_progress: OnProgress | None = None,
-        wait: bool = True,
+        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[PointOptions]
     ) -> MoveResult | Motion[MoveResult]:
-        """Move the tip to a point on a straight line, and block until the arm is at rest.
+        """Move the tip to a point (3,) [m] on a straight line; the tool turns evenly along it.
 
-        Options and errors are those of ``move_to``; the tool turns evenly along the line.
+        Options: speed, stance, orientation, on_progress; see ``PointOptions``.
 
         Raises:
-            UnreachableError: A point on the line is out of reach; nothing has moved.
+            UnreachableError: A point on the line is out of reach; nothing has moved. Others as for
+                ``move_to``.
         """
-        stance = check_orientation(stance, orientation)
-        return self._move_tip(
-            lambda: self.plan_line(position_m, speed=speed, stance=stance), on_progress, wait=wait
-        )
+        tip = parse_options("move_line", PointOptions, options)
+        return self._move_tip(lambda: self._preflight.plan_line(position_m, tip), tip, wait=wait)
 
     @overload
     def move_through(
-        self,
-        points_m: Sequence[ArrayLike],
-        *,
-        wait: Literal[True] = True,
-        **options: Unpack[ThroughOptions],
+        self, points_m: Points, *, wait: Literal[True] = True, **options: Unpack[ThroughOptions]
     ) -> MoveResult: ...
     @overload
     def move_through(
-        self,
-        points_m: Sequence[ArrayLike],
-        *,
-        wait: Literal[False],
-        **options: Unpack[ThroughOptions],
+        self, points_m: Points, *, wait: Literal[False], **options: Unpack[ThroughOptions]
     ) -> Motion[MoveResult]: ...
     def move_through(
-        self,
-        points_m: Sequence[ArrayLike],
-        *,
-        blend_m: float = BLEND_M,
-        line: bool = False,
-        speed: str = "normal",
-        stance: ToolOrientation = KEEP_BEST_EFFORT,
-        orientation: ArrayLike | None = None,
-        on_progress: OnProgress | None = None,
-        wait: bool = True,
+        self, points_m: Points, *, wait: bool = True, **options: Unpack[ThroughOptions]
     ) -> MoveResult | Motion[MoveResult]:
-        """Move the tip through points without a stop, to rest at the last.
+        """Move the tip through points (k, 3) [m] without a stop, to rest at the last.
 
-        Args:
-            points_m: The points (k, 3), metres, in the arm's base frame.
-            blend_m: Within which distance the tip passes each point but the last.
-            line: Whether the tip moves on straight lines; else the joints do.
-            speed: slow, normal or fast.
-            stance: The orientation of the tool at the last point.
-            orientation: The whole orientation R_base_tip (3, 3) there instead.
-            on_progress: Called in every control cycle.
-            wait: Whether to block; else the motion runs in the background, see ``move_to``.
+        Options: blend_m, line, speed, stance, orientation, on_progress; see ``ThroughOptions``.
 
         Raises:
             UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Others
                 as for ``move_to``.
         """
-        stance, points_m = check_orientation(stance, orientation), parse_points(points_m)
-        return self._move_tip(
-            lambda: self._preflight.plan_through(points_m, blend_m, speed, stance, line=line),
-            on_progress,
-            wait=wait,
-        )
+        tip = parse_options("move_through", ThroughOptions, options)
+        points = parse_points(points_m)
+        return self._move_tip(lambda: self._preflight.plan_through(points, tip), tip, wait=wait)
 
     @overload
     def move_joints(
-        self,
-        positions: JointPositions,
-        *,
-        wait: Literal[True] = True,
-        **options: Unpack[JointOptions],
+        self, positions: Positions, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
     ) -> JointMoveResult: ...
     @overload
     def move_joints(
-        self, positions: JointPositions, *, wait: Literal[False], **options: Unpack[JointOptions]
+        self, positions: Positions, *, wait: Literal[False], **options: Unpack[JointOptions]
     ) -> Motion[JointMoveResult]: ...
     def move_joints(
-        self,
-        positions: JointPositions,
-        *,
-        speed: str = "normal",
-        on_progress: OnProgress | None = None,
-        wait: bool = True,
+        self, positions: Positions, *, wait: bool = True, **options: Unpack[JointOptions]
     ) -> JointMoveResult | Motion[JointMoveResult]:
-        """Move some joints and block until the arm is at rest.
+        """Move some joints, given by name [rad or m]; the others stay. Or all of them (n,).
 
-        Args:
-            positions: By joint, rad, or m for prismatic ones; the others stay. Or an array of all
-                joints (n,), in the order of ``joint_names``.
-            speed: slow, normal or fast.
-            on_progress: Called in every control cycle.
-            wait: Whether to block; else the motion runs in the background, see ``move_to``.
+        Options: speed, on_progress; see ``JointOptions``.
 
         Raises:
             UnknownNameError: No such joint.
             RefusedError: A position is outside the limits; nothing has moved. Others as for
                 ``move_to``.
         """
-        check_callable("on_progress", on_progress)
+        chosen = parse_options("move_joints", JointOptions, options)
         goal = parse_all_positions(positions, self.joint_names)
-        return self._background.run(lambda: self._move_joints(goal, speed, on_progress), wait=wait)
+        return self._background.run(lambda: self._move_joints(goal, chosen), wait=wait)
 
     @overload
     def pose(
@@ -564,20 +480,11 @@ class Arm:
         self, name: str, *, wait: Literal[False], **options: Unpack[JointOptions]
     ) -> Motion[JointMoveResult]: ...
     def pose(
-        self,
-        name: str,
-        *,
-        speed: str = "normal",
-        on_progress: OnProgress | None = None,
-        wait: bool = True,
+        self, name: str, *, wait: bool = True, **options: Unpack[JointOptions]
     ) -> JointMoveResult | Motion[JointMoveResult]:
         """Move to a pose of the arm file, or to a taught one, clamped to the limits.
 
-        Args:
-            name: Its name.
-            speed: slow, normal or fast.
-            on_progress: Called in every control cycle.
-            wait: Whether to block; else the motion runs in the background, see ``move_to``.
+        Options: speed, on_progress; see ``JointOptions``.
 
         Returns:
             The result; ``binding`` names the joints that were clamped.
@@ -586,54 +493,38 @@ class Arm:
             UnknownNameError: No such pose; suggests the closest.
             RefusedError: It is outside this arm's limits, or something is in the way.
         """
-        check_callable("on_progress", on_progress)
-        self.model.speed(speed)
+        chosen = parse_options("pose", JointOptions, options)
+        self.model.speed(chosen.speed)
         inside = self.pose_within_limits(name)
-        return self._background.run(lambda: self._move_pose(inside, speed, on_progress), wait=wait)
+        return self._background.run(lambda: self._move_pose(inside, chosen), wait=wait)
 
     @overload
     def gripper(
-        self,
-        to: GripperCommand | float | None = None,
-        *,
-        wait: Literal[True] = True,
-        **options: Unpack[GripperOptions],
+        self, to: JawGoal = None, *, wait: Literal[True] = True, **options: Unpack[GripperOptions]
     ) -> GraspResult: ...
     @overload
     def gripper(
-        self,
-        to: GripperCommand | float | None = None,
-        *,
-        wait: Literal[False],
-        **options: Unpack[GripperOptions],
+        self, to: JawGoal = None, *, wait: Literal[False], **options: Unpack[GripperOptions]
     ) -> Motion[GraspResult]: ...
     def gripper(
-        self,
-        to: GripperCommand | float | None = None,
-        *,
-        width_m: float | None = None,
-        force: float | None = None,
-        on_progress: OnProgress | None = None,
-        wait: bool = True,
+        self, to: JawGoal = None, *, wait: bool = True, **options: Unpack[GripperOptions]
     ) -> GraspResult | Motion[GraspResult]:
         """Open or close the gripper, or move its jaws to a width.
 
-        Where an object blocks the jaws they stop, and hold it with no more than the given force.
+        ``to`` is open, close, or a width [m] where the arm file has widths. Where an object blocks
+        the jaws they stop, and hold it with no more than the given force.
 
-        Args:
-            to: open, close, or a width in metres where the arm file has widths.
-            width_m: The same width, by name.
-            force: The fraction of the servo's torque that it may use, 0.05 to 1; 0.3 if None.
-            on_progress: Called in every control cycle.
-            wait: Whether to block; else the motion runs in the background, see ``move_to``.
+        Options: width_m, force, on_progress; see ``GripperOptions``.
 
         Raises:
             IkservoError: The arm has no gripper.
             RefusedError: A jaw would touch something; nothing has moved.
             BadValueError: The width is out of its range or unknown, or the force is no fraction.
         """
+        check_options("gripper", GripperOptions, options)
+        force, on_progress = options.get("force"), options.get("on_progress")
         check_callable("on_progress", on_progress)
-        goal, arm = resolve_goal(to, width_m), (self._context, self._runner)
+        goal, arm = resolve_goal(to, options.get("width_m")), (self._context, self._runner)
         return self._background.run(lambda: move_gripper(*arm, goal, force, on_progress), wait=wait)
 
     @overload
@@ -645,25 +536,22 @@ class Arm:
         self, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
     ) -> Motion[ReplayResult]: ...
     def replay(
-        self,
-        path: Path | str,
-        *,
-        speed: str = "normal",
-        on_progress: OnProgress | None = None,
-        wait: bool = True,
+        self, path: Path | str, *, wait: bool = True, **options: Unpack[JointOptions]
     ) -> ReplayResult | Motion[ReplayResult]:
         """Move to the first pose of a recording of this arm, then along it.
 
         It is as fast as recorded where that is within the speed class, else slowed down as a whole.
 
+        Options: speed, on_progress; see ``JointOptions``.
+
         Raises:
             FileFormatError: It is malformed, or another arm's; says in which line.
             RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
-            CalibrationError: The arm is not calibrated.
         """
-        path, arm = self._check_replay(path, speed), (self._context, self._runner)
-        check_callable("on_progress", on_progress)
-        return self._background.run(lambda: replay(*arm, path, speed, on_progress), wait=wait)
+        chosen = parse_options("replay", JointOptions, options)
+        path, arm = self._check_replay(path, chosen.speed), (self._context, self._runner)
+        settings = (chosen.speed, chosen.on_progress)
+        return self._background.run(lambda: replay(*arm, path, *settings), wait=wait)
 
     def load_replay(
         self, path: Path | str, *, speed: str = "normal"
@@ -690,8 +578,8 @@ class Arm:
 
         Args:
             path: A new file: a header, then one line of JSON for each sample.
-            duration_s: How long; until ``until`` returns True if None.
-            until: Called at each sample.
+            duration_s: How long; for as long as ``until`` says if None.
+            until: Called at each sample; ends the recording by returning True.
             period_s: Between two samples.
             overwrite: Whether an existing file may be replaced.
 
@@ -709,8 +597,8 @@ class Arm:
 
         Args:
             name: 1 to 64 of A-Z a-z 0-9 _ -, and no pose of the arm file.
-            until: Returns once the arm has been moved by hand. The arm is relaxed before, if it
-                holds; without this nothing is relaxed.
+            until: Returns once the arm, relaxed before if it holds, has been moved by hand. Without
+                it nothing is relaxed.
             hold: Whether torque is switched on afterwards.
 
         Raises:
@@ -740,62 +628,51 @@ class Arm:
         return jog(self._context, self._runner, what, speed, wanted)
 
     def follow(
-        self,
-        targets: Iterable[CartesianOrJointTarget | None],
-        *,
-        speed: str = "normal",
-        on_progress: OnProgress | None = None,
+        self, targets: Iterable[CartesianOrJointTarget | None], **options: Unpack[FollowOptions]
     ) -> FollowResult:
         """Follow a stream of targets, one in each control cycle, until it ends.
 
         Each cycle takes the next item: a ``Target``, a point (3,) [m], a pose (4, 4) of the tip,
-        positions by joint [rad or m], or None for nothing new. The arm goes there as fast as its
-        speed class allows, without a stop or a jump, and keeps its branch. A target is valid for
-        0.3 s: without a new one the arm then brakes where it is.
+        positions by joint [rad or m], or None for nothing new; a generator may block for a while.
+        The arm goes there as fast as its speed class allows, without a stop or a jump, and keeps
+        its branch. A target is valid for 0.3 s: without a new one the arm then brakes where it is.
 
         At the end the sag under load is corrected, as by ``move_to``, at the last target that the
         guard accepted, or where the arm was braked; not after a stop or an error of the stream.
 
-        Args:
-            targets: The stream; a generator may block for a while.
-            speed: slow, normal or fast.
-            on_progress: Called in every control cycle.
+        Options: speed, on_progress; see ``FollowOptions``.
 
         Raises:
             BadValueError: An item is no target; the arm was braked first.
             StoppedError: ``stop`` was called; the arm holds.
         """
-        check_callable("on_progress", on_progress)
+        chosen = parse_options("follow", FollowOptions, options)
         check_iterable("The stream of targets", targets, "an iterable of targets")
-        return follow(self._context, self._runner, targets, speed, on_progress)
+        return follow(self._context, self._runner, targets, chosen.speed, chosen.on_progress)
 
     def follow_arm(
         self,
         leader: Arm,
         *,
-        speed: str = "normal",
         until: Callable[[], bool] | None = None,
-        on_progress: OnProgress | None = None,
+        **options: Unpack[FollowOptions],
     ) -> FollowResult:
-        """Follow another arm that is guided by hand, joint by joint of the same name.
+        """Follow another arm, guided by hand, joint by joint of the same name.
 
-        The leader's torque is left as it is; its gripper leads the gripper. This arm keeps its own
-        limits, and brakes where the leader does not answer for 0.3 s.
+        ``leader`` is an open arm on another port; its torque is left as it is, its gripper leads
+        the gripper. This arm keeps its own limits, and brakes where the leader does not answer for
+        0.3 s. It ends when ``until``, called in every control cycle, returns True.
 
-        Args:
-            leader: An open arm on another port.
-            speed: slow, normal or fast; fast keeps closest.
-            until: Ends it by returning True.
-            on_progress: Called in every control cycle.
+        Options: speed (fast keeps closest), on_progress; see ``FollowOptions``.
 
         Raises:
             InputError: The arms have no joint in common.
             CalibrationError: One of the arms is not calibrated.
         """
+        chosen = parse_options("follow_arm", FollowOptions, options)
         context, arm = self._leader_context(leader), (self._context, self._runner)
         check_callable("until", until)
-        check_callable("on_progress", on_progress)
-        return follow_arm(*arm, context, speed, until, on_progress)
+        return follow_arm(*arm, context, chosen.speed, until, chosen.on_progress)
 
     def follow_goals(self, source: GoalSource, *, speed: str = "normal") -> None:
         """Follow joint goals that ``source`` gives in every control cycle, until it ends.
@@ -814,15 +691,11 @@ class Arm:
                 for q in trajectory:           # (n,), or {"elbow_flex": 0.3}, or a Target
                     stream.send(q)
 
-        The arm follows the newest setpoint as fast as the speed class allows and without a jump,
-        through the guard. After 0.3 s without one, and at the end of the block, it brakes and
-        holds. An error ends the stream and is raised by the next ``send``, or at the end of the
-        block.
-
-        Args:
-            speed: slow, normal or fast; fast keeps closest.
-            rate_hz: Setpoints a second, 5 to 1000: ``send`` returns when the next is due. If None
-                it returns at once, and the program keeps its own time.
+        The arm follows the newest setpoint as fast as the speed class (slow, normal or fast, which
+        keeps closest) allows and without a jump, through the guard. After 0.3 s without one, and at
+        the end of the block, it brakes and holds. An error ends the stream and is raised by the
+        next ``send``, or at the end of the block. With ``rate_hz``, 5 to 1000 setpoints a second,
+        ``send`` returns when the next is due; else at once, and the program keeps its own time.
 
         Raises:
             CalibrationError: The arm is not calibrated.
@@ -833,22 +706,20 @@ class Arm:
         return SetpointStream(self._context, self._runner, start, speed, rate_hz)
 
     def _move_tip(
-        self, planning: Callable[[], MotionPlan], on_progress: OnProgress | None, *, wait: bool
+        self, planning: Callable[[], MotionPlan], chosen: MotionSettings, *, wait: bool
     ) -> MoveResult | Motion[MoveResult]:
-        check_callable("on_progress", on_progress)
-        arm, held = (self._context, self._runner), self._preflight.plan_from_held
-        return self._background.run(lambda: move_tip(*arm, held(planning), on_progress), wait=wait)
+        def run() -> MoveResult:
+            plan = self._preflight.plan_from_held(planning)
+            return move_tip(self._context, self._runner, plan, chosen.on_progress)
 
-    def _move_joints(
-        self, goal: Mapping[str, float], speed: str, on_progress: OnProgress | None
-    ) -> JointMoveResult:
-        plan = self._preflight.plan_from_held(lambda: self.plan_joints(goal, speed=speed))
-        return move_joints(self._context, self._runner, goal, plan, on_progress)
+        return self._background.run(run, wait=wait)
 
-    def _move_pose(
-        self, inside: PoseWithinLimits, speed: str, on_progress: OnProgress | None
-    ) -> JointMoveResult:
-        report = self._move_joints(inside.positions, speed, on_progress)
+    def _move_joints(self, goal: Mapping[str, float], chosen: MotionSettings) -> JointMoveResult:
+        plan = self._preflight.plan_from_held(lambda: self.plan_joints(goal, speed=chosen.speed))
+        return move_joints(self._context, self._runner, goal, plan, chosen.on_progress)
+
+    def _move_pose(self, inside: PoseWithinLimits, chosen: MotionSettings) -> JointMoveResult:
+        report = self._move_joints(inside.positions, chosen)
         return replace(report, binding=inside.changed + report.binding)
 
     def _check_replay(self, path: Path | str, speed: str) -> Path:

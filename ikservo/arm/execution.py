@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from math import radians
-from typing import TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ikservo.arm.arguments import check_callable
 from ikservo.arm.context import ArmContext
@@ -18,16 +16,11 @@ from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.settling import SettlingResult, settle
 from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
-from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
 from ikservo.ik import Result
 from ikservo.kinematics.arrays import Vector
 
 __all__ = [
-    "GripperOptions",
-    "JointOptions",
-    "PointOptions",
-    "ThroughOptions",
     "execute",
     "lower",
     "move_joints",
@@ -39,37 +32,6 @@ __all__ = [
 # Servos of this class come to rest within one or two ticks of 0.09° of their goals.
 _POSITION_TOLERANCE_M = 0.002
 _JOINT_TOLERANCE_RAD = radians(0.5)
-
-
-class JointOptions(TypedDict, total=False):
-    """Options of a motion of joints."""
-
-    speed: str
-    on_progress: OnProgress | None
-
-
-class PointOptions(TypedDict, total=False):
-    """Options of a motion of the tip to a point."""
-
-    speed: str
-    on_progress: OnProgress | None
-    stance: ToolOrientation
-    orientation: ArrayLike | None
-
-
-class ThroughOptions(PointOptions, total=False):
-    """Options of a motion of the tip through several points."""
-
-    blend_m: float
-    line: bool
-
-
-class GripperOptions(TypedDict, total=False):
-    """Options of a motion of the gripper."""
-
-    width_m: float | None
-    force: float | None
-    on_progress: OnProgress | None
 
 
 def execute(

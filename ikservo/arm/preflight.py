@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ikservo.arm.arguments import parse_all_positions, parse_number, parse_points
 from ikservo.arm.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_options import MotionSettings
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.plan import (
     RETRACT_POSES,
@@ -24,7 +25,6 @@ from ikservo.arm.plan import (
 )
 from ikservo.arm.planner import with_suggested_point
 from ikservo.arm.poses import PoseLibrary
-from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.errors import OrientationError, RefusedError, UnreachableError
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
@@ -53,13 +53,15 @@ class PreflightPlanner:
         self._context, self._runner, self._poses = context, runner, poses
         self._model, self._planner, self._servos = context.model, context.planner, context.servos
 
-    def plan_to(self, position_m: ArrayLike, speed: str, stance: ToolOrientation) -> MotionPlan:
+    def plan_to(self, position_m: ArrayLike, tip: MotionSettings) -> MotionPlan:
         """Plan a motion of the tip to a point (3,) [m]; see ``Arm.plan_to``."""
 
         def plan(point_m: ArrayLike) -> MotionPlan:
             return self.plan_cartesian(
-                lambda start, allowed: self._planner.plan_to_point(start, point_m, allowed, stance),
-                speed,
+                lambda start, allowed: self._planner.plan_to_point(
+                    start, point_m, allowed, tip.stance
+                ),
+                tip.speed,
             )
 
         try:
@@ -70,20 +72,16 @@ class PreflightPlanner:
             tip_m = self._planner.tip(self._runner.start_position())
             raise with_suggested_point(error, self._context.chain, tip_m, plan) from None
 
-    def plan_through(
-        self,
-        points_m: Sequence[ArrayLike],
-        blend_m: float,
-        speed: str,
-        stance: ToolOrientation,
-        *,
-        line: bool,
-    ) -> MotionPlan:
+    def plan_line(self, position_m: ArrayLike, tip: MotionSettings) -> MotionPlan:
+        """Plan a straight line of the tip to a point (3,) [m]; see ``Arm.plan_line``."""
+        return self.plan_through([position_m], replace(tip, line=True))
+
+    def plan_through(self, points_m: Sequence[ArrayLike], tip: MotionSettings) -> MotionPlan:
         """Plan a motion of the tip through points (k, 3) [m]; see ``Arm.plan_through``."""
-        blend_m, points_m = parse_number("The blend", blend_m), parse_points(points_m)
-        make = self._planner.plan_linear if line else self._planner.plan_waypoints
+        blend_m, points_m = parse_number("The blend", tip.blend_m), parse_points(points_m)
+        make = self._planner.plan_linear if tip.line else self._planner.plan_waypoints
         return self.plan_cartesian(
-            lambda start, allowed: make(start, points_m, allowed, blend_m, stance), speed
+            lambda start, allowed: make(start, points_m, allowed, blend_m, tip.stance), tip.speed
         )
 
     def plan_cartesian(self, planning: PlanFrom, speed: str) -> MotionPlan:

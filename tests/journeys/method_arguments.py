@@ -26,6 +26,12 @@ def methods():
     return tuple(name for name, _ in found if not name.startswith("_"))
 
 
+def parameters(name):
+    """Return the parameters of a method but self and its options, which all have defaults."""
+    found = list(inspect.signature(getattr(Arm, name)).parameters.values())[1:]
+    return [each for each in found if each.kind is not inspect.Parameter.VAR_KEYWORD]
+
+
 def arguments(name, arm, folder):
     """Return the required arguments of a method, for this arm.
 
@@ -33,7 +39,7 @@ def arguments(name, arm, folder):
         LookupError: A parameter without a value here.
     """
     values = {}
-    for parameter in list(inspect.signature(getattr(Arm, name)).parameters.values())[1:]:
+    for parameter in parameters(name):
         if (name, parameter.name) in _OWN:
             values[parameter.name] = _OWN[name, parameter.name](arm, folder)
         elif parameter.default is inspect.Parameter.empty:
