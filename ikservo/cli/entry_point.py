@@ -163,9 +163,16 @@ def _run_and_report(args: Sequence[str]) -> _Outcome:
         code = _run_command([_NEGATIVE.sub("\N{MINUS SIGN}", arg) for arg in args])
         sys.stdout.flush()  # here, where a full disk can still be reported
         return _Outcome(code)
-    except (IkservoError, KeyboardInterrupt, SystemExit, OSError) as error:
+    except (IkservoError, KeyboardInterrupt, SystemExit, OSError) as raised:
+        error = _broken_pipe(raised) or raised
         code = _report_failure(error, args)
         return _Outcome(code, code == ExitCode.STOPPED and _is_interrupt(error))
+
+
+def _broken_pipe(error: BaseException) -> BrokenPipeError | None:
+    """Return the broken pipe for which typer has raised ``SystemExit``; None for another error."""
+    cause = error.__context__ if isinstance(error, SystemExit) else None
+    return cause if isinstance(cause, BrokenPipeError) else None
 
 
 def _report_failure(error: BaseException, args: Sequence[str]) -> int:
@@ -181,6 +188,8 @@ def _report_failure(error: BaseException, args: Sequence[str]) -> int:
     outcome = _exit_code_of(error)
     if outcome is not None:
         return outcome
+    if isinstance(error, BrokenPipeError):  # such as `| head`: the reader has what it wanted
+        return ExitCode.FAILED
     return _report_error(f"The output could not be written: {error}.", "", ExitCode.FAILED)
 
 
@@ -273,7 +282,8 @@ def _error_chain(error: BaseException | None) -> Iterator[BaseException]:
 def _report_error(message: str, hint: str, code: ExitCode, *, as_json: bool = False) -> int:
     if as_json:
         report = {"schema": "ikservo/error/1", "error": message, "hint": hint, "exit_code": code}
-        print(json.dumps(report, ensure_ascii=False))  # noqa: T201
+        with contextlib.suppress(OSError):  # the reader of stdout has exited
+            print(json.dumps(report, ensure_ascii=False))  # noqa: T201
     with contextlib.suppress(OSError):  # the terminal was closed: only the exit code remains
         print_status(message)
         if hint:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -159,3 +160,30 @@ def test_an_answer_that_cannot_be_written_is_said_in_one_line():
     assert done.returncode == 1
     assert "could not be written" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def run_for_a_reader_that_has_exited(words, unbuffered):
+    """Run a command whose stdout nobody reads; return its exit code and stderr."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as stdout:
+        done = subprocess.run(
+            [sys.executable, "-m", "ikservo", *words.split()],
+            env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+            stdout=stdout, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("as_json", ["", "--json"])
+def test_a_reader_that_has_exited_ends_a_command_without_a_message(unbuffered, as_json):
+    assert run_for_a_reader_that_has_exited(f"where {SIM} {as_json}", unbuffered) == (1, "")
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_an_error_keeps_its_exit_code_for_a_reader_that_has_exited(unbuffered):
+    code, err = run_for_a_reader_that_has_exited(f"move 0.9 0 0.1 {SIM} --json", unbuffered)
+    assert code == 7
+    assert "cannot be reached" in err
+    assert "Traceback" not in err
