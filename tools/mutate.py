@@ -6,9 +6,9 @@
 
 Each mutant is one change: a comparison, a sign, a constant, a condition, a statement left out. It
 is put in place of the original in a forked process, and the tests that call what is changed run
-there until one fails. Survivors are printed with their place and difference; the exit code is 1 if
-there are any. Equivalent mutants are excused, with the reason, in
-``tools/mutation/excused.py``.
+there until one fails. Survivors are printed with their place and difference, and whether no test
+enters what is changed; the exit code is 1 if there are any. Equivalent mutants are excused, with
+the reason, in ``tools/mutation/excused.py``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 from mutation.gathering import Tests, with_tests
 from mutation.mutant import Mutant, mutants_of
 from mutation.packages import PACKAGES, Package
-from mutation.running import preload, run
+from mutation.running import is_entered, preload, run
 
 _MOST = "tests of so many seconds in all for each mutant, the likeliest to fail (all)"
 
@@ -80,11 +80,17 @@ def _run(package: Package, tried: dict[str, list[Mutant]], given: argparse.Names
             survivors.extend(alive)
             excused = sum(bool(m.excuse()) for m in mutants_of(package, module))
             counts = f"{len(mutants) - len(alive)} killed, {len(alive)} survived"
-            print(*alive, f"{package.name}.{module}: {counts}, {excused} excused", sep="\n")
+            described = [_describe(mutant, tests) for mutant in alive]
+            print(*described, f"{package.name}.{module}: {counts}, {excused} excused", sep="\n")
             sys.stdout.flush()
 
     with_tests(package, given.tests or package.tests(), work)
     return len(survivors)
+
+
+def _describe(mutant: Mutant, tests: Tests) -> str:
+    """Return place and difference of a survivor, and whether no test enters its function."""
+    return str(mutant) if is_entered(mutant, tests) else f"{mutant}no test enters it\n"
 
 
 if __name__ == "__main__":

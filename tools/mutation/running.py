@@ -33,7 +33,7 @@ from mutation.swapping import (
     put_in,
 )
 
-__all__ = ["preload", "run"]
+__all__ = ["is_entered", "preload", "run"]
 
 _POLL_S = 0.005
 _SURVIVED, _KILLED, _NOT_LOADED = 1, 0, 2
@@ -86,12 +86,33 @@ def run(
     inside = [m for m in mutants if not kernel and (function_around(m) or constants_around(m))]
     longest_s = module.longest_s(plain=False)
     alive, not_loaded = _in_children(inside, module.survives_inside, jobs, longest_s)
-    again = [m for m in alive if module.acts_early(m)]
+    again = [m for m in alive if _acts_early(m, tests)]
     anew = [m for m in mutants if m not in inside or m in again or m in not_loaded]
     longest_s = module.longest_s(plain=mutants[0].package.is_plain(mutants[0].module))
     alive_anew, _ = _in_children(anew, module.survives_anew, jobs, longest_s)
     alive = [m for m in alive if m not in again] + alive_anew
     return [m for m in mutants if m in alive]
+
+
+def is_entered(mutant: Mutant, tests: Tests) -> bool:
+    """Return whether a test, or an import, enters the function that is changed.
+
+    True where the change is in no function.
+    """
+    around = function_around(mutant)
+    if around is None:
+        return True
+    return bool(tests.of(mutant.path, *around)) or _acts_early(mutant, tests)
+
+
+def _acts_early(mutant: Mutant, tests: Tests) -> bool:
+    """Return whether what is changed may be used while modules are imported."""
+    around = function_around(mutant)
+    if around is None:
+        return True
+    first, last = around
+    early = tests.while_imported
+    return any(file == str(mutant.path) and first <= n <= last for file, n in early)
 
 
 @dataclass(slots=True, init=False)
@@ -115,15 +136,6 @@ class _Module:
         """Return how long a mutant may take in all."""
         return (_PLAIN if plain else _WALL) * sum(self.tests.cost_s) + _WALL_S
 
-    def acts_early(self, mutant: Mutant) -> bool:
-        """Return whether what is changed may be used while modules are imported."""
-        around = function_around(mutant)
-        if around is None:
-            return True
-        first, last = around
-        early = self.tests.while_imported
-        return any(file == str(mutant.path) and first <= n <= last for file, n in early)
-
     def survives_inside(self, mutant: Mutant) -> bool:
         """Run the tests that use what is changed; return whether all of them passed."""
         around = function_around(mutant)
@@ -134,7 +146,7 @@ class _Module:
             put_constants_in(mutant)
             entering = self._likeliest(self._using(mutant))
         failures = Failures()
-        for i, following in zip(entering, [*entering[1:], None], strict=True):
+        for i, following in itertools.zip_longest(entering, entering[1:]):
             item = self.tests.items[i]
             item.config.pluginmanager.register(failures)
             _limit(_PATIENCE * self.tests.cost_s[i] + _GRACE_S)
