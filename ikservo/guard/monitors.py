@@ -68,6 +68,9 @@ class TrackingMonitor:
         """
         # Written so that NaN is behind, too.
         behind = ~(np.abs(goals - measured) <= self._max_error)
+        if not behind.any():
+            self._behind.fill(0)
+            return
         self._behind = np.where(behind, self._behind + 1, 0)
         if (self._behind >= _MAX_CYCLES).any():
             names = [self._names[i] for i in np.flatnonzero(self._behind >= _MAX_CYCLES)]

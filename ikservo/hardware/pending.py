@@ -180,9 +180,14 @@ class PendingReplies:
         """
         if self._pending and any(self.is_pending(servo_id, size, now_s) for servo_id in servo_ids):
             return True
+
+        def confusable(reply: _ReceivedReply) -> bool:
+            return reply.size == size and (health.degraded or reply.request != request)
+
         for past in self._received_of(servo_ids):
-            for reply in _possible_duplicates(past, now_s, suspect=health.suspect):
-                if reply.size == size and (health.degraded or reply.request != request):
+            if any(map(confusable, past)):  # rarely, so the latest are sorted out only then
+                latest = _possible_duplicates(past, now_s, suspect=health.suspect)
+                if any(map(confusable, latest)):
                     return True
         return False
 

@@ -55,13 +55,17 @@ class FeetechProtections(AlarmBits):
         self._check_load(dt_s)
         if self._has_current:
             self._check_current(dt_s)
-        self._disable_output()
+        if self.bits:
+            self._disable_output()
 
     def _check_load(self, dt_s: float) -> None:
         get, motor = self.servo.memory.get, self.servo.motor
         heavy = abs(motor.pwm) * 100 > get("overload_torque")
         blocked = abs(motor.velocity_rad_s) < AT_REST_RAD_S
-        self._overload_s = self._overload_s + dt_s if heavy and blocked else 0.0
+        if not (heavy and blocked):
+            self._overload_s = 0.0
+            return
+        self._overload_s += dt_s
         if self._overload_s > get("protection_time") * 0.010 and not self.bits & OVERLOAD:
             self.bits |= OVERLOAD
             self.servo.drive.torque_limit = self.torque_limit()
@@ -70,8 +74,10 @@ class FeetechProtections(AlarmBits):
     def _check_current(self, dt_s: float) -> None:
         get = self.servo.memory.get
         limit_a = get("protection_current") * CURRENT_UNIT_A
-        high = abs(self.servo.motor.current_a) > limit_a > 0
-        self._over_current_s = self._over_current_s + dt_s if high else 0.0
+        if not abs(self.servo.motor.current_a) > limit_a > 0:
+            self._over_current_s = 0.0
+            return
+        self._over_current_s += dt_s
         if self._over_current_s > get("over_current_time") * 0.010:
             self.bits |= CURRENT
 

@@ -48,7 +48,10 @@ class StsSeries(FeetechSeries):
 
     def present_tick(self) -> int:
         """Return the present position: single turn unless phase bit 4 is set."""
-        tick = self.actual_tick() - self.memory.get("homing_offset")
+        return self._reported_tick(self.actual_tick())
+
+    def _reported_tick(self, actual_tick: int) -> int:
+        tick = actual_tick - self.memory.get("homing_offset")
         return tick if self.memory.get("phase") & PHASE_TURNS else tick % 4096
 
     def angle_at(self, position_tick: int) -> float:
@@ -59,7 +62,7 @@ class StsSeries(FeetechSeries):
         """
         actual = self.actual_tick()
         return self.shaft.angle_at(
-            actual + position_tick - self.present_tick() + self.turn_base_tick
+            actual + position_tick - self._reported_tick(actual) + self.turn_base_tick
         )
 
     def calibrate(self) -> None:
