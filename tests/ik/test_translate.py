@@ -181,3 +181,19 @@ def test_entries_and_constants_that_are_not_in_the_subset_are_refused(translate,
 def test_only_arrays_that_are_written_to_must_be_writable(translated, lines):
     code = translated(body(*lines, "row[0] = read(v)", "return x"))
     assert '{"kernel", "vMfi", \'f\', enter_kernel}' in code
+
+
+def test_a_function_with_long_loops_is_marked_for_the_compiler(translated):
+    code = translated(body("return read(v)"), HEAD.replace("def read", "@vectorised\ndef read"))
+    assert "static VECTORISED double kernels_read(" in code
+    assert "static double kernels_write(" not in code  # nothing calls it
+
+
+def test_a_decorator_of_a_called_function_is_not_ignored(translate, translated):
+    with pytest.raises(translate.TranslationError, match="@cache is not known"):
+        translated(body("return read(v)"), HEAD.replace("def read", "@cache\ndef read"))
+
+
+def test_a_function_of_another_package_is_refused(translate, translated):
+    with pytest.raises(translate.TranslationError, match=r"sqrt\(\) is not known"):
+        translated(body("return sqrt(x)"), HEAD.replace("import math", "from math import sqrt"))

@@ -44,16 +44,13 @@ class Program:
     def add_entries(self, module: Module) -> None:
         """Translate every function with ``@entry(check)``, and the check of its arrays."""
         for node in list(module.functions.values()):
-            for mark in node.decorator_list:
-                if not isinstance(mark, ast.Call) or ast.unparse(mark.func) != "entry":
-                    raise module.refusal(node, f"@{ast.unparse(mark)} is not known")
-                check = self.function(module, ast.unparse(mark.args[0]), node)
-                self._add_entry(module, node, check)
+            run = self.function(module, node.name, node) if node.decorator_list else None
+            if run and run.check:
+                self._add_entry(node, run, self.function(module, run.check, node))
 
-    def _add_entry(self, module: Module, node: ast.FunctionDef, check: Function) -> None:
-        run = self.function(module, node.name, node)
+    def _add_entry(self, node: ast.FunctionDef, run: Function, check: Function) -> None:
         if check.given != run.given or check.returns != "bool" or check.writes:
-            raise module.refusal(node, "The check has the same parameters and returns a bool")
+            raise run.module.refusal(node, "The check has the same parameters and returns a bool")
         letters = ""
         for name, kind in run.given.items():
             letter = ARRAYS[kind][2] if kind in ARRAYS else kind[0]
@@ -65,8 +62,8 @@ class Program:
             f"    if (!{check.c_name}({given})) return false;\n"
             f"    {result}{run.c_name}({given});\n    return true;\n}}\n"
         )
-        row = f'"{node.name}", "{letters}", \'{run.returns[0]}\', enter_{node.name}'
-        self.table.append(f"    {{{row}}},")
+        row = f'{node.name}", "{letters}", \'{run.returns[0]}\', enter_{node.name}'
+        self.table.append(f'    {{"{row}}},')
 
 
 class Function:
@@ -76,11 +73,20 @@ class Function:
         self.program, self.module, self.node = program, module, node
         self.constant = program.sources.constant
         self.c_name = f"{module.name.rpartition('.')[2]}_{node.name}"
-        self.depth, self.is_complete, self.writes = 1, False, set[str]()
+        self.check, self.modifier, self.writes = "", "static", set[str]()
+        self.depth, self.is_complete = 1, False
         self.lines, self.memory, self.loops = list[str](), list[str](), set[str]()
         rest = (node.args.vararg, node.args.kwarg, *node.args.kwonlyargs, *node.args.defaults)
         if any(rest) or node.args.posonlyargs:
             raise module.refusal(node, "Parameters have a name and a type only")
+        for mark in node.decorator_list:
+            match mark:
+                case ast.Call(ast.Name("entry"), [ast.Name(check)], []):
+                    self.check = check
+                case ast.Name("vectorised"):
+                    self.modifier = "static VECTORISED"
+                case _:
+                    raise module.refusal(node, f"@{ast.unparse(mark)} is not known")
         self.given = {each.arg: self._annotated(each.annotation) for each in node.args.args}
         self.returns, self.types = self._annotated(node.returns), self.given.copy()
         # The parameter that an array is or is a part of; nothing for memory of the function.
@@ -98,7 +104,7 @@ class Function:
             for name, kind in self.types.items()
             if name not in self.given
         ]
-        first = f"static {C_TYPES[self.returns]} {self.c_name}({head}) {{"
+        first = f"{self.modifier} {C_TYPES[self.returns]} {self.c_name}({head}) {{"
         where = f"/* {self.module.name}, line {self.node.lineno} */"
         self.program.c += [where, first, *self.memory, *own, *self.lines, "}\n"]
         self.is_complete = True
@@ -391,5 +397,4 @@ def translate(root: Path, modules: list[str]) -> tuple[str, list[Path], str]:
     for name in modules:
         program.add_entries(program.sources.load(name))
     table = ["static const Entry ENTRIES[] = {", *program.table, "    {NULL, NULL, 0, NULL},", "};"]
-    sources, digest = program.sources.digest()
-    return "\n".join([*program.c, *table, ""]), sources, digest
+    return "\n".join([*program.c, *table, ""]), *program.sources.digest()

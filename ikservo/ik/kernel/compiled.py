@@ -22,7 +22,7 @@ from platformdirs import user_cache_path
 
 from ikservo.kinematics.arrays import Matrix
 
-__all__ = ["bind", "entry", "is_compiled", "uncompiled"]
+__all__ = ["bind", "entry", "is_compiled", "uncompiled", "vectorised"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -76,6 +76,11 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
         return run if extension is None else cast("Callable[P, R]", extension.bind(name))
 
     return decorate
+
+
+def vectorised(function: Callable[P, R]) -> Callable[P, R]:
+    """Mark a kernel whose loops are long enough that C computes several rounds at once."""
+    return function
 
 
 def _check_types(

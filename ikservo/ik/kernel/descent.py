@@ -130,7 +130,7 @@ _DAMPING = 0.1
 # A step that reduces the squared error by less than this share approaches a minimum that is not
 # zero, where second derivatives matter (Fletcher and Xu 1987). Every other step does without them,
 # since they are misled by valleys that are nearly flat.
-_SLOW = 0.3
+_SLOW = 0.15
 # Solutions are refined to this share of the tolerance; smaller steps and slopes count as zero.
 _FINE, _STEP_END, _SLOPE_END = 1e-3, 1e-11, 1e-12
 _PERTURBATION_RAD, _MAX_PERTURBATIONS = 0.02, 3

@@ -53,12 +53,13 @@ def sincos(angle_rad: float) -> tuple[float, float]:
     sin = (_S1 + z * _S2) + z2 * ((_S3 + z * _S4) + z2 * (_S5 + z * _S6))
     cos = (_C1 + z * _C2) + z2 * ((_C3 + z * _C4) + z2 * (_C5 + z * _C6))
     sin, cos = r + r * z * sin, (1.0 - 0.5 * z) + z2 * cos
-    quadrant = int(quarters) % 4
-    if quadrant % 2 == 1:
-        cos, sin = -sin, cos
-    if quadrant >= 2:
-        return -cos, -sin
-    return cos, sin
+    # Cosine and sine of whole quarters, by what remains of two and of four of them: branches would
+    # often be mispredicted.
+    twos = (quarters * 0.5 + _ROUND) - _ROUND
+    fours = (twos * 0.5 + _ROUND) - _ROUND
+    b, over = quarters - 2.0 * twos, twos - 2.0 * fours
+    a = 1.0 - b * b - 2.0 * over * over
+    return a * cos - b * sin, a * sin + b * cos
 
 
 def forward_kinematics(arm: Matrix, work: Matrix) -> None:

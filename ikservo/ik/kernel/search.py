@@ -46,6 +46,7 @@ from ikservo.ik.kernel.seeding import (
     MORE,
     QUICK,
     THOROUGH,
+    puts_position_first,
     record_end,
     reset_scores,
     start_attempt,
@@ -146,7 +147,7 @@ def attempt(
     """
     n, weight, steps = int(arm[0, DOF]), settings[ROTATION_WEIGHT], 0
     free_turns = settings[TRACK] == 0.0 and not thorough
-    first = thorough and settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY
+    first = thorough and puts_position_first(settings)
     work[NORMS, TRACE_LEN] = 0.0
     if first or position_only:
         weight = 0.0
@@ -311,11 +312,12 @@ def _solve_one(
 
     Three phases: QUICK attempts from the start and the seeds; MORE, see below; THOROUGH attempts
     from the best ends. With weights the phase MORE starts between the best end and the seeds (a
-    local minimum near the target is often beside the path). With POSITION_FIRST it descends to
-    the wanted position alone, from where the first attempts ended and started.
+    local minimum near the target is often beside the path), and so does every other quick attempt
+    after the first few. With POSITION_FIRST it descends to the wanted position alone, from where
+    the first attempts ended and started.
     """
     n, restarts = int(arm[0, DOF]), int(settings[RESTARTS])
-    first = settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY
+    first = puts_position_first(settings)
     tail = result[2 * n :]
     tail[REACHED], tail[POSITION_ERROR], tail[ROTATION_ERROR] = 0.0, math.inf, math.inf
     phase = THOROUGH if settings[TRACK] == 1.0 else QUICK

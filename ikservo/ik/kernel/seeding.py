@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from ikservo.ik.kernel.compiled import vectorised
 from ikservo.ik.kernel.layout import (
     DIRECTION,
     END_COST,
@@ -44,6 +45,7 @@ __all__ = [
     "THOROUGH",
     "align_first_joint",
     "best_seed",
+    "puts_position_first",
     "record_end",
     "reset_scores",
     "score_seeds",
@@ -51,6 +53,7 @@ __all__ = [
 ]
 
 
+@vectorised
 def score_seeds(
     arm: Matrix, problem: Vector, settings: Vector, seeds: Matrix, n: int, scores: Matrix
 ) -> None:
@@ -82,10 +85,7 @@ def score_seeds(
 
 def best_seed(settings: Vector, scores: Matrix) -> int:
     """Return the number of the best seed that was not tried yet, and mark it as tried."""
-    best = 0
-    for k in range(1, int(settings[RESTARTS]) - 1):
-        if scores[SEED_COST, k] < scores[SEED_COST, best]:
-            best = k
+    best = _least_index(scores, SEED_COST, int(settings[RESTARTS]) - 1)
     scores[SEED_COST, best] = math.inf
     return best + 1
 
@@ -102,6 +102,7 @@ def align_first_joint(
     work[Q, int(arm[1, COLUMN])] = seeds[n + SEED_Q1, k] + turn
 
 
+@vectorised
 def _add_seed_products(
     arm: Matrix,
     v0: float,
@@ -129,6 +130,8 @@ def _add_seed_products(
 QUICK, MORE, THOROUGH = 0, 1, 2
 # Share of the way from the best end to a seed where a further attempt starts.
 _HOP_FRACTION = 0.35
+# So many attempts start at seeds; after that every other starts between the best end and one.
+_ALONE = 12
 # With position first, ends that miss the position rank after all that reach it.
 _FAR = 1e6
 
@@ -149,6 +152,9 @@ def start_attempt(
     if phase == QUICK or settings[TRACK] == 1.0:
         if k == 1:
             score_seeds(arm, problem, settings, seeds, n, scores)
+        if k >= _ALONE and k % 2 == 0 and not puts_position_first(settings):
+            _start_between(settings, start, seeds, (k - _ALONE) // 2, n, scores, work)
+            return (k - _ALONE) // 2
         seed = 0 if k == 0 else best_seed(settings, scores)
         _load_seed(start, seeds, seed, n, work)
         if k > 0:
@@ -159,10 +165,15 @@ def start_attempt(
         _load_end(seed, n, work)
         scores[END_COST, seed] = math.inf
         return seed
-    if settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY:
+    if puts_position_first(settings):
         return _restart_from_scores(settings, start, seeds, k, n, scores, work)
     _start_between(settings, start, seeds, k, n, scores, work)
     return k
+
+
+def puts_position_first(settings: Vector) -> bool:
+    """Return whether the position is met first, and the orientation as well as what remains."""
+    return settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY
 
 
 def reset_scores(restarts: int, scores: Matrix) -> None:
@@ -235,8 +246,15 @@ def _load_end(k: int, n: int, work: Matrix) -> None:
 
 
 def _best_end_index(settings: Vector, scores: Matrix) -> int:
-    best = 0
-    for k in range(1, int(settings[RESTARTS])):
-        if scores[END_COST, k] < scores[END_COST, best]:
-            best = k
+    return _least_index(scores, END_COST, int(settings[RESTARTS]))
+
+
+@vectorised
+def _least_index(scores: Matrix, row: int, count: int) -> int:
+    """Return where the least of a row's first entries is, the first of several."""
+    best, least = 0, scores[row, 0]
+    for k in range(1, count):
+        # kept in a register: looked up where it was found, each comparison would wait for the last
+        if scores[row, k] < least:
+            best, least = k, scores[row, k]
     return best
