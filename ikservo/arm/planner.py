@@ -28,7 +28,7 @@ from ikservo.guard import sample_path
 from ikservo.ik import Result, Target, in_millimetres
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.chain import GRAVITY_M_S2
+from ikservo.kinematics.inertia import GRAVITY_M_S2
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import Model
 from ikservo.model.tool import tool_frame

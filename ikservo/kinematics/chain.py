@@ -29,7 +29,7 @@ from ikservo.kinematics.joints import (
 )
 from ikservo.kinematics.se3 import make_pose
 
-__all__ = ["GRAVITY_M_S2", "Chain", "LinkMass", "joint_torques"]
+__all__ = ["Chain", "joint_torques"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,15 +300,3 @@ def joint_torques(
     J = chain.jacobian(finite_vector(q, chain.dof, "q"), frame, offset_m)
     tau: Vector = J.T @ wrench
     return tau
-
-
-GRAVITY_M_S2 = 9.81
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinkMass:
-    """The mass of a link [kg] and its centre (3,) in the link's frame [m]."""
-
-    link: str
-    mass_kg: float
-    centre_m: Vector

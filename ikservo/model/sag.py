@@ -1,4 +1,4 @@
-"""Masses of an arm's links, and the compliance of its joints."""
+"""Masses and inertia of an arm's links, and the compliance of its joints."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from types import MappingProxyType
 import numpy as np
 
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Vector
-from ikservo.kinematics.chain import LinkMass
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.inertia import LinkMass
+from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.model import Model, ModelJoint
+from ikservo.model.urdf_types import UrdfLink
 
 __all__ = ["STIFFNESS_NM_RAD", "joint_compliances", "link_masses"]
 
@@ -38,12 +40,19 @@ _FEETECH_GAIN = 32  # the P gain as delivered
 
 
 def link_masses(model: Model, chain: Chain) -> list[LinkMass]:
-    """Return the masses of a chain's links; links without a mass weigh nothing."""
+    """Return the masses and inertia of a chain's links; those without a mass are left out."""
     return [
-        LinkMass(link.name, link.mass_kg, np.array(link.com_m))
+        LinkMass(link.name, link.mass_kg, np.array(link.com_m), _inertia_tensor(link))
         for link in model.urdf.links
         if link.mass_kg > 0 and link.name in chain.frames
     ]
+
+
+def _inertia_tensor(link: UrdfLink) -> Matrix:
+    """Return a link's inertia tensor (3, 3) about its centre of mass, in the link's axes."""
+    ixx, ixy, ixz, iyy, iyz, izz = link.inertia_kg_m2
+    R = rotation_rpy(*link.inertia_rpy_rad)
+    return R @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ R.T
 
 
 def joint_compliances(model: Model, chain: Chain) -> Vector:

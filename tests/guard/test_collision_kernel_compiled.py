@@ -6,7 +6,7 @@ import pytest
 from ikservo.guard import CollisionChecker, collision_kernel
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.ik.kernel.compiled import uncompiled
-from ikservo.kinematics.chain import LinkMass
+from ikservo.kinematics.inertia import LinkMass
 from tests.both_ways import needs_extension, run_both_ways
 from tests.guard.arms import body, model_of
 from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint

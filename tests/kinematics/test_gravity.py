@@ -6,8 +6,8 @@ import pytest
 
 import ikservo
 from ikservo.guard.sag import Weight, sag_of
-from ikservo.kinematics.chain import LinkMass
 from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.inertia import LinkMass
 from ikservo.model.sag import STIFFNESS_NM_RAD, joint_compliances, link_masses
 from servosim.parameters import PARAMETERS
 from tests.arm.simulated import line_of

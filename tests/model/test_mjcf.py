@@ -65,7 +65,7 @@ def test_limits_and_kinds_are_those_of_the_file(path):
     assert chain.upper_rad[2] == np.inf
 
 
-def test_masses_hang_where_mujoco_has_them(path):
+def test_masses_and_tensors_are_where_mujoco_has_them(path):
     model, oracle = ikservo.load_model(path, tip="tool"), mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(oracle)
     data.qpos[:] = 0.0
@@ -76,6 +76,9 @@ def test_masses_hang_where_mujoco_has_them(path):
         centre_m = (poses[mass.link] @ np.append(mass.centre_m, 1.0))[:3]
         np.testing.assert_allclose(centre_m, data.body(mass.link).xipos, atol=1e-9)
         assert mass.mass_kg == pytest.approx(float(oracle.body(mass.link).mass[0]))
+        R, R_principal = poses[mass.link][:3, :3], data.body(mass.link).ximat.reshape(3, 3)
+        tensor = R_principal @ np.diag(oracle.body(mass.link).inertia) @ R_principal.T
+        np.testing.assert_allclose(R @ mass.inertia_kg_m2 @ R.T, tensor, atol=1e-9)
 
 
 def test_a_joint_that_follows_another_is_a_mimic(path):

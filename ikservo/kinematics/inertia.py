@@ -1,0 +1,111 @@
+"""Mass and inertia of links, and the ten parameters of a rigid body.
+
+The parameters of a body are its mass m [kg], its first moments ``h = m c`` [kg m] and the tensor I
+[kg m²] about the origin of its frame, not about the centre of mass c: forces are linear in these
+(Atkeson, An, Hollerbach 1986). The pseudo-inertia matrix holds the same numbers::
+
+    P = ∫ [x; 1] [x; 1]ᵀ dm = [[½ tr(I) 1 - I, h], [hᵀ, m]]
+
+and moves from one frame to another as ``P_a = T_a_b P_b T_a_bᵀ`` (Wensing, Kim, Slotine, "Linear
+matrix inequalities for physically-consistent inertial parameter identification", 2018).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ikservo.errors import BadValueError
+from ikservo.kinematics.arrays import Matrix, Vector, finite_array, finite_vector, read_only
+
+__all__ = [
+    "GRAVITY_M_S2",
+    "PARAMETERS",
+    "LinkMass",
+    "parameters_of",
+    "pseudo_inertia",
+    "pseudo_inertias",
+]
+
+GRAVITY_M_S2 = 9.81
+
+PARAMETERS = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""The order of a body's parameters; the tensor in URDF's order."""
+
+_SYMMETRY = 1e-9  # of the largest entry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkMass:
+    """The mass of a link, or of something fixed to it.
+
+    Attributes:
+        link: The link.
+        mass_kg: Its mass, zero or more.
+        centre_m: Its centre of mass (3,) in the link's frame.
+        inertia_kg_m2: Its inertia tensor (3, 3) about the centre of mass, in the link's axes; that
+            of a point if it is not given.
+
+    Raises:
+        BadValueError: A mass below zero, a number that is not finite, a wrong shape, or a tensor
+            that is not symmetric.
+    """
+
+    link: str
+    mass_kg: float
+    centre_m: Vector
+    inertia_kg_m2: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def __post_init__(self) -> None:
+        mass = finite_array(self.mass_kg, (), f"The mass of {self.link}")
+        if mass < 0.0:
+            raise BadValueError(f"The mass of {self.link}", f"{mass:g} kg", "zero or more")
+        centre = finite_vector(self.centre_m, 3, f"The centre of mass of {self.link}")
+        tensor = finite_array(self.inertia_kg_m2, (3, 3), f"The inertia tensor of {self.link}")
+        if np.abs(tensor - tensor.T).max() > _SYMMETRY * np.abs(tensor).max():
+            raise BadValueError(
+                f"The inertia tensor of {self.link}", str(tensor.tolist()), "a symmetric one"
+            )
+        object.__setattr__(self, "mass_kg", float(mass))
+        object.__setattr__(self, "centre_m", read_only(centre))
+        object.__setattr__(self, "inertia_kg_m2", read_only(tensor))
+
+
+def pseudo_inertia(mass: LinkMass) -> Matrix:
+    """Return the pseudo-inertia matrix (4, 4) of a mass in the frame of its link."""
+    h = mass.mass_kg * mass.centre_m
+    tensor = mass.inertia_kg_m2
+    P = np.empty((4, 4))
+    P[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor + np.outer(h, mass.centre_m)
+    P[:3, 3] = P[3, :3] = h
+    P[3, 3] = mass.mass_kg
+    return P
+
+
+def parameters_of(P: Matrix) -> Vector:
+    """Return the ten parameters (10,) of a pseudo-inertia matrix (4, 4); see ``PARAMETERS``."""
+    tensor = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
+    return np.array([P[3, 3], *P[:3, 3], *tensor[np.triu_indices(3)]])
+
+
+def pseudo_inertias(parameters: Vector) -> Matrix:
+    """Return the pseudo-inertia matrices (n, 4, 4) of the parameters (10 n,) of n bodies."""
+    return np.tensordot(parameters.reshape(-1, len(PARAMETERS)), PSEUDO_INERTIA_BASIS, axes=1)
+
+
+def _basis() -> Matrix:
+    """Return the derivative (10, 4, 4) of the pseudo-inertia matrix by each parameter."""
+    basis = np.zeros((10, 4, 4))
+    basis[0, 3, 3] = 1.0
+    for i in range(3):
+        basis[1 + i, i, 3] = basis[1 + i, 3, i] = 1.0
+    for k, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True), start=4):
+        basis[k, i, j] = basis[k, j, i] = -1.0
+        if i == j:
+            basis[k, :3, :3] += 0.5 * np.eye(3)
+    return basis
+
+
+PSEUDO_INERTIA_BASIS = read_only(_basis())
+"""The derivative (10, 4, 4) of a pseudo-inertia matrix by each of the ten parameters."""
