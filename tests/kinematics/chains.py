@@ -29,17 +29,17 @@ def planar(*lengths_m, limit_rad=math.pi):
     return Chain.from_joints(joints, "l0", "tip")
 
 
+def crane_joints():
+    return [
+        joint("slide", JointType.PRISMATIC, "column", "cart", (0, 0, 0.5), (1, 0, 0),
+              lower=0.0, upper=0.4),
+        joint("hook", JointType.PRISMATIC, "cart", "hook", (0, 0, 0), (0, 0, -1),
+              mimic=Mimic("slide", 0.5, 0.1)),
+        joint("turn", JointType.REVOLUTE, "base", "column", lower=-2.0, upper=2.0),
+        joint("brake", JointType.REVOLUTE, "column", "lever", lower=0.2, upper=0.9),
+    ]  # fmt: skip
+
+
 def crane():
     """Return a turning column, a slide along x and a hook that mimics the slide downwards."""
-    return Chain.from_joints(
-        [
-            joint("slide", JointType.PRISMATIC, "column", "cart", (0, 0, 0.5), (1, 0, 0),
-                  lower=0.0, upper=0.4),
-            joint("hook", JointType.PRISMATIC, "cart", "hook", (0, 0, 0), (0, 0, -1),
-                  mimic=Mimic("slide", 0.5, 0.1)),
-            joint("turn", JointType.REVOLUTE, "base", "column", lower=-2.0, upper=2.0),
-            joint("brake", JointType.REVOLUTE, "column", "lever", lower=0.2, upper=0.9),
-        ],
-        "base",
-        "hook",
-    )  # fmt: skip
+    return Chain.from_joints(crane_joints(), "base", "hook")
