@@ -46,6 +46,7 @@ from ikservo.ik.kernel.seeding import (
     MORE,
     QUICK,
     THOROUGH,
+    hops_between,
     puts_position_first,
     record_end,
     reset_scores,
@@ -312,16 +313,16 @@ def _solve_one(
 
     Three phases: QUICK attempts from the start and the seeds; MORE, see below; THOROUGH attempts
     from the best ends. With weights the phase MORE starts between the best end and the seeds (a
-    local minimum near the target is often beside the path), and so does every other quick attempt
-    after the first few. With POSITION_FIRST it descends to the wanted position alone, from where
-    the first attempts ended and started.
+    local minimum near the target is often beside the path), and so do some quick attempts. With
+    POSITION_FIRST it descends to the wanted position alone, from where the first attempts ended
+    and started.
     """
     n, restarts = int(arm[0, DOF]), int(settings[RESTARTS])
     first = puts_position_first(settings)
     tail = result[2 * n :]
     tail[REACHED], tail[POSITION_ERROR], tail[ROTATION_ERROR] = 0.0, math.inf, math.inf
     phase = THOROUGH if settings[TRACK] == 1.0 else QUICK
-    steps, least, k, last = 0, math.inf, 0, restarts
+    steps, least, k, last = 0, math.inf, 0, restarts + hops_between(settings)
     while k < last:
         thorough, position_only = phase == THOROUGH, first and phase == MORE
         seed = start_attempt(arm, problem, settings, start, seeds, phase, k, n, scores, work)

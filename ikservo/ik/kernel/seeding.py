@@ -45,6 +45,7 @@ __all__ = [
     "THOROUGH",
     "align_first_joint",
     "best_seed",
+    "hops_between",
     "puts_position_first",
     "record_end",
     "reset_scores",
@@ -130,8 +131,8 @@ def _add_seed_products(
 QUICK, MORE, THOROUGH = 0, 1, 2
 # Share of the way from the best end to a seed where a further attempt starts.
 _HOP_FRACTION = 0.35
-# So many attempts start at seeds; after that every other starts between the best end and one.
-_ALONE = 12
+# So many attempts start at seeds; of the next, every other starts between the best end and a seed.
+_ALONE, _HOPS = 12, 40
 # With position first, ends that miss the position rank after all that reach it.
 _FAR = 1e6
 
@@ -152,7 +153,7 @@ def start_attempt(
     if phase == QUICK or settings[TRACK] == 1.0:
         if k == 1:
             score_seeds(arm, problem, settings, seeds, n, scores)
-        if k >= _ALONE and k % 2 == 0 and not puts_position_first(settings):
+        if k >= _ALONE and k % 2 == 0 and k < _ALONE + 2 * hops_between(settings):
             _start_between(settings, start, seeds, (k - _ALONE) // 2, n, scores, work)
             return (k - _ALONE) // 2
         seed = 0 if k == 0 else best_seed(settings, scores)
@@ -169,6 +170,13 @@ def start_attempt(
         return _restart_from_scores(settings, start, seeds, k, n, scores, work)
     _start_between(settings, start, seeds, k, n, scores, work)
     return k
+
+
+def hops_between(settings: Vector) -> int:
+    """Return how many quick attempts start between the best end and a seed."""
+    return (
+        0 if puts_position_first(settings) else max(0, min(_HOPS, int(settings[RESTARTS]) - _ALONE))
+    )
 
 
 def puts_position_first(settings: Vector) -> bool:
