@@ -62,6 +62,7 @@ __all__ = [
     "StoppedError",
     "UnknownNameError",
     "UnreachableError",
+    "format_point",
 ]
 
 
@@ -326,8 +327,8 @@ class UnreachableError(IkservoError, ValueError):
         held = f" ({', '.join(self.binding)})" if self.binding else ""
         coordinates = "" if instead_m is None else " ".join(f"{x:z.3f}" for x in instead_m)
         super().__init__(
-            f"({_format_metres(target_m)}) m cannot be reached{held}.",
-            f"Nearest reachable point: ({_format_metres(nearest_m)}) m, {gap_m * 1000:.1f} mm away."
+            f"{format_point(target_m)} cannot be reached{held}.",
+            f"Nearest reachable point: {format_point(nearest_m)}, {gap_m * 1000:.1f} mm away."
             + (f" Try: ikservo move {coordinates}" if coordinates else ""),
         )
 
@@ -350,7 +351,7 @@ class CartesianPathError(UnreachableError):
         self.along_m = along_m
         self.command_message = (
             f"The line can be followed for {along_m:.3f} m only, to "
-            f"({_format_metres(target_m)}) m ({', '.join(binding)})."
+            f"{format_point(target_m)} ({', '.join(binding)})."
         )
         self.command_hint = "Nothing moved. Choose a nearer end, or move there without --line."
 
@@ -379,7 +380,7 @@ class OrientationError(UnreachableError):
         self.freedom = freedom
         held = f" ({', '.join(self.binding)})" if self.binding else ""
         self.command_message = (
-            f"{asked} is not possible at ({_format_metres(position_m)}) m; "
+            f"{asked} is not possible at {format_point(position_m)}; "
             f"closest is {math.degrees(left_rad):.1f}° off{held}."
         )
         self.command_hint = (
@@ -407,5 +408,6 @@ class StoppedError(IkservoError):
     exit_code = ExitCode.STOPPED
 
 
-def _format_metres(point: Sequence[float]) -> str:
-    return ", ".join(f"{x:z.3f}" for x in point)
+def format_point(point_m: Iterable[float]) -> str:
+    """Return ``(0.250, 0.050, 0.150) m``."""
+    return f"({', '.join(f'{float(x):z.3f}' for x in point_m)}) m"

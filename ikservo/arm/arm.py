@@ -19,7 +19,7 @@ from ikservo.arm.arguments import (
     parse_points,
 )
 from ikservo.arm.background_motion import Background, Motion
-from ikservo.arm.calibrated_arm import ZeroSource, is_simulated
+from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
 from ikservo.arm.control_server import CommandHandler, ControlServer, serve
 from ikservo.arm.execution import execute, lower, move_joints, move_tip, relax, run_plan
@@ -59,6 +59,7 @@ from ikservo.control.stopping import STOPPED_BY_PROGRAM
 from ikservo.deprecation import current_name
 from ikservo.errors import BadValueError
 from ikservo.guard import StopKind, StopReason
+from ikservo.hardware.remembered_port import is_simulated
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model

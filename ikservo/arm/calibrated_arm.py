@@ -28,8 +28,8 @@ from ikservo.calibration.servo_config import (
 from ikservo.calibration.transaction import recover
 from ikservo.control.feedback import read_register
 from ikservo.errors import CalibrationError
-from ikservo.hardware import remembered_port as replug
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.remembered_port import is_simulated, serial_number_of
 from ikservo.hardware.serial_ports import is_pseudo_terminal
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
@@ -48,11 +48,9 @@ __all__ = [
     "check_joints_match",
     "check_servo_models",
     "geometric_errors_of",
-    "is_simulated",
     "limit_to_one_turn",
     "load_calibration_for",
     "registers_allow",
-    "serial_number_of",
 ]
 
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
@@ -172,9 +170,6 @@ def _format_servos(servos: list[tuple[int, str]], gear: float) -> str:
     return listed if abs(gear - 1.0) < 1e-9 else f"{listed} with gear {gear:.6g}"
 
 
-_SIMULATED = "sim"
-
-
 class CalibratedArm:
     """The joints of the arm on a bus, with this arm's zeros and ranges.
 
@@ -284,16 +279,6 @@ def check_servo_models(bus: ServoBus) -> None:
                 f"{servo} is a {found}, the arm file says {servo.table.model_name}.",
                 "Another arm (choose it with --arm), or two swapped ids.",
             )
-
-
-def is_simulated(port_name: str) -> bool:
-    """Return whether a port is the simulated bus in this process, fresh at each opening."""
-    return port_name.partition(":")[0] == _SIMULATED
-
-
-def serial_number_of(port_name: str) -> str:
-    """Return the serial number of the USB adapter behind a port; empty where there is none."""
-    return _SIMULATED if is_simulated(port_name) else replug.serial_number_of(port_name)
 
 
 def geometric_errors_of(filed: CalibratedGeometry) -> GeometricErrors:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.arm.calibrated_arm import ZeroSource, serial_number_of
+from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.planner import Planner
 from ikservo.arm.reports import MotionProgress, OnProgress
 from ikservo.control.loop import ControlCycle, OnCycle
@@ -16,6 +16,7 @@ from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker, sample_line, sample_path
 from ikservo.hardware.port import Port
+from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.ik import Solver
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector

@@ -11,7 +11,6 @@ from threading import RLock, current_thread, main_thread
 import numpy as np
 
 from ikservo.arm.arguments import parse_number
-from ikservo.arm.calibrated_arm import is_simulated
 from ikservo.arm.context import ArmContext
 from ikservo.arm.reports import ArmState
 from ikservo.control.feedback import JointState
@@ -32,6 +31,7 @@ from ikservo.errors import (
     StoppedError,
 )
 from ikservo.guard import StopKind, StopReason
+from ikservo.hardware.remembered_port import is_simulated
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import JointMove, Trajectory
 

@@ -17,7 +17,6 @@ from ikservo.arm.calibrated_arm import (
     ZeroSource,
     check_servo_models,
     load_calibration_for,
-    serial_number_of,
 )
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
@@ -30,6 +29,7 @@ from ikservo.hardware.diagnostics import detecting_duplicate_ids, explaining_sil
 from ikservo.hardware.discovery import choose_port, remember_port, simulated_port_url
 from ikservo.hardware.eeprom import back_up_once
 from ikservo.hardware.port import open_port
+from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.servo import ServoSpec
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix

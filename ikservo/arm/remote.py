@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ikservo.arm.calibrated_arm import is_simulated
 from ikservo.arm.control_server import BRAKE_TIMEOUT_S, Command, broadcast_command, send_command
 from ikservo.arm.opening import open_bus, resolve_port
 from ikservo.arm.recording import RecordResult, record, recording_header
@@ -20,6 +19,7 @@ from ikservo.control.feedback import JointState
 from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.errors import IkservoError, PortBusyError
 from ikservo.guard import CommandLimits
+from ikservo.hardware.remembered_port import is_simulated
 from ikservo.kinematics.arrays import Vector, as_floats
 from ikservo.model import Model
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import Protocol
 
-from ikservo.arm.calibrated_arm import is_simulated
 from ikservo.calibration import Limits
 from ikservo.calibration.procedure import (
     CalibrationStage,
@@ -22,6 +20,7 @@ from ikservo.calibration.procedure import (
 from ikservo.calibration.records import Calibration
 from ikservo.calibration.result import CalibrationResult, find_shifted_zeros
 from ikservo.calibration.script import ScriptedAnswers, apply_answer, read_script
+from ikservo.cli.answers import AnswerSource, answers_from, apply_or_explain
 from ikservo.cli.calibrate_screen import (
     CalibrationDisplay,
     calibration_display,
@@ -32,8 +31,9 @@ from ikservo.cli.calibrate_screen import (
 )
 from ikservo.cli.direction_check import check_new_signs
 from ikservo.cli.options import parse_angle_rad, parse_length_m
-from ikservo.cli.terminal import Keys, print_json, print_lines, print_status, read_keys
-from ikservo.errors import BadValueError, CalibrationError, IkservoError, InputError
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.errors import BadValueError, CalibrationError, IkservoError
+from ikservo.hardware.remembered_port import is_simulated
 from ikservo.maintenance.calibration_session import (
     TorqueOffArm,
     base_calibration,
@@ -48,7 +48,6 @@ from ikservo.maintenance.direction_check import confirm_directions, directions_c
 from ikservo.model import Model
 
 __all__ = [
-    "AnswerSource",
     "CalibrationOptions",
     "answer_source",
     "apply_options",
@@ -62,18 +61,10 @@ __all__ = [
 ]
 
 
-class AnswerSource(Protocol):
-    """Source of answers: the user, a script, or automatic acceptance."""
-
-    def next_answer(self, state: CalibrationState, at_s: float) -> str | None:
-        """Return the next answer, or None if there is none yet."""
-        ...
-
-
 def run_calibration(
     limp_arm: TorqueOffArm,
     wizard: CalibrationState,
-    answers: AnswerSource,
+    answers: AnswerSource[CalibrationState],
     display: CalibrationDisplay,
     stages: Sequence[CalibrationStage] = (CalibrationStage.REFERENCE_POSE, CalibrationStage.SWEEP),
 ) -> CalibrationState:
@@ -91,26 +82,17 @@ def run_calibration(
         display.show(wizard)
         answer = answers.next_answer(wizard, reading[0])
         if answer:
-            wizard = _apply_typed_answer(wizard, answer, answers, display)
+            display.print_message("")
+            wizard = apply_or_explain(
+                partial(apply_answer, wizard, answer), wizard, answers, display.print_message
+            )
     return wizard
 
 
-def _apply_typed_answer(
-    wizard: CalibrationState, answer: str, answers: AnswerSource, display: CalibrationDisplay
-) -> CalibrationState:
-    try:
-        display.print_message("")
-        return apply_answer(wizard, answer)
-    except CalibrationError as error:
-        if not isinstance(answers, _TerminalAnswers):
-            raise
-        display.print_message(f"{error.message} {error.command_hint}")
-        return wizard
-
-
-@contextmanager
-def answer_source(script: Path | None, *, yes: bool, interactive: bool) -> Generator[AnswerSource]:
-    """Yield the source of answers.
+def answer_source(
+    script: Path | None, *, yes: bool, interactive: bool
+) -> AbstractContextManager[AnswerSource[CalibrationState]]:
+    """Return the source of answers.
 
     Args:
         script: A file of answers, if any.
@@ -118,39 +100,24 @@ def answer_source(script: Path | None, *, yes: bool, interactive: bool) -> Gener
         interactive: Whether the user may be asked.
 
     Raises:
-        InputError: No user is there; names the options to use instead.
+        FileFormatError: The script cannot be read.
     """
-    if script:
-        yield ScriptedAnswers(read_script(script))
-    elif yes:
-        yield ScriptedAnswers()
-    elif interactive and sys.stdin.isatty():
-        with read_keys() as key:
-            yield _TerminalAnswers(key)
-    else:
-        raise InputError(
-            "Cannot ask: input is not a terminal.", "Give --yes, or --from-script FILE."
-        )
+    scripted = None
+    if script or yes:
+        scripted = ScriptedAnswers(read_script(script) if script else None)
+    return answers_from(scripted, _answer_for_key, interactive=interactive)
 
 
-class _TerminalAnswers:
-    """Answers from the keyboard; the display lists the keys."""
-
-    def __init__(self, key: Keys) -> None:
-        self._key = key
-
-    def next_answer(self, state: CalibrationState, at_s: float) -> str | None:
-        """Return the answer for the first key pressed since the last reading."""
-        key = self._key()[:1].lower()
-        if key in ("\n", "\r"):
-            return "accept"
-        if key == "u":
-            return "undo"
-        verbs = {"s": "skip", "r": "remeasure", "f": "continuous"}
-        if key in verbs and state.stage is CalibrationStage.SWEEP:
-            joint = _joint_for_key(state, key)
-            return f"{verbs[key]} {joint}" if joint else None
-        return None
+def _answer_for_key(state: CalibrationState, key: str) -> str | None:
+    if key in ("\n", "\r"):
+        return "accept"
+    if key == "u":
+        return "undo"
+    verbs = {"s": "skip", "r": "remeasure", "f": "continuous"}
+    if key in verbs and state.stage is CalibrationStage.SWEEP:
+        joint = _joint_for_key(state, key)
+        return f"{verbs[key]} {joint}" if joint else None
+    return None
 
 
 def _joint_for_key(wizard: CalibrationState, key: str) -> str:

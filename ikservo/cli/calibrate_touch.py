@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
-from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import typer
 
+from ikservo.cli.answers import answers_from, apply_or_explain
 from ikservo.cli.calibrate_screen import (
     confirm_start,
     disable_torque,
@@ -22,14 +21,11 @@ from ikservo.cli.calibrate_screen import (
 )
 from ikservo.cli.options import parse_length_m
 from ikservo.cli.terminal import (
-    Keys,
-    format_point,
     print_json,
     print_lines,
     print_status,
-    read_keys,
 )
-from ikservo.errors import CalibrationError, FileFormatError, IkservoError, InputError
+from ikservo.errors import CalibrationError, FileFormatError, IkservoError, format_point
 from ikservo.files.reading import read_text
 from ikservo.maintenance.calibration_session import TorqueOffArm, open_torque_off
 from ikservo.maintenance.touch_off import TouchOffSession
@@ -180,12 +176,6 @@ class TouchOffOptions:
     block_m: float | None = None
 
 
-class _TouchAnswerSource(Protocol):
-    def next_answer(self, state: TouchOffState, at_s: float) -> str | None:
-        """Return the next answer, or None if there is none yet."""
-        ...
-
-
 def run_touch_off(
     model: Model,
     port: str | None,
@@ -203,7 +193,9 @@ def run_touch_off(
             improve the calibration.
         InputError: No user is there to answer.
     """
-    answers = read_touch_script(script) if script else None
+    answers = None
+    if script or yes:
+        answers = ScriptedTouchAnswers(read_touch_script(script) if script else None)
     with open_torque_off(model, port) as limp_arm:
         session = TouchOffSession(limp_arm)
         targets = session.reachable_targets(_make_targets(model, options))
@@ -214,7 +206,6 @@ def run_touch_off(
                 limp_arm,
                 session.start_touch_off(targets),
                 answers,
-                yes=yes,
                 interactive=interactive,
             )
             found = _review_estimate(state, interactive=interactive)
@@ -266,22 +257,13 @@ def _make_targets(model: Model, options: TouchOffOptions) -> list[TouchTarget]:
 def _run_dialogue(
     limp_arm: TorqueOffArm,
     state: TouchOffState,
-    script_answers: list[str] | None,
+    script: ScriptedTouchAnswers | None,
     *,
-    yes: bool,
     interactive: bool,
 ) -> TouchOffState:
     """Read the servos and apply answers until there is an estimate."""
-    scripted = yes or script_answers is not None
-    if not scripted and not (interactive and sys.stdin.isatty()):
-        raise InputError(
-            "Cannot ask: input is not a terminal.", "Give --yes, or --from-script FILE."
-        )
     last_line = ""
-    with nullcontext() if scripted else read_keys() as key:
-        source: _TouchAnswerSource = (
-            ScriptedTouchAnswers(script_answers) if key is None else _TouchKeyAnswers(key)
-        )
+    with answers_from(script, _answer_for_key, interactive=interactive) as source:
         while state.found is None:
             reading = limp_arm.read_positions()
             if reading is None:
@@ -289,18 +271,15 @@ def _run_dialogue(
             state = state.update(*reading)
             last_line = _update_status_line(_format_task(state), last_line)
             answer = source.next_answer(state, reading[0])
-            state = _apply_touch_answer(state, answer, scripted=scripted) if answer else state
+            if answer:
+                state = apply_or_explain(
+                    partial(apply_answer, state, answer), state, source, print_status
+                )
     return state
 
 
-def _apply_touch_answer(state: TouchOffState, answer: str, *, scripted: bool) -> TouchOffState:
-    try:
-        return apply_answer(state, answer)
-    except CalibrationError as error:
-        if scripted:
-            raise
-        print_status(f"{error.message} {error.command_hint}")
-        return state
+def _answer_for_key(_: TouchOffState, key: str) -> str | None:
+    return _KEYS.get(key)
 
 
 def _update_status_line(line: str, last_line: str) -> str:
@@ -314,19 +293,8 @@ def _format_task(state: TouchOffState) -> str:
     if state.current_target is None:
         return f"{done} points touched.  a evaluate   u undo   Ctrl-C stop"
     where = state.current_target.position_m
-    place = "" if where is None else f" at {format_point(where.tolist())}"
+    place = "" if where is None else f" at {format_point(where)}"
     evaluate = "   a evaluate" if state.has_enough_touches else ""
     keys = f"Enter   s skip   u undo{evaluate}   Ctrl-C stop"
     number = f"Point {done + 1} of {done + len(state.places)}"
     return f"{number}: put the tip on {state.current_target.name}{place}.\n  {keys}"
-
-
-class _TouchKeyAnswers:
-    """Answers from the keyboard."""
-
-    def __init__(self, key: Keys) -> None:
-        self._key = key
-
-    def next_answer(self, state: TouchOffState, at_s: float) -> str | None:
-        """Return the answer for the first key pressed since the last reading."""
-        return _KEYS.get(self._key()[:1].lower())

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import read_recording
-from ikservo.arm.calibrated_arm import serial_number_of
 from ikservo.calibration.calibration_file import calibration_path, calibrations_of, read_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
 from ikservo.cli.model_options import model_from_option
@@ -16,6 +15,7 @@ from ikservo.cli.options import ArmOption, PortOption
 from ikservo.cli.terminal import print_status
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.files.writing import write_atomic
+from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.model import Model
 
 __all__ = ["command"]

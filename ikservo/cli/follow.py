@@ -23,7 +23,8 @@ from ikservo.cli.options import (
     parse_time_s,
 )
 from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
-from ikservo.cli.terminal import format_point, format_port, print_json, print_lines, print_status
+from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
+from ikservo.errors import format_point
 from ikservo.model import load_model
 
 __all__ = ["command"]
@@ -115,7 +116,7 @@ def _print_follow_report(report: FollowResult, *, json: bool) -> None:
         [
             f"ended     {report.ended}",
             f"targets   {report.setpoints}{rejected}",
-            f"tip       {format_point(report.measured_tip_m.tolist())}",
+            f"tip       {format_point(report.measured_tip_m)}",
             f"duration  {report.duration_s:.2f} s",
         ]
     )

@@ -15,9 +15,9 @@ from ikservo.calibration.lerobot import LerobotJoint, find_lerobot, read_lerobot
 from ikservo.calibration.procedure import CalibrationState
 from ikservo.calibration.result import CalibrationResult
 from ikservo.calibration.script import read_script
+from ikservo.cli.answers import AnswerSource
 from ikservo.cli.calibrate import FromScript, Margin, NoInput, Pose
 from ikservo.cli.calibrate_by_hand import (
-    AnswerSource,
     answer_source,
     check_zeros,
     print_result,
@@ -114,7 +114,7 @@ def _run_import_dialogue(
     joints: Sequence[LerobotJoint],
     pose: str,
     margin: float,
-    answers: AnswerSource,
+    answers: AnswerSource[CalibrationState],
 ) -> CalibrationState:
     wizard = CalibrationState.begin(
         limp_arm.make_subjects(pose, lerobot_travels(joints, limp_arm)), math.radians(margin)

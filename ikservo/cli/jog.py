@@ -29,14 +29,13 @@ from ikservo.cli.options import (
 from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.terminal import (
     Keys,
-    format_point,
     format_port,
     print_json,
     print_lines,
     print_status,
     read_keys,
 )
-from ikservo.errors import InputError
+from ikservo.errors import InputError, format_point
 
 __all__ = ["command"]
 
@@ -149,7 +148,7 @@ def _print_jog_report(report: JogResult, *, json: bool) -> None:
     print_lines(
         [
             f"ended     {report.ended}",
-            f"tip       {format_point(report.measured_tip_m.tolist())}",
+            f"tip       {format_point(report.measured_tip_m)}",
             f"duration  {report.duration_s:.2f} s",
         ]
     )

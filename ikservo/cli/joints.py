@@ -25,8 +25,8 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.plan_report import print_plan
 from ikservo.cli.session import announce, open_from_options, progress_bar
-from ikservo.cli.terminal import format_point, print_json, print_lines
-from ikservo.errors import BadValueError, ExitCode, InputError
+from ikservo.cli.terminal import print_json, print_lines
+from ikservo.errors import BadValueError, ExitCode, InputError, format_point
 from ikservo.model import Model
 
 __all__ = ["command", "move_joints", "preview", "print_report"]
@@ -130,7 +130,7 @@ def _report_lines(report: JointMoveResult, model: Model) -> list[str]:
     ]
     return [
         *names,
-        f"{'tip':{width}}  {format_point(report.measured_tip_m.tolist())}",
+        f"{'tip':{width}}  {format_point(report.measured_tip_m)}",
         f"{'duration':{width}}  {report.duration_s:.2f} s",
         f"{'reached':{width}}  {'yes' if report.reached else 'no'}",
         *(f"{'binds':{width}}  {words}" for words in report.binding),

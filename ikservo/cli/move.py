@@ -38,8 +38,8 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.plan_report import describe_orientation_error, print_plan
 from ikservo.cli.session import announce, open_from_options, progress_bar
-from ikservo.cli.terminal import format_point, print_json, print_lines
-from ikservo.errors import ExitCode
+from ikservo.cli.terminal import print_json, print_lines
+from ikservo.errors import ExitCode, format_point
 
 __all__ = ["command"]
 
@@ -154,9 +154,9 @@ def _print_move_report(report: MoveResult, *, json: bool) -> None:
         return
     print_lines(
         [
-            f"target     {format_point(report.target_m.tolist())}",
-            f"commanded  {format_point(report.commanded_tip_m.tolist())}",
-            f"measured   {format_point(report.measured_tip_m.tolist())}",
+            f"target     {format_point(report.target_m)}",
+            f"commanded  {format_point(report.commanded_tip_m)}",
+            f"measured   {format_point(report.measured_tip_m)}",
             f"error      {report.error_m * 1000:.2f} mm",
             f"tool       {_format_orientation(report)}",
             f"duration   {report.duration_s:.2f} s",

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ikservo.cli.solve_reports import trace_errors
-from ikservo.cli.terminal import format_point
-from ikservo.errors import IkservoError, InputError
+from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.ik import METHODS, Result, Target, Tolerance
 from ikservo.ik.workspace import Workspace
 from ikservo.kinematics import Chain
@@ -237,7 +236,7 @@ def plot_solution(
     handles = figure.axes[0].get_lines()[: len(poses)]
     labels = [pose.label for pose in poses]
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
-    figure.suptitle(f"{model.title}: the tip to {format_point(target.position.tolist())}", size=11)
+    figure.suptitle(f"{model.title}: the tip to {format_point(target.position)}", size=11)
     save_figure(figure, file)
 
 

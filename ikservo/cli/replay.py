@@ -21,7 +21,8 @@ from ikservo.cli.options import (
     YesOption,
 )
 from ikservo.cli.session import confirm_motion, open_from_options, progress_bar
-from ikservo.cli.terminal import format_point, print_json, print_lines, print_status
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.errors import format_point
 
 __all__ = ["command"]
 
@@ -85,6 +86,6 @@ def _print_replay_report(report: ReplayResult, *, json: bool) -> None:
             f"samples   {report.samples}",
             f"duration  {report.duration_s:.2f} s",
             f"error     {math.degrees(report.error_rad):.2f}° of the last sample at most",
-            f"tip       {format_point(report.measured_tip_m.tolist())}",
+            f"tip       {format_point(report.measured_tip_m)}",
         ]
     )

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 
 from ikservo.arm import Arm, MotionPlan, MotionProgress, StopKind, ZeroSource, open_arm
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.terminal import confirm, format_point, format_port, print_status
+from ikservo.cli.terminal import confirm, format_port, print_status
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stopping import RELAX_HINT
-from ikservo.errors import IkservoError, InputError, StoppedError
+from ikservo.errors import IkservoError, InputError, StoppedError, format_point
 from ikservo.ik.kernel.compiled import is_compiled
 
 __all__ = [
@@ -107,7 +107,7 @@ def announce(plan: MotionPlan, machine: Arm, *, yes: bool) -> None:
         IkservoError: The user declined.
         InputError: A real arm would move, without --yes and without a terminal.
     """
-    where_to = "" if plan.target_m is None else f" to {format_point(plan.target_m.tolist())}"
+    where_to = "" if plan.target_m is None else f" to {format_point(plan.target_m)}"
     print_status(f"{machine.model.title} on {format_port(machine.port_name)}{where_to}: "
          f"{plan.duration_s:.1f} s, {plan.speed}.")  # fmt: skip
     if plan.via_pose:
@@ -173,7 +173,7 @@ def progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
                 task,
                 completed=progress.elapsed_s,
                 total=progress.duration_s if math.isfinite(progress.duration_s) else None,
-                description=format_point(progress.tip_m.tolist()),
+                description=format_point(progress.tip_m),
             )
 
         yield draw

@@ -14,8 +14,8 @@ from ikservo.calibration import JointUnit, format_position
 from ikservo.cli.entry_point import with_connection_options
 from ikservo.cli.model_options import describe_limit, limit_sources
 from ikservo.cli.posture_reports import joint_lines, result_fields, result_lines, torque_lines
-from ikservo.cli.terminal import format_point, print_json, print_lines, print_status, print_table
-from ikservo.errors import InputError
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.errors import InputError, format_point
 from ikservo.ik import METHODS, Result, Target, Tolerance, in_millimetres, solve
 from ikservo.ik.closed_form import direction_intervals, solutions
 from ikservo.ik.closed_form_structure import recognise_structure
@@ -234,7 +234,7 @@ def _result_lines(model: Model, target: Target, result: Result) -> list[str]:
         return [*lines, f"error  {_format_error_left(target, result)}"]
     limits = ", ".join(describe_limit(model, limit) for limit in result.binding)
     limits = limits or explain_unreachable(model.chain, target)
-    nearest = format_point(result.nearest_m.tolist())
+    nearest = format_point(result.nearest_m)
     is_iterative = result.method in _ITERATIVE_METHODS
     outcome = f"not reached by {result.method}" if is_iterative else "out of reach"
     lines.append(f"{outcome}: {limits}")

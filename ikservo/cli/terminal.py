@@ -23,7 +23,6 @@ __all__ = [
     "confirm",
     "fold",
     "fold_for_stream",
-    "format_point",
     "format_port",
     "print_json",
     "print_lines",
@@ -178,11 +177,6 @@ def print_status(message: str) -> None:
 def format_port(port: str) -> str:
     """Return a port's name as the user gave it; a simulated one without its arm file."""
     return "sim" if port.startswith("sim:") else port
-
-
-def format_point(position_m: Sequence[float]) -> str:
-    """Return ``(0.250, 0.050, 0.150) m``."""
-    return f"({', '.join(f'{x:z.3f}' for x in position_m)}) m"
 
 
 def _to_json_value(value: Any) -> object:  # noqa: ANN401

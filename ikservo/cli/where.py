@@ -31,9 +31,9 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.posture_reports import posture_fields, posture_lines
 from ikservo.cli.session import open_from_options
-from ikservo.cli.terminal import format_point, print_json, print_lines, print_table
+from ikservo.cli.terminal import print_json, print_lines, print_table
 from ikservo.clock import Clock, RealClock
-from ikservo.errors import IkservoError, InputError
+from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.model import HealthLimits, limit_distance, near_limit
@@ -132,7 +132,7 @@ def _visibility_row(link: LinkVisibility) -> list[str]:
 
 def _print_arm_state(here: ArmState, model: Model) -> None:
     posture = posture_lines(model.chain, _chain_joints(here, model))
-    print_lines([f"tip {format_point(here.tip_m.tolist())}", *posture, ""])
+    print_lines([f"tip {format_point(here.tip_m)}", *posture, ""])
     columns = ["joint", "position", "lower", "upper", "°C", "V", "load", "torque"]
     print_table(columns, [_format_joint_row(state, model) for state in here.joints])
     print_lines(["", *_limit_lines(here), *_alarm_lines(here)], indent=4)
@@ -261,7 +261,7 @@ def _render_screen(here: ArmState, model: Model, width: int) -> Group:
     for state in here.joints:
         row = _watch_row(state, model, length)
         table.add_row(*row, *([Text(", ".join(state.alarms), "red")] if alarms else []))
-    return Group(f"tip {format_point(here.tip_m.tolist())}", "", table)
+    return Group(f"tip {format_point(here.tip_m)}", "", table)
 
 
 def _watch_row(state: JointState, model: Model, length: int) -> list[Text | str]:

@@ -22,9 +22,8 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.plots import axis_names, check_plot_file, plot_workspace
 from ikservo.cli.solve_reports import ask_about_millimetres, explain_unreachable
-from ikservo.cli.terminal import format_point as say_point
 from ikservo.cli.terminal import print_json, print_lines
-from ikservo.errors import ExitCode, InputError
+from ikservo.errors import ExitCode, InputError, format_point
 from ikservo.ik import Result, Target, solve
 from ikservo.ik.workspace import Clear, Workspace, quasi_random_joints, workspace
 from ikservo.ik.workspace_grid import front_plane, side_plane, top_plane
@@ -76,14 +75,14 @@ def point_lines(model: Model, point_m: Sequence[float] | None, found: Result | N
     if point_m is None or found is None:
         return []
     if found.reached:
-        return [f"{say_point(point_m)}  inside"]
+        return [f"{format_point(point_m)}  inside"]
     if found.method == COLLIDES:
-        return [f"{say_point(point_m)}  outside: {COLLIDES}"]
+        return [f"{format_point(point_m)}  outside: {COLLIDES}"]
     held = ", ".join(describe_limit(model, limit) for limit in found.binding)
     held = held or explain_unreachable(model.chain, Target(point_m))
-    nearest = say_point(found.nearest_m.tolist())
+    nearest = format_point(found.nearest_m)
     return [
-        f"{say_point(point_m)}  outside: {held}",
+        f"{format_point(point_m)}  outside: {held}",
         f"nearest  {nearest}, {found.position_error_m * 1000:.1f} mm away",
     ]
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ikservo.control.servo_group import ServoGroup
+from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
 from ikservo.guard import StopReason
 from ikservo.kinematics.arrays import Vector
@@ -17,8 +18,6 @@ __all__ = ["BRAKE_S", "ControlCycle", "ControlLoop", "OnCycle", "SetpointSampler
 BRAKE_S = 0.25
 """How long a motion takes from full speed to a stop, and from a stop to full speed."""
 
-# After a gap like this the motion is not advanced: it accelerates again from a stop.
-_STALL_S = 0.1
 # Up to this gap a late cycle advances the motion by the time that has passed.
 _MAX_STEP_S = 0.02
 # A cycle later than this counts as late; this many more late cycles than good ones are too many.
@@ -64,7 +63,7 @@ class TimeScaler:
         """
         self._count_late_cycles(elapsed_s)
         gap_s = min(elapsed_s, max(_MAX_STEP_S, 2.0 * self._cycle_time_s))
-        if elapsed_s > _STALL_S:
+        if elapsed_s > STALL_S:
             self.rate = 0.0
         elif braking or self._late_count > _LATE_CYCLES:
             self.rate = max(0.0, self.rate - gap_s / BRAKE_S)

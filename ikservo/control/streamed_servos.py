@@ -20,13 +20,14 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
 from ikservo.registers import RegisterName
 
-__all__ = ["StreamedServos", "prepare_servos"]
+__all__ = ["STALL_S", "StreamedServos", "prepare_servos"]
 
 
 # A joint that lags its goal by more than its load explains presses against something.
 _PRESSING_LAG_RAD = math.radians(8.0)  # at the horn
-# After a cycle as long as this a lost reply is read again at once.
-_STALL_S = 0.1
+STALL_S = 0.1
+"""After a gap this long between two cycles joints are read again where a reply was lost, and the
+motion is not advanced: it accelerates again from a stop."""
 # After more restarts than this a motion does not continue by itself.
 _MAX_RESTARTS = 10
 
@@ -197,7 +198,7 @@ class StreamedServos:
         self._cycle_at_s = now_s
         check_pause(now_s - before_s)
         measured = self._feedback.read()
-        if self.lost_joints and now_s - before_s > _STALL_S:  # not read for long
+        if self.lost_joints and now_s - before_s > STALL_S:  # not read for long
             now_s = self.clock.now_s()
             measured = self._feedback.read()
         # Measured since the cycle before began: whether its goals arrived is not known.

@@ -27,6 +27,7 @@ from ikservo.hardware.transport import open_transport
 
 __all__ = [
     "config_dir",
+    "is_simulated",
     "reconnect",
     "remember_serial_number",
     "remembered_serial_number",
@@ -87,11 +88,22 @@ def _write_serial_numbers(numbers: Mapping[str, str]) -> None:
 _POLL_PERIOD_S = 0.1
 
 
-def serial_number_of(name: str) -> str:
-    """Return the USB serial number of the adapter behind a port's name, or nothing.
+_SIMULATED = "sim"
 
-    Call it while the adapter is plugged in, so that it is known when it comes back.
+
+def is_simulated(port_name: str) -> bool:
+    """Return whether a port is the simulated bus in this process, fresh at each opening."""
+    return port_name.partition(":")[0] == _SIMULATED
+
+
+def serial_number_of(name: str) -> str:
+    """Return the USB serial number of the adapter behind a port's name; empty where it has none.
+
+    Call it while the adapter is plugged in, so that it is known when it comes back. That of the
+    simulated bus is its name.
     """
+    if is_simulated(name):
+        return _SIMULATED
     adapter = find_adapter(name)
     return adapter.serial_number if adapter else ""
 

@@ -16,7 +16,6 @@ from ikservo.arm.calibrated_arm import (
     check_servo_models,
     limit_to_one_turn,
     registers_allow,
-    serial_number_of,
 )
 from ikservo.arm.opening import open_bus
 from ikservo.calibration import Limits
@@ -47,6 +46,7 @@ from ikservo.calibration.servo_config import (
 from ikservo.calibration.transaction import commit, plan_changes, recover
 from ikservo.errors import CalibrationError, FileFormatError
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.torque import torque_off
 from ikservo.model import Model, ModelJoint
 from ikservo.registers import Family, RegisterName

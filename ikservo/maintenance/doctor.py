@@ -11,6 +11,7 @@ from ikservo.hardware.diagnostics import DUPLICATE_ID_HINT, find_duplicate_ids
 from ikservo.hardware.discovery import choose_port, simulated_port_url
 from ikservo.hardware.line_quality import LineQuality, measure_line_quality
 from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.remembered_port import is_simulated
 from ikservo.hardware.requester import silence_hint
 from ikservo.hardware.scan import FoundServo, candidate_baud_rates, scan
 from ikservo.hardware.serial_ports import (
@@ -90,7 +91,7 @@ def _check_adapter(name: str) -> Iterator[Finding]:
 
 
 def _check_udev_rules(name: str) -> Iterator[Finding]:
-    if not has_udev() or name.startswith("sim:") or "://" in name:
+    if not has_udev() or is_simulated(name) or "://" in name:
         return
     path = installed_rules()
     if path:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from ikservo.arm.calibrated_arm import serial_number_of
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.servo_config import calibration_registers
 from ikservo.errors import BusError, FileFormatError, UnknownNameError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.eeprom import RegisterDifference, register_differences, update_eeprom
 from ikservo.hardware.read_plan import RegisterRef
+from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.scan import firmware_version
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.findings import Finding, failure, ok, warning

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm, open_arm
 from ikservo.clock import RealClock
 from ikservo.errors import BadValueError
+from ikservo.hardware.remembered_port import is_simulated
 from ikservo.model import Model
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import AccessTokens
@@ -143,7 +144,7 @@ class ViewApp:
 
 def real_time_port(port: str | None) -> str | None:
     """Return the port; a simulated one is set to run in real time."""
-    if port is None or port.partition(":")[0] != "sim" or "paced=" in port:
+    if port is None or not is_simulated(port) or "paced=" in port:
         return port
     return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}paced=1"
 

@@ -10,6 +10,7 @@ import numpy as np
 from ikservo.arm import JointState
 from ikservo.calibration import format_position
 from ikservo.clock import Clock
+from ikservo.errors import format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.model import HealthLimits, at_limit, near_limit
@@ -22,7 +23,6 @@ from ikservo.view.draw_items import DrawItem, link_poses
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import (
     candidate_rows,
-    format_point,
     format_solve_time,
     format_supply,
     health_rows,

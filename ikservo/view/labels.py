@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ikservo.calibration import format_position
+from ikservo.errors import format_point
 from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.conditioning import conditioning
@@ -22,7 +23,6 @@ __all__ = [
     "candidate_rows",
     "describe_range",
     "describe_target",
-    "format_point",
     "format_solve_time",
     "format_supply",
     "health_rows",
@@ -31,11 +31,6 @@ __all__ = [
 
 
 _LOADED_PERCENT = 80.0
-
-
-def format_point(at_m: Vector) -> str:
-    """Return ``(0.250, 0.000, 0.150) m``."""
-    return f"({', '.join(f'{float(x):z.3f}' for x in at_m)}) m"
 
 
 def describe_target(marker: TargetMarker, method: str | None = None) -> str:

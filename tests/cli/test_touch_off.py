@@ -187,7 +187,7 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
         return ""
 
     key.ready_s = arm.world.time_s + 1.5
-    monkeypatch.setattr("ikservo.cli.calibrate_touch.read_keys", lambda: nullcontext(key))
+    monkeypatch.setattr("ikservo.cli.answers.read_keys", lambda: nullcontext(key))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.cli.terminal.read_answer", lambda _: "y")
     done = say(f"{WORDS} --points {points} --json")

@@ -9,9 +9,8 @@ import ikservo
 from ikservo.arm import JointState
 from ikservo.cli import main
 from ikservo.cli.entry_point import with_connection_options
-from ikservo.cli.terminal import format_point
 from ikservo.cli.where import heat_colour, limit_colour, position_bar, watch_arm
-from ikservo.errors import UnreachableError
+from ikservo.errors import UnreachableError, format_point
 from ikservo.model.model import HealthLimits
 from servosim.clock import VirtualClock
 

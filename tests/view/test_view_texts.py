@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from ikservo.arm import JointState
+from ikservo.errors import format_point
 from ikservo.ik import ActiveLimit
 from ikservo.model.model import HealthLimits
 from ikservo.view.draw_items import TargetMarker
 from ikservo.view.labels import (
     describe_range,
     describe_target,
-    format_point,
     format_solve_time,
     format_supply,
     health_rows,
