@@ -130,8 +130,8 @@ class Picker:
     ) -> dict[str, Hit]:
         """Return the hits in the square around the pointer, by link."""
         from ikservo.view.pick_region import (  # noqa: PLC0415  # loads when first used
-            AWAY,
             DEPTH,
+            OFFSET,
             RIGHT,
             ROW,
             UP,
@@ -142,19 +142,19 @@ class Picker:
         if half_px <= 0.0:
             return hits
         found = np.empty((len(forest.links), 5))
-        pointer = (at - camera.viewport.centre_px) * (1.0, -1.0) / camera.scale_px
-        eye = np.array([*pointer, float(camera.perspective)])
+        right_up = (at - camera.viewport.centre_px) * (1.0, -1.0) / camera.scale_px
+        pointer = np.array([*right_up, float(camera.perspective)])
         T_view_link = _view_transforms(camera, [poses[link] for link in forest.links])
         half = half_px / camera.scale_px
         self.tested = find_in_square(
-            T_view_link, eye, half, forest.roots, forest.boxes, forest.nodes, forest.rows, found
+            T_view_link, pointer, half, forest.roots, forest.boxes, forest.nodes, forest.rows, found
         )
-        for link, seen in zip(forest.links, found, strict=True):
-            if np.isfinite(seen[AWAY]):
-                away_px = camera.scale_px * seen[[RIGHT, UP]] * (1.0, -1.0)
-                point = camera.unproject(at + away_px, seen[DEPTH])
-                px = float(camera.scale_px * seen[AWAY])
-                hits[link] = self._make_hit(camera, link, poses[link], point, px, int(seen[ROW]))
+        for link, nearest in zip(forest.links, found, strict=True):
+            if np.isfinite(nearest[OFFSET]):
+                away_px = camera.scale_px * nearest[[RIGHT, UP]] * (1.0, -1.0)
+                point = camera.unproject(at + away_px, nearest[DEPTH])
+                px = float(camera.scale_px * nearest[OFFSET])
+                hits[link] = self._make_hit(camera, link, poses[link], point, px, int(nearest[ROW]))
         return hits
 
     def cast(
