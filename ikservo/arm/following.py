@@ -395,7 +395,7 @@ def follow_arm(
 ) -> FollowResult:
     """Follow the measured joints of another arm; see ``Arm.follow_arm``."""
     leader.require_zeros()
-    cycle_time_s = context.servos.measure_cycle_time_s()
+    cycle_time_s = runner.loop.measure_cycle_time_s()
     positions = leader_positions(leader, context, cycle_time_s, until)
     return follow(context, runner, positions, speed, on_progress)
 

@@ -151,6 +151,7 @@ class MotionRunner:
         with self._lock:
             self._servos.torque.check_idle()
             self._servos.enable(self._context.model.speed("slow").rad_s)
+            self.loop.measure_cycle_time_s()  # after torque-on: a limp arm would sink
 
     def disable_torque(self) -> None:
         """Switch every servo's torque off; a running motion ends with ``StoppedError`` first.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
 from typing import TypeVar
 
 import numpy as np
@@ -21,7 +20,6 @@ __all__ = [
     "Feedback",
     "JointState",
     "load_percent",
-    "measure_cycle_time_s",
     "read_joint_states",
     "read_register",
     "read_registers",
@@ -274,43 +272,3 @@ def load_percent(servo: ServoSpec, load: float) -> float:
         return 100.0 * load
     limit = table.registers["current_limit"]
     return 100.0 * load / limit.to_value(limit.range[1])
-
-
-_CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)
-_READINGS = 5
-# The bus is busy for a quarter of each cycle; the rest is for computing and for retries.
-_TIME_MARGIN = 4.0
-_MIN_TIME_MARGIN = 1.25  # a slow bus may be busy for most of the cycle
-
-
-def measure_cycle_time_s(bus: ServoBus, feedback: Feedback) -> float:
-    """Read the positions a few times and choose the control cycle that the bus allows.
-
-    Returns:
-        The time between two goals: 500 to 100 Hz, less on a slow bus.
-
-    Raises:
-        BusError: A servo does not answer.
-    """
-    bus_s = _reading_s(bus, feedback) + _writing_s(bus)
-    for cycle_time_s in _CYCLE_TIMES_S:
-        if cycle_time_s >= _TIME_MARGIN * bus_s:
-            return cycle_time_s
-    return max(_CYCLE_TIMES_S[-1], _MIN_TIME_MARGIN * bus_s)
-
-
-def _reading_s(bus: ServoBus, feedback: Feedback) -> float:
-    """Measure how long it takes to read all positions, and the telemetry of one servo."""
-    taken_s: list[float] = []
-    for _ in range(_READINGS):
-        start_s = bus.clock.now_s()
-        feedback.measure_positions()
-        taken_s.append(bus.clock.now_s() - start_s)
-    return median(taken_s) * (1.0 + 1.0 / len(bus.servos))
-
-
-def _writing_s(bus: ServoBus) -> float:
-    """Return how long the goals of all servos are on the wire; they have no replies."""
-    header = 14
-    each = 1 + next(iter(bus.servos.values())).table.goal_position.size
-    return bus.port.wire_s(header + each * len(bus.servos))

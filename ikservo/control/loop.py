@@ -1,9 +1,10 @@
-"""The control loop: setpoints, pauses, cycle data, and slowing down where servos lag behind."""
+"""The control loop: its rate, setpoints, pauses, and slowing down on a machine that is too slow."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from statistics import median
 
 from ikservo.control.servo_group import ServoGroup
 from ikservo.control.streamed_servos import STALL_S
@@ -12,7 +13,15 @@ from ikservo.guard import StopReason
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import Rate, Trajectory
 
-__all__ = ["BRAKE_S", "ControlCycle", "ControlLoop", "OnCycle", "SetpointSampler", "TimeScaler"]
+__all__ = [
+    "BRAKE_S",
+    "ControlCycle",
+    "ControlLoop",
+    "OnCycle",
+    "SetpointSampler",
+    "TimeScaler",
+    "measure_cycle_time_s",
+]
 
 
 BRAKE_S = 0.25
@@ -22,6 +31,39 @@ BRAKE_S = 0.25
 _MAX_STEP_S = 0.02
 # A cycle later than this counts as late; this many more late cycles than good ones are too many.
 _LATE_S, _LATE_CYCLES = 0.025, 50
+
+
+_CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)
+_READINGS = 5
+# The bus is busy for a quarter of each cycle; the rest is for computing and for retries.
+_TIME_MARGIN = 4.0
+_MIN_TIME_MARGIN = 1.25  # a slow bus may be busy for most of the cycle
+
+
+def measure_cycle_time_s(servos: ServoGroup) -> float:
+    """Read the positions a few times and choose the control cycle that the bus allows.
+
+    Returns:
+        The time between two goals: 500 to 100 Hz, less on a slow bus.
+
+    Raises:
+        BusError: A servo does not answer.
+    """
+    bus_s = _reading_s(servos) + servos.goals_wire_s
+    for cycle_time_s in _CYCLE_TIMES_S:
+        if cycle_time_s >= _TIME_MARGIN * bus_s:
+            return cycle_time_s
+    return max(_CYCLE_TIMES_S[-1], _MIN_TIME_MARGIN * bus_s)
+
+
+def _reading_s(servos: ServoGroup) -> float:
+    """Measure how long it takes to read all positions, and the telemetry of one servo."""
+    taken_s: list[float] = []
+    for _ in range(_READINGS):
+        start_s = servos.clock.now_s()
+        servos.measure_positions()
+        taken_s.append(servos.clock.now_s() - start_s)
+    return median(taken_s) * (1.0 + 1.0 / len(servos.names))
 
 
 class TimeScaler:
@@ -35,13 +77,11 @@ class TimeScaler:
 
     Attributes:
         rate: Seconds of the motion per second of the clock, 0 to 1.
-        late_s: How much longer than nominal the last cycle took.
     """
 
     def __init__(self, cycle_time_s: float) -> None:
         self._cycle_time_s = cycle_time_s
         self._late_count = 0
-        self.late_s = 0.0
         self.rate = 1.0
 
     @property
@@ -86,8 +126,7 @@ class TimeScaler:
             )
 
     def _count_late_cycles(self, elapsed_s: float) -> None:
-        self.late_s = max(0.0, elapsed_s - self._cycle_time_s)
-        late = self.late_s > _LATE_S
+        late = elapsed_s - self._cycle_time_s > _LATE_S
         self._late_count = max(0, self._late_count + (1 if late else -1))
 
 
@@ -100,7 +139,6 @@ class ControlCycle:
         duration_s: Of the whole motion; infinite for one that continues until it is ended.
         goals: The servos' goals (n,), rad or m.
         measured: The joints (n,); the last known position of a joint in ``lost``.
-        late_s: How much longer than nominal the last cycle took.
         lost: Joints whose reply is missing.
     """
 
@@ -108,7 +146,6 @@ class ControlCycle:
     duration_s: float
     goals: Vector
     measured: Vector
-    late_s: float = 0.0
     lost: tuple[str, ...] = ()
 
 
@@ -170,17 +207,32 @@ class ControlLoop:
     """
 
     def __init__(self, servos: ServoGroup, cycle_time_s: float | None = None) -> None:
-        self._servos, self._given_cycle_time_s = servos, cycle_time_s
+        self._servos, self._cycle_time_s = servos, cycle_time_s
         self._last_cycle: ControlCycle | None = None
 
     @property
     def cycle_time_s(self) -> float:
-        """The time between two goals, seconds.
+        """The time between two goals, seconds; reads no servo.
 
         Raises:
             RefusedError: None was given, and that of the bus was not measured yet.
         """
-        return self._given_cycle_time_s or self._servos.cycle_time_s
+        if self._cycle_time_s is None:
+            raise RefusedError(
+                "The control cycle of this arm has not been measured.",
+                "Switch its torque on first.",
+            )
+        return self._cycle_time_s
+
+    def measure_cycle_time_s(self) -> float:
+        """Return the time between two goals; measure it first where that was not done.
+
+        Raises:
+            BusError: A servo does not answer.
+        """
+        if self._cycle_time_s is None:
+            self._cycle_time_s = measure_cycle_time_s(self._servos)
+        return self._cycle_time_s
 
     @property
     def last_cycle(self) -> ControlCycle | None:
@@ -225,9 +277,10 @@ class ControlLoop:
 
     def _run_loop(self, trajectory: Trajectory, on_cycle: OnCycle | None) -> Vector:
         servos, setpoints = self._servos, SetpointSampler(trajectory)
-        scaler = TimeScaler(self.cycle_time_s)
+        cycle_time_s = self.measure_cycle_time_s()
+        scaler = TimeScaler(cycle_time_s)
         sent_s, uncut, restarts = servos.clock.now_s(), True, servos.restarts
-        for _ in Rate(servos.clock, self.cycle_time_s):
+        for _ in Rate(servos.clock, cycle_time_s):
             measured = servos.update()
             if servos.restarts > restarts:
                 restarts = servos.restarts
@@ -238,9 +291,7 @@ class ControlLoop:
             sent_s = now_s
             setpoint = setpoints.next_setpoint(servos.allowed_advance_s(gap_s) if uncut else 0.0)
             uncut = servos.send_goals(setpoint, now_s)
-            self._last_cycle = self._make_cycle(
-                setpoints.time_s, trajectory.duration_s, measured, scaler.late_s
-            )
+            self._last_cycle = self._make_cycle(setpoints.time_s, trajectory.duration_s, measured)
             if on_cycle:
                 on_cycle(self._last_cycle)
             scaler.raise_if_too_slow()
@@ -251,9 +302,7 @@ class ControlLoop:
                 return measured
         raise AssertionError("the rate never ends")
 
-    def _make_cycle(
-        self, time_s: float, duration_s: float, measured: Vector, late_s: float
-    ) -> ControlCycle:
+    def _make_cycle(self, time_s: float, duration_s: float, measured: Vector) -> ControlCycle:
         servos = self._servos
         now_s = min(time_s, duration_s)
-        return ControlCycle(now_s, duration_s, servos.goals(), measured, late_s, servos.lost_joints)
+        return ControlCycle(now_s, duration_s, servos.goals(), measured, servos.lost_joints)

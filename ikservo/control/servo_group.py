@@ -104,8 +104,6 @@ class ServoGroup(StreamedServos):
             with_retries(self.clock, switch_on)
         if not all(torque.values()):
             self._catch_falling_joints(start)
-        if self._cycle_time_s is None:  # after torque-on: a limp arm would sink
-            self.measure_cycle_time_s()
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
         health = HealthMonitor(self._health, read_supply_ranges(self._bus, names))
         self._health_poller = HealthPoller(

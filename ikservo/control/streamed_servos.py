@@ -9,12 +9,12 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 import numpy as np
 
 from ikservo.clock import Clock
-from ikservo.control.feedback import Feedback, measure_cycle_time_s
+from ikservo.control.feedback import Feedback
 from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.control.stopping import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
-from ikservo.errors import HeldUpError, RefusedError, StoppedError
+from ikservo.errors import HeldUpError, StoppedError
 from ikservo.guard import CommandLimits, Gate, StopReason, TrackingMonitor
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
@@ -60,7 +60,6 @@ class StreamedServos:
         self._feedback = Feedback(bus, fences)
         self._limits = ServoRamLimits(bus, self._ids)
         self._health_poller: HealthPoller | None = None
-        self._cycle_time_s: float | None = None
         self._cycle_at_s = self._horn_rad_s = 0.0
         self.restarts = 0
         self.stop_request, self.torque = StopRequest(), TorqueStateMachine()
@@ -75,27 +74,11 @@ class StreamedServos:
         return self._to_positions(self._gate.goals)
 
     @property
-    def cycle_time_s(self) -> float:
-        """The time between two goals, as last measured; reads no servo.
-
-        Raises:
-            RefusedError: It was not measured yet.
-        """
-        if self._cycle_time_s is None:
-            raise RefusedError(
-                "The control cycle of this arm has not been measured.",
-                "Switch its torque on first.",
-            )
-        return self._cycle_time_s
-
-    def measure_cycle_time_s(self) -> float:
-        """Measure five readings of the bus and choose the time between two goals.
-
-        Raises:
-            BusError: A servo does not answer.
-        """
-        self._cycle_time_s = measure_cycle_time_s(self._bus, self._feedback)
-        return self._cycle_time_s
+    def goals_wire_s(self) -> float:
+        """Return how long the goals of all servos are on the wire; they have no replies."""
+        header = 14
+        each = 1 + next(iter(self._bus.servos.values())).table.goal_position.size
+        return self._bus.port.wire_s(header + each * len(self._bus.servos))
 
     @property
     def lost_joints(self) -> tuple[str, ...]:

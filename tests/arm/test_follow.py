@@ -11,7 +11,15 @@ import ikservo
 from ikservo.errors import BadValueError, InputError, RefusedError, UnknownNameError
 from servosim.joint import Hand, glide
 from tests.arm.audit import Auditor
-from tests.arm.simulated import line_of, registers, servo_group, servo_id, true_joints, true_tip_m
+from tests.arm.simulated import (
+    line_of,
+    motion_runner,
+    registers,
+    servo_group,
+    servo_id,
+    true_joints,
+    true_tip_m,
+)
 from tests.oracle import tip_from_joints
 
 
@@ -22,7 +30,7 @@ def arm():
 
 
 def beats(arm, seconds):
-    return round(seconds / servo_group(arm).measure_cycle_time_s())
+    return round(seconds / motion_runner(arm).loop.measure_cycle_time_s())
 
 
 def circle(centre_m, radius_m, count):

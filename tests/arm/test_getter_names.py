@@ -9,7 +9,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import IkservoError, RefusedError
-from tests.arm.simulated import clock_of, servo_group, transport_of
+from tests.arm.simulated import clock_of, motion_runner, transport_of
 
 PACKAGE = Path(ikservo.__file__).parent
 READS = {"read", "bulk_read", "sync_read", "read_register", "read_registers"}
@@ -100,9 +100,9 @@ def properties(part):
 
 def test_the_control_cycle_is_measured_when_torque_comes_on_and_then_kept(arm):
     with pytest.raises(RefusedError, match="torque"):
-        _ = servo_group(arm).cycle_time_s
+        _ = motion_runner(arm).loop.cycle_time_s
     arm.enable()
-    measured_s = servo_group(arm).cycle_time_s
+    measured_s = motion_runner(arm).loop.cycle_time_s
     now_s = clock_of(arm).now_s()
-    assert (servo_group(arm).cycle_time_s, clock_of(arm).now_s()) == (measured_s, now_s)
+    assert (motion_runner(arm).loop.cycle_time_s, clock_of(arm).now_s()) == (measured_s, now_s)
     assert 0.002 <= measured_s <= 0.010

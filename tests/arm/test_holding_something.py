@@ -3,7 +3,7 @@
 import pytest
 
 import ikservo
-from tests.arm.simulated import registers, servo_group, servo_id
+from tests.arm.simulated import motion_runner, registers, servo_id
 from tests.arm.test_gripper import put_between
 
 
@@ -34,5 +34,7 @@ def test_it_is_lowered_and_lets_go(holding):
 def test_it_follows_and_presses_no_harder(holding, speed):
     arm, gripper = holding
     before = lead(arm, gripper)
-    arm.follow([{arm.chain.names[0]: 0.2}] * int(2.0 / servo_group(arm).cycle_time_s), speed=speed)
+    arm.follow(
+        [{arm.chain.names[0]: 0.2}] * int(2.0 / motion_runner(arm).loop.cycle_time_s), speed=speed
+    )
     assert lead(arm, gripper) == pytest.approx(before, abs=2)

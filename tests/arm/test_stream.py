@@ -59,7 +59,7 @@ def test_cycles_come_at_their_rate_and_have_the_time_of_the_motion(arm):
 
 
 def test_the_rate_is_between_100_and_500_hz(either):
-    assert 0.002 <= ControlLoop(servo_group(either)).cycle_time_s <= 0.010
+    assert 0.002 <= ControlLoop(servo_group(either)).measure_cycle_time_s() <= 0.010
 
 
 def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
