@@ -139,20 +139,8 @@ class CollisionChecker:
         )
         samples, pairs = np.nonzero(_touching_pairs(gap_m))
         if len(samples):
-            where = f", at {fractions[samples[0]] * 100:.0f} % of the path"
-            raise self._collision_error(where, gap_m[samples[0]], int(pairs[0]))
-
-    def check_pose(self, q: Vector) -> None:
-        """Check one posture (dof,), regardless of the present one.
-
-        Raises:
-            RefusedError: A collision; names the pair.
-            BadValueError: A joint is not finite.
-        """
-        (gap_m,) = self.distances([q])
-        nearest = int(np.argmin(gap_m))
-        if not gap_m[nearest] >= -_TOUCH_M:
-            raise self._collision_error("", gap_m, nearest)
+            at = int(samples[0])
+            raise self._collision_error(float(fractions[at]), gap_m[at], int(pairs[0]))
 
     def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
         """Return for each posture (n, dof) whether it is free of collisions (n,)."""
@@ -217,10 +205,11 @@ class CollisionChecker:
         gap_m[:, things] = np.minimum(gap_m[:, things], sagged_m[:, things])
         return gap_m
 
-    def _collision_error(self, where: str, gap_m: Vector, pair: int) -> RefusedError:
+    def _collision_error(self, fraction: float, gap_m: Vector, pair: int) -> RefusedError:
         link, other = self.pairs[pair]
         return RefusedError(
-            f"Collision {link}-{other}, {-gap_m[pair] * 1e3:.1f} mm{where}.",
+            f"Collision {link}-{other}, {-gap_m[pair] * 1e3:.1f} mm, "
+            f"at {fraction * 100:.0f} % of the path.",
             "Use --via, correct the obstacles in the arm file, or --no-collision if you can see "
             "that the path is clear.",
         )

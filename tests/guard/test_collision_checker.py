@@ -115,45 +115,56 @@ def space_of_balls(**kwargs):
     return CollisionChecker(ball_on_a_rail(), **kwargs)
 
 
+def deepest_contact(space, *q):
+    """Return the pair that touches deepest in a posture, with its depth; empty in a free one."""
+    if space.collision_free(np.array([q]))[0]:
+        return ""
+    (gap_m,) = space.distances(np.array([q]))
+    pair = int(np.argmin(gap_m))
+    return f"{'-'.join(space.pairs[pair])}, {-gap_m[pair] * 1e3:.1f} mm"
+
+
 @pytest.mark.parametrize("height_m", [0.1001, 0.5])
 def test_a_posture_above_the_floor_is_free(height_m):
-    space_of_balls().check_pose(np.array([height_m, 1.0]))
+    assert deepest_contact(space_of_balls(), height_m, 1.0) == ""
 
 
 def test_a_posture_below_the_floor_is_named_with_its_depth():
-    with pytest.raises(RefusedError, match=r"^Collision lift-the floor, 20\.0 mm\.") as caught:
-        space_of_balls().check_pose(np.array([0.08, 1.0]))
+    assert deepest_contact(space_of_balls(), 0.08, 1.0) == "lift-the floor, 20.0 mm"
+
+
+def test_a_refusal_says_what_can_be_done():
+    with pytest.raises(RefusedError, match="Collision lift-the floor") as caught:
+        space_of_balls().check_path([np.array([0.5, 1.0]), np.array([0.08, 1.0])])
     assert "--via" in caught.value.command_hint
     assert "arm.move_through" in caught.value.hint
 
 
 def test_what_stands_on_the_floor_does_not_touch_it():
     space = space_of_balls(floor_m=0.05)  # the base's ball is 5 cm deep
-    space.check_pose(np.array([1.0, 1.0]))
+    assert deepest_contact(space, 1.0, 1.0) == ""
 
 
 def test_a_higher_floor_is_touched_earlier():
-    with pytest.raises(RefusedError, match=r"the floor, 50\.0 mm"):
-        space_of_balls(floor_m=0.25).check_pose(np.array([0.3, 1.0]))
+    assert deepest_contact(space_of_balls(floor_m=0.25), 0.3, 1.0) == "lift-the floor, 50.0 mm"
 
 
 def test_links_that_touch_each_other_are_named():
-    with pytest.raises(RefusedError, match=r"Collision base-reach, 50\.0 mm"):
-        space_of_balls(floor_m=None).check_pose(np.array([0.15, 0.0]))
+    assert deepest_contact(space_of_balls(floor_m=None), 0.15, 0.0) == "base-reach, 50.0 mm"
 
 
 @pytest.mark.parametrize("depth_m", [0.0, 0.9e-9])
 def test_exactly_touching_is_free(depth_m):
     space, q = space_of_balls(), np.array([0.1 - depth_m, 1.0])
-    space.check_pose(q)
+    assert deepest_contact(space, *q) == ""
     space.check_path([np.array([0.5, 1.0]), q])
 
 
 def test_a_nanometre_is_deep_enough():
     space, q = space_of_balls(), np.array([0.1 - 1.1e-9, 1.0])
-    for look in (lambda: space.check_pose(q), lambda: space.check_path([np.array([0.5, 1.0]), q])):
-        with pytest.raises(RefusedError, match="the floor"):
-            look()
+    assert deepest_contact(space, *q) == "lift-the floor, 0.0 mm"
+    with pytest.raises(RefusedError, match="the floor"):
+        space.check_path([np.array([0.5, 1.0]), q])
 
 
 def test_boxes_are_told_apart_by_their_names():
@@ -162,10 +173,9 @@ def test_boxes_are_told_apart_by_their_names():
         KeepOutBox("the jug", np.array([1.5, -0.1, 0.5]), np.array([1.7, 0.1, 0.7])),
     ]
     space = space_of_balls(boxes=cups)
-    space.check_pose(np.array([0.6, 1.1]))
+    assert deepest_contact(space, 0.6, 1.1) == ""
     for reach_m, name in ((0.75, "cup"), (1.45, "jug")):
-        with pytest.raises(RefusedError, match=rf"reach-the {name}, 50\.0 mm"):
-            space.check_pose(np.array([0.6, reach_m]))
+        assert deepest_contact(space, 0.6, reach_m) == f"reach-the {name}, 50.0 mm"
 
 
 def test_a_way_of_two_may_not_end_in_something():
@@ -221,7 +231,8 @@ def test_a_nanometre_is_a_touch_and_no_less(heights, refused):
 
 
 def test_a_posture_a_nanometre_deep_is_free():
-    CollisionChecker(ball_on_a_rail(radius_m=0.0)).check_pose(np.array([-1e-9, 1.0]))
+    points = CollisionChecker(ball_on_a_rail(radius_m=0.0))
+    assert deepest_contact(points, -1e-9, 1.0) == ""
 
 
 def test_a_way_of_one_posture_is_looked_at_as_where_the_arm_is():
@@ -232,21 +243,21 @@ def test_a_way_of_one_posture_is_looked_at_as_where_the_arm_is():
 def test_a_posture_that_is_no_number_is_refused(bad):
     space = space_of_balls()
     with pytest.raises(BadValueError):
-        space.check_pose(np.array([0.5, bad]))
+        space.collision_free(np.array([[0.5, bad]]))
     with pytest.raises(BadValueError):
         space.check_path([np.array([0.5, 1.0]), np.array([0.5, bad])])
 
 
 def test_a_posture_of_another_arm_is_refused():
     with pytest.raises(BadValueError, match="shape"):
-        space_of_balls().check_pose(np.array([0.5, 1.0, 2.0]))
+        space_of_balls().collision_free(np.array([[0.5, 1.0, 2.0]]))
 
 
 def test_links_that_overlap_in_a_posture_known_to_be_free_may_do_so():
     body = ball_on_a_rail(postures=[np.array([0.15, 0.0])])
-    CollisionChecker(body, None).check_pose(np.array([0.1461, 0.0]))  # and 4 mm more
-    with pytest.raises(RefusedError, match="base-reach"):
-        CollisionChecker(body, None).check_pose(np.array([0.145, 0.0]))
+    space = CollisionChecker(body, None)
+    assert deepest_contact(space, 0.1461, 0.0) == ""  # and 4 mm more
+    assert deepest_contact(space, 0.145, 0.0).startswith("base-reach")
 
 
 # --- between two looks, and under the arm's own weight
@@ -261,7 +272,7 @@ def plate(at_m, thick_m=0.002):
 def test_a_thin_plate_between_two_looks_is_seen():
     space = space_of_balls(boxes=[plate(1.5)])
     for at_m in (1.37, 1.63):  # the ball's radius is 0.1 m: it is free on both sides
-        space.check_pose(np.array([0.6, at_m]))
+        assert deepest_contact(space, 0.6, at_m) == ""
     with pytest.raises(RefusedError, match="Collision reach-the plate"):
         space.check_path([np.array([0.6, 1.37]), np.array([0.6, 1.63])])
 

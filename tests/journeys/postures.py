@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 
-from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker
 from ikservo.model import load_model
 from ikservo.model.collision_model import collision_body
@@ -85,11 +84,7 @@ def _random_joints(model, chance):
 
 def _is_free(model, joints):
     space = CollisionChecker(collision_body(model), model.floor_m)
-    try:
-        space.check_pose(np.array([joints[name] for name in model.chain.names]))
-    except RefusedError:
-        return False
-    return True
+    return bool(space.collision_free(np.array([[joints[name] for name in model.chain.names]]))[0])
 
 
 def _between(joint, fraction):
