@@ -175,7 +175,8 @@ def _make_room(arm: Arm, joint: str, options: CalibrationOptions) -> None:
         if motion is None:
             break
         print_status(
-            f"{motion.joint} moves {motion.direction}, and stays there: {joint} needs room."
+            f"{motion.joint} moves {motion.direction}, and stays there: "
+            f"it is in the way of {joint}."
         )
         execute_lift(arm, motion)
         _check_seen(arm, motion, options)

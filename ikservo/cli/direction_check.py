@@ -131,7 +131,7 @@ def _make_room(machine: Arm, name: str, *, interactive: bool) -> None:
     motion = plan_clearance(machine, name)
     if motion is not None:
         print_status(
-            f"{motion.joint} moves {motion.direction}, and stays there: {name} needs room."
+            f"{motion.joint} moves {motion.direction}, and stays there: it is in the way of {name}."
         )
         execute_lift(machine, motion)
         _confirm_direction(machine, motion, interactive=interactive)

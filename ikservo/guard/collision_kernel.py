@@ -30,7 +30,7 @@ from ikservo.kinematics.packed import (
 
 __all__ = ["gravity_torques_kernel", "min_distances"]
 
-_NOTHING = 1e-30
+_TINY = 1e-30
 _GOLDEN = (5**0.5 - 1) / 2
 _SECTIONS = 40  # the rest of a segment of one metre is then 4 nm
 
@@ -274,9 +274,9 @@ def _segment_distance(ends: Matrix, i: int, j: int) -> float:
         a, e, b, c, f = a + d1 * d1, e + d2 * d2, b + d1 * d2, c + d1 * r, f + d2 * r
     # Parallel segments have no single closest pair, and a point has no direction: any s and t will
     # do to begin with. Each is then the best for the other.
-    s = _clamp_unit_interval((b * f - c * e) / max(a * e - b * b, _NOTHING))
-    t = _clamp_unit_interval((b * s + f) / max(e, _NOTHING))
-    s = _clamp_unit_interval((b * t - c) / max(a, _NOTHING))
+    s = _clamp_unit_interval((b * f - c * e) / max(a * e - b * b, _TINY))
+    t = _clamp_unit_interval((b * s + f) / max(e, _TINY))
+    s = _clamp_unit_interval((b * t - c) / max(a, _TINY))
     gap2 = 0.0
     for k in range(3):
         d1, d2 = ends[i, 3 + k] - ends[i, k], ends[j, 3 + k] - ends[j, k]

@@ -10,7 +10,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 
 __all__ = ["Capsule", "segment_box_distance", "segment_distance"]
 
-_NOTHING = 1e-30
+_TINY = 1e-30
 _GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -46,10 +46,10 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
     a, e, b = _row_dot(d1, d1), _row_dot(d2, d2), _row_dot(d1, d2)
     c, f = _row_dot(d1, r), _row_dot(d2, r)
     # Parallel segments and points have no single closest pair: any s will do to begin with.
-    crossing = np.maximum(a * e - b * b, _NOTHING)
+    crossing = np.maximum(a * e - b * b, _TINY)
     s = _clamp_unit_interval((b * f - c * e) / crossing)
-    t = _clamp_unit_interval((b * s + f) / np.maximum(e, _NOTHING))
-    s = _clamp_unit_interval((b * t - c) / np.maximum(a, _NOTHING))
+    t = _clamp_unit_interval((b * s + f) / np.maximum(e, _TINY))
+    s = _clamp_unit_interval((b * t - c) / np.maximum(a, _TINY))
     gap = r + s[..., None] * d1 - t[..., None] * d2
     return np.sqrt(_row_dot(gap, gap))
 

@@ -227,7 +227,7 @@ def limp(say, name, *more):
 
 def lifts(done):
     """Return which joints moved so that another has room, and which."""
-    return re.findall(r"(\w+) moves .*, and stays there: (\w+) needs room", done.err)
+    return re.findall(r"(\w+) moves .*, and stays there: it is in the way of (\w+)", done.err)
 
 
 SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}

@@ -234,8 +234,8 @@ def _perturb_joints(n: int, work: Matrix) -> None:
     """Leave a saddle: turn every free joint a little, with signs that have no pattern."""
     for j in range(n):
         if work[FREE, j] == 1.0:
-            share = j * _GOLDEN_RATIO
-            side = 1.0 if share - math.floor(share) < 0.5 else -1.0
+            fraction = j * _GOLDEN_RATIO
+            side = 1.0 if fraction - math.floor(fraction) < 0.5 else -1.0
             q = work[Q, j] + side * _PERTURBATION_RAD / (1.0 + j)
             if q < work[LOWER_LIMIT, j] or q > work[UPPER_LIMIT, j]:
                 q = work[Q, j] - side * _PERTURBATION_RAD / (1.0 + j)

@@ -158,9 +158,9 @@ def evaluate(arm: Matrix, problem: Vector, kind: int, weight: float, work: Matri
     return half + 0.5 * weight * weight * work[NORMS, ROT_ERR2]
 
 
-def converged(settings: Vector, share: float, work: Matrix) -> bool:
-    """Return whether position error and chord are within a share of their tolerances."""
-    a, b = share * settings[TOLERANCE_M], share * settings[TOLERANCE_CHORD]
+def converged(settings: Vector, fraction: float, work: Matrix) -> bool:
+    """Return whether position error and chord are within a fraction of their tolerances."""
+    a, b = fraction * settings[TOLERANCE_M], fraction * settings[TOLERANCE_CHORD]
     return work[NORMS, POS_ERR2] <= a * a and work[NORMS, ROT_ERR2] <= b * b
 
 

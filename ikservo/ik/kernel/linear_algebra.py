@@ -65,9 +65,9 @@ def hessian(problem: Vector, kind: int, weight: float, n: int, work: Matrix) -> 
     every axis r of the tool, d²r/dq_i dq_j = w_i x (w_j x r). With M = Σ r_k d_kᵀ over the axes
     that are compared, the orientation's term is ``w_i · (tr(M) - M) w_j``.
     """
-    share, trace, size = 0.0, 0.0, 0.0
+    coefficient, trace, size = 0.0, 0.0, 0.0
     if kind != POSITION_ONLY and weight > 0.0:
-        share = weight * weight * (1.0 if kind == DIRECTION else 0.5)
+        coefficient = weight * weight * (1.0 if kind == DIRECTION else 0.5)
         trace = _residual_overlap(problem, kind, work)
     e0, e1, e2 = work[RESIDUAL, 0], work[RESIDUAL, 1], work[RESIDUAL, 2]
     for j in range(n):
@@ -75,10 +75,10 @@ def hessian(problem: Vector, kind: int, weight: float, n: int, work: Matrix) -> 
         w0, w1, w2 = work[J + 3, j], work[J + 4, j], work[J + 5, j]
         # (w_i x J_j) · e = w_i · (J_j x e)
         m0, m1, m2 = a2 * e1 - a1 * e2, a0 * e2 - a2 * e0, a1 * e0 - a0 * e1
-        if share > 0.0:
-            m0 += share * (trace * w0 - _hessian_row(work, 0, w0, w1, w2))
-            m1 += share * (trace * w1 - _hessian_row(work, 1, w0, w1, w2))
-            m2 += share * (trace * w2 - _hessian_row(work, 2, w0, w1, w2))
+        if coefficient > 0.0:
+            m0 += coefficient * (trace * w0 - _hessian_row(work, 0, w0, w1, w2))
+            m1 += coefficient * (trace * w1 - _hessian_row(work, 1, w0, w1, w2))
+            m2 += coefficient * (trace * w2 - _hessian_row(work, 2, w0, w1, w2))
         for i in range(j + 1):
             curved = work[J + 3, i] * m0 + work[J + 4, i] * m1 + work[J + 5, i] * m2
             work[HESSIAN + i, j] = (
@@ -176,15 +176,15 @@ def newton_step(problem: Vector, kind: int, weight: float, n: int, work: Matrix)
 
     Returns the damping as a share of the largest curvature.
     """
-    size, share = hessian(problem, kind, weight, n, work), _FLOOR
+    size, damping = hessian(problem, kind, weight, n, work), _FLOOR
     _mirror_hessian(n, work)
     _fill_rhs(n, work)
     for _ in range(20):
-        if _solve_free_joints(share * size + _TINY, n, work):
+        if _solve_free_joints(damping * size + _TINY, n, work):
             break
-        share = max(4.0 * share, _FIRST_DAMPING)
+        damping = max(4.0 * damping, _FIRST_DAMPING)
         _mirror_hessian(n, work)
-    return share
+    return damping
 
 
 def _mirror_hessian(n: int, work: Matrix) -> None:

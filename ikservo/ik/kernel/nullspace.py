@@ -97,9 +97,9 @@ def _rotation_step(rows: int, damping: float, radius: float, n: int, work: Matri
     scale = radius / longest if longest > radius else 1.0
     for j in range(n):
         step = work[STEP, j]
-        room = (work[UPPER_LIMIT, j] if step > 0.0 else work[LOWER_LIMIT, j]) - work[Q, j]
-        if abs(scale * step) > abs(room):
-            scale = room / step
+        margin = (work[UPPER_LIMIT, j] if step > 0.0 else work[LOWER_LIMIT, j]) - work[Q, j]
+        if abs(scale * step) > abs(margin):
+            scale = margin / step
     for j in range(n):
         work[STEP, j] *= scale
     return scale * longest

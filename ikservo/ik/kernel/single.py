@@ -115,8 +115,8 @@ def solve_pose(
             )
     for j in range(n):
         starts[0, j] = q0[j]
-    wrong = solve_rows(arm, problems, settings, starts, seeds, work, scores, trace, results)
-    if wrong >= 0:
+    invalid_row = solve_rows(arm, problems, settings, starts, seeds, work, scores, trace, results)
+    if invalid_row >= 0:
         return INVALID
     for i in range(len(idle)):
         column = int(idle[i, IDLE_COLUMN])
