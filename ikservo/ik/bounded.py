@@ -6,12 +6,15 @@ where that fails, from a fixed table of further starting points. The arithmetic 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import threading
+from collections.abc import Callable, Sequence
+from typing import cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ikservo.errors import BadValueError
+from ikservo.ik.kernel.compiled import bind
 from ikservo.ik.kernel.layout import (
     ITERATIONS,
     POSITION_ERROR,
@@ -43,7 +46,9 @@ __all__ = [
 ]
 
 
-def unpack_result(chain: Chain, answer: Vector, method: str) -> Result:
+def unpack_result(
+    chain: Chain, answer: Vector, method: str, trace: tuple[Vector, ...] = ()
+) -> Result:
     """Return the result in one row of kernel output (2 dof + RESULT_TAIL,)."""
     n = chain.dof
     tail: list[float] = answer[2 * n :].tolist()
@@ -57,6 +62,7 @@ def unpack_result(chain: Chain, answer: Vector, method: str) -> Result:
         iterations=int(tail[ITERATIONS]),
         nearest_m=answer[2 * n + REACHED_POINT : 2 * n + REACHED_POINT + 3].copy(),
         method=method,
+        trace=trace,
     )
 
 
@@ -80,43 +86,89 @@ def bounded(
     The first solution ends the search, or, if q0 leads to none, the nearest to q0 of the first
     few. Without a solution the result is the closest over all starting points.
     """
-    restarts = 1 if options.track else options.restarts
-    kind, ready = target_kind_of(target), problem_for_target(chain, target, restarts)
-    seeds = ready.seeds
-    if first and restarts > 1:
-        given = ready.make_seeds(chain, np.array(first), swinging=False)
-        seeds = np.hstack([given, seeds])
-    worker = SolverBuffers(chain.dof, restarts, traced=_TRACED if options.trace else 0)
-    worker.question[0] = pack_target(target)
-    worker.start[0] = q0
-    wrong = load_kernel()(
-        ready.arm,
-        worker.question,
-        pack_settings(kind, chain.dof, options),
-        worker.start,
-        seeds,
-        worker.work,
-        worker.scores,
-        worker.trace,
-        worker.answer,
-    )
-    if wrong >= 0:
-        raise BadValueError("The question", "none", "finite numbers and a rotation")
-    for joint in ready.idle[kind]:
-        stays = joint.resting_position(float(q0[joint.column]))
-        worker.answer[0, joint.column] = worker.trace[:, joint.column] = stays
-    result = unpack_result(chain, worker.answer[0], "bounded")
-    return replace(result, trace=_read_trace(chain, q0, worker)) if options.trace else result
+    if first or options.trace:
+        return Search(chain, target, options, first).solve(chain, target, q0)
+    return _searches.find(chain, target, options).solve(chain, target, q0)
 
 
-def _read_trace(chain: Chain, q0: Vector, worker: SolverBuffers) -> tuple[Vector, ...]:
-    """Return the start, then the iterates of the attempt that led to the result."""
-    kept = worker.trace[_TRACED // 2 :][: int(worker.answer[0, 2 * chain.dof + TRACE_LENGTH_OUT])]
-    steps = [chain.clip(row) for row in kept]
-    start = chain.clip(q0)
-    if steps and np.array_equal(steps[0], start):
-        steps = steps[1:]
-    return (start, *steps)
+class Search:
+    """The search for one kind of target: kernel and arrays, for one thread.
+
+    It must not contain the chain, its key in the cache: neither would ever be freed.
+
+    Args:
+        chain: The arm.
+        target: A target; others with the same frame, offset and tool axis can be solved, too.
+        options: Limits and priorities.
+        first: Starting points (dof,) beside those of the table.
+    """
+
+    def __init__(
+        self, chain: Chain, target: Target, options: Options, first: Sequence[Vector] = ()
+    ) -> None:
+        restarts = 1 if options.track else options.restarts
+        kind, ready = target_kind_of(target), problem_for_target(chain, target, restarts)
+        self.options, self._kind, self._idle, seeds = options, kind, ready.idle[kind], ready.seeds
+        if first and restarts > 1:
+            given = ready.make_seeds(chain, np.array(first), swinging=False)
+            seeds = np.hstack([given, seeds])
+        worker = SolverBuffers(chain.dof, restarts, traced=_TRACED if options.trace else 0)
+        self._question, self._start = worker.question[0], worker.start[0]
+        self._answer, self._trace = worker.answer[0], worker.trace
+        load_kernel()  # where it is not compiled, its module makes it known
+        run = bind(
+            "solve_all", ready.arm, worker.question, pack_settings(kind, chain.dof, options),
+            worker.start, seeds, worker.work, worker.scores, worker.trace, worker.answer,
+        )  # fmt: skip
+        self._run_kernel = cast("Callable[[], int]", run)
+
+    def solve(self, chain: Chain, target: Target, q0: Vector) -> Result:
+        """Return the result for a target, from ``q0`` (dof,)."""
+        _fill_question(self._question, self._kind, target)
+        self._start[:] = q0
+        if self._run_kernel() >= 0:
+            raise BadValueError("The question", "none", "finite numbers and a rotation")
+        for joint in self._idle:
+            stays = joint.resting_position(self._start.item(joint.column))
+            self._answer[joint.column] = self._trace[:, joint.column] = stays
+        trace = self._read_trace(chain, q0) if self.options.trace else ()
+        return unpack_result(chain, self._answer, "bounded", trace)
+
+    def _read_trace(self, chain: Chain, q0: Vector) -> tuple[Vector, ...]:
+        """Return the start, then the iterates of the attempt that led to the result."""
+        count = int(self._answer[2 * chain.dof + TRACE_LENGTH_OUT])
+        steps = [chain.clip(row) for row in self._trace[_TRACED // 2 :][:count]]
+        start = chain.clip(q0)
+        return (start, *(steps[1:] if steps and np.array_equal(steps[0], start) else steps))
+
+
+_Key = tuple[TargetKind, str | None, bytes, bytes, Options]
+
+
+class _Searches(threading.local):
+    """The searches that a thread has prepared, the last few of each chain."""
+
+    def __init__(self) -> None:
+        self._prepared = WeakKeyDictionary[Chain, dict[_Key, Search]]()
+
+    def find(self, chain: Chain, target: Target, options: Options) -> Search:
+        """Return the search for such targets, prepared now if it was not before."""
+        kind, offset = target_kind_of(target), _offset_array(target)
+        axis = target.axis.tobytes() if kind is TargetKind.DIRECTION else b""
+        key = (kind, target.frame, b"" if offset is None else offset.tobytes(), axis, options)
+        kept = self._prepared.get(chain)
+        if kept is None:
+            kept = self._prepared[chain] = {}
+        search = kept.get(key)
+        if search is None:
+            while len(kept) >= _MAX_SEARCHES:
+                del kept[next(iter(kept))]
+            search = kept[key] = Search(chain, target, options)
+        return search
+
+
+_MAX_SEARCHES = 16
+_searches = _Searches()
 
 
 def target_kind_of(target: Target) -> TargetKind:
@@ -139,9 +191,13 @@ def _offset_array(target: Target) -> Vector | None:
 def pack_target(target: Target) -> Vector:
     """Return a target as the kernels read it (PROBLEM_SIZE,); a direction uses only z."""
     question = np.zeros(PROBLEM_SIZE)
-    question[:3] = target.position
-    if target.rotation is not None:
-        question[3:] = target.rotation.ravel()
-    elif target.target_axis is not None:
-        question[5::3] = target.target_axis
+    _fill_question(question, target_kind_of(target), target)
     return question
+
+
+def _fill_question(question: Vector, kind: TargetKind, target: Target) -> None:
+    question[:3] = target.position
+    if kind is TargetKind.POSE:
+        question[3:] = cast("Vector", target.rotation).ravel()
+    elif kind is TargetKind.DIRECTION:
+        question[5::3] = target.target_axis

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError
 from ikservo.ik.kernel.layout import MAX_POSITION_M
 from ikservo.kinematics import finite_array, finite_vector
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, largest_magnitude, read_only
 from ikservo.kinematics.se3 import log_so3
 
 __all__ = [
@@ -27,6 +27,8 @@ __all__ = [
 
 
 _ROTATION_TOLERANCE = 1e-6
+_TOOL_AXIS = (0.0, 0.0, 1.0)
+_TOOL_AXIS_ARRAY = read_only(_TOOL_AXIS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,10 @@ class Target:
         frame: The link the point belongs to; the tip if None.
         offset_m: The point in that link's coordinates (3,), metres; its origin if None.
         tool_axis: The axis (3,) in the link's coordinates for ``direction``.
+        position: The target position as an array of its own.
+        target_axis: The target direction as a unit vector, or None.
+        rotation: The target orientation as an array of its own, or None.
+        axis: The tool axis as a unit vector.
 
     Raises:
         BadValueError: A number is not finite, a shape is wrong, an axis has no length, the
@@ -51,35 +57,27 @@ class Target:
     orientation: ArrayLike | None = None
     frame: str | None = None
     offset_m: ArrayLike | None = None
-    tool_axis: ArrayLike = (0.0, 0.0, 1.0)
+    tool_axis: ArrayLike = _TOOL_AXIS
+    position: Vector = field(init=False, repr=False)
+    target_axis: Vector | None = field(init=False, repr=False)
+    rotation: Matrix | None = field(init=False, repr=False)
+    axis: Vector = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.direction is not None and self.orientation is not None:
+        direction, orientation, axis = self.direction, self.orientation, self.tool_axis
+        if direction is not None and orientation is not None:
             raise BadValueError("The target", "over-determined", "a direction or an orientation")
-        _ = self.position, self.target_axis, self.rotation, self.axis
+        vars(self).update(
+            position=check_position(self.position_m, "The target position"),
+            target_axis=(
+                None if direction is None else normalise(direction, "The wanted direction")
+            ),
+            rotation=None if orientation is None else _check_rotation(orientation),
+            axis=_TOOL_AXIS_ARRAY if axis is _TOOL_AXIS else normalise(axis, "The tool axis"),
+        )
         _check_frame(self.frame)
         if self.offset_m is not None:
             check_position(self.offset_m, "offset_m")
-
-    @cached_property
-    def position(self) -> Vector:
-        """Return the target position (3,) [m]."""
-        return check_position(self.position_m, "The target position")
-
-    @cached_property
-    def target_axis(self) -> Vector | None:
-        """Return the target direction of the tool axis as a unit vector (3,), or None."""
-        return None if self.direction is None else normalise(self.direction, "The wanted direction")
-
-    @cached_property
-    def axis(self) -> Vector:
-        """Return the tool axis as a unit vector (3,) in the frame's coordinates."""
-        return normalise(self.tool_axis, "The tool axis")
-
-    @cached_property
-    def rotation(self) -> Matrix | None:
-        """Return the target orientation (3, 3), or None."""
-        return None if self.orientation is None else _check_rotation(self.orientation)
 
     @property
     def only_position(self) -> bool:
@@ -120,7 +118,7 @@ def _check_frame(frame: object) -> None:
 def check_position(v: ArrayLike, what: str) -> Vector:
     """Return a copy of a point (3,) [m]; BadValueError if it is none or beyond 1 km."""
     point = finite_vector(v, 3, what)
-    if float(np.abs(point).max()) > MAX_POSITION_M:
+    if largest_magnitude(point) > MAX_POSITION_M:
         raise BadValueError(what, point.tolist(), "metres, within 1 km")
     return point.copy()  # later changes by the caller must not change the target
 
@@ -138,11 +136,17 @@ def normalise(v: ArrayLike, what: str) -> Vector:
 
 def _check_rotation(R: ArrayLike) -> Matrix:
     matrix = finite_array(R, (3, 3), "The orientation")
-    largest = float(np.abs(matrix).max())
-    off = largest if largest > 2.0 else float(np.abs(matrix @ matrix.T - np.eye(3)).max())
-    if off > _ROTATION_TOLERANCE or float(np.linalg.det(matrix)) < 0.0:
+    x, y, z = matrix.tolist()
+    lengths = abs(_dot(x, x) - 1.0), abs(_dot(y, y) - 1.0), abs(_dot(z, z) - 1.0)
+    off = max(*lengths, abs(_dot(x, y)), abs(_dot(y, z)), abs(_dot(z, x)))
+    normal = x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
+    if off > _ROTATION_TOLERANCE or _dot(normal, z) < 0.0:
         raise BadValueError("The orientation", "no rotation matrix", "R Rᵀ = 1 and det R = 1")
     return matrix.copy()
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 DEFAULT_RESTARTS = 400

@@ -119,6 +119,21 @@ class Result:
     trace: tuple[Vector, ...] = ()
     question: SolvedProblem | None = field(default=None, repr=False)
 
+    def with_question(self, question: SolvedProblem) -> Result:
+        """Return the result with the problem that it solves."""
+        return Result(
+            self.q,
+            self.reached,
+            self.position_error_m,
+            self.orientation_error_rad,
+            self.binding,
+            self.iterations,
+            self.nearest_m,
+            self.method,
+            self.trace,
+            question,
+        )
+
     @property
     def solutions(self) -> SolutionSet:
         """Whether there are other solutions; computed when it is read, in some ms."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from ikservo.ik.prepare import check_chain
 from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
 from ikservo.ik.result import Result, SolvedProblem, is_closer
 from ikservo.kinematics import Chain, finite_vector
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, largest_magnitude
 
 __all__ = ["METHODS", "Method", "get_method", "in_millimetres", "solve"]
 
@@ -119,8 +119,8 @@ def solve(
             no chain or no target.
         UnknownNameError: No such method, or the target's frame is no link of the arm.
     """
-    options = Options(
-        tolerance or Tolerance(),
+    values = (
+        tolerance or _TOLERANCE,
         restarts,
         max_iterations,
         posture,
@@ -130,13 +130,22 @@ def solve(
         track,
         nearest,
     )
+    try:
+        options = _checked_options(*values)
+    except TypeError:  # a value that no table can look up, and no option takes
+        options = Options(*values)
     check_chain(chain)
     _check_target(target)
     start = chain.mid_range() if q0 is None else finite_vector(q0, chain.dof, "q0")
-    if float(np.abs(start).max()) > MAX_ANGLE_RAD:
+    if largest_magnitude(start) > MAX_ANGLE_RAD:
         raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
     result = get_method(method)(chain, target, start, options)
-    return replace(result, question=SolvedProblem(chain, target, solution_set))
+    return result.with_question(SolvedProblem(chain, target, solution_set))
+
+
+_TOLERANCE = Tolerance()
+# Options that were checked for a call before; typed, as 1 is no True.
+_checked_options = lru_cache(32, typed=True)(Options)
 
 
 def _check_target(target: object) -> None:

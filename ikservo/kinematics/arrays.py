@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -16,6 +18,7 @@ __all__ = [
     "finite_array",
     "finite_vector",
     "finite_vectors",
+    "largest_magnitude",
     "read_only",
 ]
 
@@ -24,6 +27,10 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 IntVector = NDArray[np.int64]
 IntMatrix = NDArray[np.int64]
+
+_FLOAT64 = np.dtype(np.float64)
+# Numbers of arrays up to this size are looked at sooner as a list of Python's than by NumPy.
+_FEW = 16
 
 
 def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
@@ -56,6 +63,8 @@ def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
 
     Strings, booleans and complex numbers are not accepted.
     """
+    if type(values) is np.ndarray and values.dtype is _FLOAT64:
+        return values
     try:
         array = np.asarray(values)
         if array.dtype.kind in "bcSU":
@@ -63,6 +72,14 @@ def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
         return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise BadValueError(what, repr(values), expected) from None
+
+
+def largest_magnitude(array: Vector) -> float:
+    """Return the largest absolute value of a vector (n,); 0 without numbers."""
+    if len(array) <= _FEW:
+        numbers: list[float] = array.tolist()
+        return max(map(abs, numbers), default=0.0)
+    return float(np.abs(array).max())
 
 
 def read_only(values: ArrayLike) -> Vector:
@@ -73,6 +90,8 @@ def read_only(values: ArrayLike) -> Vector:
 
 
 def _require_finite(array: Vector, what: str) -> Vector:
+    if array.ndim == 1 and len(array) <= _FEW and math.isfinite(sum(array.tolist())):
+        return array
     if not np.isfinite(array).all():
         raise BadValueError(what, str(array.tolist()), "finite numbers")
     return array

@@ -3,6 +3,7 @@
 import gc
 import math
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -140,3 +141,30 @@ def test_an_arm_that_is_no_longer_used_is_freed():
     del chain
     gc.collect()
     assert known() is None
+
+
+def test_options_that_equal_others_but_are_of_another_type_are_still_refused():
+    arm, target = planar(0.3, 0.2), Target((0.3, 0.2, 0.0))
+    assert solve(arm, target, track=True).reached == solve(arm, target, track=True).reached
+    with pytest.raises(BadValueError, match="track"):
+        solve(arm, target, track=1)
+    with pytest.raises(BadValueError, match="restarts"):
+        solve(arm, target, restarts=[400])
+
+
+def test_results_of_one_call_are_not_changed_by_the_next():
+    arm, start = planar(0.3, 0.2), np.array([0.3, 0.5])
+    first = solve(arm, Target((0.3, 0.2, 0.0)), start)
+    q, point = first.q.copy(), first.nearest_m.copy()
+    solve(arm, Target((0.1, -0.3, 0.0)), start)
+    np.testing.assert_array_equal(first.q, q)
+    np.testing.assert_array_equal(first.nearest_m, point)
+
+
+def test_threads_that_solve_at_the_same_time_get_what_each_alone_would_get():
+    arm, angles = crane(), np.linspace(-0.6, 0.6, 200)
+    targets = [Target((0.3 * math.cos(a), 0.3 * math.sin(a), 0.1)) for a in angles]
+    alone = [solve(arm, target).q.tolist() for target in targets]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda target: solve(arm, target).q.tolist(), targets))
+    assert together == alone
