@@ -168,8 +168,10 @@ def build_calibration(
         limits = found.limits(subject.expected, wizard.margin_rad, own)
         inside = found.joint_map.ticks_inside(limits.lower.value, limits.upper.value)
         registers = inside if write_limits and not homing.extended else None
-        for servo_id, set_up in _choose_homings(wizard, subject, configs, homing, found.travel):
-            memory[servo_id] = expected_registers(configs[servo_id], set_up, registers)
+        for servo_id, offset in _choose_offsets(wizard, subject, configs, homing, found.travel):
+            memory[servo_id] = expected_registers(
+                configs[servo_id], offset, registers, extended=homing.extended
+            )
         joints.append(
             _calibrated_joint(
                 wizard, subject, found, own, _calibrated_servos(subject, configs, memory)
@@ -216,15 +218,15 @@ def _apply_homing(
     return homing, found.shift_ticks(homing.shift)
 
 
-def _choose_homings(
+def _choose_offsets(
     wizard: CalibrationState,
     subject: JointUnderCalibration,
     configs: ServoConfigs,
     homing: Homing,
     travel: TickRange,
-) -> list[tuple[int, Homing]]:
-    """Return the homing of each servo of a joint: shadows report the ticks of the first one."""
-    rows = [(subject.servo_id, homing)]
+) -> list[tuple[int, int]]:
+    """Return the offset of each servo of a joint: shadows report the ticks of the first one."""
+    rows = [(subject.servo_id, homing.offset)]
     reported = round(wizard.reference_ticks[subject.servo_id] - homing.shift)
     for shadow_id in subject.shadow_ids:
         expected = wrapped_difference(
@@ -242,7 +244,7 @@ def _choose_homings(
                 f"{subject.servo_id}; a homing offset corrects at most {MAX_X_OFFSET}.",
                 f"Remount the horn of servo {shadow_id} so that both report nearly the same.",
             )
-        rows.append((shadow_id, Homing(offset, False, -offset)))
+        rows.append((shadow_id, offset))
     return rows
 
 
@@ -270,7 +272,7 @@ def _calibrated_joint(
     placed, (lead, *shadows) = found.joint_map, servos
     return CalibratedJoint(
         name=subject.name,
-        sign=1 if placed.sign > 0 else -1,
+        sign=1 if placed.sign == 1 else -1,
         sign_from="by hand" if subject.name in wizard.signs else "arm file",
         zero_tick=placed.zero_tick,
         gear=placed.gear,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from ikservo.calibration.homing import MAX_X_OFFSET, Homing
+from ikservo.calibration.homing import MAX_X_OFFSET
 from ikservo.calibration.records import CalibratedServo, Calibration
 from ikservo.errors import CalibrationError
 from ikservo.hardware.bus import ServoBus
@@ -130,31 +130,32 @@ def registers_differ(register: str, one: int, other: int) -> bool:
 
 
 def expected_registers(
-    config: ServoConfig, homing: Homing, limits: tuple[int, int] | None
+    config: ServoConfig, offset: int, limits: tuple[int, int] | None, *, extended: bool
 ) -> dict[str, int]:
     """Return the expected registers of a servo.
 
     Args:
         config: Its present configuration; kept where possible.
-        homing: Its homing settings.
+        offset: Its homing offset.
         limits: Position limits, raw; None opens them if the present ones no longer mean the
             same positions, and keeps them if they do.
+        extended: Whether it must count beyond one revolution.
     """
     held = dict(config.registers)
     if config.table.family is Family.FEETECH_STS:
         held["operating_mode"] = FeetechMode.POSITION
         held["phase"] &= ~MULTI_TURN_BIT
     elif config.table.family is Family.DYNAMIXEL_2:
-        held["operating_mode"] = _choose_x_mode(held["operating_mode"], homing)
+        held["operating_mode"] = _choose_x_mode(held["operating_mode"], extended)
     if "homing_offset" in held:
-        held["homing_offset"] = homing.offset
+        held["homing_offset"] = offset
     return held | _expected_limits(config, held, limits)
 
 
-def _choose_x_mode(mode: int, homing: Homing) -> int:
+def _choose_x_mode(mode: int, extended: bool) -> int:
     if mode == OperatingMode.CURRENT_BASED_POSITION:
         return mode  # a gripper that yields; it counts on like the extended mode
-    return OperatingMode.EXTENDED_POSITION if homing.extended else OperatingMode.POSITION
+    return OperatingMode.EXTENDED_POSITION if extended else OperatingMode.POSITION
 
 
 def _expected_limits(

@@ -98,3 +98,14 @@ def test_a_joint_that_is_skipped_or_free_keeps_the_arm_files_travel(word):
     found = measure_joint(hand.wizard, hand.wizard.subjects[0])
     assert found.swept == "not swept"
     assert found.travel.width == pytest.approx(3.0 / math.tau * TURN, abs=2)
+
+
+def test_a_joint_that_its_servos_moved_says_so():
+    driven = replace(Hand(subject()).rest().accept().move(900).wizard, motor_driven=True)
+    assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
+
+
+def test_a_travel_that_its_servos_found_earlier_says_so():
+    hand = Hand(subject(known=TickRange(1000, 3000)), start=1500).rest().accept()
+    driven = replace(hand.wizard, motor_driven=True)
+    assert measure_joint(driven, driven.subjects[0]).swept == "by itself"

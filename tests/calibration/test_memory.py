@@ -2,7 +2,6 @@
 
 import pytest
 
-from ikservo.calibration.homing import Homing
 from ikservo.calibration.servo_config import (
     ServoConfig,
     calibration_registers,
@@ -14,12 +13,14 @@ from ikservo.calibration.servo_config import (
 from ikservo.registers import MODELS
 from tests.calibration.records import SCS, STS, X
 
-STAYS = Homing(0, False, 0)
-
 
 def facts(model="STS3215", **held):
     known = {"STS3215": STS, "XM430-W350": X, "SCS15": SCS}[model]
     return ServoConfig(1, MODELS[model], "", known | held)
+
+
+def wanted_of(found, offset=0, limits=None, extended=False):
+    return expected_registers(found, offset, limits, extended=extended)
 
 
 @pytest.mark.parametrize(
@@ -95,13 +96,13 @@ def test_a_calibration_rests_on_the_registers_that_a_file_holds(model):
 
 
 def test_what_is_right_stays_as_it_is():
-    assert expected_registers(facts(), STAYS, None) == STS
-    assert expected_registers(facts("XM430-W350"), STAYS, None) == X
-    assert expected_registers(facts("SCS15"), STAYS, None) == SCS
+    assert wanted_of(facts()) == STS
+    assert wanted_of(facts("XM430-W350")) == X
+    assert wanted_of(facts("SCS15")) == SCS
 
 
 def test_an_sts_is_put_into_position_mode_and_counts_one_turn():
-    wanted = expected_registers(facts(operating_mode=3, phase=0b0001_1101), STAYS, None)
+    wanted = wanted_of(facts(operating_mode=3, phase=0b0001_1101))
     assert (wanted["operating_mode"], wanted["phase"]) == (0, 0b0000_1101)
 
 
@@ -111,26 +112,26 @@ def test_an_sts_is_put_into_position_mode_and_counts_one_turn():
 )  # fmt: skip
 def test_a_dynamixel_counts_on_where_it_must_and_a_gripper_stays_soft(mode, extended, wanted):
     found = facts("XM430-W350", operating_mode=mode)
-    assert expected_registers(found, Homing(0, extended, 0), None)["operating_mode"] == wanted
+    assert wanted_of(found, extended=extended)["operating_mode"] == wanted
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350"])
 def test_limits_that_would_mean_other_places_are_opened(model):
     found = facts(model, min_position_limit=500, max_position_limit=3000)
-    assert expected_registers(found, STAYS, None)["min_position_limit"] == 500
-    moved = expected_registers(found, Homing(9, False, -9), None)
+    assert wanted_of(found)["min_position_limit"] == 500
+    moved = wanted_of(found, 9)
     assert moved["homing_offset"] == 9
     assert (moved["min_position_limit"], moved["max_position_limit"]) == (0, 4095)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0, 3000), (500, 0)])
 def test_one_limit_of_zero_is_a_limit(low, high):
-    wanted = expected_registers(facts(min_position_limit=low, max_position_limit=high), STAYS, None)
+    wanted = wanted_of(facts(min_position_limit=low, max_position_limit=high))
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == (low, high)
 
 
 def test_limits_of_zero_mean_none_and_are_opened():
-    unset = expected_registers(facts(min_position_limit=0, max_position_limit=0), STAYS, None)
+    unset = wanted_of(facts(min_position_limit=0, max_position_limit=0))
     assert (unset["min_position_limit"], unset["max_position_limit"]) == (0, 4095)
 
 
@@ -139,5 +140,5 @@ def test_limits_of_zero_mean_none_and_are_opened():
     [((100, 3900), (100, 3900)), ((-5, 5000), (0, 4095)), ((4095, 4096), (4094, 4095))],
 )
 def test_limits_are_written_as_far_as_their_registers_go(limits, written):
-    wanted = expected_registers(facts(), STAYS, limits)
+    wanted = wanted_of(facts(), limits=limits)
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == written
