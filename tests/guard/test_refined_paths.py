@@ -13,12 +13,12 @@ from ikservo.kinematics.se3 import make_pose
 BALL_RADIUS_M = 0.1
 
 
-def slider():
+def slider(radius_m=BALL_RADIUS_M):
     """Return the body of a ball that slides along x, half a metre above the table."""
     origin = make_pose(np.array([0.0, 0.0, 0.5]))
     along_x = np.array([1.0, 0.0, 0.0])
     joint = Joint("reach", JointType.PRISMATIC, "base", "ball", origin, along_x, -9.0, 9.0)
-    capsule = Capsule("ball", np.zeros(3), np.zeros(3), BALL_RADIUS_M)
+    capsule = Capsule("ball", np.zeros(3), np.zeros(3), radius_m)
     return CollisionBody(Chain.from_joints([joint], "base", "ball"), [capsule])
 
 
@@ -72,3 +72,40 @@ def test_a_plate_is_found_however_far_apart_the_samples_are():
     for end_m in np.linspace(2.0, 8.5, 27):
         with pytest.raises(RefusedError, match="the plate"):
             check([0.0, end_m], plate(1.5))
+
+
+def test_a_body_that_has_left_a_plate_must_not_pass_through_it_between_samples():
+    checker = CollisionChecker(slider(), floor_m=None, boxes=[plate(1.5)])
+    checker.check_path([np.array([x]) for x in (1.45, 0.9, 0.5)])
+    with pytest.raises(RefusedError, match="ball-the plate"):
+        checker.check_path([np.array([x]) for x in (1.45, 0.9, 3.3)])
+
+
+def test_a_body_that_lies_against_a_plate_must_not_pass_through_it_between_samples():
+    against_m = 1.5 - 0.001 - BALL_RADIUS_M
+    with pytest.raises(RefusedError, match="ball-the plate"):
+        check([against_m, 2.5], plate(1.5))
+
+
+@pytest.mark.parametrize(("apart_m", "refused"), [(0.00201, True), (0.00199, False)])
+def test_a_contact_of_more_than_a_millimetre_is_found_between_two_samples(apart_m, refused):
+    # the ball is free at both samples; between them it is as deep in the sheet as its radius
+    path = [np.array([1.5 - apart_m / 2]), np.array([1.5 + apart_m / 2])]
+    checker = CollisionChecker(slider(apart_m / 2 - 1e-6), boxes=[plate(1.5, thickness_m=1e-6)])
+    if refused:
+        with pytest.raises(RefusedError, match=r"ball-the plate, 1\.0 mm, at 50 %"):
+            checker.check_path(path)
+    else:
+        checker.check_path(path)
+
+
+def test_a_path_far_from_everything_is_looked_at_once():
+    looked_at = []
+
+    def sag(q):
+        looked_at.append(len(q))
+        return np.zeros_like(q)
+
+    checker = CollisionChecker(slider(), boxes=[plate(1.5)], sag=sag)
+    checker.check_path([np.array([x]) for x in (5.0, 5.1, 5.2)])
+    assert looked_at == [3]

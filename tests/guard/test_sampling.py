@@ -83,3 +83,8 @@ def test_a_dense_path_is_thinned_by_the_distance_travelled_not_by_where_it_ends(
 def test_a_dense_path_keeps_one_row_a_step_though_one_joint_rests():
     dense = np.column_stack([np.linspace(0.0, 1.0, 1001), np.zeros(1001)])
     np.testing.assert_allclose(thin_path(dense)[:, 0], np.linspace(0.0, 1.0, 21), atol=0.0011)
+
+
+def test_rows_further_apart_than_the_sampling_step_are_all_kept():
+    coarse = np.array([[0.0], [0.2], [0.4], [0.3], [0.6]])
+    np.testing.assert_array_equal(thin_path(coarse), coarse)
