@@ -49,13 +49,12 @@ def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
     return np.minimum(joints - chain.lower_rad, chain.upper_rad - joints)
 
 
-# Singular values below this fraction of the largest are zero in every sampled posture.
-_RANK = 1e-7
+# Singular values that are below this in every sampled posture are zero, m/rad or rad/rad.
+_RANK = 1e-9
 _SAMPLES = 5
-_IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0]))
-_STEPS, _HALVINGS = 40, 6
-# A singular value is zero where it is this fraction of its start, or of one metre or radian.
-_ZERO = 1e-6
+_STEPS = 40
+_FRACTIONS = 0.5 ** np.arange(6)  # of Newton's step
+_ZERO = 1e-6  # a posture with a singular value below this is singular, m/rad or rad/rad
 _DIFFERENCE_RAD = 1e-6
 _MAX_STEP_RAD = 0.3
 # Offset of each joint to either side of a posture, for further start postures.
@@ -129,9 +128,9 @@ def conditioning(
     q = finite_vector(q, chain.dof, "q")
     moves, rotations = _count_freedoms(chain, frame, offset_m)
     J = chain.jacobian(q, frame, offset_m)
-    moves_m_rad = _linear_singular_values(J, moves)
+    moves_m_rad = _linear_singular_values(J)[:moves]
     return Conditioning(
-        float(np.prod(moves_m_rad)), moves_m_rad, _angular_singular_values(J, moves, rotations)
+        float(np.prod(moves_m_rad)), moves_m_rad, _angular_singular_values(J, moves)[:rotations]
     )
 
 
@@ -146,8 +145,8 @@ def nearest_singularity(
     """Search from joints (dof,) a singular posture of a point nearby.
 
     Newton's steps reduce the smallest singular value to zero inside the limits, from the posture
-    and from some around it. The result is singular for certain, and seldom is another nearer;
-    None if none is found.
+    and from some around it. The result is singular for certain, but another may be nearer; None
+    if none is found.
 
     Args:
         chain: The arm.
@@ -180,13 +179,13 @@ def _singularity_measures(
     measures: list[Measure] = []
     if moves:
         measures.append(
-            lambda q: _linear_singular_values(chain.jacobian(q, frame, offset_m), moves)[..., -1]
+            lambda q: _linear_singular_values(chain.jacobian(q, frame, offset_m))[..., moves - 1]
         )
     if rotation and rotations:
         measures.append(
-            lambda q: _angular_singular_values(
-                chain.jacobian(q, frame, offset_m), moves, rotations
-            )[..., -1]
+            lambda q: _angular_singular_values(chain.jacobian(q, frame, offset_m), moves)[
+                ..., rotations - 1
+            ]
         )
     return measures
 
@@ -201,16 +200,14 @@ def _start_postures(chain: Chain, q: Vector) -> Matrix:
 def _find_zeros(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
     """Return the zeros (n, dof) of a measure found by searches from joints (m, dof)."""
     values = measure(q)
-    zero, ends = _ZERO * np.minimum(values, 1.0), [q[:0]]
+    ends: list[Matrix] = []
     for _ in range(_STEPS):
-        done = values <= zero
-        ends.append(q[done])
-        q, values, zero = q[~done], values[~done], zero[~done]
+        ends.append(q[values <= _ZERO])
+        q, values = q[values > _ZERO], values[values > _ZERO]
         if not len(q):
             break
         moved, lower = _newton_step(chain, q, values, measure)
-        falls = lower < values
-        q, values, zero = moved[falls], lower[falls], zero[falls]
+        q, values = moved[lower < values], lower[lower < values]
     return np.vstack(ends)
 
 
@@ -218,67 +215,57 @@ def _newton_step(
     chain: Chain, q: Matrix, values: Vector, measure: Measure
 ) -> tuple[Matrix, Vector]:
     """Take Newton's step, or its half, quarter, … that lowers the measure most."""
-    slope = _measure_gradient(chain, q, measure)
+    slope = _measure_gradient(chain, q, values, measure)
     size2 = np.maximum(np.sum(slope * slope, axis=1), _MIN_DERIVATIVE)
     step = -(values / size2)[:, None] * slope
-    max_step_rad = np.maximum(np.abs(step).max(axis=1), _MAX_STEP_RAD)
-    fractions = 0.5 ** np.arange(_HALVINGS)
-    candidates = (
-        q[:, None] + fractions[None, :, None] * (_MAX_STEP_RAD / max_step_rad * step.T).T[:, None]
-    )
-    inside = chain.clip(candidates.reshape(-1, chain.dof))
-    values_after = measure(inside).reshape(len(q), _HALVINGS)
-    candidates = inside.reshape(candidates.shape)
-    best = np.argmin(values_after, axis=1)
-    rows = np.arange(len(q))
-    return candidates[rows, best], values_after[rows, best]
+    max_step_rad = np.maximum(np.linalg.norm(step, np.inf, axis=1), _MAX_STEP_RAD)
+    step *= (_MAX_STEP_RAD / max_step_rad)[:, None]
+    candidates = chain.clip(np.vstack([q + fraction * step for fraction in _FRACTIONS]))
+    values_after = measure(candidates).reshape(len(_FRACTIONS), len(q))
+    best = np.argmin(values_after, axis=0) * len(q) + np.arange(len(q))
+    return candidates[best], values_after.ravel()[best]
 
 
-def _measure_gradient(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
+def _measure_gradient(chain: Chain, q: Matrix, values: Vector, measure: Measure) -> Matrix:
     """Return the derivative (n, dof); 0 for joints at a limit that would move outside."""
     aside = _DIFFERENCE_RAD * np.eye(chain.dof)
-    beside = np.concatenate([q[:, None] + aside, q[:, None] - aside], axis=1)
-    plus, minus = np.split(measure(beside.reshape(-1, chain.dof)).reshape(len(q), -1), 2, axis=1)
-    slope = (plus - minus) / (2.0 * _DIFFERENCE_RAD)
-    blocked = ((q <= chain.lower_rad) & (slope > 0.0)) | ((q >= chain.upper_rad) & (slope < 0.0))
-    return np.where(blocked, 0.0, slope)
+    beside = measure((q[:, None] + aside).reshape(q.size, chain.dof)).reshape(q.shape)
+    slope = (beside - values[:, None]) / _DIFFERENCE_RAD
+    downhill = chain.clip(q - np.copysign(_DIFFERENCE_RAD, slope))
+    return np.where(downhill == q, 0.0, slope)
 
 
-def _linear_singular_values(J: Matrix, count: int) -> Vector:
-    """Return the largest singular values (count,) or (n, count) of the linear rows."""
-    return _singular_values(J[..., :3, :])[..., :count]
+def _linear_singular_values(J: Matrix) -> Vector:
+    """Return the singular values (k,) or (n, k) of the linear rows, the largest first."""
+    return _singular_values(J[..., :3, :])
 
 
-def _angular_singular_values(J: Matrix, moves: int, count: int) -> Vector:
+def _angular_singular_values(J: Matrix, moves: int) -> Vector:
     """Return those of the angular rows for joint motions that leave the point at rest."""
     _, _, Vt = np.linalg.svd(J[..., :3, :], full_matrices=True)
     null_space = np.swapaxes(Vt[..., moves:, :], -1, -2)
-    if not count:
-        return np.zeros((*J.shape[:-2], 0))
-    return _singular_values(J[..., 3:, :] @ null_space)[..., :count]
+    return _singular_values(J @ null_space)  # the linear rows become zero
+
+
+def _singular_values(matrices: Matrix) -> Matrix:
+    return np.asarray(np.linalg.svd(matrices, compute_uv=False), dtype=np.float64)
 
 
 def ordinary_postures(dof: int) -> Matrix:
-    """Return a few postures (n, dof) that are singular for no arm: irrational revolutions."""
-    revolutions = (0.5 + np.outer(np.arange(1, _SAMPLES + 1), _IRRATIONAL)) % 1.0
-    q: Matrix = np.resize(2.0 * math.pi * revolutions, (_SAMPLES, dof)).astype(np.float64)
-    return q
+    """Return a few postures (n, dof) that are singular for no arm.
+
+    Each joint is at another whole number of radians, which is no fraction of a revolution.
+    """
+    return np.arange(1, _SAMPLES * dof + 1, dtype=np.float64).reshape(_SAMPLES, dof) % math.tau
 
 
 def _count_freedoms(chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> tuple[int, int]:
     """Return the numbers of directions of the point, and of rotations of the link about it."""
     J = chain.jacobian(ordinary_postures(chain.dof), frame, offset_m)
-    moves = _numerical_rank(_singular_values(J[:, :3]))
-    _, _, Vt = np.linalg.svd(J[:, :3], full_matrices=True)
-    rotating = J[:, 3:] @ np.swapaxes(Vt[:, moves:, :], 1, 2)
-    return moves, _numerical_rank(_singular_values(rotating)) if moves < chain.dof else 0
+    moves = _numerical_rank(_linear_singular_values(J))
+    return moves, _numerical_rank(_angular_singular_values(J, moves))
 
 
 def _numerical_rank(values: Matrix) -> int:
     """Return how many singular values (samples, k) are not zero in every sample."""
-    return int((values > _RANK * max(values.max(initial=0.0), 1e-300)).sum(axis=1).max(initial=0))
-
-
-def _singular_values(matrices: Matrix) -> Matrix:
-    values: Matrix = np.linalg.svd(matrices, compute_uv=False).astype(np.float64, copy=False)
-    return values
+    return int((values > _RANK).sum(axis=1).max())
