@@ -231,7 +231,7 @@ def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
     for change in journal.changes if journal else ():
         servo = bus.servos.get(change.id)
         names = change.old.keys() | change.new.keys()
-        if servo is None or not names <= servo.table.registers.keys():
+        if servo is None or names - servo.table.registers.keys():
             raise CalibrationError(
                 f"{journal_path}: interrupted write to servo {change.id}, which is another now.",
                 "Has the arm file changed? Use the earlier one, or remove this journal "

@@ -1,0 +1,200 @@
+"""An interrupted writing into servos and file: how far it came, and what ends it."""
+
+import pytest
+
+from ikservo.calibration.transaction import (
+    EepromChange,
+    Journal,
+    TransactionProgress,
+    commit,
+    dump_journal,
+    plan_changes,
+    progress,
+    read_journal,
+    recover,
+    resume,
+    roll_back,
+)
+from ikservo.errors import CalibrationError
+from ikservo.files.writing import write_atomic
+from tests.calibration.mounted_arms import make_mounted_arm
+
+REGISTER, OLD, NEW = "homing_offset", 11, 500
+OLD_TEXT, NEW_TEXT = "[old]\n", "[new]\n"
+
+
+class Interrupted:
+    """Servos, a calibration file, and the journal of a writing into both."""
+
+    def __init__(self, folder, name="planar2"):
+        self.path, self.journal_path = folder / "arm.toml", folder / "journal.toml"
+        self.arm = make_mounted_arm(name, 3, spoiled=False)
+        self.ids = sorted(self.arm.line.servos)
+        self.path.write_text(OLD_TEXT)
+        for servo_id in self.ids:
+            self.hold(servo_id, OLD)
+
+    def hold(self, servo_id, number):
+        self.arm.line.servos[servo_id].write(REGISTER, number)
+
+    def held(self):
+        return [self.arm.register(servo_id, REGISTER) for servo_id in self.ids]
+
+    def journal(self, *, old_text=OLD_TEXT, new_text=NEW_TEXT):
+        changes = tuple(
+            EepromChange(id=i, old={REGISTER: OLD}, new={REGISTER: NEW}) for i in self.ids
+        )
+        return Journal(
+            format=1, path=str(self.path), old_text=old_text, new_text=new_text, changes=changes
+        )
+
+    def leave_journal(self, **texts):
+        write_atomic(self.journal_path, dump_journal(self.journal(**texts)))
+        return self
+
+    def act(self, action):
+        with self.arm.open_bus() as bus:
+            return action(bus, self.journal_path)
+
+    def is_over(self):
+        return read_journal(self.journal_path) is None
+
+
+@pytest.fixture
+def interrupted(tmp_path):
+    return Interrupted(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("written", "reached"),
+    [
+        ((), TransactionProgress.NOTHING),
+        ((1,), TransactionProgress.SOME),
+        ((2,), TransactionProgress.SOME),
+        ((1, 2), TransactionProgress.EVERYTHING),
+    ],
+)
+def test_the_servos_tell_how_far_a_writing_came(interrupted, written, reached):
+    for servo_id in written:
+        interrupted.hold(servo_id, NEW)
+    assert interrupted.act(lambda bus, _: progress(bus, interrupted.journal())) is reached
+
+
+def test_only_servos_that_hold_something_else_are_to_be_changed(interrupted):
+    interrupted.hold(2, NEW)
+    wanted = {i: {REGISTER: NEW} for i in interrupted.ids}
+    changes = interrupted.act(lambda bus, _: plan_changes(bus, wanted))
+    assert changes == [EepromChange(id=1, old={REGISTER: OLD}, new={REGISTER: NEW})]
+
+
+def test_where_nothing_was_interrupted_there_is_nothing_to_end(interrupted):
+    assert interrupted.act(recover) == ""
+    assert interrupted.act(resume) is False
+    assert interrupted.act(roll_back) is False
+    assert interrupted.held() == [OLD, OLD]
+
+
+def test_a_writing_that_reached_no_servo_is_forgotten(interrupted):
+    interrupted.leave_journal()
+    assert "had changed nothing yet" in interrupted.act(recover)
+    assert (interrupted.path.read_text(), interrupted.is_over()) == (OLD_TEXT, True)
+
+
+def test_a_writing_that_reached_every_servo_is_completed_by_its_file(interrupted):
+    interrupted.leave_journal()
+    for servo_id in interrupted.ids:
+        interrupted.hold(servo_id, NEW)
+    assert "its file is saved now" in interrupted.act(recover)
+    assert (interrupted.path.read_text(), interrupted.is_over()) == (NEW_TEXT, True)
+
+
+def test_a_writing_that_reached_some_servos_is_left_for_the_operator_to_decide(interrupted):
+    interrupted.leave_journal().hold(2, NEW)
+    with pytest.raises(CalibrationError, match=r"(?s)some servos hold the new one.*resume.*revert"):
+        interrupted.act(recover)
+    assert (interrupted.path.read_text(), interrupted.is_over()) == (OLD_TEXT, False)
+
+
+@pytest.mark.parametrize(
+    ("action", "number", "text"), [(resume, NEW, NEW_TEXT), (roll_back, OLD, OLD_TEXT)]
+)
+def test_the_operator_finishes_or_undoes_it(interrupted, action, number, text):
+    interrupted.leave_journal().hold(2, NEW)
+    assert interrupted.act(action) is True
+    assert interrupted.held() == [number, number]
+    assert (interrupted.path.read_text(), interrupted.is_over()) == (text, True)
+
+
+# --- the file
+
+
+def test_a_calibration_that_is_taken_back_leaves_no_file(interrupted):
+    changes = interrupted.journal().changes
+    interrupted.act(lambda bus, journal: commit(bus, journal, interrupted.path, "", changes))
+    assert interrupted.held() == [NEW, NEW]
+    assert not interrupted.path.exists()
+
+
+def test_the_first_calibration_that_is_undone_leaves_no_file(interrupted):
+    interrupted.leave_journal(old_text="")
+    interrupted.act(roll_back)
+    assert not interrupted.path.exists()
+
+
+@pytest.mark.parametrize("left", [None, "", NEW_TEXT])
+def test_undoing_brings_the_old_file_back(interrupted, left):
+    interrupted.leave_journal()
+    interrupted.path.unlink() if left is None else interrupted.path.write_text(left)
+    interrupted.act(roll_back)
+    assert interrupted.path.read_text() == OLD_TEXT
+
+
+@pytest.mark.parametrize("left", [None, "", OLD_TEXT])
+def test_finishing_writes_the_new_file(interrupted, left):
+    interrupted.leave_journal()
+    interrupted.path.unlink() if left is None else interrupted.path.write_text(left)
+    interrupted.act(resume)
+    assert interrupted.path.read_text() == NEW_TEXT
+
+
+@pytest.mark.parametrize(("action", "text"), [(resume, NEW_TEXT), (roll_back, OLD_TEXT)])
+def test_a_file_that_is_right_already_is_not_written_again(interrupted, action, text):
+    interrupted.leave_journal().path.write_text(text)
+    before = interrupted.path.stat().st_ino
+    interrupted.act(action)
+    assert interrupted.path.stat().st_ino == before  # writing puts another file in its place
+
+
+# --- the locks of EEPROMs
+
+
+@pytest.mark.parametrize("action", [recover, resume, roll_back])
+def test_a_servo_that_was_left_unlocked_is_locked_again(interrupted, action):
+    interrupted.leave_journal()
+    interrupted.arm.line.servos[2].write("lock", 0)
+    interrupted.act(action)
+    assert [interrupted.arm.register(i, "lock") for i in interrupted.ids] == [1, 1]
+
+
+def test_a_servo_that_is_locked_is_not_written(interrupted, monkeypatch):
+    interrupted.leave_journal()
+    with interrupted.arm.open_bus() as bus:
+        monkeypatch.setattr(bus, "write", lambda *_, **__: pytest.fail("a register was written"))
+        recover(bus, interrupted.journal_path)
+
+
+def test_servos_without_a_lock_are_left_alone(tmp_path):
+    dynamixels = Interrupted(tmp_path, "open_manipulator_x").leave_journal()
+    assert "had changed nothing yet" in dynamixels.act(recover)
+
+
+# --- a journal of other servos
+
+
+@pytest.mark.parametrize(("old", "new"), [({"goal_pwm": 0}, {}), ({}, {"goal_pwm": 0})])
+def test_a_register_that_the_servo_lacks_is_named_wherever_it_stands(interrupted, old, new):
+    changes = (EepromChange(id=1, old={REGISTER: OLD} | old, new={REGISTER: OLD} | new),)
+    journal = interrupted.journal().model_copy(update={"changes": changes})
+    write_atomic(interrupted.journal_path, dump_journal(journal))
+    with pytest.raises(CalibrationError, match="servo 1, which is another now"):
+        interrupted.act(recover)
