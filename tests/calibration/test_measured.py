@@ -7,6 +7,7 @@ import pytest
 
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.homing import TickRange
+from ikservo.calibration.procedure import CalibrationState
 from ikservo.calibration.result import MeasuredJoint, measure_joint
 from ikservo.errors import CalibrationError
 from tests.calibration.test_sweep import Hand, subject
@@ -109,3 +110,9 @@ def test_a_travel_that_its_servos_found_earlier_says_so():
     hand = Hand(subject(known=TickRange(1000, 3000)), start=1500).rest().accept()
     driven = replace(hand.wizard, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
+
+
+def test_limits_lie_two_degrees_inside_what_a_hand_found_unless_told_otherwise():
+    wizard = CalibrationState.begin([subject()])
+    (low, high) = measured().range_inside_margin(wizard.margin_rad)
+    assert (math.degrees(low), math.degrees(high)) == pytest.approx((-88.0, 88.0))

@@ -164,6 +164,13 @@ def test_a_skipped_joint_is_not_asked_for_and_keeps_the_arm_file():
     assert "a was skipped" in " ".join(warnings(hand.wizard))
 
 
+def test_a_joint_that_could_not_be_measured_is_told_with_the_reason():
+    hand = Hand(subject("a", 1)).rest().accept()
+    assert [*warnings(hand.wizard.skip("a", "its end stop is beyond the table"))] == [
+        "a: its end stop is beyond the table"
+    ]
+
+
 def test_undo_takes_back_one_answer_after_the_other():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
     hand.say("skip a").say("undo")
@@ -235,6 +242,12 @@ def test_a_range_that_fits_only_mirrored_is_refused():
     hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way
     with pytest.raises(CalibrationError, match="the wrong way"):
         hand.accept()
+
+
+def test_a_joint_without_stops_is_not_held_against_its_mirrored_range():
+    hand = Hand(subject(lower=-1.0, upper=5.0)).rest().accept()
+    hand.move(400).move(-3600).move(4100)  # from -4.9 to 1.4 rad; mirrored it would fit
+    assert hand.accept().wizard.stage is CalibrationStage.REVIEW
 
 
 def test_servos_of_one_joint_that_count_against_each_other_are_refused():

@@ -36,6 +36,11 @@ _SERIES = "where the series begins both forms agree to the last digits"
 _FINER = "the motion between two samples is below a millimetre after far fewer halvings"
 _UNUSED_MEMORY = "memory may be wider than what is written to it"
 _BUFFERS = "places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))"
+_ANY_STEPS = "other steps end in the same zero"
+_SINGULAR = (
+    "_ZERO = 1e-6  # a posture with a singular value below this is singular, m/rad or rad/rad"
+)
+_TO_THE_BIT = "no singular value is as large to the last bit"
 _TOO_NEAR = (
     "return np.flatnonzero((free & may_touch & (nearer_m > 2 * _MAX_UNCHECKED_M)).any(axis=1))"
 )
@@ -78,6 +83,41 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ("kinematics.capsules", "_GOLDEN = (5**0.5 - 1) / 2", "5 -> 6"): _SEARCH,
     ("kinematics.capsules", "_GOLDEN = (5**0.5 - 1) / 2", "0.5 -> 0.625"): _SEARCH,
     ("kinematics.capsules", "for _ in range(60):", "number"): _AS_FINE,
+    (
+        "kinematics.conditioning",
+        "_RANK = 1e-9",
+        "number",
+    ): "any value between rounding and what an arm's lengths give",
+    ("kinematics.conditioning", "_SAMPLES = 5", "number"): (
+        "more than one posture, in case that one is singular"
+    ),
+    ("kinematics.conditioning", "_STEPS = 40", "number"): "steps beyond those of a search",
+    ("kinematics.conditioning", "_FRACTIONS = 0.5 ** np.arange(6)  # of Newton's step", "number"): (
+        _ANY_STEPS
+    ),
+    ("kinematics.conditioning", _SINGULAR, "number"): "any value far below a usual one",
+    ("kinematics.conditioning", "_DIFFERENCE_RAD = 1e-6", "number"): (
+        "any small difference gives the derivative"
+    ),
+    ("kinematics.conditioning", "_MAX_STEP_RAD = 0.3", "number"): _ANY_STEPS,
+    ("kinematics.conditioning", "_START_OFFSET_RAD = 0.7", "number"): _ANY_STEPS,
+    ("kinematics.conditioning", "_MIN_DERIVATIVE = 1e-300", "number"): _NO_ZERO,
+    ("kinematics.conditioning", "ends.append(q[values <= _ZERO])", "LtE -> Lt"): _TO_THE_BIT,
+    (
+        "kinematics.conditioning",
+        "q, values = q[values > _ZERO], values[values > _ZERO]",
+        "Gt -> GtE",
+    ): _TO_THE_BIT,
+    (
+        "kinematics.conditioning",
+        "if not len(q):",
+        "never",
+    ): "without starts the further steps do nothing; they are skipped to save time",
+    (
+        "kinematics.conditioning",
+        "return int((values > _RANK).sum(axis=1).max())",
+        "Gt -> GtE",
+    ): _TO_THE_BIT,
     (
         "kinematics.capsules",
         _VALLEY,
@@ -192,6 +232,16 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "Gt -> GtE",
     ): "no joint is off by as much to the last bit",
     ("calibration.procedure", "return False", "return None"): _FALSE,
+    (
+        "calibration.procedure",
+        "return mismatches[sign] > _MIRRORED_RAD and mismatches[-sign] < mismatches[sign] / 3",
+        "Gt -> GtE",
+    ): "no gap is 30 degrees to the last bit",
+    (
+        "calibration.procedure",
+        "subject, subject.free_direction if moved > 0 else -subject.free_direction",
+        "number",
+    ): "the joint has moved by many ticks",
     (
         "calibration.procedure",
         "return mismatches[sign] > _MIRRORED_RAD and mismatches[-sign] < mismatches[sign] / 3",
