@@ -72,6 +72,7 @@ class FailingLine(LineTracer):
 
     def __init__(self, place, count, packages=LOOP):
         super().__init__(packages)
+        self._files &= {place[0]}  # tracing other files only takes time
         self._place, self._count = place, count
 
     def before_line(self, place, count):
@@ -87,13 +88,16 @@ class PausedLines(LineTracer):
         pause_s: Called with each (file, line number) and how often it was reached; returns how
             long the program pauses before that line.
         packages: Their modules are traced.
+        files: Only these of them are, where pauses come nowhere else.
 
     Attributes:
         pauses: How often the program was paused.
     """
 
-    def __init__(self, clock, pause_s, packages=LOOP_AND_PORT):
+    def __init__(self, clock, pause_s, packages=LOOP_AND_PORT, files=None):
         super().__init__(packages)
+        if files is not None:
+            self._files &= files
         self._clock, self._pause_s = clock, pause_s
         self.pauses = 0
 

@@ -165,7 +165,7 @@ def test_braked_on_its_way_it_does_not_sag(arm):
 
 
 def test_joints_that_no_setpoint_named_stay_where_they_were(arm):
-    arm.move_to((0.25, 0.05, 0.15), speed="fast")
+    arm.move_to((0.23, 0.02, 0.10))
     before = true_joints(arm)
     furthest = dict.fromkeys(before, 0.0)
 
@@ -180,7 +180,7 @@ def test_joints_that_no_setpoint_named_stay_where_they_were(arm):
 
 
 def test_a_stream_without_a_setpoint_moves_nothing(arm):
-    arm.move_to((0.25, 0.05, 0.15), speed="fast")
+    arm.move_to((0.23, 0.02, 0.10))
     before = registers(arm, "goal_position")
     report = arm.follow([None] * 5)
     assert (report.setpoints, report.ended) == (0, "end of the targets")
@@ -385,7 +385,7 @@ def fastest_deg_s(arm, motion):
 
 MOTIONS = {
     "jog": lambda arm: arm.jog("elbow_flex", -2.0, wanted=iter([True] * 200 + [False]).__next__),
-    "gripper": lambda arm: arm.gripper("open"),
+    "gripper": lambda arm: arm.gripper("close"),
     "follow": lambda arm: arm.follow([{"shoulder_pan": 0.5}] * beats(arm, 0.8), speed="fast"),
 }
 

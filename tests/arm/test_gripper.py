@@ -28,6 +28,11 @@ def jaws(arm):
     return arm.model.gripper
 
 
+def open_jaws(arm):
+    """Open the jaws as by hand, before torque comes on: a first motion would be slow."""
+    line_of(arm).world.place(jaws(arm).joint, jaws(arm).open)
+
+
 def put_between(arm, share):
     """Put something stiff between the jaws: they meet it at that share of the way to open."""
     closed, opened = jaws(arm).closed, jaws(arm).open
@@ -41,8 +46,8 @@ def put_between(arm, share):
     "name", [n if n in TWO else pytest.param(n, marks=pytest.mark.campaign) for n in ARMS]
 )
 def test_closing_on_something_is_a_grasp_with_no_more_than_the_force(name):
-    with ikservo.open_arm(name, port="sim") as arm:
-        arm.gripper("open")
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        open_jaws(arm)
         at = put_between(arm, 0.2)
         report = arm.gripper("close", force=0.2)
         own = servo_id(name, jaws(arm).joint)
@@ -70,10 +75,9 @@ CREEPING = [
 
 @pytest.mark.parametrize(("name", "begun", "force"), CREEPING)
 def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name, begun, force):
-    with ikservo.open_arm(name, port="sim") as arm:
-        arm.pose("home")
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         half = (jaws(arm).closed + jaws(arm).open) / 2
-        arm.move_joints({jaws(arm).joint: jaws(arm).open if begun == "open" else half})
+        line_of(arm).world.place(jaws(arm).joint, jaws(arm).open if begun == "open" else half)
         report = arm.gripper("close", force=force)
         assert (report.reached, report.grasped) == (True, False)
 
@@ -83,7 +87,7 @@ def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name
 )
 def test_the_least_force_grasps_what_stands_between_the_jaws(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
-        arm.gripper("open")
+        open_jaws(arm)
         at = put_between(arm, 0.3)
         report = arm.gripper("close", force=0.05)
         assert (report.reached, report.grasped) == (False, True)
@@ -93,7 +97,7 @@ def test_the_least_force_grasps_what_stands_between_the_jaws(name):
 
 
 def test_what_yields_is_pressed_until_it_yields_no_more(so101):
-    so101.gripper("open")
+    open_jaws(so101)
     closed, opened = jaws(so101).closed, jaws(so101).open
     there, end = (closed + share * (opened - closed) for share in (0.6, 0.3))
     sponge = Hand(lambda s: (max(there - 0.15 * s, end), 0.0), limit=1e4, only=1)
@@ -104,7 +108,7 @@ def test_what_yields_is_pressed_until_it_yields_no_more(so101):
 
 
 def test_jaws_that_stick_wide_open_have_grasped_nothing(so101):
-    so101.gripper("open")
+    open_jaws(so101)
     line_of(so101).servos[servo_id("so101", "gripper")].motor.stuck = True
     report = so101.gripper("close")
     assert (report.reached, report.grasped) == (False, False)
@@ -117,7 +121,7 @@ def test_jaws_so_weak_that_they_creep_are_waited_for():
 
 
 def test_the_next_program_holds_on_with_no_more_than_the_force(so101):
-    so101.gripper("open")
+    open_jaws(so101)
     put_between(so101, 0.2)
     so101.gripper("close", force=0.2)
     so101.enable()  # as the next program does with an arm that holds
@@ -142,7 +146,7 @@ def test_only_the_grippers_force_is_limited(so101):
 
 
 def test_it_opens_to_a_width():
-    with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
+    with ikservo.open_arm("open_manipulator_x", port="sim:?pose=home") as arm:
         report = arm.gripper(width_m=0.055)
         assert report.reached
         assert report.width_m == pytest.approx(0.055, abs=2e-3)

@@ -26,9 +26,8 @@ def test_a_pause_between_any_two_lines_of_a_cycle_ends_no_motion(name, most, cap
     for i, (place, hits) in enumerate(tried):
         for pause_s in pauses_s if most is None else [pauses_s[i]]:
             at = {place: hits // 2}
-            check(
-                name, lambda p, n, at=at, s=pause_s: s if at.get(p) == n else 0.0, (place, pause_s)
-            )
+            pause = lambda p, n, at=at, s=pause_s: s if at.get(p) == n else 0.0  # noqa: E731
+            check(name, pause, (place, pause_s), {place[0]})
     log(
         capsys,
         f"{name}: held up before {len(tried)} of {len(places)} lines, each motion ended well",
@@ -73,12 +72,12 @@ def move(arm, traced):
     return courses[0]
 
 
-def check(name, pause_s, where):
+def check(name, pause_s, where, files=None):
     """Check that the motion ends at its goal and that no goal on the way was a wrong one."""
     with open_simulated(name, 0) as arm:
         arm.enable()
         auditor = Auditor(arm, punctual=False)
-        with PausedLines(clock_of(arm), pause_s) as traced:
+        with PausedLines(clock_of(arm), pause_s, files=files) as traced:
             course = move(arm, traced)
         fences = servo_group(arm).fences
         units = np.array([fence.joint_map.unit_per_tick for fence in fences])

@@ -137,7 +137,7 @@ def test_a_spoiled_file_of_measured_joints_is_no_trouble(arm, narrow, say, text)
     path = partial_path("narrow", SERIAL)
     path.parent.mkdir(parents=True)
     path.write_text(text)
-    assert auto(say, narrow).code == 0
+    assert auto(say, narrow, "--skip joint1").code == 0
 
 
 def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, say):
