@@ -44,10 +44,10 @@ def texts():
         if place.startswith(COMMANDS_ONLY) or place == "remedies.py":
             continue
         tree = ast.parse(path.read_text())
-        said = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        text_ids = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
         for node in ast.walk(tree):
             is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
-            if is_text and id(node) not in said:
+            if is_text and id(node) not in text_ids:
                 yield place, node.value
 
 
@@ -60,7 +60,7 @@ def test_no_text_of_the_api_names_an_option_or_a_command_that_a_method_replaces(
     assert [each for each in left if not each[1].endswith("ikservo move ")] == []
 
 
-def told_by(do):
+def message_of(do):
     with pytest.raises(ikservo.IkservoError) as caught:
         do()
     return str(caught.value)
@@ -68,22 +68,22 @@ def told_by(do):
 
 def test_a_point_out_of_reach_suggests_a_call_that_can_be_made():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
-        said = told_by(lambda: arm.move_to((0.9, 0.0, 0.1)))
-        point = re.search(r"arm\.move_to\(\((.*)\)\)", said)
+        text_ids = message_of(lambda: arm.move_to((0.9, 0.0, 0.1)))
+        point = re.search(r"arm\.move_to\(\((.*)\)\)", text_ids)
         assert arm.plan_to([float(x) for x in point[1].split(",")]).duration_s > 0.0
 
 
 def test_a_stopped_arm_names_the_call_that_lets_it_move_again():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.stop("enough")
-        assert "arm.acknowledge()" in told_by(lambda: arm.move_joints({"shoulder_pan": 0.1}))
+        assert "arm.acknowledge()" in message_of(lambda: arm.move_joints({"shoulder_pan": 0.1}))
 
 
 def test_a_recording_that_exists_names_the_argument(tmp_path):
     (tmp_path / "a.jsonl").write_text("")
     with ikservo.open_arm("so101", port="sim") as arm:
-        said = told_by(lambda: arm.record(tmp_path / "a.jsonl", duration_s=0.1))
-    assert "overwrite=True" in said
+        text_ids = message_of(lambda: arm.record(tmp_path / "a.jsonl", duration_s=0.1))
+    assert "overwrite=True" in text_ids
 
 
 def test_the_command_line_names_the_command(capsys):

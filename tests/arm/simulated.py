@@ -39,6 +39,11 @@ def servo_group(arm):
     return context_of(arm).servos
 
 
+def gate_of(arm):
+    """Return the gate that every goal of an arm passes."""
+    return servo_group(arm)._gate
+
+
 def motion_limits(arm, speed):
     """Return the kinematic limits of every joint at a speed: slow, normal or fast."""
     limits = arm.model.speed(speed)

@@ -19,9 +19,9 @@ def arm_file(tmp_path):
     """Return the SO-101 with play known in the joint that no weight pulls to one side."""
     folder = shutil.copytree(CONFIGS / "so101", tmp_path / "so101")
     text = (folder / "arm.toml").read_text()
-    told = re.sub(rf"(name *= \"{PAN}\")", r"\1\nbacklash_deg = 0.5", text, count=1)
-    assert told != text
-    (folder / "arm.toml").write_text(told)
+    arm_text = re.sub(rf"(name *= \"{PAN}\")", r"\1\nbacklash_deg = 0.5", text, count=1)
+    assert arm_text != text
+    (folder / "arm.toml").write_text(arm_text)
     return folder
 
 
@@ -70,11 +70,11 @@ def test_a_line_ends_on_its_line_whatever_play_is_known(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")
         plan = arm.plan_line(np.add(arm.where().tip_m, (0.0, -0.03, 0.0)))
-        told = []
-        line_of(arm).servos[ID].on_write = lambda *_: told.append(
+        arm_text = []
+        line_of(arm).servos[ID].on_write = lambda *_: arm_text.append(
             line_of(arm).servos[ID].memory.get("goal_position")
         )
         arm.execute(plan)
-    down = np.maximum.accumulate(told) - told
+    down = np.maximum.accumulate(arm_text) - arm_text
     assert plan.goal[0] > plan.start[0]
     assert down.max() <= 2

@@ -53,7 +53,7 @@ def owner(device, kind):
     owner.listener.close()
 
 
-def say(device, data):
+def exchange(device, data):
     """Say something of our own making to the owner; return what it says."""
     connection, _ = control_socket.connect(socket_path(device), 5.0)
     with connection:
@@ -144,7 +144,7 @@ def test_a_newer_owners_socket_is_left_alone(device, kind):
 
 @pytest.mark.parametrize("data", [b"", b"stop\n", b"{}\n", b"[" * 500 + b"\n", b'{"do":"stop"}\n'])
 def test_a_malformed_request_is_refused_and_changes_nothing(device, owner, data):
-    assert b'"exit_code":2' in say(device, data)
+    assert b'"exit_code":2' in exchange(device, data)
     assert owner.asked == []
     assert send_command(device, Command.WHERE) == {"done": "where"}
 
@@ -160,9 +160,9 @@ def test_a_request_without_end_is_cut_off(device, owner):
 def test_without_the_secret_nothing_is_done_on_the_loopback(device, monkeypatch):
     monkeypatch.setattr(control_socket, "HAS_UNIX_SOCKETS", False)
     owner = Owner(device)
-    said = say(device, b'{"schema":"ikservo/owner/1","do":"stop","secret":"guessed"}\n')
+    reply = exchange(device, b'{"schema":"ikservo/owner/1","do":"stop","secret":"guessed"}\n')
     owner.listener.close()
-    assert b"belongs to another user" in said
+    assert b"belongs to another user" in reply
     assert owner.asked == []
 
 

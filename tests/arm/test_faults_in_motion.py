@@ -62,8 +62,8 @@ def test_a_servo_that_falls_silent_stops_the_others_within_three_cycles_and_is_n
     lost_s = inject(either, "silent", id=3)
     with pytest.raises(ServoSilentError, match=rf"{joint_of(either, 3)} \(id 3\)"):
         swing(either)
-    beats = {goal.time_s for goal in auditor.goals_after(lost_s)}
-    assert len(beats) <= 4  # three, and the one that holds
+    cycle_times_s = {goal.time_s for goal in auditor.goals_after(lost_s)}
+    assert len(cycle_times_s) <= 4  # three, and the one that holds
     assert all(registers(either, "torque_enable").values())
 
 

@@ -29,7 +29,7 @@ def arm():
         yield machine
 
 
-def beats(arm, seconds):
+def cycle_count(arm, seconds):
     return round(seconds / motion_runner(arm).loop.measure_cycle_time_s())
 
 
@@ -42,7 +42,7 @@ def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
     centre_m = arm.where().tip_m
     seen = []
     report = arm.follow(
-        circle(centre_m, 0.02, beats(arm, 0.8)), speed="fast", on_progress=seen.append
+        circle(centre_m, 0.02, cycle_count(arm, 0.8)), speed="fast", on_progress=seen.append
     )
     tips = np.array([p.tip_m for p in seen])
     assert (report.unreached, report.refused, report.ended) == (0, 0, "end of the targets")
@@ -52,7 +52,7 @@ def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
 
 
 @pytest.mark.parametrize(
-    "wish",
+    "setpoint",
     [
         lambda T: ikservo.Target(T[:3, 3] + (0.0, 0.02, 0.0)),
         lambda T: ikservo.Target(T[:3, 3], direction=T[:3, 2]),
@@ -61,10 +61,10 @@ def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
         lambda T: {"gripper": 0.6},
     ],
 )
-def test_every_kind_of_setpoint_is_understood(arm, wish):
+def test_every_kind_of_setpoint_is_understood(arm, setpoint):
     joints = np.array([state.position_rad for state in arm.where().joints])
     T = arm.chain.forward(arm.joint_index.chain_joints(joints))
-    report = arm.follow([wish(T)] * 5)
+    report = arm.follow([setpoint(T)] * 5)
     assert (report.setpoints, report.refused) == (5, 0)
 
 
@@ -113,7 +113,7 @@ def test_what_is_out_of_reach_is_gone_towards_and_counted(arm):
 
 
 def test_a_limit_holds_whoever_pulls_past_it(arm):
-    report = arm.follow([{"gripper": -5.0}] * beats(arm, 2.5), speed="fast")
+    report = arm.follow([{"gripper": -5.0}] * cycle_count(arm, 2.5), speed="fast")
     lower = math.radians(-10.0)
     low_tick = 2048 + math.ceil(lower / (2 * math.pi) * 4096)
     assert registers(arm, "goal_position")[6] == low_tick
@@ -122,7 +122,7 @@ def test_a_limit_holds_whoever_pulls_past_it(arm):
 
 def test_what_the_guard_refuses_is_not_gone_to_and_the_reason_is_kept(arm):
     before = true_tip_m(arm)
-    report = arm.follow([{"shoulder_lift": 1.7, "elbow_flex": 0.5}] * beats(arm, 1.0))
+    report = arm.follow([{"shoulder_lift": 1.7, "elbow_flex": 0.5}] * cycle_count(arm, 1.0))
     assert report.refused == 1
     assert "Collision" in report.reason
     assert np.linalg.norm(true_tip_m(arm) - before) < 0.01
@@ -138,7 +138,7 @@ def exact_tip_m(arm):
 def test_a_stream_under_load_ends_within_a_millimetre_of_its_last_point(name):
     with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5") as arm:
         start_m = arm.where().tip_m
-        way_m = np.linspace((0.0, 0.0, 0.0), (0.0, 0.04, 0.03), beats(arm, 2.0))
+        way_m = np.linspace((0.0, 0.0, 0.0), (0.0, 0.04, 0.03), cycle_count(arm, 2.0))
         report = arm.follow(start_m + way_m)
         last_m = start_m + way_m[-1]
         assert (report.refused, report.ended) == (0, "end of the targets")
@@ -149,7 +149,7 @@ def test_a_stream_under_load_ends_within_a_millimetre_of_its_last_point(name):
 def test_after_a_refused_setpoint_it_ends_at_the_one_before(arm):
     point_m = np.add(arm.where().tip_m, (0.02, 0.0, 0.02))
     below_m = point_m * (1.0, 1.0, 0.0) - (0.0, 0.0, 0.05)
-    report = arm.follow([*[point_m] * beats(arm, 1.5), *[below_m] * beats(arm, 0.2)])
+    report = arm.follow([*[point_m] * cycle_count(arm, 1.5), *[below_m] * cycle_count(arm, 0.2)])
     assert report.refused == 1
     assert np.linalg.norm(exact_tip_m(arm) - point_m) < 1e-3
 
@@ -169,12 +169,12 @@ def test_joints_that_no_setpoint_named_stay_where_they_were(arm):
     before = true_joints(arm)
     furthest = dict.fromkeys(before, 0.0)
 
-    def look(_):
+    def observe(_):
         for joint, at in true_joints(arm).items():
             furthest[joint] = max(furthest[joint], abs(at - before[joint]))
 
-    arm.follow([{"shoulder_pan": 0.1}] * beats(arm, 1.0), on_progress=look)
-    look(None)
+    arm.follow([{"shoulder_pan": 0.1}] * cycle_count(arm, 1.0), on_progress=observe)
+    observe(None)
     for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):
         assert furthest[joint] < math.radians(0.6), joint
 
@@ -190,7 +190,7 @@ def test_a_stream_without_a_setpoint_moves_nothing(arm):
 def test_a_constant_setpoint_is_not_corrected_for_ever(arm):
     line_of(arm).servos[servo_id("so101", "wrist_flex")].motor.stuck = True
     auditor = Auditor(arm)
-    arm.follow([{"wrist_flex": true_joints(arm)["wrist_flex"] + 0.04}] * beats(arm, 6.0))
+    arm.follow([{"wrist_flex": true_joints(arm)["wrist_flex"] + 0.04}] * cycle_count(arm, 6.0))
     end_s = auditor.goals[-1].time_s
     late = [g for g in auditor.goals if end_s - 3.5 < g.time_s < end_s - 3.0]
     assert late
@@ -198,13 +198,13 @@ def test_a_constant_setpoint_is_not_corrected_for_ever(arm):
 
 
 @pytest.mark.parametrize(
-    "wish",
+    "setpoint",
     [(0.1, 0.2), "there", (math.nan, 0, 0), {"elbow_flex": math.inf}, {"elbow_flex": "up"},
      {3: 0.1}, np.zeros((4, 4)), 7],
 )  # fmt: skip
-def test_an_invalid_setpoint_is_refused_and_the_arm_holds(arm, wish):
+def test_an_invalid_setpoint_is_refused_and_the_arm_holds(arm, setpoint):
     with pytest.raises(InputError):
-        arm.follow([{"shoulder_pan": 0.1}, wish])
+        arm.follow([{"shoulder_pan": 0.1}, setpoint])
     assert all(registers(arm, "torque_enable").values())
     assert arm.stopped_for == ""
 
@@ -225,7 +225,9 @@ def test_a_stream_that_stumbles_is_told_after_the_arm_was_braked(arm):
 
 
 def test_a_joint_is_jogged_while_it_is_wanted(arm):
-    report = arm.jog("shoulder_pan", 0.4, wanted=iter([True] * beats(arm, 0.5) + [False]).__next__)
+    report = arm.jog(
+        "shoulder_pan", 0.4, wanted=iter([True] * cycle_count(arm, 0.5) + [False]).__next__
+    )
     assert report.ended == "no longer requested"
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.2, abs=0.08)
 
@@ -386,7 +388,7 @@ def fastest_deg_s(arm, motion):
 MOTIONS = {
     "jog": lambda arm: arm.jog("elbow_flex", -2.0, wanted=iter([True] * 200 + [False]).__next__),
     "gripper": lambda arm: arm.gripper("close"),
-    "follow": lambda arm: arm.follow([{"shoulder_pan": 0.5}] * beats(arm, 0.8), speed="fast"),
+    "follow": lambda arm: arm.follow([{"shoulder_pan": 0.5}] * cycle_count(arm, 0.8), speed="fast"),
 }
 
 
@@ -400,6 +402,6 @@ def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
 
 def test_a_stream_takes_up_speed_once_the_arm_is_where_it_wants_it(arm):
     slow = math.degrees(arm.model.speed("slow").rad_s)
-    here = [{"shoulder_pan": 0.02}] * beats(arm, 0.2)
-    there = [{"shoulder_pan": 0.8}] * beats(arm, 0.8)
+    here = [{"shoulder_pan": 0.02}] * cycle_count(arm, 0.2)
+    there = [{"shoulder_pan": 0.8}] * cycle_count(arm, 0.8)
     assert fastest_deg_s(arm, lambda: arm.follow(here + there, speed="fast")) > 1.3 * slow

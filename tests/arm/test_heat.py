@@ -66,9 +66,9 @@ def test_an_arm_too_hot_to_hold_lowers_itself_lets_go_and_stays_stopped():
 
 def test_where_it_cannot_be_lowered_it_holds_and_says_so():
     with opened(release_c=66.5) as arm:
-        told = []
-        servo_group(arm).warn = told.append
+        warnings = []
+        servo_group(arm).warn = warnings.append
         jam(arm, SHOULDER)
         overheat(arm, 69.0)
         assert all(registers(arm, "torque_enable").values())
-        assert [words for words in told if "could not be lowered" in words]
+        assert [words for words in warnings if "could not be lowered" in words]

@@ -16,10 +16,10 @@ def creep(goal=2000, wanted=2000, lower=-1.0, upper=1.0):
 
 
 def feed(joint, ticks, start_s=0.0):
-    """Let the joint be seen at these ticks, a beat apart; return its goals."""
+    """Let the joint be seen at these ticks, a cycle apart; return its goals."""
     goals = []
-    for beat, tick in enumerate(ticks):
-        joint.update(tick, start_s + beat * BEAT_S, BEAT_S)
+    for cycle, tick in enumerate(ticks):
+        joint.update(tick, start_s + cycle * BEAT_S, BEAT_S)
         goals.append(joint.goal)
     return goals
 

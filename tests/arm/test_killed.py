@@ -38,8 +38,8 @@ def travel(name, dice):
         move = JointMove(start, goal, motion_limits(arm, speed))
         at_s, found = dice.uniform(0.0, move.duration_s), []
 
-        def die(beat):
-            if beat.time_s >= at_s:
+        def die(cycle):
+            if cycle.time_s >= at_s:
                 before = registers(arm, "present_position")
                 servos.clock.sleep_until(servos.clock.now_s() + 1.5)
                 after = registers(arm, "present_position")

@@ -59,10 +59,10 @@ def test_a_torque_limit_that_another_program_has_left_is_lifted(sts):
 def test_the_watchdog_runs_while_goals_are_streamed_and_not_after(x_series):
     seen = []
 
-    def look(_):
+    def check(_):
         seen.append(set(registers(x_series, "bus_watchdog").values()))
 
-    x_series.move_joints({joint(x_series): 0.2}, on_progress=look)
+    x_series.move_joints({joint(x_series): 0.2}, on_progress=check)
     clock = clock_of(x_series)
     clock.sleep_until(clock.now_s() + 1.0)
     assert seen[5] == {5}

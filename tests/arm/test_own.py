@@ -26,8 +26,8 @@ def _home(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def desk(monkeypatch):
-    """Return a function that puts a hidden, calibrated arm on the desk."""
+def mount_arm(monkeypatch):
+    """Return a function that mounts a hidden, calibrated arm."""
 
     def put(name, seed=4, **how):
         arm = make_mounted_arm(name, seed, spoiled=False, **how)
@@ -50,8 +50,8 @@ def opened(arm, **how):
     return ikservo.open_arm(load_model(arm.name), f"bench:{arm.name}", collisions=False, **how)
 
 
-def test_joints_are_where_they_truly_are(desk):
-    arm = desk("so101")
+def test_joints_are_where_they_truly_are(mount_arm):
+    arm = mount_arm("so101")
     with opened(arm) as machine:
         assert machine.zeros is ZeroSource.CALIBRATED
         for state in machine.where().joints:
@@ -59,8 +59,8 @@ def test_joints_are_where_they_truly_are(desk):
             assert state.position_rad == pytest.approx(truth, abs=math.radians(0.2)), state.name
 
 
-def test_a_joint_goes_where_it_is_told_whatever_its_mounting(desk):
-    arm = desk("koch", 6)
+def test_a_joint_goes_where_it_is_told_whatever_its_mounting(mount_arm):
+    arm = mount_arm("koch", 6)
     with opened(arm) as machine:
         here = {state.name: state.position_rad for state in machine.where().joints}
         machine.move_joints({name: position + 0.1 for name, position in here.items()})
@@ -69,8 +69,8 @@ def test_a_joint_goes_where_it_is_told_whatever_its_mounting(desk):
 
 
 @pytest.mark.parametrize("boots_at", [-0.4, 0.0, 0.4])
-def test_a_servo_that_counts_on_is_found_on_its_turn_wherever_it_boots(desk, boots_at):
-    arm = desk("planar3", zero=0.0, sign=1)  # the seam lies in the middle of each travel
+def test_a_servo_that_counts_on_is_found_on_its_turn_wherever_it_boots(mount_arm, boots_at):
+    arm = mount_arm("planar3", zero=0.0, sign=1)  # the seam lies in the middle of each travel
     for joint in arm.world.joints:
         arm.world.place(joint.name, arm.joint(joint.name).position + boots_at)
     arm.power_cycle()
@@ -83,8 +83,8 @@ def test_a_servo_that_counts_on_is_found_on_its_turn_wherever_it_boots(desk, boo
             assert found == pytest.approx(arm.true_position(joint.name), abs=0.004)
 
 
-def test_limits_name_the_sweep_or_the_arm_file_never_the_copy_in_the_servo(desk):
-    with opened(desk("so101")) as machine:
+def test_limits_name_the_sweep_or_the_arm_file_never_the_copy_in_the_servo(mount_arm):
+    with opened(mount_arm("so101")) as machine:
         sources = {state.limit_from for state in machine.where().joints}
     assert any("hand sweep of 2026-11-02" in source for source in sources)
     assert not any("servo register" in source for source in sources)
@@ -99,8 +99,8 @@ def swap(arm, one, other):
 
 
 @pytest.mark.parametrize("pair", [*combinations(range(1, 7), 2)], ids=str)
-def test_any_two_swapped_ids_are_noticed(desk, pair):
-    arm = desk("so101")
+def test_any_two_swapped_ids_are_noticed(mount_arm, pair):
+    arm = mount_arm("so101")
     swap(arm, *pair)
     with pytest.raises(CalibrationError, match=r"in the servo and .* in the calibration"):
         opened(arm)
@@ -110,8 +110,8 @@ def test_any_two_swapped_ids_are_noticed(desk, pair):
     ("homing_offset", 900), ("min_position_limit", 5), ("max_position_limit", 4000),
     ("operating_mode", 1), ("phase", 28),
 ])  # fmt: skip
-def test_any_register_that_a_calibration_rests_on_is_compared(desk, register, number):
-    arm = desk("so101")
+def test_any_register_that_a_calibration_rests_on_is_compared(mount_arm, register, number):
+    arm = mount_arm("so101")
     servo = arm.line.servos[3]
     servo.write("lock", 0)
     servo.write(register, number)
@@ -119,8 +119,8 @@ def test_any_register_that_a_calibration_rests_on_is_compared(desk, register, nu
         opened(arm)
 
 
-def test_tuning_that_a_calibration_does_not_rest_on_is_left_alone(desk):
-    arm = desk("so101")
+def test_tuning_that_a_calibration_does_not_rest_on_is_left_alone(mount_arm):
+    arm = mount_arm("so101")
     servo = arm.line.servos[3]
     servo.write("lock", 0)
     servo.write("p_gain", 17)
@@ -129,8 +129,8 @@ def test_tuning_that_a_calibration_does_not_rest_on_is_left_alone(desk):
         assert machine.zeros is ZeroSource.CALIBRATED
 
 
-def test_opening_and_moving_a_calibrated_arm_writes_no_eeprom(desk):
-    arm = desk("so101")
+def test_opening_and_moving_a_calibrated_arm_writes_no_eeprom(mount_arm):
+    arm = mount_arm("so101")
     writes = arm.eeprom_writes()
     with opened(arm) as machine:
         machine.move_joints({"wrist_roll": machine.where().joints[4].position_rad + 0.1})
@@ -153,8 +153,8 @@ def test_an_uncalibrated_arm_is_bound_by_its_servos_alone():
     assert limits.source == "servo register"
 
 
-def test_a_joint_on_another_turn_gets_no_torque(desk):
-    arm = desk("planar3", zero=2048.0, sign=1)
+def test_a_joint_on_another_turn_gets_no_torque(mount_arm):
+    arm = mount_arm("planar3", zero=2048.0, sign=1)
     # Turned right round by hand while limp: the servo counts on until torque comes.
     arm.joint("joint1").servos[0].motor.upper_stop_rad = math.inf
     arm.world.place("joint1", math.radians(200))
@@ -163,8 +163,8 @@ def test_a_joint_on_another_turn_gets_no_torque(desk):
     assert not any(servo.read("torque_enable") for servo in arm.line.servos.values())
 
 
-def test_a_joint_a_little_outside_is_walked_back_not_refused(desk):
-    arm = desk("planar3", zero=2048.0, sign=1)
+def test_a_joint_a_little_outside_is_walked_back_not_refused(mount_arm):
+    arm = mount_arm("planar3", zero=2048.0, sign=1)
     with opened(arm) as machine:
         upper = machine.where().joints[0].upper_rad
     arm.world.place("joint1", upper + math.radians(3))
@@ -193,8 +193,8 @@ def test_a_joint_that_the_arm_file_leaves_endless_gets_one_turn_of_its_servo():
     assert limits.upper.value == pytest.approx(math.pi, abs=0.01)
 
 
-def test_at_first_contact_every_servos_eeprom_is_copied_once(desk, tmp_path):
-    arm = desk("so101")
+def test_at_first_contact_every_servos_eeprom_is_copied_once(mount_arm, tmp_path):
+    arm = mount_arm("so101")
     with opened(arm):
         copies = sorted(path.name for path in (tmp_path / "backups").rglob("*.toml"))
     assert copies == [f"id_00{i}_STS3215.toml" for i in range(1, 7)]

@@ -62,14 +62,14 @@ def cycle_of(name):
 
 def move(arm, traced):
     """Move every joint a little at the arm's fastest speed; return the trajectory."""
-    courses = []
+    trajectories = []
 
     def begin(_here):
-        courses.append(short_move(arm, seeded(1), "fast", max_rad=0.2))
-        return courses[0]
+        trajectories.append(short_move(arm, seeded(1), "fast", max_rad=0.2))
+        return trajectories[0]
 
     run_trajectory(arm, begin, traced.begin, "fast")
-    return courses[0]
+    return trajectories[0]
 
 
 def check(name, pause_s, where, files=None):

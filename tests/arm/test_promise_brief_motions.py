@@ -55,6 +55,6 @@ def test_brief_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(
 
 def furthest_from(arm, move):
     """Return how far a servo's goal register is from the end of a motion, ticks."""
-    told = registers(arm, "goal_position")
+    goal_ticks = registers(arm, "goal_position")
     ends = zip(servo_group(arm).fences, move.goal, strict=True)
-    return max(abs(told[fence.servo_id] - fence.tick(float(end))) for fence, end in ends)
+    return max(abs(goal_ticks[fence.servo_id] - fence.tick(float(end))) for fence, end in ends)

@@ -9,7 +9,7 @@ import ikservo
 from ikservo.errors import IkservoError
 from tests.arm.random_faults import seeded
 from tests.arm.seeds import few_or_many, log
-from tests.arm.simulated import line_of, servo_group
+from tests.arm.simulated import gate_of, line_of, servo_group
 from tests.cli.fixtures_ports import change_bus, run_command
 
 NONSENSE = [
@@ -108,9 +108,9 @@ def skill(arm, dice):
 
 
 def tick(arm, dice):
-    """Knock at the door below all others."""
+    """Send ticks to the gate, below all other checks."""
     ticks = {"wrist_roll": 2048, dice.choice(arm.chain.names): dice.choice([*NONSENSE, 2048.0, -1])}
-    return servo_group(arm)._gate.send(ticks)
+    return gate_of(arm).send(ticks)
 
 
 COMMANDS = [joint, beyond, stranger, point, skill, tick]
@@ -124,14 +124,17 @@ WORDS = ["nan", "inf", "-inf", "1e308", "far", "1,5", "", "0x10", "1e9", "--"]
 
 @few_or_many(3, 300)
 def test_a_command_that_is_refused_tells_no_servo_anything(seeds, capsys, monkeypatch):
-    told = []
-    change_bus(monkeypatch, lambda line: told.append(Written(line)))
+    opened_lines = []
+    change_bus(monkeypatch, lambda line: opened_lines.append(Written(line)))
     for seed in seeds:
-        said = run_command(typed(seeded(seed)))
-        assert said.code != 0, seed
-        assert "Traceback" not in said.err, seed
-    written = [words for opened in told for words in opened.words]
-    log(capsys, f"{len(seeds)} refused commands, {len(told)} lines opened: {written} written")
+        result = run_command(typed(seeded(seed)))
+        assert result.code != 0, seed
+        assert "Traceback" not in result.err, seed
+    written = [words for opened in opened_lines for words in opened.words]
+    log(
+        capsys,
+        f"{len(seeds)} refused commands, {len(opened_lines)} lines opened: {written} written",
+    )
     assert written == []
 
 

@@ -48,20 +48,20 @@ class Strike:
         self.world, self._number = line_of(arm).world, number
         self.at_s, self.struck_s = 0.0, None
 
-    def __call__(self, beat):
-        if beat.time_s >= self.at_s and self.struck_s is None:
+    def __call__(self, cycle):
+        if cycle.time_s >= self.at_s and self.struck_s is None:
             self.struck_s = self.world.time_s
             signal.raise_signal(self._number)
 
     def ended_s(self, auditor):
         """Return how long after the signal goals still changed."""
-        told = [goal.time_s for goal in auditor.goals if goal.tick != goal.last]
-        return max(0.0, max(told, default=0.0) - self.struck_s)
+        goal_times_s = [goal.time_s for goal in auditor.goals if goal.tick != goal.last]
+        return max(0.0, max(goal_times_s, default=0.0) - self.struck_s)
 
 
 def check_holds(arm, auditor, case):
     world = line_of(arm).world
-    heard = len(auditor.goals)
+    goal_count = len(auditor.goals)
     world.advance_to(world.time_s + 0.5)
     before = registers(arm, "present_position")
     world.advance_to(world.time_s + 0.5)
@@ -69,4 +69,4 @@ def check_holds(arm, auditor, case):
     assert all(abs(after[i] - before[i]) <= 2 for i in before), case
     assert all(registers(arm, "torque_enable").values()), case
     assert auditor.faults() == [], case
-    assert len(auditor.goals) == heard, case
+    assert len(auditor.goals) == goal_count, case

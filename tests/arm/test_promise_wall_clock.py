@@ -43,11 +43,11 @@ def test_a_motion_is_the_same_to_the_last_packet_however_the_wall_clock_is_stepp
     steps = 0
     for seed in seeds:
         name = FAMILIES[seed % 2]
-        straight = said_in(name, seed)
+        straight = packets_of(name, seed)
         with monkeypatch.context() as patch:
             clock = Stepped(seed)
             clock.put_into(patch)
-            stepped = said_in(name, seed, clock.step)
+            stepped = packets_of(name, seed, clock.step)
             steps += clock.steps
         assert stepped == straight, (seed, name)
     log(capsys, f"{len(seeds)} motions, {steps} steps of the wall clock: every packet the same")
@@ -59,7 +59,7 @@ class Stepped:
     def __init__(self, seed):
         self._dice, self._offset_s, self._real, self.steps = seeded(seed), 0.0, time.time, 0
 
-    def step(self, _beat=None):
+    def step(self, _cycle=None):
         self._offset_s = self._dice.uniform(-86_400.0, 86_400.0)
         self.steps += 1
 
@@ -68,23 +68,23 @@ class Stepped:
         patch.setattr(time, "time_ns", lambda: int(1e9 * (self._real() + self._offset_s)))
 
 
-def said_in(name, seed, on_cycle=None):
+def packets_of(name, seed, on_cycle=None):
     """Return every packet of a motion, whoever sent it, with its time."""
-    said = []
+    packets = []
     with open_simulated(name, seed) as arm:
         arm.enable()
-        line_of(arm).witnesses.append(Wiretap(said))
+        line_of(arm).witnesses.append(Wiretap(packets))
         move = short_move(arm, seeded(seed), "fast")
         run_trajectory(arm, lambda _: move, on_cycle, "fast")
-    return said
+    return packets
 
 
 class Wiretap:
-    def __init__(self, said):
-        self._said = said
+    def __init__(self, packets):
+        self._packets = packets
 
     def on_frame(self, at_s, frame, _framing):
-        self._said.append((round(at_s, 9), str(frame)))
+        self._packets.append((round(at_s, 9), str(frame)))
 
     def on_reply(self, at_s, servo, data):
-        self._said.append((round(at_s, 9), servo and servo.id, bytes(data)))
+        self._packets.append((round(at_s, 9), servo and servo.id, bytes(data)))

@@ -77,12 +77,12 @@ def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, other
     servo = line.servos[3]
     arm.enable()
 
-    def look():
+    def check():
         where = other_thread.submit(remote.query_state, arm.model, None).result()
         seen.append(where.joints[2].temperature_c)
 
     line.faults.add(Fault("hot", id=3, celsius=50.0, at_s=line.world.time_s + 0.1))
-    arm.move_joints({"shoulder_pan": 0.3}, on_progress=at(0.5, look))
+    arm.move_joints({"shoulder_pan": 0.3}, on_progress=at(0.5, check))
     assert seen == [pytest.approx(servo.read("present_temperature"), abs=2)]
     assert seen[0] > 45
 

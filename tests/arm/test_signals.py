@@ -62,13 +62,13 @@ def test_the_arm_stands_within_0_3_s_of_a_signal(arm):
 
 
 def test_a_program_that_has_its_own_handler_keeps_it(arm):
-    heard = []
-    before = signal.signal(signal.SIGTERM, lambda *_: heard.append(True))
+    handled = []
+    before = signal.signal(signal.SIGTERM, lambda *_: handled.append(True))
     try:
         arm.move_joints({"shoulder_pan": 0.5}, on_progress=strike(signal.SIGTERM, 0.1))
     finally:
         signal.signal(signal.SIGTERM, before)
-    assert heard == [True]
+    assert handled == [True]
 
 
 def test_handlers_are_as_before_once_the_motion_is_over(arm):

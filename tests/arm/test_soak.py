@@ -31,7 +31,7 @@ class ToAndFro:
 
 
 class CountedError(Exception):
-    """Enough beats."""
+    """Enough cycles."""
 
 
 def resident_bytes():
@@ -46,7 +46,7 @@ def descriptors():
 def test_beats_leave_no_objects_behind(name):
     counts = []
     streamed(name, 900, lambda k: counts.append(len(gc.get_objects())) if k % 300 == 0 else None)
-    assert counts[-1] - counts[0] < 300  # not one a beat
+    assert counts[-1] - counts[0] < 300  # not one a cycle
 
 
 @pytest.mark.campaign
@@ -54,29 +54,31 @@ def test_beats_leave_no_objects_behind(name):
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads /proc")
 @pytest.mark.parametrize("name", ["so101", "koch"])
 def test_a_million_cycles_leave_memory_and_descriptors_as_they_were(name, capsys):
-    beats = int(os.environ.get("IKSERVO_SOAK_BEATS", "1000000"))
-    warm, seen = beats // 10, []
+    cycles = int(os.environ.get("IKSERVO_SOAK_BEATS", "1000000"))
+    warm, seen = cycles // 10, []
 
-    def look(k):
-        if k in (warm, beats):
+    def check(k):
+        if k in (warm, cycles):
             gc.collect()
             seen.append((resident_bytes(), descriptors()))
 
-    streamed(name, beats, look)
+    streamed(name, cycles, check)
     (rss_before, fds_before), (rss_after, fds_after) = seen
-    log(capsys, f"{name}: {beats} beats, {rss_after - rss_before:+} bytes, {fds_after} files open")
+    log(
+        capsys, f"{name}: {cycles} cycles, {rss_after - rss_before:+} bytes, {fds_after} files open"
+    )
     assert rss_after - rss_before < 1_000_000
     assert fds_after == fds_before
 
 
-def streamed(name, beats, look):
-    """Swing an arm for so many beats; ``look`` is called with the number of each."""
-    count = iter(range(1, beats + 1))
+def streamed(name, cycles, check):
+    """Swing an arm for so many cycles; ``check`` is called with the number of each."""
+    count = iter(range(1, cycles + 1))
 
     def on_cycle(_):
         k = next(count)
-        look(k)
-        if k == beats:
+        check(k)
+        if k == cycles:
             raise CountedError
 
     with ikservo.open_arm(name, port="sim") as arm:

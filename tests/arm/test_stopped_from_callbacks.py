@@ -20,12 +20,12 @@ def once(act, after_s=0.4):
     """Return a callback that does something once, in the middle of a motion."""
     done = []
 
-    def look(progress):
+    def check(progress):
         if progress.elapsed_s > after_s and not done:
             done.append(True)
             act()
 
-    return look
+    return check
 
 
 def go(arm, act):
@@ -49,13 +49,13 @@ def test_so_does_one_from_another_thread(arm):
         arm.stop()
         arm.acknowledge()
 
-    def from_elsewhere():
+    def from_thread():
         thread = threading.Thread(target=stop)
         thread.start()
         thread.join()
 
     with pytest.raises(StoppedError):
-        go(arm, from_elsewhere)
+        go(arm, from_thread)
     assert arm.move_joints({"shoulder_pan": 0.1}).reached
 
 

@@ -50,12 +50,12 @@ def test_a_trajectory_is_executed_to_its_end(either):
 
 
 def test_cycles_come_at_their_rate_and_have_the_time_of_the_motion(arm):
-    stream, beats = ControlLoop(servo_group(arm)), []
-    stream.run(course_of(servo_group(arm)), beats.append)
-    times = [beat.time_s for beat in beats]
+    stream, cycles = ControlLoop(servo_group(arm)), []
+    stream.run(course_of(servo_group(arm)), cycles.append)
+    times = [cycle.time_s for cycle in cycles]
     assert times == sorted(times)
     assert np.median(np.diff(times)) == pytest.approx(stream.cycle_time_s, rel=0.2)
-    assert times[-1] == beats[-1].duration_s
+    assert times[-1] == cycles[-1].duration_s
 
 
 def test_the_rate_is_between_100_and_500_hz(either):
@@ -66,8 +66,8 @@ def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
     stream, asked, clock = ControlLoop(servo_group(either)), [], clock_of(either)
     auditor = Auditor(either)
 
-    def ask(beat):
-        if beat.time_s > 0.4 and not asked:
+    def ask(cycle):
+        if cycle.time_s > 0.4 and not asked:
             asked.append(clock.now_s())
             stream.request_stop(ENOUGH)
 
@@ -109,8 +109,8 @@ def test_after_a_stall_goals_go_on_from_where_they_were(stall_s):
         arm.enable()
         auditor, clock, stalled = Auditor(arm), clock_of(arm), []
 
-        def stall(beat):
-            if beat.time_s > 0.3 and not stalled:
+        def stall(cycle):
+            if cycle.time_s > 0.3 and not stalled:
                 stalled.append(clock.now_s())
                 clock.sleep_until(clock.now_s() + stall_s)
 
@@ -194,8 +194,8 @@ def check_stopped(arm, auditor, place):
 def test_a_stop_that_is_wanted_at_the_very_end_is_not_lost(arm):
     stream = ControlLoop(servo_group(arm))
 
-    def ask(beat):
-        if beat.time_s >= beat.duration_s - 1.5 * stream.cycle_time_s:
+    def ask(cycle):
+        if cycle.time_s >= cycle.duration_s - 1.5 * stream.cycle_time_s:
             stream.request_stop(ENOUGH)
 
     with pytest.raises(StoppedError, match="enough"):
@@ -214,9 +214,9 @@ def test_in_mid_motion_nothing_else_is_begun(arm, what):
 def test_a_reply_that_is_lost_after_a_stall_is_requested_once_more(arm):
     stream, line, stalled = ControlLoop(servo_group(arm)), line_of(arm), []
 
-    def stall(beat):
-        if beat.time_s > 0.3 and not stalled:
-            stalled.append(beat)
+    def stall(cycle):
+        if cycle.time_s > 0.3 and not stalled:
+            stalled.append(cycle)
             until_s = line.world.time_s + 0.4
             line.faults.add(Fault(kind="silent", id=6, at_s=until_s - 0.1, for_s=0.102))
             clock_of(arm).sleep_until(clock_of(arm).now_s() + 0.4)

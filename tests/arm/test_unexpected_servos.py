@@ -15,8 +15,8 @@ KOCH = {**dict.fromkeys((1, 2), "XL430-W250"), **dict.fromkeys(range(3, 7), XL33
 
 
 @pytest.fixture
-def desk(monkeypatch):
-    """Return a function that lays servos on the desk, all at one rate, and opens an arm there."""
+def open_with_servos(monkeypatch):
+    """Return a function that connects servos, all at one rate, and opens an arm on them."""
 
     def attempt(arm, servos, baud=1_000_000):
         transport = make_transport(servos, baud)
@@ -43,8 +43,8 @@ def _written_only_by_people(model):
 
 
 @pytest.mark.parametrize("baud", [500_000, 250_000, 115_200, 57_600, 38_400])
-def test_another_rate_is_named(desk, baud):
-    error = desk("so101", SO101, baud)
+def test_another_rate_is_named(open_with_servos, baud):
+    error = open_with_servos("so101", SO101, baud)
     assert isinstance(error, ServoSilentError)
     assert "do not answer at 1000000 baud" in error.message
     assert f"STS3215 at id 1, {baud} baud" in error.message
@@ -52,8 +52,8 @@ def test_another_rate_is_named(desk, baud):
 
 
 @pytest.mark.parametrize("baud", [57_600, 115_200, 2_000_000, 4_000_000])
-def test_another_rate_is_named_in_protocol_2(desk, baud):
-    error = desk("koch", KOCH, baud)
+def test_another_rate_is_named_in_protocol_2(open_with_servos, baud):
+    error = open_with_servos("koch", KOCH, baud)
     assert f"XL430-W250 at id 1, {baud} baud" in error.message
 
 
@@ -61,8 +61,8 @@ def test_another_rate_is_named_in_protocol_2(desk, baud):
 @pytest.mark.parametrize(
     ("arm", "servos"), [("so101", KOCH), ("koch", SO101)], ids=["so101", "koch"]
 )
-def test_another_protocol_is_named(desk, arm, servos, baud):
-    error = desk(arm, servos, baud)
+def test_another_protocol_is_named(open_with_servos, arm, servos, baud):
+    error = open_with_servos(arm, servos, baud)
     assert f"{servos[1]} at id 1, {baud} baud" in error.message
     assert "another arm" in error.hint
 
@@ -76,8 +76,8 @@ def test_another_protocol_is_named(desk, arm, servos, baud):
     ],
     ids=["so101", "koch", "koch, two ids swapped"],
 )
-def test_another_model_is_named(desk, arm, servos, found):
-    error = desk(arm, servos)
+def test_another_model_is_named(open_with_servos, arm, servos, found):
+    error = open_with_servos(arm, servos)
     assert isinstance(error, CalibrationError)
     assert found in error.message
 
@@ -85,14 +85,16 @@ def test_another_model_is_named(desk, arm, servos, found):
 @pytest.mark.parametrize(
     ("arm", "servos"), [("so101", SO101), ("koch", KOCH)], ids=["so101", "koch"]
 )
-def test_another_id_is_named(desk, arm, servos):
-    error = desk(arm, {**{i: model for i, model in servos.items() if i != 4}, 44: servos[4]})
+def test_another_id_is_named(open_with_servos, arm, servos):
+    error = open_with_servos(
+        arm, {**{i: model for i, model in servos.items() if i != 4}, 44: servos[4]}
+    )
     assert "(id 4)" in error.message
     assert f"{servos[4]} at id 44, 1000000 baud" in error.message
     assert "own id" in error.hint
 
 
-def test_a_new_servo_among_the_others_is_named(desk, monkeypatch):
+def test_a_new_servo_among_the_others_is_named(open_with_servos, monkeypatch):
     servos = {i: model for i, model in KOCH.items() if i != 4}
     transport = make_transport([*servos.items(), (1, XL330)], 1_000_000)
     new = transport.line.world.servos[-1]
@@ -102,7 +104,7 @@ def test_a_new_servo_among_the_others_is_named(desk, monkeypatch):
         ikservo.open_arm("koch", port="sim")
 
 
-def test_on_an_empty_line_the_silence_is_all_there_is_to_say(desk):
-    error = desk("so101", {99: XL330}, 9_600)
+def test_on_an_empty_line_the_silence_is_all_there_is_to_say(open_with_servos):
+    error = open_with_servos("so101", {99: XL330}, 9_600)
     assert isinstance(error, ServoSilentError)
     assert "there is" not in error.message

@@ -7,7 +7,7 @@ import subprocess
 import pytest
 from playwright.sync_api import sync_playwright
 
-from tests.browser.person import Person, opened_house
+from tests.browser.page_operator import Operator, serve_view
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 INSTALL = (
@@ -42,12 +42,12 @@ def browser():
 
 @pytest.fixture(scope="module")
 def shared():
-    with opened_house() as house:
-        yield house
+    with serve_view() as view:
+        yield view
 
 
 @pytest.fixture
-def house(request):
+def view(request):
     """A view of a simulated arm in real time, with the arm at home.
 
     Most tests share one; who parametrizes it indirectly with options has one of its own.
@@ -55,28 +55,28 @@ def house(request):
     if not hasattr(request, "param"):
         yield request.getfixturevalue("shared").brought_home()
         return
-    with opened_house(**request.param) as own:
+    with serve_view(**request.param) as own:
         yield own
 
 
 @pytest.fixture
-def visit(browser, house, request):
+def visit(browser, view, request):
     """Return a function that opens the page as a person would: visit(key, **context options)."""
 
     def arrive(*, watch=False, **options):
         context = browser.new_context(viewport={"width": 1100, "height": 720}, **options)
         request.addfinalizer(context.close)
-        return Person(context.new_page(), house, watch=watch)
+        return Operator(context.new_page(), view, watch=watch)
 
     return arrive
 
 
 @pytest.fixture
-def person(visit):
+def operator(visit):
     return visit()
 
 
 @pytest.fixture
-def live(person):
+def live(operator):
     """A person who has thrown Live, at the fast speed."""
-    return person.throw_live()
+    return operator.enable_live()

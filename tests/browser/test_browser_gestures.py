@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.arm.simulated import servo_id
-from tests.browser.person import apart_mm
+from tests.browser.page_operator import apart_mm
 
 pytestmark = pytest.mark.browser
 
@@ -13,90 +13,94 @@ NEAR_MM = 3.0
 ASIDE = np.array([60.0, -60.0])  # over nothing, within reach
 
 
-def aside(person, move_px):
+def aside(operator, move_px):
     """Return where the tip would be (3,) after a move in the picture: the side view shows x, z."""
-    along = np.array([move_px[0], 0.0, -move_px[1]]) / person.pixels_per_metre
-    return person.stand.tip_m() + along
+    along = np.array([move_px[0], 0.0, -move_px[1]]) / operator.pixels_per_metre
+    return operator.served.tip_m() + along
 
 
 def test_a_click_brings_the_tip_there(live):
-    wanted = aside(live, ASIDE)
-    live.click(live.tip_px() + ASIDE).until_near(live.stand.tip_m, wanted, NEAR_MM)
+    goal_m = aside(live, ASIDE)
+    live.click(live.tip_px() + ASIDE).until_near(live.served.tip_m, goal_m, NEAR_MM)
 
 
-def test_in_preview_a_click_moves_nothing(person):
-    before = person.stand.goals()
-    person.click(person.tip_px() + ASIDE).wait_for("status.tip.length > 1")
-    person.until_still()
-    assert person.stand.goals() == before
-    assert person.items("ghost")
+def test_in_preview_a_click_moves_nothing(operator):
+    before = operator.served.goals()
+    operator.click(operator.tip_px() + ASIDE).wait_for("status.tip.length > 1")
+    operator.until_still()
+    assert operator.served.goals() == before
+    assert operator.items("ghost")
 
 
-def test_a_chosen_method_answers_a_drag_and_a_preferred_posture_is_weighed(person):
-    person.page.click("#solvers button[value=ccd]")
-    person.wait_for("status.solver.name === 'ccd'")
-    person.drag(person.tip_px(), ASIDE / 2).wait_for("status.solver.text.startsWith('ccd: 0.0 mm')")
-    person.release()
-    person.page.click("#preference summary")
-    person.page.click("#preferred button[value=rest]")
-    person.wait_for("status.preference.pose === 'rest' && status.preference.note")
-    person.page.get_by_label("How strongly elbow_flex").fill("0.3")
-    person.wait_for("status.preference.weights.elbow_flex === 0.3")
-    person.page.click("#solvers button[value=auto]")
-    person.page.click("#preferred button[value=none]")
-    person.wait_for("status.solver.name === 'auto' && status.preference.pose === 'none'")
-    assert person.errors == []
+def test_a_chosen_method_answers_a_drag_and_a_preferred_posture_is_weighed(operator):
+    operator.page.click("#solvers button[value=ccd]")
+    operator.wait_for("status.solver.name === 'ccd'")
+    operator.drag(operator.tip_px(), ASIDE / 2).wait_for(
+        "status.solver.text.startsWith('ccd: 0.0 mm')"
+    )
+    operator.release()
+    operator.page.click("#preference summary")
+    operator.page.click("#preferred button[value=rest]")
+    operator.wait_for("status.preference.pose === 'rest' && status.preference.note")
+    operator.page.get_by_label("How strongly elbow_flex").fill("0.3")
+    operator.wait_for("status.preference.weights.elbow_flex === 0.3")
+    operator.page.click("#solvers button[value=auto]")
+    operator.page.click("#preferred button[value=none]")
+    operator.wait_for("status.solver.name === 'auto' && status.preference.pose === 'none'")
+    assert operator.errors == []
 
 
-def test_what_lies_behind_is_chosen_by_key_and_by_clicking_again(person):
-    person.page.mouse.move(*person.over(person.hub_px("elbow_flex")))
-    person.wait_for("status.under.length > 2 && status.under[0].chosen")
-    first = person.page.evaluate("window.ikservo.scene.hover")
-    person.page.keyboard.press("n")
-    person.wait_for(f"status.under[1].chosen && scene.hover !== '{first}'")
-    assert person.page.inner_text("#under .chosen").startswith(person.status["under"][1]["name"])
-    person.page.keyboard.press("Shift+N")
-    person.wait_for("status.under[0].chosen")
-    person.click(person.hub_px("elbow_flex"))
-    person.wait_for("status.under[1].chosen")
-    assert person.errors == []
+def test_what_lies_behind_is_chosen_by_key_and_by_clicking_again(operator):
+    operator.page.mouse.move(*operator.over(operator.hub_px("elbow_flex")))
+    operator.wait_for("status.under.length > 2 && status.under[0].chosen")
+    first = operator.page.evaluate("window.ikservo.scene.hover")
+    operator.page.keyboard.press("n")
+    operator.wait_for(f"status.under[1].chosen && scene.hover !== '{first}'")
+    assert operator.page.inner_text("#under .chosen").startswith(
+        operator.status["under"][1]["name"]
+    )
+    operator.page.keyboard.press("Shift+N")
+    operator.wait_for("status.under[0].chosen")
+    operator.click(operator.hub_px("elbow_flex"))
+    operator.wait_for("status.under[1].chosen")
+    assert operator.errors == []
 
 
 @pytest.mark.campaign
-def test_throwing_live_after_a_preview_moves_nothing(person):
-    before = person.stand.ticks()
-    person.click(person.tip_px() + ASIDE).wait_for("status.tip.length > 1")
-    person.throw_live().until_still()
-    assert max(abs(person.stand.ticks()[i] - before[i]) for i in before) <= 2
+def test_throwing_live_after_a_preview_moves_nothing(operator):
+    before = operator.served.ticks()
+    operator.click(operator.tip_px() + ASIDE).wait_for("status.tip.length > 1")
+    operator.enable_live().until_still()
+    assert max(abs(operator.served.ticks()[i] - before[i]) for i in before) <= 2
 
 
 def test_a_grabbed_elbow_follows_the_pointer(live):
-    before, move = live.stand.place_m("wrist_flex"), np.array([30.0, 25.0])
+    before, move = live.served.place_m("wrist_flex"), np.array([30.0, 25.0])
     scale = live.pixels_per_metre
-    wanted = before + np.array([move[0], 0.0, -move[1]]) / scale
+    goal_m = before + np.array([move[0], 0.0, -move[1]]) / scale
     live.drag(live.hub_px("wrist_flex"), move)
-    live.until_near(lambda: live.stand.place_m("wrist_flex"), wanted, NEAR_MM).release()
+    live.until_near(lambda: live.served.place_m("wrist_flex"), goal_m, NEAR_MM).release()
 
 
 @pytest.mark.campaign
 def test_the_joints_beyond_a_grabbed_link_stay(live):
-    before = live.stand.ticks()
+    before = live.served.ticks()
     live.drag(live.hub_px("wrist_flex"), np.array([25.0, 20.0])).until_still().release()
-    assert max(abs(live.stand.ticks()[i] - before[i]) for i in (5, 6)) <= 1
+    assert max(abs(live.served.ticks()[i] - before[i]) for i in (5, 6)) <= 1
 
 
 def test_a_drag_past_the_limits_ends_at_the_border(live):
     goals = []
     live.drag(live.tip_px(), np.array([420.0, -150.0]), steps=20)
     for _ in range(20):
-        goals.append(live.stand.joints())
+        goals.append(live.served.joints())
         live.page.wait_for_timeout(30)
     live.until_still()
     assert live.items("target_far")
-    nearest = live.stand.tip_m()
+    nearest = live.served.tip_m()
     live.release().wait_for("status.messages.some((m) => m.message.includes('cannot be reached'))")
-    assert apart_mm(live.stand.tip_m(), nearest) < NEAR_MM
-    chain = live.stand.arm.chain
+    assert apart_mm(live.served.tip_m(), nearest) < NEAR_MM
+    chain = live.served.arm.chain
     for joints in goals:
         q = np.array([joints[name] for name in chain.names])
         assert (q >= chain.lower_rad - 2e-3).all()
@@ -104,22 +108,22 @@ def test_a_drag_past_the_limits_ends_at_the_border(live):
 
 
 def test_a_shift_drag_turns_one_joint_only(live):
-    before = live.stand.ticks()
+    before = live.served.ticks()
     live.page.keyboard.down("Shift")
     live.drag((live.hub_px("elbow_flex") + live.hub_px("wrist_flex")) / 2, np.array([0.0, 40.0]))
     live.page.keyboard.up("Shift")
     live.release().until_still()
-    moved = [i for i, tick in live.stand.ticks().items() if abs(tick - before[i]) > 20]
+    moved = [i for i, tick in live.served.ticks().items() if abs(tick - before[i]) > 20]
     assert moved == [servo_id("so101", "elbow_flex")]
 
 
 @pytest.mark.campaign
 def test_a_notch_of_the_wheel_turns_a_joint_by_a_degree(live):
-    before = live.stand.ticks()
+    before = live.served.ticks()
     live.page.mouse.move(*live.over(live.hub_px("elbow_flex")))
     live.page.mouse.wheel(0, -500)
     live.until_moving().until_still()
-    turned = (live.stand.ticks()[3] - before[3]) * 360 / 4096
+    turned = (live.served.ticks()[3] - before[3]) * 360 / 4096
     assert abs(abs(turned) - 5.0) < 0.3
 
 
@@ -132,39 +136,39 @@ def test_a_notch_of_the_wheel_turns_a_joint_by_a_degree(live):
     ],
 )
 def test_arrow_keys_move_the_tip(live, key, way_mm):
-    wanted = live.stand.tip_m() + np.array(way_mm) / 1000
+    goal_m = live.served.tip_m() + np.array(way_mm) / 1000
     live.page.focus("#drawing")
     for _ in range(4):
         live.page.keyboard.press(key)
-    live.until_near(live.stand.tip_m, wanted, NEAR_MM)
+    live.until_near(live.served.tip_m, goal_m, NEAR_MM)
 
 
 def test_a_finger_does_what_a_mouse_does(visit):
-    person = visit(has_touch=True).throw_live()
+    operator = visit(has_touch=True).enable_live()
     move = np.array([-50.0, -40.0])
-    wanted = aside(person, move)
-    person.page.touchscreen.tap(*person.over(person.tip_px() + move))
-    person.until_near(person.stand.tip_m, wanted, NEAR_MM)
+    goal_m = aside(operator, move)
+    operator.page.touchscreen.tap(*operator.over(operator.tip_px() + move))
+    operator.until_near(operator.served.tip_m, goal_m, NEAR_MM)
 
 
 def test_after_a_resize_on_a_sharp_screen_a_click_still_means_the_same(visit):
-    person = visit(device_scale_factor=2)
-    person.page.set_viewport_size({"width": 800, "height": 900})
-    person.wait_for_picture()
-    person.throw_live()
-    wanted = aside(person, ASIDE)
-    person.click(person.tip_px() + ASIDE).until_near(person.stand.tip_m, wanted, NEAR_MM)
-    assert person.page.evaluate("drawing.width / drawing.clientWidth") == 2
+    operator = visit(device_scale_factor=2)
+    operator.page.set_viewport_size({"width": 800, "height": 900})
+    operator.wait_for_picture()
+    operator.enable_live()
+    goal_m = aside(operator, ASIDE)
+    operator.click(operator.tip_px() + ASIDE).until_near(operator.served.tip_m, goal_m, NEAR_MM)
+    assert operator.page.evaluate("drawing.width / drawing.clientWidth") == 2
 
 
 @pytest.mark.campaign
 def test_a_pose_button_brings_every_joint_there(live):
     live.page.click("#poses >> text=Rest")
     live.until_moving().until_still()
-    wanted = live.stand.arm.model.pose("rest")
-    chain = live.stand.arm.chain
+    goal_rad = live.served.arm.model.pose("rest")
+    chain = live.served.arm.chain
     for name, low, high in zip(chain.names, chain.lower_rad, chain.upper_rad, strict=True):
-        assert abs(live.stand.joints()[name] - min(max(wanted[name], low), high)) < 5e-3
+        assert abs(live.served.joints()[name] - min(max(goal_rad[name], low), high)) < 5e-3
 
 
 PAD = """
@@ -177,27 +181,27 @@ window.push = (axes) => { pad.axes = axes; };
 
 @pytest.mark.campaign
 def test_a_stick_moves_the_tip_while_it_is_held_over(visit):
-    person = visit()
-    person.page.evaluate(PAD)
-    person.throw_live()
-    before = person.stand.tip_m()
-    person.page.evaluate("push([0, -1, 0, 0])")
-    person.page.wait_for_timeout(500)
-    person.page.evaluate("push([0, 0, 0, 0])")
-    person.until_still()
-    rise = person.stand.tip_m() - before
+    operator = visit()
+    operator.page.evaluate(PAD)
+    operator.enable_live()
+    before = operator.served.tip_m()
+    operator.page.evaluate("push([0, -1, 0, 0])")
+    operator.page.wait_for_timeout(500)
+    operator.page.evaluate("push([0, 0, 0, 0])")
+    operator.until_still()
+    rise = operator.served.tip_m() - before
     assert rise[2] > 0.01
     assert abs(rise[0]) < 0.004
 
 
 @pytest.mark.campaign
 def test_a_button_that_is_held_down_closes_the_gripper_until_it_is_let_go(live):
-    before = live.stand.ticks()
+    before = live.served.ticks()
     live.page.hover("#gripper-open")
     live.page.mouse.down()
     live.until_moving()
     live.release().until_still()
-    moved = [i for i, tick in live.stand.ticks().items() if abs(tick - before[i]) > 20]
+    moved = [i for i, tick in live.served.ticks().items() if abs(tick - before[i]) > 20]
     assert moved == [servo_id("so101", "gripper")]
 
 
@@ -214,11 +218,11 @@ WebSocket.prototype.send = function (text) {
 
 @pytest.mark.campaign
 def test_two_fingers_come_nearer_and_move_nothing(visit):
-    person = visit(has_touch=True)
-    scale, goals = person.pixels_per_metre, person.stand.goals()
-    person.page.evaluate(LISTEN)
-    hand = person.page.context.new_cdp_session(person.page)
-    middle = np.array(person.over((400, 150)))
+    operator = visit(has_touch=True)
+    scale, goals = operator.pixels_per_metre, operator.served.goals()
+    operator.page.evaluate(LISTEN)
+    hand = operator.page.context.new_cdp_session(operator.page)
+    middle = np.array(operator.over((400, 150)))
     for phase, half_px, count in [
         ("touchStart", 40, 1),
         ("touchStart", 40, 2),
@@ -228,21 +232,21 @@ def test_two_fingers_come_nearer_and_move_nothing(visit):
         fingers = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(places)]
         hand.send("Input.dispatchTouchEvent", {"type": phase, "touchPoints": fingers})
     hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    person.page.wait_for_timeout(300)
-    assert person.pixels_per_metre == pytest.approx(2 * scale, rel=0.3)
-    assert "down" not in person.page.evaluate("said")  # not even by the first of them
-    assert person.stand.goals() == goals
+    operator.page.wait_for_timeout(300)
+    assert operator.pixels_per_metre == pytest.approx(2 * scale, rel=0.3)
+    assert "down" not in operator.page.evaluate("said")  # not even by the first of them
+    assert operator.served.goals() == goals
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("house", [{"arm": "planar3", "port": "sim"}], indirect=True)
+@pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)
 @pytest.mark.parametrize("solver", ["ccd", "pseudo_inverse"])
-def test_a_solver_that_was_chosen_shows_its_iterations(person, solver):
-    person.page.click(f"#solvers button[value={solver}]")
-    person.wait_for(f"status.solver.name === '{solver}'")
-    person.click(person.tip_px() + 2 * ASIDE)
-    person.wait_for("status.solver.text.includes('iteration')")
-    person.wait_for("scene.items.some((item) => item.style === 'iterate')")
+def test_a_solver_that_was_chosen_shows_its_iterations(operator, solver):
+    operator.page.click(f"#solvers button[value={solver}]")
+    operator.wait_for(f"status.solver.name === '{solver}'")
+    operator.click(operator.tip_px() + 2 * ASIDE)
+    operator.wait_for("status.solver.text.includes('iteration')")
+    operator.wait_for("scene.items.some((item) => item.style === 'iterate')")
 
 
 @pytest.mark.campaign

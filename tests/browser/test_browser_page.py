@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.browser.person import SHOWN, Person
+from tests.browser.page_operator import SHOWN, Operator
 
 pytestmark = pytest.mark.browser
 
@@ -65,7 +65,7 @@ BELOW = """() => [...document.querySelectorAll("button")]
 def reader(browser, shared):
     """A person who reads one page all through this module."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
-    yield Person(context.new_page(), shared)
+    yield Operator(context.new_page(), shared)
     context.close()
 
 

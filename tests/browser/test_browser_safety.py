@@ -7,27 +7,27 @@ import numpy as np
 import pytest
 
 from servosim.faults import Fault
-from tests.browser.person import SHOWN
+from tests.browser.page_operator import SHOWN
 
 pytestmark = pytest.mark.browser
 
-OWN = pytest.mark.parametrize("house", [{}], indirect=True, ids=["own"])
+OWN = pytest.mark.parametrize("view", [{}], indirect=True, ids=["own"])
 KEYS = ("Space", "Escape", "Space on Live")
 FAR = np.array([60.0, -100.0])  # over nothing, within reach
 
 
-def under_way(person):
+def under_way(operator):
     """Send the arm far at a moderate speed, and return once it moves."""
-    person.page.click("#speeds button[value=normal]")
-    person.wait_for("status.speed === 'normal'")
-    return person.click(person.tip_px() + FAR).until_moving()
+    operator.page.click("#speeds button[value=normal]")
+    operator.wait_for("status.speed === 'normal'")
+    return operator.click(operator.tip_px() + FAR).until_moving()
 
 
-def stops_there(person):
-    person.wait_for("status.mode === 'stopped'").until_still()
-    stand = person.stand
-    short = max(abs(stand.goals()[i] - stand.ticks()[i]) for i in stand.goals())
-    return short < 60 and not person.status["live"]
+def stops_there(operator):
+    operator.wait_for("status.mode === 'stopped'").until_still()
+    served = operator.served
+    short = max(abs(served.goals()[i] - served.ticks()[i]) for i in served.goals())
+    return short < 60 and not operator.status["live"]
 
 
 @pytest.mark.parametrize(
@@ -46,44 +46,44 @@ def test_stop_holds_the_arm_on_its_way(live, way):
 def test_a_stop_stays_until_somebody_has_looked(live):
     live.page.click("#stop")
     live.wait_for("status.mode === 'stopped'").until_still()
-    before = live.stand.ticks()
+    before = live.served.ticks()
     live.click(live.tip_px() + FAR)
     live.until_still()
-    assert live.stand.ticks() == before
+    assert live.served.ticks() == before
     live.page.click("#acknowledge")
-    live.wait_for("status.mode === 'preview'").throw_live()
+    live.wait_for("status.mode === 'preview'").enable_live()
     live.click(live.tip_px() + FAR).until_moving()
 
 
 @OWN
 def test_a_servo_that_is_unplugged_is_told_in_the_words_of_the_command_line(live):
     under_way(live)
-    live.stand.line.faults.add(Fault("silent", id=4, at_s=live.stand.line.world.time_s))
+    live.served.line.faults.add(Fault("silent", id=4, at_s=live.served.line.world.time_s))
     live.page.wait_for_selector("#banner:not([hidden])")
-    said = live.page.inner_text("#banner")
-    assert "wrist_flex (id 4)" in said
-    assert "Check its connector" in said
+    banner = live.page.inner_text("#banner")
+    assert "wrist_flex (id 4)" in banner
+    assert "Check its connector" in banner
     live.wait_for("status.mode === 'stopped'")
 
 
 @OWN
 @pytest.mark.campaign
 def test_an_adapter_that_is_unplugged_is_told(live):
-    live.stand.line.plugged = False
+    live.served.line.plugged = False
     live.page.wait_for_selector("#banner:not([hidden])")
     assert "Lost connection" in live.page.inner_text("#banner-message")
 
 
 @pytest.mark.campaign  # on a busy machine every page hangs a little
-@pytest.mark.parametrize("house", [{"dead_man_s": 0.3}], indirect=True)
+@pytest.mark.parametrize("view", [{"dead_man_s": 0.3}], indirect=True)
 def test_a_page_that_hangs_holds_the_arm(visit):
-    person = visit()
-    under_way(person.throw_live())
-    person.page.evaluate(
+    operator = visit()
+    under_way(operator.enable_live())
+    operator.page.evaluate(
         "(() => { const t = performance.now(); while (performance.now() < t + 900); })()"
     )
-    person.wait_for("!status.live").until_still()
-    assert "does not answer" in person.status["messages"][-1]["message"]
+    operator.wait_for("!status.live").until_still()
+    assert "does not answer" in operator.status["messages"][-1]["message"]
 
 
 @pytest.mark.campaign
@@ -103,20 +103,20 @@ def test_a_page_that_is_loaded_anew_holds_the_arm_and_begins_with_a_slow_preview
         "status.mode === 'preview' && status.controller === 'you'"
     ).until_still()
     assert live.status["speed"] == "slow"
-    assert not live.stand.house.arm_thread.command.live
+    assert not live.served.view.arm_thread.command.live
 
 
 def test_the_second_page_watches(live, visit):
     other = visit()
     assert other.status["controller"] == "other"
-    before = live.stand.ticks()
+    before = live.served.ticks()
     other.click(other.tip_px() + FAR)
     other.until_still()
-    assert max(abs(live.stand.ticks()[i] - before[i]) for i in before) <= 2
+    assert max(abs(live.served.ticks()[i] - before[i]) for i in before) <= 2
 
 
 @pytest.mark.campaign
-def test_what_cannot_be_done_is_told_and_then_forgotten(person, visit):
+def test_what_cannot_be_done_is_told_and_then_forgotten(operator, visit):
     other = visit()
     other.click(other.tip_px())
     other.page.wait_for_selector("#banner:not([hidden])")
@@ -134,7 +134,7 @@ def test_who_takes_control_gets_it_and_the_arm_holds(live, visit):
 
 
 @pytest.mark.campaign
-def test_who_only_watches_cannot_even_ask(visit, person):
+def test_who_only_watches_cannot_even_ask(visit, operator):
     watcher = visit(watch=True)
     assert watcher.page.is_disabled("#live")
     assert watcher.page.is_disabled("#stop")
@@ -148,8 +148,8 @@ KNOCK = """(address) => new Promise((say) => {
 })"""
 
 
-def test_a_page_of_another_origin_is_refused(person, browser):
-    address = person.stand.urls.control.partition("/#")[0].replace("http", "ws") + "/live"
+def test_a_page_of_another_origin_is_refused(operator, browser):
+    address = operator.served.urls.control.partition("/#")[0].replace("http", "ws") + "/live"
     context = browser.new_context()
     page = context.new_page()
     page.route("http://evil.example/", lambda route: route.fulfill(body="<p>harmless</p>"))
@@ -159,34 +159,34 @@ def test_a_page_of_another_origin_is_refused(person, browser):
 
 
 @pytest.mark.campaign
-def test_the_wrong_key_is_told(person):
-    page = person.page.context.new_page()
-    page.goto(person.stand.urls.control.partition("#")[0] + "#token=wrong")
+def test_the_wrong_key_is_told(operator):
+    page = operator.page.context.new_page()
+    page.goto(operator.served.urls.control.partition("#")[0] + "#token=wrong")
     page.wait_for_selector("#banner:not([hidden])")
     assert "key" in page.inner_text("#banner-message")
 
 
 @pytest.mark.campaign
-def test_the_key_leaves_no_trace_in_what_is_sent(browser, house):
+def test_the_key_leaves_no_trace_in_what_is_sent(browser, view):
     context = browser.new_context()
     page, seen = context.new_page(), []
 
-    def hear(frame):
+    def record_frame(frame):
         seen.append(frame)
 
     page.on("request", lambda request: seen.append((request.url, str(request.headers))))
-    page.on("websocket", lambda socket: socket.on("framesent", hear))
-    page.goto(house.urls.control)
+    page.on("websocket", lambda socket: socket.on("framesent", record_frame))
+    page.goto(view.urls.control)
     page.wait_for_selector("#views button")
     assert len(seen) > 5
-    assert not [words for words in seen if house.house.keys.control in str(words)[:4000]]
+    assert not [words for words in seen if view.view.keys.control in str(words)[:4000]]
     context.close()
 
 
-def test_the_page_proves_its_key_as_the_server_does(person):
+def test_the_page_proves_its_key_as_the_server_does(operator):
     texts = ["", "abc", "ü" * 40, "x" * 200]
     script = "async (texts) => { const { hmac } = await import('/page/sha256.js');"
-    found = person.page.evaluate(
+    found = operator.page.evaluate(
         f"{script} return texts.map((t) => hmac('k\\u00e9y', t)); }}", texts
     )
     assert found == [

@@ -43,8 +43,10 @@ def test_a_narrow_sweep_is_accepted_after_four_seconds_without_news():
 @pytest.mark.parametrize(("up", "down", "wait_s"), [(1000, 2000, 1.0), (500, 1000, 4.0)])
 def test_the_wait_must_be_over(up, down, wait_s):
     wizard, script = swept(up, down).wizard, ScriptedAnswers()
-    said = [script.next_answer(wizard, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
-    assert said == [None, None, "accept"]
+    answers = [
+        script.next_answer(wizard, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)
+    ]
+    assert answers == [None, None, "accept"]
 
 
 def test_patience_ends_after_more_than_a_minute():

@@ -13,45 +13,45 @@ def facts(servo_id, model="STS3215", **held):
     return ServoConfig(servo_id, MODELS[model], "3.10", known | held)
 
 
-def said_of(found, *joints):
+def messages_of(found, *joints):
     calibration = calibration_of(*joints)
     return [str(each) for each in register_mismatches(calibration, {f.id: f for f in found})]
 
 
 def test_nothing_is_said_of_servos_that_hold_what_the_file_says():
-    assert said_of([facts(1), facts(2)], joint(), joint("wrist", 2)) == []
+    assert messages_of([facts(1), facts(2)], joint(), joint("wrist", 2)) == []
 
 
 def test_a_register_that_was_changed_is_told_with_both_values():
-    assert said_of([facts(1, homing_offset=7)], joint()) == [
+    assert messages_of([facts(1, homing_offset=7)], joint()) == [
         "homing_offset of elbow (id 1) is 7 in the servo and 0 in the calibration"
     ]
 
 
 def test_a_servo_that_the_arm_does_not_have_is_told():
-    (said,) = register_mismatches(calibration_of(joint()), {})
-    assert (said.joint, said.register, said.expected, said.found) == (
+    (mismatch,) = register_mismatches(calibration_of(joint()), {})
+    assert (mismatch.joint, mismatch.register, mismatch.expected, mismatch.found) == (
         "elbow", "id", "1", "not this arm's",
     )  # fmt: skip
 
 
 def test_of_a_servo_of_another_model_the_model_alone_is_told():
-    assert said_of([facts(1, "STS3250", homing_offset=7)], joint()) == [
+    assert messages_of([facts(1, "STS3250", homing_offset=7)], joint()) == [
         "model of elbow (id 1) is STS3250 in the servo and STS3215 in the calibration"
     ]
 
 
 def test_a_register_that_was_not_read_is_unknown():
     bare = ServoConfig(1, MODELS["STS3215"], "", {k: v for k, v in STS.items() if k != "phase"})
-    assert said_of([bare], joint()) == [
+    assert messages_of([bare], joint()) == [
         "phase of elbow (id 1) is unknown in the servo and 12 in the calibration"
     ]
 
 
-@pytest.mark.parametrize(("drive_mode", "told"), [(4, False), (1, True), (5, True)])
-def test_bits_that_do_not_change_the_count_are_no_contradiction(drive_mode, told):
+@pytest.mark.parametrize(("drive_mode", "reported"), [(4, False), (1, True), (5, True)])
+def test_bits_that_do_not_change_the_count_are_no_contradiction(drive_mode, reported):
     found = facts(1, "XM430-W350", drive_mode=drive_mode)
-    assert bool(said_of([found], joint(model="XM430-W350"))) is told
+    assert bool(messages_of([found], joint(model="XM430-W350"))) is reported
 
 
 def test_servos_that_agree_are_not_refused():

@@ -6,7 +6,7 @@ from ikservo.calibration.calibration_file import inconsistencies
 from tests.calibration.records import FAMILIES, GEOMETRY, calibration_of, joint
 
 
-def said_of(*joints, **more):
+def issues_of(*joints, **more):
     """Return what is said of a file of such joints, by place."""
     calibration = calibration_of(*joints, **more)
     return {c.location: (c.found, c.expected) for c in inconsistencies(calibration)}
@@ -15,13 +15,13 @@ def said_of(*joints, **more):
 @pytest.mark.parametrize("model", FAMILIES)
 def test_nothing_is_said_of_a_joint_in_order(model):
     travel = [100, 900] if model == "SCS15" else [1000, 3000]
-    assert said_of(joint(model=model, travel_ticks=travel)) == {}
+    assert issues_of(joint(model=model, travel_ticks=travel)) == {}
 
 
 def test_times_without_an_offset_are_told():
     naive = "2026-11-02T14:03:22"
-    said = said_of(joint(), written=naive, geometry=GEOMETRY | {"touched": naive})
-    assert {place: found for place, (found, _) in said.items()} == {
+    issues = issues_of(joint(), written=naive, geometry=GEOMETRY | {"touched": naive})
+    assert {place: found for place, (found, _) in issues.items()} == {
         ("written",): "has no offset", ("geometry", "touched"): "has no offset",
     }  # fmt: skip
 
@@ -30,28 +30,28 @@ def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_tol
     held = joint(holds={"homing_ofset": 0})
     del held["servo"]["holds"]["homing_offset"]
     place = ("joints", 0, "servo", "holds")
-    assert said_of(held) == {
+    assert issues_of(held) == {
         (*place, "homing_ofset"): ("is not a register", "one of STS3215"),
         (*place, "homing_offset"): ("is missing", "what the servo held"),
     }
 
 
 def test_of_a_joint_with_an_unknown_model_only_that_is_told():
-    assert [*said_of(joint(model="STS9999"))] == [("joints", 0, "servo", "model")]
+    assert [*issues_of(joint(model="STS9999"))] == [("joints", 0, "servo", "model")]
 
 
 def test_an_origin_that_a_touch_off_moved_twice_is_told():
     origins = [{"joint": name, "moved_mm": [1.0, 0.0, 0.0]} for name in ("a", "b", "a", "b")]
-    said = said_of(joint(), geometry=GEOMETRY | {"origins": origins})
-    assert {place[2]: found for place, (found, _) in said.items()} == {
+    issues = issues_of(joint(), geometry=GEOMETRY | {"origins": origins})
+    assert {place[2]: found for place, (found, _) in issues.items()} == {
         2: 'is "a" a second time', 3: 'is "b" a second time',
     }  # fmt: skip
-    assert said_of(joint(), geometry=GEOMETRY | {"origins": origins[:2]}) == {}
+    assert issues_of(joint(), geometry=GEOMETRY | {"origins": origins[:2]}) == {}
 
 
 def test_a_name_and_an_id_given_twice_are_told_of_the_second_joint():
-    said = said_of(joint(), joint("wrist", 2), joint("elbow", 1))
-    assert said == {
+    issues = issues_of(joint(), joint("wrist", 2), joint("elbow", 1))
+    assert issues == {
         ("joints", 2, "name"): ('is "elbow" a second time', "a unique name"),
         ("joints", 2, "servo", "id"): ("is 1 a second time", "a unique id"),
     }
@@ -59,20 +59,20 @@ def test_a_name_and_an_id_given_twice_are_told_of_the_second_joint():
 
 def test_a_model_of_another_family_offers_those_of_the_files_own():
     stranger = joint("wrist", 2, model="SCS15", travel_ticks=[100, 900])
-    found, expected = said_of(joint(), stranger)["joints", 1, "servo", "model"]
+    found, expected = issues_of(joint(), stranger)["joints", 1, "servo", "model"]
     assert (found, expected) == ('is "SCS15"', "one of: STS3215, STS3250")
 
 
 @pytest.mark.parametrize("tick", [0, 4095])
 def test_the_ends_of_a_registers_range_can_be_held(tick):
-    assert said_of(joint(holds={"max_position_limit": tick})) == {}
+    assert issues_of(joint(holds={"max_position_limit": tick})) == {}
 
 
 @pytest.mark.parametrize("tick", [-1, 4096])
 def test_what_a_register_cannot_hold_is_told_with_its_range(tick):
-    said = said_of(joint(holds={"max_position_limit": tick}))
+    issues = issues_of(joint(holds={"max_position_limit": tick}))
     place = ("joints", 0, "servo", "holds", "max_position_limit")
-    assert said == {place: (f"is {tick}", "0 to 4095")}
+    assert issues == {place: (f"is {tick}", "0 to 4095")}
 
 
 PLACE = ("joints", 0, "travel_ticks")
@@ -81,7 +81,7 @@ APART, ON_THE_SENSOR = "50 to 4095 ticks apart", "ticks from 0 to 4095"
 
 @pytest.mark.parametrize("travel", [[0, 50], [0, 4095], [4045, 4095]])
 def test_a_travel_may_be_as_narrow_as_fifty_ticks_and_as_wide_as_the_sensor(travel):
-    assert said_of(joint(travel_ticks=travel)) == {}
+    assert issues_of(joint(travel_ticks=travel)) == {}
 
 
 @pytest.mark.parametrize(
@@ -95,44 +95,44 @@ def test_a_travel_may_be_as_narrow_as_fifty_ticks_and_as_wide_as_the_sensor(trav
     ],
 )
 def test_a_travel_that_no_joint_has_is_told_with_what_one_has(travel, expected):
-    said = said_of(joint(travel_ticks=travel))
-    assert said == {PLACE: (f"is [{travel[0]}, {travel[1]}]", expected)}
+    issues = issues_of(joint(travel_ticks=travel))
+    assert issues == {PLACE: (f"is [{travel[0]}, {travel[1]}]", expected)}
 
 
 def test_a_servo_that_counts_on_may_travel_beyond_its_sensor():
-    assert said_of(joint(model="XM430-W350", travel_ticks=[-900, 900], extended=True)) == {}
-    assert said_of(joint(model="XM430-W350", travel_ticks=[4000, 4200], extended=True)) == {}
-    assert PLACE in said_of(joint(model="XM430-W350", travel_ticks=[-900, 900]))
+    assert issues_of(joint(model="XM430-W350", travel_ticks=[-900, 900], extended=True)) == {}
+    assert issues_of(joint(model="XM430-W350", travel_ticks=[4000, 4200], extended=True)) == {}
+    assert PLACE in issues_of(joint(model="XM430-W350", travel_ticks=[-900, 900]))
 
 
 @pytest.mark.parametrize("offset", [1025, -1025])
 def test_an_offset_that_a_dynamixel_ignores_is_told(offset):
-    said = said_of(joint(model="XM430-W350", holds={"homing_offset": offset}))
-    assert said == {
+    issues = issues_of(joint(model="XM430-W350", holds={"homing_offset": offset}))
+    assert issues == {
         ("joints", 0, "servo", "holds", "homing_offset"): (f"is {offset}", "-1024 to 1024")
     }
 
 
 @pytest.mark.parametrize("offset", [1024, -1024])
 def test_the_largest_offset_of_a_dynamixel_is_in_force(offset):
-    assert said_of(joint(model="XM430-W350", holds={"homing_offset": offset})) == {}
+    assert issues_of(joint(model="XM430-W350", holds={"homing_offset": offset})) == {}
 
 
 def test_a_dynamixel_that_counts_on_obeys_any_offset():
     far = joint(model="XM430-W350", holds={"homing_offset": -5000}, extended=True)
-    assert said_of(far) == {}
+    assert issues_of(far) == {}
 
 
 @pytest.mark.parametrize(("lower_deg", "upper_deg"), [(10.0, 10.0), (10.0, -10.0)])
 def test_a_range_without_an_inside_is_told(lower_deg, upper_deg):
-    said = said_of(joint(lower_deg=lower_deg, upper_deg=upper_deg))
+    issues = issues_of(joint(lower_deg=lower_deg, upper_deg=upper_deg))
     place = ("joints", 0, "lower_deg")
-    assert said == {place: ("is not below the upper limit", "lower < upper")}
+    assert issues == {place: ("is not below the upper limit", "lower < upper")}
 
 
 @pytest.mark.parametrize(
     "changes", [{"lower_deg": None}, {"upper_deg": None}, {"swept": "not swept"}]
 )
 def test_a_range_is_in_the_file_exactly_where_it_was_swept(changes):
-    assert [*said_of(joint(**changes))] == [("joints", 0, "swept")]
-    assert said_of(joint(lower_deg=None, upper_deg=None, swept="not swept")) == {}
+    assert [*issues_of(joint(**changes))] == [("joints", 0, "swept")]
+    assert issues_of(joint(lower_deg=None, upper_deg=None, swept="not swept")) == {}

@@ -9,11 +9,11 @@ from ikservo.calibration.range_tracker import ContactState, EndStopDetector
 AHEAD, LOUD = 0.08, 28.0  # rad that the goal leads, and percent of 30
 
 
-def after(looks, most_percent=30.0):
+def after(samples, most_percent=30.0):
     """Return what a feeler says after looks (s, rad, goal, percent)."""
     feeler = EndStopDetector(most_percent)
-    for look in looks:
-        feeler = feeler.update_with_load(*look)
+    for sample in samples:
+        feeler = feeler.update_with_load(*sample)
     return feeler.contact
 
 
@@ -58,7 +58,7 @@ def test_a_trembling_of_a_tick_is_standing():
     assert after(trembling) is ContactState.STOP
 
 
-def looks(*rows, most_percent=64.0):
+def samples(*rows, most_percent=64.0):
     """Return a feeler after looks (s, rad) at a joint that presses with half of what it may."""
     feeler = EndStopDetector(most_percent)
     for at_s, at_rad in rows:
@@ -70,20 +70,20 @@ def looks(*rows, most_percent=64.0):
     ("last_s", "touch"), [(5.25, ContactState.STOP), (5.24, ContactState.MOVING)]
 )
 def test_the_quarter_of_a_second_begins_where_it_last_moved(last_s, touch):
-    assert looks((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).contact is touch
+    assert samples((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).contact is touch
 
 
 def test_a_first_look_decides_nothing():
     assert not EndStopDetector(30.0).may_be_blocked(7.0, 0.0, 1.0)
-    assert looks((7.0, 0.0)).contact is ContactState.MOVING
+    assert samples((7.0, 0.0)).contact is ContactState.MOVING
 
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("step_rad", "stands"), [(0.00401, False), (0.004, True), (0.0039, True)])
 def test_less_than_three_ticks_are_no_motion(way, step_rad, stands):
-    seen = looks((0.0, 0.0), (0.25, way * step_rad))
+    seen = samples((0.0, 0.0), (0.25, way * step_rad))
     assert (seen.contact is ContactState.STOP) is stands
-    assert looks((0.0, 1.0), (0.25, 1.0 + way * 0.01)).at_rad == 1.0 + way * 0.01
+    assert samples((0.0, 1.0), (0.25, 1.0 + way * 0.01)).at_rad == 1.0 + way * 0.01
 
 
 @pytest.mark.parametrize("way", [1, -1])

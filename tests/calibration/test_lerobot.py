@@ -222,7 +222,7 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "warning"),
     [
         ({}, []),
         ({"sign": -1}, ["elbow counts against its joint; LeRobot's degrees will, too."]),
@@ -236,8 +236,8 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
         ({"user_upper_deg": 3.0}, ["elbow has limits of your own, which LeRobot does not get."]),
     ],
 )
-def test_what_lerobots_file_cannot_say_is_told_joint_by_joint(changes, said):
-    assert [*lost_in_lerobot(calibration_of(joint(**changes)))] == [ZEROS, *said]
+def test_what_lerobots_file_cannot_say_is_told_joint_by_joint(changes, warning):
+    assert [*lost_in_lerobot(calibration_of(joint(**changes)))] == [ZEROS, *warning]
 
 
 def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_path, monkeypatch):
@@ -245,6 +245,6 @@ def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_p
     arm = make_mounted_arm("vx300s", 3, spoiled=False)
     with arm.open_limp() as limp_arm:
         calibration = make_calibration(arm, limp_arm, datetime(2026, 11, 2, tzinfo=UTC))
-    said = "\n".join(lost_in_lerobot(calibration.model_copy(update={"geometry": GEOMETRY})))
-    assert "Servo 3 of shoulder is not in it" in said
-    assert "that a touch-off found are not in it" in said
+    warning = "\n".join(lost_in_lerobot(calibration.model_copy(update={"geometry": GEOMETRY})))
+    assert "Servo 3 of shoulder is not in it" in warning
+    assert "that a touch-off found are not in it" in warning

@@ -80,13 +80,13 @@ def test_a_direction_that_the_file_does_not_tell_is_not_compared():
 
 
 @pytest.mark.parametrize(
-    ("register", "one", "other", "told"),
+    ("register", "one", "other", "differs"),
     [("phase", 0, 0b0110_1110, False), ("phase", 0, 0b1000_0000, True), ("phase", 1, 0, True),
      ("drive_mode", 4, 8, False), ("drive_mode", 4, 5, True), ("homing_offset", 0, 1, True),
      ("homing_offset", 0, 2, True), ("homing_offset", -3, -3, False)],
 )  # fmt: skip
-def test_only_bits_that_turn_the_count_make_a_difference(register, one, other, told):
-    assert registers_differ(register, one, other) is told
+def test_only_bits_that_turn_the_count_make_a_difference(register, one, other, differs):
+    assert registers_differ(register, one, other) is differs
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350", "SCS15"])

@@ -15,8 +15,8 @@ def swept(one, up, down=0, **more):
     return (hand.move(-down, step=1) if down else hand).wizard
 
 
-def said_of(wizard):
-    return [complaint.message for complaint in blocking_issues(wizard)]
+def messages_of(wizard):
+    return [issue.message for issue in blocking_issues(wizard)]
 
 
 @pytest.mark.parametrize(("ticks", "round_"), [(4073, False), (4074, True)])
@@ -38,11 +38,11 @@ def test_a_sensor_without_a_seam_never_goes_round():
     assert not is_full_turn(swept(one, 100), one)
 
 
-@pytest.mark.parametrize(("width_deg", "told"), [(299.0, True), (300.5, False)])
-def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width_deg, told):
+@pytest.mark.parametrize(("width_deg", "reported"), [(299.0, True), (300.5, False)])
+def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width_deg, reported):
     half = math.radians(width_deg) / 2
-    said = said_of(swept(subject(lower=-half, upper=half), 4100))
-    assert any("was turned by a whole turn" in each for each in said) is told
+    messages = messages_of(swept(subject(lower=-half, upper=half), 4100))
+    assert any("was turned by a whole turn" in each for each in messages) is reported
 
 
 def test_a_joint_that_was_measured_before_or_is_free_is_complete():
@@ -52,20 +52,20 @@ def test_a_joint_that_was_measured_before_or_is_free_is_complete():
     assert range_complete(hand.wizard, hand.wizard.subjects[0]) is True
 
 
-@pytest.mark.parametrize(("ticks", "told"), [(249, True), (250, False)])
-def test_a_joint_must_move_by_fifty_ticks_and_both_margins(ticks, told):
+@pytest.mark.parametrize(("ticks", "reported"), [(249, True), (250, False)])
+def test_a_joint_must_move_by_fifty_ticks_and_both_margins(ticks, reported):
     margin_rad = 100 * math.tau / TURN
-    said = said_of(swept(subject(), ticks, margin_rad=margin_rad))
-    assert any(f"was moved by only {ticks} ticks" in each for each in said) is told
+    messages = messages_of(swept(subject(), ticks, margin_rad=margin_rad))
+    assert any(f"was moved by only {ticks} ticks" in each for each in messages) is reported
 
 
 @pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize(("apart", "told"), [(40, False), (41, True)])
-def test_servos_of_one_joint_may_differ_by_forty_ticks(way, apart, told):
+@pytest.mark.parametrize(("apart", "reported"), [(40, False), (41, True)])
+def test_servos_of_one_joint_may_differ_by_forty_ticks(way, apart, reported):
     hand = Hand(subject(shadow_ids=(2,)), start=700).rest().accept()
     hand.move(900, 1, 2).move(way * apart, 2, step=1)
-    said = said_of(hand.wizard)
-    assert any("report different motions" in each for each in said) is told
+    messages = messages_of(hand.wizard)
+    assert any("report different motions" in each for each in messages) is reported
 
 
 def test_findings_tell_how_much_of_a_range_was_swept_and_nothing_of_a_whole_one():
@@ -78,5 +78,7 @@ def test_a_range_that_lies_off_the_arm_files_is_told_with_both():
     lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
     hand = Hand(lopsided).rest().accept()
     hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way
-    (said,) = [each for each in said_of(hand.wizard) if "the sign or the pose is wrong" in each]
-    assert said.startswith("elbow: swept -247.2° to -45.1°, arm file -85.9° to 85.9°;")
+    (messages,) = [
+        each for each in messages_of(hand.wizard) if "the sign or the pose is wrong" in each
+    ]
+    assert messages.startswith("elbow: swept -247.2° to -45.1°, arm file -85.9° to 85.9°;")

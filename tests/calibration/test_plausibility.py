@@ -25,19 +25,19 @@ def shifts_of(one, *ticks):
 
 
 @pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize(("shift_m", "told"), [(0.0039, False), (0.0041, True)])
-def test_a_slide_may_be_off_by_four_millimetres(way, shift_m, told):
+@pytest.mark.parametrize(("shift_m", "reported"), [(0.0039, False), (0.0041, True)])
+def test_a_slide_may_be_off_by_four_millimetres(way, shift_m, reported):
     ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.02, 0.02)]
     found = shifts_of(SLIDE, *ends)
-    assert found == ([pytest.approx(-way * shift_m, abs=1e-4)] if told else [])
+    assert found == ([pytest.approx(-way * shift_m, abs=1e-4)] if reported else [])
 
 
 @pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize(("shift_deg", "told"), [(9.9, False), (10.1, True)])
-def test_a_turn_may_be_off_by_ten_degrees(way, shift_deg, told):
+@pytest.mark.parametrize(("shift_deg", "reported"), [(9.9, False), (10.1, True)])
+def test_a_turn_may_be_off_by_ten_degrees(way, shift_deg, reported):
     ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
-    assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if told else [])
+    assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
 
 
 @pytest.mark.parametrize("way", [1, -1])

@@ -317,18 +317,18 @@ def test_an_answer_about_an_unknown_joint_names_the_known_ones():
 
 def scripted(hand, script, moves):
     """Let a script answer while a hand makes its moves; return what it said."""
-    said = []
+    messages = []
     moves = iter(moves)
     for _ in range(5000):
         word = script.next_answer(hand.wizard, hand.at_s)
         if word:
-            said.append(word)
+            messages.append(word)
             hand.say(word)
         if hand.wizard.stage is CalibrationStage.REVIEW:
-            return said
+            return messages
         move = next(moves, None)
         hand.move(move) if move else hand.read()
-    return said
+    return messages
 
 
 def test_patience_accepts_a_still_pose_and_a_whole_sweep():

@@ -8,7 +8,7 @@ from ikservo.calibration.joint_map import format_position, format_source
 
 
 @pytest.mark.parametrize(
-    ("position", "unit", "said"),
+    ("position", "unit", "text"),
     [
         (math.pi, "rad", "180.0°"),
         (0.5, "m", "500.0 mm"),
@@ -16,8 +16,8 @@ from ikservo.calibration.joint_map import format_position, format_source
         (-1e-9, "m", "0.0 mm"),
     ],
 )
-def test_positions_are_said_in_degrees_and_millimetres(position, unit, said):
-    assert format_position(position, unit) == said
+def test_positions_are_said_in_degrees_and_millimetres(position, unit, text):
+    assert format_position(position, unit) == text
 
 
 def test_more_digits_can_be_asked_for():

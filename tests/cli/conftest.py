@@ -22,7 +22,7 @@ class CommandResult:
 
 
 @pytest.fixture
-def say(capsys, monkeypatch):
+def run_cli(capsys, monkeypatch):
     """Return a function that runs ``ikservo`` with the given command line."""
     for name in ("IKSERVO_ARM", "IKSERVO_PORT"):
         monkeypatch.delenv(name, raising=False)

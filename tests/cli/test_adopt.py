@@ -31,49 +31,49 @@ def move(calibration, serial):
     return save_calibration(calibration.model_copy(update={"usb_serial_number": serial}))
 
 
-def test_the_calibration_of_the_old_adapter_holds_on_the_new_one(arm, say):
-    assert say(f"calibration diff {NAME} --port {PORT}").code == 6
-    done = say(f"{WORDS} --yes")
+def test_the_calibration_of_the_old_adapter_holds_on_the_new_one(arm, run_cli):
+    assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 6
+    done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
     assert f"made on adapter {OLD}" in done.err
     adopted = read_calibration(calibration_path(NAME, NEW))
     assert adopted.usb_serial_number == NEW
-    assert say(f"calibration diff {NAME} --port {PORT}").code == 0
+    assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 0
 
 
-def test_an_arm_without_a_calibration_is_told_of_the_other_adapters(arm, say):
-    done = say(f"calibration diff {NAME} --port {PORT}")
+def test_an_arm_without_a_calibration_is_told_of_the_other_adapters(arm, run_cli):
+    done = run_cli(f"calibration diff {NAME} --port {PORT}")
     assert f"ikservo calibration adopt {NAME}" in done.err
 
 
-def test_nothing_is_adopted_unasked(arm, say):
-    assert say(WORDS).code == 1
+def test_nothing_is_adopted_unasked(arm, run_cli):
+    assert run_cli(WORDS).code == 1
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_servos_that_hold_other_numbers_are_another_arms(arm, say):
+def test_servos_that_hold_other_numbers_are_another_arms(arm, run_cli):
     arm.line.servos[2].write("lock", 0)
     arm.line.servos[2].write("homing_offset", 77)
-    done = say(f"{WORDS} --yes")
+    done = run_cli(f"{WORDS} --yes")
     assert done.code == 6
     assert "homing_offset of joint2 (id 2) is 77 in the servo" in done.err
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_of_several_that_fit_one_must_be_named(arm, say):
+def test_of_several_that_fit_one_must_be_named(arm, run_cli):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration, "ANOTHER")
-    assert say(f"{WORDS} --yes").code == 6
-    assert say(f"{WORDS} --yes --from {other}").code == 0
+    assert run_cli(f"{WORDS} --yes").code == 6
+    assert run_cli(f"{WORDS} --yes --from {other}").code == 0
 
 
-def test_another_arms_file_is_refused(arm, say):
+def test_another_arms_file_is_refused(arm, run_cli):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration.model_copy(update={"arm": "planar3"}), OLD)
-    done = say(f"{WORDS} --yes --from {other}")
+    done = run_cli(f"{WORDS} --yes --from {other}")
     assert (done.code, "made for planar2" in done.err, "made for planar3" in done.err) == (
         6, False, True)  # fmt: skip
 
 
-def test_other_actions_take_no_file(arm, say):
-    assert say(f"calibration push {NAME} --port {PORT} --from x").code == 2
+def test_other_actions_take_no_file(arm, run_cli):
+    assert run_cli(f"calibration push {NAME} --port {PORT} --from x").code == 2

@@ -33,51 +33,51 @@ def arm(monkeypatch):
 
 
 @pytest.mark.parametrize("words", MOTIONS)
-def test_a_real_arm_does_not_move_unasked(say, arm, words):
+def test_a_real_arm_does_not_move_unasked(run_cli, arm, words):
     if words.startswith("replay"):
-        assert say(f"record wave.jsonl --duration 100ms {REAL}").code == 0
+        assert run_cli(f"record wave.jsonl --duration 100ms {REAL}").code == 0
     before = [joint.position for joint in arm.world.joints]
-    said = say(words)
-    assert (said.code, "input is not a terminal" in said.err) == (2, True), said.err
-    assert "--yes" in said.err
+    result = run_cli(words)
+    assert (result.code, "input is not a terminal" in result.err) == (2, True), result.err
+    assert "--yes" in result.err
     assert [joint.position for joint in arm.world.joints] == pytest.approx(before, abs=1e-3)
 
 
-def test_a_real_gripper_does_not_close_unasked(say, monkeypatch):
+def test_a_real_gripper_does_not_close_unasked(run_cli, monkeypatch):
     write_calibration(connect_arm(monkeypatch, "so101", spoiled=False))
-    said = say(f"gripper close --arm so101 --port {PORT}")
-    assert (said.code, "input is not a terminal" in said.err) == (2, True), said.err
+    result = run_cli(f"gripper close --arm so101 --port {PORT}")
+    assert (result.code, "input is not a terminal" in result.err) == (2, True), result.err
 
 
-def test_with_yes_a_real_arm_moves(say, arm):
-    said = say(f"joints joint1=5 {REAL} --yes --no-wiggle --no-collision")
-    assert said.code == 0, said.err
+def test_with_yes_a_real_arm_moves(run_cli, arm):
+    result = run_cli(f"joints joint1=5 {REAL} --yes --no-wiggle --no-collision")
+    assert result.code == 0, result.err
 
 
 @pytest.mark.parametrize("words", ["joints joint1=5", "jog joint1 --duration 100ms", "pose home"])
-def test_a_simulated_arm_is_not_asked_for(say, words):
-    assert say(f"{words} --arm {NAME} --port sim:?pose=home").code == 0
+def test_a_simulated_arm_is_not_asked_for(run_cli, words):
+    assert run_cli(f"{words} --arm {NAME} --port sim:?pose=home").code == 0
 
 
-def test_recording_a_stiff_arm_says_how_to_guide_it(say, arm):
+def test_recording_a_stiff_arm_says_how_to_guide_it(run_cli, arm):
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
-    said = say(f"record wave.jsonl --duration 100ms {REAL}")
-    assert said.code == 0
-    assert "Torque is on: the arm cannot be guided by hand." in said.err
-    assert "To switch torque off: ikservo relax" in said.err
+    result = run_cli(f"record wave.jsonl --duration 100ms {REAL}")
+    assert result.code == 0
+    assert "Torque is on: the arm cannot be guided by hand." in result.err
+    assert "To switch torque off: ikservo relax" in result.err
 
 
-def test_recording_a_limp_arm_says_nothing_of_torque(say, arm):
-    assert "Torque" not in say(f"record wave.jsonl --duration 100ms {REAL}").err
+def test_recording_a_limp_arm_says_nothing_of_torque(run_cli, arm):
+    assert "Torque" not in run_cli(f"record wave.jsonl --duration 100ms {REAL}").err
 
 
-def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(say, arm, monkeypatch):
+def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(run_cli, arm, monkeypatch):
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
     relaxed = []
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.cli.record.confirm", lambda question: True)
     monkeypatch.setattr("ikservo.arm.Arm.relax", lambda machine: relaxed.append(machine.model))
-    assert say(f"record wave.jsonl --duration 100ms {REAL}").code == 0
+    assert run_cli(f"record wave.jsonl --duration 100ms {REAL}").code == 0
     assert len(relaxed) == 1

@@ -10,7 +10,7 @@ import trimesh
 import ikservo
 from ikservo.model.collision_model import collision_body
 from tests.oracle import CONFIGS
-from tests.view.rooms import Room
+from tests.view.view_session import ViewSession
 
 
 def as_mesh(geometry):
@@ -54,28 +54,28 @@ def words(folder):
     return f"--arm {folder} --port sim:{folder}/arm.toml?pose=home"
 
 
-def test_it_moves(say, words):
-    said = say(f"move 0.2 0.05 0.12 {words} --yes --json")
-    assert (said.code, said.json["reached"]) == (0, True)
+def test_it_moves(run_cli, words):
+    result = run_cli(f"move 0.2 0.05 0.12 {words} --yes --json")
+    assert (result.code, result.json["reached"]) == (0, True)
 
 
-def test_it_says_where_it_is(say, words):
-    said = say(f"where {words} --json")
-    assert said.code == 0
-    assert len(said.json["joints"]) == 6
+def test_it_says_where_it_is(run_cli, words):
+    result = run_cli(f"where {words} --json")
+    assert result.code == 0
+    assert len(result.json["joints"]) == 6
 
 
-def test_it_does_not_go_through_the_table(say, words):
-    said = say(f"joints shoulder_lift=30 {words} --yes")
-    assert said.code == 8
-    assert re.search(r"Collision \w+-the floor", said.err)
+def test_it_does_not_go_through_the_table(run_cli, words):
+    result = run_cli(f"joints shoulder_lift=30 {words} --yes")
+    assert result.code == 8
+    assert re.search(r"Collision \w+-the floor", result.err)
 
 
 def test_it_is_drawn(folder, monkeypatch):
     opened = ikservo.open_arm(folder, f"sim:{folder}/arm.toml?pose=home")
-    monkeypatch.setattr("tests.view.rooms.open_arm", lambda *_: opened)
-    with Room() as room:
-        assert room.told()["scene"]
+    monkeypatch.setattr("tests.view.view_session.open_arm", lambda *_: opened)
+    with ViewSession() as session:
+        assert session.latest_frames()["scene"]
 
 
 def test_its_body_is_about_as_large_as_that_of_simple_shapes(folder):
@@ -86,12 +86,12 @@ def test_its_body_is_about_as_large_as_that_of_simple_shapes(folder):
     np.testing.assert_allclose(above[1].gap_m, above[0].gap_m, atol=0.008)
 
 
-def test_a_missing_mesh_is_named_with_its_link_before_anything_moves(say, folder, words):
+def test_a_missing_mesh_is_named_with_its_link_before_anything_moves(run_cli, folder, words):
     mesh = folder / "meshes" / "upper_arm_1.stl"
     mesh.rename(mesh.with_suffix(".gone"))
     try:
-        said = say(f"move 0.2 0.05 0.12 {words} --yes")
+        result = run_cli(f"move 0.2 0.05 0.12 {words} --yes")
     finally:
         mesh.with_suffix(".gone").rename(mesh)
-    assert said.code == 2
-    assert "upper_arm_1.stl, mesh of link upper_arm: the file does not exist" in said.err
+    assert result.code == 2
+    assert "upper_arm_1.stl, mesh of link upper_arm: the file does not exist" in result.err

@@ -48,37 +48,37 @@ SIM = "--arm so101 --port sim"
         ("sim so1o1", 2, "Did you mean so101?"),
     ],
 )
-def test_one_clear_message_and_the_right_exit_code(say, words, code, message):
-    said = say(words)
-    assert said.code == code
-    assert message in said.err
-    assert said.out == ""
-    assert "Traceback" not in said.err
+def test_one_clear_message_and_the_right_exit_code(run_cli, words, code, message):
+    result = run_cli(words)
+    assert result.code == code
+    assert message in result.err
+    assert result.out == ""
+    assert "Traceback" not in result.err
 
 
-def test_with_json_the_error_is_an_object(say):
-    said = say(f"move 0.9 0 0.1 {SIM} --json")
-    assert said.code == 7
-    assert said.json["exit_code"] == 7
-    assert "cannot be reached" in said.json["error"]
-    assert "Try: ikservo move" in said.json["hint"]
+def test_with_json_the_error_is_an_object(run_cli):
+    result = run_cli(f"move 0.9 0 0.1 {SIM} --json")
+    assert result.code == 7
+    assert result.json["exit_code"] == 7
+    assert "cannot be reached" in result.json["error"]
+    assert "Try: ikservo move" in result.json["hint"]
 
 
-def test_the_point_that_is_offered_instead_can_be_reached(say):
-    hint = say(f"move 0.9 0 0.1 {SIM} --json").json["hint"]
-    assert say(hint.split("ikservo ")[1] + f" {SIM}").code == 0
+def test_the_point_that_is_offered_instead_can_be_reached(run_cli):
+    hint = run_cli(f"move 0.9 0 0.1 {SIM} --json").json["hint"]
+    assert run_cli(hint.split("ikservo ")[1] + f" {SIM}").code == 0
 
 
-def test_a_usage_error_is_an_object_too(say):
-    said = say(f"move nan 0 0.1 {SIM} --json")
-    assert said.json["exit_code"] == 2
+def test_a_usage_error_is_an_object_too(run_cli):
+    result = run_cli(f"move nan 0 0.1 {SIM} --json")
+    assert result.json["exit_code"] == 2
 
 
-def test_no_port_at_all_offers_the_simulator(say, monkeypatch):
+def test_no_port_at_all_offers_the_simulator(run_cli, monkeypatch):
     monkeypatch.setattr("serial.tools.list_ports.comports", list)
-    said = say("where --arm so101")
-    assert said.code == 3
-    assert "--port sim" in said.err
+    result = run_cli("where --arm so101")
+    assert result.code == 3
+    assert "--port sim" in result.err
 
 
 @pytest.fixture
@@ -95,9 +95,9 @@ def spoil(path: Path, old: str, new: str):
     path.write_text(text.replace(old, new, 1))
 
 
-def test_an_arm_of_ones_own_works_by_its_path(say, own_arm):
-    said = say(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
-    assert said.json["reached"] is True
+def test_an_arm_of_ones_own_works_by_its_path(run_cli, own_arm):
+    result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
+    assert result.json["reached"] is True
 
 
 @pytest.mark.parametrize(
@@ -116,39 +116,39 @@ def test_an_arm_of_ones_own_works_by_its_path(say, own_arm):
         ("arm.urdf", "</robot>", "", "line"),
     ],
 )
-def test_a_malformed_file_is_named_with_the_place(say, own_arm, file, old, new, place):
+def test_a_malformed_file_is_named_with_the_place(run_cli, own_arm, file, old, new, place):
     spoil(own_arm / file, old, new)
-    said = say(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
-    assert said.code == 2
-    assert file in said.json["error"]
-    assert place in said.json["error"]
+    result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
+    assert result.code == 2
+    assert file in result.json["error"]
+    assert place in result.json["error"]
 
 
-def test_entities_in_a_urdf_are_refused(say, own_arm):
+def test_entities_in_a_urdf_are_refused(run_cli, own_arm):
     urdf = own_arm / "arm.urdf"
     bomb = '<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
     urdf.write_text(bomb + urdf.read_text().partition("?>")[2])
-    said = say(f"solve 0.2 0 0.1 --arm {own_arm}/arm.toml")
-    assert said.code == 2
-    assert "line 1" in said.err
+    result = run_cli(f"solve 0.2 0 0.1 --arm {own_arm}/arm.toml")
+    assert result.code == 2
+    assert "line 1" in result.err
 
 
-def test_an_external_entity_reads_no_file(say, own_arm):
+def test_an_external_entity_reads_no_file(run_cli, own_arm):
     secret = own_arm / "secret.txt"
     secret.write_text("swordfish")
     urdf = own_arm / "arm.urdf"
     trick = f'<!DOCTYPE robot [<!ENTITY x SYSTEM "file://{secret}">]><robot name="&x;"/>'
     urdf.write_text(trick)
-    said = say(f"solve 0.2 0 0.1 --arm {own_arm}/arm.toml")
-    assert said.code == 2
-    assert "swordfish" not in said.err + said.out
+    result = run_cli(f"solve 0.2 0 0.1 --arm {own_arm}/arm.toml")
+    assert result.code == 2
+    assert "swordfish" not in result.err + result.out
 
 
 @pytest.mark.parametrize("number", [1e-320, -0.0])
-def test_tiny_numbers_are_numbers(say, number):
+def test_tiny_numbers_are_numbers(run_cli, number):
     assert math.isfinite(number)
-    said = say(f"solve {0.25 + number} {number} 0.15 --arm so101 --json")
-    assert json.loads(said.out)["reached"] is True
+    result = run_cli(f"solve {0.25 + number} {number} 0.15 --arm so101 --json")
+    assert json.loads(result.out)["reached"] is True
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a full disk at hand")

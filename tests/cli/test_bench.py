@@ -15,10 +15,10 @@ WIRE_BYTES = {  # question, six answers, goals: the protocol's arithmetic
 @pytest.fixture(scope="module")
 def rows():
     arms = ("so101", "koch")
-    said = {
+    result = {
         arm: run_command(f"bench bus --arm {arm} --port sim --count 100 --json") for arm in arms
     }
-    return {arm: said[arm].json for arm in arms}
+    return {arm: result[arm].json for arm in arms}
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
@@ -55,51 +55,51 @@ def test_json_says_arm_and_rate(rows):
     ]  # fmt: skip
 
 
-def test_the_table_has_a_line_for_each_kind_of_cycle(say):
-    said = say("bench bus --arm so101 --port sim --count 20")
-    assert said.err == "6 servos (STS3215) at 1000000 baud\n"
-    assert said.out.split("\n")[0].split() == [
+def test_the_table_has_a_line_for_each_kind_of_cycle(run_cli):
+    result = run_cli("bench bus --arm so101 --port sim --count 20")
+    assert result.err == "6 servos (STS3215) at 1000000 baud\n"
+    assert result.out.split("\n")[0].split() == [
         "each", "cycle", "cycles/s", "wire", "limit/s", "of", "limit", "p50", "ms", "p99", "ms",
         "p99.9", "ms", "host", "ms", "bytes", "lost",
     ]  # fmt: skip
-    assert [line.partition("  ")[0] for line in said.out.splitlines()[1:]] == [
+    assert [line.partition("  ")[0] for line in result.out.splitlines()[1:]] == [
         "positions + goals", "full telemetry + goals",
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize("torque", [0, 1])
-def test_nothing_moves_and_torque_stays_as_it_is(say, monkeypatch, torque):
+def test_nothing_moves_and_torque_stays_as_it_is(run_cli, monkeypatch, torque):
     def change(line):
         for servo in line.world.servos:
             servo.write("torque_enable", torque)
 
     ports = change_bus(monkeypatch, change)
-    assert say("bench bus --arm so101 --port sim --count 50").code == 0
+    assert run_cli("bench bus --arm so101 --port sim --count 50").code == 0
     servos = ports[0].line.world.servos
     assert [servo.read("torque_enable") for servo in servos] == [torque] * 6
     if torque:
         assert max(abs(s.read("goal_position") - s.read("present_position")) for s in servos) < 64
 
 
-def test_silent_servos_are_named(say, monkeypatch):
+def test_silent_servos_are_named(run_cli, monkeypatch):
     def change(line):
         for number in (5, 6):
             line.servos[number].powered = False
 
     change_bus(monkeypatch, change)
-    said = say("bench bus --arm so101 --port sim --count 20")
-    assert said.code == 4
-    assert "wrist_roll (id 5), gripper (id 6)" in said.err
+    result = run_cli("bench bus --arm so101 --port sim --count 20")
+    assert result.code == 4
+    assert "wrist_roll (id 5), gripper (id 6)" in result.err
 
 
-def test_two_servos_with_one_id_are_named(say, monkeypatch):
+def test_two_servos_with_one_id_are_named(run_cli, monkeypatch):
     def change(line):
         line.servos[6].memory.put("id", 5)
 
     change_bus(monkeypatch, change)
-    said = say("bench bus --arm so101 --port sim --count 20")
-    assert said.code == 4
-    assert "wrist_roll (id 5)" in said.err
+    result = run_cli("bench bus --arm so101 --port sim --count 20")
+    assert result.code == 4
+    assert "wrist_roll (id 5)" in result.err
 
 
 @pytest.mark.parametrize(
@@ -112,8 +112,8 @@ def test_two_servos_with_one_id_are_named(say, monkeypatch):
         ("bench bus --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_bad_input_is_one_clear_error(say, words, code, message):
-    said = say(words)
-    assert said.code == code
-    assert message in said.err
-    assert said.out == ""
+def test_bad_input_is_one_clear_error(run_cli, words, code, message):
+    result = run_cli(words)
+    assert result.code == code
+    assert message in result.err
+    assert result.out == ""

@@ -40,9 +40,9 @@ def arm(monkeypatch, narrow):
     return connect_arm(monkeypatch, narrow, sign=1)
 
 
-def auto(say, narrow, *more):
+def auto(run_cli, narrow, *more):
     words = f"calibrate {narrow} --port {PORT} --pose home --margin {MARGIN_DEG} --auto --yes"
-    return say(" ".join([words, *more]))
+    return run_cli(" ".join([words, *more]))
 
 
 def saved():
@@ -68,11 +68,11 @@ def watch(arm):
     return seen
 
 
-def test_every_stop_is_found_within_half_a_degree_and_the_limit_lies_inside(arm, narrow, say):
+def test_every_stop_is_found_within_half_a_degree_and_the_limit_lies_inside(arm, narrow, run_cli):
     set_stops(arm, "joint1", -0.4, 0.4)  # inside the arm file's range
     arm.stops["joint1"] = (-0.4, 0.4)
     seen = watch(arm)
-    done = auto(say, narrow)
+    done = auto(run_cli, narrow)
     assert done.code == 0, done.err
     for joint in saved().joints:
         low, high = arm.stops[joint.name]
@@ -83,7 +83,7 @@ def test_every_stop_is_found_within_half_a_degree_and_the_limit_lies_inside(arm,
     assert max(map(abs, seen["goals"])) <= SEARCH + 0.002
     assert 300 in seen["limits"]
     assert not any(servo.drive.torque_on for servo in arm.line.servos.values())
-    where = say(f"where --arm {narrow} --port {PORT} --json").json["joints"]
+    where = run_cli(f"where --arm {narrow} --port {PORT} --json").json["joints"]
     assert any("the arm's own sweep of" in joint["limit_from"] for joint in where)
 
 
@@ -92,9 +92,9 @@ def set_stops(arm, name, low, high):
     motor.lower_stop_rad, motor.upper_stop_rad = low, high
 
 
-def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, say):
+def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, run_cli):
     set_stops(arm, "joint2", -0.1, 0.436)
-    done = auto(say, narrow)
+    done = auto(run_cli, narrow)
     assert done.code == 6
     assert re.search(
         r"joint2 hit something at -[56]\.\d°; its end stop is expected at -25", done.err
@@ -105,12 +105,12 @@ def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, say):
     assert {servo.read("torque_limit") for servo in arm.line.servos.values()} == {1000}
 
 
-def test_what_was_measured_before_a_failure_is_kept_and_the_next_run_goes_on(arm, narrow, say):
+def test_what_was_measured_before_a_failure_is_kept_and_the_next_run_goes_on(arm, narrow, run_cli):
     set_stops(arm, "joint1", -0.1, 0.436)
-    assert "Measured and kept for the next run: joint2." in auto(say, narrow).err
+    assert "Measured and kept for the next run: joint2." in auto(run_cli, narrow).err
     set_stops(arm, "joint1", -0.436, 0.436)
     back_to_the_pose(arm)
-    done = auto(say, narrow)
+    done = auto(run_cli, narrow)
     assert (done.code, "joint2: searching" in done.err) == (0, False), done.err
     assert "joint1: searching its end stop" in done.err
     assert [joint.swept for joint in saved().joints] == ["by itself", "by itself"]
@@ -133,24 +133,24 @@ def back_to_the_pose(arm):
 @pytest.mark.parametrize(
     "text", ["no table", *(pytest.param(t, marks=pytest.mark.campaign) for t in ("", "format = 2"))]
 )
-def test_a_spoiled_file_of_measured_joints_is_no_trouble(arm, narrow, say, text):
+def test_a_spoiled_file_of_measured_joints_is_no_trouble(arm, narrow, run_cli, text):
     path = partial_path("narrow", SERIAL)
     path.parent.mkdir(parents=True)
     path.write_text(text)
-    assert auto(say, narrow, "--skip joint1").code == 0
+    assert auto(run_cli, narrow, "--skip joint1").code == 0
 
 
-def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, say):
+def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, run_cli):
     set_stops(arm, "joint2", -math.inf, math.inf)
-    done = auto(say, narrow)
+    done = auto(run_cli, narrow)
     assert (done.code, "joint2 found no end stop up to" in done.err) == (6, True)
     assert "--continuous joint2" in done.err
     assert saved() is None
 
 
-def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, say):
+def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, run_cli):
     arm.world.schedule(arm.world.time_s + 7.0, lambda: signal.raise_signal(signal.SIGINT))
-    done = auto(say, narrow)
+    done = auto(run_cli, narrow)
     assert done.code == 130
     assert saved() is None
     assert all(servo.drive.torque_on for servo in arm.line.servos.values())
@@ -160,47 +160,47 @@ def counts(arm):
     return [servo.read("homing_offset") for servo in arm.line.servos.values()]
 
 
-def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, say, monkeypatch):
+def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, run_cli, monkeypatch):
     before = counts(arm)
     monkeypatch.setattr("ikservo.cli.calibrate_by_hand.confirm_start", lambda *_, **__: False)
-    done = auto(say, narrow, "--skip joint1 --skip joint2")
+    done = auto(run_cli, narrow, "--skip joint1 --skip joint2")
     assert done.code == 1, done.err
     assert counts(arm) == before
 
 
-def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm, narrow, say):
+def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm, narrow, run_cli):
     write_calibration(arm)
     arm.world.schedule(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
-    assert "ikservo calibration push narrow" in auto(say, narrow).err
-    assert say(f"calibration push {narrow} --port {PORT} --yes").code == 0
-    assert say(f"where --arm {narrow} --port {PORT}").code == 0
+    assert "ikservo calibration push narrow" in auto(run_cli, narrow).err
+    assert run_cli(f"calibration push {narrow} --port {PORT} --yes").code == 0
+    assert run_cli(f"where --arm {narrow} --port {PORT}").code == 0
 
 
-def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, say):
+def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, run_cli):
     arm = connect_arm(monkeypatch, "planar2", sign=1)
     where = {joint.name: joint.position for joint in arm.world.joints}
-    done = say(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
+    done = run_cli(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
     assert done.code == 0, done.err
     assert "searching its end stop" not in done.err
     assert "joint1: not searched: its range in the arm file, -150.0° to 150.0°" in done.err
     assert where.keys() == {"joint1", "joint2"}
 
 
-def test_nobody_agreed_so_nothing_moves(arm, narrow, say):
-    done = say(f"calibrate {narrow} --port {PORT} --pose home --auto --no-input")
+def test_nobody_agreed_so_nothing_moves(arm, narrow, run_cli):
+    done = run_cli(f"calibrate {narrow} --port {PORT} --pose home --auto --no-input")
     assert (done.code, "--yes" in done.err) == (2, True)
     assert not any(servo.drive.torque_on for servo in arm.line.servos.values())
 
 
-def test_an_arm_whose_file_forbids_it_is_refused_with_the_reason(say):
-    done = say(f"calibrate vx300s --port {PORT} --auto --yes")
+def test_an_arm_whose_file_forbids_it_is_refused_with_the_reason(run_cli):
+    done = run_cli(f"calibrate vx300s --port {PORT} --auto --yes")
     assert done.code == 6
     assert "strong enough to hurt somebody" in done.err
 
 
 @pytest.mark.parametrize("pair", ["--auto --touch", "--touch --wiggle", "--auto --wiggle"])
-def test_one_way_of_calibrating_at_a_time(say, pair):
-    assert say(f"calibrate planar2 --port {PORT} {pair} --yes").code == 2
+def test_one_way_of_calibrating_at_a_time(run_cli, pair):
+    assert run_cli(f"calibrate planar2 --port {PORT} {pair} --yes").code == 2
 
 
 def letting_go_when_it_holds(arm):
@@ -220,9 +220,11 @@ ARMS = ["so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "wx250
         "planar3"]  # fmt: skip
 
 
-def limp(say, name, *more):
+def limp(run_cli, name, *more):
     """Let a simulated arm find its ends by itself that nobody held before its torque came on."""
-    return say(" ".join(["calibrate", name, "--port", "sim", "--auto", "--yes", "--json", *more]))
+    return run_cli(
+        " ".join(["calibrate", name, "--port", "sim", "--auto", "--yes", "--json", *more])
+    )
 
 
 def lifts(done):
@@ -234,9 +236,9 @@ SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}
 
 
 @pytest.mark.parametrize("name", ["so100", pytest.param("wx250s", marks=pytest.mark.campaign)])
-def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(say, name):
+def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(run_cli, name):
     left_out = [joint.name for joint in load_model(name).joints if joint.name != "gripper"]
-    done = limp(say, name, *(f"--skip {joint}" for joint in left_out))
+    done = limp(run_cli, name, *(f"--skip {joint}" for joint in left_out))
     assert done.code == 0, done.err
     assert SHORT[name] in lifts(done)
     assert not re.search(r"(?m)^\d  ", done.err), done.err
@@ -244,7 +246,7 @@ def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(say, name)
     assert swept == {**dict.fromkeys(left_out, "not swept"), "gripper": "by itself"}
 
 
-def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, say):
+def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, run_cli):
     """The limp omx_f lies against the lower stops of its joint2, past the arm file's limit."""
     monkeypatch.setattr(
         "ikservo.maintenance.auto_calibration.AutoCalibration.sweep", lambda _: None
@@ -252,7 +254,7 @@ def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, 
     monkeypatch.setattr(
         "ikservo.maintenance.auto_calibration.AutoCalibration.finish", stopped_there
     )
-    done = limp(say, "omx_f")
+    done = limp(run_cli, "omx_f")
     assert done.code == 130, done.err
     assert "gripper moves so that it opens, then back" in done.err
 
@@ -261,9 +263,9 @@ def stopped_there(_):
     raise StoppedError("Stopped.")
 
 
-def test_an_arm_without_room_for_a_motion_is_told_to_begin_elsewhere(monkeypatch, say):
+def test_an_arm_without_room_for_a_motion_is_told_to_begin_elsewhere(monkeypatch, run_cli):
     monkeypatch.setattr("ikservo.cli.calibrate_auto.plan_clearance", lambda *_: None)
-    done = limp(say, "so100")
+    done = limp(run_cli, "so100")
     assert done.code == 8
     assert "shoulder_lift cannot move by 5° without a collision" in done.err
     assert "ikservo calibrate so100 --auto --pose home" in done.err
@@ -272,12 +274,12 @@ def test_an_arm_without_room_for_a_motion_is_told_to_begin_elsewhere(monkeypatch
 @pytest.mark.campaign
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("name", ARMS)
-def test_each_joint_of_a_limp_shipped_arm_is_measured_or_named_with_the_reason(say, name):
-    done = limp(say, name)
+def test_each_joint_of_a_limp_shipped_arm_is_measured_or_named_with_the_reason(run_cli, name):
+    done = limp(run_cli, name)
     assert done.code == 0, done.err
     for joint in done.json["joints"]:
-        told = [line for line in done.json["findings"] if line.startswith(f"{joint['name']}: ")]
-        assert joint["swept"] == "by itself" or told, joint["name"]
+        report = [line for line in done.json["findings"] if line.startswith(f"{joint['name']}: ")]
+        assert joint["swept"] == "by itself" or report, joint["name"]
     reached = {"so101": 5, "so100": 5, "koch": 6, "open_manipulator_x": 4, "px100": 3}
     swept = [joint["name"] for joint in done.json["joints"] if joint["swept"] == "by itself"]
     assert len(swept) >= reached.get(name, 0), done.json["findings"]
@@ -287,11 +289,11 @@ def test_each_joint_of_a_limp_shipped_arm_is_measured_or_named_with_the_reason(s
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", ["so101", "so100", "koch", "px100"])
-def test_shipped_arms_find_their_stops_under_gravity(monkeypatch, say, name, seed):
+def test_shipped_arms_find_their_stops_under_gravity(monkeypatch, run_cli, name, seed):
     signs = {joint.name: joint.joint_map.sign for joint in load_model(name).joints}
     arm = connect_arm(monkeypatch, name, seed, gravity=True, sign=signs)
     letting_go_when_it_holds(arm)
-    done = say(f"calibrate {name} --port {PORT} --pose home --margin 0.3 --auto --yes")
+    done = run_cli(f"calibrate {name} --port {PORT} --pose home --margin 0.3 --auto --yes")
     assert done.code == 0, done.err
     found = read_calibration(calibration_path(name, SERIAL)).joints
     assert sum(joint.swept == "by itself" for joint in found) >= 3

@@ -28,10 +28,10 @@ def _home(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def desk(monkeypatch):
-    """Return a function that puts an arm on the desk with a person's hands on it."""
+def mount_arm(monkeypatch):
+    """Return a function that mounts an arm that an operator moves by hand."""
 
-    def arm_on_desk(moved=(), off_deg=0.0, **how):
+    def mounted_arm(moved=(), off_deg=0.0, **how):
         arm = connect_arm(monkeypatch, NAME, spoiled=False, **how)
         for name, position in load_model(NAME).pose("home").items():
             arm.world.place(name, position + math.radians(off_deg))
@@ -40,7 +40,7 @@ def desk(monkeypatch):
         schedule_operator(arm, subjects)
         return arm
 
-    return arm_on_desk
+    return mounted_arm
 
 
 def saved():
@@ -63,17 +63,17 @@ def answering(monkeypatch, **answers):
 # --- signs ---
 
 
-def test_signs_as_in_the_arm_file_need_no_test_motion(desk, say):
-    desk(sign=1)
-    done = say(f"{WORDS} --yes")
+def test_signs_as_in_the_arm_file_need_no_test_motion(mount_arm, run_cli):
+    mount_arm(sign=1)
+    done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
     assert "opposite" not in done.err
     assert directions_confirmed(load_model(NAME), PORT)
 
 
-def test_an_opposite_sign_is_measured_twice_named_and_left_to_a_test_motion(desk, say):
-    desk(sign=-1)
-    done = say(f"{WORDS} --yes")
+def test_an_opposite_sign_is_measured_twice_named_and_left_to_a_test_motion(mount_arm, run_cli):
+    mount_arm(sign=-1)
+    done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
     assert "joint1: sign is opposite to the arm file. Was it first moved the wrong" in done.err
     assert "Move joint1 again so that the tool goes to the right" in done.err
@@ -83,7 +83,7 @@ def test_an_opposite_sign_is_measured_twice_named_and_left_to_a_test_motion(desk
     assert not directions_confirmed(load_model(NAME), PORT)
 
 
-def asked_about_new_signs(monkeypatch, **answers):
+def check_with_answers(monkeypatch, **answers):
     """Calibrate an arm with opposite signs; return what asks for the test motion."""
     arm = connect_arm(monkeypatch, NAME, spoiled=False, sign=-1)
     write_calibration(arm)
@@ -93,20 +93,20 @@ def asked_about_new_signs(monkeypatch, **answers):
 
 
 def test_the_test_motion_is_offered_at_once_and_moves_the_joint_in_doubt_alone(monkeypatch, capsys):
-    asked, check = asked_about_new_signs(monkeypatch)
+    asked, check = check_with_answers(monkeypatch)
     assert check() is True
     assert [prompt.split()[0] for prompt in asked] == ["Make", "Did"]
     assert "joint1 moves so that the tool goes" in capsys.readouterr().err
 
 
 def test_a_test_motion_that_goes_the_wrong_way_is_an_error(monkeypatch):
-    _, check = asked_about_new_signs(monkeypatch, Did="n")
+    _, check = check_with_answers(monkeypatch, Did="n")
     with pytest.raises(CalibrationError, match="joint1 does not move as"):
         check()
 
 
 def test_a_test_motion_that_is_put_off_stays_to_be_done(monkeypatch, capsys):
-    _, check = asked_about_new_signs(monkeypatch, Make="n")
+    _, check = check_with_answers(monkeypatch, Make="n")
     assert check() is False
     assert "The first motion begins with it" in capsys.readouterr().err
 
@@ -115,10 +115,12 @@ def test_a_test_motion_that_is_put_off_stays_to_be_done(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("off_deg", [-28.0, 28.0])
-def test_a_pose_that_was_not_the_anchor_pose_is_refused_without_a_prompt(desk, say, off_deg):
-    arm = desk(sign=1, off_deg=off_deg)
+def test_a_pose_that_was_not_the_anchor_pose_is_refused_without_a_prompt(
+    mount_arm, run_cli, off_deg
+):
+    arm = mount_arm(sign=1, off_deg=off_deg)
     before = [servo.memory.eeprom_writes for servo in arm.world.servos]
-    done = say(f"{WORDS} --yes")
+    done = run_cli(f"{WORDS} --yes")
     assert done.code == 6
     assert "the zero seems to be off by 2" in done.err
     assert 'The arm was not in the pose "home"' in done.err
@@ -155,16 +157,16 @@ def test_an_implausible_zero_is_a_question_to_a_person(monkeypatch, capsys, answ
 
 
 @pytest.fixture
-def calibrated(desk, monkeypatch):
+def calibrated(mount_arm, monkeypatch):
     """Return a calibrated arm whose first joint the hands hold in the pose, then show and sweep."""
-    arm = desk(moved=["joint1"], sign=1)
+    arm = mount_arm(moved=["joint1"], sign=1)
     write_calibration(arm)
     return arm
 
 
-def test_one_joint_is_calibrated_again_and_the_other_is_kept(calibrated, say):
+def test_one_joint_is_calibrated_again_and_the_other_is_kept(calibrated, run_cli):
     before = saved()
-    done = say(f"{WORDS} --joint joint1 --yes")
+    done = run_cli(f"{WORDS} --joint joint1 --yes")
     assert done.code == 0, done.err
     assert 'Step 1 of 4: Put joint1 at 45.0° (pose "home")' in done.err
     after = saved()
@@ -174,10 +176,10 @@ def test_one_joint_is_calibrated_again_and_the_other_is_kept(calibrated, say):
     )
 
 
-def test_a_joint_again_needs_a_calibration_of_the_others(desk, say):
-    arm = desk(moved=["joint1"], sign=1)
+def test_a_joint_again_needs_a_calibration_of_the_others(mount_arm, run_cli):
+    arm = mount_arm(moved=["joint1"], sign=1)
     arm.line.servos[1].write("torque_enable", 1)
-    done = say(f"{WORDS} --joint joint1 --yes")
+    done = run_cli(f"{WORDS} --joint joint1 --yes")
     assert (done.code, "is not calibrated" in done.err) == (6, True)
     assert arm.register(1, "torque_enable") == 1
 
@@ -190,8 +192,8 @@ def test_a_joint_again_needs_a_calibration_of_the_others(desk, say):
         ("--joint joint1 --auto --yes", "--joint goes with a calibration by hand"),
     ],
 )
-def test_a_wrong_use_of_joint_is_one_clear_error(calibrated, say, words, message):
-    done = say(f"{WORDS} {words}")
+def test_a_wrong_use_of_joint_is_one_clear_error(calibrated, run_cli, words, message):
+    done = run_cli(f"{WORDS} {words}")
     assert (done.code, message in done.err) == (2, True), done.err
 
 
@@ -199,8 +201,10 @@ def test_a_wrong_use_of_joint_is_one_clear_error(calibrated, say, words, message
 
 
 @pytest.mark.parametrize("at_s", [0.3, 1.5, 4.0])
-def test_ctrl_c_says_that_nothing_was_saved_and_torque_is_off(desk, say, monkeypatch, at_s):
-    arm = desk(sign=1)
+def test_ctrl_c_says_that_nothing_was_saved_and_torque_is_off(
+    mount_arm, run_cli, monkeypatch, at_s
+):
+    arm = mount_arm(sign=1)
     arm.line.servos[1].write("torque_enable", 1)
     read = TorqueOffArm.read_ticks
 
@@ -210,7 +214,7 @@ def test_ctrl_c_says_that_nothing_was_saved_and_torque_is_off(desk, say, monkeyp
         return read(limp_arm)
 
     monkeypatch.setattr(TorqueOffArm, "read_ticks", interrupted)
-    done = say(f"{WORDS} --yes")
+    done = run_cli(f"{WORDS} --yes")
     assert (done.code, done.err.splitlines()[-1]) == (
         130, "Stopped: nothing was saved; torque is off.")  # fmt: skip
     assert saved() is None

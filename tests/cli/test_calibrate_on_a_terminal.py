@@ -66,7 +66,7 @@ def conversation(arm, terminal, typed):
         schedule_operator(arm, limp_arm.make_subjects("home"))
         wizard = CalibrationState.begin(limp_arm.make_subjects("home"), math.radians(0.3))
         with (
-            answer_source(None, yes=False, interactive=True) as person,
+            answer_source(None, yes=False, interactive=True) as operator,
             calibrate_screen.calibration_display(load_model(arm.name), "home") as shown,
         ):
             original = shown.show
@@ -76,7 +76,7 @@ def conversation(arm, terminal, typed):
                 terminal(typed(wizard, limp_arm.bus.clock.now_s()))
 
             shown.show = show
-            return run_calibration(limp_arm, wizard, person, shown)
+            return run_calibration(limp_arm, wizard, operator, shown)
 
 
 def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
@@ -95,17 +95,17 @@ def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
 
 
 def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
-    said = []
+    result = []
 
     def typed(wizard, now_s):
-        said.append(picture[-1] if picture else "")
+        result.append(picture[-1] if picture else "")
         if wizard.stage is CalibrationStage.REFERENCE_POSE:
             return "\n" if wizard.is_at_rest else ""
         return "\n" if now_s < 1.0 or now_s > 6.5 else ""
 
     wizard = conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert wizard.stage is CalibrationStage.REVIEW
-    assert any("joint1 has not been moved yet. Move it, or skip it." in text for text in said)
+    assert any("joint1 has not been moved yet. Move it, or skip it." in text for text in result)
 
 
 def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, picture):

@@ -20,8 +20,8 @@ def _home(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("arm", EVERY_ARM)
-def test_an_arm_is_calibrated_by_the_scripted_hands(say, arm):
-    done = say(f"calibrate {arm} --port sim:?hand=sweep --yes --json")
+def test_an_arm_is_calibrated_by_the_scripted_hands(run_cli, arm):
+    done = run_cli(f"calibrate {arm} --port sim:?hand=sweep --yes --json")
     assert done.code == 0, done.err
     model = load_model(arm)
     for joint in done.json["joints"]:
@@ -38,7 +38,7 @@ def test_an_arm_is_calibrated_by_the_scripted_hands(say, arm):
 
 
 def test_an_arm_with_every_servo_mounted_the_other_way_is_calibrated_as_well(
-    say, monkeypatch, tmp_path
+    run_cli, monkeypatch, tmp_path
 ):
     opened = servosim.open_port
 
@@ -49,7 +49,7 @@ def test_an_arm_with_every_servo_mounted_the_other_way_is_calibrated_as_well(
         return opened(f"sim:{tmp_path / 'arm.toml'}?hand=sweep")
 
     monkeypatch.setattr("servosim.open_port", open_port)
-    done = say("calibrate planar2 --port sim --yes --json")
+    done = run_cli("calibrate planar2 --port sim --yes --json")
     assert done.code == 0, done.err
     assert [joint["sign"] for joint in done.json["joints"]] == [-1, -1]
     assert "joint2: sign is opposite to the arm file, measured twice." in done.json["findings"]

@@ -41,8 +41,8 @@ def test_a_healthy_arm_is_all_ticks(well):
     assert (well.code, well.err) == (0, "")
 
 
-def lines_of(said, topic):
-    return [line for line in said.out.splitlines() if line[2:].startswith(topic)]
+def lines_of(result, topic):
+    return [line for line in result.out.splitlines() if line[2:].startswith(topic)]
 
 
 @pytest.mark.parametrize(
@@ -72,72 +72,74 @@ def lines_of(said, topic):
          "✗ servos    no answer from gripper (id 6)"),
     ],
 )  # fmt: skip
-def test_each_trouble_has_its_line(say, monkeypatch, change, topic, line):
+def test_each_trouble_has_its_line(run_cli, monkeypatch, change, topic, line):
     change_bus(monkeypatch, lambda on_line: change(on_line.servos))
-    said = say(f"doctor {SIM}")
-    assert lines_of(said, topic)[0] == line
-    assert said.code == (1 if line.startswith("✗") else 0)
+    result = run_cli(f"doctor {SIM}")
+    assert lines_of(result, topic)[0] == line
+    assert result.code == (1 if line.startswith("✗") else 0)
 
 
-def test_the_cable_behind_the_last_that_answers_is_named(say, monkeypatch):
+def test_the_cable_behind_the_last_that_answers_is_named(run_cli, monkeypatch):
     def change(line):
         for number in (4, 5, 6):
             line.servos[number].powered = False
 
     change_bus(monkeypatch, change)
-    assert "check the cable from elbow_flex to wrist_flex." in say(f"doctor {SIM}").out
+    assert "check the cable from elbow_flex to wrist_flex." in run_cli(f"doctor {SIM}").out
 
 
-def test_lost_reads_are_counted(say, monkeypatch):
+def test_lost_reads_are_counted(run_cli, monkeypatch):
     from servosim.faults import Fault
 
     change_bus(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, at_s=0.11, count=3)))
-    (line,) = lines_of(say(f"doctor {SIM}"), "loss")
+    (line,) = lines_of(run_cli(f"doctor {SIM}"), "loss")
     assert line == "✗ loss      3 of 60 reads lost (wrist_flex (id 4): 3)"
 
 
-def test_a_slow_adapter_is_named(say, monkeypatch):
+def test_a_slow_adapter_is_named(run_cli, monkeypatch):
     slow = LineQuality(1000, {}, (0.0160,) * 900 + (0.0165,) * 100)
     monkeypatch.setattr("ikservo.maintenance.doctor.measure_line_quality", lambda *_: slow)
-    said = say(f"doctor {SIM}")
-    assert lines_of(said, "latency") == [
+    result = run_cli(f"doctor {SIM}")
+    assert lines_of(result, "latency") == [
         "! latency   a read takes 16.00 ms (median), 16.50 ms (p99)"
     ]
-    assert said.code == 0
+    assert result.code == 0
 
 
-def test_an_arm_at_another_rate_is_found_and_told(say, monkeypatch):
+def test_an_arm_at_another_rate_is_found_and_told(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("baud_rate", 4)
 
     change_bus(monkeypatch, change)
-    said = say(f"doctor {SIM}")
-    assert said.code == 1
-    assert "none of this arm's servos answers; on the bus: STS3215 at id 1, 115200 baud" in said.out
+    result = run_cli(f"doctor {SIM}")
+    assert result.code == 1
+    assert (
+        "none of this arm's servos answers; on the bus: STS3215 at id 1, 115200 baud" in result.out
+    )
 
 
-def test_a_dead_line_asks_for_the_power_supply(say, monkeypatch):
+def test_a_dead_line_asks_for_the_power_supply(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.powered = False
 
     change_bus(monkeypatch, change)
-    said = say(f"doctor {SIM}")
-    assert "✗ servos    no servo answers, at 1000000 baud or any other" in said.out
-    assert "Check that the servos' power supply is on" in said.out
+    result = run_cli(f"doctor {SIM}")
+    assert "✗ servos    no servo answers, at 1000000 baud or any other" in result.out
+    assert "Check that the servos' power supply is on" in result.out
 
 
-def test_eeprom_is_compared_with_the_arm_file(say, monkeypatch):
+def test_eeprom_is_compared_with_the_arm_file(run_cli, monkeypatch):
     change_bus(monkeypatch, lambda line: line.servos[13].memory.put("drive_mode", 0))
-    said = say("doctor --arm open_manipulator_x --port sim")
-    assert said.code == 1
-    assert lines_of(said, "eeprom") == [
+    result = run_cli("doctor --arm open_manipulator_x --port sim")
+    assert result.code == 1
+    assert lines_of(result, "eeprom") == [
         "✗ eeprom    joint3 (id 13): drive_mode is 0, 4 in the arm file"
     ]
 
 
-def test_nothing_is_written(say, monkeypatch):
+def test_nothing_is_written(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("return_delay_time", 100)
@@ -148,7 +150,7 @@ def test_nothing_is_written(say, monkeypatch):
     change_bus(
         monkeypatch, lambda line: before.extend(bytes(s.memory.image) for s in line.world.servos)
     )
-    say("doctor --arm open_manipulator_x --port sim")
+    run_cli("doctor --arm open_manipulator_x --port sim")
     after = [bytes(servo.memory.image) for servo in ports[0].line.world.servos]
     writable = [row for row in ports[0].line.servos[11].table.registers if row.writable]
     for old, new in zip(before, after, strict=True):
@@ -157,18 +159,18 @@ def test_nothing_is_written(say, monkeypatch):
         ]
 
 
-def test_asked_for_it_writes_what_the_arm_file_says(say, monkeypatch):
+def test_asked_for_it_writes_what_the_arm_file_says(run_cli, monkeypatch):
     def change(line):
         line.servos[13].memory.put("drive_mode", 0)
         line.servos[12].memory.put("return_delay_time", 100)
 
     ports = change_bus(monkeypatch, change)
-    said = say("doctor --arm open_manipulator_x --port sim --write-eeprom")
-    assert "joint3 (id 13): drive_mode 0 → 4" in said.err
+    result = run_cli("doctor --arm open_manipulator_x --port sim --write-eeprom")
+    assert "joint3 (id 13): drive_mode 0 → 4" in result.err
     assert ports[0].line.servos[12].read("return_delay_time") == 0
 
 
-def test_what_a_calibration_rests_on_is_left_to_the_calibration(say, monkeypatch):
+def test_what_a_calibration_rests_on_is_left_to_the_calibration(run_cli, monkeypatch):
     def change(line):
         line.servos[12].memory.put("max_position_limit", 3000)
         line.servos[12].memory.put("return_delay_time", 100)
@@ -177,14 +179,14 @@ def test_what_a_calibration_rests_on_is_left_to_the_calibration(say, monkeypatch
         "ikservo.maintenance.servo_checks.load_calibration", lambda arm, serial: object()
     )
     ports = change_bus(monkeypatch, change)
-    said = say("doctor --arm open_manipulator_x --port sim --write-eeprom")
-    assert "max_position_limit" not in said.err
+    result = run_cli("doctor --arm open_manipulator_x --port sim --write-eeprom")
+    assert "max_position_limit" not in result.err
     assert ports[0].line.servos[12].read("max_position_limit") == 3000
     assert ports[0].line.servos[12].read("return_delay_time") == 0
 
 
-def test_json_is_one_object_with_every_check(say):
-    answer = say(f"doctor {SIM} --json").json
+def test_json_is_one_object_with_every_check(run_cli):
+    answer = run_cli(f"doctor {SIM} --json").json
     assert (answer["schema"], answer["healthy"]) == ("ikservo/doctor/1", True)
     assert [check["topic"] for check in answer["checks"]][:3] == ["port", "servos", "latency"]
     assert set(answer["checks"][0]) == {"level", "topic", "text", "fix"}
@@ -193,23 +195,25 @@ def test_json_is_one_object_with_every_check(say):
 # --- adapter, permission, rules ---
 
 
-def test_without_an_arm_whoever_answers_is_looked_at(say, monkeypatch):
+def test_without_an_arm_whoever_answers_is_looked_at(run_cli, monkeypatch):
     from tests.oracle import CONFIGS
 
-    said = say(f"doctor --port sim:{CONFIGS / 'koch' / 'arm.toml'}")
-    assert said.code == 0
-    assert lines_of(said, "servos")[0].startswith("✓ servos    6 answer at 1000000 baud: XL430")
-    assert lines_of(said, "models") == ["✓ models    2 XL430-W250, 4 XL330-M288"]
+    result = run_cli(f"doctor --port sim:{CONFIGS / 'koch' / 'arm.toml'}")
+    assert result.code == 0
+    assert lines_of(result, "servos")[0].startswith("✓ servos    6 answer at 1000000 baud: XL430")
+    assert lines_of(result, "models") == ["✓ models    2 XL430-W250, 4 XL330-M288"]
 
 
-def test_no_adapter_is_a_trouble_too(say, monkeypatch):
+def test_no_adapter_is_a_trouble_too(run_cli, monkeypatch):
     set_ports(monkeypatch, [])
-    said = say("doctor --arm so101")
-    assert said.code == 1
-    assert said.out.splitlines()[0] == "✗ port      No serial port given and no USB adapter found."
+    result = run_cli("doctor --arm so101")
+    assert result.code == 1
+    assert (
+        result.out.splitlines()[0] == "✗ port      No serial port given and no USB adapter found."
+    )
 
 
-def test_a_port_that_may_not_be_opened_tells_the_group(say, monkeypatch, tmp_path):
+def test_a_port_that_may_not_be_opened_tells_the_group(run_cli, monkeypatch, tmp_path):
     def forbidden(*_, **__):
         raise PermissionError(13, "Permission denied")
 
@@ -217,35 +221,35 @@ def test_a_port_that_may_not_be_opened_tells_the_group(say, monkeypatch, tmp_pat
     device.touch()
     set_ports(monkeypatch, [PortInfo(str(device))])
     monkeypatch.setattr("serial.serial_for_url", forbidden)
-    said = say("doctor --arm so101")
-    assert said.code == 1
-    assert "No permission to open" in said.out
-    assert "usermod -aG" in said.out
-    assert lines_of(said, "adapter")[0].startswith("✓ adapter   CH343 (Feetech, Waveshare) at ")
+    result = run_cli("doctor --arm so101")
+    assert result.code == 1
+    assert "No permission to open" in result.out
+    assert "usermod -aG" in result.out
+    assert lines_of(result, "adapter")[0].startswith("✓ adapter   CH343 (Feetech, Waveshare) at ")
 
 
 @pytest.mark.skipif(installed_rules() is not None, reason="the rule is installed here")
-def test_a_missing_udev_rule_is_a_command_and_not_the_rule_itself(say, monkeypatch):
+def test_a_missing_udev_rule_is_a_command_and_not_the_rule_itself(run_cli, monkeypatch):
     set_ports(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
-    said = say("doctor")
-    assert lines_of(said, "udev")[0].startswith("! udev      60-ikservo.rules is not installed")
-    assert "ikservo doctor --rules" in said.out
-    assert not any(rule in said.out for rule in read_rules().splitlines() if rule)
+    result = run_cli("doctor")
+    assert lines_of(result, "udev")[0].startswith("! udev      60-ikservo.rules is not installed")
+    assert "ikservo doctor --rules" in result.out
+    assert not any(rule in result.out for rule in read_rules().splitlines() if rule)
 
 
-def test_the_installed_rule_is_a_tick(say, monkeypatch, tmp_path):
+def test_the_installed_rule_is_a_tick(run_cli, monkeypatch, tmp_path):
     (tmp_path / "60-ikservo.rules").touch()
     set_ports(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr("ikservo.hardware.serial_ports._FOLDERS", (tmp_path,))
-    assert lines_of(say("doctor"), "udev") == [
+    assert lines_of(run_cli("doctor"), "udev") == [
         f"✓ udev      {tmp_path}/60-ikservo.rules is installed"
     ]
 
 
-def test_the_rule_alone_can_be_piped(say):
-    assert say("doctor --rules").out == read_rules()
+def test_the_rule_alone_can_be_piped(run_cli):
+    assert run_cli("doctor --rules").out == read_rules()
 
 
 @pytest.mark.parametrize(
@@ -266,8 +270,8 @@ def test_the_rule_names_the_adapters(fragment):
         ("doctor --write-eeprom --port sim", "No arm given."),
     ],
 )
-def test_bad_input_is_one_clear_error(say, words, message):
-    said = say(words)
-    assert said.code == 2
-    assert message in said.err
-    assert said.out == ""
+def test_bad_input_is_one_clear_error(run_cli, words, message):
+    result = run_cli(words)
+    assert result.code == 2
+    assert message in result.err
+    assert result.out == ""

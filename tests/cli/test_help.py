@@ -10,49 +10,49 @@ from ikservo.cli.app import COMMANDS, FORMER_OPTIONS, PANELS
 from ikservo.errors import ExitCode
 
 
-def test_help_lists_every_command(say):
-    out = say("--help").out
+def test_help_lists_every_command(run_cli):
+    out = run_cli("--help").out
     assert all(word in out for word in COMMANDS)
 
 
-def test_help_lists_every_exit_code(say):
-    out = " ".join(say("--help").out.split())
+def test_help_lists_every_exit_code(run_cli):
+    out = " ".join(run_cli("--help").out.split())
     assert all(f"{code.value} {code.meaning}" in out for code in ExitCode)
 
 
 @pytest.mark.parametrize("word", sorted(set(COMMANDS) - {"sim"}))
-def test_every_command_explains_itself(say, word):
-    said = say(f"{word} --help")
-    assert said.code == 0
-    assert f"ikservo {word}" in said.out
+def test_every_command_explains_itself(run_cli, word):
+    result = run_cli(f"{word} --help")
+    assert result.code == 0
+    assert f"ikservo {word}" in result.out
 
 
 FORMER = [(command, *pair) for command, names in FORMER_OPTIONS.items() for pair in names.items()]
 
 
 @pytest.mark.parametrize(("command", "former", "current"), FORMER)
-def test_a_former_option_is_accepted_and_not_listed(say, command, former, current):
-    listed = say(f"{command} --help").out.split()
+def test_a_former_option_is_accepted_and_not_listed(run_cli, command, former, current):
+    listed = run_cli(f"{command} --help").out.split()
     assert (former in listed, current in listed) == (False, True)
-    said = say(f"{command} {former}")
-    assert (said.code, f"'{current}'" in said.err) == (2, True)  # its value is missing
+    result = run_cli(f"{command} {former}")
+    assert (result.code, f"'{current}'" in result.err) == (2, True)  # its value is missing
 
 
-def test_a_former_option_takes_its_value_after_an_equals_sign(say):
-    said = say("bench bus --cycles=0 --arm so101 --port sim")
-    assert (said.code, "Invalid value for '--count'" in said.err) == (2, True)
+def test_a_former_option_takes_its_value_after_an_equals_sign(run_cli):
+    result = run_cli("bench bus --cycles=0 --arm so101 --port sim")
+    assert (result.code, "Invalid value for '--count'" in result.err) == (2, True)
 
 
-def test_no_words_at_all_print_the_help(say):
-    said = say("")
-    assert "Set up" in said.out + said.err
-    assert said.code == 2
+def test_no_words_at_all_print_the_help(run_cli):
+    result = run_cli("")
+    assert "Set up" in result.out + result.err
+    assert result.code == 2
 
 
-def test_an_unknown_command_is_a_usage_error(say):
-    said = say("mvoe 1 2 3")
-    assert said.code == 2
-    assert "mvoe" in said.err
+def test_an_unknown_command_is_a_usage_error(run_cli):
+    result = run_cli("mvoe 1 2 3")
+    assert result.code == 2
+    assert "mvoe" in result.err
 
 
 HEAVY = ("numpy", "scipy", "pydantic", "ruckig", "serial", "dynamixel_sdk", "scservo_sdk",
@@ -80,14 +80,14 @@ def test_a_command_imports_only_what_it_uses(words, allowed):
 
 
 @pytest.mark.parametrize("word", ["", *sorted(set(COMMANDS) - {"sim"})])
-def test_h_is_help_everywhere(say, word):
-    said = say(f"{word} -h")
-    assert (said.code, "Usage: ikservo" in said.out) == (0, True)
+def test_h_is_help_everywhere(run_cli, word):
+    result = run_cli(f"{word} -h")
+    assert (result.code, "Usage: ikservo" in result.out) == (0, True)
 
 
-def test_the_version_is_printed(say):
-    said = say("--version")
-    assert (said.code, said.out) == (0, f"{ikservo.__version__}\n")
+def test_the_version_is_printed(run_cli):
+    result = run_cli("--version")
+    assert (result.code, result.out) == (0, f"{ikservo.__version__}\n")
 
 
 def test_the_module_is_the_command():
@@ -102,8 +102,8 @@ def test_the_package_is_typed():
     assert (Path(ikservo.__file__).parent / "py.typed").exists()
 
 
-def test_help_groups_the_commands(say):
-    out = say("--help").out
+def test_help_groups_the_commands(run_cli):
+    out = run_cli("--help").out
     places = [out.index(f" {panel} ") for panel in PANELS]
     assert places == sorted(places)
     for panel, after in zip(PANELS, [*list(PANELS)[1:], None], strict=True):
@@ -124,9 +124,9 @@ def test_help_groups_the_commands(say):
         ("rec", "record recover"),
     ],
 )
-def test_the_tab_key_completes(say, monkeypatch, typed, offered):
+def test_the_tab_key_completes(run_cli, monkeypatch, typed, offered):
     monkeypatch.setenv("_IKSERVO_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", f"ikservo {typed}")
     monkeypatch.setenv("COMP_CWORD", str(len(typed.split())))
-    said = say("")
-    assert (said.code, said.out.split(), said.err) == (0, offered.split(), "")
+    result = run_cli("")
+    assert (result.code, result.out.split(), result.err) == (0, offered.split(), "")

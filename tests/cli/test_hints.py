@@ -73,8 +73,8 @@ def test_no_sentence_goes_on_behind_a_command_without_punctuation():
 
 def test_the_arm_of_a_calibration_is_repeated_where_it_stands():
     hint = "Finish it: ikservo calibration resume. Or go back: ikservo calibration revert."
-    said = with_connection_options(hint, ["calibrate", "so101", "--port", "/dev/ttyACM0"])
-    assert said == (
+    result = with_connection_options(hint, ["calibrate", "so101", "--port", "/dev/ttyACM0"])
+    assert result == (
         "Finish it: ikservo calibration resume so101 --port /dev/ttyACM0. "
         "Or go back: ikservo calibration revert so101 --port /dev/ttyACM0."
     )

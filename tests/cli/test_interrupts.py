@@ -35,9 +35,9 @@ def test_ctrl_c_ends_the_process_by_its_signal_after_the_last_words():
     with subprocess.Popen(WAITING, stdout=-1, stderr=subprocess.PIPE, text=True) as process:
         process.stderr.readline()
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, result = process.communicate(timeout=60)
     assert process.returncode == -signal.SIGINT
-    assert said.endswith("Stopped.\n")
+    assert result.endswith("Stopped.\n")
 
 
 @posix

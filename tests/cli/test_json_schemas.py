@@ -69,9 +69,9 @@ def test_the_keys_in_the_sources_are_the_documented_ones(schema, keys):
 
 
 @pytest.mark.parametrize("words", QUIET)
-def test_the_keys_that_are_printed_are_the_documented_ones(say, words):
-    said = say(words)
-    answer = json.loads(said.out)
+def test_the_keys_that_are_printed_are_the_documented_ones(run_cli, words):
+    result = run_cli(words)
+    answer = json.loads(result.out)
     always, maybe = documented()[answer.pop("schema").split("/")[1]]
     assert always <= set(answer) <= always | maybe
 

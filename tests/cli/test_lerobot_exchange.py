@@ -26,33 +26,35 @@ def arm(monkeypatch, tmp_path):
     return arm
 
 
-def imported(arm, say, path):
+def imported(arm, run_cli, path):
     with arm.open_limp() as limp_arm:
         schedule_operator(arm, limp_arm.make_subjects("home"))
     words = f"import lerobot {path} --arm so101 --port {PORT} --pose home --margin 0.3 --yes"
-    done = say(words)
+    done = run_cli(words)
     arm.world.hands.clear()
     return done
 
 
 @pytest.mark.parametrize("kind", ["so_follower", "so100_follower", "so101_follower"])
-def test_files_of_all_three_vintages_come_back_byte_for_byte(arm, say, tmp_path, monkeypatch, kind):
+def test_files_of_all_three_vintages_come_back_byte_for_byte(
+    arm, run_cli, tmp_path, monkeypatch, kind
+):
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "lerobot"))
     path = tmp_path / "lerobot" / "robots" / kind / "black.json"
     path.parent.mkdir(parents=True)
     path.write_text(lerobot_text(arm))
     writes = arm.eeprom_writes()
-    done = imported(arm, say, "black")
+    done = imported(arm, run_cli, "black")
     assert done.code == 0, done.err
     assert arm.eeprom_writes() == writes
-    back = say("export lerobot --arm so101")
+    back = run_cli("export lerobot --arm so101")
     assert back.out.encode() == path.read_bytes()
 
 
-def test_an_import_gives_lerobots_range_and_the_geometrys_zero(arm, say, tmp_path):
+def test_an_import_gives_lerobots_range_and_the_geometrys_zero(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
-    assert imported(arm, say, path).code == 0
+    assert imported(arm, run_cli, path).code == 0
     calibration = read_calibration(tmp_path / "home" / "arms" / "so101.toml")
     for joint in load_model("so101").joints:
         own = calibration.joint(joint.name)
@@ -64,61 +66,61 @@ def test_an_import_gives_lerobots_range_and_the_geometrys_zero(arm, say, tmp_pat
     assert calibration.source(calibration.joint("elbow_flex")).startswith("LeRobot's sweep of")
 
 
-def test_what_lerobot_cannot_say_is_said_beside_it(arm, say, tmp_path):
+def test_what_lerobot_cannot_say_is_said_beside_it(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
-    imported(arm, say, path)
-    said = say("export lerobot --arm so101").err
-    assert "middle of each range for zero" in said
-    assert "wrist_roll was not swept; LeRobot gets a whole turn." in said
+    imported(arm, run_cli, path)
+    result = run_cli("export lerobot --arm so101").err
+    assert "middle of each range for zero" in result
+    assert "wrist_roll was not swept; LeRobot gets a whole turn." in result
 
 
-def test_a_file_can_be_written_in_place(arm, say, tmp_path):
+def test_a_file_can_be_written_in_place(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
-    imported(arm, say, path)
-    say(f"export lerobot --arm so101 --to {tmp_path / 'again.json'}")
+    imported(arm, run_cli, path)
+    run_cli(f"export lerobot --arm so101 --to {tmp_path / 'again.json'}")
     assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
-def test_another_arms_ids_are_refused(arm, say, tmp_path):
+def test_another_arms_ids_are_refused(arm, run_cli, tmp_path):
     table = json.loads(lerobot_text(arm))
     table["elbow_flex"]["id"] = 30
     path = tmp_path / "black.json"
     path.write_text(json.dumps(table))
-    done = say(f"import lerobot {path} --arm so101 --port {PORT} --yes")
+    done = run_cli(f"import lerobot {path} --arm so101 --port {PORT} --yes")
     assert done.code == 6
     assert "elbow_flex has id 30 in LeRobot's file and 3 in the arm file" in done.err
 
 
-def test_a_joint_that_is_missing_is_named(arm, say, tmp_path):
+def test_a_joint_that_is_missing_is_named(arm, run_cli, tmp_path):
     table = json.loads(lerobot_text(arm))
     del table["wrist_flex"]
     path = tmp_path / "black.json"
     path.write_text(json.dumps(table))
-    done = say(f"import lerobot {path} --arm so101 --port {PORT} --yes")
+    done = run_cli(f"import lerobot {path} --arm so101 --port {PORT} --yes")
     assert done.code == 6
     assert "has no joint 'wrist_flex'" in done.err
 
 
-def test_an_offset_that_was_lost_from_a_servo_is_written_again(arm, say, tmp_path):
+def test_an_offset_that_was_lost_from_a_servo_is_written_again(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     recorded = json.loads(path.read_text())["elbow_flex"]["homing_offset"]
     arm.line.servos[3].write("lock", 0)
     arm.line.servos[3].write("homing_offset", 0)
-    done = imported(arm, say, path)
+    done = imported(arm, run_cli, path)
     assert done.code == 0, done.err
     assert f"elbow_flex holds homing_offset 0; LeRobot recorded {recorded}" in done.err
     assert arm.register(3, "homing_offset") == recorded
 
 
-def test_there_is_nothing_to_export_before_a_calibration(arm, say):
-    done = say("export lerobot --arm so101")
+def test_there_is_nothing_to_export_before_a_calibration(arm, run_cli):
+    done = run_cli("export lerobot --arm so101")
     assert (done.code, done.out) == (6, "")
 
 
-def test_other_programs_are_not_known(arm, say):
-    done = say("export dynamixel_wizard --arm so101")
+def test_other_programs_are_not_known(arm, run_cli):
+    done = run_cli("export dynamixel_wizard --arm so101")
     assert done.code == 2
     assert "Known: csv, lerobot" in done.err

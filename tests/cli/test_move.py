@@ -8,14 +8,14 @@ import pytest
 
 
 @pytest.mark.parametrize("arm", ["so101", "open_manipulator_x"])
-def test_the_measured_tip_is_within_2_mm_of_the_target(say, arm):
-    said = say(f"move 0.25 0.05 0.15 --arm {arm} --port sim --json")
-    assert said.code == 0
-    np.testing.assert_allclose(said.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
+def test_the_measured_tip_is_within_2_mm_of_the_target(run_cli, arm):
+    result = run_cli(f"move 0.25 0.05 0.15 --arm {arm} --port sim --json")
+    assert result.code == 0
+    np.testing.assert_allclose(result.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
 
 
-def test_the_json_has_the_keys_that_others_rely_on(say):
-    answer = say("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home --json").json
+def test_the_json_has_the_keys_that_others_rely_on(run_cli):
+    answer = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home --json").json
     assert answer["schema"] == "ikservo/move/1"
     assert set(answer) == {
         "schema", "target_m", "commanded_tip_m", "measured_tip_m", "error_m", "duration_s",
@@ -24,22 +24,22 @@ def test_the_json_has_the_keys_that_others_rely_on(say):
     }  # fmt: skip
 
 
-def test_stdout_is_the_report_and_stderr_the_announcement(say):
-    said = say("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
-    assert said.out.splitlines()[0] == "target     (0.230, 0.020, 0.100) m"
-    assert said.out.splitlines()[-1] == "reached    yes"
-    assert said.err.startswith("SO-101 follower on sim to (0.230, 0.020, 0.100) m: ")
+def test_stdout_is_the_report_and_stderr_the_announcement(run_cli):
+    result = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
+    assert result.out.splitlines()[0] == "target     (0.230, 0.020, 0.100) m"
+    assert result.out.splitlines()[-1] == "reached    yes"
+    assert result.err.startswith("SO-101 follower on sim to (0.230, 0.020, 0.100) m: ")
 
 
-def test_a_dry_run_prints_the_plan_and_moves_nothing(say):
-    answer = say("move 0.25 0.05 0.15 --arm so101 --port sim --dry-run --json").json
+def test_a_dry_run_prints_the_plan_and_moves_nothing(run_cli):
+    answer = run_cli("move 0.25 0.05 0.15 --arm so101 --port sim --dry-run --json").json
     assert answer["schema"] == "ikservo/plan/1"
     assert set(answer["q_rad"]) == {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex",
                                     "wrist_roll"}  # fmt: skip
 
 
-def test_where_has_the_keys_that_others_rely_on(say):
-    answer = say("where --arm so101 --port sim --json").json
+def test_where_has_the_keys_that_others_rely_on(run_cli):
+    answer = run_cli("where --arm so101 --port sim --json").json
     assert set(answer) == {"schema", "tip_m", "joints", "conditioning", "singularity"}
     assert set(answer["joints"][0]) >= {
         "name", "position_rad", "lower_rad", "upper_rad", "limit_from", "temperature_c",
@@ -47,59 +47,61 @@ def test_where_has_the_keys_that_others_rely_on(say):
     }  # fmt: skip
 
 
-def test_where_names_the_source_of_the_limits(say):
-    joints = say("where --arm wx250s --port sim --json").json["joints"]
+def test_where_names_the_source_of_the_limits(run_cli):
+    joints = run_cli("where --arm wx250s --port sim --json").json["joints"]
     assert {joint["limit_from"] for joint in joints} <= {
         "arm file", "servo register", "arm file / servo register", "servo register / arm file"
     }  # fmt: skip
-    assert "arm file" in say("where --arm so101 --port sim").out
+    assert "arm file" in run_cli("where --arm so101 --port sim").out
 
 
-def test_joints_are_told_in_degrees_or_radians(say):
-    said = say("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim:?pose=home --json")
-    assert said.code == 0
-    assert said.json["goal_rad"] == pytest.approx({"elbow_flex": math.pi / 6, "gripper": 0.5})
+def test_joints_are_told_in_degrees_or_radians(run_cli):
+    result = run_cli("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim:?pose=home --json")
+    assert result.code == 0
+    assert result.json["goal_rad"] == pytest.approx({"elbow_flex": math.pi / 6, "gripper": 0.5})
 
 
-def test_a_negative_angle_is_no_option(say):
-    goal = say("joints shoulder_pan=-30 --arm so101 --port sim --json").json["goal_rad"]
+def test_a_negative_angle_is_no_option(run_cli):
+    goal = run_cli("joints shoulder_pan=-30 --arm so101 --port sim --json").json["goal_rad"]
     assert goal == pytest.approx({"shoulder_pan": -math.pi / 6})
 
 
-def test_a_slide_is_told_in_metres(say):
-    goal = say("joints gripper=10mm --arm open_manipulator_x --port sim --json").json["goal_rad"]
+def test_a_slide_is_told_in_metres(run_cli):
+    goal = run_cli("joints gripper=10mm --arm open_manipulator_x --port sim --json").json[
+        "goal_rad"
+    ]
     assert goal == pytest.approx({"gripper": 0.01})
 
 
-def test_a_pose_is_taken_by_name(say):
-    said = say("pose home --arm so101 --port sim --json")
-    assert said.json["reached"] is True
+def test_a_pose_is_taken_by_name(run_cli):
+    result = run_cli("pose home --arm so101 --port sim --json")
+    assert result.json["reached"] is True
 
 
-def test_relax_goes_to_rest_and_says_so(say):
-    said = say("relax --arm so101 --port sim --json")
-    assert said.json["reached"] is True
-    assert set(said.json["goal_rad"]) >= {"shoulder_lift", "gripper"}
+def test_relax_goes_to_rest_and_says_so(run_cli):
+    result = run_cli("relax --arm so101 --port sim --json")
+    assert result.json["reached"] is True
+    assert set(result.json["goal_rad"]) >= {"shoulder_lift", "gripper"}
 
 
-def test_arms_lists_what_can_stand_behind_arm(say):
-    names = [arm["name"] for arm in say("arms --json").json["arms"]]
+def test_arms_lists_what_can_stand_behind_arm(run_cli):
+    names = [arm["name"] for arm in run_cli("arms --json").json["arms"]]
     assert names == ["koch", "omx_f", "open_manipulator_x", "planar2", "planar3", "px100", "so100",
                      "so101", "vx300s", "wx250s"]  # fmt: skip
 
 
-def test_arms_says_whose_base_frame_is_not_as_the_others(say):
-    frames = say("arms").out.partition("base frame")[2].splitlines()
+def test_arms_says_whose_base_frame_is_not_as_the_others(run_cli):
+    frames = run_cli("arms").out.partition("base frame")[2].splitlines()
     (so101,) = [line for line in frames if line.startswith("so101")]
     assert "the maker's: origin 38.84 mm behind the first axis" in so101
 
 
-def test_a_plain_move_says_how_far_the_tool_turned_and_that_nothing_was_requested(say):
-    said = say("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
+def test_a_plain_move_says_how_far_the_tool_turned_and_that_nothing_was_requested(run_cli):
+    result = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
     assert re.search(r"^tool       orientation changed by \d+\.\d° \(none was requested\)$",
-                     said.out, re.M)  # fmt: skip
+                     result.out, re.M)  # fmt: skip
 
 
-def test_a_requested_orientation_is_reported_with_its_error(say):
-    said = say("move 0.25 0.05 0.15 --pitch -60 --arm so101 --port sim:?pose=home")
-    assert re.search(r"^tool       orientation error 0\.\d°$", said.out, re.M)
+def test_a_requested_orientation_is_reported_with_its_error(run_cli):
+    result = run_cli("move 0.25 0.05 0.15 --pitch -60 --arm so101 --port sim:?pose=home")
+    assert re.search(r"^tool       orientation error 0\.\d°$", result.out, re.M)

@@ -11,21 +11,23 @@ from ikservo.cli.session import progress_bar
 SO101 = "--arm so101 --port sim"
 
 
-def test_a_line_is_gone_and_reported_like_any_move(say):
-    said = say(f"move 0.25 0.05 0.15 --line {SO101} --json")
-    assert said.code == 0
-    np.testing.assert_allclose(said.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
+def test_a_line_is_gone_and_reported_like_any_move(run_cli):
+    result = run_cli(f"move 0.25 0.05 0.15 --line {SO101} --json")
+    assert result.code == 0
+    np.testing.assert_allclose(result.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
 
 
-def test_way_points_are_lengths_with_or_without_units(say):
-    said = say(f"move 0.25 0.05 0.15 --via 0.22,-20mm,0.2 --blend 3cm {SO101} --dry-run --json")
-    assert said.code == 0
-    straight = say(f"move 0.25 0.05 0.15 {SO101} --dry-run --json")
-    assert said.json["path_m"] > straight.json["path_m"]
+def test_way_points_are_lengths_with_or_without_units(run_cli):
+    result = run_cli(
+        f"move 0.25 0.05 0.15 --via 0.22,-20mm,0.2 --blend 3cm {SO101} --dry-run --json"
+    )
+    assert result.code == 0
+    straight = run_cli(f"move 0.25 0.05 0.15 {SO101} --dry-run --json")
+    assert result.json["path_m"] > straight.json["path_m"]
 
 
-def test_a_preview_tells_time_way_speed_and_limits(say):
-    answer = say(f"move 0.25 0.05 0.15 --line {SO101} --dry-run --json").json
+def test_a_preview_tells_time_way_speed_and_limits(run_cli):
+    answer = run_cli(f"move 0.25 0.05 0.15 --line {SO101} --dry-run --json").json
     assert set(answer) == {
         "schema", "target_m", "q_rad", "joints_rad", "duration_s", "path_m", "speed", "binding",
         "near_limits", "orientation_error_rad", "orientation_requested",
@@ -35,34 +37,34 @@ def test_a_preview_tells_time_way_speed_and_limits(say):
     assert {"joint", "side", "room_rad"} == set(answer["near_limits"][0])
 
 
-def test_a_preview_for_a_person_has_a_unit_on_every_number(say):
-    lines = say(f"move 0.25 0.05 0.15 {SO101} --dry-run").out.splitlines()
+def test_a_preview_for_a_person_has_a_unit_on_every_number(run_cli):
+    lines = run_cli(f"move 0.25 0.05 0.15 {SO101} --dry-run").out.splitlines()
     words = [line.split()[0] for line in lines[5:]]
     assert words[:3] == ["duration", "path", "speed"]
     assert words[-1] == "tool"
 
 
-def test_the_first_motion_is_said_to_be_slow(say):
-    said = say(f"move 0.25 0.05 0.15 --speed fast {SO101} --dry-run")
-    assert "First motion after torque-on: slow speed." in said.err
-    assert "slow." in said.err.splitlines()[0]
+def test_the_first_motion_is_said_to_be_slow(run_cli):
+    result = run_cli(f"move 0.25 0.05 0.15 --speed fast {SO101} --dry-run")
+    assert "First motion after torque-on: slow speed." in result.err
+    assert "slow." in result.err.splitlines()[0]
 
 
-def test_a_pitch_in_degrees_may_be_negative(say):
-    said = say(f"move 0.25 0.05 0.15 --pitch -60 {SO101} --dry-run --json")
-    assert said.code == 0
-    assert abs(said.json["orientation_error_rad"]) < math.radians(0.5)
+def test_a_pitch_in_degrees_may_be_negative(run_cli):
+    result = run_cli(f"move 0.25 0.05 0.15 --pitch -60 {SO101} --dry-run --json")
+    assert result.code == 0
+    assert abs(result.json["orientation_error_rad"]) < math.radians(0.5)
 
 
-def test_a_stance_that_the_arm_has_not_moves_nothing_and_exits_7(say):
-    said = say(f"move 0.25 0.05 0.15 --pitch 40 {SO101}")
-    assert said.code == 7
-    assert said.out == ""
-    assert "pitch 40.0° is not possible at" in said.err
-    assert "Closest orientation there: pitch" in said.err
+def test_a_stance_that_the_arm_has_not_moves_nothing_and_exits_7(run_cli):
+    result = run_cli(f"move 0.25 0.05 0.15 --pitch 40 {SO101}")
+    assert result.code == 7
+    assert result.out == ""
+    assert "pitch 40.0° is not possible at" in result.err
+    assert "Closest orientation there: pitch" in result.err
 
 
-@pytest.mark.parametrize(("words", "code", "said_words"), [
+@pytest.mark.parametrize(("words", "code", "printed_words"), [
     ("move 0.25 0.05 0.15 --pitch 20 --keep", 2, "given twice"),
     ("move 0.25 0.05 0.15 --pitch 20 --direction 1,0,0", 2, "given twice"),
     ("move 0.25 0.05 0.15 --pitch 120", 2, "at most ±90°"),
@@ -76,26 +78,28 @@ def test_a_stance_that_the_arm_has_not_moves_nothing_and_exits_7(say):
     ("move 0.25 0.05 0.15 --via 0.9,0,0.2", 7, "(0.900, 0.000, 0.200) m cannot be reached"),
     ("move 0.9 0.05 0.15 --line", 7, "cannot be reached"),
 ])  # fmt: skip
-def test_what_cannot_be_is_one_clear_message_with_its_exit_code(say, words, code, said_words):
-    said = say(f"{words} {SO101}")
-    assert said.code == code
-    assert said_words in said.err
-    assert "Traceback" not in said.err
+def test_what_cannot_be_is_one_clear_message_with_its_exit_code(
+    run_cli, words, code, printed_words
+):
+    result = run_cli(f"{words} {SO101}")
+    assert result.code == code
+    assert printed_words in result.err
+    assert "Traceback" not in result.err
 
 
-def test_joints_and_poses_have_a_preview_that_moves_nothing(say):
+def test_joints_and_poses_have_a_preview_that_moves_nothing(run_cli):
     for words in ("joints elbow_flex=30 gripper=20", "pose home"):
-        answer = say(f"{words} {SO101} --dry-run --json").json
+        answer = run_cli(f"{words} {SO101} --dry-run --json").json
         assert answer["schema"] == "ikservo/plan/1"
         assert answer["path_m"] > 0.0
         assert answer["binding"]
-    said = say(f"joints elbow_flex=30 gripper=20 {SO101} --dry-run")
-    assert said.out.splitlines()[:2] == ["elbow_flex  30.0°", "gripper     20.0°"]
-    assert "slow" in said.err.splitlines()[0]
+    result = run_cli(f"joints elbow_flex=30 gripper=20 {SO101} --dry-run")
+    assert result.out.splitlines()[:2] == ["elbow_flex  30.0°", "gripper     20.0°"]
+    assert "slow" in result.err.splitlines()[0]
 
 
-def test_a_preview_of_joints_outside_their_limits_is_refused_likewise(say):
-    assert say(f"joints elbow_flex=170 {SO101} --dry-run").code == 8
+def test_a_preview_of_joints_outside_their_limits_is_refused_likewise(run_cli):
+    assert run_cli(f"joints elbow_flex=170 {SO101} --dry-run").code == 8
 
 
 def test_a_bar_is_drawn_also_for_a_motion_that_has_no_end_yet(monkeypatch, capsys):

@@ -16,10 +16,10 @@ import itertools, math, sys
 import ikservo
 
 def sway(arm):
-    for beat in itertools.count():
-        if beat == 50:
+    for cycle in itertools.count():
+        if cycle == 50:
             print("moving", flush=True)
-        yield {"shoulder_pan": 0.6 * math.sin(beat / 200)}
+        yield {"shoulder_pan": 0.6 * math.sin(cycle / 200)}
 
 with ikservo.open_arm("so101", port=sys.argv[1], collisions=False) as arm:
     arm.follow(sway(arm))
@@ -49,25 +49,25 @@ def port():
         yield name
 
 
-def test_a_motion_is_seen_and_stopped_from_another_terminal(say, port):
+def test_a_motion_is_seen_and_stopped_from_another_terminal(run_cli, port):
     with swaying(port) as process:
-        seen = say(f"where --arm so101 --port {port} --json")
-        stopped = say("stop --json")
-        _, said = process.communicate(timeout=30)
+        seen = run_cli(f"where --arm so101 --port {port} --json")
+        stopped = run_cli("stop --json")
+        _, result = process.communicate(timeout=30)
     assert seen.code == 0, seen.err
     assert all(joint["torque"] for joint in seen.json["joints"])
     assert stopped.code == 0, stopped.err
     (arm,) = stopped.json["arms"]
     assert (arm["arm"], arm["port"], arm["moving"]) == ("so101", port, True)
     assert len(arm["held"]) == 6
-    assert "StoppedError: Stopped from another terminal; torque stays on." in said
+    assert "StoppedError: Stopped from another terminal; torque stays on." in result
 
 
-def test_after_a_program_was_killed_the_arm_is_stopped_all_the_same(say, port):
+def test_after_a_program_was_killed_the_arm_is_stopped_all_the_same(run_cli, port):
     with swaying(port) as process:
         process.send_signal(signal.SIGKILL)
         process.wait(timeout=30)
-    stopped = say(f"stop --arm so101 --port {port}")
+    stopped = run_cli(f"stop --arm so101 --port {port}")
     assert stopped.code == 0, stopped.err
     assert stopped.out.splitlines() == [
         f"so101 on {port} was not moving",

@@ -45,10 +45,10 @@ def port_of():
         yield find
 
 
-def said_as_a_person(say, words):
-    """Run a command, again where a busy computer made the arm stop: silence (4), late beats (8)."""
+def run_until_settled(run_cli, words):
+    """Run a command, again where a busy computer stopped the arm: silence (4), late cycles (8)."""
     for _ in range(12):
-        done = say(words)
+        done = run_cli(words)
         if done.code not in (4, 8):
             break
     return done
@@ -76,16 +76,16 @@ def ticks_by_the_vendors_sdk(arm, port):
 
 
 @pytest.mark.parametrize(("arm", "target_m"), TARGETS_M.items())
-def test_the_tip_goes_to_the_point_and_stays_there(say, port_of, arm, target_m):
+def test_the_tip_goes_to_the_point_and_stays_there(run_cli, port_of, arm, target_m):
     point = " ".join(map(str, target_m))
-    done = said_as_a_person(say, f"move {point} --arm {arm} --port {port_of(arm)} --json")
+    done = run_until_settled(run_cli, f"move {point} --arm {arm} --port {port_of(arm)} --json")
     assert done.code == 0, done.err
     tip_m = tip_from_ticks(arm, ticks_by_the_vendors_sdk(arm, port_of(arm)))
     np.testing.assert_allclose(tip_m, target_m, atol=2e-3)
     np.testing.assert_allclose(done.json["measured_tip_m"], tip_m, atol=1e-3)
 
 
-def test_a_port_in_use_is_refused_and_its_holder_keeps_working(say, port_of):
+def test_a_port_in_use_is_refused_and_its_holder_keeps_working(run_cli, port_of):
     port = port_of("so101")
     holder = os.open(port, os.O_RDWR | os.O_NOCTTY)
     try:
@@ -94,7 +94,7 @@ def test_a_port_in_use_is_refused_and_its_holder_keeps_working(say, port_of):
 
         fcntl.flock(holder, fcntl.LOCK_EX)
         fcntl.ioctl(holder, termios.TIOCEXCL)
-        done = say(f"where --arm so101 --port {port}")
+        done = run_cli(f"where --arm so101 --port {port}")
     finally:
         fcntl.ioctl(holder, termios.TIOCNXCL)
         os.close(holder)
@@ -102,19 +102,19 @@ def test_a_port_in_use_is_refused_and_its_holder_keeps_working(say, port_of):
     assert "in use" in done.err
 
 
-def test_when_the_server_ends_the_loss_is_named(say):
+def test_when_the_server_ends_the_loss_is_named(run_cli):
     with served("so101") as (port, process):
         process.send_signal(signal.SIGTERM)
         process.wait(timeout=20)
-        done = say(f"where --arm so101 --port {port}")
+        done = run_cli(f"where --arm so101 --port {port}")
     assert done.code == 3
     assert "Traceback" not in done.err
 
 
 @pytest.mark.campaign  # tests/journeys/test_bad_day.py presses Ctrl-C in a terminal
-def test_ctrl_c_in_mid_motion_holds_and_exits_with_130(say, port_of):
+def test_ctrl_c_in_mid_motion_holds_and_exits_with_130(run_cli, port_of):
     port = port_of("so101")
-    before = pan_of(say, port)
+    before = pan_of(run_cli, port)
     words = ["joints", "shoulder_pan=100", "--arm", "so101", "--port", port, "--speed", "slow"]
     words += ["--no-collision"]  # a limp arm has sunk onto the table
     moving = subprocess.Popen([*IKSERVO, *words], stderr=subprocess.PIPE, text=True)
@@ -123,16 +123,16 @@ def test_ctrl_c_in_mid_motion_holds_and_exits_with_130(say, port_of):
             pass
         _wait_until_it_moves(port, moving)
         moving.send_signal(signal.SIGINT)
-        said = moving.stderr.read()
-    pan = pan_of(say, port)
+        outcome = moving.stderr.read()
+    pan = pan_of(run_cli, port)
     assert moving.returncode == 130
-    assert "torque stays on" in said
+    assert "torque stays on" in outcome
     assert pan["torque"] is True
     assert before["position_rad"] < pan["position_rad"] < 1.7
 
 
-def pan_of(say, port):
-    return said_as_a_person(say, f"where --arm so101 --port {port} --json").json["joints"][0]
+def pan_of(run_cli, port):
+    return run_until_settled(run_cli, f"where --arm so101 --port {port} --json").json["joints"][0]
 
 
 def _wait_until_it_moves(port, process):

@@ -20,18 +20,18 @@ def own_home(monkeypatch, tmp_path):
     monkeypatch.delenv("IKSERVO_PORT", raising=False)
 
 
-def test_an_adapter_is_named_with_chip_and_serial_number(say, monkeypatch):
+def test_an_adapter_is_named_with_chip_and_serial_number(run_cli, monkeypatch):
     set_ports(monkeypatch, [U2D2, FEETECH, UART])
-    lines = say("ports").out.splitlines()
+    lines = run_cli("ports").out.splitlines()
     assert lines[0].split() == ["port", "chip", "usb", "serial", "number", "used", "by", "by", "id"]
     assert "/dev/ttyACM0  CH343 (Feetech, Waveshare)  1a86:55d3  58FA083        -" in lines[1]
     assert "/dev/ttyUSB0  FT232H (U2D2)               0403:6014  FT4THVXD       -" in lines[2]
     assert len(lines) == 3
 
 
-def test_json_says_the_same(say, monkeypatch):
+def test_json_says_the_same(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH])
-    assert say("ports --json").json == {
+    assert run_cli("ports --json").json == {
         "schema": "ikservo/ports/1",
         "ports": [
             {"device": "/dev/ttyACM0", "by_id": "", "chip": "CH343 (Feetech, Waveshare)",
@@ -40,30 +40,32 @@ def test_json_says_the_same(say, monkeypatch):
     }  # fmt: skip
 
 
-def test_the_name_that_stays_the_same_is_shown(say, monkeypatch, tmp_path):
+def test_the_name_that_stays_the_same_is_shown(run_cli, monkeypatch, tmp_path):
     device, folder = tmp_path / "ttyACM0", tmp_path / "by-id"
     device.touch()
     folder.mkdir()
     (folder / "usb-1a86_USB_Single_Serial").symlink_to(device)
     monkeypatch.setattr("ikservo.hardware.serial_ports._BY_ID", folder)
     set_ports(monkeypatch, [PortInfo(str(device))])
-    assert say("ports --json").json["ports"][0]["by_id"] == f"{folder}/usb-1a86_USB_Single_Serial"
+    assert (
+        run_cli("ports --json").json["ports"][0]["by_id"] == f"{folder}/usb-1a86_USB_Single_Serial"
+    )
 
 
-def test_who_holds_a_port_is_shown(say, monkeypatch, tmp_path):
+def test_who_holds_a_port_is_shown(run_cli, monkeypatch, tmp_path):
     device = tmp_path / "ttyACM0"
     device.touch()
     set_ports(monkeypatch, [PortInfo(str(device))])
     with device.open():
-        holder = say("ports --json").json["ports"][0]["holder"]
+        holder = run_cli("ports --json").json["ports"][0]["holder"]
     assert "(process " in holder
 
 
-def test_no_adapter_is_no_error_and_the_simulator_is_offered(say, monkeypatch):
+def test_no_adapter_is_no_error_and_the_simulator_is_offered(run_cli, monkeypatch):
     set_ports(monkeypatch, [])
-    said = say("ports")
-    assert (said.code, said.out) == (0, "")
-    assert said.err == "No USB serial adapter found. Without an arm: --port sim\n"
+    result = run_cli("ports")
+    assert (result.code, result.out) == (0, "")
+    assert result.err == "No USB serial adapter found. Without an arm: --port sim\n"
 
 
 @pytest.mark.parametrize(
@@ -75,9 +77,11 @@ def test_no_adapter_is_no_error_and_the_simulator_is_offered(say, monkeypatch):
         (0x1234, 0x5678, None, "unknown"),
     ],
 )
-def test_an_unknown_chip_is_called_what_it_calls_itself(say, monkeypatch, vid, pid, product, chip):
+def test_an_unknown_chip_is_called_what_it_calls_itself(
+    run_cli, monkeypatch, vid, pid, product, chip
+):
     set_ports(monkeypatch, [PortInfo("/dev/ttyACM0", vid, pid, None, product)])
-    assert say("ports --json").json["ports"][0]["chip"] == chip
+    assert run_cli("ports --json").json["ports"][0]["chip"] == chip
 
 
 # --- watching ---
@@ -89,29 +93,31 @@ def no_waiting(monkeypatch):
 
 
 @pytest.mark.usefixtures("no_waiting")
-def test_the_adapter_that_is_unplugged_is_named(say, monkeypatch):
+def test_the_adapter_that_is_unplugged_is_named(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH])
-    said = say("ports --watch --events 1")
-    assert said.out == "unplugged  /dev/ttyUSB0  FT232H (U2D2)\n"
-    assert said.err.startswith("Here now: /dev/ttyACM0, /dev/ttyUSB0.\n")
+    result = run_cli("ports --watch --events 1")
+    assert result.out == "unplugged  /dev/ttyUSB0  FT232H (U2D2)\n"
+    assert result.err.startswith("Here now: /dev/ttyACM0, /dev/ttyUSB0.\n")
 
 
 @pytest.mark.usefixtures("no_waiting")
-def test_watching_with_json_gives_one_object_a_line(say, monkeypatch):
+def test_watching_with_json_gives_one_object_a_line(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH], [FEETECH], [], [FEETECH])
-    events = [json.loads(line) for line in say("ports --watch --events 2 --json").out.splitlines()]
+    events = [
+        json.loads(line) for line in run_cli("ports --watch --events 2 --json").out.splitlines()
+    ]
     assert [event["event"] for event in events] == ["unplugged", "plugged"]
     assert {event["port"]["device"] for event in events} == {"/dev/ttyACM0"}
 
 
 @pytest.mark.usefixtures("no_waiting")
-def test_ctrl_c_ends_watching(say, monkeypatch):
+def test_ctrl_c_ends_watching(run_cli, monkeypatch):
     def pull_the_plug(*_):
         raise KeyboardInterrupt
 
     set_ports(monkeypatch, [FEETECH])
     monkeypatch.setattr("ikservo.clock.RealClock.sleep_until", pull_the_plug)
-    assert say("ports --watch").code == 130
+    assert run_cli("ports --watch").code == 130
 
 
 # --- which port is meant ---

@@ -11,47 +11,47 @@ NAMES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_rol
 POINT = "0.25 0.05 0.15 --arm so101"
 
 
-def joints(said):
-    return dict(zip(NAMES, np.degrees(said.json["q_rad"]).tolist(), strict=True))
+def joints(result):
+    return dict(zip(NAMES, np.degrees(result.json["q_rad"]).tolist(), strict=True))
 
 
-def test_a_preferred_joint_goes_there_and_the_tip_stays(say):
-    said = say(f"solve {POINT} --prefer wrist_roll=40 --json")
-    q = joints(said)
-    assert said.json["reached"]
+def test_a_preferred_joint_goes_there_and_the_tip_stays(run_cli):
+    result = run_cli(f"solve {POINT} --prefer wrist_roll=40 --json")
+    q = joints(result)
+    assert result.json["reached"]
     assert q["wrist_roll"] == pytest.approx(40.0, abs=0.1)
     radians = {name: math.radians(value) for name, value in q.items()}
     np.testing.assert_allclose(tip_from_joints("so101", radians), (0.25, 0.05, 0.15), atol=1e-5)
 
 
-def test_of_two_preferences_that_contradict_each_other_the_heavier_wins(say):
+def test_of_two_preferences_that_contradict_each_other_the_heavier_wins(run_cli):
     both = f"solve {POINT} --prefer elbow_flex=0 --prefer wrist_flex=0 --json"
-    light = joints(say(f"{both} --weight elbow_flex=0.1"))
-    heavy = joints(say(f"{both} --weight elbow_flex=10"))
+    light = joints(run_cli(f"{both} --weight elbow_flex=0.1"))
+    heavy = joints(run_cli(f"{both} --weight elbow_flex=10"))
     assert abs(heavy["elbow_flex"]) < abs(light["elbow_flex"]) - 5.0
     assert abs(heavy["wrist_flex"]) > abs(light["wrist_flex"]) + 5.0
 
 
-def test_a_pose_is_preferred_by_its_name_and_single_joints_otherwise(say):
-    q = joints(say(f"solve {POINT} --prefer home --prefer wrist_roll=-30 --json"))
+def test_a_pose_is_preferred_by_its_name_and_single_joints_otherwise(run_cli):
+    q = joints(run_cli(f"solve {POINT} --prefer home --prefer wrist_roll=-30 --json"))
     assert q["wrist_roll"] == pytest.approx(-30.0, abs=1.0)
 
 
-def test_the_pseudo_inverse_leans_by_itself(say):
-    said = say(f"solve {POINT} --method pseudo_inverse --prefer wrist_roll=40 --json")
-    assert said.json["method"] == "pseudo_inverse"
-    assert joints(said)["wrist_roll"] == pytest.approx(40.0, abs=0.1)
+def test_the_pseudo_inverse_leans_by_itself(run_cli):
+    result = run_cli(f"solve {POINT} --method pseudo_inverse --prefer wrist_roll=40 --json")
+    assert result.json["method"] == "pseudo_inverse"
+    assert joints(result)["wrist_roll"] == pytest.approx(40.0, abs=0.1)
 
 
-def test_a_move_takes_the_preferred_joints(say):
-    said = say(f"move {POINT} --port sim --yes --json --dry-run --prefer wrist_roll=40")
-    assert said.json["q_rad"]["wrist_roll"] == pytest.approx(math.radians(40.0), abs=2e-3)
+def test_a_move_takes_the_preferred_joints(run_cli):
+    result = run_cli(f"move {POINT} --port sim --yes --json --dry-run --prefer wrist_roll=40")
+    assert result.json["q_rad"]["wrist_roll"] == pytest.approx(math.radians(40.0), abs=2e-3)
 
 
-def test_an_arm_without_freedom_says_that_nothing_changes(say):
-    said = say("solve 0.15 0.05 0.05 --arm planar2 --prefer joint1=90")
-    assert said.code == 0
-    assert "no freedom" in said.err
+def test_an_arm_without_freedom_says_that_nothing_changes(run_cli):
+    result = run_cli("solve 0.15 0.05 0.05 --arm planar2 --prefer joint1=90")
+    assert result.code == 0
+    assert "no freedom" in result.err
 
 
 @pytest.mark.parametrize(
@@ -74,14 +74,14 @@ def test_an_arm_without_freedom_says_that_nothing_changes(say):
         ("--prefer home --pitch 0", "--pitch"),
     ],
 )
-def test_bad_preferences_are_usage_errors_that_say_why(say, options, why):
-    said = say(f"solve {POINT} {options}")
-    assert said.code == 2
-    assert why in said.err
+def test_bad_preferences_are_usage_errors_that_say_why(run_cli, options, why):
+    result = run_cli(f"solve {POINT} {options}")
+    assert result.code == 2
+    assert why in result.err
 
 
 @pytest.mark.parametrize("options", ["--line", "--pitch -30", "--keep"])
-def test_a_move_that_says_how_the_tool_stands_has_no_room_for_a_posture(say, options):
-    said = say(f"move {POINT} --port sim --yes --prefer home {options}")
-    assert said.code == 2
-    assert "posture" in said.err
+def test_a_move_that_says_how_the_tool_stands_has_no_room_for_a_posture(run_cli, options):
+    result = run_cli(f"move {POINT} --port sim --yes --prefer home {options}")
+    assert result.code == 2
+    assert "posture" in result.err

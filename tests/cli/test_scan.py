@@ -8,17 +8,17 @@ from tests.cli.fixtures_ports import change_bus
 SCAN = "scan --port sim"
 
 
-def test_every_servo_is_found_with_its_health(say):
-    said = say(f"{SCAN} --arm so101")
-    assert said.code == 0
-    assert [line.split() for line in said.out.splitlines()[1:]] == [
+def test_every_servo_is_found_with_its_health(run_cli):
+    result = run_cli(f"{SCAN} --arm so101")
+    assert result.code == 0
+    assert [line.split() for line in result.out.splitlines()[1:]] == [
         [str(i), "STS3215", "1000000", "3.10", "7.4", "25", "Feetech", "and", "Dynamixel", "1.0"]
         for i in range(1, 7)
     ]
 
 
-def test_json_gives_each_servo_with_units(say):
-    answer = say(f"{SCAN} --arm koch --json").json
+def test_json_gives_each_servo_with_units(run_cli):
+    answer = run_cli(f"{SCAN} --arm koch --json").json
     assert answer["schema"] == "ikservo/scan/1"
     assert answer["servos"][2] == {
         "id": 3, "model": "XL330-M288", "model_number": 1200, "baud_rate": 1_000_000,
@@ -28,46 +28,46 @@ def test_json_gives_each_servo_with_units(say):
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_two_servos_on_one_id_are_called_several(say, monkeypatch, arm):
+def test_two_servos_on_one_id_are_called_several(run_cli, monkeypatch, arm):
     change_bus(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
-    said = say(f"{SCAN} --arm {arm} --json")
-    assert said.code == 1
-    assert [s["id"] for s in said.json["servos"] if s["shares_id"]] == [2]
-    assert [s["id"] for s in said.json["servos"] if not s["shares_id"]] == [1, 4, 5, 6]
-    assert said.err.splitlines()[0] == "Several servos answer at id 2."
+    result = run_cli(f"{SCAN} --arm {arm} --json")
+    assert result.code == 1
+    assert [s["id"] for s in result.json["servos"] if s["shares_id"]] == [2]
+    assert [s["id"] for s in result.json["servos"] if not s["shares_id"]] == [1, 4, 5, 6]
+    assert result.err.splitlines()[0] == "Several servos answer at id 2."
 
 
 @pytest.mark.parametrize(
     ("arm", "register"), [("so101", "return_delay"), ("koch", "return_delay_time")]
 )
-def test_two_servos_that_never_speak_at_once_are_several_too(say, monkeypatch, arm, register):
+def test_two_servos_that_never_speak_at_once_are_several_too(run_cli, monkeypatch, arm, register):
     def change(line):
         line.servos[2].memory.put(register, 0)
         line.servos[3].memory.put(register, 250)
         line.servos[3].memory.put("id", 2)
 
     change_bus(monkeypatch, change)
-    servos = say(f"{SCAN} --arm {arm} --json").json["servos"]
+    servos = run_cli(f"{SCAN} --arm {arm} --json").json["servos"]
     assert [s["id"] for s in servos if s["shares_id"]] == [2]
 
 
-def test_all_six_fresh_from_the_box_are_several(say, monkeypatch):
+def test_all_six_fresh_from_the_box_are_several(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("id", 1)
 
     change_bus(monkeypatch, change)
-    servos = say(f"{SCAN} --arm so101 --json").json["servos"]
+    servos = run_cli(f"{SCAN} --arm so101 --json").json["servos"]
     assert [(s["id"], s["shares_id"]) for s in servos] == [(1, True)]
 
 
-def test_a_servo_at_another_rate_is_found(say, monkeypatch):
+def test_a_servo_at_another_rate_is_found(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("baud_rate", 2)  # 115,200
 
     change_bus(monkeypatch, change)
-    servos = say(f"{SCAN} --arm koch --json").json["servos"]
+    servos = run_cli(f"{SCAN} --arm koch --json").json["servos"]
     assert {s["baud_rate"] for s in servos} == {115_200}
 
 
@@ -75,83 +75,85 @@ def strangers(line):
     line.servos[6].memory.put("baud_rate", 1)  # 57,600, as it comes from the box
 
 
-def test_the_search_ends_at_the_first_rate_with_servos(say, monkeypatch):
+def test_the_search_ends_at_the_first_rate_with_servos(run_cli, monkeypatch):
     change_bus(monkeypatch, strangers)
-    assert [s["id"] for s in say(f"{SCAN} --arm koch --json").json["servos"]] == [1, 2, 3, 4, 5]
+    assert [s["id"] for s in run_cli(f"{SCAN} --arm koch --json").json["servos"]] == [1, 2, 3, 4, 5]
 
 
-def test_all_goes_on_to_the_last_rate(say, monkeypatch):
+def test_all_goes_on_to_the_last_rate(run_cli, monkeypatch):
     change_bus(monkeypatch, strangers)
-    servos = say(f"{SCAN} --arm koch --all --json").json["servos"]
+    servos = run_cli(f"{SCAN} --arm koch --all --json").json["servos"]
     assert [(s["id"], s["baud_rate"]) for s in servos][-1] == (6, 57_600)
     assert len(servos) == 6
 
 
-def test_a_rate_that_is_named_twice_is_tried_once(say):
-    servos = say(f"{SCAN} --arm so101 --baud 1000000 --baud 1000000 --json").json["servos"]
+def test_a_rate_that_is_named_twice_is_tried_once(run_cli):
+    servos = run_cli(f"{SCAN} --arm so101 --baud 1000000 --baud 1000000 --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 
 
 @pytest.mark.parametrize("rate", ["99999999999999999999", "1", "٣"])
-def test_a_rate_that_no_adapter_makes_is_refused_by_name(say, rate):
-    said = say(f"{SCAN} --arm so101 --baud {rate}")
-    assert said.code == 2
-    assert "--baud" in said.err
+def test_a_rate_that_no_adapter_makes_is_refused_by_name(run_cli, rate):
+    result = run_cli(f"{SCAN} --arm so101 --baud {rate}")
+    assert result.code == 2
+    assert "--baud" in result.err
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_behind_an_adapter_that_holds_bytes_for_16_ms_models_are_known_all_the_same(say, arm):
-    slow = say(f"scan sim:?latency_ms=16&usb_frame_ms=1 --arm {arm} --json").json["servos"]
-    assert slow == say(f"{SCAN} --arm {arm} --json").json["servos"]
+def test_behind_an_adapter_that_holds_bytes_for_16_ms_models_are_known_all_the_same(run_cli, arm):
+    slow = run_cli(f"scan sim:?latency_ms=16&usb_frame_ms=1 --arm {arm} --json").json["servos"]
+    assert slow == run_cli(f"{SCAN} --arm {arm} --json").json["servos"]
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_a_servo_whose_first_answer_is_lost_is_found_all_the_same(say, monkeypatch, arm):
+def test_a_servo_whose_first_answer_is_lost_is_found_all_the_same(run_cli, monkeypatch, arm):
     change_bus(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, count=1)))
-    servos = say(f"{SCAN} --arm {arm} --json").json["servos"]
+    servos = run_cli(f"{SCAN} --arm {arm} --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 
 
-def test_only_the_wanted_rate_is_tried(say):
-    said = say(f"{SCAN} --arm koch --baud 57600")
-    assert said.code == 4
-    assert "(all ids, 57600 baud)." in said.err
-    assert said.out == ""
+def test_only_the_wanted_rate_is_tried(run_cli):
+    result = run_cli(f"{SCAN} --arm koch --baud 57600")
+    assert result.code == 4
+    assert "(all ids, 57600 baud)." in result.err
+    assert result.out == ""
 
 
 @pytest.mark.parametrize("echo", ["?echo=1", "?echo=1&usb_frame_ms=1"])
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_an_adapter_that_echoes_invents_no_servos(say, arm, echo):
-    servos = say(f"scan sim:{echo} --arm {arm} --json").json["servos"]
+def test_an_adapter_that_echoes_invents_no_servos(run_cli, arm, echo):
+    servos = run_cli(f"scan sim:{echo} --arm {arm} --json").json["servos"]
     assert [(s["id"], s["shares_id"]) for s in servos] == [(i, False) for i in range(1, 7)]
 
 
-def test_noise_invents_no_servos(say):
-    servos = say("scan sim:?noise=0.002&seed=5 --arm so101 --json").json["servos"]
+def test_noise_invents_no_servos(run_cli):
+    servos = run_cli("scan sim:?noise=0.002&seed=5 --arm so101 --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 
 
-def test_a_servo_with_an_alarm_is_found_and_says_so(say, monkeypatch):
+def test_a_servo_with_an_alarm_is_found_and_says_so(run_cli, monkeypatch):
     change_bus(monkeypatch, lambda line: line.servos[4].inject_alarm(0x20))
-    servos = say(f"{SCAN} --arm so101 --json").json["servos"]
+    servos = run_cli(f"{SCAN} --arm so101 --json").json["servos"]
     assert servos[3]["alarms"] == ["overload"]
 
 
-def test_a_model_without_a_table_is_shown_by_its_number(say, monkeypatch):
+def test_a_model_without_a_table_is_shown_by_its_number(run_cli, monkeypatch):
     change_bus(monkeypatch, lambda line: line.servos[4].memory.put("model_number", 4242))
-    row = say(f"{SCAN} --arm so101 --json").json["servos"][3]
+    row = run_cli(f"{SCAN} --arm so101 --json").json["servos"][3]
     assert (row["id"], row["model"], row["model_number"]) == (4, None, 4242)
 
 
 @pytest.mark.parametrize("protocol", ["so101", "koch"])
-def test_253_silent_ids_take_less_than_two_seconds_of_the_lines_time(say, monkeypatch, protocol):
+def test_253_silent_ids_take_less_than_two_seconds_of_the_lines_time(
+    run_cli, monkeypatch, protocol
+):
     def silence(line):
         for servo in line.world.servos:
             servo.powered = False
 
     ports = change_bus(monkeypatch, silence)
-    said = say(f"{SCAN} --arm {protocol} --baud 1000000")
-    assert said.code == 4
+    result = run_cli(f"{SCAN} --arm {protocol} --baud 1000000")
+    assert result.code == 4
     assert ports[0].clock.now_s() < 2.0
 
 
@@ -165,15 +167,15 @@ def test_253_silent_ids_take_less_than_two_seconds_of_the_lines_time(say, monkey
         ("scan a b", 2, "unexpected extra argument"),
     ],
 )
-def test_bad_input_is_one_clear_error(say, words, code, message):
-    said = say(words)
-    assert said.code == code
-    assert message in said.err
-    assert said.out == ""
+def test_bad_input_is_one_clear_error(run_cli, words, code, message):
+    result = run_cli(words)
+    assert result.code == code
+    assert message in result.err
+    assert result.out == ""
 
 
-def test_without_any_port_the_simulator_is_offered(say, monkeypatch):
+def test_without_any_port_the_simulator_is_offered(run_cli, monkeypatch):
     monkeypatch.setattr("serial.tools.list_ports.comports", list)
-    said = say("scan")
-    assert said.code == 3
-    assert "--port sim" in said.err
+    result = run_cli("scan")
+    assert result.code == 3
+    assert "--port sim" in result.err

@@ -23,8 +23,8 @@ def test_253_silent_ids_take_less_than_two_seconds(port):
     assert time.monotonic() - started_s < 2.0
 
 
-def test_every_servo_is_found(say, port):
-    done = say(f"scan {port}")
+def test_every_servo_is_found(run_cli, port):
+    done = run_cli(f"scan {port}")
     assert done.code == 0, done.err
     assert [line.split()[:2] for line in done.out.splitlines()[1:]] == [
         [str(i), "STS3215"] for i in range(1, 7)

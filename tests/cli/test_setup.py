@@ -14,7 +14,7 @@ NEW = {"so101": (1, 0), "koch": (1, 1)}  # id and baud code with which a servo i
 RETURN_DELAY = {"so101": "return_delay", "koch": "return_delay_time"}
 
 
-class Person:
+class Operator:
     """Plugs in one new servo after the other, and pulls each out when it has become its own.
 
     Args:
@@ -68,22 +68,22 @@ class Person:
             servo.powered = False
 
 
-def at_the_desk(monkeypatch, arm, **habits):
+def with_operator(monkeypatch, arm, **habits):
     """Let a person sit at the simulated line; return them once it is opened."""
-    people = []
+    operators = []
 
     def sit_down(line):
-        person = Person(line, arm, **habits)
-        people.append(person)
+        operator = Operator(line, arm, **habits)
+        operators.append(operator)
 
         def look():
-            person.act(line.world.time_s)
+            operator.act(line.world.time_s)
             line.world.schedule(line.world.time_s + 0.05, look)
 
         look()
 
     ports = change_bus(monkeypatch, sit_down)
-    return people, ports
+    return operators, ports
 
 
 @pytest.fixture(scope="module")
@@ -92,17 +92,17 @@ def set_up():
     done = {}
     for arm, options in (("so101", "--json"), ("koch", "")):
         with pytest.MonkeyPatch.context() as monkeypatch:
-            people, _ = at_the_desk(monkeypatch, arm)
-            said = run_command(f"setup {arm} --port sim --yes {options}")
-            done[arm] = people[0], said
+            operators, _ = with_operator(monkeypatch, arm)
+            result = run_command(f"setup {arm} --port sim --yes {options}")
+            done[arm] = operators[0], result
     return done
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_each_servo_becomes_what_the_arm_file_says_and_stays_so_without_power(set_up, arm):
-    person, said = set_up[arm]
-    assert said.code == 0, said.err
-    for servo, (servo_id, baud) in zip(person.servos, person.wanted, strict=True):
+    operator, result = set_up[arm]
+    assert result.code == 0, result.err
+    for servo, (servo_id, baud) in zip(operator.servos, operator.wanted, strict=True):
         kept = servo.memory.eeprom
         rows = servo.table.by_name
         assert kept[rows["id"].address] == servo_id
@@ -111,13 +111,13 @@ def test_each_servo_becomes_what_the_arm_file_says_and_stays_so_without_power(se
 
 
 def test_the_memory_of_each_servo_is_locked_again(set_up):
-    person, _ = set_up["so101"]
-    assert [servo.memory.get("lock") for servo in person.servos] == [1] * 6
+    operator, _ = set_up["so101"]
+    assert [servo.memory.get("lock") for servo in operator.servos] == [1] * 6
 
 
 def test_stdout_tells_what_was_written(set_up):
-    _, said = set_up["koch"]
-    assert said.out.splitlines()[:3] == [
+    _, result = set_up["koch"]
+    assert result.out.splitlines()[:3] == [
         "✓ shoulder_pan (id 1): baud_rate 1 → 3, return_delay_time 200 → 0",
         "✓ shoulder_lift (id 2): id 1 → 2, baud_rate 1 → 3, return_delay_time 200 → 0",
         "✓ elbow_flex (id 3): id 1 → 3, baud_rate 1 → 3, return_delay_time 200 → 0",
@@ -125,8 +125,8 @@ def test_stdout_tells_what_was_written(set_up):
 
 
 def test_json_gives_one_object_a_servo(set_up):
-    _, said = set_up["so101"]
-    rows = [json.loads(line) for line in said.out.splitlines()]
+    _, result = set_up["so101"]
+    rows = [json.loads(line) for line in result.out.splitlines()]
     assert [row["joint"] for row in rows][::5] == ["shoulder_pan", "gripper"]
     assert rows[5] == {
         "schema": "ikservo/setup/1", "joint": "gripper", "id": 6, "model": "STS3215", "was_id": 1,
@@ -135,28 +135,28 @@ def test_json_gives_one_object_a_servo(set_up):
 
 
 def test_the_person_is_shown_the_joint_and_asked_to_unplug(set_up):
-    _, said = set_up["koch"]
-    assert "@ elbow_flex" in said.err
-    assert "3 of 6: plug in only the XL330-M288 of elbow_flex (id 3) …" in said.err
-    assert said.err.count("Unplug it.") == 5
-    assert said.err.splitlines()[-1] == (
+    _, result = set_up["koch"]
+    assert "@ elbow_flex" in result.err
+    assert "3 of 6: plug in only the XL330-M288 of elbow_flex (id 3) …" in result.err
+    assert result.err.count("Unplug it.") == 5
+    assert result.err.splitlines()[-1] == (
         "All servos are set up. Plug them together, then: ikservo doctor --arm koch"
     )
 
 
-def test_a_servo_plugged_in_too_early_is_not_taken_for_the_one_before(say, monkeypatch):
-    people, _ = at_the_desk(monkeypatch, "so101", clumsy=True)
-    said = say("setup so101 --port sim --yes")
-    assert said.code == 0, said.err
-    assert [servo.id for servo in people[0].servos] == [1, 2, 3, 4, 5, 6]
+def test_a_servo_plugged_in_too_early_is_not_taken_for_the_one_before(run_cli, monkeypatch):
+    operators, _ = with_operator(monkeypatch, "so101", clumsy=True)
+    result = run_cli("setup so101 --port sim --yes")
+    assert result.code == 0, result.err
+    assert [servo.id for servo in operators[0].servos] == [1, 2, 3, 4, 5, 6]
 
 
-def test_a_whole_arm_plugged_in_is_refused_and_nothing_is_written(say, monkeypatch):
+def test_a_whole_arm_plugged_in_is_refused_and_nothing_is_written(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, lambda line: None)
-    said = say("setup so101 --port sim --yes --wait 5")
-    assert said.code == 4
-    assert "More than one servo answers: STS3215 at id 1, 1000000 baud; " in said.err
-    assert "brings 6 servos instead of one, for 5 s." in said.err
+    result = run_cli("setup so101 --port sim --yes --wait 5")
+    assert result.code == 4
+    assert "More than one servo answers: STS3215 at id 1, 1000000 baud; " in result.err
+    assert "brings 6 servos instead of one, for 5 s." in result.err
     assert [servo.memory.eeprom_writes for servo in ports[0].line.world.servos] == [
         servo.memory.eeprom_writes for servo in fresh_servos()
     ]
@@ -174,63 +174,63 @@ def all_but(number):
     return change
 
 
-def test_two_servos_at_the_same_id_are_refused(say, monkeypatch):
+def test_two_servos_at_the_same_id_are_refused(run_cli, monkeypatch):
     def change(line):
         all_but(3)(line)
         line.servos[4].powered = True
         line.servos[4].memory.put("id", 3)
 
     change_bus(monkeypatch, change)
-    said = say("setup so101 --port sim --yes --start elbow_flex --wait 5")
-    assert said.code == 4
-    assert "More than one servo answers: several servos at id 3" in said.err
+    result = run_cli("setup so101 --port sim --yes --start elbow_flex --wait 5")
+    assert result.code == 4
+    assert "More than one servo answers: several servos at id 3" in result.err
 
 
-def test_a_servo_that_is_right_already_is_not_written(say, monkeypatch):
+def test_a_servo_that_is_right_already_is_not_written(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, all_but(6))
-    said = say("setup so101 --port sim --start gripper --yes")
-    assert said.out == "✓ gripper (id 6): nothing to change\n"
-    assert said.code == 0
+    result = run_cli("setup so101 --port sim --start gripper --yes")
+    assert result.out == "✓ gripper (id 6): nothing to change\n"
+    assert result.code == 0
     before = fresh_servos()[5].memory.eeprom_writes
     assert ports[0].line.servos[6].memory.eeprom_writes == before
 
 
-def test_another_model_is_refused_and_nothing_is_written(say, monkeypatch):
+def test_another_model_is_refused_and_nothing_is_written(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(3))
-    said = say("setup koch --port sim --yes")
-    assert said.code == 6
-    assert "shoulder_pan (id 1) must be a XL430-W250, but a XL330-M288 at id 3" in said.err
+    result = run_cli("setup koch --port sim --yes")
+    assert result.code == 6
+    assert "shoulder_pan (id 1) must be a XL430-W250, but a XL330-M288 at id 3" in result.err
 
 
-def test_nobody_came_and_it_says_how_to_go_on(say, monkeypatch):
+def test_nobody_came_and_it_says_how_to_go_on(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(99))
-    said = say("setup so101 --port sim --yes --start wrist_flex --wait 3")
-    assert said.code == 4
-    assert "brings no servo within 3 s (all ids, " in said.err
-    assert "Go on with: ikservo setup so101 --start wrist_flex" in said.err
+    result = run_cli("setup so101 --port sim --yes --start wrist_flex --wait 3")
+    assert result.code == 4
+    assert "brings no servo within 3 s (all ids, " in result.err
+    assert "Go on with: ikservo setup so101 --start wrist_flex" in result.err
 
 
-def test_without_a_terminal_the_flag_is_named(say, monkeypatch):
+def test_without_a_terminal_the_flag_is_named(run_cli, monkeypatch):
     def change(line):
         all_but(6)(line)
         line.servos[6].memory.put("id", 9)
 
     ports = change_bus(monkeypatch, change)
-    said = say("setup so101 --port sim --start gripper")
-    assert said.code == 2
-    assert "Cannot ask: input is not a terminal.\nGive --yes." in said.err
+    result = run_cli("setup so101 --port sim --start gripper")
+    assert result.code == 2
+    assert "Cannot ask: input is not a terminal.\nGive --yes." in result.err
     assert 9 in ports[0].line.servos
 
 
-def test_settings_of_the_arm_file_are_written_too(say, monkeypatch):
+def test_settings_of_the_arm_file_are_written_too(run_cli, monkeypatch):
     def change(line):
         all_but(9)(line)
         line.servos[9].memory.put("velocity_limit", 265)
         line.servos[9].memory.put("return_delay_time", 0)
 
     ports = change_bus(monkeypatch, change)
-    said = say("setup wx250s --port sim --yes --start gripper")
-    assert said.out == "✓ gripper (id 9): velocity_limit 265 → 131\n"
+    result = run_cli("setup wx250s --port sim --yes --start gripper")
+    assert result.out == "✓ gripper (id 9): velocity_limit 265 → 131\n"
     assert ports[0].line.servos[9].read("velocity_limit") == 131
 
 
@@ -247,19 +247,19 @@ def test_settings_of_the_arm_file_are_written_too(say, monkeypatch):
         ("setup so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_bad_input_is_one_clear_error(say, words, code, message):
-    said = say(words)
-    assert said.code == code
-    assert message in said.err
-    assert said.out == ""
+def test_bad_input_is_one_clear_error(run_cli, words, code, message):
+    result = run_cli(words)
+    assert result.code == code
+    assert message in result.err
+    assert result.out == ""
 
 
-def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(say, monkeypatch):
+def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(5))
-    said = say("setup so101 --port sim --start wrist_roll --yes --wait 3")
-    assert said.code == 4
-    assert said.out == "✓ wrist_roll (id 5): nothing to change\n"
-    assert said.err.splitlines()[-3:] == [
+    result = run_cli("setup so101 --port sim --start wrist_roll --yes --wait 3")
+    assert result.code == 4
+    assert result.out == "✓ wrist_roll (id 5): nothing to change\n"
+    assert result.err.splitlines()[-3:] == [
         "Go on with: ikservo setup so101 --start gripper",
         f"sim:{CONFIGS / 'so101' / 'arm.toml'} still has a servo with id 5 after 3 s.",
         "Unplug the servo that is done.",
@@ -283,12 +283,12 @@ def at_rate(code):
     "rate",
     [r if r == 115_200 else pytest.param(r, marks=pytest.mark.campaign) for r in STS_CODES],
 )
-def test_a_servo_is_found_at_whatever_rate_it_has(say, monkeypatch, rate):
+def test_a_servo_is_found_at_whatever_rate_it_has(run_cli, monkeypatch, rate):
     ports = change_bus(monkeypatch, at_rate(STS_CODES[rate]))
-    said = say("setup so101 --port sim --start gripper --yes")
-    assert said.code == 0, said.err
-    assert f"Found STS3215 at id 6, {rate} baud" in said.err
-    assert said.out == f"✓ gripper (id 6): baud_rate {STS_CODES[rate]} → 0\n"
+    result = run_cli("setup so101 --port sim --start gripper --yes")
+    assert result.code == 0, result.err
+    assert f"Found STS3215 at id 6, {rate} baud" in result.err
+    assert result.out == f"✓ gripper (id 6): baud_rate {STS_CODES[rate]} → 0\n"
     assert ports[0].line.servos[6].baud == 1_000_000
 
 
@@ -305,18 +305,18 @@ def other_arm(monkeypatch, name, change):
 
 
 @pytest.mark.parametrize(("code", "rate"), [(1, 57_600), (2, 115_200)])
-def test_a_servo_of_another_family_is_named(say, monkeypatch, code, rate):
+def test_a_servo_of_another_family_is_named(run_cli, monkeypatch, code, rate):
     def change(line):
         all_but(3)(line)
         line.servos[3].memory.put("baud_rate", code)
 
     other_arm(monkeypatch, "koch", change)
-    said = say("setup so101 --port sim --yes")
-    assert said.code == 6
-    assert f"must be a STS3215, but a XL330-M288 at id 3, {rate} baud is" in said.err
+    result = run_cli("setup so101 --port sim --yes")
+    assert result.code == 6
+    assert f"must be a STS3215, but a XL330-M288 at id 3, {rate} baud is" in result.err
 
 
-def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(say, monkeypatch):
+def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(6))
     looks = itertools.count()
 
@@ -325,11 +325,11 @@ def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(say, monkey
         return found if found and next(looks) % 2 else []
 
     monkeypatch.setattr("ikservo.hardware.provisioning.scan_rate", now_and_then)
-    said = say("setup so101 --port sim --start gripper --yes --wait 5")
-    assert said.code == 4
-    assert "brings answers of STS3215 at id 6, 1000000 baud, but not steadily" in said.err
+    result = run_cli("setup so101 --port sim --start gripper --yes --wait 5")
+    assert result.code == 4
+    assert "brings answers of STS3215 at id 6, 1000000 baud, but not steadily" in result.err
 
 
 def test_it_says_what_it_is_doing_and_how_to_end_it(set_up):
-    _, said = set_up["koch"]
-    assert "Searching for it at every baud rate; Ctrl-C stops" in said.err
+    _, result = set_up["koch"]
+    assert "Searching for it at every baud rate; Ctrl-C stops" in result.err

@@ -9,59 +9,59 @@ from ikservo.model import load_model
 from tests.oracle import ARMS, tip_from_joints
 
 
-def test_the_joints_it_prints_put_the_tip_there(say):
-    answer = say("solve 0.25 0.05 0.15 --arm so101 --json").json
+def test_the_joints_it_prints_put_the_tip_there(run_cli):
+    answer = run_cli("solve 0.25 0.05 0.15 --arm so101 --json").json
     names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
     tip = tip_from_joints("so101", dict(zip(names, answer["q_rad"], strict=True)))
     np.testing.assert_allclose(tip, (0.25, 0.05, 0.15), atol=1e-5)
 
 
-def test_the_json_has_the_keys_that_others_rely_on(say):
-    assert set(say("solve 0.25 0.05 0.15 --arm so101 --json").json) == {
+def test_the_json_has_the_keys_that_others_rely_on(run_cli):
+    assert set(run_cli("solve 0.25 0.05 0.15 --arm so101 --json").json) == {
         "schema", "reached", "q_rad", "joints_rad", "limit_from", "position_error_m",
         "orientation_error_rad", "method", "iterations", "nearest_m", "binding", "solutions",
         "conditioning", "singularity",
     }  # fmt: skip
 
 
-def test_units_may_be_written_behind_the_number(say):
-    metres = say("solve 0.25 -0.05 0.15 --arm so101 --json").json
-    assert say("solve 250mm -5cm .15m --arm so101 --json").json == metres
+def test_units_may_be_written_behind_the_number(run_cli):
+    metres = run_cli("solve 0.25 -0.05 0.15 --arm so101 --json").json
+    assert run_cli("solve 250mm -5cm .15m --arm so101 --json").json == metres
 
 
-def test_out_of_reach_is_exit_7_with_the_nearest_point(say):
-    said = say("solve 0.9 0 0.2 --arm so101 --json")
-    assert said.code == 7
-    assert said.json["reached"] is False
-    assert 0.3 < said.json["nearest_m"][0] < 0.5
+def test_out_of_reach_is_exit_7_with_the_nearest_point(run_cli):
+    result = run_cli("solve 0.9 0 0.2 --arm so101 --json")
+    assert result.code == 7
+    assert result.json["reached"] is False
+    assert 0.3 < result.json["nearest_m"][0] < 0.5
 
 
-def test_for_a_person_the_nearest_point_is_in_words(say):
-    assert "mm away" in say("solve 0.9 0 0.2 --arm so101").out
+def test_for_a_person_the_nearest_point_is_in_words(run_cli):
+    assert "mm away" in run_cli("solve 0.9 0 0.2 --arm so101").out
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_bare_urdf_needs_its_tip_named(say, arm):
-    said = say(f"solve 0.1 0.1 0.1 --arm configs/{arm}/arm.urdf --json")
-    assert said.code == 2
-    assert "which link is the tool" in said.json["error"]
+def test_a_bare_urdf_needs_its_tip_named(run_cli, arm):
+    result = run_cli(f"solve 0.1 0.1 0.1 --arm configs/{arm}/arm.urdf --json")
+    assert result.code == 2
+    assert "which link is the tool" in result.json["error"]
 
 
-def test_a_bare_urdf_with_a_tip_is_solved(say):
-    said = say("solve 0.25 0.05 0.15 --arm configs/so101/arm.urdf --tip gripper_frame --json")
-    assert said.json["reached"] is True
+def test_a_bare_urdf_with_a_tip_is_solved(run_cli):
+    result = run_cli("solve 0.25 0.05 0.15 --arm configs/so101/arm.urdf --tip gripper_frame --json")
+    assert result.json["reached"] is True
 
 
-def test_without_an_arm_the_arms_are_listed(say):
-    said = say("solve 0.2 0 0.1")
-    assert said.code == 2
-    assert "No arm given." in said.err
-    assert "so101" in said.err
+def test_without_an_arm_the_arms_are_listed(run_cli):
+    result = run_cli("solve 0.2 0 0.1")
+    assert result.code == 2
+    assert "No arm given." in result.err
+    assert "so101" in result.err
 
 
-def test_the_arm_may_come_from_the_environment(say, monkeypatch):
+def test_the_arm_may_come_from_the_environment(run_cli, monkeypatch):
     monkeypatch.setenv("IKSERVO_ARM", "so101")
-    assert say("solve 0.25 0.05 0.15").code == 0
+    assert run_cli("solve 0.25 0.05 0.15").code == 0
 
 
 def tool_of_so101(q_rad):
@@ -70,29 +70,29 @@ def tool_of_so101(q_rad):
     return math.degrees(math.asin(chain.forward(q_rad)[2, 2]))
 
 
-def test_the_tool_stands_as_steep_as_asked(say):
-    answer = say("solve 0.2 0.05 0.1 --arm so101 --pitch -60 --json").json
+def test_the_tool_stands_as_steep_as_asked(run_cli):
+    answer = run_cli("solve 0.2 0.05 0.1 --arm so101 --pitch -60 --json").json
     assert answer["reached"] is True
     assert tool_of_so101(answer["q_rad"]) == pytest.approx(-60.0, abs=0.5)
 
 
-def test_the_tool_keeps_how_it_stands_at_home(say):
+def test_the_tool_keeps_how_it_stands_at_home(run_cli):
     model = load_model("wx250s")
     x, y, z = model.chain.forward(model.chain_pose("home"))[:3, 3] + (0.02, 0.03, 0.0)
-    answer = say(f"solve {x} {y} {z} --arm wx250s --keep --json").json
+    answer = run_cli(f"solve {x} {y} {z} --arm wx250s --keep --json").json
     turned = model.chain.forward(answer["q_rad"])[:3, :3]
     home = model.chain.forward(model.chain_pose("home"))[:3, :3]
     np.testing.assert_allclose(turned, home, atol=1e-2)
 
 
-def test_a_stance_that_cannot_be_had_is_exit_7_and_says_what_can(say):
-    said = say("solve 0.3 0 0.1 --arm so101 --pitch 89")
-    assert said.code == 7
-    assert "pitch 89.0° is not possible at" in said.err
+def test_a_stance_that_cannot_be_had_is_exit_7_and_says_what_can(run_cli):
+    result = run_cli("solve 0.3 0 0.1 --arm so101 --pitch 89")
+    assert result.code == 7
+    assert "pitch 89.0° is not possible at" in result.err
 
 
-def test_what_points_in_a_direction_is_the_tool_of_the_arm(say):
-    answer = say("solve 0.15 0 0.05 --arm px100 --direction 0,0,-1 --json").json
+def test_what_points_in_a_direction_is_the_tool_of_the_arm(run_cli):
+    answer = run_cli("solve 0.15 0 0.05 --arm px100 --direction 0,0,-1 --json").json
     pointed = load_model("px100").chain.forward(answer["q_rad"])[:3, 0]
     np.testing.assert_allclose(pointed, (0, 0, -1), atol=1e-3)
 
@@ -100,13 +100,13 @@ def test_what_points_in_a_direction_is_the_tool_of_the_arm(say):
 @pytest.mark.parametrize(
     "other", ["--all", "--compare", "--trace", "--method ccd", "--tool-axis z"]
 )
-def test_a_stance_is_solved_in_one_way_only(say, other):
-    said = say(f"solve 0.2 0.05 0.1 --arm so101 --pitch -60 {other}")
-    assert said.code == 2
-    assert "cannot be combined" in said.err
+def test_a_stance_is_solved_in_one_way_only(run_cli, other):
+    result = run_cli(f"solve 0.2 0.05 0.1 --arm so101 --pitch -60 {other}")
+    assert result.code == 2
+    assert "cannot be combined" in result.err
 
 
-def test_a_direction_and_a_pitch_exclude_each_other(say):
-    said = say("solve 0.25 0.05 0.15 --arm so101 --direction 0,1,0 --pitch 30")
-    assert said.code == 2
-    assert "a direction, or a pitch" in said.err
+def test_a_direction_and_a_pitch_exclude_each_other(run_cli):
+    result = run_cli("solve 0.25 0.05 0.15 --arm so101 --direction 0,1,0 --pitch 30")
+    assert result.code == 2
+    assert "a direction, or a pitch" in result.err

@@ -22,34 +22,34 @@ def tip_of_so101(q_rad):
 
 
 @pytest.mark.parametrize("method", LECTURE)
-def test_a_method_of_the_lecture_can_be_asked_for(say, method):
-    answer = say(f"{POINT} --method {method} --json").json
+def test_a_method_of_the_lecture_can_be_asked_for(run_cli, method):
+    answer = run_cli(f"{POINT} --method {method} --json").json
     assert answer["method"] == method
     np.testing.assert_allclose(tip_of_so101(answer["q_rad"]), (0.25, 0.05, 0.15), atol=1e-5)
 
 
-def test_a_comparison_has_a_row_for_every_method(say):
-    rows = [line.split() for line in say(f"{POINT} --compare").out.splitlines()]
+def test_a_comparison_has_a_row_for_every_method(run_cli):
+    rows = [line.split() for line in run_cli(f"{POINT} --compare").out.splitlines()]
     assert rows[0] == ["method", "reached", "iterations", "time", "error"]
     assert [row[0] for row in rows[1:]] == ["bounded", "closed_form", *LECTURE]
     assert {row[1] for row in rows[1:]} == {"yes"}
 
 
-def test_every_time_and_error_of_a_comparison_has_a_unit(say):
-    row = say(f"{POINT} --compare").out.splitlines()[-1]
+def test_every_time_and_error_of_a_comparison_has_a_unit(run_cli):
+    row = run_cli(f"{POINT} --compare").out.splitlines()[-1]
     assert re.fullmatch(r"ccd +yes +\d+ +[\d.]+ ms +[\d.]+ mm", row.strip())
 
 
-def test_each_answer_of_a_comparison_is_true(say):
-    for entry in say(f"{POINT} --compare --json").json["methods"]:
+def test_each_answer_of_a_comparison_is_true(run_cli):
+    for entry in run_cli(f"{POINT} --compare --json").json["methods"]:
         tip = tip_of_so101(entry["q_rad"])
         gap_m = float(np.linalg.norm(tip - (0.25, 0.05, 0.15)))
         assert entry["position_error_m"] == pytest.approx(gap_m, abs=1e-9)
         assert entry["time_s"] > 0
 
 
-def test_the_json_of_a_comparison_has_the_keys_that_others_rely_on(say):
-    answer = say(f"{POINT} --compare --json").json
+def test_the_json_of_a_comparison_has_the_keys_that_others_rely_on(run_cli):
+    answer = run_cli(f"{POINT} --compare --json").json
     assert answer["schema"] == "ikservo/compare/1"
     assert answer["target_m"] == [0.25, 0.05, 0.15]
     assert set(answer["methods"][0]) == {
@@ -58,19 +58,20 @@ def test_the_json_of_a_comparison_has_the_keys_that_others_rely_on(say):
     }  # fmt: skip
 
 
-def test_a_comparison_out_of_reach_is_exit_7_with_how_far_each_came(say):
-    said = say("solve 0.9 0.9 0.05 --arm planar3 --compare --json")
-    assert said.code == 7
+def test_a_comparison_out_of_reach_is_exit_7_with_how_far_each_came(run_cli):
+    result = run_cli("solve 0.9 0.9 0.05 --arm planar3 --compare --json")
+    assert result.code == 7
     best = math.hypot(0.9, 0.9) - 0.32
-    for entry in said.json["methods"]:
+    for entry in result.json["methods"]:
         assert not entry["reached"]
         assert entry["position_error_m"] == pytest.approx(best, abs=1e-3)
 
 
-def test_a_comparison_names_the_limits_that_bind_and_where_they_come_from(say):
+def test_a_comparison_names_the_limits_that_bind_and_where_they_come_from(run_cli):
     question = "solve --arm so101 --json"
     compared, alone = (
-        say(f"{question} {how} -- 0.02 0 -0.2").json for how in ("--compare", "--method bounded")
+        run_cli(f"{question} {how} -- 0.02 0 -0.2").json
+        for how in ("--compare", "--method bounded")
     )
     bounded = next(entry for entry in compared["methods"] if entry["method"] == "bounded")
     assert alone["binding"]
@@ -78,37 +79,37 @@ def test_a_comparison_names_the_limits_that_bind_and_where_they_come_from(say):
     assert compared["limit_from"] == alone["limit_from"]
 
 
-def test_where_one_method_hands_over_to_another_the_row_says_so(say):
-    said = say("solve 0.9 0 0.2 --arm so101 --compare")
-    assert "closed_form (by bounded)" in said.out
+def test_where_one_method_hands_over_to_another_the_row_says_so(run_cli):
+    result = run_cli("solve 0.9 0 0.2 --arm so101 --compare")
+    assert "closed_form (by bounded)" in result.out
 
 
-def test_with_a_wanted_direction_the_angle_is_compared_too(say):
-    said = say(f"{FLAT} --direction 1,0,0 --tool-axis x --compare")
-    assert said.out.splitlines()[0].split()[-1] == "angle"
-    assert said.out.splitlines()[1].endswith("°")
+def test_with_a_wanted_direction_the_angle_is_compared_too(run_cli):
+    result = run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --compare")
+    assert result.out.splitlines()[0].split()[-1] == "angle"
+    assert result.out.splitlines()[1].endswith("°")
 
 
-def test_a_wanted_direction_is_met(say):
-    answer = say(f"{FLAT} --direction 0,1,0 --tool-axis x --json").json
+def test_a_wanted_direction_is_met(run_cli):
+    answer = run_cli(f"{FLAT} --direction 0,1,0 --tool-axis x --json").json
     assert answer["reached"]
     assert sum(answer["q_rad"]) == pytest.approx(math.pi / 2, abs=1e-4)
 
 
-def test_a_direction_may_begin_with_a_minus(say):
+def test_a_direction_may_begin_with_a_minus(run_cli):
     words = f"{FLAT} --direction -0.5,1,0 --tool-axis x --json"
-    assert sum(say(words).json["q_rad"]) == pytest.approx(math.atan2(1.0, -0.5), abs=1e-4)
+    assert sum(run_cli(words).json["q_rad"]) == pytest.approx(math.atan2(1.0, -0.5), abs=1e-4)
 
 
-def test_a_direction_that_cannot_be_had_is_told_in_degrees(say):
-    said = say(f"{FLAT} --direction 0,0,1 --tool-axis x")
-    assert said.code == 7
-    assert "out of reach: the links are too short" in said.out
-    assert "0.0 mm and 90.0° away" in said.out
+def test_a_direction_that_cannot_be_had_is_told_in_degrees(run_cli):
+    result = run_cli(f"{FLAT} --direction 0,0,1 --tool-axis x")
+    assert result.code == 7
+    assert "out of reach: the links are too short" in result.out
+    assert "0.0 mm and 90.0° away" in result.out
 
 
-def test_all_solutions_reach_and_differ(say):
-    found = say(f"{FLAT} --direction 1,0,0 --tool-axis x --all --json").json
+def test_all_solutions_reach_and_differ(run_cli):
+    found = run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --all --json").json
     assert found["schema"] == "ikservo/solutions/1"
     joints = [solution["q_rad"] for solution in found["solutions"]]
     assert len(joints) == 2
@@ -119,37 +120,37 @@ def test_all_solutions_reach_and_differ(say):
     assert np.abs(np.subtract(*joints)).max() > 0.1
 
 
-def test_all_solutions_are_a_table_in_degrees(say):
-    lines = say(f"{FLAT} --all").out.splitlines()
+def test_all_solutions_are_a_table_in_degrees(run_cli):
+    lines = run_cli(f"{FLAT} --all").out.splitlines()
     assert lines[0].split() == ["#", "joint1", "joint2", "joint3", "error"]
     assert re.fullmatch(r"1( +-?[\d.]+°){3} +0\.0000 mm", lines[1].strip())
 
 
-def test_where_the_last_link_is_free_its_directions_are_told(say):
-    assert "one-parameter family" in say(f"{FLAT} --all").out
+def test_where_the_last_link_is_free_its_directions_are_told(run_cli):
+    assert "one-parameter family" in run_cli(f"{FLAT} --all").out
 
 
-def test_without_any_solution_the_nearest_point_is_told(say):
-    said = say("solve 0.9 0 0.05 --arm planar3 --all")
-    assert said.code == 7
-    assert "mm away" in said.out
+def test_without_any_solution_the_nearest_point_is_told(run_cli):
+    result = run_cli("solve 0.9 0 0.05 --arm planar3 --all")
+    assert result.code == 7
+    assert "mm away" in result.out
 
 
-def test_without_any_solution_the_list_is_empty(say):
-    said = say("solve 0.9 0 0.05 --arm planar3 --all --json")
-    assert said.code == 7
-    assert said.json["solutions"] == []
+def test_without_any_solution_the_list_is_empty(run_cli):
+    result = run_cli("solve 0.9 0 0.05 --arm planar3 --all --json")
+    assert result.code == 7
+    assert result.json["solutions"] == []
 
 
-def test_an_arm_without_a_closed_form_says_so(say, skewed):
-    said = say(f"solve 0.1 0.1 0.1 --arm {skewed} --tip tip --all")
-    assert said.code == 2
-    assert "has no closed-form solution" in said.err
+def test_an_arm_without_a_closed_form_says_so(run_cli, skewed):
+    result = run_cli(f"solve 0.1 0.1 0.1 --arm {skewed} --tip tip --all")
+    assert result.code == 2
+    assert "has no closed-form solution" in result.err
 
 
-def test_an_arm_without_a_closed_form_is_compared_without_it(say, skewed):
-    said = say(f"solve 0.1 0.1 0.1 --arm {skewed} --tip tip --compare --json")
-    assert [e["method"] for e in said.json["methods"]] == ["bounded", *LECTURE]
+def test_an_arm_without_a_closed_form_is_compared_without_it(run_cli, skewed):
+    result = run_cli(f"solve 0.1 0.1 0.1 --arm {skewed} --tip tip --compare --json")
+    assert [e["method"] for e in result.json["methods"]] == ["bounded", *LECTURE]
 
 
 @pytest.fixture
@@ -169,13 +170,13 @@ def skewed(tmp_path):
     return tmp_path / "skewed.urdf"
 
 
-def traced(said):
-    return [json.loads(line) for line in said.out.splitlines()]
+def traced(result):
+    return [json.loads(line) for line in result.out.splitlines()]
 
 
 @pytest.mark.parametrize("method", ["bounded", *LECTURE])
-def test_a_trace_is_one_object_for_each_iterate(say, method):
-    lines = traced(say(f"{POINT} --method {method} --trace"))
+def test_a_trace_is_one_object_for_each_iterate(run_cli, method):
+    lines = traced(run_cli(f"{POINT} --method {method} --trace"))
     assert [line["iteration"] for line in lines] == list(range(len(lines)))
     assert set(lines[0]) == {
         "schema", "method", "iteration", "q_rad", "position_error_m", "orientation_error_rad",
@@ -183,25 +184,25 @@ def test_a_trace_is_one_object_for_each_iterate(say, method):
     assert {line["schema"] for line in lines} == {"ikservo/trace/1"}
 
 
-def test_a_trace_begins_at_home_and_ends_at_the_target(say):
-    lines = traced(say(f"{POINT} --method ccd --trace"))
+def test_a_trace_begins_at_home_and_ends_at_the_target(run_cli):
+    lines = traced(run_cli(f"{POINT} --method ccd --trace"))
     assert np.degrees(lines[0]["q_rad"]).round(6).tolist() == [0, -45, 45, 60, 0]
     assert lines[-1]["position_error_m"] <= 1e-5
 
 
-def test_the_errors_of_a_trace_are_those_of_its_joints(say):
-    for line in traced(say(f"{POINT} --method transpose --trace"))[::10]:
+def test_the_errors_of_a_trace_are_those_of_its_joints(run_cli):
+    for line in traced(run_cli(f"{POINT} --method transpose --trace"))[::10]:
         gap_m = float(np.linalg.norm(tip_of_so101(line["q_rad"]) - (0.25, 0.05, 0.15)))
         assert line["position_error_m"] == pytest.approx(gap_m, abs=1e-9)
 
 
-def test_a_comparison_can_be_traced(say):
-    lines = traced(say(f"{FLAT} --compare --trace"))
+def test_a_comparison_can_be_traced(run_cli):
+    lines = traced(run_cli(f"{FLAT} --compare --trace"))
     assert {line["method"] for line in lines} == {"bounded", "closed_form", *LECTURE}
 
 
-def test_a_trace_that_does_not_arrive_is_exit_7(say):
-    assert say("solve 0.9 0 0.05 --arm planar3 --method ccd --trace").code == 7
+def test_a_trace_that_does_not_arrive_is_exit_7(run_cli):
+    assert run_cli("solve 0.9 0 0.05 --arm planar3 --method ccd --trace").code == 7
 
 
 @pytest.mark.parametrize(
@@ -219,29 +220,29 @@ def test_a_trace_that_does_not_arrive_is_exit_7(say):
         ("--tool-axis w", "'w' is not a direction"),
     ],
 )
-def test_what_makes_no_sense_is_refused_before_any_work(say, words, message):
-    said = say(f"{FLAT} {words}")
-    assert said.code == 2
-    assert message in said.err
-    assert said.out == ""
+def test_what_makes_no_sense_is_refused_before_any_work(run_cli, words, message):
+    result = run_cli(f"{FLAT} {words}")
+    assert result.code == 2
+    assert message in result.err
+    assert result.out == ""
 
 
-def test_without_matplotlib_the_extra_is_named(say, monkeypatch, tmp_path):
+def test_without_matplotlib_the_extra_is_named(run_cli, monkeypatch, tmp_path):
     monkeypatch.setattr("ikservo.cli.plots.find_spec", lambda _: None)
-    said = say(f"{FLAT} --plot {tmp_path}/arm.svg")
-    assert said.code == 1
-    assert "pip install 'ikservo[plot]'" in said.err
-    assert said.out == ""
+    result = run_cli(f"{FLAT} --plot {tmp_path}/arm.svg")
+    assert result.code == 1
+    assert "pip install 'ikservo[plot]'" in result.err
+    assert result.out == ""
 
 
 def words_of(svg):
     return re.findall(r"<text[^>]*>([^<]*)</text>", svg.read_text())
 
 
-def test_the_picture_of_a_comparison_names_every_method_and_has_units(say, tmp_path):
+def test_the_picture_of_a_comparison_names_every_method_and_has_units(run_cli, tmp_path):
     file = tmp_path / "methods.svg"
-    said = say(f"{POINT} --compare --plot {file}")
-    assert said.err.endswith(f"Picture: {file}\n")
+    result = run_cli(f"{POINT} --compare --plot {file}")
+    assert result.err.endswith(f"Picture: {file}\n")
     words = words_of(file)
     assert {"before", "bounded", "closed_form", *LECTURE} <= set(words)
     assert {"x [m]", "y [m]", "z [m]", "out from the base axis [m]", "iteration",
@@ -249,41 +250,41 @@ def test_the_picture_of_a_comparison_names_every_method_and_has_units(say, tmp_p
     assert "SO-101 follower: the tip to (0.250, 0.050, 0.150) m" in words
 
 
-def test_a_wanted_direction_has_a_curve_of_its_own(say, tmp_path):
+def test_a_wanted_direction_has_a_curve_of_its_own(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
-    say(f"{FLAT} --direction 1,0,0 --tool-axis x --method ccd --plot {file}")
+    run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --method ccd --plot {file}")
     assert "angle left [°]" in words_of(file)
 
 
-def test_an_arm_in_a_plane_is_drawn_from_above_only(say, tmp_path):
+def test_an_arm_in_a_plane_is_drawn_from_above_only(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
-    say(f"{FLAT} --method ccd --plot {file}")
+    run_cli(f"{FLAT} --method ccd --plot {file}")
     assert "z [m]" not in words_of(file)
 
 
-def test_out_of_reach_the_picture_says_how_far_each_is_short(say, tmp_path):
+def test_out_of_reach_the_picture_says_how_far_each_is_short(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
-    assert say(f"solve 0.9 0 0.05 --arm planar3 --method ccd --plot {file}").code == 7
+    assert run_cli(f"solve 0.9 0 0.05 --arm planar3 --method ccd --plot {file}").code == 7
     assert any(re.fullmatch(r"ccd, 5\d\d\.\d mm short", word) for word in words_of(file))
 
 
-def test_all_solutions_are_drawn_without_curves(say, tmp_path):
+def test_all_solutions_are_drawn_without_curves(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
-    say(f"{FLAT} --all --plot {file}")
+    run_cli(f"{FLAT} --all --plot {file}")
     words = words_of(file)
     assert {"solution 1", "solution 2"} <= set(words)
     assert "iteration" not in words
 
 
-def test_the_same_question_draws_the_same_picture(say, tmp_path):
+def test_the_same_question_draws_the_same_picture(run_cli, tmp_path):
     first, second = tmp_path / "a.svg", tmp_path / "b.svg"
     for file in (first, second):
-        say(f"{FLAT} --method ccd --plot {file}")
+        run_cli(f"{FLAT} --method ccd --plot {file}")
     assert first.read_bytes() == second.read_bytes()
 
 
-def test_a_png_is_a_png(say, tmp_path):
-    say(f"{FLAT} --method ccd --plot {tmp_path}/arm.PNG")
+def test_a_png_is_a_png(run_cli, tmp_path):
+    run_cli(f"{FLAT} --method ccd --plot {tmp_path}/arm.PNG")
     assert (tmp_path / "arm.PNG").read_bytes().startswith(b"\x89PNG")
 
 

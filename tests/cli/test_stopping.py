@@ -56,9 +56,9 @@ def test_ctrl_c_leaves_the_arm_holding_and_says_how_to_release_it(servos, monkey
     press(monkeypatch, [signal.SIGINT])
     monkeypatch.setattr("ikservo.clock.RealClock.sleep_until", lambda *_: None)
     assert move() == 130
-    said = capsys.readouterr().err
-    assert "Stopped; torque stays on." in said
-    assert "ikservo relax" in said
+    result = capsys.readouterr().err
+    assert "Stopped; torque stays on." in result
+    assert "ikservo relax" in result
     assert torques(servos) == {1}
 
 
@@ -109,10 +109,10 @@ def test_a_progress_bar_that_cannot_be_taken_away_does_not_hide_the_stop(monkeyp
 def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, number):
     press(monkeypatch, [number, number])
     assert move() == 130
-    said = capsys.readouterr().err
-    assert "Lowering the arm" in said
-    assert "holds\n" not in said
-    assert said.endswith("Stopped; the arm was lowered and torque is off.\n")
+    result = capsys.readouterr().err
+    assert "Lowering the arm" in result
+    assert "holds\n" not in result
+    assert result.endswith("Stopped; the arm was lowered and torque is off.\n")
     assert torques(servos) == {0}
     assert abs(servos[2].read("present_position") - 922) < 40  # its rest pose
 

@@ -66,8 +66,8 @@ def tip_errors_m(arm, truth, count=20):
         for _ in range(count):
             q = truth.posture()
             place(arm, truth, q)
-            said = [m.position(arm.register(m.servo_id, "present_position")) for m in maps]
-            errors.append(own.chain().forward(said)[:3, 3] - truth.tip(q))
+            result = [m.position(arm.register(m.servo_id, "present_position")) for m in maps]
+            errors.append(own.chain().forward(result)[:3, 3] - truth.tip(q))
     return np.linalg.norm(errors, axis=1)
 
 
@@ -76,11 +76,11 @@ def own_joint(name):
 
 
 def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
-    arm, truth, tmp_path, say
+    arm, truth, tmp_path, run_cli
 ):
     before = tip_errors_m(arm, truth)
     points = guide(arm, truth, tmp_path)
-    done = say(f"{WORDS} --points {points} --yes --json")
+    done = run_cli(f"{WORDS} --points {points} --yes --json")
     assert done.code == 0, done.err
     after = tip_errors_m(arm, truth)
     assert math.sqrt(np.mean(before**2)) > 0.008
@@ -92,16 +92,16 @@ def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
     home = load_model(NAME).chain_pose("home")
     place(arm, truth, home)
     move = f"move 0.22 0.03 0.12 --arm {NAME} --port {PORT} --no-collision --no-wiggle --yes"
-    moved = say(move)
+    moved = run_cli(move)
     assert moved.code == 0, moved.err
     true = truth.tip([arm.true_position(name) for name in truth.chain.names])
     np.testing.assert_allclose(true, (0.22, 0.03, 0.12), atol=2.5e-3)
 
 
-def test_touching_moves_zeros_and_leaves_the_stops_where_they_are(arm, truth, tmp_path, say):
+def test_touching_moves_zeros_and_leaves_the_stops_where_they_are(arm, truth, tmp_path, run_cli):
     path = calibration_path(NAME, SERIAL)
     before = read_calibration(path)
-    assert say(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes").code == 0
+    assert run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes").code == 0
     for old, new in zip(before.joints, read_calibration(path).joints, strict=True):
         assert new.travel_ticks == old.travel_ticks
         shift_deg = new.sign * (old.zero_tick - new.zero_tick) * 360 / 4096
@@ -110,69 +110,69 @@ def test_touching_moves_zeros_and_leaves_the_stops_where_they_are(arm, truth, tm
     assert path.with_name(f"{path.name}.bak").exists()
 
 
-def test_a_script_skips_points_and_takes_answers_back(arm, truth, tmp_path, say):
+def test_a_script_skips_points_and_takes_answers_back(arm, truth, tmp_path, run_cli):
     points = guide(arm, truth, tmp_path, 8)
     script = tmp_path / "script"
     script.write_text("touch\ntouch\nundo\n" + 7 * "touch\n" + "accept\n")
-    done = say(f"{WORDS} --points {points} --from-script {script} --json")
+    done = run_cli(f"{WORDS} --points {points} --from-script {script} --json")
     assert [t["point"] for t in done.json["touches"]] == [f"P{i}" for i in range(8)]
 
 
-def test_too_few_touches_save_nothing(arm, truth, tmp_path, say):
+def test_too_few_touches_save_nothing(arm, truth, tmp_path, run_cli):
     before = calibration_path(NAME, SERIAL).read_text()
-    done = say(f"{WORDS} --points {guide(arm, truth, tmp_path, 4)} --yes")
+    done = run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path, 4)} --yes")
     assert (done.code, "Too few touches: " in done.err) == (6, True)
     assert calibration_path(NAME, SERIAL).read_text() == before
 
 
-def test_without_an_operator_it_ends_with_what_is_missing(arm, tmp_path, say, monkeypatch):
+def test_without_an_operator_it_ends_with_what_is_missing(arm, tmp_path, run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 3.0)
     (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
-    done = say(f"{WORDS} --points {tmp_path / 'points'} --yes")
+    done = run_cli(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
 
 
 def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
-    arm, tmp_path, say, monkeypatch
+    arm, tmp_path, run_cli, monkeypatch
 ):
     monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 1.0)
-    done = say(f"{WORDS} --sheet-origin 250mm --yes")
+    done = run_cli(f"{WORDS} --sheet-origin 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err
     assert "put the tip on B1 at (0.280, 0.050, 0.000) m" in done.err
 
 
 @pytest.mark.parametrize("line", ["A 1 2", "A 1 2 x", "A 1 2 inf", "A", "A 1 2 3 4"])
-def test_a_line_that_is_no_point_is_named(arm, tmp_path, say, line):
+def test_a_line_that_is_no_point_is_named(arm, tmp_path, run_cli, line):
     (tmp_path / "points").write_text(f"B 0 0 0\n{line}\n")
-    done = say(f"{WORDS} --points {tmp_path / 'points'} --yes")
+    done = run_cli(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert done.code == 2
     assert "line 2" in done.err
 
 
-def test_a_line_of_a_script_that_is_no_answer_is_named(arm, tmp_path, say):
+def test_a_line_of_a_script_that_is_no_answer_is_named(arm, tmp_path, run_cli):
     (tmp_path / "script").write_text("touch\ntuch\n")
-    done = say(f"{WORDS} --same-point --from-script {tmp_path / 'script'}")
+    done = run_cli(f"{WORDS} --same-point --from-script {tmp_path / 'script'}")
     assert (done.code, "line 2" in done.err) == (2, True)
 
 
-def test_without_a_terminal_the_options_that_answer_are_named(arm, say):
-    done = say(f"{WORDS} --same-point")
+def test_without_a_terminal_the_options_that_answer_are_named(arm, run_cli):
+    done = run_cli(f"{WORDS} --same-point")
     assert (done.code, "--from-script" in done.err) == (2, True)
 
 
-def test_an_arm_that_is_not_calibrated_has_nothing_to_touch_off(monkeypatch, say):
+def test_an_arm_that_is_not_calibrated_has_nothing_to_touch_off(monkeypatch, run_cli):
     connect_arm(monkeypatch, NAME)
-    done = say(f"{WORDS} --yes")
+    done = run_cli(f"{WORDS} --yes")
     assert (done.code, "is not calibrated" in done.err) == (6, True)
 
 
-def test_points_without_a_touch_off_are_a_slip(arm, say):
-    done = say(f"calibrate {NAME} --port {PORT} --same-point --yes")
+def test_points_without_a_touch_off_are_a_slip(arm, run_cli):
+    done = run_cli(f"calibrate {NAME} --port {PORT} --same-point --yes")
     assert (done.code, "--touch" in done.err) == (2, True)
 
 
 def test_a_person_touches_skips_and_takes_back_by_single_keys(
-    arm, truth, tmp_path, say, monkeypatch
+    arm, truth, tmp_path, run_cli, monkeypatch
 ):
     points = guide(arm, truth, tmp_path, 8)
     typed = iter("\nu" + 8 * "\n" + "a")  # the first touch is taken back and made again
@@ -190,7 +190,7 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
     monkeypatch.setattr("ikservo.cli.answers.read_keys", lambda: nullcontext(key))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.cli.terminal.read_answer", lambda _: "y")
-    done = say(f"{WORDS} --points {points} --json")
+    done = run_cli(f"{WORDS} --points {points} --json")
     assert "Enter   s skip   u undo" in done.err
     assert "8 points touched.  a evaluate" in done.err
     assert len(done.json["touches"]) == 8

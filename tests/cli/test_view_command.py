@@ -28,44 +28,44 @@ def test_the_page_is_served_until_ctrl_c():
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/#token=[\w-]{32}", url)
         assert "<canvas" in httpx.get(url).text
         serving.send_signal(signal.SIGINT)
-        _, said = serving.communicate(timeout=30)
+        _, result = serving.communicate(timeout=30)
     finally:
         serving.kill()
         serving.communicate()
-    assert (serving.returncode, said.splitlines()[-1]) == (
+    assert (serving.returncode, result.splitlines()[-1]) == (
         0, "Torque stays as it was. Switch it off with: ikservo relax",
     )  # fmt: skip
 
 
-def test_without_the_extra_the_command_says_what_to_install(say, monkeypatch):
+def test_without_the_extra_the_command_says_what_to_install(run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.cli.view.find_spec", lambda name: None)
-    said = say("view --port sim")
-    assert said.code == 2
-    assert "pip install 'ikservo[view]'" in said.err
+    result = run_cli("view --port sim")
+    assert result.code == 2
+    assert "pip install 'ikservo[view]'" in result.err
 
 
 @pytest.mark.parametrize("address", ["localhost", "example.com", "1.2.3", "127.0.0.1:80"])
-def test_an_address_that_is_none_is_refused(say, address):
-    said = say(f"view --port sim --listen {address}")
-    assert said.code == 2
-    assert "IP address" in said.err
+def test_an_address_that_is_none_is_refused(run_cli, address):
+    result = run_cli(f"view --port sim --listen {address}")
+    assert result.code == 2
+    assert "IP address" in result.err
 
 
-def test_an_address_of_another_machine_is_refused(say):
-    said = say("view --port sim --listen 192.0.2.1 --http-port 0")
-    assert said.code == 3
-    assert "cannot be served" in said.err
+def test_an_address_of_another_machine_is_refused(run_cli):
+    result = run_cli("view --port sim --listen 192.0.2.1 --http-port 0")
+    assert result.code == 3
+    assert "cannot be served" in result.err
 
 
 @pytest.mark.parametrize("http", ["-1", "65536", "x"])
-def test_a_port_that_is_none_is_refused(say, http):
-    assert say(f"view --port sim --http-port {http}").code == 2
+def test_a_port_that_is_none_is_refused(run_cli, http):
+    assert run_cli(f"view --port sim --http-port {http}").code == 2
 
 
-def test_without_an_arm_a_real_port_asks_which(say):
-    said = say("view --port /dev/ttyNOTHERE")
-    assert said.code == 2
-    assert "No arm given." in said.err
+def test_without_an_arm_a_real_port_asks_which(run_cli):
+    result = run_cli("view --port /dev/ttyNOTHERE")
+    assert result.code == 2
+    assert "No arm given." in result.err
 
 
 def test_no_other_command_loads_the_server():

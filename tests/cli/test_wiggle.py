@@ -71,43 +71,43 @@ def answer(seen):
     return read_answer
 
 
-def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm, say, watcher):
+def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm, run_cli, watcher):
     watcher(arm)
-    done = say(MOVE)
+    done = run_cli(MOVE)
     assert done.code == 0, done.err
     names = [joint.name for joint in load_model(NAME).joints]
     assert [line.split()[0] for line in done.err.splitlines() if "then back" in line] == names
-    assert "then back" not in say(MOVE).err
+    assert "then back" not in run_cli(MOVE).err
 
 
 @pytest.mark.parametrize(
     "words", ["joints joint1=2 --no-collision", "pose home", "jog joint1 --duration 0.2"]
 )
-def test_every_way_of_moving_shows_the_joints_first(arm, say, watcher, words):
+def test_every_way_of_moving_shows_the_joints_first(arm, run_cli, watcher, words):
     watcher(arm)
-    done = say(f"{words} --arm {NAME} --port {PORT}")
+    done = run_cli(f"{words} --arm {NAME} --port {PORT}")
     assert done.code == 0, done.err
     assert done.err.count("then back") == 2
     assert directions_confirmed(load_model(NAME), PORT)
 
 
-def test_a_replay_shows_the_joints_first(arm, say, watcher, tmp_path):
+def test_a_replay_shows_the_joints_first(arm, run_cli, watcher, tmp_path):
     tape = tmp_path / "wave.jsonl"
-    assert say(f"record {tape} --duration 0.3 --arm {NAME} --port {PORT}").code == 0
+    assert run_cli(f"record {tape} --duration 0.3 --arm {NAME} --port {PORT}").code == 0
     watcher(arm)
-    done = say(f"replay {tape} --arm {NAME} --port {PORT}")
+    done = run_cli(f"replay {tape} --arm {NAME} --port {PORT}")
     assert done.code == 0, done.err
     assert done.err.count("then back") == 2
 
 
-def test_an_uncalibrated_arm_takes_its_confirmed_step_and_no_other(monkeypatch, say):
+def test_an_uncalibrated_arm_takes_its_confirmed_step_and_no_other(monkeypatch, run_cli):
     connect_arm(monkeypatch, NAME, zero=2048, sign=1, spoiled=False)
-    done = say(f"joints joint1=5 --arm {NAME} --port {PORT} --no-collision --yes")
+    done = run_cli(f"joints joint1=5 --arm {NAME} --port {PORT} --no-collision --yes")
     assert "then back" not in done.err
 
 
-def test_a_changed_calibration_is_shown_again(arm, say):
-    assert say(f"{MOVE} --yes").code == 0
+def test_a_changed_calibration_is_shown_again(arm, run_cli):
+    assert run_cli(f"{MOVE} --yes").code == 0
     assert directions_confirmed(load_model(NAME), PORT)
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 0)
@@ -115,32 +115,32 @@ def test_a_changed_calibration_is_shown_again(arm, say):
     assert not directions_confirmed(load_model(NAME), PORT)
 
 
-def test_without_an_operator_an_arm_that_changed_does_not_move(arm, say):
+def test_without_an_operator_an_arm_that_changed_does_not_move(arm, run_cli):
     before = arm.true_position("joint1")
-    done = say(MOVE)
+    done = run_cli(MOVE)
     assert (done.code, "--yes" in done.err) == (2, True)
     assert arm.true_position("joint1") == pytest.approx(before, abs=1e-3)
 
 
-def test_whoever_knows_may_do_without(arm, say):
-    done = say(f"{MOVE} --no-wiggle --yes")
+def test_whoever_knows_may_do_without(arm, run_cli):
+    done = run_cli(f"{MOVE} --no-wiggle --yes")
     assert done.code == 0
     assert "then back" not in done.err
 
 
-def test_a_dry_run_wiggles_nothing(arm, say):
-    assert "then back" not in say(f"{MOVE} --dry-run --yes").err
+def test_a_dry_run_wiggles_nothing(arm, run_cli):
+    assert "then back" not in run_cli(f"{MOVE} --dry-run --yes").err
 
 
-def test_a_jammed_joint_is_named(arm, say):
+def test_a_jammed_joint_is_named(arm, run_cli):
     arm.line.servos[2].motor.stuck = True
-    done = say(f"calibrate {NAME} --port {PORT} --wiggle --yes")
+    done = run_cli(f"calibrate {NAME} --port {PORT} --wiggle --yes")
     assert done.code in (6, 8)
     assert "joint2" in done.err
 
 
 def swapped(monkeypatch, pair):
-    """Put an uncalibrated arm on the desk, two of whose servos have each other's ids."""
+    """Mount an uncalibrated arm, two of whose servos have each other's ids."""
     arm = connect_arm(monkeypatch, "so101", zero=2048, sign=1, spoiled=False)
     memories = [arm.line.servos[i].memory for i in pair]
     for memory, new in zip(memories, reversed(pair), strict=True):
@@ -151,19 +151,19 @@ def swapped(monkeypatch, pair):
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids=str)
-def test_any_two_swapped_ids_are_seen(monkeypatch, say, watcher, pair):
+def test_any_two_swapped_ids_are_seen(monkeypatch, run_cli, watcher, pair):
     arm = swapped(monkeypatch, pair)
     watcher(arm)
-    done = say(f"calibrate so101 --port {PORT} --wiggle --uncalibrated")
+    done = run_cli(f"calibrate so101 --port {PORT} --wiggle --uncalibrated")
     assert done.code == 6, done.err
     assert "does not move as in the arm file" in done.err
     assert not directions_confirmed(load_model("so101"), PORT)
 
 
-def test_a_mirrored_sign_is_seen(monkeypatch, say, watcher):
+def test_a_mirrored_sign_is_seen(monkeypatch, run_cli, watcher):
     arm = connect_arm(monkeypatch, NAME, zero=2048, sign=-1, spoiled=False)
     watcher(arm)
-    done = say(f"calibrate {NAME} --port {PORT} --wiggle --uncalibrated")
+    done = run_cli(f"calibrate {NAME} --port {PORT} --wiggle --uncalibrated")
     assert (done.code, "If it went the other way" in done.err) == (6, True)
 
 

@@ -24,10 +24,10 @@ def home(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_stop_says_what_became_of_every_joint(say):
-    said = say(f"stop {SIM}")
-    assert said.code == 0
-    first, second = said.out.splitlines()
+def test_stop_says_what_became_of_every_joint(run_cli):
+    result = run_cli(f"stop {SIM}")
+    assert result.code == 0
+    first, second = result.out.splitlines()
     assert first.startswith("so101 on sim ")
     assert first.endswith("was not moving")
     assert second == (
@@ -35,26 +35,26 @@ def test_stop_says_what_became_of_every_joint(say):
     )
 
 
-def test_stop_without_an_arm_needs_a_program_that_moves_one(say):
-    said = say("stop")
-    assert said.code == 2
-    assert said.err.startswith("No running ikservo program.\nUse --arm")
+def test_stop_without_an_arm_needs_a_program_that_moves_one(run_cli):
+    result = run_cli("stop")
+    assert result.code == 2
+    assert result.err.startswith("No running ikservo program.\nUse --arm")
 
 
-def test_jog_for_a_time(say):
-    said = say(f"jog shoulder_pan --speed -20 --duration 300ms {SIM} --json")
-    assert said.code == 0
-    assert said.json["schema"] == "ikservo/jog/1"
-    assert said.json["ended"] == "time is up"
-    assert -0.2 < said.json["measured_rad"]["shoulder_pan"] < -0.05
+def test_jog_for_a_time(run_cli):
+    result = run_cli(f"jog shoulder_pan --speed -20 --duration 300ms {SIM} --json")
+    assert result.code == 0
+    assert result.json["schema"] == "ikservo/jog/1"
+    assert result.json["ended"] == "time is up"
+    assert -0.2 < result.json["measured_rad"]["shoulder_pan"] < -0.05
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_jog_says_once_that_an_uncompiled_solver_is_slow(say, monkeypatch, compiled):
+def test_jog_says_once_that_an_uncompiled_solver_is_slow(run_cli, monkeypatch, compiled):
     monkeypatch.setattr("ikservo.cli.session.is_compiled", lambda: compiled)
-    said = say(f"jog shoulder_pan --duration 100ms {SIM} --json")
-    assert said.err.count("not compiled") == (not compiled)
-    assert said.code == 0
+    result = run_cli(f"jog shoulder_pan --duration 100ms {SIM} --json")
+    assert result.err.count("not compiled") == (not compiled)
+    assert result.code == 0
 
 
 @pytest.mark.parametrize(
@@ -78,68 +78,68 @@ def test_jog_says_once_that_an_uncompiled_solver_is_slow(say, monkeypatch, compi
         ("follow so102", "There is no arm named 'so102'."),
     ],
 )
-def test_what_cannot_be_done_is_said_in_one_line_with_exit_2_or_1(say, words, found):
-    said = say(f"{words} {SIM}")
-    assert said.code in (1, 2)
-    assert found in said.err
-    assert "Traceback" not in said.err
+def test_what_cannot_be_done_is_said_in_one_line_with_exit_2_or_1(run_cli, words, found):
+    result = run_cli(f"{words} {SIM}")
+    assert result.code in (1, 2)
+    assert found in result.err
+    assert "Traceback" not in result.err
 
 
-def test_gripper_reports_what_it_holds(say):
-    said = say(f"gripper close {SIM}")
-    assert said.code == 0
+def test_gripper_reports_what_it_holds(run_cli):
+    result = run_cli(f"gripper close {SIM}")
+    assert result.code == 0
     assert re.fullmatch(
         r"grasped   no\ngripper   -\d+\.\d°, load -?\d+ %\nreached   yes\nduration  \d\.\d\d s\n",
-        said.out,
+        result.out,
     )
 
 
-def test_a_taught_pose_is_listed_and_gone_to(say, home):
-    taught = say(f"teach cup --now {SIM} --json")
+def test_a_taught_pose_is_listed_and_gone_to(run_cli, home):
+    taught = run_cli(f"teach cup --now {SIM} --json")
     assert taught.json["schema"] == "ikservo/teach/1"
     assert set(taught.json["joints_rad"]) == {
         "shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"
     }  # fmt: skip
-    assert say(f"pose {SIM}").out == "rest\nhome\nzero\ncup\n"
-    assert say(f"pose cup {SIM}").code == 0
+    assert run_cli(f"pose {SIM}").out == "rest\nhome\nzero\ncup\n"
+    assert run_cli(f"pose cup {SIM}").code == 0
 
 
-def test_what_was_recorded_is_replayed(say, home):
-    recorded = say(f"record wave.jsonl --duration 200ms {SIM} --json")
+def test_what_was_recorded_is_replayed(run_cli, home):
+    recorded = run_cli(f"record wave.jsonl --duration 200ms {SIM} --json")
     assert recorded.json["samples"] in (10, 11)
-    planned = say(f"replay wave.jsonl --dry-run {SIM} --json")
+    planned = run_cli(f"replay wave.jsonl --dry-run {SIM} --json")
     assert planned.json["schema"] == "ikservo/replay-plan/1"
-    replayed = say(f"replay wave.jsonl {SIM} --json")
+    replayed = run_cli(f"replay wave.jsonl {SIM} --json")
     assert replayed.code == 0, replayed.err
     assert replayed.json["samples"] == recorded.json["samples"]
 
 
-def test_a_recording_that_is_there_is_not_lost(say, home):
+def test_a_recording_that_is_there_is_not_lost(run_cli, home):
     (home / "wave.jsonl").write_text("precious")
-    said = say(f"record wave.jsonl --duration 1 {SIM}")
-    assert said.err.startswith("File wave.jsonl exists; use --overwrite.")
+    result = run_cli(f"record wave.jsonl --duration 1 {SIM}")
+    assert result.err.startswith("File wave.jsonl exists; use --overwrite.")
     assert (home / "wave.jsonl").read_text() == "precious"
 
 
-def test_a_cut_off_recording_is_refused_with_its_line(say, home):
-    say(f"record wave.jsonl --duration 200ms {SIM}")
+def test_a_cut_off_recording_is_refused_with_its_line(run_cli, home):
+    run_cli(f"record wave.jsonl --duration 200ms {SIM}")
     whole = (home / "wave.jsonl").read_text()
     (home / "wave.jsonl").write_text(whole[:-4])
-    said = say(f"replay wave.jsonl {SIM}")
-    assert said.code == 2
-    assert "line 11: is incomplete" in said.err or "line 12: is incomplete" in said.err
+    result = run_cli(f"replay wave.jsonl {SIM}")
+    assert result.code == 2
+    assert "line 11: is incomplete" in result.err or "line 12: is incomplete" in result.err
 
 
-def test_one_arm_follows_another(say):
-    said = say(f"follow so101 --leader-port sim:?pose=home --duration 200ms {SIM} --json")
-    assert said.code == 0, said.err
-    assert said.json["ended"] == "end of the targets"
-    assert said.json["setpoints"] > 10
+def test_one_arm_follows_another(run_cli):
+    result = run_cli(f"follow so101 --leader-port sim:?pose=home --duration 200ms {SIM} --json")
+    assert result.code == 0, result.err
+    assert result.json["ended"] == "end of the targets"
+    assert result.json["setpoints"] > 10
 
 
-def test_watching_prints_a_line_of_json_each(say):
-    said = say(f"where --watch --count 3 --period 1ms {SIM} --json")
-    rows = [json.loads(line) for line in said.out.splitlines()]
+def test_watching_prints_a_line_of_json_each(run_cli):
+    result = run_cli(f"where --watch --count 3 --period 1ms {SIM} --json")
+    rows = [json.loads(line) for line in result.out.splitlines()]
     assert [row["schema"] for row in rows] == ["ikservo/where/1"] * 3
 
 
@@ -151,11 +151,11 @@ def test_the_interval_between_two_looks_is_measured_by_the_clock_it_is_given(cap
     assert len(capsys.readouterr().out.splitlines()) == 3
 
 
-def test_watching_shows_joints_between_their_limits(say):
-    said = say(f"where --watch --count 1 {SIM}")
-    assert "shoulder_pan       0.0°  -110.0°  ├" in said.out
-    assert "temperature" not in said.out
-    assert said.out.count("●") == 6
+def test_watching_shows_joints_between_their_limits(run_cli):
+    result = run_cli(f"where --watch --count 1 {SIM}")
+    assert "shoulder_pan       0.0°  -110.0°  ├" in result.out
+    assert "temperature" not in result.out
+    assert result.out.count("●") == 6
 
 
 @pytest.mark.parametrize(
@@ -170,10 +170,10 @@ def test_a_joint_without_limits_is_drawn_in_the_middle():
     assert position_bar(3.0, -float("inf"), float("inf"), 9) == "├────●────┤"
 
 
-def test_a_misspelled_command_is_answered_with_the_closest(say):
-    said = say("mvoe 1 2 3")
-    assert said.code == 2
-    assert said.err == "No such command 'mvoe'. Did you mean move?\nTry: ikservo --help\n"
+def test_a_misspelled_command_is_answered_with_the_closest(run_cli):
+    result = run_cli("mvoe 1 2 3")
+    assert result.code == 2
+    assert result.err == "No such command 'mvoe'. Did you mean move?\nTry: ikservo --help\n"
 
 
 @pytest.mark.parametrize(
@@ -201,15 +201,15 @@ def test_a_hint_can_be_typed_as_it_stands(hint, whole):
     assert with_connection_options(hint, ["move", "1", "2", "3", "--arm", "a", "--port=p"]) == whole
 
 
-def test_the_hint_of_an_unreachable_point_can_be_typed(say):
-    said = say(f"move 0.9 0 0.1 {SIM}")
-    words = said.err.strip().rpartition("Try: ikservo ")[2]
+def test_the_hint_of_an_unreachable_point_can_be_typed(run_cli):
+    result = run_cli(f"move 0.9 0 0.1 {SIM}")
+    words = result.err.strip().rpartition("Try: ikservo ")[2]
     assert words.endswith("--arm so101 --port 'sim:?pose=home'")
     assert main([*words.split()[:-2], "--port", "sim:?pose=home", "--dry-run"]) == 0
 
 
-def test_the_shell_completes_arms_and_poses(say, monkeypatch):
-    say(f"teach cup --now {SIM}")
+def test_the_shell_completes_arms_and_poses(run_cli, monkeypatch):
+    run_cli(f"teach cup --now {SIM}")
     from ikservo.cli.options import complete_arms, complete_poses
 
     class Context:
@@ -228,7 +228,7 @@ def test_no_number_is_minus_nothing(nothing):
     assert "-0.000" not in str(UnreachableError((nothing, 0, 0), (0, nothing, 0)))
 
 
-def test_a_held_key_jogs_and_letting_go_stops(say, monkeypatch):
+def test_a_held_key_jogs_and_letting_go_stops(run_cli, monkeypatch):
     from contextlib import contextmanager
 
     pressed = iter(["", " ", *[" ", "", ""] * 20])
@@ -239,25 +239,25 @@ def test_a_held_key_jogs_and_letting_go_stops(say, monkeypatch):
 
     monkeypatch.setattr("ikservo.cli.jog.read_keys", keyboard)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    said = say(f"jog shoulder_pan --speed 20 {SIM} --json")
-    assert said.code == 0, said.err
-    assert said.json["ended"] == "key released"
-    assert said.json["measured_rad"]["shoulder_pan"] > 0.2
-    assert "Hold the space bar" in said.err
+    result = run_cli(f"jog shoulder_pan --speed 20 {SIM} --json")
+    assert result.code == 0, result.err
+    assert result.json["ended"] == "key released"
+    assert result.json["measured_rad"]["shoulder_pan"] > 0.2
+    assert "Hold the space bar" in result.err
 
 
-def test_recording_is_announced_once_the_arm_is_being_read(say, tmp_path, monkeypatch):
+def test_recording_is_announced_once_the_arm_is_being_read(run_cli, tmp_path, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     path = tmp_path / "wave.jsonl"
-    heard = []
+    messages = []
 
     def noted(text):
-        heard.append((text, path.exists()))
+        messages.append((text, path.exists()))
         raise KeyboardInterrupt
 
     monkeypatch.setattr("ikservo.cli.record.print_status", noted)
-    assert say(f"record {path} --arm so101 --port sim").code == 0
-    assert heard == [("Recording; Ctrl-C ends it.", True)]
+    assert run_cli(f"record {path} --arm so101 --port sim").code == 0
+    assert messages == [("Recording; Ctrl-C ends it.", True)]
 
 
 @pytest.mark.parametrize(("celsius", "colour"), [(39.9, ""), (40.0, "yellow"), (45.0, "red")])

@@ -51,9 +51,9 @@ def every_kind_of_joint():
 
 def plain_gaps(body, q):
     """The same numbers from numpy's arrays, by pair."""
-    looks = [body.link_distances(q), body.floor_distances(q, 0.02)]
-    looks += [body.box_distances(q, box.low_m, box.high_m, box.name) for box in BOXES]
-    return {pair: gaps.gap_m[:, i] for gaps in looks for i, pair in enumerate(gaps.pairs)}
+    checks = [body.link_distances(q), body.floor_distances(q, 0.02)]
+    checks += [body.box_distances(q, box.low_m, box.high_m, box.name) for box in BOXES]
+    return {pair: gaps.gap_m[:, i] for gaps in checks for i, pair in enumerate(gaps.pairs)}
 
 
 def compiled_gaps(body, q):

@@ -1,4 +1,4 @@
-"""A joint that does not follow is named after three beats, not before."""
+"""A joint that does not follow is named after three cycles, not before."""
 
 import numpy as np
 import pytest
@@ -70,11 +70,11 @@ def test_joints_are_counted_each_for_itself():
 
 def steps_until_stopped(watch, behind):
     goals = np.zeros(2)
-    for beat in range(1, 6):
+    for cycle in range(1, 6):
         try:
             watch.update(goals, np.array([behind * TICK, 0.0]))
         except RefusedError:
-            return beat
+            return cycle
     return None
 
 

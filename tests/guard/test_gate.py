@@ -240,9 +240,9 @@ def test_after_a_stop_nothing_passes_but_a_hold():
     gate, bus, _ = make_gate_at(2048)
     hot = StopReason(StopKind.FAULT, "elbow is too hot")
     gate.latch_stop(hot)
-    for door in (gate.send, gate.reset_goals):
+    for send in (gate.send, gate.reset_goals):
         with pytest.raises(RefusedError, match="arm was stopped: elbow is too hot"):
-            door({"elbow": 2048})
+            send({"elbow": 2048})
     gate.hold({"elbow": 2048})
     assert (bus.sent, gate.stop_reason) == ([{3: 2048}], hot)
 

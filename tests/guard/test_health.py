@@ -126,13 +126,13 @@ def test_a_relief_of_one_joint_does_not_relieve_another():
 
 
 @pytest.mark.parametrize(
-    ("torque", "canary", "words"),
+    ("torque", "reset_marker", "words"),
     [(False, True, "torque is off"), (True, False, "settings lost"),
      (False, False, "torque is off")],
 )  # fmt: skip
-def test_a_servo_that_was_reset_holds_the_arm(torque, canary, words):
+def test_a_servo_that_was_reset_holds_the_arm(torque, reset_marker, words):
     with pytest.raises(ServoAlarmError, match=f"elbow was reset: {words}"):
-        see(torque=torque, settings_intact=canary)
+        see(torque=torque, settings_intact=reset_marker)
 
 
 def test_alarms_are_said_in_the_words_of_the_servo():

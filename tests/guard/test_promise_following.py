@@ -1,4 +1,4 @@
-"""M7: a joint that does not follow stops the arm within three beats, by name."""
+"""M7: a joint that does not follow stops the arm within three cycles, by name."""
 
 import pytest
 
@@ -19,7 +19,7 @@ LATEST_S = 0.9  # when there is still way enough to be noticed on
 
 
 def jam(name, joint, after_s):
-    """Return the beats for which a jammed joint was too far behind, and the refusal."""
+    """Return the cycles for which a jammed joint was too far behind, and the refusal."""
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         arm.enable()
         servos, auditor = servo_group(arm), Auditor(arm)
@@ -35,7 +35,7 @@ def jam(name, joint, after_s):
         with pytest.raises(RefusedError) as caught:
             ControlLoop(servos).run(
                 move,
-                lambda beat: behind.append(abs(beat.goals[at] - beat.measured[at]) > most),
+                lambda cycle: behind.append(abs(cycle.goals[at] - cycle.measured[at]) > most),
                 speed_rad_s=PACE.speed_rad_s,
             )
         assert auditor.faults() == [], (name, joint, after_s)
@@ -44,9 +44,9 @@ def jam(name, joint, after_s):
 
 @pytest.mark.parametrize(("name", "joint"), [*CASES[:6:2], CASES[7]])
 def test_a_jammed_joint_is_named_at_the_third_cycle_that_it_is_too_far_behind(name, joint):
-    beats, words = jam(name, joint, 0.4)
+    cycles, words = jam(name, joint, 0.4)
     assert words.startswith(f"{joint} does not follow its setpoint")
-    assert beats <= 3
+    assert cycles <= 3
 
 
 @pytest.mark.parametrize("seeds", [campaign(100)])
@@ -54,8 +54,8 @@ def test_a_jammed_joint_is_named_at_the_third_cycle_that_it_is_too_far_behind(na
 def test_a_joint_that_jams_at_any_time_of_its_motion_is_named(name, joint, seeds, capsys):
     most = 0
     for seed in seeds:
-        beats, words = jam(name, joint, LATEST_S * spread(seed))
+        cycles, words = jam(name, joint, LATEST_S * spread(seed))
         assert words.startswith(f"{joint} does not follow its setpoint"), seed
-        most = max(most, beats)
-    log(capsys, f"{name} {joint}: {len(seeds)} jams named, at most {most} beats too far behind")
+        most = max(most, cycles)
+    log(capsys, f"{name} {joint}: {len(seeds)} jams named, at most {most} cycles too far behind")
     assert most <= 3

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import ikservo
 from ikservo.errors import IkservoError, RefusedError
 from tests.arm.seeds import few_or_many, log
-from tests.arm.simulated import line_of, servo_group
+from tests.arm.simulated import gate_of, line_of, servo_group
 from tests.guard.gates import make_gate_at
 
 WIDE = {"suppress_health_check": list(HealthCheck), "deadline": None}
@@ -69,7 +69,7 @@ def inside(arm, goals):
     )  # fmt: skip
 
 
-def told(ask):
+def sent_goals(ask):
     """Return whether an entry refused with one of our errors."""
     try:
         ask()
@@ -83,7 +83,7 @@ def told(ask):
 @given(st.sampled_from([*NAMES[:4], "", "elbow", None]), st.one_of(odd, st.floats()))
 def test_a_joint_that_is_refused_puts_no_packet_on_the_wire(arm, wire, name, position):
     before = wire.packets
-    refused = told(lambda: arm.plan_joints({name: position, "wrist_roll": 0.1}))
+    refused = sent_goals(lambda: arm.plan_joints({name: position, "wrist_roll": 0.1}))
     assert wire.packets == before
     assert refused or -4.0 < float(position) < 4.0
 
@@ -92,7 +92,7 @@ def test_a_joint_that_is_refused_puts_no_packet_on_the_wire(arm, wire, name, pos
 @given(st.one_of(odd, st.lists(st.one_of(odd, numbers), max_size=4)))
 def test_a_point_that_is_none_puts_no_packet_on_the_wire(arm, wire, point):
     before = wire.packets
-    refused = told(lambda: arm.plan_to(point))
+    refused = sent_goals(lambda: arm.plan_to(point))
     assert wire.packets == before
     assert refused or np.shape(np.asarray(point, dtype=float)) == (3,)
 
@@ -100,10 +100,10 @@ def test_a_point_that_is_none_puts_no_packet_on_the_wire(arm, wire, point):
 @settings(max_examples=40, **WIDE)
 @given(st.dictionaries(st.sampled_from(NAMES), st.one_of(odd, numbers), max_size=6))
 def test_goals_from_any_program_go_through_the_gate_whole_or_not_at_all(arm, wire, asked):
-    """The door below all others: ticks of any kind for any joints."""
-    gate, before = servo_group(arm)._gate, wire.packets
+    """Ticks of any kind for any joints, sent to the gate itself."""
+    gate, before = gate_of(arm), wire.packets
     ticks = {n: v if not isinstance(v, float) else round(v, 3) for n, v in asked.items()}
-    refused = told(lambda: gate.send(ticks))
+    refused = sent_goals(lambda: gate.send(ticks))
     assert refused or not ticks
     assert wire.packets == before
 
@@ -115,7 +115,9 @@ def test_every_joint_stops_at_its_last_tick(arm, wire, name, side):
     edge = fence.position_range[0 if side == "lower" else 1]
     outwards = -1 if side == "lower" else 1
     before = wire.packets
-    assert told(lambda: arm.move_joints({name: edge + outwards * fence.joint_map.unit_per_tick}))
+    assert sent_goals(
+        lambda: arm.move_joints({name: edge + outwards * fence.joint_map.unit_per_tick})
+    )
     assert wire.packets == before
     assert inside(arm, wire.goals)
 
@@ -131,7 +133,7 @@ def storm(count, seed):
     measured = seen = last = 2048
     passed = wrong = 0
     fresh_s = clock.time_s
-    for wish, kind, elapsed_s, stalls in zip(
+    for setpoint, kind, elapsed_s, stalls in zip(
         random.normal(0.0, 120.0, count), random.integers(0, 12, count),
         random.uniform(0.0, 0.03, count), random.random(count) < 0.01, strict=True,
     ):  # fmt: skip
@@ -141,7 +143,7 @@ def storm(count, seed):
             gate.update_measured({"elbow": measured}, clock.time_s)
             seen, fresh_s = measured, clock.time_s
         goal = (math.nan, int(random.integers(-9999, 9999)))[kind - 2] if kind in (2, 3) else (
-            int(last + 0.3 * wish))  # fmt: skip
+            int(last + 0.3 * setpoint))  # fmt: skip
         try:
             gate.send({"elbow": goal})
         except RefusedError:

@@ -31,8 +31,8 @@ def seams_inside(lows, widths, offsets):
                     homing = choose_homing("elbow", family, travel, offset, MAGNET)
                     cases += 1
                     if not homing.extended:  # one that counts on has no seam
-                        said = reported(family, bare, homing)
-                        jumps += not np.array_equal(said, bare - homing.shift)
+                        reported_ticks = reported(family, bare, homing)
+                        jumps += not np.array_equal(reported_ticks, bare - homing.shift)
     return cases, jumps
 
 

@@ -15,24 +15,24 @@ def test_a_step_is_as_long_as_the_speed_allows_and_a_tick_of_rounding(elapsed_s,
 
 
 def test_a_step_that_took_the_tick_of_rounding_leaves_none_for_the_next():
-    stride = RateLimiter(1000.0)
-    stride.consume(11, 0.01)
-    assert stride.max_step(0.01) == 10
+    limiter = RateLimiter(1000.0)
+    limiter.consume(11, 0.01)
+    assert limiter.max_step(0.01) == 10
 
 
 def test_part_of_a_tick_stays_for_the_next_step():
-    stride = RateLimiter(1000.0)
-    stride.consume(11, 0.0105)
-    assert stride.max_step(0.0005) == 1
+    limiter = RateLimiter(1000.0)
+    limiter.consume(11, 0.0105)
+    assert limiter.max_step(0.0005) == 1
 
 
 def test_standing_still_saves_up_no_more_than_the_tick_of_rounding():
-    stride = RateLimiter(1000.0)
+    limiter = RateLimiter(1000.0)
     for _ in range(10):
-        stride.consume(0, 0.05)
-    assert stride.max_step(0.01) == 11
+        limiter.consume(0, 0.05)
+    assert limiter.max_step(0.01) == 11
 
-    assert stride.max_step(0.0008) == 1
+    assert limiter.max_step(0.0008) == 1
 
 
 @pytest.mark.parametrize(("short_ticks", "most"), [(0.9e-6, 2), (1.1e-6, 1)])
@@ -42,9 +42,9 @@ def test_the_last_bit_of_a_product_costs_no_tick(short_ticks, most):
 
 @given(st.lists(st.tuples(st.integers(0, 60), st.floats(0.0, 0.05)), max_size=40))
 def test_over_any_time_goals_go_no_further_than_the_speed_and_one_tick(steps):
-    stride, gone, elapsed_s = RateLimiter(1000.0), 0, 0.0
-    for wish, dt_s in steps:
-        step = min(wish, stride.max_step(dt_s))
-        stride.consume(step, dt_s)
+    limiter, gone, elapsed_s = RateLimiter(1000.0), 0, 0.0
+    for goal, dt_s in steps:
+        step = min(goal, limiter.max_step(dt_s))
+        limiter.consume(step, dt_s)
         gone, elapsed_s = gone + step, elapsed_s + dt_s
         assert gone <= 1000.0 * elapsed_s + 1.0 + 1e-4

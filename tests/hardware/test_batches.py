@@ -225,4 +225,4 @@ def crowded(model):
 
     transport = make_transport([(4, model), (4, model)])
     known = make_bus({4: model}).servos[4]
-    return ServoBus(Port(transport, "desk", 1_000_000), [known])
+    return ServoBus(Port(transport, "bench", 1_000_000), [known])

@@ -131,36 +131,37 @@ class TestRepeats:
         }
 
 
-class TestDeafServos:
+class TestUnresponsiveServos:
     """A servo that has been silent for three questions is asked only every quarter of a second."""
 
     @pytest.fixture
-    def deaf(self, patient, line):
+    def unresponsive_bus(self, patient, line):
         for address, size in ((56, 2), (55, 3), (54, 4)):
             line.expect(sync_request([1], address, size))
         for _ in range(2):
             patient.sync_read([1], RegisterName.PRESENT_POSITION)
         return patient
 
-    def test_until_then_it_costs_nothing(self, deaf, line):
+    def test_until_then_it_costs_nothing(self, unresponsive_bus, line):
         before_s = line.clock.now_s()
         assert isinstance(
-            deaf.sync_read([1], RegisterName.PRESENT_POSITION).errors[1], ServoSilentError
+            unresponsive_bus.sync_read([1], RegisterName.PRESENT_POSITION).errors[1],
+            ServoSilentError,
         )
         assert line.clock.now_s() == before_s
 
-    def test_then_it_is_asked_once(self, deaf, line):
+    def test_then_it_is_asked_once(self, unresponsive_bus, line):
         line.clock.s += 0.3
         line.expect(sync_request([1], 56, 2))
-        assert deaf.sync_read([1], RegisterName.PRESENT_POSITION).errors.keys() == {1}
+        assert unresponsive_bus.sync_read([1], RegisterName.PRESENT_POSITION).errors.keys() == {1}
 
-    def test_when_it_answers_it_is_one_of_them_again(self, deaf, line):
+    def test_when_it_answers_it_is_one_of_them_again(self, unresponsive_bus, line):
         line.clock.s += 0.3
         for _ in range(2):
             line.expect(sync_request([1], 56, 2), AT_2048)
-            assert deaf.sync_read([1], RegisterName.PRESENT_POSITION, raw=True).require_all() == {
-                1: 2048
-            }
+            assert unresponsive_bus.sync_read(
+                [1], RegisterName.PRESENT_POSITION, raw=True
+            ).require_all() == {1: 2048}
 
 
 class TestStatistics:

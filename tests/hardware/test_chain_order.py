@@ -16,7 +16,7 @@ CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
 
 
 @pytest.mark.parametrize(
-    ("silent", "said"),
+    ("silent", "order"),
     [
         (
             [3, 4, 5, 6],
@@ -38,9 +38,9 @@ CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
         ),
     ],
 )
-def test_the_cable_is_read_from_the_pattern(silent, said):
+def test_the_cable_is_read_from_the_pattern(silent, order):
     answering = [servo.id for servo in CHAIN if servo.id not in silent]
-    assert silence_hint(CHAIN, answering, silent) == said
+    assert silence_hint(CHAIN, answering, silent) == order
 
 
 def test_the_order_is_the_cables_and_not_the_ids():

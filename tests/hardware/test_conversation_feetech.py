@@ -66,9 +66,9 @@ def test_torque_goes_off_everywhere_though_one_servo_is_silent(arm):
     bus, servos = arm
     for servo_id in IDS:
         torque_on(bus, servo_id)
-    deaf = servos[3]
-    deaf.write("lock", 0)
-    deaf.write("baud_rate", 4)
+    unresponsive = servos[3]
+    unresponsive.write("lock", 0)
+    unresponsive.write("baud_rate", 4)
     assert list(torque_off(bus, IDS)) == [3]
     assert [servo.read("torque_enable") for servo in servos.values()] == [0, 0, 1, 0, 0, 0]
 

@@ -42,7 +42,7 @@ def crowded_bus(seed):
         if servo.id == twin:
             _make_own(servo, chance, alike=alike)
     servos = [ServoSpec(i, control_table(model), f"joint_{i}") for i, model in models.items()]
-    return ServoBus(Port(transport, "desk", BAUD), servos), twin
+    return ServoBus(Port(transport, "bench", BAUD), servos), twin
 
 
 def _make_own(servo, chance, *, alike):

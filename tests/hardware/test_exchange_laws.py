@@ -45,16 +45,16 @@ both = pytest.mark.parametrize(("packet", "scan"), PROTOCOLS.values(), ids=PROTO
 @both
 @given(servo_id=ids, error=st.integers(0, 255), parameters=data)
 def test_a_packet_is_read_as_it_was_written(packet, scan, servo_id, error, parameters):
-    heard = scan(packet(servo_id, error, parameters), (2,), final=True)
-    assert heard.frames == (StatusPacket(servo_id, error, parameters),)
+    received = scan(packet(servo_id, error, parameters), (2,), final=True)
+    assert received.frames == (StatusPacket(servo_id, error, parameters),)
 
 
 @both
 @given(before=noise, servo_id=ids, parameters=data)
 def test_noise_before_a_packet_never_hides_it(packet, scan, before, servo_id, parameters):
-    heard = bytes(before) + packet(servo_id, 0, parameters)
-    assume(not scan(heard[:-1], (2,), final=True).frames)  # such noise is a packet by itself
-    assert scan(heard, (2,), final=True).frames == (StatusPacket(servo_id, 0, parameters),)
+    received = bytes(before) + packet(servo_id, 0, parameters)
+    assume(not scan(received[:-1], (2,), final=True).frames)  # such noise is a packet by itself
+    assert scan(received, (2,), final=True).frames == (StatusPacket(servo_id, 0, parameters),)
 
 
 @both
@@ -62,8 +62,8 @@ def test_noise_before_a_packet_never_hides_it(packet, scan, before, servo_id, pa
 def test_the_beginning_of_a_packet_is_waited_for(packet, scan, servo_id, parameters, cut):
     whole = packet(servo_id, 0, parameters)
     beginning = whole[: 1 + cut % (len(whole) - 1)]
-    heard = scan(beginning, (2,), final=False)
-    assert (heard.frames, heard.pending) == ((), len(beginning))
+    received = scan(beginning, (2,), final=False)
+    assert (received.frames, received.pending) == ((), len(beginning))
 
 
 @both
@@ -71,15 +71,15 @@ def test_the_beginning_of_a_packet_is_waited_for(packet, scan, servo_id, paramet
 def test_a_flipped_bit_never_yields_other_data(packet, scan, servo_id, parameters, where, bit):
     damaged = bytearray(packet(servo_id, 0, parameters))
     damaged[where % len(damaged)] ^= 1 << bit
-    heard = scan(bytes(damaged), (2,), final=True)
-    assert all(len(frame.data) != 2 for frame in heard.frames)
+    received = scan(bytes(damaged), (2,), final=True)
+    assert all(len(frame.data) != 2 for frame in received.frames)
 
 
 @both
 @given(anything=st.binary(max_size=64), final=st.booleans())
 def test_no_bytes_upset_it(packet, scan, anything, final):
-    heard = scan(anything, (2,), final=final)
-    assert 0 <= heard.pending <= len(anything)
+    received = scan(anything, (2,), final=final)
+    assert 0 <= received.pending <= len(anything)
 
 
 @given(st.binary(max_size=40))

@@ -112,7 +112,7 @@ def test_after_200_slow_readings_the_fast_way_gets_another_chance(bus, line):
 
 def waited_s(return_delay_s):
     """Return how long two absent servos are waited for, fast and then one by one."""
-    port = Port(make_transport({1: "XL430-W250"}), "desk", 1_000_000)
+    port = Port(make_transport({1: "XL430-W250"}), "bench", 1_000_000)
     driver = DynamixelDriver(port)
     driver.set_return_delay(return_delay_s)
     begun_s = port.clock.now_s()

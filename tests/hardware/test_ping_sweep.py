@@ -40,9 +40,9 @@ def test_a_reply_that_an_adapter_holds_back_is_received_all_the_same(
     on_line, arm, framing, latency_ms
 ):
     port = on_line(arm, f"?latency_ms={latency_ms}&usb_frame_ms=1")
-    heard = ping_ids(port, framing, framing.ids)
-    assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
-    assert heard.junk == 0
+    found_ids = ping_ids(port, framing, framing.ids)
+    assert sorted(found_ids.frames) == [1, 2, 3, 4, 5, 6]
+    assert found_ids.junk == 0
 
 
 def test_ids_of_the_other_framing_stay_silent(on_line):
@@ -50,25 +50,25 @@ def test_ids_of_the_other_framing_stay_silent(on_line):
 
 
 def test_an_echo_is_recognised_and_not_counted(on_line):
-    heard = ping_ids(on_line("so101", "?echo=1"), ONE, ONE.ids)
-    assert heard.echoes
-    assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
+    found_ids = ping_ids(on_line("so101", "?echo=1"), ONE, ONE.ids)
+    assert found_ids.echoes
+    assert sorted(found_ids.frames) == [1, 2, 3, 4, 5, 6]
 
 
 def test_an_alarm_that_reads_like_an_echo_is_an_answer(on_line):
     port = on_line("so101")
     port.transport.line.servos[4].inject_alarm(0x01)
-    heard = ping_ids(port, ONE, ONE.ids)
-    assert not heard.echoes
-    assert sorted(heard.frames) == [1, 2, 3, 4, 5, 6]
+    found_ids = ping_ids(port, ONE, ONE.ids)
+    assert not found_ids.echoes
+    assert sorted(found_ids.frames) == [1, 2, 3, 4, 5, 6]
 
 
 def test_two_at_once_make_their_neighbours_suspect(on_line):
     port = on_line("so101")
     port.transport.line.servos[3].memory.put("id", 2)
-    heard = ping_ids(port, ONE, ONE.ids)
-    assert 2 in heard.suspects
-    assert heard.junk
+    found_ids = ping_ids(port, ONE, ONE.ids)
+    assert 2 in found_ids.suspects
+    assert found_ids.junk
 
 
 def test_progress_is_told_for_each_ping(on_line):

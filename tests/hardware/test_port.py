@@ -66,9 +66,9 @@ class TestOpening:
             open_port(pty_name, 1_000_000)
 
     def test_a_refused_connection_is_no_port(self):
-        with socket.socket() as nobody:
-            nobody.bind(("127.0.0.1", 0))  # bound and not listening
-            url = f"socket://127.0.0.1:{nobody.getsockname()[1]}"
+        with socket.socket() as closed_socket:
+            closed_socket.bind(("127.0.0.1", 0))  # bound and not listening
+            url = f"socket://127.0.0.1:{closed_socket.getsockname()[1]}"
             with pytest.raises(NoPortError, match="Cannot open"):
                 open_port(url, 1_000_000)
 
@@ -181,7 +181,7 @@ class TestTime:
         assert port.expected_at_s(0, 0.0) == pytest.approx(left_s)
 
 
-class TestPatience:
+class TestTimeout:
     """The wait shrinks to a multiple of the slowest answer of late."""
 
     def test_it_is_long_before_anything_is_known(self, pty_name):

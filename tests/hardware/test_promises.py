@@ -57,13 +57,13 @@ def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, pa
         # A wrong length makes a splice, and of these a sum of bytes lets 1 in 256 through.
         at = chance.choice((0, 1, 2, 4, 5, 6, 7)) if protocol == 1 else chance.randrange(13)
         bad[at] ^= 1 + chance.randrange(255)
-        heard = scan(bytes(bad) + make(1, 0, data), (2,), final=True)
-        assert [frame.data for frame in heard.frames] == [data]
+        received = scan(bytes(bad) + make(1, 0, data), (2,), final=True)
+        assert [frame.data for frame in received.frames] == [data]
     with capsys.disabled():
-        said = (
+        summary = (
             f"B1: protocol {protocol}, {packets} damaged packets, 0 accepted, each next one found"
         )
-        sys.stdout.write(f"\n{said}\n" * (packets > 100_000))
+        sys.stdout.write(f"\n{summary}\n" * (packets > 100_000))
 
 
 # --- B3: a servo that falls silent costs little time, and is missed at once ---
@@ -220,7 +220,7 @@ def bus_with_same_servos(bus):
     from ikservo.hardware import Port, ServoBus
 
     del bus.port.transport.write
-    return ServoBus(Port(bus.port.transport, "desk", 1_000_000), list(bus.servos.values()))
+    return ServoBus(Port(bus.port.transport, "bench", 1_000_000), list(bus.servos.values()))
 
 
 @pytest.mark.usefixtures("plain_line")

@@ -29,13 +29,13 @@ def found(table, servo_id=3, rate=1_000_000):
     return FoundServo(servo_id, rate, "", table, table.number)
 
 
-def wish(table, servo_id=7, rate=57_600, **eeprom):
+def settings(table, servo_id=7, rate=57_600, **eeprom):
     return ServoSettings(ServoSpec(servo_id, table, "wrist"), rate, eeprom)
 
 
 def test_id_rate_and_delay_are_set_for_good(alone):
     port, servo, table = alone
-    provision(port, found(table), wish(table))
+    provision(port, found(table), settings(table))
     servo.memory.power_cycle()
     assert (servo.id, servo.baud, servo.return_delay_s) == (7, 57_600, 0.0)
     assert port.baudrate == 57_600
@@ -44,22 +44,22 @@ def test_id_rate_and_delay_are_set_for_good(alone):
 def test_torque_is_off_afterwards(alone):
     port, servo, table = alone
     servo.write("torque_enable", 1)
-    provision(port, found(table), wish(table))
+    provision(port, found(table), settings(table))
     assert servo.read("torque_enable") == 0
 
 
 def test_what_holds_already_is_not_written(alone):
     port, servo, table = alone
-    provision(port, found(table), wish(table))
+    provision(port, found(table), settings(table))
     writes = servo.memory.eeprom_writes
-    assert provision(port, found(table, 7, 57_600), wish(table)) == ()
+    assert provision(port, found(table, 7, 57_600), settings(table)) == ()
     assert servo.memory.eeprom_writes == writes
 
 
 def test_settings_of_the_arm_are_written_and_told(alone):
     port, servo, table = alone
     before = servo.read("max_position_limit")
-    written = provision(port, found(table), wish(table, max_position_limit=3000))
+    written = provision(port, found(table), settings(table, max_position_limit=3000))
     assert f"max_position_limit {before} → 3000" in written
     assert servo.read("max_position_limit") == 3000
 
@@ -68,7 +68,7 @@ def test_another_model_is_left_alone(alone):
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(CalibrationError, match="must be a XM540-W270, but a"):
-        provision(port, found(table), wish(control_table("XM540-W270")))
+        provision(port, found(table), settings(control_table("XM540-W270")))
     assert servo.memory.eeprom_writes == writes
 
 
@@ -76,7 +76,7 @@ def test_a_rate_that_the_model_has_not_is_refused_before_anything_is_written(alo
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(BadValueError, match=r"one of (9600|4800), "):
-        provision(port, found(table), wish(table, rate=123_456))
+        provision(port, found(table), settings(table, rate=123_456))
     assert servo.memory.eeprom_writes == writes
 
 
@@ -84,7 +84,7 @@ def test_a_register_that_the_model_has_not_is_refused_before_anything_is_written
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(BadValueError, match="'colour'"):
-        provision(port, found(table), wish(table, colour=3))
+        provision(port, found(table), settings(table, colour=3))
     assert servo.memory.eeprom_writes == writes
 
 
@@ -99,7 +99,7 @@ def test_a_worn_out_memory_is_noticed(alone, monkeypatch):
 
     monkeypatch.setattr(servo.memory, "write", worn)
     with pytest.raises(BusError):
-        provision(port, found(table), wish(table))
+        provision(port, found(table), settings(table))
     assert servo.id == 3
 
 
@@ -115,6 +115,6 @@ def test_the_memory_is_locked_even_after_a_failure(monkeypatch):
 
     monkeypatch.setattr(servo.memory, "write", worn)
     with pytest.raises(BusError, match="max_torque"):
-        provision(port, found(STS3215), wish(STS3215, max_torque=500))
+        provision(port, found(STS3215), settings(STS3215, max_torque=500))
     assert servo.read("lock") == 1
     port.close()

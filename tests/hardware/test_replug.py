@@ -30,7 +30,7 @@ class Comport:
 
 
 @pytest.fixture
-def desk(monkeypatch):
+def set_adapters(monkeypatch):
     """Give a function that says which adapters are plugged in."""
 
     def plug_in(*comports):
@@ -56,59 +56,59 @@ def new_pty():
             continue
 
 
-def test_an_adapter_is_known_by_its_serial_number(desk):
-    desk(Comport("/dev/ttyACM0"))
+def test_an_adapter_is_known_by_its_serial_number(set_adapters):
+    set_adapters(Comport("/dev/ttyACM0"))
     assert serial_number_of("/dev/ttyACM0") == "58FA083"
 
 
-def test_a_network_port_has_none(desk):
-    desk(Comport("/dev/ttyACM0"))
+def test_a_network_port_has_none(set_adapters):
+    set_adapters(Comport("/dev/ttyACM0"))
     assert serial_number_of("socket://127.0.0.1:1") == ""
 
 
-def test_it_is_opened_again_under_its_new_name(desk, new_pty):
+def test_it_is_opened_again_under_its_new_name(set_adapters, new_pty):
     (old, ends), (new, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
     for end in ends:
         os.close(end)
-    desk(Comport("/dev/ttyUSB7", "another"), Comport(new))
+    set_adapters(Comport("/dev/ttyUSB7", "another"), Comport(new))
     reconnect(port, "58FA083", within_s=1.0, clock=ManualClock())
     assert (port.name, port.is_open) == (new, True)
     port.close()
 
 
-def test_what_was_learned_of_the_old_line_is_forgotten(desk, new_pty):
+def test_what_was_learned_of_the_old_line_is_forgotten(set_adapters, new_pty):
     (old, _), (new, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
     port.echoes, health = True, port.health
-    desk(Comport(new))
+    set_adapters(Comport(new))
     reconnect(port, "58FA083", within_s=1.0, clock=ManualClock())
     assert port.echoes is None
     assert port.health is not health
     port.close()
 
 
-def test_a_bus_goes_on_with_the_servos_behind_the_adapter_that_came_back(desk, new_pty):
+def test_a_bus_goes_on_with_the_servos_behind_the_adapter_that_came_back(set_adapters, new_pty):
     (old, _), (new, _) = new_pty(), new_pty()
     with ServoBus(open_port(old, 1_000_000), [ServoSpec(1, STS3215)]) as bus:
-        desk(Comport(new))
+        set_adapters(Comport(new))
         bus.reconnect("58FA083", within_s=1.0)
         assert (bus.port.name, bus.port.is_open) == (new, True)
 
 
-def test_another_adapter_is_not_taken_for_it(desk, new_pty):
+def test_another_adapter_is_not_taken_for_it(set_adapters, new_pty):
     (old, _), (other, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
-    desk(Comport(other, "another"))
+    set_adapters(Comport(other, "another"))
     with pytest.raises(PortLostError, match="not reconnected within 3 s"):
         reconnect(port, "58FA083", within_s=3.0, clock=ManualClock())
     assert not port.is_open
 
 
-def test_an_adapter_without_a_number_comes_back_under_its_old_name(desk, new_pty):
+def test_an_adapter_without_a_number_comes_back_under_its_old_name(set_adapters, new_pty):
     old, _ = new_pty()
     port = open_port(old, 1_000_000)
-    desk(Comport(old, serial_number=None))
+    set_adapters(Comport(old, serial_number=None))
     reconnect(port, "", within_s=1.0, clock=ManualClock())
     assert port.is_open
     port.close()

@@ -118,22 +118,22 @@ class TestNewOrOddLine:
     """Until a line has been clean for a while, what cannot change is read twice."""
 
     @pytest.fixture
-    def wary(self, feetech, port):
+    def suspecting_bus(self, feetech, port):
         port.health = LineHealth(clean_requests=5)
         return feetech
 
-    def test_two_readings_that_agree_are_accepted(self, wary, line):
+    def test_two_readings_that_agree_are_accepted(self, suspecting_bus, line):
         line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 5, 0))
-        assert wary.read(1, STS3215.min_position_limit, raw=True) == 5
+        assert suspecting_bus.read(1, STS3215.min_position_limit, raw=True) == 5
 
-    def test_two_readings_that_differ_are_not(self, wary, line):
+    def test_two_readings_that_differ_are_not(self, suspecting_bus, line):
         line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 6, 0))
         with pytest.raises(BadReplyError, match="a second read did not confirm"):
-            wary.read(1, STS3215.min_position_limit)
+            suspecting_bus.read(1, STS3215.min_position_limit)
 
-    def test_what_moves_is_read_once(self, wary, line):
+    def test_what_moves_is_read_once(self, suspecting_bus, line):
         line.expect(request(1, 56, 2), reply(1, 0, 8))
-        assert wary.read(1, STS3215.present_position, raw=True) == 2048
+        assert suspecting_bus.read(1, STS3215.present_position, raw=True) == 2048
 
     def test_an_odd_reply_makes_every_request_different_from_the_last(self, feetech, port, line):
         port.health.record(odd=True)
@@ -177,21 +177,21 @@ spans = st.builds(MemoryRange, st.integers(0, 200), st.integers(1, 4))
 histories = st.lists(st.tuples(spans, st.booleans(), st.floats(0.0, 0.05)), max_size=20)
 
 
-@given(history=histories, wanted=spans, sick=st.booleans())
-def test_no_window_is_ever_as_long_as_an_answer_that_is_owed(history, wanted, sick):
-    ghosts, trust, now_s = PendingReplies(), LineHealth(clean_requests=0), 0.0
-    if sick:
+@given(history=histories, wanted=spans, is_degraded=st.booleans())
+def test_no_window_is_ever_as_long_as_an_answer_that_is_owed(history, wanted, is_degraded):
+    late_replies, trust, now_s = PendingReplies(), LineHealth(clean_requests=0), 0.0
+    if is_degraded:
         trust.record(odd=True)
     owed = []
     for span, answered, pause_s in history:
-        window = ghosts.distinct_window((1,), span, now_s, trust)
+        window = late_replies.distinct_window((1,), span, now_s, trust)
         if answered:
-            ghosts.record_received((1,), window.size, window, now_s)
+            late_replies.record_received((1,), window.size, window, now_s)
         else:
-            ghosts.add_pending(1, window.size, now_s)
+            late_replies.add_pending(1, window.size, now_s)
             owed.append((window.size, now_s + MAX_REPLY_DELAY_S))
         now_s += pause_s
-    window = ghosts.distinct_window((1,), wanted, now_s, trust)
+    window = late_replies.distinct_window((1,), wanted, now_s, trust)
     assert window.size not in {size for size, until_s in owed if until_s > now_s}
     assert window.address <= wanted.address
     assert wanted.end <= window.end or window.address == 0

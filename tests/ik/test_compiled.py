@@ -259,7 +259,9 @@ def test_a_changed_kernel_is_run_as_python_with_a_warning(tmp_path):
     subprocess.run(["cp", "-r", package, copy], check=True)
     kernel = copy / "ik" / "kernel" / "descent.py"
     kernel.write_text(kernel.read_text() + "\n# changed\n")
-    done = told("from ikservo.ik.kernel import compiled; print(compiled.is_compiled())", tmp_path)
+    done = warning_of(
+        "from ikservo.ik.kernel import compiled; print(compiled.is_compiled())", tmp_path
+    )
     assert done.stdout.split() == ["False"]
     assert "make build" in done.stderr
 
@@ -272,13 +274,13 @@ def test_without_the_extension_the_same_code_gives_the_same_bits():
         "print(compiled.is_compiled(), [x.hex() for x in r.q.tolist()])"
     )
     here = Path(compiled.__file__).parents[3]
-    plain = told(code, here, IKSERVO_COMPILED="0").stdout
+    plain = warning_of(code, here, IKSERVO_COMPILED="0").stdout
     assert plain.startswith("False")
     if compiled.is_compiled():
-        assert told(code, here).stdout == plain.replace("False", "True")
+        assert warning_of(code, here).stdout == plain.replace("False", "True")
 
 
-def told(code, folder, **environment):
+def warning_of(code, folder, **environment):
     return subprocess.run(
         [sys.executable, "-c", code], cwd=folder, env=os.environ | environment,
         capture_output=True, text=True, check=True,
@@ -290,5 +292,5 @@ def test_the_caches_of_versions_that_compiled_at_the_first_use_are_removed(tmp_p
         pytest.skip("the cache directory is elsewhere")
     for name in ("kernels-0123456789ab", "other"):
         (tmp_path / "ikservo" / name / "part").mkdir(parents=True)
-    told("import ikservo.ik.kernel.search", Path.cwd(), XDG_CACHE_HOME=str(tmp_path))
+    warning_of("import ikservo.ik.kernel.search", Path.cwd(), XDG_CACHE_HOME=str(tmp_path))
     assert [folder.name for folder in (tmp_path / "ikservo").iterdir()] == ["other"]

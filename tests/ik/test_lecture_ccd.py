@@ -42,11 +42,11 @@ def test_no_other_way_along_a_slide_brings_the_tip_nearer(E, v, other):
 
 
 @given(angles, st.floats(0, 3), st.floats(0, 3), st.floats(0, 1))
-def test_of_an_arc_the_angle_nearest_on_the_circle_is_taken(wish, below, above, share):
-    chosen = clamp_angle_to_range(wish, -below, above)
+def test_of_an_arc_the_angle_nearest_on_the_circle_is_taken(requested, below, above, share):
+    chosen = clamp_angle_to_range(requested, -below, above)
     other = -below + share * (above + below)
     assert -below <= chosen <= above
-    assert math.cos(chosen - wish) >= math.cos(other - wish) - 1e-12
+    assert math.cos(chosen - requested) >= math.cos(other - requested) - 1e-12
 
 
 def test_the_arcs_other_end_may_be_nearer_round_the_back():

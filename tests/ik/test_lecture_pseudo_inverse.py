@@ -165,8 +165,8 @@ AHEAD = Target((0.3, 0.3, 0.0))
 START = [0.2, 0.6, 0.6, 0.2]
 
 
-def leaning(weights, wish=(1.5, -1.0, -1.0, -1.0)):
-    return walk("pseudo_inverse", LONG, AHEAD, START, posture=Posture(wish, weights))
+def leaning(weights, preferred=(1.5, -1.0, -1.0, -1.0)):
+    return walk("pseudo_inverse", LONG, AHEAD, START, posture=Posture(preferred, weights))
 
 
 def test_a_posture_does_not_keep_the_tip_from_the_target():
@@ -196,7 +196,7 @@ def test_weights_beyond_one_do_not_swing():
 
 
 @pytest.mark.parametrize(
-    ("wish", "weights", "what"),
+    ("preferred", "weights", "what"),
     [
         ([0.0], [1.0] * 4, "The posture"),
         ([math.nan] * 4, [1.0] * 4, "The posture"),
@@ -204,6 +204,6 @@ def test_weights_beyond_one_do_not_swing():
         ([0.0] * 4, [1.0, 1.0, 1.0, -0.1], "A posture's weight is -0.1"),
     ],
 )
-def test_a_posture_that_makes_no_sense_is_refused(wish, weights, what):
+def test_a_posture_that_makes_no_sense_is_refused(preferred, weights, what):
     with pytest.raises(BadValueError, match=what):
-        leaning(weights, wish)
+        leaning(weights, preferred)

@@ -81,9 +81,9 @@ def _bent(chain):
 def test_a_posture_to_lean_to_comes_before_the_way_from_the_start():
     chain, target, q0 = next(questions("so101", "position", 1))
 
-    wish = chain.mid_range() + 0.3
-    leaning = solve(chain, target, q0, posture=Posture(wish, np.ones(chain.dof)))
-    assert way(leaning.q, wish) < way(solve(chain, target, q0).q, wish)
+    preferred = chain.mid_range() + 0.3
+    leaning = solve(chain, target, q0, posture=Posture(preferred, np.ones(chain.dof)))
+    assert way(leaning.q, preferred) < way(solve(chain, target, q0).q, preferred)
 
 
 def test_whether_to_look_is_yes_or_no():

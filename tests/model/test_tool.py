@@ -39,8 +39,8 @@ def test_an_orientation_says_what_it_was_made_of(name):
     for pitch, roll in itertools.product(ANGLES, ANGLES):
         R = tool.rotation(0.4, pitch, roll)
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
-        said = (tool.heading_rad(R), tool.pitch_rad(R), tool.roll_rad(R, 0.0))
-        assert said == pytest.approx((0.4, pitch, roll))
+        angles = (tool.heading_rad(R), tool.pitch_rad(R), tool.roll_rad(R, 0.0))
+        assert angles == pytest.approx((0.4, pitch, roll))
 
 
 def test_straight_down_is_minus_90_degrees_and_has_no_heading():

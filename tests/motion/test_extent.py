@@ -24,9 +24,9 @@ def motions(seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_sampled_position_lies_outside_and_some_reach_the_ends(seed):
     for motion in motions(seed):
-        looks = np.array([motion.at(t) for t in np.linspace(0, motion.duration_s, 1500)])
+        samples = np.array([motion.at(t) for t in np.linspace(0, motion.duration_s, 1500)])
         lowest, highest = motion.extent
-        assert (looks >= lowest - 1e-9).all()
-        assert (looks <= highest + 1e-9).all()
-        np.testing.assert_allclose(looks.min(axis=0), lowest, atol=2e-4)
-        np.testing.assert_allclose(looks.max(axis=0), highest, atol=2e-4)
+        assert (samples >= lowest - 1e-9).all()
+        assert (samples <= highest + 1e-9).all()
+        np.testing.assert_allclose(samples.min(axis=0), lowest, atol=2e-4)
+        np.testing.assert_allclose(samples.max(axis=0), highest, atol=2e-4)

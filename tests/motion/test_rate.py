@@ -1,4 +1,4 @@
-"""The beat keeps its instants, whatever happens between them."""
+"""The cycle keeps its instants, whatever happens between them."""
 
 import itertools
 
@@ -21,25 +21,25 @@ class HandClock:
 
 
 def test_beats_are_multiples_of_the_period():
-    beats = list(itertools.islice(Rate(HandClock(), 0.01), 4))
-    assert beats == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    times_s = list(itertools.islice(Rate(HandClock(), 0.01), 4))
+    assert times_s == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
 
 def test_a_late_cycle_does_not_move_the_next_one():
     clock = HandClock()
-    beats = []
+    times_s = []
     for elapsed_s in itertools.islice(Rate(clock, 0.01), 4):
-        beats.append(elapsed_s)
+        times_s.append(elapsed_s)
         clock.time_s += 0.007
-    assert beats == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    assert times_s == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
 
 def test_missed_cycles_are_left_out_and_not_made_up_for():
     clock = HandClock()
     metronome = Rate(clock, 0.01)
-    beats = []
+    times_s = []
     for elapsed_s in itertools.islice(metronome, 3):
-        beats.append(elapsed_s)
-        clock.time_s += 0.035 if len(beats) == 1 else 0.0
-    assert beats == pytest.approx([0.0, 0.035, 0.04])
+        times_s.append(elapsed_s)
+        clock.time_s += 0.035 if len(times_s) == 1 else 0.0
+    assert times_s == pytest.approx([0.0, 0.035, 0.04])
     assert metronome.cycles == 3

@@ -12,8 +12,8 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 @pytest.fixture
-def desk():
-    """Loose servos on a desk behind a port, all at 1 Mbit/s: desk("XL430-W250", "XL330-M288")."""
+def make_port():
+    """Loose servos behind a port, all at 1 Mbit/s: make_port("XL430-W250", "XL330-M288")."""
 
     def lay_out(*models: str, ids: tuple[int, ...] = (), **options: object) -> SimulatedPort:
         ids = ids or tuple(range(1, len(models) + 1))

@@ -1,4 +1,4 @@
-"""Whole conversations in protocol 2.0, byte for byte, with servos on a desk."""
+"""Whole conversations in protocol 2.0, byte for byte, with loose servos."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ def read(port, id_, address, size):
     return ask(port, id_, 0x02, request)
 
 
-def test_ping_tells_model_and_firmware(desk):
-    port = desk("XM430-W350")
+def test_ping_tells_model_and_firmware(make_port):
+    port = make_port("XM430-W350")
     assert ask(port, 1, 0x01) == [(1, 0, bytes((0xFC, 0x03, 46)))]
 
 
-def test_the_manuals_write_is_answered_as_in_the_manual(desk):
-    port = desk("XM430-W350")
+def test_the_manuals_write_is_answered_as_in_the_manual(make_port):
+    port = make_port("XM430-W350")
     port.write(bytes.fromhex("FFFFFD00010900037400000200 00CA89".replace(" ", "")))
     assert port.read(64).hex() == "fffffd000104005500a10c"
 
 
-def test_position_of_a_servo_in_the_middle_reads_2048(desk):
-    assert read(desk("XL430-W250"), 1, 132, 4) == [(1, 0, b"\x00\x08\x00\x00")]
+def test_position_of_a_servo_in_the_middle_reads_2048(make_port):
+    assert read(make_port("XL430-W250"), 1, 132, 4) == [(1, 0, b"\x00\x08\x00\x00")]
 
 
-def test_a_read_across_a_gap_gives_zero_bytes_for_it(desk):
-    assert read(desk("XL430-W250"), 1, 64, 6) == [(1, 0, b"\x00\x00\x00\x00\x02\x00")]
+def test_a_read_across_a_gap_gives_zero_bytes_for_it(make_port):
+    assert read(make_port("XL430-W250"), 1, 64, 6) == [(1, 0, b"\x00\x00\x00\x00\x02\x00")]
 
 
-def test_a_read_behind_the_table_is_an_access_error_without_data(desk):
-    assert read(desk("XL430-W250"), 1, 660, 4) == [(1, 7, b"")]
+def test_a_read_behind_the_table_is_an_access_error_without_data(make_port):
+    assert read(make_port("XL430-W250"), 1, 660, 4) == [(1, 7, b"")]
 
 
-def test_an_unknown_instruction_is_an_instruction_error(desk):
-    assert ask(desk("XL430-W250"), 1, 0x77) == [(1, 2, b"")]
+def test_an_unknown_instruction_is_an_instruction_error(make_port):
+    assert ask(make_port("XL430-W250"), 1, 0x77) == [(1, 2, b"")]
 
 
 @pytest.mark.parametrize(
@@ -66,24 +66,24 @@ def test_an_unknown_instruction_is_an_instruction_error(desk):
         (116, 512, 4, 0),
     ],
 )
-def test_a_write_is_judged_by_the_table(desk, address, value, size, error):
-    assert write(desk("XL430-W250"), 1, address, value, size) == [(1, error, b"")]
+def test_a_write_is_judged_by_the_table(make_port, address, value, size, error):
+    assert write(make_port("XL430-W250"), 1, address, value, size) == [(1, error, b"")]
 
 
-def test_a_refused_write_changes_nothing(desk):
-    port = desk("XL430-W250")
+def test_a_refused_write_changes_nothing(make_port):
+    port = make_port("XL430-W250")
     write(port, 1, 9, 255, 1)
     assert port.line.servos[1].read("return_delay_time") == 250
 
 
-def test_eeprom_is_closed_while_torque_is_on(desk):
-    port = desk("XL430-W250")
+def test_eeprom_is_closed_while_torque_is_on(make_port):
+    port = make_port("XL430-W250")
     write(port, 1, 64, 1, 1)
     assert write(port, 1, 9, 0, 1) == [(1, 7, b"")]
 
 
-def test_a_registered_write_waits_for_its_action(desk):
-    port = desk("XL430-W250")
+def test_a_registered_write_waits_for_its_action(make_port):
+    port = make_port("XL430-W250")
     ask(port, 1, 0x04, b"\x74\x00\xc8\x00\x00\x00")
     before = port.line.servos[1].read("goal_position"), read(port, 1, 69, 1)
     ask(port, 254, 0x05)
@@ -91,34 +91,34 @@ def test_a_registered_write_waits_for_its_action(desk):
     assert (before, after) == ((2048, [(1, 0, b"\x01")]), (200, [(1, 0, b"\x00")]))
 
 
-def test_an_action_without_a_registered_write_is_an_instruction_error(desk):
-    assert ask(desk("XL430-W250"), 1, 0x05) == [(1, 2, b"")]
+def test_an_action_without_a_registered_write_is_an_instruction_error(make_port):
+    assert ask(make_port("XL430-W250"), 1, 0x05) == [(1, 2, b"")]
 
 
-def test_a_broadcast_ping_is_answered_in_the_order_of_ids(desk):
-    port = desk("XL430-W250", "XL430-W250", "XL430-W250", ids=(7, 2, 200))
+def test_a_broadcast_ping_is_answered_in_the_order_of_ids(make_port):
+    port = make_port("XL430-W250", "XL430-W250", "XL430-W250", ids=(7, 2, 200))
     port.timeout = 1.0
     assert [id_ for id_, _, _ in ask(port, 254, 0x01)] == [2, 7, 200]
 
 
-def test_a_sync_read_is_answered_in_the_order_of_the_list(desk):
-    port = desk("XL430-W250", "XL430-W250", "XL430-W250")
+def test_a_sync_read_is_answered_in_the_order_of_the_list(make_port):
+    port = make_port("XL430-W250", "XL430-W250", "XL430-W250")
     assert [a[0] for a in ask(port, 254, 0x82, b"\x84\x00\x04\x00\x03\x01\x02")] == [3, 1, 2]
 
 
-def test_a_sync_read_goes_on_behind_a_missing_servo(desk):
-    port = desk("XL430-W250", "XL430-W250")
+def test_a_sync_read_goes_on_behind_a_missing_servo(make_port):
+    port = make_port("XL430-W250", "XL430-W250")
     assert [a[0] for a in ask(port, 254, 0x82, b"\x84\x00\x04\x00\x01\x09\x02")] == [1, 2]
 
 
-def test_a_bulk_read_brings_each_servo_its_own_registers(desk):
-    port = desk("XL430-W250", "XL430-W250")
+def test_a_bulk_read_brings_each_servo_its_own_registers(make_port):
+    port = make_port("XL430-W250", "XL430-W250")
     answers = ask(port, 254, 0x92, b"\x01\x90\x00\x02\x00\x02\x92\x00\x01\x00")
     assert answers == [(1, 0, b"\x78\x00"), (2, 0, b"\x19")]
 
 
-def test_a_sync_write_reaches_all_and_is_not_answered(desk):
-    port = desk("XL430-W250", "XL430-W250")
+def test_a_sync_write_reaches_all_and_is_not_answered(make_port):
+    port = make_port("XL430-W250", "XL430-W250")
     goals = b"\x74\x00\x04\x00\x01\x96\x00\x00\x00\x02\xaa\x00\x00\x00"
     answers = ask(port, 254, 0x83, goals)
     servos = port.line.servos
@@ -127,8 +127,8 @@ def test_a_sync_write_reaches_all_and_is_not_answered(desk):
     )  # fmt: skip
 
 
-def test_a_bulk_write_reaches_different_registers(desk):
-    port = desk("XL430-W250", "XL430-W250")
+def test_a_bulk_write_reaches_different_registers(make_port):
+    port = make_port("XL430-W250", "XL430-W250")
     ask(port, 254, 0x93, b"\x01\x20\x00\x02\x00\x64\x00\x02\x1f\x00\x01\x00\x46")
     servos = port.line.servos
     assert (
@@ -136,16 +136,16 @@ def test_a_bulk_write_reaches_different_registers(desk):
     ) == (100, 70)  # fmt: skip
 
 
-def test_a_fast_sync_read_is_one_packet_of_shares(desk):
-    port = desk("XL430-W250", "XL430-W250")
+def test_a_fast_sync_read_is_one_packet_of_shares(make_port):
+    port = make_port("XL430-W250", "XL430-W250")
     port.write(encode2(254, 0x8A, b"\x84\x00\x04\x00\x01\x02"))
     (frame,) = Dynamixel2Reader().feed(port.read(64))
     first, second = b"\x00\x01\x00\x08\x00\x00", b"\x00\x02\x00\x08\x00\x00"
     assert (frame.params[:6], frame.params[8:]) == (first, second)
 
 
-def test_a_fast_sync_read_breaks_off_at_a_missing_servo(desk):
-    port = desk("XL430-W250", "XL430-W250")
+def test_a_fast_sync_read_breaks_off_at_a_missing_servo(make_port):
+    port = make_port("XL430-W250", "XL430-W250")
     port.write(encode2(254, 0x8A, b"\x84\x00\x04\x00\x01\x09\x02"))
     assert len(port.read(64)) == 8 + 8
 
@@ -153,15 +153,15 @@ def test_a_fast_sync_read_breaks_off_at_a_missing_servo(desk):
 @pytest.mark.parametrize(
     ("level", "answered"), [(0, (True, False, False)), (1, (True, True, False)), (2, (True,) * 3)]
 )
-def test_the_status_return_level_decides_what_is_answered(desk, level, answered):
-    port = desk("XL430-W250")
+def test_the_status_return_level_decides_what_is_answered(make_port, level, answered):
+    port = make_port("XL430-W250")
     port.line.servos[1].write("status_return_level", level)
     asked = ask(port, 1, 0x01), read(port, 1, 132, 4), write(port, 1, 65, 1, 1)
     assert tuple(bool(answers) for answers in asked) == answered
 
 
-def test_an_answer_waits_for_the_return_delay(desk):
-    port = desk("XL430-W250")
+def test_an_answer_waits_for_the_return_delay(make_port):
+    port = make_port("XL430-W250")
     port.line.servos[1].write("return_delay_time", 100)
     port.write(encode2(1, 0x01))
     port.read(14)
@@ -169,35 +169,35 @@ def test_an_answer_waits_for_the_return_delay(desk):
     assert port.clock.now_s() - wire_s == pytest.approx(200e-6, abs=5e-6)
 
 
-def test_a_new_id_is_answered_to_at_once(desk):
-    port = desk("XL430-W250")
+def test_a_new_id_is_answered_to_at_once(make_port):
+    port = make_port("XL430-W250")
     write(port, 1, 7, 42, 1)
     assert (ask(port, 1, 0x01), [a[0] for a in ask(port, 42, 0x01)]) == ([], [42])
 
 
-def test_a_servo_at_another_baud_rate_does_not_answer(desk):
-    port = desk("XL430-W250")
+def test_a_servo_at_another_baud_rate_does_not_answer(make_port):
+    port = make_port("XL430-W250")
     port.baudrate = 57600
     assert ask(port, 1, 0x01) == []
 
 
-def test_a_new_baud_rate_counts_from_the_next_instruction(desk):
-    port = desk("XL430-W250")
+def test_a_new_baud_rate_counts_from_the_next_instruction(make_port):
+    port = make_port("XL430-W250")
     answer = write(port, 1, 8, 2, 1)
     port.baudrate = 115200
     assert (answer, len(ask(port, 1, 0x01))) == ([(1, 0, b"")], 1)
 
 
-def test_a_rebooting_servo_does_not_reply_for_a_while(desk):
-    port = desk("XL430-W250")
+def test_a_rebooting_servo_does_not_reply_for_a_while(make_port):
+    port = make_port("XL430-W250")
     answers = [ask(port, 1, 0x08), ask(port, 1, 0x01)]
     port.clock.sleep_until(port.clock.now_s() + 0.5)
     answers.append(ask(port, 1, 0x01))
     assert [len(a) for a in answers] == [1, 0, 1]
 
 
-def test_a_reboot_forgets_the_ram_and_keeps_the_eeprom(desk):
-    port = desk("XL430-W250")
+def test_a_reboot_forgets_the_ram_and_keeps_the_eeprom(make_port):
+    port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("temperature_limit", 60)
     servo.write("led", 1)
@@ -206,21 +206,21 @@ def test_a_reboot_forgets_the_ram_and_keeps_the_eeprom(desk):
 
 
 @pytest.mark.parametrize(("option", "id_", "baud"), [(0xFF, 1, 1), (0x01, 42, 1), (0x02, 42, 3)])
-def test_a_factory_reset_keeps_what_its_option_says(desk, option, id_, baud):
-    port = desk("XL430-W250", ids=(42,))
+def test_a_factory_reset_keeps_what_its_option_says(make_port, option, id_, baud):
+    port = make_port("XL430-W250", ids=(42,))
     servo = port.line.servos[42]
     ask(port, 42, 0x06, bytes((option,)))
     assert (servo.read("id"), servo.read("baud_rate")) == (id_, baud)
 
 
-def test_a_broadcast_reset_of_everything_is_ignored(desk):
-    port = desk("XL430-W250", ids=(42,))
+def test_a_broadcast_reset_of_everything_is_ignored(make_port):
+    port = make_port("XL430-W250", ids=(42,))
     ask(port, 254, 0x06, b"\xff")
     assert port.line.servos[42].read("id") == 42
 
 
-def test_clear_brings_the_position_back_into_one_turn(desk):
-    port = desk("XL430-W250")
+def test_clear_brings_the_position_back_into_one_turn(make_port):
+    port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("operating_mode", 4)
     port.line.world.place("servo_1", 3 * 6.283185307)
@@ -229,40 +229,40 @@ def test_clear_brings_the_position_back_into_one_turn(desk):
     assert (before, servo.read("present_position")) == (2048 + 3 * 4096, 2048)
 
 
-def test_a_secondary_id_obeys_and_keeps_silent(desk):
-    port = desk("XL430-W250", "XL430-W250")
+def test_a_secondary_id_obeys_and_keeps_silent(make_port):
+    port = make_port("XL430-W250", "XL430-W250")
     port.line.servos[2].write("secondary_id", 1)
     answers = write(port, 1, 65, 1, 1)
     assert (answers, port.line.servos[2].read("led")) == ([(1, 0, b"")], 1)
 
 
-def test_a_secondary_id_does_not_write_eeprom(desk):
-    port = desk("XL430-W250", "XL430-W250")
+def test_a_secondary_id_does_not_write_eeprom(make_port):
+    port = make_port("XL430-W250", "XL430-W250")
     port.line.servos[2].write("secondary_id", 1)
     write(port, 1, 31, 60, 1)
     assert port.line.servos[2].read("temperature_limit") == 72
 
 
-def test_a_hardware_error_sets_the_alert_bit(desk):
-    port = desk("XL430-W250")
+def test_a_hardware_error_sets_the_alert_bit(make_port):
+    port = make_port("XL430-W250")
     port.line.servos[1].watch.raise_alarm(0x20)
     assert read(port, 1, 70, 1) == [(1, 0x80, b"\x20")]
 
 
-def test_an_indirect_address_reads_and_writes_where_it_points(desk):
-    port = desk("XL430-W250")
+def test_an_indirect_address_reads_and_writes_where_it_points(make_port):
+    port = make_port("XL430-W250")
     write(port, 1, 168, 65, 2)
     write(port, 1, 224, 1, 1)
     assert (port.line.servos[1].read("led"), read(port, 1, 224, 1)) == (1, [(1, 0, b"\x01")])
 
 
-def test_two_servos_with_one_id_garble_each_other(desk):
-    port = desk("XL430-W250", "XL330-M288", ids=(1, 1))
+def test_two_servos_with_one_id_garble_each_other(make_port):
+    port = make_port("XL430-W250", "XL330-M288", ids=(1, 1))
     assert ask(port, 1, 0x01) != [(1, 0, bytes((0x24, 0x04, 46)))]
 
 
-def test_the_bus_watchdog_makes_goals_read_only(desk):
-    port = desk("XL430-W250")
+def test_the_bus_watchdog_makes_goals_read_only(make_port):
+    port = make_port("XL430-W250")
     write(port, 1, 64, 1, 1)
     write(port, 1, 98, 5, 1)
     port.clock.sleep_until(port.clock.now_s() + 0.2)
@@ -270,8 +270,8 @@ def test_the_bus_watchdog_makes_goals_read_only(desk):
     assert status == ([(1, 0, b"\xff")], [(1, 4, b"")])
 
 
-def test_the_bus_watchdog_is_cleared_by_zero(desk):
-    port = desk("XL430-W250")
+def test_the_bus_watchdog_is_cleared_by_zero(make_port):
+    port = make_port("XL430-W250")
     write(port, 1, 64, 1, 1)
     write(port, 1, 98, 5, 1)
     port.clock.sleep_until(port.clock.now_s() + 0.2)

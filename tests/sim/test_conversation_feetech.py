@@ -1,4 +1,4 @@
-"""Whole conversations with Feetech STS servos on a desk."""
+"""Whole conversations with Feetech STS servos."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ def ask(port, id_, instruction, params=b""):
     return [(frame.id, frame.instruction, frame.params) for frame in answers]
 
 
-def test_ping_is_answered_as_in_the_manual(desk):
-    port = desk("STS3215")
+def test_ping_is_answered_as_in_the_manual(make_port):
+    port = make_port("STS3215")
     port.write(bytes.fromhex("FFFF010201FB"))
     assert port.read(6).hex() == "ffff010200fc"
 
 
-def test_position_2048_is_answered_as_in_the_manual(desk):
-    port = desk("STS3215")
+def test_position_2048_is_answered_as_in_the_manual(make_port):
+    port = make_port("STS3215")
     port.write(bytes.fromhex("FFFF0104023802BE"))
     assert port.read(8).hex() == "ffff0104000008f2"
 
 
-def test_the_model_number_is_a_register(desk):
-    assert ask(desk("STS3215"), 1, 0x02, b"\x03\x02") == [(1, 0, b"\x09\x03")]
+def test_the_model_number_is_a_register(make_port):
+    assert ask(make_port("STS3215"), 1, 0x02, b"\x03\x02") == [(1, 0, b"\x09\x03")]
 
 
-def test_a_broadcast_ping_is_answered_by_everybody(desk):
-    port = desk("STS3215", "STS3215")
+def test_a_broadcast_ping_is_answered_by_everybody(make_port):
+    port = make_port("STS3215", "STS3215")
     assert [a[0] for a in ask(port, 254, 0x01)] == [1, 2]
 
 
-def test_a_sync_read_is_answered_in_the_order_of_the_list(desk):
-    port = desk("STS3215", "STS3215")
+def test_a_sync_read_is_answered_in_the_order_of_the_list(make_port):
+    port = make_port("STS3215", "STS3215")
     assert [a[0] for a in ask(port, 254, 0x82, b"\x38\x02\x02\x01")] == [2, 1]
 
 
-def test_a_sync_write_sets_the_goals_of_the_manual(desk):
-    port = desk("STS3215", "STS3215")
+def test_a_sync_write_sets_the_goals_of_the_manual(make_port):
+    port = make_port("STS3215", "STS3215")
     port.write(bytes.fromhex("FFFFFE0A832A0201000802FF0737"))
     port.clock.sleep_until(0.01)
     goals = [port.line.servos[k].read("goal_position") for k in (1, 2)]
@@ -50,64 +50,64 @@ def test_a_sync_write_sets_the_goals_of_the_manual(desk):
 
 @pytest.mark.parametrize(("beyond", "is_done"), [(0, True), (1, False)])
 def test_a_write_up_to_the_last_byte_is_done_and_one_that_goes_beyond_changes_nothing(
-    desk, beyond, is_done
+    make_port, beyond, is_done
 ):
-    port = desk("STS3215")
+    port = make_port("STS3215")
     servo, address = port.line.servos[1], 0x2A
     length = servo.table.size - address + beyond
     ask(port, 1, 0x03, [address, *(1500).to_bytes(2, "little"), *bytes(length - 2)])
     assert (servo.read("goal_position") == 1500) is is_done
 
 
-def test_a_write_of_no_bytes_is_out_of_range(desk):
-    servo = desk("STS3215").line.servos[1]
+def test_a_write_of_no_bytes_is_out_of_range(make_port):
+    servo = make_port("STS3215").line.servos[1]
     assert servo.check_write(0x2A, b"") is not None
 
 
-def test_a_negative_offset_is_sign_and_magnitude(desk):
-    port = desk("STS3215")
+def test_a_negative_offset_is_sign_and_magnitude(make_port):
+    port = make_port("STS3215")
     port.write(bytes.fromhex("FFFF0105031F64086B"))
     port.read(6)
     assert port.line.servos[1].read("homing_offset") == -100
 
 
-def test_present_position_is_the_actual_one_minus_the_offset(desk):
-    port = desk("STS3215")
+def test_present_position_is_the_actual_one_minus_the_offset(make_port):
+    port = make_port("STS3215")
     ask(port, 1, 0x03, b"\x1f\x64\x08")
     assert port.line.servos[1].read("present_position") == 2148
 
 
-def test_present_position_wraps_into_one_turn(desk):
-    port = desk("STS3215")
+def test_present_position_wraps_into_one_turn(make_port):
+    port = make_port("STS3215")
     port.line.world.place("servo_1", 3.5)
     assert port.line.servos[1].read("present_position") == 2048 + 2282 - 4096
 
 
-def test_phase_bit_4_counts_turns(desk):
-    port = desk("STS3215")
+def test_phase_bit_4_counts_turns(make_port):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("phase", 12 | 16)
     port.line.world.place("servo_1", 3.5)
     assert servo.read("present_position") == 2048 + 2282
 
 
-def test_torque_128_makes_the_present_position_2048(desk):
-    port = desk("STS3215")
+def test_torque_128_makes_the_present_position_2048(make_port):
+    port = make_port("STS3215")
     port.line.world.place("servo_1", 0.5)
     ask(port, 1, 0x03, b"\x28\x80")
     servo = port.line.servos[1]
     assert (servo.read("present_position"), servo.read("homing_offset")) == (2048, 326)
 
 
-def test_torque_128_turns_no_torque_on(desk):
-    port = desk("STS3215")
+def test_torque_128_turns_no_torque_on(make_port):
+    port = make_port("STS3215")
     ask(port, 1, 0x03, b"\x28\x80")
     assert not port.line.servos[1].drive.torque_on
 
 
 @pytest.mark.parametrize(("lock", "kept"), [(1, 1), (0, 7)])
-def test_eeprom_writes_survive_the_power_only_unlocked(desk, lock, kept):
-    port = desk("STS3215")
+def test_eeprom_writes_survive_the_power_only_unlocked(make_port, lock, kept):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("lock", lock)
     servo.write("id", 7)
@@ -115,15 +115,15 @@ def test_eeprom_writes_survive_the_power_only_unlocked(desk, lock, kept):
     assert servo.read("id") == kept
 
 
-def test_an_unlocked_servo_is_locked_again_after_power_up(desk):
-    servo = desk("STS3215").line.servos[1]
+def test_an_unlocked_servo_is_locked_again_after_power_up(make_port):
+    servo = make_port("STS3215").line.servos[1]
     servo.write("lock", 0)
     servo.power_up()
     assert servo.read("lock") == 1
 
 
-def test_a_goal_beyond_the_limits_is_driven_to_the_limit(desk):
-    port = desk("STS3215")
+def test_a_goal_beyond_the_limits_is_driven_to_the_limit(make_port):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("max_position_limit", 2200)
     servo.write("torque_enable", 1)
@@ -132,20 +132,20 @@ def test_a_goal_beyond_the_limits_is_driven_to_the_limit(desk):
     assert servo.read("present_position") == pytest.approx(2200, abs=3)
 
 
-def test_a_write_to_a_measured_register_is_ignored(desk):
-    port = desk("STS3215")
+def test_a_write_to_a_measured_register_is_ignored(make_port):
+    port = make_port("STS3215")
     ask(port, 1, 0x03, b"\x38\x00\x00")
     assert port.line.servos[1].read("present_position") == 2048
 
 
-def test_a_write_is_not_answered_at_response_level_0(desk):
-    port = desk("STS3215")
+def test_a_write_is_not_answered_at_response_level_0(make_port):
+    port = make_port("STS3215")
     port.line.servos[1].write("response_level", 0)
     assert (ask(port, 1, 0x03, b"\x29\x14"), len(ask(port, 1, 0x01))) == ([], 1)
 
 
-def test_a_registered_write_waits_for_its_action(desk):
-    port = desk("STS3215")
+def test_a_registered_write_waits_for_its_action(make_port):
+    port = make_port("STS3215")
     ask(port, 1, 0x04, b"\x2a\x00\x09")
     servo = port.line.servos[1]
     before = servo.read("goal_position"), servo.read("async_write")
@@ -154,14 +154,14 @@ def test_a_registered_write_waits_for_its_action(desk):
     assert (before, after) == ((2048, 1), (2304, 0))
 
 
-def test_two_servos_with_one_id_and_different_positions_garble_each_other(desk):
-    port = desk("STS3215", "STS3215", ids=(1, 1))
+def test_two_servos_with_one_id_and_different_positions_garble_each_other(make_port):
+    port = make_port("STS3215", "STS3215", ids=(1, 1))
     port.line.world.place("servo_2", 0.7)
     assert ask(port, 1, 0x02, b"\x38\x02") != [(1, 0, b"\x00\x08")]
 
 
-def test_a_motion_with_speed_and_acceleration_arrives(desk):
-    port = desk("STS3215")
+def test_a_motion_with_speed_and_acceleration_arrives(make_port):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     for name, value in (("torque_enable", 1), ("acceleration", 50), ("goal_speed", 1000)):
         servo.write(name, value)

@@ -20,24 +20,24 @@ def run(port, seconds):
     port.clock.sleep_until(port.clock.now_s() + seconds)
 
 
-def test_a_silent_servo_does_not_answer_while_the_fault_lasts(desk):
-    port = desk("STS3215")
+def test_a_silent_servo_does_not_answer_while_the_fault_lasts(make_port):
+    port = make_port("STS3215")
     port.line.faults.add(Fault("silent", id=1, at_s=0.05, for_s=0.05))
-    heard = []
+    received = []
     for _ in range(3):
-        heard.append(ping(port))
+        received.append(ping(port))
         run(port, 0.06)
-    assert heard == [PONG, b"", PONG]
+    assert received == [PONG, b"", PONG]
 
 
-def test_a_fault_of_another_servo_leaves_this_one_alone(desk):
-    port = desk("STS3215")
+def test_a_fault_of_another_servo_leaves_this_one_alone(make_port):
+    port = make_port("STS3215")
     port.line.faults.add(Fault("silent", id=2))
     assert ping(port) == PONG
 
 
-def test_a_late_reply_arrives_in_the_next_transaction(desk):
-    port = desk("STS3215", "STS3215")
+def test_a_late_reply_arrives_in_the_next_transaction(make_port):
+    port = make_port("STS3215", "STS3215")
     port.line.faults.add(Fault("late", id=1, delay_s=0.025, count=1))
     port.timeout = 0.02
     first = ping(port)
@@ -47,33 +47,33 @@ def test_a_late_reply_arrives_in_the_next_transaction(desk):
 
 
 @pytest.mark.parametrize(
-    ("kind", "options", "looks"),
+    ("kind", "options", "expected"),
     [
-        ("short", {"bytes": 4}, lambda heard: heard == PONG[:4]),
-        ("checksum", {}, lambda heard: heard == PONG[:-1] + b"\x03"),
-        ("flipped", {"bits": 1}, lambda heard: len(heard) == 6 and heard != PONG),
-        ("garbage", {"bytes": 3}, lambda heard: heard[3:] == PONG),
-        ("truncated", {}, lambda heard: PONG.startswith(heard) and len(heard) < 6),
-        ("duplicated", {"delay_s": 0.001}, lambda heard: heard == PONG + PONG),
-        ("lost", {}, lambda heard: heard == b""),
+        ("short", {"bytes": 4}, lambda received: received == PONG[:4]),
+        ("checksum", {}, lambda received: received == PONG[:-1] + b"\x03"),
+        ("flipped", {"bits": 1}, lambda received: len(received) == 6 and received != PONG),
+        ("garbage", {"bytes": 3}, lambda received: received[3:] == PONG),
+        ("truncated", {}, lambda received: PONG.startswith(received) and len(received) < 6),
+        ("duplicated", {"delay_s": 0.001}, lambda received: received == PONG + PONG),
+        ("lost", {}, lambda received: received == b""),
     ],
 )
-def test_a_reply_is_spoilt_as_its_fault_says(desk, kind, options, looks):
-    port = desk("STS3215")
+def test_a_reply_is_spoilt_as_its_fault_says(make_port, kind, options, expected):
+    port = make_port("STS3215")
     port.line.faults.add(Fault(kind, **options))
     port.write(PING)
-    assert looks(port.read(64))
+    assert expected(port.read(64))
 
 
-def test_a_count_ends_a_fault(desk):
-    port = desk("STS3215")
+def test_a_count_ends_a_fault(make_port):
+    port = make_port("STS3215")
     port.line.faults.add(Fault("silent", count=2))
     assert [ping(port) for _ in range(3)] == [b"", b"", PONG]
 
 
-def test_chance_is_the_same_for_the_same_seed(desk):
+def test_chance_is_the_same_for_the_same_seed(make_port):
     def losses():
-        port = desk("STS3215", seed=7)
+        port = make_port("STS3215", seed=7)
         port.line.faults.add(Fault("silent", probability=0.5))
         return [ping(port) for _ in range(20)]
 
@@ -81,8 +81,8 @@ def test_chance_is_the_same_for_the_same_seed(desk):
     assert (first, {*first}) == (losses(), {b"", PONG})
 
 
-def test_a_pulled_cable_raises_and_comes_back(desk):
-    port = desk("STS3215")
+def test_a_pulled_cable_raises_and_comes_back(make_port):
+    port = make_port("STS3215")
     port.line.faults.add(Fault("unplug", at_s=0.01, for_s=0.05))
     run(port, 0.02)
     with pytest.raises(PortClosedError):
@@ -91,8 +91,8 @@ def test_a_pulled_cable_raises_and_comes_back(desk):
     assert ping(port) == PONG
 
 
-def test_a_brownout_switches_torque_off_stops_replies_and_empties_the_ram(desk):
-    port = desk("STS3215")
+def test_a_brownout_switches_torque_off_stops_replies_and_empties_the_ram(make_port):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("acceleration", 30)
     servo.write("torque_enable", 1)
@@ -104,8 +104,8 @@ def test_a_brownout_switches_torque_off_stops_replies_and_empties_the_ram(desk):
     assert (during, after) == ((b"", False), (PONG, 0, 0))
 
 
-def test_an_alarm_is_in_the_answers_until_its_end(desk):
-    port = desk("STS3215")
+def test_an_alarm_is_in_the_answers_until_its_end(make_port):
+    port = make_port("STS3215")
     port.line.faults.add(Fault("alarm", bits=0x04, for_s=0.05))
     run(port, 0.01)
     during = ping(port)
@@ -113,8 +113,8 @@ def test_an_alarm_is_in_the_answers_until_its_end(desk):
     assert (during[4], ping(port)) == (0x04, PONG)
 
 
-def test_a_hot_servo_says_so_and_lets_go(desk):
-    port = desk("STS3215")
+def test_a_hot_servo_says_so_and_lets_go(make_port):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
     port.line.faults.add(Fault("hot", celsius=85))
@@ -122,8 +122,8 @@ def test_a_hot_servo_says_so_and_lets_go(desk):
     assert (servo.read("status"), servo.drive.torque_on) == (0x04, False)
 
 
-def test_a_stuck_shaft_does_not_move(desk):
-    port = desk("STS3215")
+def test_a_stuck_shaft_does_not_move(make_port):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     port.line.faults.add(Fault("stuck", for_s=0.5))
     run(port, 0.01)
@@ -135,16 +135,16 @@ def test_a_stuck_shaft_does_not_move(desk):
     assert (during, servo.read("present_position")) == (2048, pytest.approx(2500, abs=3))
 
 
-def test_a_wrong_voltage_is_seen_and_alarmed(desk):
-    port = desk("STS3215")
+def test_a_wrong_voltage_is_seen_and_alarmed(make_port):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     port.line.faults.add(Fault("voltage", volts=3.5))
     run(port, 0.1)
     assert (servo.read("present_voltage"), servo.read("status")) == (35, 0x01)
 
 
-def test_a_lost_torque_leaves_the_register_on(desk):
-    port = desk("XL430-W250")
+def test_a_lost_torque_leaves_the_register_on(make_port):
+    port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
     port.line.faults.add(Fault("torque_lost"))
@@ -165,9 +165,9 @@ def test_slipping_gears_lag_behind_a_load(configs):
     assert abs(port.line.servos[3].read("present_position") - sound) > 100
 
 
-def test_an_unknown_fault_is_named_with_those_there_are(desk):
+def test_an_unknown_fault_is_named_with_those_there_are(make_port):
     with pytest.raises(FaultError, match="no fault is named 'gremlin'; known: silent, late"):
-        desk("STS3215").line.faults.add(Fault("gremlin"))
+        make_port("STS3215").line.faults.add(Fault("gremlin"))
 
 
 class TestFiles:
@@ -182,7 +182,7 @@ class TestFiles:
         assert read_faults(path) == [Fault("silent", count=2)]
 
     @pytest.mark.parametrize(
-        ("text", "complaint"),
+        ("text", "message"),
         [
             ("[[fault]]\nid = 3\n", "a fault needs a kind"),
             ('[[fault]]\nkind = "late"\ndelay = 3\n', "a fault has no 'delay'"),
@@ -195,8 +195,8 @@ class TestFiles:
             ("[[[\n", "faults.toml"),
         ],
     )
-    def test_that_make_no_sense_are_refused(self, tmp_path, text, complaint):
+    def test_that_make_no_sense_are_refused(self, tmp_path, text, message):
         path = tmp_path / "faults.toml"
         path.write_text(text)
-        with pytest.raises(FaultError, match=complaint):
+        with pytest.raises(FaultError, match=message):
             read_faults(path)

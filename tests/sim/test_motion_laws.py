@@ -38,9 +38,9 @@ def trapezoid(time_s, travel, speed, acceleration):
 
 
 @pytest.mark.parametrize("model", PROFILES)
-def test_an_unloaded_servo_follows_its_trapezoid_within_one_percent(desk, model):
+def test_an_unloaded_servo_follows_its_trapezoid_within_one_percent(make_port, model):
     registers, speed, acceleration = PROFILES[model]
-    port = desk(model)
+    port = make_port(model)
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
     for name, value in registers.items():
@@ -54,8 +54,8 @@ def test_an_unloaded_servo_follows_its_trapezoid_within_one_percent(desk, model)
 
 
 @pytest.mark.parametrize("model", ["SCS0009", "AX-12A"])
-def test_a_servo_without_acceleration_moves_at_its_goal_speed(desk, model):
-    port = desk(model)
+def test_a_servo_without_acceleration_moves_at_its_goal_speed(make_port, model):
+    port = make_port(model)
     servo = port.line.servos[1]
     name, value, ticks_s = {
         "SCS0009": ("goal_speed", 200, 200),
@@ -71,8 +71,8 @@ def test_a_servo_without_acceleration_moves_at_its_goal_speed(desk, model):
     assert gone == pytest.approx(0.5 * ticks_s, abs=0.01 * 500)
 
 
-def test_present_speed_agrees_with_the_positions(desk):
-    port = desk("STS3215")
+def test_present_speed_agrees_with_the_positions(make_port):
+    port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
     servo.write("goal_speed", 600)
@@ -83,8 +83,8 @@ def test_present_speed_agrees_with_the_positions(desk):
     assert (servo.read("present_position") - before) / 0.5 == pytest.approx(speed, rel=0.03)
 
 
-def test_a_load_that_holds_back_an_xm430_shuts_it_down_after_its_time(desk):
-    port = desk("XM430-W350")
+def test_a_load_that_holds_back_an_xm430_shuts_it_down_after_its_time(make_port):
+    port = make_port("XM430-W350")
     servo = port.line.servos[1]
     servo.motor.stuck = True
     servo.write("torque_enable", 1)

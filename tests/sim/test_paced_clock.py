@@ -44,6 +44,6 @@ def test_after_a_stall_time_catches_up_with_the_machine(machine):
 
 
 def test_the_world_goes_by_it(machine):
-    told = []
-    PacedClock(told.append, machine).sleep_until(0.25)
-    assert told == [0.25]
+    reported = []
+    PacedClock(reported.append, machine).sleep_until(0.25)
+    assert reported == [0.25]

@@ -12,78 +12,78 @@ from servosim.errors import ArmFileError, PortClosedError, SimulatorError
 PING = bytes.fromhex("FFFF010201FB")
 
 
-def test_bytes_take_their_time_at_the_baud_rate(desk):
-    port = desk("STS3215")
+def test_bytes_take_their_time_at_the_baud_rate(make_port):
+    port = make_port("STS3215")
     port.write(PING)
     port.read(6)
     assert port.clock.now_s() == pytest.approx(12 * 10e-6, abs=5e-6)
 
 
-def test_without_wire_time_the_answer_is_there_at_once(desk):
-    port = desk("STS3215", wire_time=False)
+def test_without_wire_time_the_answer_is_there_at_once(make_port):
+    port = make_port("STS3215", wire_time=False)
     port.write(PING)
     port.read(6)
     assert port.clock.now_s() < 10e-6
 
 
-def test_a_read_that_gets_nothing_ends_at_its_timeout(desk):
-    port = desk("STS3215")
+def test_a_read_that_gets_nothing_ends_at_its_timeout(make_port):
+    port = make_port("STS3215")
     assert (port.read(6), port.clock.now_s()) == (b"", 0.02)
 
 
-def test_a_read_returns_what_has_come_at_its_timeout(desk):
-    port = desk("STS3215")
+def test_a_read_returns_what_has_come_at_its_timeout(make_port):
+    port = make_port("STS3215")
     port.write(PING)
     assert port.read(60) == bytes.fromhex("FFFF010200FC")
 
 
-def test_a_read_without_timeout_ends_when_nothing_more_can_come(desk):
-    port = desk("STS3215")
+def test_a_read_without_timeout_ends_when_nothing_more_can_come(make_port):
+    port = make_port("STS3215")
     port.timeout = None
     port.write(PING)
     assert len(port.read(60)) == 6
 
 
-def test_timeout_zero_returns_at_once(desk):
-    port = desk("STS3215")
+def test_timeout_zero_returns_at_once(make_port):
+    port = make_port("STS3215")
     port.timeout = 0
     port.write(PING)
     assert port.read(6) == b""
 
 
-def test_polling_lets_a_little_time_pass(desk):
-    port = desk("STS3215")
+def test_polling_lets_a_little_time_pass(make_port):
+    port = make_port("STS3215")
     port.write(PING)
-    looks = 0
+    polls = 0
     while port.in_waiting < 6:
-        looks += 1
-    assert looks < 100
+        polls += 1
+    assert polls < 100
 
 
-def test_flush_waits_until_the_last_byte_has_left(desk):
-    port = desk("STS3215")
+def test_flush_waits_until_the_last_byte_has_left(make_port):
+    port = make_port("STS3215")
     port.write(PING)
     port.flush()
     assert port.clock.now_s() == pytest.approx(60e-6)
 
 
-def test_reset_throws_away_what_has_arrived(desk):
-    port = desk("STS3215")
+def test_reset_throws_away_what_has_arrived(make_port):
+    port = make_port("STS3215")
     port.write(PING)
     port.clock.sleep_until(0.01)
     port.reset_input_buffer()
     assert port.in_waiting == 0
 
 
-def test_a_closed_port_refuses(desk):
-    port = desk("STS3215")
+def test_a_closed_port_refuses(make_port):
+    port = make_port("STS3215")
     port.close()
     with pytest.raises(PortClosedError):
         port.read(1)
 
 
-def test_speaking_over_an_answer_garbles_it(desk):
-    port = desk("STS3215", "STS3215")
+def test_speaking_over_an_answer_garbles_it(make_port):
+    port = make_port("STS3215", "STS3215")
     port.write(PING)
     port.clock.sleep_until(80e-6)
     port.write(bytes.fromhex("FFFF020201FA"))
@@ -155,14 +155,14 @@ def test_an_address_that_is_none_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("query", "complaint"),
+    ("query", "message"),
     [
         ("seed=x", "seed=x is no number"),
         ("colour=red", "has no option 'colour'; known: backlash_deg, echo"),
     ],
 )
-def test_an_option_that_makes_no_sense_is_refused(configs, query, complaint):
-    with pytest.raises(SimulatorError, match=complaint):
+def test_an_option_that_makes_no_sense_is_refused(configs, query, message):
+    with pytest.raises(SimulatorError, match=message):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?{query}")
 
 

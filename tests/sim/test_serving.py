@@ -56,7 +56,7 @@ class TestOptions:
         assert [servo.baud for servo in world.servos] == [115_200, 1_000_000]
 
     @pytest.mark.parametrize(
-        ("argv", "complaint"),
+        ("argv", "message"),
         [
             ([], "give an arm or --servo"),
             (["arm.toml", "--servo", "1:sts3215"], "not both"),
@@ -72,16 +72,16 @@ class TestOptions:
             (["--servo", "1:sts3215", "--pose", "rest"], "--pose is an option of an arm"),
         ],
     )
-    def test_that_make_no_sense_exit_with_a_message(self, argv, complaint, capsys):
+    def test_that_make_no_sense_exit_with_a_message(self, argv, message, capsys):
         with pytest.raises(SystemExit) as ended:
             parse_options(argv)
         assert ended.value.code == 2
-        assert complaint in capsys.readouterr().err
+        assert message in capsys.readouterr().err
 
 
 class TestJournal:
-    def test_writes_time_direction_bytes_and_meaning(self, desk, tmp_path):
-        port = desk("STS3215")
+    def test_writes_time_direction_bytes_and_meaning(self, make_port, tmp_path):
+        port = make_port("STS3215")
         journal = TrafficLog(tmp_path / "log", port.line.world.servos)
         port.line.witnesses.append(journal)
         port.write(bytes.fromhex("FFFF0104023802BE"))
@@ -95,8 +95,8 @@ class TestJournal:
         ("instruction", "params"),
         [(0x8A, "84 00 04 00 01 02"), (0x9A, "01 84 00 04 00 02 84 00 04 00")],
     )
-    def test_writes_down_each_share_of_a_fast_read(self, desk, tmp_path, instruction, params):
-        port = desk("XL430-W250", "XL430-W250")
+    def test_writes_down_each_share_of_a_fast_read(self, make_port, tmp_path, instruction, params):
+        port = make_port("XL430-W250", "XL430-W250")
         port.line.servos[2].inject_alarm(0x20)
         journal = TrafficLog(tmp_path / "log", port.line.world.servos)
         port.line.witnesses.append(journal)
@@ -107,8 +107,8 @@ class TestJournal:
         assert first.endswith("status 1")
         assert second.endswith("status 2 error 0x80")
 
-    def test_names_errors_and_collisions(self, desk, tmp_path):
-        port = desk("XL430-W250", "XL330-M288", ids=(1, 1))
+    def test_names_errors_and_collisions(self, make_port, tmp_path):
+        port = make_port("XL430-W250", "XL330-M288", ids=(1, 1))
         journal = TrafficLog(tmp_path / "log", port.line.world.servos)
         port.line.witnesses.append(journal)
         port.write(bytes.fromhex("FFFFFD0001030001194E"))
@@ -118,8 +118,8 @@ class TestJournal:
 
 
 class TestAudit:
-    def test_sees_goals_steps_distances_and_eeprom_writes(self, desk):
-        port = desk("STS3215")
+    def test_sees_goals_steps_distances_and_eeprom_writes(self, make_port):
+        port = make_port("STS3215")
         servo, audit = port.line.servos[1], Audit(port.line.world.servos)
         servo.write("lock", 0)
         servo.write("max_position_limit", 3000)
@@ -131,8 +131,8 @@ class TestAudit:
             "largest_goal_step": 700, "largest_goal_distance": 1152, "eeprom_writes": 1,
         }  # fmt: skip
 
-    def test_counts_frames_bad_checksums_and_junk(self, desk):
-        port = desk("STS3215")
+    def test_counts_frames_bad_checksums_and_junk(self, make_port):
+        port = make_port("STS3215")
         audit = Audit(port.line.world.servos)
         port.line.witnesses.append(audit)
         for data in (PING, PING[:-1] + b"\x00", b"\x12\x34" + PING):
@@ -142,8 +142,8 @@ class TestAudit:
         assert (report["frames"], report["replies"], report["bad_checksums"]) == (2, 2, 1)
         assert report["junk_bytes"] == 8
 
-    def test_says_nothing_of_a_goal_that_was_not_written(self, desk):
-        port = desk("STS3215")
+    def test_says_nothing_of_a_goal_that_was_not_written(self, make_port):
+        port = make_port("STS3215")
         audit = Audit(port.line.world.servos)
         port.line.servos[1].write("acceleration", 5)
         assert audit.report([])["servos"][0]["goals"] == 0
@@ -153,43 +153,43 @@ class TestRemote:
     def ask(self, port, request):
         return RemoteControl(None, port.line).respond(json.dumps(request))
 
-    def test_tells_the_state_of_servos_and_joints(self, desk):
-        answer = self.ask(desk("STS3215"), {"do": "state"})
+    def test_tells_the_state_of_servos_and_joints(self, make_port):
+        answer = self.ask(make_port("STS3215"), {"do": "state"})
         servo = answer["servos"][0]
         assert (servo["id"], servo["model"], servo["position"]) == (1, "STS3215", 2048)
         assert answer["joints"]["servo_1"]["position_deg"] == 0.0
 
-    def test_places_a_joint(self, desk):
-        port = desk("STS3215")
+    def test_places_a_joint(self, make_port):
+        port = make_port("STS3215")
         self.ask(port, {"do": "place", "joint": "servo_1", "deg": 90})
         assert port.line.servos[1].read("present_position") == 3072
 
-    def test_places_no_joint_outside_its_stops(self, desk):
-        port = desk("SCS0009")
+    def test_places_no_joint_outside_its_stops(self, make_port):
+        port = make_port("SCS0009")
         self.ask(port, {"do": "place", "joint": "servo_1", "deg": 9000})
         assert port.line.world.joint("servo_1").position == pytest.approx(math.radians(150))
 
-    def test_leads_a_joint_by_the_hand(self, desk):
-        port = desk("STS3215")
+    def test_leads_a_joint_by_the_hand(self, make_port):
+        port = make_port("STS3215")
         self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
         port.clock.sleep_until(2)
         assert port.line.world.joint("servo_1").position == pytest.approx(math.pi / 4, abs=0.01)
 
-    def test_lets_go(self, desk):
-        port = desk("STS3215")
+    def test_lets_go(self, make_port):
+        port = make_port("STS3215")
         self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
         self.ask(port, {"do": "hand", "joint": "servo_1", "release": True})
         assert port.line.world.hands == {}
 
-    def test_starts_a_fault_now(self, desk):
-        port = desk("STS3215")
+    def test_starts_a_fault_now(self, make_port):
+        port = make_port("STS3215")
         port.clock.sleep_until(1)
         self.ask(port, {"do": "fault", "fault": {"kind": "silent", "count": 1}})
         port.write(PING)
         assert port.read(6) == b""
 
-    def test_takes_a_servo_off_the_bus_and_puts_it_back(self, desk):
-        port = desk("STS3215")
+    def test_takes_a_servo_off_the_bus_and_puts_it_back(self, make_port):
+        port = make_port("STS3215")
         for do, answer in (("disconnect", b""), ("connect", bytes.fromhex("FFFF010200FC"))):
             assert self.ask(port, {"do": do, "servo": 1}) == {"ok": True}
             port.clock.sleep_until(port.clock.now_s() + 1.0)
@@ -205,8 +205,8 @@ class TestRemote:
             ({"do": "brownout", "for_s": 0.01}, "acceleration", 0),
         ],
     )
-    def test_changes_the_world(self, desk, request_, register, value):
-        port = desk("STS3215")
+    def test_changes_the_world(self, make_port, request_, register, value):
+        port = make_port("STS3215")
         port.line.servos[1].write("acceleration", 9)
         assert self.ask(port, request_) == {"ok": True}
         port.clock.sleep_until(0.1)
@@ -233,8 +233,8 @@ class TestRemote:
             ('{"do": "voltage", "volts": NaN}', "volts = nan is not between 0 and 60"),
         ],
     )
-    def test_explains_what_it_cannot_do(self, desk, text, error):
-        answer = RemoteControl(None, desk("STS3215").line).respond(text)
+    def test_explains_what_it_cannot_do(self, make_port, text, error):
+        answer = RemoteControl(None, make_port("STS3215").line).respond(text)
         assert not answer["ok"]
         assert error in answer["error"]
 
@@ -257,7 +257,7 @@ def server(tmp_path):
         process.stdout.close()
 
 
-def heard(ask, *request):
+def first_reply(ask, *request):
     """Ask until the answer comes: the machine of a test may be busy."""
     answers = (ask(*request) for _ in range(5))
     return next((answer for answer in answers if answer[-2] == 0), "no answer")
@@ -274,7 +274,7 @@ def test_loose_servos_answer_at_the_rate_of_the_factory(server):
     _, path = server("--servo", "1-2:xl430-w250", "--servo", "5:xl330-m288")
     port = dynamixel(path, 57_600)
     packets = dynamixel_sdk.PacketHandler(2.0)
-    answers = [heard(packets.ping, port, id_) for id_ in (1, 2, 5)]
+    answers = [first_reply(packets.ping, port, id_) for id_ in (1, 2, 5)]
     port.closePort()
     assert answers == [(1060, 0, 0), (1060, 0, 0), (1200, 0, 0)]
 
@@ -282,7 +282,7 @@ def test_loose_servos_answer_at_the_rate_of_the_factory(server):
 def test_loose_servos_speak_protocol_1_when_told_to(server):
     _, path = server("--servo", "1:xl430-w250", "--baud", "1000000", "--protocol", "1")
     port = dynamixel(path)
-    answer = heard(dynamixel_sdk.PacketHandler(1.0).ping, port, 1)
+    answer = first_reply(dynamixel_sdk.PacketHandler(1.0).ping, port, 1)
     port.closePort()
     assert answer == (1060, 0, 0)
 
@@ -291,10 +291,10 @@ def test_ax_and_mx_talk_to_the_sdk(server):
     _, path = server("--servo", "1:ax-12a", "--servo", "2:mx-28", "--baud", "1000000")
     port = dynamixel(path)
     packets = dynamixel_sdk.PacketHandler(1.0)
-    answers = heard(packets.ping, port, 1), heard(packets.ping, port, 2)
-    position = heard(packets.read2ByteTxRx, port, 2, 36)
-    heard(packets.write2ByteTxRx, port, 1, 30, 520)
-    goal = heard(packets.read2ByteTxRx, port, 1, 30)
+    answers = first_reply(packets.ping, port, 1), first_reply(packets.ping, port, 2)
+    position = first_reply(packets.read2ByteTxRx, port, 2, 36)
+    first_reply(packets.write2ByteTxRx, port, 1, 30, 520)
+    goal = first_reply(packets.read2ByteTxRx, port, 1, 30)
     port.closePort()
     assert answers == ((12, 0, 0), (29, 0, 0))
     assert (position, goal) == ((2048, 0, 0), (520, 0, 0))
@@ -306,7 +306,7 @@ def test_scs_servos_talk_to_the_sdk(server):
     port.openPort()
     port.setBaudRate(1_000_000)
     packets = scservo_sdk.PacketHandler(1)
-    answers = heard(packets.ping, port, 1), heard(packets.read2ByteTxRx, port, 1, 56)
+    answers = first_reply(packets.ping, port, 1), first_reply(packets.read2ByteTxRx, port, 1, 56)
     port.closePort()
     scservo_sdk.PacketHandler(0)  # the byte order is a global of the SDK
     assert answers == ((1284, 0, 0), (512, 0, 0))
@@ -315,7 +315,7 @@ def test_scs_servos_talk_to_the_sdk(server):
 def test_an_arm_can_be_set_to_another_rate(server, configs):
     _, path = server(configs / "koch" / "arm.toml", "--baud", "57600")
     port = dynamixel(path, 57_600)
-    answer = heard(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
+    answer = first_reply(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
     port.closePort()
     assert answer == (1060, 0, 0)
 
@@ -324,7 +324,7 @@ def test_two_arms_are_served_at_once(server, configs):
     paths = [server(configs / name / "arm.toml")[1] for name in ("koch", "px100")]
     packets = dynamixel_sdk.PacketHandler(2.0)
     ports = [dynamixel(path) for path in paths]
-    answers = [heard(packets.ping, port, 1) for port in ports]
+    answers = [first_reply(packets.ping, port, 1) for port in ports]
     for port in ports:
         port.closePort()
     assert answers == [(1060, 0, 0)] * 2
@@ -336,7 +336,7 @@ def test_log_audit_and_quit(server, configs, tmp_path):
         configs / "koch" / "arm.toml", "--log", log, "--audit", audit, "--control", control
     )
     port = dynamixel(path)
-    heard(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
+    first_reply(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
     port.closePort()
     assert talk(control, {"do": "state"})["servos"][0]["id"] == 1
     assert talk(control, {"do": "quit"}) == {"ok": True}
@@ -368,7 +368,7 @@ def test_a_cable_can_be_pulled_and_plugged_in_again(server, configs, tmp_path):
     talk(control, {"do": "replug"})
     wait_until(link.is_symlink)
     port = dynamixel(str(link))
-    answer = heard(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
+    answer = first_reply(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
     port.closePort()
     assert answer == (1060, 0, 0)
 
@@ -381,7 +381,7 @@ def test_what_cannot_be_served_is_explained(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "complaint"),
+    ("options", "message"),
     [
         (["--link", "taken"], "taken is there already and is no link"),
         (["--control", "taken"], "taken is there already and is no socket"),
@@ -394,12 +394,12 @@ def test_what_cannot_be_served_is_explained(tmp_path):
     ],
 )
 def test_places_that_cannot_be_used_are_explained_and_left_alone(
-    options, complaint, configs, tmp_path, monkeypatch, capsys
+    options, message, configs, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     Path("taken").write_text("precious")
     assert servosim.serve([str(configs / "koch" / "arm.toml"), *options]) == 2
-    assert complaint in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
     assert Path("taken").read_text() == "precious"
 

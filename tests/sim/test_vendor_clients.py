@@ -58,7 +58,7 @@ def dynamixel(server):
 PATIENCE_S = 10.0  # the SDKs give up after 34 ms and less; a busy machine is away for longer
 
 
-def heard(ask, *request):
+def first_reply(ask, *request):
     """Ask until the answer comes: the machine of a test may be busy."""
     end_s, tries = time.monotonic() + PATIENCE_S, 0
     while tries < 5 or time.monotonic() < end_s:
@@ -87,20 +87,26 @@ def settle(read, goal, within, timeout_s=5.0):
 class TestFeetechSdk:
     def test_pings_all_servos(self, feetech):
         port, packets = feetech
-        assert [heard(packets.ping, port, k) for k in range(1, 7)] == [(777, 0, 0)] * 6
+        assert [first_reply(packets.ping, port, k) for k in range(1, 7)] == [(777, 0, 0)] * 6
 
     def test_reads_one_byte_and_two_bytes(self, feetech):
         port, packets = feetech
-        answers = heard(packets.read1ByteTxRx, port, 1, 5), heard(packets.read2ByteTxRx, port, 1, 3)
+        answers = (
+            first_reply(packets.read1ByteTxRx, port, 1, 5),
+            first_reply(packets.read2ByteTxRx, port, 1, 3),
+        )
         assert answers == ((1, 0, 0), (777, 0, 0))
 
     def test_writes_and_reads_back(self, feetech):
         port, packets = feetech
         wrote = (
-            heard(packets.write1ByteTxRx, port, 1, 41, 30),
-            heard(packets.write2ByteTxRx, port, 1, 46, 900),
+            first_reply(packets.write1ByteTxRx, port, 1, 41, 30),
+            first_reply(packets.write2ByteTxRx, port, 1, 46, 900),
         )
-        read = heard(packets.read1ByteTxRx, port, 1, 41), heard(packets.read2ByteTxRx, port, 1, 46)
+        read = (
+            first_reply(packets.read1ByteTxRx, port, 1, 41),
+            first_reply(packets.read2ByteTxRx, port, 1, 46),
+        )
         assert (wrote, read) == (((0, 0), (0, 0)), ((30, 0, 0), (900, 0, 0)))
 
     def test_sync_reads_all_positions(self, feetech):
@@ -108,24 +114,26 @@ class TestFeetechSdk:
         group = scservo_sdk.GroupSyncRead(port, packets, 56, 2)
         for k in range(1, 7):
             group.addParam(k)
-        assert heard(group.txRxPacket) == 0
+        assert first_reply(group.txRxPacket) == 0
         assert group.getData(1, 56, 2) == pytest.approx(2048, abs=3)
 
     def test_follows_a_motion_to_its_end(self, feetech):
         port, packets = feetech
         for id_ in (1, 5):
-            heard(packets.write1ByteTxRx, port, id_, 41, 50)
-            heard(packets.write2ByteTxRx, port, id_, 46, 1000)
-            heard(packets.write2ByteTxRx, port, id_, 42, 2048)
-            heard(packets.write1ByteTxRx, port, id_, 40, 1)
+            first_reply(packets.write1ByteTxRx, port, id_, 41, 50)
+            first_reply(packets.write2ByteTxRx, port, id_, 46, 1000)
+            first_reply(packets.write2ByteTxRx, port, id_, 42, 2048)
+            first_reply(packets.write1ByteTxRx, port, id_, 40, 1)
         group = scservo_sdk.GroupSyncWrite(port, packets, 42, 2)
         group.addParam(1, (2348).to_bytes(2, "little"))
         group.addParam(5, (1748).to_bytes(2, "little"))
         group.txPacket()
-        way = settle(lambda: heard(packets.read2ByteTxRx, port, 1, 56)[0], 2348, 4)
+        way = settle(lambda: first_reply(packets.read2ByteTxRx, port, 1, 56)[0], 2348, 4)
         assert way == sorted(way)
         assert way[-1] == pytest.approx(2348, abs=4)
-        assert settle(lambda: heard(packets.read2ByteTxRx, port, 5, 56)[0], 1748, 4)[-1] < 1760
+        assert (
+            settle(lambda: first_reply(packets.read2ByteTxRx, port, 5, 56)[0], 1748, 4)[-1] < 1760
+        )
 
     def test_gets_no_answer_at_another_baud_rate(self, feetech):
         port, packets = feetech
@@ -136,9 +144,12 @@ class TestFeetechSdk:
 
     def test_changes_an_id(self, feetech):
         port, packets = feetech
-        heard(packets.write1ByteTxRx, port, 6, 55, 0)
-        heard(packets.write1ByteTxRx, port, 6, 5, 66)
-        answers = heard(packets.ping, port, 66), heard(packets.write1ByteTxRx, port, 66, 5, 6)
+        first_reply(packets.write1ByteTxRx, port, 6, 55, 0)
+        first_reply(packets.write1ByteTxRx, port, 6, 5, 66)
+        answers = (
+            first_reply(packets.ping, port, 66),
+            first_reply(packets.write1ByteTxRx, port, 66, 5, 6),
+        )
         assert answers == ((777, 0, 0), (0, 0))
 
 
@@ -150,25 +161,25 @@ def everybody(found, result):
 class TestDynamixelSdk:
     def test_finds_everybody_by_broadcast_ping(self, dynamixel):
         port, packets = dynamixel
-        found, *_ = heard(lambda port: everybody(*packets.broadcastPing(port)), port)
+        found, *_ = first_reply(lambda port: everybody(*packets.broadcastPing(port)), port)
         assert found == [1, 2, 3, 4, 5, 6]
 
     def test_pings_one_servo(self, dynamixel):
         port, packets = dynamixel
-        assert heard(packets.ping, port, 1) == (1060, 0, 0)
+        assert first_reply(packets.ping, port, 1) == (1060, 0, 0)
 
     def test_reads_each_width(self, dynamixel):
         port, packets = dynamixel
         answers = (
-            heard(packets.read1ByteTxRx, port, 1, 7),
-            heard(packets.read2ByteTxRx, port, 1, 0),
-            heard(packets.read4ByteTxRx, port, 1, 48),
+            first_reply(packets.read1ByteTxRx, port, 1, 7),
+            first_reply(packets.read2ByteTxRx, port, 1, 0),
+            first_reply(packets.read4ByteTxRx, port, 1, 48),
         )
         assert answers == ((1, 0, 0), (1060, 0, 0), (4095, 0, 0))
 
     def test_hears_a_range_error(self, dynamixel):
         port, packets = dynamixel
-        assert heard(packets.write4ByteTxRx, port, 1, 116, 5000) == (0, 4)
+        assert first_reply(packets.write4ByteTxRx, port, 1, 116, 5000) == (0, 4)
 
     @pytest.mark.parametrize("fast", [False, True])
     def test_sync_reads_all_positions(self, dynamixel, fast):
@@ -176,7 +187,7 @@ class TestDynamixelSdk:
         group = dynamixel_sdk.GroupSyncRead(port, packets, 132, 4)
         for k in range(1, 7):
             group.addParam(k)
-        assert heard(group.fastSyncRead if fast else group.txRxPacket) == 0
+        assert first_reply(group.fastSyncRead if fast else group.txRxPacket) == 0
         assert group.getData(1, 132, 4) == pytest.approx(2048, abs=10)
 
     @pytest.mark.parametrize("fast", [False, True])
@@ -185,7 +196,7 @@ class TestDynamixelSdk:
         group = dynamixel_sdk.GroupBulkRead(port, packets)
         group.addParam(1, 7, 1)
         group.addParam(3, 0, 2)
-        assert heard(group.fastBulkRead if fast else group.txRxPacket) == 0
+        assert first_reply(group.fastBulkRead if fast else group.txRxPacket) == 0
         assert (group.getData(1, 7, 1), group.getData(3, 0, 2)) == (1, 1200)
 
     def test_bulk_writes_different_registers(self, dynamixel):
@@ -194,25 +205,28 @@ class TestDynamixelSdk:
         group.addParam(5, 65, 1, [1])
         group.addParam(6, 112, 4, [77, 0, 0, 0])
         assert group.txPacket() == 0
-        read = heard(packets.read1ByteTxRx, port, 5, 65), heard(packets.read4ByteTxRx, port, 6, 112)
+        read = (
+            first_reply(packets.read1ByteTxRx, port, 5, 65),
+            first_reply(packets.read4ByteTxRx, port, 6, 112),
+        )
         assert read == ((1, 0, 0), (77, 0, 0))
 
     def test_follows_a_motion_to_its_end(self, dynamixel):
         port, packets = dynamixel
-        heard(packets.write4ByteTxRx, port, 5, 112, 60)
-        heard(packets.write4ByteTxRx, port, 5, 108, 10)
-        heard(packets.write1ByteTxRx, port, 5, 64, 1)
-        heard(packets.write4ByteTxRx, port, 5, 116, 2348)
-        way = settle(lambda: heard(packets.read4ByteTxRx, port, 5, 132)[0], 2348, 6)
+        first_reply(packets.write4ByteTxRx, port, 5, 112, 60)
+        first_reply(packets.write4ByteTxRx, port, 5, 108, 10)
+        first_reply(packets.write1ByteTxRx, port, 5, 64, 1)
+        first_reply(packets.write4ByteTxRx, port, 5, 116, 2348)
+        way = settle(lambda: first_reply(packets.read4ByteTxRx, port, 5, 132)[0], 2348, 6)
         assert way == sorted(way)
         assert way[-1] == pytest.approx(2348, abs=6)
 
     def test_reboots_a_servo(self, dynamixel):
         port, packets = dynamixel
-        heard(packets.write1ByteTxRx, port, 4, 65, 1)
-        assert heard(packets.reboot, port, 4) == (0, 0)
-        heard(packets.ping, port, 4)
-        assert heard(packets.read1ByteTxRx, port, 4, 65) == (0, 0, 0)
+        first_reply(packets.write1ByteTxRx, port, 4, 65, 1)
+        assert first_reply(packets.reboot, port, 4) == (0, 0)
+        first_reply(packets.ping, port, 4)
+        assert first_reply(packets.read1ByteTxRx, port, 4, 65) == (0, 0, 0)
 
     def test_scans_another_baud_rate_in_vain(self, dynamixel):
         port, packets = dynamixel
@@ -223,14 +237,14 @@ class TestDynamixelSdk:
 
     def test_changes_id_and_baud_rate(self, dynamixel):
         port, packets = dynamixel
-        heard(packets.write1ByteTxRx, port, 6, 7, 60)
-        heard(packets.write1ByteTxRx, port, 60, 8, 2)
+        first_reply(packets.write1ByteTxRx, port, 6, 7, 60)
+        first_reply(packets.write1ByteTxRx, port, 60, 8, 2)
         port.setBaudRate(115_200)
-        answer = heard(packets.ping, port, 60)
-        heard(packets.write1ByteTxRx, port, 60, 8, 3)
+        answer = first_reply(packets.ping, port, 60)
+        first_reply(packets.write1ByteTxRx, port, 60, 8, 3)
         port.setBaudRate(1_000_000)
-        heard(packets.write1ByteTxRx, port, 60, 7, 6)
-        assert (answer, heard(packets.ping, port, 6)) == ((1200, 0, 0), (1200, 0, 0))
+        first_reply(packets.write1ByteTxRx, port, 60, 7, 6)
+        assert (answer, first_reply(packets.ping, port, 6)) == ((1200, 0, 0), (1200, 0, 0))
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

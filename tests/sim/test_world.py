@@ -17,14 +17,14 @@ def run(port, seconds):
     port.clock.sleep_until(port.clock.now_s() + seconds)
 
 
-def test_a_world_at_rest_dozes(desk):
-    port = desk("STS3215")
+def test_a_world_at_rest_dozes(make_port):
+    port = make_port("STS3215")
     run(port, 0.1)
     assert port.line.world.is_idle
 
 
-def test_a_motor_that_crosses_its_backlash_goes_on_to_its_goal(desk):
-    port = desk("STS3215")
+def test_a_motor_that_crosses_its_backlash_goes_on_to_its_goal(make_port):
+    port = make_port("STS3215")
     servo, goals = port.line.servos[1], random.Random(1)
     servo.write("torque_enable", 1)
     servo.write("goal_speed", 1500)
@@ -36,14 +36,14 @@ def test_a_motor_that_crosses_its_backlash_goes_on_to_its_goal(desk):
         assert servo.read("moving") == 0
 
 
-def test_a_dozing_world_keeps_the_time(desk):
-    port = desk("XL430-W250")
+def test_a_dozing_world_keeps_the_time(make_port):
+    port = make_port("XL430-W250")
     run(port, 1.0)
     assert port.line.servos[1].read("realtime_tick") == 1000
 
 
-def test_a_write_wakes_the_world(desk):
-    port = desk("STS3215")
+def test_a_write_wakes_the_world(make_port):
+    port = make_port("STS3215")
     run(port, 0.1)
     port.line.servos[1].write("torque_enable", 1)
     assert not port.line.world.is_idle
@@ -58,8 +58,8 @@ def test_a_servo_that_holds_a_load_warms_while_the_world_dozes(configs):
     assert port.line.servos[3].motor.temperature_c > 25.1
 
 
-def test_an_event_happens_at_its_time_in_a_dozing_world(desk):
-    port = desk("STS3215")
+def test_an_event_happens_at_its_time_in_a_dozing_world(make_port):
+    port = make_port("STS3215")
     happened = []
     port.line.world.schedule(0.5, lambda: happened.append(port.line.world.time_s))
     run(port, 1.0)
@@ -74,17 +74,17 @@ def test_a_hand_moves_a_limp_joint(configs):
     assert world.joint("elbow_flex").position == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_hand_cannot_overcome_a_servo_that_is_stronger(desk):
-    port = desk("STS3215")
+def test_a_hand_cannot_overcome_a_servo_that_is_stronger(make_port):
+    port = make_port("STS3215")
     port.line.servos[1].write("torque_enable", 1)
     port.line.world.grasp("servo_1", Hand(hold(1.0), limit=0.5))
     run(port, 1.0)
     assert abs(port.line.world.joint("servo_1").position) < 0.1
 
 
-def test_an_unknown_joint_is_named_with_those_there_are(desk):
+def test_an_unknown_joint_is_named_with_those_there_are(make_port):
     with pytest.raises(SimulatorError, match="no joint is named 'knee'; known: servo_1"):
-        desk("STS3215").line.world.grasp("knee", Hand(hold(0.0)))
+        make_port("STS3215").line.world.grasp("knee", Hand(hold(0.0)))
 
 
 def moved_by_hands(configs, joint, *spans_s):

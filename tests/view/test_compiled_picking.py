@@ -9,8 +9,8 @@ from ikservo.view.bvh import LEFT, build_bvh
 from ikservo.view.draw_items import link_poses
 from ikservo.view.picking import Picker
 from tests.both_ways import needs_extension, run_both_ways
-from tests.view.looks import looked_at, model_of, picker
 from tests.view.test_view_pick import VIEWS, cloud, places, rays_at
+from tests.view.view_fixtures import looked_at, model_of, picker
 
 
 @needs_extension

@@ -10,7 +10,7 @@ from ikservo.view.auth import Permission
 from ikservo.view.connection import MessageFilter
 from ikservo.view.messages import BadMessageError
 from tests.arm.simulated import registers
-from tests.view.rooms import Room
+from tests.view.view_session import ViewSession
 
 WORDS = [
     {"kind": "pointer", "phase": "down", "x": 480, "y": 300, "button": 0, "pointer": 1},
@@ -57,9 +57,9 @@ def spliced(rng, words):
     return first[: rng.randrange(len(first))] + second[rng.randrange(len(second)) :]
 
 
-def fuzz(count, seed, hear):
+def fuzz(count, seed, receive):
     """Let ``hear`` have those of many messages that come in; return how many did."""
-    rng, heard = random.Random(seed), 0
+    rng, received = random.Random(seed), 0
     for number in range(count):
         words = {**rng.choice(WORDS), "seq": number % 1000 + 1, "seen": 0}
         change = rng.choice([with_another_value, with_other_letters, spliced])
@@ -67,15 +67,15 @@ def fuzz(count, seed, hear):
             message = MessageFilter(0.0).accept(change(rng, words), 0.0)
         except BadMessageError:
             continue
-        heard += 1
-        hear(message)
-    return heard
+        received += 1
+        receive(message)
+    return received
 
 
 @pytest.fixture
-def room():
-    with Room() as room:
-        yield room
+def session():
+    with ViewSession() as session:
+        yield session
 
 
 COUNTS = pytest.mark.parametrize(
@@ -85,24 +85,24 @@ COUNTS = pytest.mark.parametrize(
 
 
 @COUNTS
-def test_nothing_that_a_watcher_says_changes_anything(room, count):
-    watcher, wish = room.arrive(Permission.WATCH), room.pilot.command
+def test_nothing_that_a_watcher_says_changes_anything(session, count):
+    watcher, command = session.connect(Permission.WATCH), session.arm_thread.command
 
-    def hear(message):
+    def receive(message):
         try:
-            room.desk.receive(watcher, message)
+            session.controller.receive(watcher, message)
         except BadMessageError:
             return
 
-    assert fuzz(count, seed=1, hear=hear) > count / 50
-    assert room.pilot.command is wish
+    assert fuzz(count, seed=1, receive=receive) > count / 50
+    assert session.arm_thread.command is command
 
 
 @COUNTS
-def test_nothing_that_is_said_in_a_preview_moves_a_servo(room, count):
-    before, others = registers(room.arm, "goal_position"), []
+def test_nothing_that_is_said_in_a_preview_moves_a_servo(session, count):
+    before, others = registers(session.arm, "goal_position"), []
 
-    def hear(message):
+    def receive(message):
         if message.kind in (
             "set_live",
             "calibration",
@@ -110,21 +110,21 @@ def test_nothing_that_is_said_in_a_preview_moves_a_servo(room, count):
             others.append(message)
             return
         try:
-            room.desk.receive(room.visitor, message)
+            session.controller.receive(session.client, message)
         except BadMessageError:
             return
 
-    assert fuzz(count, seed=2, hear=hear) > count / 50
+    assert fuzz(count, seed=2, receive=receive) > count / 50
     assert {message.kind for message in others} == {"set_live", "calibration"}
-    room.pilot.step()
-    assert registers(room.arm, "goal_position") == before
+    session.arm_thread.step()
+    assert registers(session.arm, "goal_position") == before
 
 
 @pytest.mark.parametrize("count", [1_000, pytest.param(100_000, marks=pytest.mark.campaign)])
 def test_the_memory_that_fuzz_takes_is_given_back(count):
-    fuzz(500, seed=3, hear=lambda _: None)
+    fuzz(500, seed=3, receive=lambda _: None)
     tracemalloc.start()
-    fuzz(count, seed=4, hear=lambda _: None)
+    fuzz(count, seed=4, receive=lambda _: None)
     kept, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert kept < 500_000

@@ -59,8 +59,8 @@ def test_a_page_that_says_too_late_that_it_is_hidden_is_heard(intake):
 
 def test_a_page_that_is_slow_to_be_laid_out_is_still_heard_about_its_size(intake):
     intake.record_sent(0.0)
-    look = {"kind": "viewport", "w": 640, "h": 480, "dpr": 1.0, "view": "side"}
-    assert intake.accept(text(1, **look), 9.0).h == 480
+    view_state = {"kind": "viewport", "w": 640, "h": 480, "dpr": 1.0, "view": "side"}
+    assert intake.accept(text(1, **view_state), 9.0).h == 480
 
 
 def test_an_old_stop_still_stops(intake):

@@ -12,7 +12,7 @@ from ikservo.clock import RealClock
 from ikservo.view.auth import MAX_PENDING_CONNECTIONS, AccessTokens, Permission, challenge_response
 from ikservo.view.messages import MAX_MESSAGE_BYTES
 from ikservo.view.server import BoundAddress, make_app, serve_in_thread
-from tests.view.guests import Audience, Guest
+from tests.view.socket_clients import RecordingController, SocketClient
 
 PAGES = ["/", "/page/main.js", "/page/style.css"]
 
@@ -24,7 +24,7 @@ def keys():
 
 @pytest.fixture(scope="module")
 def house(keys):
-    everybody = Audience()
+    everybody = RecordingController()
     with serve_in_thread(
         make_app(everybody, keys, RealClock()), BoundAddress("127.0.0.1", 0)
     ) as url:
@@ -37,24 +37,24 @@ def url(house):
 
 
 @pytest.fixture
-def audience(house):
+def controller(house):
     house[0].forget()
     return house[0]
 
 
 @pytest.fixture
-def visit(url, audience, request):
-    def arrive(**options):
-        guest = Guest(url, **options)
-        request.addfinalizer(guest.close)
-        return guest
+def visit(url, controller, request):
+    def connect(**options):
+        client = SocketClient(url, **options)
+        request.addfinalizer(client.close)
+        return client
 
-    return arrive
+    return connect
 
 
 def refused_upgrade(url, **options):
     with pytest.raises(websockets.InvalidStatus) as refused:
-        Guest(url, **options)
+        SocketClient(url, **options)
     return refused.value.response.status_code
 
 
@@ -105,9 +105,9 @@ def test_another_host_reads_nothing(url, path):
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
-def test_another_origin_gets_no_socket(url, audience, origin):
+def test_another_origin_gets_no_socket(url, controller, origin):
     assert refused_upgrade(url, origin=origin) == 403
-    assert not audience.rights
+    assert not controller.rights
 
 
 def test_no_origin_gets_no_socket(url):
@@ -115,127 +115,127 @@ def test_no_origin_gets_no_socket(url):
 
 
 def test_the_key_in_the_query_of_a_url_opens_nothing(url, keys, visit):
-    guest = visit(additional_headers={"cookie": f"token={keys.control}"})
-    guest.send("{}")
-    assert guest.closing_code() == 4401
+    client = visit(additional_headers={"cookie": f"token={keys.control}"})
+    client.send("{}")
+    assert client.closing_code() == 4401
 
 
-def test_a_visitor_with_a_key_is_let_in(visit, audience, keys):
-    visit().prove(keys.control).hear_of("scene")
-    assert audience.rights == [Permission.CONTROL]
+def test_a_visitor_with_a_key_is_let_in(visit, controller, keys):
+    visit().prove(keys.control).receive_kind("scene")
+    assert controller.rights == [Permission.CONTROL]
 
 
-def test_the_other_key_gives_the_other_right(visit, audience, keys):
-    visit().prove(keys.watch).hear_of("scene")
-    assert audience.rights == [Permission.WATCH]
+def test_the_other_key_gives_the_other_right(visit, controller, keys):
+    visit().prove(keys.watch).receive_kind("scene")
+    assert controller.rights == [Permission.WATCH]
 
 
 @pytest.mark.parametrize("hello", [
     "{}", "", '{"kind":"stop","seq":1,"seen":0}', '{"kind":"hello"}', '{"kind":"hello","proof":""}',
     '{"kind":"hello","proof":"' + "0" * 64 + '"}', "x" * MAX_MESSAGE_BYTES,
 ])  # fmt: skip
-def test_who_cannot_prove_a_key_is_sent_away(visit, audience, hello):
-    guest = visit()
-    guest.send(hello)
-    assert guest.closing_code() == 4401
-    assert not audience.rights
+def test_who_cannot_prove_a_key_is_sent_away(visit, controller, hello):
+    client = visit()
+    client.send(hello)
+    assert client.closing_code() == 4401
+    assert not controller.rights
 
 
-def test_a_key_of_another_session_opens_nothing(visit, audience):
+def test_a_key_of_another_session_opens_nothing(visit, controller):
     assert visit().prove(AccessTokens.generate().control).closing_code() == 4401
-    assert not audience.rights
+    assert not controller.rights
 
 
-def test_a_proof_that_was_overheard_opens_nothing(visit, keys, audience):
+def test_a_proof_that_was_overheard_opens_nothing(visit, keys, controller):
     overheard = challenge_response(keys.control, visit().nonce)
-    guest = visit()
-    guest.send(json.dumps({"kind": "hello", "proof": overheard}))
-    assert guest.closing_code() == 4401
-    assert not audience.rights
+    client = visit()
+    client.send(json.dumps({"kind": "hello", "proof": overheard}))
+    assert client.closing_code() == 4401
+    assert not controller.rights
 
 
-def test_what_a_visitor_says_is_heard(visit, audience, keys):
-    guest = visit().prove(keys.control)
-    scene = guest.hear_of("scene")["seq"]
-    guest.say("stop", scene)
-    guest.say("fly", scene)
-    guest.hear_of("refused")
-    assert [message.kind for message in audience.heard] == ["stop"]
+def test_what_a_visitor_says_is_heard(visit, controller, keys):
+    client = visit().prove(keys.control)
+    scene = client.receive_kind("scene")["seq"]
+    client.send_message("stop", scene)
+    client.send_message("fly", scene)
+    client.receive_kind("refused")
+    assert [message.kind for message in controller.received] == ["stop"]
 
 
-def test_a_replayed_message_is_refused_and_not_heard_again(visit, audience, keys):
-    guest = visit().prove(keys.control)
-    guest.say("stop")
-    guest.seq -= 1
-    guest.say("stop")
-    assert "was received before" in guest.hear_of("refused")["message"]
-    assert len(audience.heard) == 1
+def test_a_replayed_message_is_refused_and_not_heard_again(visit, controller, keys):
+    client = visit().prove(keys.control)
+    client.send_message("stop")
+    client.seq -= 1
+    client.send_message("stop")
+    assert "was received before" in client.receive_kind("refused")["message"]
+    assert len(controller.received) == 1
 
 
-def test_an_oversized_message_changes_nothing(visit, audience, keys):
-    guest = visit().prove(keys.control)
-    guest.say("stop", pad="x" * MAX_MESSAGE_BYTES)
-    assert "too long" in guest.hear_of("refused")["message"]
-    assert not audience.heard
+def test_an_oversized_message_changes_nothing(visit, controller, keys):
+    client = visit().prove(keys.control)
+    client.send_message("stop", pad="x" * MAX_MESSAGE_BYTES)
+    assert "too long" in client.receive_kind("refused")["message"]
+    assert not controller.received
 
 
 @pytest.mark.parametrize("size", [5 * MAX_MESSAGE_BYTES, 2_000_000])
-def test_a_huge_message_ends_the_connection_unread(visit, audience, keys, size):
-    guest = visit().prove(keys.control)
+def test_a_huge_message_ends_the_connection_unread(visit, controller, keys, size):
+    client = visit().prove(keys.control)
     with suppress(websockets.ConnectionClosed):  # before all of it was sent
-        guest.say("stop", pad="x" * size)
-    assert guest.closing_code() in (1009, 1006)  # told why, or cut off in mid-sentence
-    assert not audience.heard
+        client.send_message("stop", pad="x" * size)
+    assert client.closing_code() in (1009, 1006)  # told why, or cut off in mid-sentence
+    assert not controller.received
 
 
 def test_bytes_where_text_belongs_end_the_connection(visit, keys):
-    guest = visit().prove(keys.control)
-    guest.send(b"\x00\x01")
-    assert guest.closing_code() == 1008
+    client = visit().prove(keys.control)
+    client.send(b"\x00\x01")
+    assert client.closing_code() == 1008
 
 
 def test_a_flood_is_dropped(visit, keys):
-    guest = visit().prove(keys.control)
+    client = visit().prove(keys.control)
     with suppress(websockets.ConnectionClosed):
         for _ in range(5_000):
-            guest.say("stop")
-    assert guest.closing_code() == 1008
+            client.send_message("stop")
+    assert client.closing_code() == 1008
 
 
 def test_scenes_wait_for_a_page_that_does_not_draw(visit, keys):
-    guest = visit().prove(keys.control)
-    numbers = [guest.hear_of("scene")["seq"], guest.hear_of("scene")["seq"]]
-    guest.say("heartbeat", numbers[-1], visible=True)
-    assert [*numbers, guest.hear_of("scene")["seq"]] == [1, 2, 3]
+    client = visit().prove(keys.control)
+    numbers = [client.receive_kind("scene")["seq"], client.receive_kind("scene")["seq"]]
+    client.send_message("heartbeat", numbers[-1], visible=True)
+    assert [*numbers, client.receive_kind("scene")["seq"]] == [1, 2, 3]
 
 
-def test_who_leaves_is_forgotten(visit, audience, keys, url):
-    guest = Guest(url).prove(keys.control)
-    guest.hear_of("scene")
-    guest.close()
+def test_who_leaves_is_forgotten(visit, controller, keys, url):
+    client = SocketClient(url).prove(keys.control)
+    client.receive_kind("scene")
+    client.close()
     other = visit().prove(keys.watch)  # the server has worked meanwhile
-    other.hear_of("scene")
-    assert len(audience.present) == 1
+    other.receive_kind("scene")
+    assert len(controller.present) == 1
 
 
 def test_no_more_than_sixteen_visitors_are_let_in(visit, keys):
     for _ in range(16):
-        visit().prove(keys.watch).hear_of("scene")
+        visit().prove(keys.watch).receive_kind("scene")
     assert visit().prove(keys.control).closing_code() == 1013
 
 
 def test_a_crowd_of_strangers_keeps_nobody_out(visit, keys):
     strangers = [visit() for _ in range(16)]
-    visit().prove(keys.control).hear_of("scene")
+    visit().prove(keys.control).receive_kind("scene")
     assert strangers[0].closing_code() == 1013
 
 
 def test_two_hundred_idle_sockets_keep_nobody_out(url, visit, keys):
     with ExitStack() as open_sockets:
         idle_sockets(open_sockets, url, 200)
-        guest = visit().prove(keys.control)
+        client = visit().prove(keys.control)
         for _ in range(20):
-            guest.say("heartbeat", guest.hear_of("scene")["seq"], visible=True)
+            client.send_message("heartbeat", client.receive_kind("scene")["seq"], visible=True)
 
 
 def test_of_many_idle_sockets_only_the_latest_stay(url):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ikservo.errors import BadValueError
 from ikservo.view.camera import Viewport
 from ikservo.view.viewpoints import Viewpoint, make_camera
-from tests.view.looks import VIEWPORT, cameras, looked_at, model_of, points, stage
+from tests.view.view_fixtures import VIEWPORT, cameras, looked_at, model_of, points, stage
 
 depths = st.floats(0.05, 20.0)
 pixels = st.tuples(st.floats(-4000, 8000), st.floats(-4000, 8000)).map(np.array)

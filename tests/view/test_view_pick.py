@@ -14,7 +14,7 @@ from ikservo.view.bvh import capsule_rows, link_primitives, triangle_rows
 from ikservo.view.draw_items import link_poses
 from ikservo.view.picking import Picker
 from ikservo.view.raycast import raycast_brute_force
-from tests.view.looks import VIEWPORT, cameras, looked_at, model_of, picker, points, stage
+from tests.view.view_fixtures import VIEWPORT, cameras, looked_at, model_of, picker, points, stage
 
 VIEWS = ["side", "top", "front", "orbit"]
 laws = settings(max_examples=25, deadline=None)
@@ -280,11 +280,11 @@ def test_the_square_is_looked_at_in_a_fraction_of_a_frame():
     poses = link_poses(model_of("wx250s").chain, home, {})
     px = camera.project(poses["wrist"][:3, 3])[0]
 
-    def look():
+    def view_state():
         picker("wx250s").pick_all_at(camera, poses, px, 41)
 
-    look()
-    assert min(_seconds(look) for _ in range(20)) < 0.004
+    view_state()
+    assert min(_seconds(view_state) for _ in range(20)) < 0.004
 
 
 def test_over_empty_space_nothing_is_picked():

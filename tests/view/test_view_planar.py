@@ -52,55 +52,60 @@ def test_it_is_drawn_and_picked_like_any_arm():
 
 @pytest.mark.parametrize("method", SOLVERS)
 def test_every_method_starts_at_the_same_joints_and_gets_there(method):
-    lesson = trace_method(MODEL.chain, TARGET_M, START, method)
-    np.testing.assert_allclose(lesson.lines_m[0, -1], MODEL.chain.forward(START)[:3, 3], atol=1e-12)
-    assert lesson.result.reached
-    assert lesson.distance_left_m(lesson.count - 1) < 1e-4
+    solver_trace = trace_method(MODEL.chain, TARGET_M, START, method)
+    np.testing.assert_allclose(
+        solver_trace.lines_m[0, -1], MODEL.chain.forward(START)[:3, 3], atol=1e-12
+    )
+    assert solver_trace.result.reached
+    assert solver_trace.distance_left_m(solver_trace.count - 1) < 1e-4
 
 
 @pytest.mark.parametrize("method", SOLVERS)
 def test_a_target_out_of_reach_is_red_at_the_end(method):
-    lesson = trace_method(MODEL.chain, np.array([0.5, 0.2, 0.0]), START, method)
-    assert lesson.items(lesson.count - 1, CAMERA)[-1]["style"] == "target_far"
-    assert lesson.distance_left_m(lesson.count - 1) == pytest.approx(
+    solver_trace = trace_method(MODEL.chain, np.array([0.5, 0.2, 0.0]), START, method)
+    assert solver_trace.items(solver_trace.count - 1, CAMERA)[-1]["style"] == "target_far"
+    assert solver_trace.distance_left_m(solver_trace.count - 1) == pytest.approx(
         math.hypot(0.5, 0.2) - 0.3, abs=2e-3
     )
 
 
 @pytest.mark.parametrize("method", SOLVERS)
 def test_every_iteration_is_inside_the_limits(method):
-    lesson = trace_method(MODEL.chain, TARGET_M, START, method)
-    assert distance_to_limits(MODEL.chain, np.array(lesson.result.trace)).min() >= 0.0
+    solver_trace = trace_method(MODEL.chain, TARGET_M, START, method)
+    assert distance_to_limits(MODEL.chain, np.array(solver_trace.result.trace)).min() >= 0.0
 
 
 def test_every_step_is_drawn_where_the_arm_was():
-    lesson = trace_method(MODEL.chain, TARGET_M, START, "ccd")
-    step = lesson.count // 2
-    drawn = next(i for i in lesson.items(step, CAMERA) if i["style"] == "iterate")
-    q = lesson.result.trace[lesson.numbers[step]]
+    solver_trace = trace_method(MODEL.chain, TARGET_M, START, "ccd")
+    step = solver_trace.count // 2
+    drawn = next(i for i in solver_trace.items(step, CAMERA) if i["style"] == "iterate")
+    q = solver_trace.result.trace[solver_trace.numbers[step]]
     links = ("link1", "link2", "link3", "tool")
     expected = CAMERA.project(np.array([MODEL.chain.forward(q, x)[:3, 3] for x in links]))[0]
     np.testing.assert_allclose(drawn["points"], expected, atol=0.06)
 
 
 def test_a_step_draws_the_way_so_far_and_no_further():
-    lesson = trace_method(MODEL.chain, TARGET_M, START, "pseudo_inverse")
-    trace = next(i for i in lesson.items(4, CAMERA) if i["style"] == "trace")
+    solver_trace = trace_method(MODEL.chain, TARGET_M, START, "pseudo_inverse")
+    trace = next(i for i in solver_trace.items(4, CAMERA) if i["style"] == "trace")
     assert len(trace["points"]) == 5
 
 
 def test_a_long_way_is_thinned_and_keeps_both_ends():
     far = MODEL.chain.forward(np.array([-2.9, -2.0, 2.5]))[:3, 3]
-    lesson = trace_method(MODEL.chain, far, START, "transpose")
-    assert lesson.count <= 200
-    assert lesson.numbers[0] == 0
-    assert lesson.numbers[-1] == len(lesson.result.trace) - 1
+    solver_trace = trace_method(MODEL.chain, far, START, "transpose")
+    assert solver_trace.count <= 200
+    assert solver_trace.numbers[0] == 0
+    assert solver_trace.numbers[-1] == len(solver_trace.result.trace) - 1
 
 
 def test_a_step_says_which_it_is_and_what_is_left():
-    lesson = trace_method(MODEL.chain, TARGET_M, START, "ccd")
-    last = lesson.numbers[-1]
-    assert lesson.format_step(lesson.count - 1) == f"ccd, iteration {last} of {last}: 0.0 mm left"
+    solver_trace = trace_method(MODEL.chain, TARGET_M, START, "ccd")
+    last = solver_trace.numbers[-1]
+    assert (
+        solver_trace.format_step(solver_trace.count - 1)
+        == f"ccd, iteration {last} of {last}: 0.0 mm left"
+    )
 
 
 def test_an_unknown_method_is_refused():

@@ -9,8 +9,8 @@ import pytest
 from ikservo.ik import Target, solve
 from ikservo.view.reachable_region import compute_region, draw_region, slice_plane
 from ikservo.view.viewpoints import arm_extent
-from tests.view.looks import looked_at, model_of, stage
 from tests.view.planar_arm import planar_model
+from tests.view.view_fixtures import looked_at, model_of, stage
 
 
 @cache

@@ -17,15 +17,17 @@ from ikservo.view.outlines import SilhouetteRenderer
 from ikservo.view.scene import SceneRenderer, SceneState
 from ikservo.view.viewpoints import Viewpoint, make_camera
 from tests.kinematics.chains import crane
-from tests.view.looks import VIEWPORT, looked_at, model_of, picker, stage, theatre
 from tests.view.planar_arm import planar_model
+from tests.view.view_fixtures import VIEWPORT, looked_at, model_of, picker, scene_renderer, stage
 
 VIEWS = ["side", "top", "front", "orbit"]
 
 
 def painted(name="so101", view="side", **shown):
     home = stage(name).home
-    return theatre(name).draw(SceneState(looked_at(name, view), **{"measured": home, **shown}))
+    return scene_renderer(name).draw(
+        SceneState(looked_at(name, view), **{"measured": home, **shown})
+    )
 
 
 def of_style(items, *styles):
@@ -93,8 +95,8 @@ def test_all_outlines_of_a_link_turn_the_same_way_so_that_they_fill_as_one():
 def test_links_are_painted_from_back_to_front(view):
     camera = looked_at("so101", view)
     home = stage("so101").home
-    the_theatre = theatre("so101")
-    seen = the_theatre._outlines.outlines_from(camera, link_poses(the_theatre.chain, home, {}))
+    one_renderer = scene_renderer("so101")
+    seen = one_renderer._outlines.outlines_from(camera, link_poses(one_renderer.chain, home, {}))
     assert [o.depth_m for o in seen] == sorted((o.depth_m for o in seen), reverse=True)
 
 
@@ -207,9 +209,9 @@ def test_an_arc_says_where_the_joint_is_and_who_limits_it():
 def test_the_calibrated_range_is_drawn_and_not_the_arm_files():
     model = model_of("so101")
     narrow = model.chain.with_limits(0.5 * model.chain.lower_rad, 0.5 * model.chain.upper_rad)
-    look = SceneState(looked_at("so101", "side"), at_joints(elbow_flex=0.0))
+    view_state = SceneState(looked_at("so101", "side"), at_joints(elbow_flex=0.0))
     wide, own = (
-        arc(SceneRenderer(model, chain).draw(look), "elbow_flex") for chain in (None, narrow)
+        arc(SceneRenderer(model, chain).draw(view_state), "elbow_flex") for chain in (None, narrow)
     )
     assert len(own["points"]) < 0.6 * len(wide["points"])
 
@@ -287,7 +289,7 @@ def test_a_box_to_keep_out_of_is_drawn_at_its_corners(view):
 def test_the_table_behind_the_eye_is_not_drawn():
     camera = looked_at("so101", "orbit")
     low = Camera(VIEWPORT, np.array([0.3, 0.0, 0.05]), camera.R_world_view, camera.scale_px, True)
-    items = theatre("so101").draw(SceneState(low, stage("so101").home))
+    items = scene_renderer("so101").draw(SceneState(low, stage("so101").home))
     for item in of_style(items, "grid"):
         assert np.isfinite(np.array(item["points"], dtype=float)).all()
 
@@ -318,9 +320,11 @@ def test_a_picture_of_ten_joints_is_projected_as_often_as_one_of_three(monkeypat
         model = planar_model([0.1] * links)
         q, drawing = np.full(links, 0.1), SceneRenderer(model)
         camera = make_camera(drawing.extent, Viewpoint("plane"), VIEWPORT, 0.0)
-        look = SceneState(camera, q, goal=q + 0.2, marker=TargetMarker(TIP, TIP, reached=False))
+        view_state = SceneState(
+            camera, q, goal=q + 0.2, marker=TargetMarker(TIP, TIP, reached=False)
+        )
         seen = []
         monkeypatch.setattr(Camera, "project", lambda *of, s=seen: s.append(1) or project(*of))
-        drawing.draw(look)
+        drawing.draw(view_state)
         calls[links] = len(seen)
     assert calls[10] == calls[3]

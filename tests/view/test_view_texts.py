@@ -48,13 +48,13 @@ def test_points_and_times_have_units():
 
 
 @pytest.mark.parametrize(
-    ("said", "level"),
+    ("messages", "level"),
     [({}, "good"), ({"temperature_c": 61.0}, "amber"), ({"load_percent": -85.0}, "amber"),
      ({"temperature_c": 66.0}, "red"), ({"alarms": ("overload",)}, "red")],
 )  # fmt: skip
-def test_a_servos_health_has_a_level(said, level):
+def test_a_servos_health_has_a_level(messages, level):
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, None, torque=True)
-    assert health_rows([replace(state, **said)], HealthLimits())[0]["level"] == level
+    assert health_rows([replace(state, **messages)], HealthLimits())[0]["level"] == level
 
 
 @pytest.mark.parametrize(("celsius", "level"), [(39.0, "good"), (41.0, "amber"), (46.0, "red")])

@@ -10,7 +10,7 @@ from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.model.model import KeepOutBox
 from ikservo.view.draw_items import link_poses
 from ikservo.view.visibility import TABLE, VisibilityChecker
-from tests.view.looks import looked_at, model_of, picker, stage
+from tests.view.view_fixtures import looked_at, model_of, picker, stage
 
 HOME = model_of("so101").pose("home")
 

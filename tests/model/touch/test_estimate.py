@@ -57,9 +57,9 @@ def test_fifteen_touches_leave_a_millimetre_and_a_half_at_most(name, seed):
 @pytest.mark.timeout(600)
 def test_fifty_hidden_arms_are_touched_off():
     before_m, after_m = np.array([judge(name, seed) for name, seed in FIFTY]).T
-    said = f"{1000 * np.median(before_m):.1f} mm before, {1000 * np.median(after_m):.2f} after"
-    assert np.median(before_m) > 0.008, said
-    assert np.median(after_m) < 0.0009, said
+    summary = f"{1000 * np.median(before_m):.1f} mm before, {1000 * np.median(after_m):.2f} after"
+    assert np.median(before_m) > 0.008, summary
+    assert np.median(after_m) < 0.0009, summary
 
 
 def test_touches_that_went_astray_are_left_out_by_name():
@@ -130,7 +130,7 @@ def test_touches_in_a_plane_do_not_tell_which_part_lies_too_high():
     found = fit_parameters(
         arm.chain, touches_of(arm), ParameterSet.EVERYTHING, np.ones(15, dtype=bool)
     )
-    told = np.sqrt(np.diag(found.covariance)) < 0.5 * found.layout.prior
-    by_name = dict(zip((p.name for p in found.layout.parameters), told.tolist(), strict=True))
+    determined = np.sqrt(np.diag(found.covariance)) < 0.5 * found.layout.prior
+    by_name = dict(zip((p.name for p in found.layout.parameters), determined.tolist(), strict=True))
     assert by_name["joint2 zero"]
     assert not by_name["tool_joint origin z"]

@@ -1,4 +1,4 @@
-"""A person before the page, and the arm behind it as the simulated servos have it."""
+"""An operator of the page, and the arm behind it as the simulated servos have it."""
 
 import json
 import math
@@ -23,15 +23,15 @@ THERE = 4  # looks
 AT_HOME_RAD = 0.012  # more than an arm sags when its torque comes on
 
 
-class Stand:
+class ServedView:
     """A served view: its addresses, and its simulated servos."""
 
-    def __init__(self, house, urls):
-        self.house, self.urls = house, urls
+    def __init__(self, view, urls):
+        self.view, self.urls = view, urls
 
     @property
     def arm(self):
-        return self.house.arm_thread.arm
+        return self.view.arm_thread.arm
 
     @property
     def line(self):
@@ -51,17 +51,19 @@ class Stand:
 
     def brought_home(self):
         """Let go of what the last test left behind, and bring the arm to where it was at first."""
-        desk, pilot = self.house.controller, self.house.arm_thread
-        until(lambda: not desk._clients)
-        if pilot.snapshot.stop_notice:
-            pilot.acknowledge()
-            until(lambda: not pilot.snapshot.stop_notice)
+        controller, arm_thread = self.view.controller, self.view.arm_thread
+        until(lambda: not controller._clients)
+        if arm_thread.snapshot.stop_notice:
+            arm_thread.acknowledge()
+            until(lambda: not arm_thread.snapshot.stop_notice)
         if not self.is_home():
-            me = desk.connect(Permission.CONTROL)
+            me = controller.connect(Permission.CONTROL)
             for seq, words in enumerate(GO_HOME):
-                desk.receive(me, read_message(json.dumps({**words, "seq": seq + 1, "seen": 0})))
-            until(self.is_home, lambda: (pilot.snapshot, self.joints()))
-            desk.disconnect(me)
+                controller.receive(
+                    me, read_message(json.dumps({**words, "seq": seq + 1, "seen": 0}))
+                )
+            until(self.is_home, lambda: (arm_thread.snapshot, self.joints()))
+            controller.disconnect(me)
         return self
 
     def is_home(self):
@@ -79,7 +81,7 @@ class Stand:
         return np.array(data.oMi[model.getJointId(joint)].translation)
 
 
-class HeldHouse(ViewApp):
+class HoldingView(ViewApp):
     """A view of an arm that holds itself when it is opened, as one in use does."""
 
     def _open_arm(self):
@@ -89,23 +91,23 @@ class HeldHouse(ViewApp):
 
 
 @contextmanager
-def opened_house(arm="so101", port="sim:?pose=home", dead_man_s=5.0):
+def serve_view(arm="so101", port="sim:?pose=home", dead_man_s=5.0):
     """Serve a view; a busy machine makes pages stutter, so the dead man is patient by default."""
-    house = HeldHouse(load_model(arm), port, dead_man_s=dead_man_s)
-    with house as urls, house.serve_in_thread():
-        yield Stand(house, urls)
+    view = HoldingView(load_model(arm), port, dead_man_s=dead_man_s)
+    with view as urls, view.serve_in_thread():
+        yield ServedView(view, urls)
 
 
-class Person:
+class Operator:
     """Moves the pointer, presses keys and reads what the page says."""
 
-    def __init__(self, page, stand, *, watch=False):
-        self.page, self.stand = page, stand
+    def __init__(self, page, served, *, watch=False):
+        self.page, self.served = page, served
         self.errors = []
-        self.before = stand.ticks()
+        self.before = served.ticks()
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.goto(stand.urls.watch if watch else stand.urls.control)
+        page.goto(served.urls.watch if watch else served.urls.control)
         self.until(SHOWN)
         self.wait_for_picture()
 
@@ -160,7 +162,7 @@ class Person:
 
     # --- what the person does ---
 
-    def throw_live(self):
+    def enable_live(self):
         self.page.click("#speeds button[value=fast]")
         self.wait_for("status.speed === 'fast'")
         self.page.click("#live")
@@ -170,13 +172,13 @@ class Person:
         return self.box["x"] + px[0], self.box["y"] + px[1]
 
     def click(self, px):
-        self.before = self.stand.ticks()
+        self.before = self.served.ticks()
         self.page.mouse.click(*self.over(px))
         return self
 
     def drag(self, start, move, steps=8):
         """Press at a pixel, move by pixels, and keep holding."""
-        start, self.before = np.asarray(start), self.stand.ticks()
+        start, self.before = np.asarray(start), self.served.ticks()
         self.page.mouse.move(*self.over(start))
         self.page.mouse.down()
         self.page.mouse.move(*self.over(start + move), steps=steps)
@@ -191,7 +193,7 @@ class Person:
         still, last = 0, None
         for _ in range(PATIENCE_MS // LOOK_MS):
             self.page.wait_for_timeout(LOOK_MS)
-            now = (self.stand.ticks(), self.stand.goals())
+            now = (self.served.ticks(), self.served.goals())
             still, last = (still + 1 if now == last else 0), now
             if still >= STILL:
                 return self
@@ -211,7 +213,7 @@ class Person:
         """Wait until the servos have moved since the last gesture began."""
         for _ in range(PATIENCE_MS // 20):
             self.page.wait_for_timeout(20)
-            moved = max(abs(self.stand.ticks()[i] - self.before[i]) for i in self.before)
+            moved = max(abs(self.served.ticks()[i] - self.before[i]) for i in self.before)
             if moved > 5:
                 return self
         raise AssertionError(f"the arm does not move\n{self.status}")

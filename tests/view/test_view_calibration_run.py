@@ -19,10 +19,10 @@ LONGEST = 6_000  # readings: two minutes
 
 
 @pytest.fixture
-def ritual():
-    ritual = CalibrationDriver(load_model("so101"), "sim")
-    ritual.request_start()
-    return ritual
+def calibration():
+    calibration = CalibrationDriver(load_model("so101"), "sim")
+    calibration.request_start()
+    return calibration
 
 
 @pytest.fixture
@@ -47,11 +47,11 @@ def screens_of(arm, last):
     return held(CalibrationDriver(load_model(arm.name), "/dev/ttyBENCH", "home"), last)
 
 
-def held(ritual, last):
+def held(calibration, last):
     script, seen = ScriptedAnswers(), {}
-    ritual.request_start()
-    for count, talk in enumerate(ritual.run()):
-        shown = calibration_view(ritual.model, talk, ritual.pose)
+    calibration.request_start()
+    for count, talk in enumerate(calibration.run()):
+        shown = calibration_view(calibration.model, talk, calibration.pose)
         seen.setdefault(shown["stage"], shown)
         word = "cancel" if shown["stage"] == "saved" or count > LONGEST else "accept"
         if shown["stage"] in ("anchor", "sweep") and word == "accept":
@@ -59,7 +59,7 @@ def held(ritual, last):
         if shown["stage"] == "review":
             word = last
         if word:
-            ritual.put_answer(word)
+            calibration.put_answer(word)
     return seen
 
 
@@ -85,16 +85,16 @@ def test_the_review_warns_of_limits_in_servos_that_cut_into_the_range(hidden):
     assert any("joint2: its servo's own limits" in line for line in review["lines"])
 
 
-def test_an_answer_that_does_not_do_is_explained(ritual):
-    talks = ritual.run()
+def test_an_answer_that_does_not_do_is_explained(calibration):
+    talks = calibration.run()
     next(talks)
-    ritual.put_answer("skip nowhere")
+    calibration.put_answer("skip nowhere")
     assert "no joint named" in next(talks).error
     talks.close()
 
 
-def test_who_leaves_ends_it(ritual):
-    talks = ritual.run()
+def test_who_leaves_ends_it(calibration):
+    talks = calibration.run()
     next(talks)
-    ritual.put_answer("cancel")
+    calibration.put_answer("cancel")
     assert len(list(talks)) <= 1

@@ -55,7 +55,7 @@ def stage(name):
 
 
 @cache
-def theatre(name):
+def scene_renderer(name):
     return SceneRenderer(model_of(name))
 
 
@@ -86,13 +86,13 @@ def pixel_of(name, view, q, link, offset_m=(0.0, 0.0, 0.0)):
     return looked_at(name, view, q).project(T[:3, 3])[0]
 
 
-def pixel_on(name, look, link):
+def pixel_on(name, view_state, link):
     """Return a pixel at which a link of the arm can be seen."""
-    poses = link_poses(model_of(name).chain, look.arms[0], look.other_joints)
+    poses = link_poses(model_of(name).chain, view_state.arms[0], view_state.other_joints)
     for capsule in capsules_of(model_of(name)):
         if capsule.link == link:
-            px, _ = look.camera.project(sum(capsule.ends(poses[link])) / 2)
-            hit = picker(name).pick_at(look.camera, poses, px, 1)
+            px, _ = view_state.camera.project(sum(capsule.ends(poses[link])) / 2)
+            hit = picker(name).pick_at(view_state.camera, poses, px, 1)
             if hit is not None and hit.link == link:
                 return px
     raise AssertionError(f"{link} is hidden")

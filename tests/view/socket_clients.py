@@ -1,4 +1,4 @@
-"""Visitors of a page's server that are no browsers: they say exactly what a test wants."""
+"""Websocket clients of the server that send exactly what a test wants."""
 
 import json
 from contextlib import ExitStack
@@ -9,32 +9,32 @@ from websockets.sync.client import connect
 from ikservo.view.auth import challenge_response
 
 
-class Audience:
-    """Stands behind the socket and only remembers."""
+class RecordingController:
+    """A controller that records what it receives."""
 
     def __init__(self):
         self.forget()
 
     def forget(self):
-        self.heard, self.present, self.rights, self.show = [], set(), [], []
+        self.received, self.present, self.rights, self.show = [], set(), [], []
 
     def connect(self, right):
         self.rights.append(right)
         self.present.add(len(self.rights))
         return len(self.rights)
 
-    def disconnect(self, visitor):
-        self.present.discard(visitor)
+    def disconnect(self, client):
+        self.present.discard(client)
 
-    def receive(self, visitor, message):
-        self.heard.append(message)
+    def receive(self, client, message):
+        self.received.append(message)
 
-    def frames(self, visitor):
+    def frames(self, client):
         return [{"kind": "scene", "items": self.show}]
 
 
-class Guest:
-    """One websocket whose words a test chooses."""
+class SocketClient:
+    """A websocket client whose messages a test chooses."""
 
     def __init__(self, url, **options):
         address = url.replace("http", "ws") + "/live"
@@ -44,7 +44,7 @@ class Guest:
         self.seq = 0
         self.nonce = ""
         try:
-            self.nonce = self.hear()["nonce"]
+            self.nonce = self.receive_message()["nonce"]
         except websockets.ConnectionClosed:
             self.close()
             raise
@@ -56,17 +56,17 @@ class Guest:
         self.send(json.dumps({"kind": "hello", "proof": challenge_response(key, self.nonce)}))
         return self
 
-    def say(self, kind, seen=0, **fields):
+    def send_message(self, kind, seen=0, **fields):
         self.seq += 1
         self.send(json.dumps({"kind": kind, "seq": self.seq, "seen": seen, **fields}))
 
-    def hear(self):
+    def receive_message(self):
         return json.loads(self.socket.recv(timeout=10))
 
-    def hear_of(self, kind):
+    def receive_kind(self, kind):
         """Return the next message of a kind."""
         while True:
-            message = self.hear()
+            message = self.receive_message()
             if message["kind"] == kind:
                 return message
 
@@ -74,7 +74,7 @@ class Guest:
         """Return the code with which the server ends it."""
         try:
             while True:
-                self.hear()
+                self.receive_message()
         except websockets.ConnectionClosed as closed:
             return closed.rcvd.code if closed.rcvd else 1006
 

@@ -36,7 +36,7 @@ FOREIGN_ORIGINS = [
 ]  # fmt: skip
 
 
-def door(host="127.0.0.1:8420", origin=None, *, upgrade=True, local=LOCAL, **more):
+def server(host="127.0.0.1:8420", origin=None, *, upgrade=True, local=LOCAL, **more):
     headers = [(b"host", host.encode())]
     if origin is not None:
         headers.append((b"origin", origin.encode()))
@@ -46,46 +46,46 @@ def door(host="127.0.0.1:8420", origin=None, *, upgrade=True, local=LOCAL, **mor
 
 @pytest.mark.parametrize("host", OWN_HOSTS)
 def test_the_page_comes_in_by_every_name_of_loopback(host):
-    assert door(host, f"http://{host.lower()}")
+    assert server(host, f"http://{host.lower()}")
 
 
 def test_another_host_is_refused_even_where_its_origin_agrees():
-    assert [host for host in FOREIGN_HOSTS if door(host, f"http://{host}")] == []
+    assert [host for host in FOREIGN_HOSTS if server(host, f"http://{host}")] == []
 
 
 def test_another_host_may_not_even_read_the_page():
-    assert [host for host in FOREIGN_HOSTS if door(host, upgrade=False)] == []
+    assert [host for host in FOREIGN_HOSTS if server(host, upgrade=False)] == []
 
 
 def test_another_origin_is_refused():
-    assert [origin for origin in FOREIGN_ORIGINS if door(origin=origin)] == []
+    assert [origin for origin in FOREIGN_ORIGINS if server(origin=origin)] == []
 
 
 def test_another_origin_may_not_fetch():
-    assert [origin for origin in FOREIGN_ORIGINS if door(origin=origin, upgrade=False)] == []
+    assert [origin for origin in FOREIGN_ORIGINS if server(origin=origin, upgrade=False)] == []
 
 
 def test_a_socket_without_an_origin_is_refused():
-    assert not door(origin=None)
+    assert not server(origin=None)
 
 
 def test_a_person_may_open_the_page():
-    assert door(upgrade=False)
+    assert server(upgrade=False)
 
 
 def test_a_link_from_elsewhere_may_be_followed():
-    assert door(upgrade=False, sec_fetch_site="cross-site", sec_fetch_mode="navigate",
+    assert server(upgrade=False, sec_fetch_site="cross-site", sec_fetch_mode="navigate",
                 sec_fetch_dest="document")  # fmt: skip
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
 def test_another_page_may_not_embed_what_is_ours(site):
-    assert not door(upgrade=False, sec_fetch_site=site, sec_fetch_mode="no-cors",
+    assert not server(upgrade=False, sec_fetch_site=site, sec_fetch_mode="no-cors",
                     sec_fetch_dest="script")  # fmt: skip
 
 
 def test_a_frame_of_another_page_is_refused():
-    assert not door(upgrade=False, sec_fetch_site="cross-site", sec_fetch_mode="navigate",
+    assert not server(upgrade=False, sec_fetch_site="cross-site", sec_fetch_mode="navigate",
                     sec_fetch_dest="iframe")  # fmt: skip
 
 
@@ -97,8 +97,8 @@ def test_a_header_that_comes_twice_is_refused(name):
 
 def test_on_a_listening_address_only_that_address_is_a_host():
     local = ("192.168.0.7", 8420)
-    assert door("192.168.0.7:8420", "http://192.168.0.7:8420", local=local)
-    assert not door("localhost:8420", "http://localhost:8420", local=local)
+    assert server("192.168.0.7:8420", "http://192.168.0.7:8420", local=local)
+    assert not server("localhost:8420", "http://localhost:8420", local=local)
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0", "::", "evil.example", "", "127.0.0.1:80"])
