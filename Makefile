@@ -10,7 +10,7 @@ demo: build  ## move the simulated SO-101 to a coordinate and print the report
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
 
 test: $(VENV)/tested build  ## the whole suite on the simulated bus, on every core
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/ruff check .

@@ -80,7 +80,7 @@ def test_the_true_tip_is_within_half_a_millimetre_and_a_third_of_plain_rounding(
 
 @pytest.fixture
 def arm():
-    with ikservo.open_arm("so101", port=PORT) as machine:
+    with ikservo.open_arm("so101", port=f"{PORT}&pose=home") as machine:
         yield machine
 
 

@@ -4,7 +4,7 @@ import pytest
 
 import ikservo
 from tests.arm.simulated import motion_runner, registers, servo_id
-from tests.arm.test_gripper import put_between
+from tests.arm.test_gripper import open_jaws, put_between
 
 
 @pytest.fixture(params=["so101", pytest.param("koch", marks=pytest.mark.campaign)])
@@ -12,7 +12,7 @@ def holding(request):
     """Return an arm whose jaws have closed on something, and its gripper's servo."""
     with ikservo.open_arm(request.param, port="sim:?pose=home") as arm:
         gripper = servo_id(request.param, "gripper")
-        arm.gripper("open")
+        open_jaws(arm)
         put_between(arm, 0.4)
         assert arm.gripper("close").grasped
         yield arm, gripper

@@ -13,7 +13,7 @@ from tests.oracle import tip_from_ticks
 
 @pytest.fixture
 def arm():
-    with ikservo.open_arm("so101", port="sim") as machine:
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
         yield machine
 
 
