@@ -163,6 +163,7 @@ MODES = {
 class SimulatedDynamixelX(Servo):
     """An X-series servo."""
 
+    reboot_s = 0.4  # measured on an XC330
     instructions = frozenset((1, 2, 3, 4, 5, 6, 8, 0x83, 0x92))
     bauds = MappingProxyType(dict(enumerate(BAUDS)))
 

@@ -33,6 +33,11 @@ class FeetechProtections(AlarmBits):
         self._overload_s = 0.0
         self._over_current_s = 0.0
 
+    @property
+    def is_unloaded(self) -> bool:
+        """Whether an alarm that the unload condition names keeps the output off."""
+        return bool(self.bits & self.servo.memory.get("unload_condition") & ~OVERLOAD)
+
     def clear_overload(self) -> None:
         """Torque or goal written: resets an overload."""
         self.bits &= ~(OVERLOAD | CURRENT)
@@ -83,8 +88,7 @@ class FeetechProtections(AlarmBits):
 
     def _disable_output(self) -> None:
         """Switch the output off for alarms that the unload condition names."""
-        off = self.bits & self.servo.memory.get("unload_condition") & ~OVERLOAD
-        if off and self.servo.drive.torque_on:
+        if self.is_unloaded and self.servo.drive.torque_on:
             self.servo.memory.put("torque_enable", 0)
             self.servo.cut_torque()
 
@@ -104,11 +108,13 @@ class FeetechSeries:
         bauds: Rates by the numbers of the baud register.
         instructions: The supported instructions.
         answers_broadcast_ping: Whether it replies to a broadcast ping.
+        goal_enables_torque: Whether a goal written with torque off switches it on.
     """
 
     bauds: Mapping[int, float]
     instructions: frozenset[int]
     answers_broadcast_ping = False
+    goal_enables_torque = False
 
     def __init__(self, servo: Feetech) -> None:
         self.servo = servo
@@ -129,8 +135,12 @@ class FeetechSeries:
         """Return the joint angle [rad] of a position register's number."""
         return self.servo.shaft.angle_at(position_tick)
 
-    def calibrate(self) -> None:
-        """Make the present position the middle of the range, if the series supports it."""
+    def calibrate(self, position_tick: int = 2048) -> None:
+        """Make the present position the given number, if the series supports it."""
+
+    def nearest_limit(self, goal: int, lower: int, upper: int) -> int:
+        """Return the limit that replaces a goal outside both."""
+        return max(lower, min(upper, goal))
 
     def reset_turns(self) -> None:
         """Reduce the position to a single revolution, if the series counts several."""
@@ -174,6 +184,7 @@ class Feetech(Servo):
     framing = Dynamixel1Reader
     registered_flag = "async_write"
     kept_by_recovery = ("id",)
+    reboot_s = 0.8  # measured on an STS3215
     kp_per_gain = 5.3 / 32  # duty for each radian and each step of the P gain (SO-101 MJCF)
     kd_per_gain = 0.001  # assumed [s/rad]
     ki_per_gain = 0.05  # assumed [1/(rad s)]
@@ -191,6 +202,7 @@ class Feetech(Servo):
         super().__init__(table, motor, sensor, delivered, seed)
         self.bauds, self.instructions = make_series.bauds, make_series.instructions
         self.answers_broadcast_ping = make_series.answers_broadcast_ping
+        self.goal_enables_torque = make_series.goal_enables_torque
         self.series = make_series(self)
         self.watch = FeetechProtections(self)
         self.live = self._live_registers() | self.series.live_registers()
@@ -266,9 +278,9 @@ class Feetech(Servo):
         """Return the joint angle [rad] of a position register's number."""
         return self.series.angle_at(position_tick)
 
-    def calibrate(self) -> None:
-        """Make the present position the middle of the range, if the series supports it."""
-        self.series.calibrate()
+    def calibrate(self, position_tick: int = 2048) -> None:
+        """Make the present position the given number, if the series supports it."""
+        self.series.calibrate(position_tick)
 
     def reset_turns(self) -> None:
         """Reduce the position to a single revolution, if the series counts several."""
@@ -327,7 +339,9 @@ class Feetech(Servo):
         get = self.memory.get
         lower, upper = get("min_position_limit"), get("max_position_limit")
         goal = get("goal_position")
-        return goal if lower == upper == 0 else max(lower, min(upper, goal))
+        if lower == upper == 0 or lower <= goal <= upper:
+            return goal
+        return self.series.nearest_limit(goal, lower, upper)
 
     def profile_speed(self, speed_rad_s: float) -> float:
         """Return the speed limit for a goal speed: 0 means the maximum, or no motion."""

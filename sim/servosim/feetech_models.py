@@ -14,6 +14,7 @@ __all__ = ["ScsSeries", "StsSeries"]
 
 CURRENT_UNIT_A = 0.0065
 CALIBRATE = 128  # written to torque_enable: the present position becomes tick 2048
+SPEED_LIMIT_STEPS = 50  # steps a second of one unit of register 84, whatever the phase says
 STEP = 3  # operating mode: goals are added to each other
 PHASE_FINE_SPEED, PHASE_TURNS = 0x04, 0x10
 
@@ -22,8 +23,9 @@ class StsSeries(FeetechSeries):
     """An STS servo."""
 
     bauds = MappingProxyType(dict(enumerate(BAUDS)))
-    instructions = frozenset((1, 2, 3, 4, 5, 6, 0x0A, 0x0B, 0x82, 0x83))
+    instructions = frozenset((1, 2, 3, 4, 5, 6, 8, 9, 0x0A, 0x0B, 0x82, 0x83))
     answers_broadcast_ping = True
+    goal_enables_torque = True  # reported of hardware (lerobot issue 3585)
 
     def __init__(self, servo: Feetech) -> None:
         super().__init__(servo)
@@ -65,9 +67,9 @@ class StsSeries(FeetechSeries):
             actual + position_tick - self._reported_tick(actual) + self.turn_base_tick
         )
 
-    def calibrate(self) -> None:
-        """Make the present position tick 2048 by choosing the homing offset."""
-        offset = self.actual_tick() % 4096 - 2048
+    def calibrate(self, position_tick: int = 2048) -> None:
+        """Make the present position the given tick by choosing the homing offset."""
+        offset = (self.actual_tick() - position_tick + 2048) % 4096 - 2048
         self.memory.put("homing_offset", max(-2047, offset))
         self.memory.persist_value("homing_offset")
         self.servo.hold_position()
@@ -115,9 +117,12 @@ class StsSeries(FeetechSeries):
     def set_goal(self) -> None:
         """A goal register was written: apply goal, speed and acceleration together."""
         drive, get, sign = self.drive, self.memory.get, self.shaft.sign
+        greatest_rad_s = get("max_speed_limit") * SPEED_LIMIT_STEPS * self.shaft.rad_per_tick
         speed_rad_s = get("goal_speed") * self.speed_unit_rad_s
+        speed_rad_s = max(-greatest_rad_s, min(greatest_rad_s, speed_rad_s))
         drive.acceleration_rad_s2 = get("acceleration") * 100 * self.shaft.rad_per_tick
-        drive.velocity_limit_rad_s = self.servo.profile_speed(abs(speed_rad_s))
+        drive.velocity_limit_rad_s = self.servo.profile_speed(abs(speed_rad_s)) or greatest_rad_s
+        drive.feed_forward = 1.0 if speed_rad_s else 0.0
         drive.goal_velocity_rad_s = sign * speed_rad_s
         drive.goal_pwm = sign * get("goal_time") / 1000
         if get("operating_mode") == STEP:
@@ -127,9 +132,19 @@ class StsSeries(FeetechSeries):
 
     def set_position_goal(self) -> None:
         """Goal position written; in step mode it is added to the previous goal."""
-        if self.memory.get("operating_mode") == STEP:
-            self.step_goal_tick += self.memory.get("goal_position")
-        self.set_goal()
+        get = self.memory.get
+        if get("operating_mode") == STEP:
+            self.step_goal_tick += get("goal_position")
+        servo, off = self.servo, get("torque_enable") == 0 and get("operating_mode") == 0
+        if off and servo.goal_enables_torque and not servo.watch.is_unloaded:
+            self.memory.put("torque_enable", 1)
+            servo.set_torque()
+        else:
+            self.set_goal()
+
+    def nearest_limit(self, goal: int, lower: int, upper: int) -> int:
+        """Return the limit that is nearest on the circle of one turn."""
+        return min(lower, upper, key=lambda limit: abs((goal - limit + 2048) % 4096 - 2048))
 
     def apply_gains(self) -> None:
         """Apply the limit of the integral."""
@@ -158,6 +173,7 @@ class StsSeries(FeetechSeries):
             "moving_threshold": self.set_phase,
             "phase": self.set_phase,
             "acceleration": servo.set_goal,
+            "max_speed_limit": servo.set_goal,
             "homing_offset": servo.set_goal,
         }
 

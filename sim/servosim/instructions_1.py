@@ -52,7 +52,7 @@ def single_slot(replies: list[Reply]) -> list[ReplySlot]:
 
 
 PING, READ, WRITE, REG_WRITE, ACTION, RECOVERY = 1, 2, 3, 4, 5, 6
-REBOOT, RESET_TURNS, CALIBRATE = 0x08, 0x0A, 0x0B
+REBOOT, BACKUP, RESET_TURNS, CALIBRATE = 0x08, 0x09, 0x0A, 0x0B
 SYNC_READ, SYNC_WRITE, BULK_READ = 0x82, 0x83, 0x92
 MAX_DATA_BYTES = 253  # limit of the length byte of a status
 
@@ -82,6 +82,8 @@ def _respond_to_one(frame: Frame, servo: Servo) -> Iterator[Reply]:
         return  # assumed: Feetech servos do not reply to unknown instructions
     perform = _TO_ONE[frame.instruction] if known else _reject_unknown
     outcome = perform(servo, frame.params)
+    if frame.instruction == REBOOT and servo.protocol is BusProtocol.FEETECH:
+        return  # the firmware restarts at once and sends no status packet
     if servo.status_level >= _LEVELS.get(frame.instruction, 2):
         yield Reply(servo, _status_packet(frame.id, servo, outcome))
 
@@ -153,8 +155,19 @@ def _execute_reset_turns(servo: Servo, _: bytes) -> _Outcome:
     return None
 
 
-def _execute_calibrate(servo: Servo, _: bytes) -> _Outcome:
-    servo.calibrate()
+def _execute_calibrate(servo: Servo, params: bytes) -> _Outcome:
+    """Make the present position 2048, or the number of two more bytes."""
+    if len(params) == 2:
+        servo.calibrate(int.from_bytes(params, "little"))
+    elif params:
+        return InstructionError.RANGE
+    else:
+        servo.calibrate()
+    return None
+
+
+def _execute_backup(servo: Servo, _: bytes) -> _Outcome:
+    servo.memory.store_backup()
     return None
 
 
@@ -170,6 +183,7 @@ _TO_ONE: dict[int, Callable[[Servo, bytes], _Outcome]] = {
     ACTION: _execute_action,
     RECOVERY: _execute_recovery,
     REBOOT: _execute_reboot,
+    BACKUP: _execute_backup,
     RESET_TURNS: _execute_reset_turns,
     CALIBRATE: _execute_calibrate,
 }

@@ -23,8 +23,8 @@ def open_port(url: str) -> SimulatedPort:
     """Return a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
 
     The query may hold ``pose``, ``seed``, ``faults`` (a file), ``hand=sweep``, and ``physics``,
-    ``backlash_deg``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as
-    numbers; ``paced=1`` limits virtual time to real time.
+    ``backlash_deg``, ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``,
+    ``latency_ms`` as numbers; ``paced=1`` limits virtual time to real time.
 
     Raises:
         ArmFileError: The arm file cannot be used.
@@ -44,6 +44,8 @@ def open_port(url: str) -> SimulatedPort:
         physics=bool(query.number("physics", 0)),
         backlash_deg=query.optional("backlash_deg"),
     )
+    if query.number("goal_keeps_torque", 0):
+        world.keep_torque_with_goals()
     line = Line(world, arm.baud, query.line_options(seed))
     if query.text("faults", ""):
         for fault in read_faults(Path(query.text("faults", ""))):

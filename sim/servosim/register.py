@@ -193,6 +193,7 @@ class Memory:
         }
         self.eeprom = bytearray(table.size)
         self.eeprom_writes = 0
+        self._backup = bytes(self._factory_image())
         self.restore_factory()
         for name, value in (delivered or {}).items():
             self.put(name, value)
@@ -236,13 +237,28 @@ class Memory:
             else:
                 self.image[row.address : row.end] = row.encode(row.default)
 
+    def store_backup(self) -> None:
+        """Keep the EEPROM registers of now for the next `restore_factory`."""
+        kept = self._factory_image()
+        for row in self.table.registers:
+            if row.area is SimulatedArea.EEPROM:
+                kept[row.address : row.end] = self.eeprom[row.address : row.end]
+        self._backup = bytes(kept)
+
     def restore_factory(self, keep: tuple[str, ...] = ()) -> None:
-        """Set every register to the datasheet's default, except those to keep."""
+        """Set every register to its default, or as backed up, except those to keep."""
         for row in self.table.registers:
             if row.name not in keep:
-                self.image[row.address : row.end] = row.encode(row.default)
+                self.image[row.address : row.end] = self._backup[row.address : row.end]
                 if row.area is SimulatedArea.EEPROM:
-                    self.eeprom[row.address : row.end] = row.encode(row.default)
+                    self.eeprom[row.address : row.end] = self._backup[row.address : row.end]
+
+    def _factory_image(self) -> bytearray:
+        """Return the datasheet's default of every register."""
+        image = bytearray(self.table.size)
+        for row in self.table.registers:
+            image[row.address : row.end] = row.encode(row.default)
+        return image
 
     def _persist_register(self, row: SimulatedRegister) -> None:
         if row.area is SimulatedArea.EEPROM:

@@ -51,6 +51,7 @@ class ServerOptions(argparse.Namespace):
     wire_time: bool
     physics: bool
     backlash_deg: float | None
+    goal_keeps_torque: bool
     hand: str | None
     log: Path | None
     audit: Path | None
@@ -112,6 +113,11 @@ def _make_parser() -> argparse.ArgumentParser:
         "--hand",
         choices=("sweep",),
         help="calibrate by hand: hold the pose, then sweep",
+    )
+    add(
+        "--goal-keeps-torque",
+        action="store_true",
+        help="a goal written to an STS servo does not switch its torque on",
     )
     add("--log", type=Path, metavar="FILE", help="write each frame down")
     add("--audit", type=Path, metavar="FILE", help="write a report at exit, JSON")
@@ -294,6 +300,8 @@ def build_line(options: ServerOptions) -> Line:
             options.servos, options.baud, options.seed, protocol=options.protocol
         )
         line = Line(world, options.baud or world.servos[0].baud, line_options)
+    if options.goal_keeps_torque:
+        world.keep_torque_with_goals()
     for fault in read_faults(options.faults) if options.faults else []:
         line.faults.add(fault)
     if options.hand == "sweep":

@@ -114,6 +114,8 @@ class Servo:
         pending: A registered write that waits for its action.
         changed: Called when an instruction or a script has changed something.
         on_write: Called with every write before it is checked.
+        goal_enables_torque: Whether a goal position written while torque is off switches it on,
+            if the family leaves that open.
     """
 
     reboot_s = 0.3  # assumed; the sheets give none
@@ -124,6 +126,7 @@ class Servo:
     instructions: frozenset[int] = frozenset()  # the supported ones of protocol 1 framing
     answers_broadcast_ping = False
     kept_by_recovery: tuple[str, ...] = ()
+    goal_enables_torque = False
 
     def __init__(
         self,
@@ -245,8 +248,8 @@ class Servo:
         self.memory.restore_factory(keep)
         self.reboot()
 
-    def calibrate(self) -> None:
-        """Make the present position the middle of the range; most families cannot."""
+    def calibrate(self, position_tick: int = 2048) -> None:
+        """Make the present position the given number; most families cannot."""
 
     def reset_turns(self) -> None:
         """Reduce the position to a single revolution."""

@@ -169,7 +169,7 @@ _STS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _StsColumn, int, int, 
     (81, 1, "dts",                   "RW", _STS_EEPROM, 10,           0,    254,   _STS_U),
     (82, 1, "speed_unit",            "RW", _STS_EEPROM, 1,            0,    254,   _STS_U),
     (83, 1, "hts",                   "RW", _STS_EEPROM, 0,            0,    254,   _STS_U),
-    (84, 1, "max_speed_limit",       "RW", _STS_EEPROM, (66, 90),     0,    254,   _STS_U),
+    (84, 1, "max_speed_limit",       "RW", _STS_EEPROM, (66, 110),    0,    254,   _STS_U),
     (85, 1, "acceleration_limit",    "RW", _STS_EEPROM, 254,          0,    254,   _STS_U),
     (86, 1, "acceleration_multiple", "RW", _STS_EEPROM, 1,            0,    254,   _STS_U),
 )

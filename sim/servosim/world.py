@@ -162,6 +162,11 @@ class World:
             if any(servo in self._fed[volts] for servo in servos)
         ]
 
+    def keep_torque_with_goals(self) -> None:
+        """Let no goal position switch the torque of a Feetech STS on."""
+        for servo in self.servos:
+            servo.goal_enables_torque = False
+
     def leave_idle(self) -> None:
         """Leave the idle state after a change."""
         self._still = 0

@@ -154,6 +154,80 @@ def test_a_registered_write_waits_for_its_action(make_port):
     assert (before, after) == ((2048, 1), (2304, 0))
 
 
+def test_a_reboot_is_not_answered_and_takes_most_of_a_second(make_port):
+    port = make_port("STS3215")
+    port.line.servos[1].write("acceleration", 9)
+    answers = [ask(port, 1, 0x08), ask(port, 1, 0x01)]
+    port.clock.sleep_until(0.7)
+    answers.append(ask(port, 1, 0x01))
+    port.clock.sleep_until(0.9)
+    assert [*answers, ask(port, 1, 0x01)] == [[], [], [], [(1, 0, b"")]]
+    assert port.line.servos[1].read("acceleration") == 0
+
+
+def test_recovery_brings_back_what_a_backup_kept(make_port):
+    port = make_port("STS3215")
+    servo = port.line.servos[1]
+    servo.write("lock", 0)
+    servo.write("p_gain", 16)
+    assert ask(port, 1, 0x09) == [(1, 0, b"")]
+    servo.write("p_gain", 8)
+    ask(port, 1, 0x06)
+    assert servo.read("p_gain") == 16
+
+
+@pytest.mark.parametrize("wanted", [0, 1000, 2048, 4095])
+def test_calibration_with_two_bytes_gives_the_present_position_that_number(make_port, wanted):
+    port = make_port("STS3215")
+    port.line.world.place("servo_1", 0.5)
+    assert ask(port, 1, 0x0B, wanted.to_bytes(2, "little")) == [(1, 0, b"")]
+    assert port.line.servos[1].read("present_position") == wanted
+
+
+def test_a_goal_switches_the_torque_on(make_port):
+    servo = make_port("STS3215").line.servos[1]
+    servo.write("goal_position", 2148)
+    assert (servo.read("torque_enable"), servo.drive.torque_on) == (1, True)
+
+
+def test_a_goal_leaves_the_torque_off_where_the_world_keeps_it(make_port):
+    port = make_port("STS3215")
+    port.line.world.keep_torque_with_goals()
+    servo = port.line.servos[1]
+    servo.write("goal_position", 2148)
+    assert (servo.read("torque_enable"), servo.drive.torque_on) == (0, False)
+
+
+def test_a_goal_does_not_switch_the_torque_on_against_an_alarm(make_port):
+    port = make_port("STS3215")
+    servo = port.line.servos[1]
+    servo.inject_alarm(0x04)
+    servo.write("goal_position", 2148)
+    assert not servo.drive.torque_on
+
+
+@pytest.mark.parametrize(("goal", "driven_to"), [(3100, 3000), (3900, 500), (100, 500)])
+def test_a_goal_outside_the_limits_means_the_limit_nearest_on_the_circle(make_port, goal, driven_to):
+    servo = make_port("STS3215").line.servos[1]
+    servo.write("min_position_limit", 500)
+    servo.write("max_position_limit", 3000)
+    servo.write("goal_position", goal)
+    assert (servo.clamped_goal(), servo.read("goal_position")) == (driven_to, goal)
+
+
+@pytest.mark.parametrize("goal_speed", [0, 3000])
+def test_register_84_caps_the_speed(make_port, goal_speed):
+    port = make_port("STS3215")
+    servo = port.line.servos[1]
+    servo.write("max_speed_limit", 20)
+    servo.write("goal_speed", goal_speed)
+    servo.write("goal_position", 4000)
+    port.clock.sleep_until(0.5)
+    first = servo.read("present_position")
+    port.clock.sleep_until(1.0)
+    assert servo.read("present_position") - first == pytest.approx(500, abs=15)
+
+
 def test_two_servos_with_one_id_and_different_positions_garble_each_other(make_port):
     port = make_port("STS3215", "STS3215", ids=(1, 1))
     port.line.world.place("servo_2", 0.7)

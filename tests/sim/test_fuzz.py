@@ -61,10 +61,10 @@ class Client:
         return self.servo.protocol is BusProtocol.DYNAMIXEL_2
 
     def is_answered(self):
-        """Ping the servo as it is now, after the pause that ends half a frame."""
+        """Ping the servo as it is now, after half a frame has timed out and a boot has ended."""
         self.port.flush()
         self.port.baudrate = self.servo.baud
-        self.port.clock.sleep_until(self.port.clock.now_s() + 0.5)
+        self.port.clock.sleep_until(self.port.clock.now_s() + 1.0)
         self.port.reset_input_buffer()
         ping = encode2(self.servo.id, 1) if self.new else encode1(self.servo.id, 1)
         self.port.write(ping)
