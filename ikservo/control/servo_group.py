@@ -9,30 +9,34 @@ from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
-from ikservo.calibration.servo_config import CURRENT_POSITION, EXTENDED
 from ikservo.clock import Clock
 from ikservo.control.feedback import (
     Feedback,
     JointState,
     read_joint_states,
     read_register,
+    read_registers,
     with_retries,
 )
 from ikservo.control.health_polling import HealthPoller, read_supply_ranges
 from ikservo.control.servo_limits import limit_torque
 from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
-from ikservo.errors import RefusedError, ServoRejectedError
 from ikservo.guard import CommandLimits, HealthLimits, HealthMonitor, StopKind, StopReason
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.torque import check_supply_voltage, torque_off
+from ikservo.hardware.torque import (
+    accepted_goal_range,
+    check_kept_goal,
+    check_supply_voltage,
+    goal_range_registers,
+    nearest_goal,
+    torque_off,
+)
 from ikservo.kinematics.arrays import Vector
-from ikservo.registers import Family, RegisterName
+from ikservo.registers import RegisterName
 
 __all__ = [
     "ServoGroup",
-    "accepted_goal_range",
-    "clamp_goal",
     "hold_ticks",
     "raise_gains",
     "verify_goals",
@@ -76,15 +80,16 @@ class ServoGroup(StreamedServos):
     def enable(self, speed_rad_s: float) -> None:
         """Set each servo's goal to its position, then switch torque on: nothing moves.
 
-        A servo that already holds keeps its goal, for its load has pulled it a little below.
+        A servo that already holds keeps its goal, for its load has pulled it a little below. Where
+        it fails, servos that were limp are limp again.
 
         Args:
             speed_rad_s: The speed limit of each servo's horn.
 
         Raises:
             ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
-            RefusedError: A joint is far outside its servo's limits, or a stop was not
-                acknowledged; likewise.
+            RefusedError: A joint is far outside its servo's limits, its servo is in no position
+                mode, or a stop was not acknowledged; likewise.
             ServoRejectedError: A servo keeps an old goal; likewise.
         """
         torque = read_register(self._bus, self._ids, RegisterName.TORQUE_ENABLE)
@@ -94,14 +99,7 @@ class ServoGroup(StreamedServos):
             with_retries(self.clock, partial(self._prepare_servo, fence, gripping=gripping))
         self._limits.invalidate()
         self._limits.set_speed(speed_rad_s)
-        start = self._start_ticks()
-        self._gate.reset_goals(start)
-        verify_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
-        for fence in self.fences:
-            switch_on = partial(
-                self._bus.write, fence.servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True
-            )
-            with_retries(self.clock, switch_on)
+        start = self._switch_on()
         if not all(torque.values()):
             self._catch_falling_joints(start)
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
@@ -142,7 +140,7 @@ class ServoGroup(StreamedServos):
             since_s = self.clock.now_s()
             wait_until_still(self.fences, self._feedback, self.clock, self._sink_time_s)
             self._sink_time_s -= self.clock.now_s() - since_s
-        return self._to_positions(self._start_ticks())
+        return self._to_positions(self._clamp_goals(*self._measure_hold_ticks()))
 
     def read_torque_on(self) -> bool:
         """Read whether every servo's torque is on."""
@@ -205,8 +203,23 @@ class ServoGroup(StreamedServos):
         for _ in range(_MAX_CATCHES):
             if wait_until_settled(self.fences, start, self._feedback, self.clock):
                 return
-            start = self._start_ticks()
+            start = self._clamp_goals(*self._measure_hold_ticks())
             self._gate.reset_goals(start)
+
+    def _switch_on(self) -> dict[str, int]:
+        """Switch torque on where the joints are; return the goals."""
+        ticks, ranges = self._measure_hold_ticks()
+        start = self._clamp_goals(ticks, ranges)
+        self._gate.check_stop()
+        with self._bus.enabling({fence.servo_id: ticks[fence.joint] for fence in self.fences}):
+            self._gate.reset_goals(start)
+            verify_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
+            for fence in self.fences:
+                switch_on = partial(
+                    self._bus.write, fence.servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True
+                )
+                with_retries(self.clock, switch_on)
+        return start
 
     def _prepare_servo(self, fence: CommandLimits, *, gripping: bool) -> None:
         """Prepare one servo to hold; one that may hold something keeps its torque limit."""
@@ -214,11 +227,21 @@ class ServoGroup(StreamedServos):
         self._limits.prepare(fence.servo_id, keep_torque=gripping)
         raise_gains(self._bus, fence.servo_id, gripper=fence.joint == self._gripper)
 
-    def _start_ticks(self) -> dict[str, int]:
-        """Return the hold position of each servo; joints are measured last, for limp ones fall."""
-        ranges = {f.joint: accepted_goal_range(self._bus, f.servo_id) for f in self.fences}
-        ticks = hold_ticks(self._bus, self.fences, self._feedback)
-        return {f.joint: clamp_goal(f, ticks[f.joint], ranges[f.joint]) for f in self.fences}
+    def _measure_hold_ticks(self) -> tuple[dict[str, int], dict[str, tuple[int, int]]]:
+        """Read the hold position of each servo, and before that the goals that it accepts.
+
+        Joints are measured last, for limp ones fall.
+        """
+        servos = {f.joint: self._bus.servos[f.servo_id] for f in self.fences}
+        keys = {servo.id: goal_range_registers(servo.table) for servo in servos.values()}
+        held = read_registers(self._bus, keys)
+        ranges = {name: accepted_goal_range(s, held[s.id]) for name, s in servos.items()}
+        return hold_ticks(self._bus, self.fences, self._feedback), ranges
+
+    def _clamp_goals(
+        self, ticks: Mapping[str, int], ranges: Mapping[str, tuple[int, int]]
+    ) -> dict[str, int]:
+        return {joint: nearest_goal(joint, tick, ranges[joint]) for joint, tick in ticks.items()}
 
     def _log_warning(self, text: str) -> None:
         self.warn(text)
@@ -230,9 +253,6 @@ _POLL_PERIOD_S, _AT_REST_TICKS, _MAX_WAIT_S = 0.03, 2, 1.0
 # A limp arm is at rest when no joint moves by more than one tick between two readings. It falls
 # where a horn turns by more than the last number meanwhile.
 _SINK_POLL_PERIOD_S, _NOISE_TICKS, _FALLS_RAD = 0.05, 1, 0.01
-# Further outside its limits a servo is on another revolution: to hold, it would turn all the way
-# back.
-_MAX_GOAL_TICKS = 170
 
 
 def hold_ticks(
@@ -307,27 +327,6 @@ def _held_tick(fence: CommandLimits, torque: bool, present: int, goal: int) -> i
     return goal if torque and abs(goal - present) <= fence.max_lead_ticks(0.0) else present
 
 
-def clamp_goal(fence: CommandLimits, tick: int, accepted: tuple[int, int]) -> int:
-    """Return the tick nearest to ``tick`` that the servo accepts as a goal.
-
-    Args:
-        fence: The joint's limits.
-        tick: Its position.
-        accepted: See ``accepted_goal_range``.
-
-    Raises:
-        RefusedError: The joint is far outside its servo's limits; torque stays off.
-    """
-    low, high = accepted
-    goal = min(max(tick, low), high)
-    if abs(goal - tick) > _MAX_GOAL_TICKS:
-        raise RefusedError(
-            f"{fence.joint} is at tick {tick}, far outside the range {low} to {high} of its servo.",
-            "Move the joint by hand into its limits; torque stays off.",
-        )
-    return goal
-
-
 def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
     """Read goals back before torque comes on: the joint would jump to a stale one.
 
@@ -336,26 +335,7 @@ def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
     """
     goals = read_register(bus, expected, RegisterName.GOAL_POSITION)
     for servo_id, goal in goals.items():
-        if goal != expected[servo_id]:
-            raise ServoRejectedError(
-                f"keeps goal {goal} instead of {expected[servo_id]}, its position",
-                "Move the joint by hand into its limits; torque stays off.",
-                servo=str(bus.servos[servo_id]),
-                servo_id=servo_id,
-                port=bus.port.name,
-            )
-
-
-def accepted_goal_range(bus: ServoBus, servo_id: int) -> tuple[int, int]:
-    """Read the lowest and the highest goal that a servo accepts."""
-    table = bus.servos[servo_id].table
-    low = bus.read(servo_id, RegisterName.MIN_POSITION_LIMIT, raw=True)
-    high = bus.read(servo_id, RegisterName.MAX_POSITION_LIMIT, raw=True)
-    multi_turn = low == high == 0  # Feetech: several revolutions, no limits
-    if table.family is Family.DYNAMIXEL_2:
-        mode = bus.read(servo_id, RegisterName.OPERATING_MODE, raw=True)
-        multi_turn = mode in (EXTENDED, CURRENT_POSITION)
-    return table.find(RegisterName.GOAL_POSITION).range if multi_turn else (low, high)
+        check_kept_goal(bus, servo_id, goal, expected[servo_id])
 
 
 # Gains in use for the elbows of Koch and OMX arms: a P gain this high needs a D gain.

@@ -278,7 +278,7 @@ def hold_servos(bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) ->
     """Hold every joint that has torque at its position; switches no torque."""
     ids = {fence.servo_id: fence for fence in fences}
     torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).values
-    on = [i for i, value in torque.items() if value]
+    on = [i for i in torque if bus.is_torque_on(i)]
     before = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
     clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
     present = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
@@ -292,7 +292,7 @@ def hold_servos(bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) ->
     names = {i: fence.joint for i, fence in ids.items()}
     return StopOutcome(
         held=tuple(names[i] for i in present),
-        limp=tuple(names[i] for i, value in torque.items() if not value),
+        limp=tuple(names[i] for i in torque if i not in on),
         silent=tuple(
             name for i, name in names.items() if i not in torque or (i in on and i not in present)
         ),

@@ -265,7 +265,9 @@ class StreamedServos:
         )
 
     def _hold_goals(self) -> None:
-        self._gate.hold({name: self._hold_tick(name) for name in self._gate.goals})
+        """Send hold goals to the servos with torque: those without it stay limp."""
+        on = {f.joint for f in self.fences if self._bus.is_torque_on(f.servo_id)}
+        self._gate.hold({name: self._hold_tick(name) for name in self._gate.goals if name in on})
 
     def _hold_tick(self, joint: str) -> int:
         fence, goal = self.fences[self.names.index(joint)], self._gate.goals[joint]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Generator, Hashable, Iterable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar, overload
 
 from ikservo.clock import Clock
-from ikservo.errors import BadValueError, BusError, RegisterAccessError
+from ikservo.errors import BadValueError, BusError, PortError, RegisterAccessError
 from ikservo.hardware.driver import BroadcastPingResult
 from ikservo.hardware.packets import Reply, Status
 from ikservo.hardware.port import Port
@@ -20,6 +21,7 @@ from ikservo.hardware.read_plan import (
     batch_write,
     batches,
     encode_value,
+    is_goal,
     join_bytes,
     plan_reads,
     plan_writes,
@@ -30,7 +32,15 @@ from ikservo.hardware.requester import Requester, silence_hint
 from ikservo.hardware.servo import PingResult, Readings, ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Area, Family, Register, RegisterName
 
-__all__ = ["Conversation", "ServoBus"]
+__all__ = ["MAX_ENABLING_TICKS", "Conversation", "ServoBus"]
+
+
+MAX_ENABLING_TICKS = 170
+"""The furthest goal from a servo's position with which its torque is switched on.
+
+A joint that is a little outside its servo's limits comes back to them; one that is further outside
+is on another revolution and would turn all the way back.
+"""
 
 
 class Conversation:
@@ -43,6 +53,7 @@ class Conversation:
         self.servos: Mapping[int, ServoSpec] = {servo.id: servo for servo in servos}
         self._requester = Requester(port, servos, retries, fast=fast)
         self._torque_on: set[int] = set()
+        self._enabling: Mapping[int, int] = {}
 
     @property
     def clock(self) -> Clock:
@@ -101,6 +112,8 @@ class Conversation:
     def write(self, servo_id: int, ref: RegisterRef, value: float, *, raw: bool = False) -> None:
         """Write a register of one servo and check its reply.
 
+        A goal position is written only where torque is on, or within ``enabling``.
+
         Raises:
             RegisterAccessError: The register forbids it; nothing was sent.
             BusError: The servo refused, or sent no usable reply after retries.
@@ -108,6 +121,7 @@ class Conversation:
         servo = self._require_servo(servo_id)
         register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)
         data = self._check_write(servo, register, value, raw=raw)
+        self._check_goal(servo, register, data)
         number = register.decode(data)
 
         def was_written(_: Status) -> bool:
@@ -136,6 +150,7 @@ class Conversation:
         servo = self._require_servo(servo_id)
         register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)
         data = self._check_write(servo, register, value, raw=raw)
+        self._check_goal(servo, register, data)
         self._requester.request(
             servo,
             f"register a write of {register}",
@@ -158,6 +173,33 @@ class Conversation:
         driver = self._requester.driver_of(servo)
         self._requester.request(servo, "reboot", lambda: driver.reboot(servo_id), repeat=False)
         self._torque_on.discard(servo_id)
+
+    def is_torque_on(self, servo_id: int) -> bool:
+        """Return whether a servo's torque was on when it was last read or written."""
+        return servo_id in self._torque_on
+
+    @contextlib.contextmanager
+    def enabling(self, measured: Mapping[int, int]) -> Generator[None]:
+        """Let goals pass to servos without torque, within the block that switches it on.
+
+        On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
+        must be where the servo is. A servo whose torque was off, and is not on after the block,
+        is switched off in case its goal has switched it on; all such are where the block fails.
+
+        Args:
+            measured: The present position of each servo, raw ticks by id, read just before.
+        """
+        limp = [servo_id for servo_id in measured if not self.is_torque_on(servo_id)]
+        self._enabling, failed = measured, True
+        try:
+            yield
+            failed = False
+        finally:
+            self._enabling = {}
+            for servo_id in limp:
+                if failed or not self.is_torque_on(servo_id):
+                    with contextlib.suppress(BusError, PortError):
+                        self.write(servo_id, RegisterName.TORQUE_ENABLE, 0, raw=True)
 
     def read_alarms(self, servo_id: int) -> frozenset[Alarm]:
         """Return a servo's alarms, from its alarm register or from its status packet.
@@ -185,6 +227,30 @@ class Conversation:
                 str(servo), register.name, "it is in EEPROM and torque is on", "Switch torque off."
             )
         return encode_value(servo, register, value, raw=raw)
+
+    def _check_goal(self, servo: ServoSpec, register: Register, data: bytes) -> None:
+        """Refuse a goal position that could switch on the torque of a limp servo.
+
+        Torque that is not known to be on is read.
+
+        Raises:
+            RegisterAccessError: Torque is off, and not being switched on at that position.
+            BusError: The torque is not known, and the servo does not reply.
+        """
+        if servo.id in self._torque_on or not is_goal(servo, register):
+            return
+        goal_tick = register.decode(data)
+        measured_tick = self._enabling.get(servo.id)
+        if measured_tick is None:
+            if self.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1:
+                return
+            reason = "torque is off, and a goal can switch it on"
+            raise RegisterAccessError(
+                str(servo), register.name, reason, "Switch torque on first: torque_on()."
+            )
+        if abs(goal_tick - measured_tick) > MAX_ENABLING_TICKS:
+            reason = f"{goal_tick} is far from {measured_tick}, where torque is switched on"
+            raise RegisterAccessError(str(servo), register.name, reason)
 
     def _track_state(self, servo: ServoSpec, register: Register, number: int) -> None:
         """Update the known torque state or alarms from a register value."""
@@ -330,6 +396,8 @@ class ServoBus(Conversation):
             cell.servo.id: self._encode_cell(cell, value, raw=raw)
             for cell, value in zip(cells, values.values(), strict=True)
         }
+        for cell in cells:
+            self._check_goal(cell.servo, cell.register, rows[cell.servo.id])
         packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
         for cell in cells:
             own = packets[cell.servo.table.family]
@@ -372,6 +440,9 @@ class ServoBus(Conversation):
             servo = self._require_servo(servo_id)
             pairs = [(resolve_register(servo, key), value) for key, value in row.items()]
             own[servo_id] = {r: self._check_write(servo, r, value, raw=raw) for r, value in pairs}
+        for servo_id, row in own.items():
+            for register, data in row.items():
+                self._check_goal(self.servos[servo_id], register, data)
         for runs in batches(own):
             packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
             for servo_id, run in runs.items():

@@ -29,6 +29,7 @@ __all__ = [
     "batches",
     "contiguous_runs",
     "encode_value",
+    "is_goal",
     "join_bytes",
     "plan_reads",
     "plan_writes",
@@ -181,6 +182,11 @@ def tracks_state(servo: ServoSpec, register: Register) -> bool:
     return RegisterName.ALARMS not in table.missing and register is table.alarms
 
 
+def is_goal(servo: ServoSpec, register: Register) -> bool:
+    """Return whether a register is the goal position, which can switch torque on."""
+    return register is servo.table.goal_position
+
+
 def _struct_format(run: Sequence[Register]) -> str:
     """Return the ``struct`` format of these registers; the bytes between them are skipped."""
     at, letters = run[0].address, ">" if run[0].byte_order == "big" else "<"
@@ -237,7 +243,7 @@ class WriteTarget:
 
     Attributes:
         tracks_state: See ``tracks_state``.
-        plain: Any integer in its range may be written at any time.
+        plain: Any integer in its range may be written at any time, goals apart.
     """
 
     servo: ServoSpec

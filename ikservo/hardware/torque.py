@@ -2,39 +2,148 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 
-from ikservo.errors import BusError, ServoAlarmError, ServoRejectedError
-from ikservo.hardware.bus import ServoBus
-from ikservo.registers import RegisterName
+from ikservo.errors import BusError, RefusedError, ServoAlarmError, ServoRejectedError
+from ikservo.hardware.bus import MAX_ENABLING_TICKS, ServoBus
+from ikservo.hardware.servo import ServoSpec
+from ikservo.registers import ControlTable, Family, FeetechMode, OperatingMode, RegisterName
 
-__all__ = ["check_supply_voltage", "torque_off", "torque_on"]
+__all__ = [
+    "accepted_goal_range",
+    "check_kept_goal",
+    "check_supply_voltage",
+    "goal_range_registers",
+    "nearest_goal",
+    "read_goal_range",
+    "torque_off",
+    "torque_on",
+]
 
 
 def torque_on(bus: ServoBus, servo_id: int) -> int:
-    """Enable torque of a servo at its measured position; return that tick.
+    """Enable torque of a servo where it is; return that tick.
 
-    Its goal is set to the measured position and read back before torque comes on, because a
-    joint that was moved by hand would otherwise jump to an old goal.
+    Its goal is set there and read back before torque is switched on, because a joint that was
+    moved by hand would otherwise jump to an old goal. A joint a little outside its servo's limits
+    comes back to them.
 
     Raises:
         ServoAlarmError: Its supply voltage is outside its own limits.
+        RefusedError: It is far outside its limits, or not in a position mode; torque stays off.
         BusError: It does not reply, or does not accept the goal.
     """
     check_supply_voltage(bus, servo_id)
+    accepted = read_goal_range(bus, servo_id)
     present_tick = bus.read(servo_id, RegisterName.PRESENT_POSITION, raw=True)
-    bus.write(servo_id, RegisterName.GOAL_POSITION, present_tick, raw=True)
-    goal_tick = bus.read(servo_id, RegisterName.GOAL_POSITION, raw=True)
-    if goal_tick != present_tick:
+    goal_tick = nearest_goal(str(bus.servos[servo_id]), present_tick, accepted)
+    with bus.enabling({servo_id: present_tick}):
+        bus.write(servo_id, RegisterName.GOAL_POSITION, goal_tick, raw=True)
+        kept_tick = bus.read(servo_id, RegisterName.GOAL_POSITION, raw=True)
+        check_kept_goal(bus, servo_id, kept_tick, goal_tick)
+        bus.write(servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True)
+    return goal_tick
+
+
+def check_kept_goal(bus: ServoBus, servo_id: int, kept_tick: int, goal_tick: int) -> None:
+    """Check a goal that was read back before torque comes on.
+
+    Raises:
+        ServoRejectedError: It is another one.
+    """
+    if kept_tick != goal_tick:
         raise ServoRejectedError(
-            f"keeps goal {goal_tick} instead of {present_tick}, its position",
+            f"keeps goal {kept_tick} instead of {goal_tick}, its position",
             "Move the joint by hand into its limits; torque stays off.",
             servo=str(bus.servos[servo_id]),
             servo_id=servo_id,
             port=bus.port.name,
         )
-    bus.write(servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True)
-    return present_tick
+
+
+def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
+    """Return the tick nearest to ``tick`` that a servo accepts as a goal.
+
+    Args:
+        joint: For messages.
+        tick: Its position.
+        accepted: See ``accepted_goal_range``.
+
+    Raises:
+        RefusedError: The joint is far outside its servo's limits; torque stays off.
+    """
+    low, high = accepted
+    goal = min(max(tick, low), high)
+    if abs(goal - tick) > MAX_ENABLING_TICKS:
+        raise RefusedError(
+            f"{joint} is at tick {tick}, far outside the range {low} to {high} of its servo.",
+            "Move the joint by hand into its limits; torque stays off.",
+        )
+    return goal
+
+
+def read_goal_range(bus: ServoBus, servo_id: int) -> tuple[int, int]:
+    """Read the lowest and the highest goal that a servo accepts; see ``accepted_goal_range``.
+
+    Raises:
+        RefusedError: The servo is in another mode than one for positions.
+        BusError: It does not reply.
+    """
+    servo = bus.servos[servo_id]
+    readings = bus.sync_read_many([servo_id], goal_range_registers(servo.table), raw=True)
+    return accepted_goal_range(servo, readings.require_all()[servo_id])
+
+
+def goal_range_registers(table: type[ControlTable]) -> tuple[RegisterName, ...]:
+    """Return the registers that decide which goals a model accepts."""
+    names = (
+        RegisterName.MIN_POSITION_LIMIT,
+        RegisterName.MAX_POSITION_LIMIT,
+        RegisterName.OPERATING_MODE,
+    )
+    return tuple(name for name in names if name not in table.missing)
+
+
+def accepted_goal_range(servo: ServoSpec, held: Mapping[RegisterName, int]) -> tuple[int, int]:
+    """Return the lowest and the highest goal that a servo accepts.
+
+    Args:
+        servo: The servo.
+        held: The raw numbers of its ``goal_range_registers``.
+
+    Raises:
+        RefusedError: The servo is in another mode than one for positions: with torque it would
+            turn on and on, or by its position from where it is.
+    """
+    table, mode = servo.table, held.get(RegisterName.OPERATING_MODE)
+    limits = held[RegisterName.MIN_POSITION_LIMIT], held[RegisterName.MAX_POSITION_LIMIT]
+    if mode is None:
+        if limits == (0, 0):
+            raise _mode_error(servo, "both its position limits are 0")
+        return limits
+    if mode not in _POSITION_MODES[table.family]:
+        raise _mode_error(servo, f"its operating mode is {mode}")
+    several_turns = mode in _MULTI_TURN
+    if table.family is Family.FEETECH_STS:
+        several_turns = limits == (0, 0)
+    return table.find(RegisterName.GOAL_POSITION).range if several_turns else limits
+
+
+def _mode_error(servo: ServoSpec, reason: str) -> RefusedError:
+    return RefusedError(
+        f"{servo} cannot hold a position: {reason}.",
+        "Torque stays off. Calibrate the arm: ikservo calibrate",
+    )
+
+
+_MULTI_TURN = (OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION)
+_POSITION_MODES: Mapping[Family, Sequence[int]] = MappingProxyType(
+    {
+        Family.FEETECH_STS: (FeetechMode.POSITION,),
+        Family.DYNAMIXEL_2: (OperatingMode.POSITION, *_MULTI_TURN),
+    }
+)
 
 
 def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from ikservo.errors import RegisterAccessError, ServoSilentError
-from ikservo.hardware import ServoBus, ServoSpec, torque_off
+from ikservo.hardware import ServoBus, ServoSpec, torque_off, torque_on
 from ikservo.registers import MX28, STS3215, XL430W250, Family, RegisterName
 
 from .factories import add_faults, make_bus, simulated_servos
@@ -72,6 +72,7 @@ class TestBulk:
 
     def test_one_packet_tells_each_its_own(self, written):
         bus = make_bus({1: X, 2: X})
+        torque_on(bus, 2)
         sent = written(bus)
         bus.bulk_write({1: {XL430W250.led: 1}, 2: {XL430W250.goal_position: 2100}}, raw=True)
         assert [packet[7] for packet in sent] == [0x93]
@@ -81,6 +82,8 @@ class TestBulk:
 
     def test_neighbours_share_a_packet(self, written):
         bus = make_bus({1: X, 2: X})
+        for servo_id in (1, 2):
+            torque_on(bus, servo_id)
         sent = written(bus)
         row = {RegisterName.PROFILE_VELOCITY: 100, RegisterName.GOAL_POSITION: 2100}
         bus.bulk_write({1: row, 2: row}, raw=True)
@@ -119,7 +122,7 @@ class TestMixedFamilies:
         assert ticks == held
 
     def test_one_call_tells_them_all(self, bus):
-        goals = {i: s.read("present_position") + 5 for i, s in simulated_servos(bus).items()}
+        goals = {i: torque_on(bus, i) + 5 for i in MIXED}
         bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
         bus.ping(1)
         assert {i: s.read("goal_position") for i, s in simulated_servos(bus).items()} == goals
@@ -141,6 +144,7 @@ class TestShadows:
         return bus
 
     def test_a_goal_for_the_leader_is_the_shadows_goal(self, bus):
+        torque_on(bus, 2)
         bus.write(2, RegisterName.GOAL_POSITION, 2100, raw=True)
         assert {s.read("goal_position") for s in simulated_servos(bus).values()} == {2100}
 

@@ -112,7 +112,8 @@ class TestRepeats:
             patient.read(1, RegisterName.PRESENT_POSITION)
 
     def test_a_registered_write_is_not_repeated(self, patient, line):
-        line.expect("FF FF 01 05 04 2A 00 08 C3")
+        line.expect("FF FF 01 04 03 28 01 CE", TAKEN).expect("FF FF 01 05 04 2A 00 08 C3")
+        patient.write(1, STS3215.torque_enable, 1)
         with pytest.raises(ServoSilentError):
             patient.reg_write(1, STS3215.goal_position, 2048, raw=True)
 

@@ -68,6 +68,7 @@ def test_voltages_of_two_models_come_from_one_role(arm):
 
 def test_a_goal_outside_the_servos_limits_is_refused_by_the_servo(arm):
     bus, _ = arm
+    torque_on(bus, 1)
     with pytest.raises(ServoRejectedError, match=r"waist|shoulder_pan.*out of range"):
         bus.write(1, RegisterName.GOAL_POSITION, 100_000, raw=True)
 

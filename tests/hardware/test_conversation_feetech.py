@@ -53,6 +53,7 @@ def test_goals_are_where_the_servos_go(arm):
 def test_registered_goals_start_together(arm):
     bus, servos = arm
     for servo_id in (1, 5):
+        torque_on(bus, servo_id)
         bus.reg_write(servo_id, STS3215.goal_position, 2100, raw=True)
     assert servos[1].read("goal_position") != 2100
     bus.action()
@@ -123,7 +124,7 @@ def test_a_backup_holds_every_eeprom_register(arm):
 @pytest.mark.usefixtures("plain_line")
 def test_positions_and_goals_of_six_servos_take_little_more_than_their_time_on_the_wire(arm):
     bus, _ = arm
-    ticks = dict(bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all())
+    ticks = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
     started_s, cycles = bus.clock.now_s(), 50
     for _ in range(cycles):
         bus.sync_write(RegisterName.GOAL_POSITION, ticks, raw=True)

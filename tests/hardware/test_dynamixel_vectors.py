@@ -42,6 +42,8 @@ def test_torque(dynamixel, line, value, packet):
 
 
 def test_write_goal(dynamixel, line):
+    line.expect("FF FF FD 00 01 06 00 03 40 00 01 DB 66", TAKEN)
+    dynamixel.write(1, XL430W250.torque_enable, 1)
     line.expect("FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89", TAKEN)
     dynamixel.write(1, XL430W250.goal_position, 512, raw=True)
 
@@ -79,6 +81,8 @@ def test_sync_read_positions(dynamixel, line):
 
 
 def test_sync_write_goals(dynamixel, line):
+    line.expect("FF FF FD 00 FE 0B 00 83 40 00 01 00 01 01 02 01 C7 64")
+    dynamixel.sync_write(RegisterName.TORQUE_ENABLE, {1: 1, 2: 1}, raw=True)
     line.expect("FF FF FD 00 FE 11 00 83 74 00 04 00 01 00 08 00 00 02 00 04 00 00 98 4C")
     dynamixel.sync_write(RegisterName.GOAL_POSITION, {1: 2048, 2: 1024}, raw=True)
 

@@ -7,6 +7,10 @@ import pytest
 from ikservo.hardware import Port, ServoBus, ServoSpec
 from ikservo.registers import STS3215, Alarm, RegisterName
 
+from .packets import packet
+
+SWITCHED_ON = ("FF FF 01 04 03 28 01 CE", "FF FF 01 02 00 FC")
+
 
 def test_ping_then_model(feetech, line):
     line.expect("FF FF 01 02 01 FB", "FF FF 01 02 00 FC")
@@ -41,6 +45,8 @@ def test_take_this_place_as_the_middle(feetech, line):
 
 
 def test_write_goal(feetech, line):
+    line.expect(*SWITCHED_ON)
+    feetech.write(1, STS3215.torque_enable, 1)
     line.expect("FF FF 01 05 03 2A 00 08 C4", "FF FF 01 02 00 FC")
     feetech.write(1, STS3215.goal_position, 2048, raw=True)
 
@@ -56,6 +62,8 @@ def test_unlock_eeprom(feetech, line):
 
 
 def test_registered_write_and_action(feetech, line):
+    line.expect(*SWITCHED_ON)
+    feetech.write(1, STS3215.torque_enable, 1)
     line.expect("FF FF 01 05 04 2A 00 08 C3", "FF FF 01 02 00 FC")
     line.expect("FF FF FE 02 05 FA")
     feetech.reg_write(1, STS3215.goal_position, 2048, raw=True)
@@ -63,6 +71,8 @@ def test_registered_write_and_action(feetech, line):
 
 
 def test_sync_write_goals(feetech, line):
+    line.expect(packet(0xFE, 0x83, 40, 1, 1, 1, 2, 1))
+    feetech.sync_write(RegisterName.TORQUE_ENABLE, {1: 1, 2: 1}, raw=True)
     line.expect("FF FF FE 0A 83 2A 02 01 00 08 02 FF 07 37")
     feetech.sync_write(RegisterName.GOAL_POSITION, {1: 2048, 2: 2047}, raw=True)
 

@@ -33,7 +33,7 @@ def goals_of(bus):
         name = "return_delay" if "return_delay" in servo.table.by_name else "return_delay_time"
         servo.write(name, 0)
     bus.load_return_delays()
-    return dict(bus.sync_read(bus.servos, RegisterName.PRESENT_POSITION, raw=True).require_all())
+    return {servo_id: torque_on(bus, servo_id) for servo_id in bus.servos}
 
 
 # --- B1: a corrupted packet is never used as data ---

@@ -68,8 +68,12 @@ def test_a_second_copy_is_never_taken_for_the_answer_to_another_question(bus, mo
 
 @both
 def test_a_late_reply_to_one_write_is_not_taken_for_the_reply_to_the_next(bus, model):
+    bus.write(1, RegisterName.TORQUE_ENABLE, 1, raw=True)
+    now_s = bus.clock.now_s()
     add_faults(
-        bus, ("late", {"delay_s": 0.003, "count": 1}), ("lost", {"at_s": 0.0016, "count": 1})
+        bus,
+        ("late", {"delay_s": 0.003, "count": 1}),
+        ("lost", {"at_s": now_s + 0.0016, "count": 1}),
     )
     with pytest.raises(ServoSilentError):
         bus.write(1, RegisterName.GOAL_POSITION, 2000, raw=True)

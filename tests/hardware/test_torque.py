@@ -7,14 +7,16 @@ import pytest
 from ikservo.errors import ServoAlarmError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import check_supply_voltage, torque_off, torque_on
 
-from .packets import reply, request
+from .packets import reply, request, sync_request
 
 VOLTAGE, VOLTAGE_12 = "FF FF 01 04 02 3E 01 B9", "FF FF 01 03 00 78 83"
 # Each question within 20 ms has an answer of another length than the three before it.
 LOWEST, LOWEST_4 = request(1, 14, 2), reply(1, 140, 40)
 HIGHEST, HIGHEST_14 = request(1, 12, 3), reply(1, 0, 70, 140)
-POSITION, AT_2048 = request(1, 54, 4), reply(1, 0, 0, 0, 8)
-GOAL, GOAL_2048, GOAL_5 = request(1, 42, 2), reply(1, 0, 8), reply(1, 5, 0)
+POSITION, AT_2048 = request(1, 56, 2), reply(1, 0, 8)
+LIMITS, LIMITS_4095 = sync_request([1], 9, 4), reply(1, 0, 0, 255, 15)
+MODE, MODE_0 = sync_request([1], 33, 1), reply(1, 0)
+GOAL, GOAL_2048, GOAL_5 = request(1, 41, 3), reply(1, 0, 0, 8), reply(1, 0, 5, 0)
 SET_GOAL_2048 = "FF FF 01 05 03 2A 00 08 C4"
 ON, OFF, TAKEN = "FF FF 01 04 03 28 01 CE", "FF FF 01 04 03 28 00 CF", "FF FF 01 02 00 FC"
 
@@ -22,24 +24,30 @@ ON, OFF, TAKEN = "FF FF 01 04 03 28 01 CE", "FF FF 01 04 03 28 00 CF", "FF FF 01
 @pytest.fixture
 def fed(line):
     """Answer the three questions about supply voltage."""
-    line.expect(VOLTAGE, VOLTAGE_12).expect(LOWEST, LOWEST_4).expect(HIGHEST, HIGHEST_14)
-    return line
+    return line.expect(VOLTAGE, VOLTAGE_12).expect(LOWEST, LOWEST_4).expect(HIGHEST, HIGHEST_14)
 
 
-def test_the_goal_becomes_the_present_position_before_torque_comes_on(feetech, fed):
-    fed.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_2048)
-    fed.expect(ON, TAKEN)
+@pytest.fixture
+def ranged(fed):
+    """Answer, too, the two questions about the goals that are accepted."""
+    return fed.expect(LIMITS, LIMITS_4095).expect(MODE, MODE_0)
+
+
+def test_the_goal_becomes_the_present_position_before_torque_comes_on(feetech, ranged):
+    ranged.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_2048)
+    ranged.expect(ON, TAKEN)
     assert torque_on(feetech, 1) == 2048
 
 
-def test_torque_stays_off_where_the_goal_was_not_taken(feetech, fed):
-    fed.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_5)
+def test_torque_goes_off_where_the_goal_was_not_taken(feetech, ranged):
+    ranged.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_5)
+    ranged.expect(OFF, TAKEN)
     with pytest.raises(ServoRejectedError, match="keeps goal 5 instead of 2048"):
         torque_on(feetech, 1)
 
 
-def test_torque_stays_off_where_the_position_is_unknown(feetech, fed):
-    fed.expect(POSITION)
+def test_torque_stays_off_where_the_position_is_unknown(feetech, ranged):
+    ranged.expect(POSITION)
     with pytest.raises(ServoSilentError):
         torque_on(feetech, 1)
 

@@ -22,13 +22,13 @@ Cycle = Callable[[], bool]
 
 def ikservo(port: str, baud: int, family: str) -> Cycle:
     """Our own bus."""
-    from ikservo.hardware import ServoBus, ServoSpec, open_port
+    from ikservo.hardware import ServoBus, ServoSpec, open_port, torque_on
     from ikservo.registers import RegisterName, control_table
 
     table = control_table("STS3215" if family == "feetech_sts" else "XL330-M288")
     bus = ServoBus(open_port(port, baud), [ServoSpec(i, table) for i in IDS])
     bus.load_return_delays()
-    goals = dict(bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all())
+    goals = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
 
     def cycle() -> bool:
         readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)

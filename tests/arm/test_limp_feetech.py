@@ -1,0 +1,67 @@
+"""Servos whose torque a goal switches on: an arm that is to be limp stays limp, whatever fails."""
+
+import pytest
+
+import ikservo
+from ikservo.control.stopping import STOPPED_BY_PROGRAM
+from ikservo.errors import IkservoError, RefusedError, StoppedError
+from servosim.faults import Fault
+from tests.arm.simulated import clock_of, line_of, motion_runner
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=rest", collisions=False) as machine:
+        yield machine
+
+
+def torques(arm):
+    clock_of(arm).sleep_until(clock_of(arm).now_s() + 0.05)  # what was sent has arrived
+    servos = line_of(arm).world.servos
+    return [s.drive.torque_on or s.read("torque_enable") != 0 for s in servos]
+
+
+def test_torque_that_a_callback_switches_off_stays_off(arm):
+    def let_go(progress):
+        if progress.elapsed_s > 0.3:
+            arm.disable_torque()
+
+    with pytest.raises(StoppedError):
+        arm.move_joints({"shoulder_pan": 0.5}, on_progress=let_go)
+    assert torques(arm) == [False] * 6
+
+
+@pytest.mark.parametrize("stop", ["stop", "hold_servos"])
+def test_a_stop_leaves_a_limp_arm_limp(arm, stop):
+    arm.move_joints({"shoulder_pan": 0.1})
+    arm.disable_torque()
+    if stop == "stop":
+        arm.stop()
+    else:
+        motion_runner(arm).stop_servos(STOPPED_BY_PROGRAM)
+    assert torques(arm) == [False] * 6
+
+
+@pytest.mark.parametrize("servo_id", [1, 6])
+def test_where_torque_cannot_come_on_everywhere_it_comes_on_nowhere(arm, servo_id):
+    servo = line_of(arm).servos[servo_id]
+    goal = servo.table.by_name["goal_position"].address
+
+    def fall_silent(address, _):
+        if address == goal:
+            now_s = clock_of(arm).now_s()
+            line_of(arm).faults.add(Fault("silent", id=servo_id, at_s=now_s, for_s=0.5))
+
+    servo.on_write = fall_silent
+    with pytest.raises(IkservoError):
+        arm.enable()
+    servo.on_write = None
+    others = [on for place, on in enumerate(torques(arm), 1) if place != servo_id]
+    assert others == [False] * 5
+
+
+def test_an_arm_with_a_servo_in_another_mode_stays_limp(arm):
+    line_of(arm).servos[3].write("operating_mode", 1)
+    with pytest.raises(RefusedError, match=r"elbow_flex .*its operating mode is 1"):
+        arm.enable()
+    assert torques(arm) == [False] * 6

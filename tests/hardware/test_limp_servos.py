@@ -1,0 +1,146 @@
+"""A goal can switch torque on: it reaches no limp servo, but one that is being switched on."""
+
+from __future__ import annotations
+
+import pytest
+
+from ikservo.errors import RefusedError, RegisterAccessError, ServoSilentError
+from ikservo.hardware import torque_on
+from ikservo.registers import STS3215, RegisterName
+
+from .factories import add_faults, make_bus, simulated_servos
+
+GOAL, TORQUE = RegisterName.GOAL_POSITION, RegisterName.TORQUE_ENABLE
+MODELS = ("STS3215", "SCS0009", "XL430-W250", "AX-12A")
+WRITES = {
+    "write": lambda bus, tick: bus.write(1, GOAL, tick, raw=True),
+    "reg_write": lambda bus, tick: bus.reg_write(1, GOAL, tick, raw=True),
+    "sync_write": lambda bus, tick: bus.sync_write(GOAL, {2: tick, 1: tick}, raw=True),
+    "bulk_write": lambda bus, tick: bus.bulk_write(
+        {1: {RegisterName.PROFILE_VELOCITY: 100, GOAL: tick}}, raw=True
+    ),
+    "in radians": lambda bus, _: bus.write(1, GOAL, 3.0),
+}
+
+
+def limp_bus(model):
+    """Return a bus with two servos, the second with torque, and the position of the first."""
+    bus = make_bus({1: model, 2: model})
+    torque_on(bus, 2)
+    return bus, simulated_servos(bus)[1].read("present_position")
+
+
+def holds(bus, servo_id=1):
+    servo = simulated_servos(bus)[servo_id]
+    return servo.drive.torque_on or servo.read("torque_enable") != 0
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("write", WRITES.values(), ids=WRITES)
+def test_no_goal_reaches_a_limp_servo(model, write):
+    bus, at_tick = limp_bus(model)
+    goals = [servo.read("goal_position") for servo in simulated_servos(bus).values()]
+    with pytest.raises(RegisterAccessError, match="torque is off, and a goal can switch it on"):
+        write(bus, at_tick + 20)
+    bus.ping(2)  # what was sent has arrived
+    assert [s.read("goal_position") for s in simulated_servos(bus).values()] == goals
+    assert not holds(bus)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_torque_that_another_program_switched_on_is_found_out(model):
+    bus, at_tick = limp_bus(model)
+    simulated_servos(bus)[1].write("torque_enable", 1)
+    bus.write(1, GOAL, at_tick + 5, raw=True)
+    assert simulated_servos(bus)[1].read("goal_position") == at_tick + 5
+
+
+def test_torque_that_was_switched_off_by_this_bus_is_known():
+    bus, _ = limp_bus("STS3215")
+    bus.write(2, TORQUE, 0, raw=True)
+    assert not bus.is_torque_on(2)
+    with pytest.raises(RegisterAccessError, match="torque is off"):
+        bus.write(2, GOAL, 2048, raw=True)
+
+
+def test_a_servo_is_switched_on_where_it_was_measured_and_nowhere_else():
+    bus, at_tick = limp_bus("STS3215")
+    with (
+        pytest.raises(RegisterAccessError, match="far from"),
+        bus.enabling({1: at_tick}),
+    ):
+        bus.write(1, GOAL, at_tick + 300, raw=True)
+    assert not holds(bus)
+
+
+def test_a_servo_that_a_goal_switched_on_goes_off_if_the_rest_fails():
+    bus, at_tick = limp_bus("STS3215")
+
+    def fail():
+        with bus.enabling({1: at_tick, 2: 2048}):
+            bus.write(1, GOAL, at_tick, raw=True)
+            assert holds(bus)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
+    assert (holds(bus, 1), holds(bus, 2)) == (False, True)
+
+
+def test_a_servo_whose_torque_was_not_switched_on_in_the_end_goes_off():
+    bus, at_tick = limp_bus("STS3215")
+    with bus.enabling({1: at_tick}):
+        bus.write(1, GOAL, at_tick, raw=True)
+    assert not holds(bus)
+
+
+def test_silence_while_torque_comes_on_leaves_it_off():
+    bus, _ = limp_bus("STS3215")
+    add_faults(bus, ("silent", {"id": 1, "at_s": bus.clock.now_s() + 0.002, "for_s": 0.05}))
+    with pytest.raises(ServoSilentError):
+        torque_on(bus, 1)
+    bus.clock.sleep_until(bus.clock.now_s() + 0.1)
+    assert not holds(bus)
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3])
+def test_a_servo_in_another_mode_is_not_switched_on(mode):
+    bus, _ = limp_bus("STS3215")
+    simulated_servos(bus)[1].write("operating_mode", mode)
+    with pytest.raises(RefusedError, match=f"its operating mode is {mode}"):
+        torque_on(bus, 1)
+    assert not holds(bus)
+
+
+@pytest.mark.parametrize("model", ["SCS0009", "AX-12A"])
+def test_a_servo_that_turns_on_and_on_is_not_switched_on(model):
+    bus, _ = limp_bus(model)
+    low, high = (
+        bus.servos[1].table.find(name).name
+        for name in (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
+    )
+    for name in (low, high):
+        simulated_servos(bus)[1].write(name, 0)
+    with pytest.raises(RefusedError, match="both its position limits are 0"):
+        torque_on(bus, 1)
+    assert not holds(bus)
+
+
+@pytest.mark.parametrize(("outside", "switched_on"), [(30, True), (600, False)])
+def test_a_servo_outside_its_limits_comes_back_only_from_nearby(outside, switched_on):
+    bus, at_tick = limp_bus("STS3215")
+    simulated_servos(bus)[1].write("max_position_limit", at_tick - outside)
+    if switched_on:
+        assert torque_on(bus, 1) == at_tick - outside
+    else:
+        with pytest.raises(RefusedError, match="far outside the range"):
+            torque_on(bus, 1)
+    assert holds(bus) == switched_on
+
+
+def test_registers_beside_the_goal_may_be_written_to_a_limp_servo():
+    bus, _ = limp_bus("STS3215")
+    bus.bulk_write({1: {STS3215.acceleration: 9, STS3215.goal_speed: 100}}, raw=True)
+    bus.ping(1)
+    assert simulated_servos(bus)[1].read("goal_speed") == 100
+    assert not holds(bus)
