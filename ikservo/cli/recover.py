@@ -30,7 +30,7 @@ def command(
     yes: Yes = False,
     json: JsonOption = False,
 ) -> None:
-    """Clear overload and other alarms; each goal becomes the joint's position.
+    """Clear overload and other alarms; joints with torque hold where they are.
 
     ikservo recover --arm so101
 
@@ -70,7 +70,7 @@ def _print_recoveries(done: list[RecoveryResult], *, json: bool) -> None:
     print_status(
         f"Still faulty: {', '.join(left)}."
         if left
-        else "All servos are fine; each goal is its position."
+        else "All servos are fine; those with torque hold where they are."
     )
 
 

@@ -1,4 +1,8 @@
-"""Time the bus: reads and writes per second, host time, jitter."""
+"""Time the bus: reads and writes per second, host time, jitter.
+
+Goals would switch on the torque of limp Feetech servos. So what is written is the profile velocity
+that each servo has already: it has as many bytes as a goal.
+"""
 
 from __future__ import annotations
 
@@ -107,8 +111,8 @@ def benchmark_bus(
 class _Benchmark:
     def __init__(self, bus: ServoBus, meter: MeteredTransport, servo_ids: Sequence[int]) -> None:
         self._bus, self._meter, self._ids = bus, meter, servo_ids
-        present = bus.sync_read(servo_ids, RegisterName.PRESENT_POSITION, raw=True).require_all()
-        self._goals: Mapping[int, int] = dict(present)
+        speeds = bus.sync_read(servo_ids, RegisterName.PROFILE_VELOCITY, raw=True).require_all()
+        self._speeds: Mapping[int, int] = dict(speeds)
         self._virtual = hasattr(meter, "clock")
         self.lost = 0
 
@@ -130,7 +134,7 @@ class _Benchmark:
     def _run_cycle(self, names: Sequence[RegisterName]) -> None:
         readings = self._bus.sync_read_many(self._ids, names, raw=True)
         self.lost += len(readings.errors)
-        self._bus.sync_write(RegisterName.GOAL_POSITION, self._goals, raw=True)
+        self._bus.sync_write(RegisterName.PROFILE_VELOCITY, self._speeds, raw=True)
 
     def _time_cycle(self, names: Sequence[RegisterName]) -> tuple[float, float]:
         """Run a cycle; return its duration, and the host's own part of it."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from ikservo.errors import BusError, ServoAlarmError
+from ikservo.errors import BusError, RefusedError, ServoAlarmError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
-from ikservo.hardware.torque import torque_on
+from ikservo.hardware.torque import read_goal_range, torque_on
 from ikservo.registers import Alarm, Family, RegisterName
 
 __all__ = ["RecoveryResult", "recover"]
@@ -44,10 +44,11 @@ class RecoveryResult:
 
 
 def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
-    """Clear alarms, and set every servo's goal to its position.
+    """Clear alarms, and set the goal of every servo with torque to its position.
 
-    A Feetech servo's torque is switched off and, if it was on, on again at its position. A
-    Dynamixel is restarted, which switches its torque off, and only if ``reboot`` is true.
+    A limp servo gets no goal, for that can switch its torque on. A Feetech servo's torque is
+    switched off and, if it was on, on again at its position. A Dynamixel is restarted, which
+    switches its torque off, and only if ``reboot`` is true.
 
     Args:
         bus: The servos' bus.
@@ -57,7 +58,7 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
         PortLostError: The port is gone.
     """
     done = [_recover_servo(bus, servo, reboot=reboot) for servo in bus.servos.values()]
-    _set_goals_to_present(bus, [r.servo.id for r in done if r.torque is not None])
+    _set_goals_to_present(bus, [r.servo.id for r in done if r.torque])
     return done
 
 
@@ -101,7 +102,10 @@ def _cycle_torque(bus: ServoBus, servo: ServoSpec) -> str:
     bus.write(servo.id, RegisterName.TORQUE_ENABLE, 0, raw=True)
     if not was_on:
         return "torque switched off again"
-    torque_on(bus, servo.id)
+    try:
+        torque_on(bus, servo.id)
+    except RefusedError as error:  # it cannot hold where it is
+        return f"torque stays off: {error.message}"
     return "torque off and on again"
 
 
@@ -124,10 +128,20 @@ def _wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
 
 
 def _set_goals_to_present(bus: ServoBus, servo_ids: Iterable[int]) -> None:
-    """Set goals to the positions of the joints, so that nothing moves when torque comes on."""
+    """Set goals to the positions of joints with torque, so that they do not press on."""
     present: Mapping[int, int] = bus.sync_read(
         servo_ids, RegisterName.PRESENT_POSITION, raw=True
     ).values
-    if present:
-        bus.sync_write(RegisterName.GOAL_POSITION, present, raw=True)
-        bus.sync_read(present, RegisterName.GOAL_POSITION)  # a reply shows that the write is over
+    inside = {i: tick for i, tick in present.items() if _is_accepted(bus, i, tick)}
+    if inside:
+        bus.sync_write(RegisterName.GOAL_POSITION, inside, raw=True)
+        bus.sync_read(inside, RegisterName.GOAL_POSITION)  # a reply shows that the write is over
+
+
+def _is_accepted(bus: ServoBus, servo_id: int, tick: int) -> bool:
+    """Return whether a servo would stay at a goal; outside its limits it drives to one of them."""
+    try:
+        low, high = read_goal_range(bus, servo_id)
+    except (BusError, RefusedError):
+        return False
+    return low <= tick <= high

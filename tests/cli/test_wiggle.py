@@ -109,6 +109,7 @@ def test_an_uncalibrated_arm_takes_its_confirmed_step_and_no_other(monkeypatch, 
 def test_a_changed_calibration_is_shown_again(arm, run_cli):
     assert run_cli(f"{MOVE} --yes").code == 0
     assert directions_confirmed(load_model(NAME), PORT)
+    arm.port.clock.sleep_until(arm.port.clock.now_s() + 0.01)  # the last goals arrive
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 0)
     write_calibration(arm)  # the arm stands elsewhere by now
