@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -113,14 +114,26 @@ def _parse_speed(machine: Arm, what: str, speed: str | None) -> float | None:
 def _keep_going_check(machine: Arm, time_s: float | None) -> Generator[KeepGoing]:
     """Yield a function that returns whether to continue: until a time, or while a key is held."""
     if time_s is not None:
-        end_s = machine.clock.now_s() + time_s
-        yield lambda: machine.clock.now_s() < end_s
+        yield _duration_check(machine, time_s)
         return
     print_status("Hold the space bar to move; release it to stop.")
     with read_keys() as key:
         while " " not in key():
             pass
         yield _key_held_check(machine, key)
+
+
+def _duration_check(machine: Arm, duration_s: float) -> KeepGoing:
+    """Return a check for a time that starts with the motion: torque comes on before it."""
+    end_s = math.inf
+
+    def keep_going() -> bool:
+        nonlocal end_s
+        now_s = machine.clock.now_s()
+        end_s = min(end_s, now_s + duration_s)
+        return now_s < end_s
+
+    return keep_going
 
 
 def _key_held_check(machine: Arm, key: Keys) -> KeepGoing:
