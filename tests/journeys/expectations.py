@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from tests.journeys.command_arguments import BY_HAND, FILED, usual_target_m
+from tests.journeys.torque_watch import FEW_TICKS
 from tests.oracle import ARMS, tip_from_joints
 
 MOVING = ("move", "joints", "jog", "gripper", "pose", "replay", "follow", "relax")
@@ -14,6 +15,13 @@ PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable i
     "acknowledge", "close", "disable_torque", "enable", "hold", "pose_within_limits", "record",
     "relax", "request_stop", "stop", "teach", "where",
 )  # fmt: skip
+# Those that say that torque comes on, or move the arm. All others leave a limp arm limp.
+ENABLING = (
+    *MOVING, "carry_out", "enable", "execute", "follow_arm", "follow_goals", "go", "hold",
+    "move_joints", "move_line", "move_through", "move_to", "return_within_limits", "stream",
+    "teach",
+)  # fmt: skip
+LIMP_AFTERWARDS = ("relax", "disable_torque")
 STABLE = ("rest, sunk", "pose rest")  # a limp arm stays there; from others it falls
 NEAR_M, NEAR_DEG = 0.003, 1.5
 INTERNALS = re.compile(r"Traceback|np\.\w|array\(|<[\w.]+ object|\bNone\b|\w+Error\(|\bnan\b")
@@ -83,7 +91,7 @@ def allowed_blocked_codes(posture, *, one_joint):
     return {8} if posture not in STABLE or one_joint else set()
 
 
-def find_faults(command, bench, model, result, allowed):
+def find_faults(command, bench, model, result, allowed, posture):
     """Return what was wrong with the output and the end state; empty if nothing.
 
     Args:
@@ -92,16 +100,30 @@ def find_faults(command, bench, model, result, allowed):
         model: The arm.
         result: The output and the exit code.
         allowed: The allowed exit codes.
+        posture: Where the arm was, limp.
     """
     wrong = list(find_text_faults(result))
     if result.code not in allowed:
         wrong.append(f"exit code {result.code}")
+    wrong += find_torque_faults(command, bench, posture)
     blocked = result.code == 8 or (command == "relax" and result.code == 1)
     if blocked and not BLOCKED.search(result.out + result.err):
         wrong.append("refused without naming a collision")
     if bench.world is not None and (result.code == 0 or command == "relax"):
         wrong += find_state_faults(command, bench, model)
     return wrong
+
+
+def find_torque_faults(command, bench, posture):
+    """Yield where torque came on that nobody announced, or with a goal where the joint is not."""
+    if bench.watch.enablings and command not in ENABLING:
+        yield f"switched torque on: {bench.watch.enablings}"
+    if posture in STABLE:  # elsewhere it falls, or comes back to a limit
+        for enabling in bench.watch.enablings:
+            if enabling.goal_ticks > FEW_TICKS:
+                yield f"would jump: {enabling}"
+    if command in LIMP_AFTERWARDS and bench.world is not None and any(bench.torque().values()):
+        yield f"torque is on after {command}"
 
 
 def find_text_faults(result):
@@ -116,8 +138,6 @@ def find_text_faults(result):
 def find_state_faults(command, bench, model):
     """Yield what was wrong with the simulated joints and their torque."""
     joints = bench.joints()
-    if command == "relax" and any(bench.torque().values()):
-        yield "torque is still on after relax"
     if bench.kind == "real, uncalibrated":
         return
     if command == "move":

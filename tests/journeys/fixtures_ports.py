@@ -5,7 +5,7 @@ import os
 import random
 import shutil
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache
 
@@ -23,6 +23,7 @@ from tests.calibration.mounted_arms import MountedArm
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL
 from tests.cli.fixtures_ports import PortInfo, set_ports
 from tests.journeys.postures import joints_in
+from tests.journeys.torque_watch import TorqueWatch
 
 PORT_KINDS = ("sim", "pty", "real, uncalibrated", "real, calibrated")
 PTY = "/dev/pts/7"
@@ -40,12 +41,14 @@ class Bench:
         kind: One of ``LINES``.
         port: The value for ``--port``.
         world: The simulated arm; of ``sim`` the one that was opened last, None before.
+        watch: When torque came on.
     """
 
     arm: str
     kind: str
     port: str
     world: object = None
+    watch: TorqueWatch = field(default_factory=TorqueWatch)
 
     @property
     def simulated(self):
@@ -75,6 +78,7 @@ def place_arm(monkeypatch, arm, posture, kind):
     if kind == "real, calibrated":
         shutil.copytree(_calibrated(arm), os.environ["IKSERVO_HOME"], dirs_exist_ok=True)
     _place(mounted_arm.world, arm, posture)
+    bench.watch.add_world(mounted_arm.world)
     return bench
 
 
@@ -85,6 +89,7 @@ def _in_process(monkeypatch, arm, posture):
         port = open_port(f"{url}{'&' if '?' in url else '?'}physics=1")
         bench.world = port.line.world
         _place(bench.world, arm, posture)
+        bench.watch.add_world(bench.world)
         return port
 
     monkeypatch.setattr("servosim.open_port", opened)

@@ -69,7 +69,7 @@ def judge(monkeypatch, folder, arm, line, posture, kind):
     bench = place_arm(monkeypatch, arm, posture, kind)
     result = run_arguments(filled(line, arm, bench.port, folder))
     allowed = allowed_command_codes(command, kind, posture, model)
-    wrong = find_faults(command, bench, model, result, allowed)
+    wrong = find_faults(command, bench, model, result, allowed, posture)
     assert not wrong, (wrong, (result.out + result.err)[-900:])
 
 

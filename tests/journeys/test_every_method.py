@@ -45,15 +45,18 @@ def judge(monkeypatch, folder, arm, method, posture, kind):
     isolate_user_files(monkeypatch, folder)
     bench = place_arm(monkeypatch, arm, posture, kind)
     with ikservo.open_arm(arm, port=bench.port) as machine:
-        result = _called(machine, method, folder)
+        result = _called(machine, method, folder, bench.watch)
         allowed = allowed_method_codes(method, posture, machine)
-        wrong = find_faults(LIKE.get(method, method), bench, machine.model, result, allowed)
+        like = LIKE.get(method, method)
+        wrong = find_faults(like, bench, machine.model, result, allowed, posture)
     assert not wrong, (wrong, result.err)
 
 
-def _called(machine, method, folder):
+def _called(machine, method, folder, watch):
     try:
-        getattr(machine, method)(**arguments(method, machine, folder))
+        given = arguments(method, machine, folder)
+        watch.restart()  # arguments may come from another arm that moved
+        getattr(machine, method)(**given)
     except IkservoError as error:
         return CommandResult(error.exit_code, "", f"{error.message}\n{error.hint}")
     return CommandResult(0, "", "")

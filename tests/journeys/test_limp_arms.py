@@ -1,0 +1,25 @@
+"""A limp arm stays limp: every command and every method on an arm of Feetech STS servos.
+
+A goal switches the torque of such a servo on, so that each of these is a chance to let an arm jump.
+"""
+
+import pytest
+
+from tests.journeys import test_every_command, test_every_method
+from tests.journeys.command_arguments import SERVERS, commands, lines_of
+from tests.journeys.method_arguments import DEPRECATED, LISTENING, PLUGGED, methods
+from tests.journeys.postures import FREQUENT
+
+ARM, POSTURE = "so101", FREQUENT[0]
+LINES = [line for command in commands() if command not in SERVERS for line in lines_of(command)]
+METHODS = [name for name in methods() if name not in DEPRECATED + LISTENING + PLUGGED]
+
+
+@pytest.mark.parametrize("line", LINES, ids=test_every_command.name_of)
+def test_no_command_lets_a_limp_arm_jump(monkeypatch, tmp_path, line):
+    test_every_command.judge(monkeypatch, tmp_path, ARM, line, POSTURE, "sim")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_no_method_lets_a_limp_arm_jump(monkeypatch, tmp_path, method):
+    test_every_method.judge(monkeypatch, tmp_path, ARM, method, POSTURE, "sim")
