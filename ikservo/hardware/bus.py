@@ -128,6 +128,8 @@ class Conversation:
             now = driver.read(servo_id, register.address, register.size)
             return isinstance(now, Status) and now.data == data
 
+        if register is servo.table.torque_enable:
+            self._torque_on.discard(servo_id)  # until its reply says what became of it
         moves_servo = register in (servo.table.id, servo.table.baud_rate)
         self._requester.request(
             servo,
@@ -187,7 +189,8 @@ class Conversation:
         is switched off in case its goal has switched it on; all such are where the block fails.
 
         Args:
-            measured: The present position of each servo, raw ticks by id, read just before.
+            measured: The present position of each servo, raw ticks by id, read just before, as
+                its torque was.
         """
         limp = [servo_id for servo_id in measured if not self.is_torque_on(servo_id)]
         self._enabling, failed = measured, True

@@ -36,6 +36,7 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
     """
     check_supply_voltage(bus, servo_id)
     accepted = read_goal_range(bus, servo_id)
+    bus.read(servo_id, RegisterName.TORQUE_ENABLE, raw=True)
     present_tick = bus.read(servo_id, RegisterName.PRESENT_POSITION, raw=True)
     goal_tick = nearest_goal(str(bus.servos[servo_id]), present_tick, accepted)
     with bus.enabling({servo_id: present_tick}):

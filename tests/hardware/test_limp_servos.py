@@ -87,6 +87,25 @@ def test_a_servo_that_a_goal_switched_on_goes_off_if_the_rest_fails():
     assert (holds(bus, 1), holds(bus, 2)) == (False, True)
 
 
+def test_a_servo_that_held_before_holds_where_a_goal_cannot_be_set():
+    bus, at_tick = limp_bus("STS3215")
+    servo = simulated_servos(bus)[1]
+    servo.write("torque_enable", 1)
+    servo.on_write = lambda *_: add_faults(bus, ("silent", {"id": 1, "for_s": 0.05}))
+    with pytest.raises(ServoSilentError):
+        torque_on(bus, 1)
+    servo.on_write = None
+    assert (holds(bus), servo.read("goal_position")) == (True, at_tick)
+
+
+def test_torque_whose_switching_off_was_not_answered_counts_as_off():
+    bus, _ = limp_bus("STS3215")
+    simulated_servos(bus)[2].on_write = lambda *_: add_faults(bus, ("silent", {"id": 2}))
+    with pytest.raises(ServoSilentError):
+        bus.write(2, TORQUE, 0, raw=True)
+    assert not bus.is_torque_on(2)
+
+
 def test_a_servo_whose_torque_was_not_switched_on_in_the_end_goes_off():
     bus, at_tick = limp_bus("STS3215")
     with bus.enabling({1: at_tick}):

@@ -13,10 +13,11 @@ VOLTAGE, VOLTAGE_12 = "FF FF 01 04 02 3E 01 B9", "FF FF 01 03 00 78 83"
 # Each question within 20 ms has an answer of another length than the three before it.
 LOWEST, LOWEST_4 = request(1, 14, 2), reply(1, 140, 40)
 HIGHEST, HIGHEST_14 = request(1, 12, 3), reply(1, 0, 70, 140)
-POSITION, AT_2048 = request(1, 56, 2), reply(1, 0, 8)
+POSITION, AT_2048 = request(1, 55, 3), reply(1, 1, 0, 8)
 LIMITS, LIMITS_4095 = sync_request([1], 9, 4), reply(1, 0, 0, 255, 15)
+TORQUE, IS_OFF = request(1, 39, 2), reply(1, 0, 0)
 MODE, MODE_0 = sync_request([1], 33, 1), reply(1, 0)
-GOAL, GOAL_2048, GOAL_5 = request(1, 41, 3), reply(1, 0, 0, 8), reply(1, 0, 5, 0)
+GOAL, GOAL_2048, GOAL_5 = request(1, 40, 4), reply(1, 0, 0, 0, 8), reply(1, 0, 0, 5, 0)
 SET_GOAL_2048 = "FF FF 01 05 03 2A 00 08 C4"
 ON, OFF, TAKEN = "FF FF 01 04 03 28 01 CE", "FF FF 01 04 03 28 00 CF", "FF FF 01 02 00 FC"
 
@@ -29,8 +30,8 @@ def fed(line):
 
 @pytest.fixture
 def ranged(fed):
-    """Answer, too, the two questions about the goals that are accepted."""
-    return fed.expect(LIMITS, LIMITS_4095).expect(MODE, MODE_0)
+    """Answer, too, the questions about the goals that are accepted, and about torque."""
+    return fed.expect(LIMITS, LIMITS_4095).expect(MODE, MODE_0).expect(TORQUE, IS_OFF)
 
 
 def test_the_goal_becomes_the_present_position_before_torque_comes_on(feetech, ranged):

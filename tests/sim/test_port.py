@@ -132,6 +132,14 @@ def test_servos_of_one_joint_turn_together(configs):
     assert ticks == [pytest.approx(1700, abs=25), pytest.approx(ticks[0], abs=3)]
 
 
+@pytest.mark.parametrize(("query", "comes_on"), [("", True), ("?goal_keeps_torque=1", False)])
+def test_whether_a_goal_switches_torque_on_is_an_option(configs, query, comes_on):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml{query}")
+    servo = port.line.servos[1]
+    servo.write("goal_position", servo.read("present_position"))
+    assert servo.drive.torque_on == comes_on
+
+
 def test_every_servo_has_the_play_asked_for(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?backlash_deg=0.5")
     plays = {servo.motor.parameters.backlash_rad for servo in port.line.servos.values()}
