@@ -1,5 +1,6 @@
 """Watches from outside when torque of simulated servos comes on, and how far their goals are."""
 
+import itertools
 from dataclasses import dataclass
 
 FEW_TICKS = 12.0  # an arm that sinks moves on between the reading and the goal
@@ -12,10 +13,18 @@ class Enabling:
     Attributes:
         servo_id: Its id.
         goal_ticks: How far the goal that it is driven to is from where it is, counts of its sensor.
+        outside_ticks: How far it is outside its own limits: a limp arm may rest there, and no servo
+            takes such a goal.
     """
 
     servo_id: int
     goal_ticks: float
+    outside_ticks: int
+
+    @property
+    def jumps(self):
+        """Whether the joint would be driven further than to the nearest place that is allowed."""
+        return self.goal_ticks > self.outside_ticks + FEW_TICKS
 
 
 class TorqueWatch:
@@ -41,8 +50,18 @@ class TorqueWatch:
             if now_on and not was_on[0]:
                 away_rad = servo.drive.goal_rad - servo.motor.encoder_rad
                 away_ticks = abs(away_rad) / servo.shaft.rad_per_tick
-                self.enablings.append(Enabling(servo.id, away_ticks))
+                self.enablings.append(Enabling(servo.id, away_ticks, _outside_ticks(servo)))
             was_on[0] = now_on
             before()
 
         servo.changed = look
+
+
+def _outside_ticks(servo):
+    """Return how far a servo is from the nearest goal that it accepts."""
+    at_tick = servo.read("present_position")
+    return next(
+        ticks
+        for ticks in itertools.count()
+        if servo.is_goal_allowed(at_tick - ticks) or servo.is_goal_allowed(at_tick + ticks)
+    )
