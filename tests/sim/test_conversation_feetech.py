@@ -207,7 +207,7 @@ def test_a_goal_does_not_switch_the_torque_on_against_an_alarm(make_port):
 
 
 @pytest.mark.parametrize(("goal", "driven_to"), [(3100, 3000), (3900, 500), (100, 500)])
-def test_a_goal_outside_the_limits_means_the_limit_nearest_on_the_circle(make_port, goal, driven_to):
+def test_a_goal_outside_the_limits_means_the_nearest_one_on_the_circle(make_port, goal, driven_to):
     servo = make_port("STS3215").line.servos[1]
     servo.write("min_position_limit", 500)
     servo.write("max_position_limit", 3000)
