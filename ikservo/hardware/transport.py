@@ -14,7 +14,8 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from select import select
 from time import monotonic
@@ -248,7 +249,7 @@ def open_transport(name: str, baud_rate: int) -> Transport:
     """
     if not name:
         raise NoPortError("", list_devices())
-    for plug_in in entry_points(group=ENTRY_POINT_GROUP, name=name.partition(":")[0]):
+    for plug_in in _find_plug_ins(name.partition(":")[0]):
         return _open_plug_in(plug_in.load(), name, baud_rate)
     lock = PortLock() if "://" in name else acquire_lock(name)
     try:
@@ -256,6 +257,12 @@ def open_transport(name: str, baud_rate: int) -> Transport:
     except (OSError, ValueError, OverflowError) as error:
         lock.release()
         raise open_error(name, baud_rate, error) from error
+
+
+@cache
+def _find_plug_ins(name: str) -> tuple[EntryPoint, ...]:
+    """Return the installed plug-ins of a name; looking through all packages takes milliseconds."""
+    return tuple(entry_points(group=ENTRY_POINT_GROUP, name=name))
 
 
 def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int) -> Transport:

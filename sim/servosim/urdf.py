@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import copysign, cos, inf, sin
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
@@ -172,7 +173,7 @@ def read_joints(path: Path) -> list[MovingJoint]:
     Raises:
         ArmFileError: The file is no URDF that can be used.
     """
-    return _walk_tree(path).joints
+    return list(_walk_tree(path).joints)
 
 
 def read_shapes(path: Path) -> list[BoxShape]:
@@ -181,7 +182,7 @@ def read_shapes(path: Path) -> list[BoxShape]:
     Raises:
         ArmFileError: The file is no URDF that can be used.
     """
-    return _walk_tree(path).shapes
+    return list(_walk_tree(path).shapes)
 
 
 def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
@@ -198,9 +199,15 @@ def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
 
 def _walk_tree(path: Path) -> _TreeWalk:
     try:
-        return _TreeWalk(ElementTree.fromstring(path.read_bytes()))
+        return _walk_document(path.read_bytes())
     except (OSError, ParseError, DefusedXmlException, KeyError, ValueError) as error:
         raise ArmFileError(path, "", f"not a usable URDF ({error})") from error
+
+
+@lru_cache(maxsize=8)
+def _walk_document(text: bytes) -> _TreeWalk:
+    """Walk a document once for its joints, its shapes and its tip; nobody changes what it finds."""
+    return _TreeWalk(ElementTree.fromstring(text))
 
 
 class _TreeWalk:
