@@ -17,6 +17,7 @@ from build_kernels import ROOT, build
 
 _COPY = ROOT / "build" / "sanitized"
 _TESTS = [
+    "tests/test_kernel_entries.py",
     "tests/ik/test_compiled.py",
     "tests/ik/test_bounded.py",
     "tests/guard/test_collision_kernel_compiled.py",

@@ -1,0 +1,182 @@
+"""Whatever the compiled kernels are called with, they refuse it or return; nothing else is written.
+
+Under ``make sanitize`` every index is checked as well, and a wrong one ends the process.
+"""
+
+import array
+
+import numpy as np
+import pytest
+
+from ikservo.guard import CollisionChecker, collision_kernel
+from ikservo.guard.sag import Weight, sag_of
+from ikservo.ik import Solver, solver
+from ikservo.ik.kernel import compiled, search, single
+from ikservo.ik.prepare import TargetKind
+from ikservo.kinematics.inertia import LinkMass
+from ikservo.model import load_model
+from ikservo.view import pick_region, raycast
+from ikservo.view.draw_items import link_poses
+from ikservo.view.picking import Picker
+from tests.both_ways import needs_extension
+from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint
+from tests.ik.test_compiled import Search
+from tests.view.looks import looked_at, model_of, picker
+from tests.view.test_view_pick import cloud, places, rays_at
+
+TRIALS = 300
+REFUSALS = (TypeError, ValueError, BufferError, OverflowError)
+NUMBERS = (0.0, -1.0, 0.5, 7.0, 1e9, -1e300, np.inf, -np.inf, np.nan)
+KINDS = ("f4", "i4", "i8", "u8", "?", "c16", ">f8", ">i8", "S8", "O")
+SCALARS = (None, "x", b"x", np.nan, np.inf, 10**30, -1, True, 2.5, [1.0], np.zeros(3))
+
+
+def solve_all(_):
+    return search.solve_all(*Search("so101", TargetKind.POSE, 1, 3, traced=6).arguments())
+
+
+def solve_pose(monkeypatch):
+    model, names = load_model("wx250s"), []
+
+    def bind(name, *arguments):
+        names.append(name)
+        return lambda *others: getattr(single, name)(*arguments, *others)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(solver, "bind", bind)
+        Solver(model.chain, "direction")(np.eye(4), model.chain_pose("home"))
+
+
+def min_distances(_):
+    checker = CollisionChecker(every_kind_of_joint(), 0.02, BOXES)
+    checker.distances(np.zeros((3, checker.dof)))
+
+
+def gravity_torques_kernel(_):
+    masses = [LinkMass(link, 0.3, np.array([0.02, 0.01, -0.03])) for link in ("arm", "hand")]
+    free = np.full(4, np.inf)
+    sag_of(every_kind_of_joint(), Weight(masses, np.ones(4), -free, free))(np.zeros((3, 4)))
+
+
+def cast_rays(_):
+    random = np.random.default_rng(1)
+    shapes = {link: cloud(random, 30, "triangles") for link in ("a", "b")}
+    Picker(shapes).cast(*rays_at(random, 4), places(random, shapes))
+
+
+def raycast_brute_force(_):
+    random = np.random.default_rng(2)
+    (origin, *_), (direction, *_) = rays_at(random, 1)
+    raycast.raycast_brute_force(origin, direction, cloud(random, 20, "capsules"), np.empty(2))
+
+
+def find_in_square(_):
+    model = model_of("so101")
+    poses = link_poses(model.chain, model.chain.mid_range(), {})
+    camera = looked_at("so101", (30.0, 30.0))
+    picker("so101").pick_all_at(camera, poses, np.array([400.0, 300.0]), 40.0)
+
+
+ENTRIES = [
+    (search, "solve_all", solve_all),
+    (single, "solve_pose", solve_pose),
+    (collision_kernel, "min_distances", min_distances),
+    (collision_kernel, "gravity_torques_kernel", gravity_torques_kernel),
+    (raycast, "raycast", cast_rays),
+    (raycast, "raycast_brute_force", raycast_brute_force),
+    (pick_region, "find_in_square", find_in_square),
+]
+
+
+def test_every_entry_is_tried():
+    assert {name for _, name, _ in ENTRIES} == set(compiled.uncompiled)
+
+
+def copied(arguments):
+    return [each.copy() if isinstance(each, np.ndarray) else each for each in arguments]
+
+
+def arguments_of(monkeypatch, module, name, run):
+    """Return what a kernel is called with, before the call."""
+    kernel, calls = getattr(module, name), []
+
+    def record(*arguments):
+        calls.append(copied(arguments))
+        return kernel(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, name, record)
+        run(monkeypatch)
+    return calls[0]
+
+
+def with_one_number_changed(random, a):
+    a = a.copy()
+    if a.size:
+        number = random.choice(NUMBERS)
+        whole = a.dtype.kind == "i"
+        a.flat[random.integers(a.size)] = int(random.choice([-1, 0, 9, 2**62])) if whole else number
+    return a
+
+
+def of_another_shape(random, a):
+    shape = list(a.shape)
+    shape[random.integers(a.ndim)] += int(random.choice([-1, 1, -(10**6), 5]))
+    new = np.zeros([max(n, 0) for n in shape], a.dtype)
+    common = tuple(slice(min(n, m)) for n, m in zip(new.shape, a.shape, strict=True))
+    new[common] = a[common]
+    return new
+
+
+def in_another_way(random, a):
+    """Return the array with other strides, dimensions, type, or as something else."""
+    read_only = a.copy()
+    read_only.flags.writeable = False
+    ways = [
+        a[::-1], np.repeat(a, 2, axis=-1)[..., ::2], a.T, np.asfortranarray(a), a[None], a.ravel(),
+        a[..., None], np.broadcast_to(a[:1], a.shape) if len(a) else a, read_only, a.tolist(), None,
+        a.astype(random.choice(KINDS)), np.empty(0), np.float64(1.0), memoryview(a.tobytes()),
+        bytearray(a.tobytes()), array.array("d", np.ravel(a).astype(float)), "array", a.view("i8"),
+    ]  # fmt: skip
+    return ways[random.integers(len(ways))]
+
+
+def changed(random, arguments):
+    """Return other arguments: some changed, some missing, some too many."""
+    given = copied(arguments)
+    for i in random.integers(len(given), size=random.integers(1, 4)):
+        if isinstance(given[i], np.ndarray) and given[i].ndim:
+            ways = (
+                with_one_number_changed,
+                with_one_number_changed,
+                of_another_shape,
+                in_another_way,
+            )
+            given[i] = ways[random.integers(len(ways))](random, given[i])
+        else:
+            given[i] = SCALARS[random.integers(len(SCALARS))]
+    if random.integers(20) == 0:
+        return given[: random.integers(len(given))]
+    return [*given, given[0]] if random.integers(20) == 0 else given
+
+
+@needs_extension
+@pytest.mark.filterwarnings("ignore")  # of complex numbers that become real ones
+@pytest.mark.parametrize(("module", "name", "run"), ENTRIES, ids=[name for _, name, _ in ENTRIES])
+def test_odd_arguments_are_refused_or_change_no_later_result(monkeypatch, module, name, run):
+    arguments = arguments_of(monkeypatch, module, name, run)
+    random, refused = np.random.default_rng(1), 0
+    first = copied(arguments)
+    result = compiled.bind(name)(*first)
+    for _ in range(TRIALS):
+        given = changed(random, arguments)
+        bound = random.integers(len(given) + 1)
+        try:
+            compiled.bind(name, *given[:bound])(*given[bound:])
+        except REFUSALS:
+            refused += 1
+    assert TRIALS // 4 < refused < TRIALS
+    again = copied(arguments)
+    assert compiled.bind(name)(*again) == result
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one, other)
