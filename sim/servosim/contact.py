@@ -131,15 +131,16 @@ class Contacts:
         self, frames: Matrix, touch: _ContactPatch, a: int, b: int, count: int
     ) -> Matrix:
         """Return the separating velocity of bodies a and b, for each driven joint."""
-        slope = np.zeros(count)
+        slope = [0.0] * count
+        point_m, normal = touch.point_m.tolist(), touch.normal.tolist()
         for sign, end in ((1.0, a), (-1.0, b)):
             for body in self._ancestors(end):
                 driver, multiplier, _ = self._driven[body]
                 if driver >= 0:
-                    axis, arm_m = frames[body, :3, 2], touch.point_m - frames[body, :3, 3]
-                    direction = axis if self._joints[body].sliding else np.cross(axis, arm_m)
-                    slope[driver] += sign * multiplier * float(direction @ touch.normal)
-        return slope
+                    sliding = self._joints[body].sliding
+                    pushed = _normal_velocity(frames[body].tolist(), point_m, normal, sliding)
+                    slope[driver] += sign * multiplier * pushed
+        return np.array(slope)
 
     def _ancestors(self, body: int) -> Iterator[int]:
         """Yield a body and its ancestors, without the base."""
@@ -167,10 +168,10 @@ class Contacts:
             points = self._shapes[i].points_m @ T[:3, :3].T + T[:3, 3]
             inner = (points - into[:3, 3]) @ into[:3, :3]
             margin = self._shapes[j].half_m - np.abs(inner)
-            depths = margin.min(axis=1)
-            inside = depths > 0.0
-            if inside.any():
-                k = int(np.argmax(depths))
+            depths = np.minimum(np.minimum(margin[:, 0], margin[:, 1]), margin[:, 2])
+            k = int(depths.argmax())
+            if depths[k] > 0.0:
+                inside = depths > 0.0
                 side = int(np.argmin(margin[k]))
                 normal = into[:3, side] * np.sign(inner[k, side])
                 found.append((float(depths[k]), points[inside], depths[inside], normal))
@@ -184,7 +185,7 @@ class Contacts:
         """Return the pairs of bodies that may overlap, and which of their shapes."""
         i, j = self._rows[:, 0], self._rows[:, 1]
         apart = places[i, :3, 3] - places[j, :3, 3]
-        inner = np.abs(np.einsum("kji,kj->ki", places[j, :3, :3], apart)) - self._halves_m[j]
+        inner = np.abs(apart[:, None] @ places[j, :3, :3])[:, 0] - self._halves_m[j]
         near = (np.maximum(inner, 0.0) ** 2).sum(axis=1) < self._radii_m[i] ** 2
         rows, pairs = self._rows[near], self._pair_of[near]
         return [(self._pairs[k], rows[pairs == k]) for k in np.unique(pairs).tolist()]
@@ -218,3 +219,14 @@ class Contacts:
         """Return whether neither of two bodies hangs directly on the other."""
         parents = [self._joints[body].parent if body >= 0 else None for body in (a, b)]
         return a != b and parents[0] != b and parents[1] != a
+
+
+def _normal_velocity(
+    frame: list[list[float]], point_m: list[float], normal: list[float], sliding: bool
+) -> float:
+    """Return how fast a joint moves a point along a normal: plain numbers, for three are few."""
+    (_, _, x, at_x), (_, _, y, at_y), (_, _, z, at_z), _ = frame
+    if not sliding:
+        px, py, pz = point_m[0] - at_x, point_m[1] - at_y, point_m[2] - at_z
+        x, y, z = y * pz - z * py, z * px - x * pz, x * py - y * px
+    return x * normal[0] + y * normal[1] + z * normal[2]
