@@ -54,6 +54,9 @@ class ArmBus(StrictModel):
         description="feetech_sts, feetech_scs, dynamixel_2 or dynamixel_1"
     )
     baud: int = Field(ge=1_200, le=20_000_000, description="bits per second, such as 1_000_000")
+    supply_v: Positive | None = Field(
+        default=None, description="voltage of servos that are sold for several, such as 7.4"
+    )
 
 
 class ArmSpeed(StrictModel):

@@ -18,20 +18,20 @@ from ikservo.model.urdf_types import UrdfLink
 __all__ = ["STIFFNESS_NM_RAD", "joint_compliances", "link_masses"]
 
 # Torque of each rad between goal and horn, at the gains that the servo has while an arm moves: as
-# delivered, XL330 as `arm.streaming.stiffness` raises them. STS3215: identified by Rhoban's BAM,
-# the kp of the SO-101 MJCF; other Feetech servos by their stall torques. Dynamixel: P gain / 128
-# PWM steps of 885 for each tick, times the stall torque of the data sheet.
+# delivered, XL330 as `control.enabling` raises them. It is the duty of a rad times the torque of
+# the whole duty: 0.163 P and 3.35 N m for the STS3215 (7.4 V), 10.1 N m for the STS3250;
+# for Dynamixel P / 128 PWM steps of 885 for each tick, for the XL330 P / 256.
 STIFFNESS_NM_RAD: Mapping[str, float] = MappingProxyType(
     {
-        "STS3215": 17.8,
-        "STS3250": 26.0,
-        "SCS0009": 1.2,
-        "SCS15": 7.8,
-        "XL330-M288": 4.49,
-        "XL330-M077": 1.86,
-        "XL430-W250": 5.52,
-        "XM430-W350": 18.9,
-        "XM540-W270": 48.8,
+        "STS3215": 17.5,
+        "STS3250": 52.5,
+        "SCS0009": 1.76,
+        "SCS15": 11.5,
+        "XL330-M288": 2.73,
+        "XL330-M077": 1.13,
+        "XL430-W250": 5.82,
+        "XM430-W350": 19.9,
+        "XM540-W270": 51.4,
         "AX-12A": 2.7,
         "MX-28": 6.4,
     }

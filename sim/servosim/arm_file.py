@@ -54,6 +54,7 @@ class SimulatedArmFile:
         urdf: Its geometry and masses.
         family: Servo family of the bus.
         baud: Rate of the bus.
+        supply_v: Voltage of servos that exist for several; None for that of the model's name.
         joints: From base to tip.
         poses: Joint coordinates [rad or m] by pose and joint.
         floor_m: Height of the table in the base frame.
@@ -69,6 +70,7 @@ class SimulatedArmFile:
     poses: Mapping[str, Mapping[str, float]]
     floor_m: float = 0.0
     tip: str = ""
+    supply_v: float | None = None
 
 
 def read_arm_file(path: Path) -> SimulatedArmFile:
@@ -100,6 +102,7 @@ def _parse_arm(path: Path, document: dict[str, Any]) -> SimulatedArmFile:
         poses={name: _parse_pose(table) for name, table in document["poses"].items()},
         floor_m=float(document.get("surroundings", {}).get("floor_m", 0.0)),
         tip=str(document.get("tip", "")),
+        supply_v=float(document["bus"]["supply_v"]) if "supply_v" in document["bus"] else None,
     )
 
 

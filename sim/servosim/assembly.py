@@ -11,7 +11,7 @@ from servosim.dynamics import FreeBody, GravityBody
 from servosim.errors import ArmFileError, SimulatorError
 from servosim.joint import SimulatedJoint
 from servosim.motor import Motor
-from servosim.parameters import PARAMETERS, MotorParameters
+from servosim.parameters import PARAMETERS, MotorParameters, spread
 from servosim.register import ServoTable, SimulatedFamily
 from servosim.servo import HornMounting, Servo
 from servosim.servo_models import baud_code, make_servo, table_for
@@ -153,14 +153,25 @@ def _make_servo(
     seed: int,
     backlash_deg: float | None,
 ) -> Servo:
-    table = table_for(entry.model)
+    table = table_for(_model_at(arm, entry.model))
     unknown = [name for name in entry.eeprom if name not in table.by_name]
     if unknown:
         raise ArmFileError(arm.path, f"servo {entry.id}", f"no register named {unknown[0]!r}")
     delivered = {**entry.eeprom, **_baud_registers(table, arm.baud), "id": entry.id}
-    motor = Motor(_motor_parameters(table.model, backlash_deg), angle_rad, *stops)
+    parameters = spread(_motor_parameters(table.model, backlash_deg), seed)
+    motor = Motor(parameters, angle_rad, *stops)
     shaft = HornMounting(entry.sign, entry.zero_tick, table.ticks_per_turn)
     return make_servo(table.model, motor, shaft, delivered, seed)
+
+
+def _model_at(arm: SimulatedArmFile, model: str) -> str:
+    """Return the variant of a model that the arm's supply voltage asks for."""
+    if arm.supply_v is None or PARAMETERS[table_for(model).model].nominal_v == arm.supply_v:
+        return model
+    for name, parameters in PARAMETERS.items():
+        if name.startswith(f"{model}-") and parameters.nominal_v == arm.supply_v:
+            return name
+    raise ArmFileError(arm.path, "bus.supply_v", f"there is no {model} for {arm.supply_v:g} V")
 
 
 def _motor_parameters(model: str, backlash_deg: float | None) -> MotorParameters:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from servosim.parameters import MotorParameters
-
 
 class ProfileSegment(NamedTuple):
     """A stretch of time with constant acceleration."""
@@ -169,8 +167,10 @@ class DriveCommand:
     """The commands of a servo's memory in SI units; set by the servo, read by the motor.
 
     The position loop works as the datasheets draw it, on the bridge's duty (PWM, -1..1):
-    `duty = kp e + ki ∫e dt + kd de/dt + feedforward`, with `e = reference - encoder` in radians.
-    The stiffness at the output is therefore `kp` times the stall torque at the supply's voltage.
+    `duty = kp e + ki ∫e dt + kd de/dt + startup_pwm sign(e) + kv v + ka a`, with
+    `e = reference - encoder` in whole ticks of the sensor and v, a of the reference. The
+    stiffness at the output is therefore `kp` times the torque of the whole duty at the supply's
+    voltage.
 
     The motor plans a new profile from the reference's present position and velocity whenever one
     of goal_rad, velocity_limit_rad_s, acceleration_rad_s2, profile_time_s, acceleration_time_s
@@ -193,10 +193,14 @@ class DriveCommand:
         integral_limit: Largest size of the integral's part of the duty, 0..1.
         velocity_kp: Velocity gain [s/rad].
         velocity_ki: Velocity gain [1/rad].
-        feed_forward: Fraction of the duty that the profile needs by itself (the back-EMF of its
-            velocity, the torque of its acceleration, friction) which the firmware adds, 0..1.
+        velocity_feed_forward: Duty for each rad/s of the reference [s/rad].
+        acceleration_feed_forward: Duty for each rad/s² of the reference [s²/rad].
+        tick_rad: Resolution of the sensor; 0 = none.
         dead_zone_rad: Errors up to this size count as none.
-        minimum_pwm: Smallest duty for an error outside the dead zone ("punch", "startup force").
+        startup_pwm: Duty added in the direction of an error outside the dead zone (Feetech's
+            start-up force).
+        minimum_pwm: Smallest duty for an error outside the dead zone (Dynamixel's punch).
+        protected_error_rad: Beyond this distance from the goal the duty drops to PROTECTED_SHARE.
         torque_limit: Limit of the duty, 0..1 (Feetech's torque limit).
         pwm_limit: Limit of the duty, 0..1 (Dynamixel's PWM limit); the smaller of both binds.
         current_limit_a: Limit of the winding's current.
@@ -219,15 +223,20 @@ class DriveCommand:
     integral_limit: float = 1.0
     velocity_kp: float = 0.5
     velocity_ki: float = 5.0
-    feed_forward: float = 1.0
+    velocity_feed_forward: float = 0.0
+    acceleration_feed_forward: float = 0.0
+    tick_rad: float = 0.0
     dead_zone_rad: float = 0.0
+    startup_pwm: float = 0.0
     minimum_pwm: float = 0.0
+    protected_error_rad: float = math.inf
     torque_limit: float = 1.0
     pwm_limit: float = 1.0
     current_limit_a: float = math.inf
     moving_threshold_rad_s: float = 0.24
 
 
+PROTECTED_SHARE = 0.25  # scope, motor uncoupled: 0.041 instead of 0.165 duty/(P rad) from 100°
 RELEASED: tuple[object, ...] = (None,)
 PROFILED = (ControlMode.POSITION, ControlMode.CURRENT_POSITION)
 
@@ -241,10 +250,9 @@ class Controller:
         saturated: Set by the motor when a limit cut the duty: the integral then waits.
     """
 
-    __slots__ = ("_integral", "_order", "_parameters", "derivative", "reference", "saturated")
+    __slots__ = ("_integral", "_order", "derivative", "reference", "saturated")
 
-    def __init__(self, parameters: MotorParameters, position_rad: float) -> None:
-        self._parameters = parameters
+    def __init__(self, position_rad: float) -> None:
         self.reference = ProfileGenerator(position_rad)
         self._order = RELEASED
         self._integral = self.derivative = 0.0
@@ -266,7 +274,6 @@ class Controller:
         drive: DriveCommand,
         position_rad: float,
         velocity_rad_s: float,
-        full_nm: float,
     ) -> float:
         """The duty of the gains, not yet limited; then the profile advances.
 
@@ -275,7 +282,6 @@ class Controller:
             drive: The commands.
             position_rad: The sensor's position.
             velocity_rad_s: Its derivative.
-            full_nm: Stall torque at the present supply voltage.
         """
         mode = drive.mode
         order = (
@@ -295,8 +301,6 @@ class Controller:
                 else math.copysign(1.0, drive.goal_current_a)
             )
         reference = self.reference
-        if reference.velocity_rad_s or reference.acceleration_rad_s2:
-            duty += drive.feed_forward * self._feedforward_nm() / full_nm
         if reference.running:
             reference.advance(dt_s)
         return duty
@@ -304,17 +308,34 @@ class Controller:
     def _position_duty(
         self, dt_s: float, drive: DriveCommand, position_rad: float, velocity_rad_s: float
     ) -> float:
-        reference = self.reference
+        reference, dead_rad = self.reference, drive.dead_zone_rad
         error_rad = reference.position_rad - position_rad
-        if -drive.dead_zone_rad <= error_rad <= drive.dead_zone_rad and not reference.running:
+        if drive.tick_rad:
+            error_rad = drive.tick_rad * round(error_rad / drive.tick_rad)
+        if -dead_rad <= error_rad <= dead_rad:
             error_rad = 0.0
         duty = drive.kp * error_rad
         if drive.ki:
             duty += self._integrate_error(drive.ki * error_rad * dt_s, drive.integral_limit)
-        if drive.minimum_pwm and error_rad and abs(duty) < drive.minimum_pwm:
-            duty = math.copysign(drive.minimum_pwm, error_rad)
+        if error_rad:
+            duty = self._started_duty(duty, drive, error_rad, drive.goal_rad - position_rad)
         self.derivative = drive.kd
-        return duty + drive.kd * (reference.velocity_rad_s - velocity_rad_s)
+        if drive.kd:
+            duty += drive.kd * (reference.velocity_rad_s - velocity_rad_s)
+        if reference.running:
+            duty += drive.velocity_feed_forward * reference.velocity_rad_s
+            duty += drive.acceleration_feed_forward * reference.acceleration_rad_s2
+        return duty
+
+    def _started_duty(
+        self, duty: float, drive: DriveCommand, error_rad: float, way_rad: float
+    ) -> float:
+        """Add the start-up force, and protect the gears while the goal is very far."""
+        if drive.startup_pwm:
+            duty += math.copysign(drive.startup_pwm, error_rad)
+        elif drive.minimum_pwm and abs(duty) < drive.minimum_pwm:
+            duty = math.copysign(drive.minimum_pwm, error_rad)
+        return duty if abs(way_rad) < drive.protected_error_rad else PROTECTED_SHARE * duty
 
     def _velocity_duty(self, dt_s: float, drive: DriveCommand, velocity_rad_s: float) -> float:
         error_rad_s = self.reference.velocity_rad_s - velocity_rad_s
@@ -326,16 +347,6 @@ class Controller:
         if not self.saturated or gain * self._integral < 0.0:
             self._integral = min(limit, max(-limit, self._integral + gain))
         return self._integral
-
-    def _feedforward_nm(self) -> float:
-        """Torque that the profile's motion takes without an external load."""
-        motor, reference = self._parameters, self.reference
-        velocity_rad_s = reference.velocity_rad_s
-        needed_nm = motor.armature_kg_m2 * reference.acceleration_rad_s2
-        needed_nm += motor.damping_nm_s * velocity_rad_s
-        if velocity_rad_s:
-            needed_nm += math.copysign(motor.coulomb_friction_nm, velocity_rad_s)
-        return needed_nm
 
     def _accept_command(
         self,

@@ -219,6 +219,7 @@ class Dynamixel1(Servo):
         """Apply the gains in SI: a slope of n steps is the MX's P gain of 1024 / n."""
         drive, get = self.drive, self.memory.get
         drive.minimum_pwm = get("punch") / FULL
+        drive.tick_rad = self.shaft.rad_per_tick
         if self.is_mx:
             unit = 1.0 / (32 * SLOPE_RAD) / (32 / 8)  # P gain 32 is Kp 4 and a slope of 32 steps
             drive.kp = unit * get("p_gain") / 8

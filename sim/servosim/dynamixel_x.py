@@ -41,7 +41,9 @@ class DriveMapper:
     def __init__(self, servo: SimulatedDynamixelX) -> None:
         self.servo = servo
         self.senses_current = "goal_current" in servo.table.by_name
-        self.current_unit_a = 0.001 if servo.table.model.startswith("XL330") else 0.00269
+        is_xl330 = servo.table.model.startswith("XL330")
+        self.current_unit_a = 0.001 if is_xl330 else 0.00269
+        self._p_divisor = 256 if is_xl330 else 128  # present PWM for an error, on pendulum logs
         self._profile = (0.0, 0.0, 0.0, 0.0)  # times, then limits, as the drive has them
 
     def set_position_goal(self) -> None:
@@ -83,9 +85,15 @@ class DriveMapper:
     def set_gains(self) -> None:
         """Apply the gains in SI: outputs in the datasheets are PWM steps, their errors ticks."""
         drive, get = self.servo.drive, self.servo.memory.get
-        drive.kp = get("position_p_gain") / 128 * TICKS_PER_RAD / PWM_FULL
+        drive.kp = get("position_p_gain") / self._p_divisor * TICKS_PER_RAD / PWM_FULL
         drive.ki = get("position_i_gain") / 65536 * TICKS_PER_RAD * CONTROL_HZ / PWM_FULL
         drive.kd = get("position_d_gain") / 16 * TICKS_PER_RAD / CONTROL_HZ / PWM_FULL
+        per_velocity = TICKS_PER_RAD / CONTROL_HZ / PWM_FULL
+        drive.velocity_feed_forward = get("feedforward_1st_gain") / 4 * per_velocity
+        drive.acceleration_feed_forward = (
+            get("feedforward_2nd_gain") / 4 * per_velocity / CONTROL_HZ
+        )
+        drive.tick_rad = self.servo.shaft.rad_per_tick
         drive.velocity_kp = get("velocity_p_gain") / 128 / VELOCITY_RAD_S / PWM_FULL
         drive.velocity_ki = get("velocity_i_gain") / 65536 * CONTROL_HZ / VELOCITY_RAD_S / PWM_FULL
 
@@ -138,6 +146,7 @@ def write_effects(servo: SimulatedDynamixelX) -> dict[str, Callable[[], None]]:
         orders.set_limits: ("moving_threshold", "current_limit"),
         orders.set_gains: (
             "position_p_gain", "position_i_gain", "position_d_gain",
+            "feedforward_1st_gain", "feedforward_2nd_gain",
             "velocity_p_gain", "velocity_i_gain",
         ),
     }  # fmt: skip

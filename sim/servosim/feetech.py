@@ -98,6 +98,7 @@ BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400,
          19_200, 14_400, 9_600, 4_800)
 # fmt: on
 DAMPING = 2  # written to torque_enable: the motor brakes the shaft
+PROTECTED_ERROR_RAD = 1.7  # farther goals are followed with a quarter of the duty (scope)
 PHASE_ZERO_IS_MAX = 0x08  # goal speed 0 means the greatest speed
 
 
@@ -185,7 +186,8 @@ class Feetech(Servo):
     registered_flag = "async_write"
     kept_by_recovery = ("id",)
     reboot_s = 0.8  # measured on an STS3215
-    kp_per_gain = 5.3 / 32  # duty for each radian and each step of the P gain (SO-101 MJCF)
+    kp_per_gain = 0.163  # duty for each radian and each step of the P gain (pendulum logs, scope)
+    startup_per_unit = 0.014 / 16  # duty for each step of the start-up force (pendulum logs)
     kd_per_gain = 0.001  # assumed [s/rad]
     ki_per_gain = 0.05  # assumed [1/(rad s)]
 
@@ -326,8 +328,10 @@ class Feetech(Servo):
         drive.kp = get("p_gain") * self.kp_per_gain
         drive.kd = get("d_gain") * self.kd_per_gain
         drive.ki = get("i_gain") * self.ki_per_gain
-        drive.minimum_pwm = get("min_startup_force") / 1000
+        drive.startup_pwm = get("min_startup_force") * self.startup_per_unit
+        drive.tick_rad = self.shaft.rad_per_tick
         drive.dead_zone_rad = get("cw_dead_zone") * self.shaft.rad_per_tick
+        drive.protected_error_rad = PROTECTED_ERROR_RAD
         self.series.apply_gains()
 
     def set_limits(self) -> None:

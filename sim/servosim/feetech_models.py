@@ -122,7 +122,6 @@ class StsSeries(FeetechSeries):
         speed_rad_s = max(-greatest_rad_s, min(greatest_rad_s, speed_rad_s))
         drive.acceleration_rad_s2 = get("acceleration") * 100 * self.shaft.rad_per_tick
         drive.velocity_limit_rad_s = self.servo.profile_speed(abs(speed_rad_s)) or greatest_rad_s
-        drive.feed_forward = 1.0 if speed_rad_s else 0.0
         drive.goal_velocity_rad_s = sign * speed_rad_s
         drive.goal_pwm = sign * get("goal_time") / 1000
         if get("operating_mode") == STEP:

@@ -34,15 +34,27 @@ class ThermalModel:
 PLAY_HZ = 45.0  # a load moves through the play with this damping: inertia times this rate
 AT_REST_RAD_S = 1e-6  # a motion slower than this sticks
 FREE_PLAY_FRACTION = 1e-3  # loads below this fraction of the stall torque do not take up the play
+STRIBECK_SPAN = 8.0  # beyond this multiple of its velocity the Stribeck friction has gone
 
 
 class Motor:
     """A motor that follows a drive and carries a load.
 
-    The motor is a voltage-driven direct-current motor behind its gears, seen from the output
-    shaft: `torque = stall * duty * V / V_nominal - back_emf * velocity`. A step is implicit in
-    everything that damps and explicit in the rest: the stiffest gains stay stable at steps of
-    1 ms and the steady state is exact.
+    A voltage-driven direct-current motor behind its gears, seen from the output shaft, with the
+    friction model m4 of Duclusaud, Passault et al., "Extended Friction Models for the Physics
+    Simulation of Servo Actuators" (2024, Rhoban's BAM):
+
+        tau_m = kt i,   i = (u V - kt w) / R,   |i| <= i_max                    motor
+        J dw/dt = tau_m + tau_e - kv w - tau_f                                  shaft
+        |tau_f| <= kc + kl g + exp(-|w| / ws) (ks + kls g)                      dry friction
+        g = |tau_m - tau_e|                                                     load of the gears
+
+    with the duty u, the supply V, the shaft's speed w and the outer torque tau_e. Dry friction is
+    what stops the shaft and at most this bound: a servo holds with less than its load (tau_e and
+    tau_m oppose each other then, and g is their sum) and a limp one sinks slowly. Model m1 is
+    kl = ks = kls = 0; m5 and m6, with other factors for tau_m and tau_e, explain the logs of the
+    STS no better. A step is implicit in everything that damps and explicit in the rest: the
+    stiffest gains stay stable at steps of 1 ms and the steady state is exact.
 
     The free play is between the gears and the output shaft. The position sensor is on the
     output shaft (magnetic on STS, X and MX, a potentiometer on SCS and AX) and sees the joint:
@@ -69,10 +81,13 @@ class Motor:
     __slots__ = (
         "_back_emf",
         "_controller",
+        "_duty",
         "_free_play_nm",
         "_full_nm",
         "_gear_rad",
         "_half_play_rad",
+        "_limits_itself",
+        "_most_a",
         "_nm_per_a",
         "_nm_per_v",
         "_resistance_ohm",
@@ -112,14 +127,16 @@ class Motor:
         self.carried = self.stuck = False
         self.grip = 1.0
         # The figures below are properties of the parameters; a step reads them several times.
-        self._back_emf = parameters.back_emf_nm_s
-        self._viscous = parameters.viscous_damping_nm_s
         self._nm_per_a = parameters.torque_constant_nm_a
-        self._nm_per_v = parameters.stall_torque_nm / parameters.nominal_v
         self._resistance_ohm = parameters.resistance_ohm
+        self._nm_per_v = self._nm_per_a / self._resistance_ohm
+        self._back_emf = self._nm_per_a * self._nm_per_v
+        self._most_a = parameters.current_limit_a
+        self._viscous = parameters.viscous_nm_s
         self._half_play_rad = parameters.backlash_rad / 2.0
         self._free_play_nm = FREE_PLAY_FRACTION * parameters.stall_torque_nm
-        self._controller = Controller(parameters, position_rad)
+        self._duty, self._limits_itself = 0.0, False
+        self._controller = Controller(position_rad)
         self.place(position_rad)
 
     def place(self, position_rad: float) -> None:
@@ -195,21 +212,24 @@ class Motor:
             return 0.0
         self._full_nm = full_nm
         controller, velocity_rad_s = self._controller, self.velocity_rad_s
-        duty = controller.duty(dt_s, drive, self.position_rad, velocity_rad_s, full_nm)
+        duty = controller.duty(dt_s, drive, self.position_rad, velocity_rad_s)
         limit = drive.pwm_limit if drive.pwm_limit < drive.torque_limit else drive.torque_limit
         self._slope = self._back_emf + controller.derivative * full_nm
         controller.saturated = not -limit <= duty <= limit
         if controller.saturated:
             duty = math.copysign(limit, duty)
             self._slope = self._back_emf
+        self._duty = duty
         return self._limit_torque(full_nm * duty - self._back_emf * velocity_rad_s, drive)
 
     def _limit_torque(self, torque_nm: float, drive: DriveCommand) -> float:
         limit_a = drive.current_limit_a
         if drive.mode is ControlMode.CURRENT or drive.mode is ControlMode.CURRENT_POSITION:
             limit_a = min(limit_a, abs(drive.goal_current_a))
-        limit_nm = limit_a * self._nm_per_a
+        self._limits_itself = limit_a > self._most_a
+        limit_nm = (self._most_a if self._limits_itself else limit_a) * self._nm_per_a
         if -limit_nm <= torque_nm <= limit_nm:
+            self._limits_itself = False
             return torque_nm
         self._slope = 0.0
         self._controller.saturated = True
@@ -221,8 +241,8 @@ class Motor:
             self.velocity_rad_s = 0.0
             return
         falling = self._take_up_backlash(dt_s, load_nm)
-        torque_nm = pressed_nm if falling else pressed_nm + load_nm
-        speed_rad_s = self.velocity_rad_s = self._step_velocity(dt_s, torque_nm)
+        speed_rad_s = self._step_velocity(dt_s, pressed_nm, 0.0 if falling else load_nm)
+        self.velocity_rad_s = speed_rad_s
         if speed_rad_s:
             travel_rad = speed_rad_s * dt_s
             self._gear_rad += travel_rad
@@ -235,21 +255,28 @@ class Motor:
         if not self.lower_stop_rad <= self.position_rad <= self.upper_stop_rad:
             self._hit_stop()
 
-    def _step_velocity(self, dt_s: float, torque_nm: float) -> float:
+    def _step_velocity(self, dt_s: float, pressed_nm: float, load_nm: float) -> float:
         """The velocity after the step; dry friction stops a motion but never reverses it."""
-        before_rad_s, motor = self.velocity_rad_s, self.parameters
-        if before_rad_s:
-            torque_nm -= self._viscous * before_rad_s
-            torque_nm -= math.copysign(motor.coulomb_friction_nm, before_rad_s)
-        elif -motor.static_friction_nm <= torque_nm <= motor.static_friction_nm:
-            return 0.0
-        else:
-            torque_nm -= math.copysign(motor.coulomb_friction_nm, torque_nm)
-        inertia = motor.armature_kg_m2 + self.load_inertia_kg_m2
-        damping = self._slope * self.grip + self._viscous
-        after_rad_s = before_rad_s + torque_nm * dt_s / (inertia + damping * dt_s)
-        stops = after_rad_s * before_rad_s < 0.0 or -AT_REST_RAD_S < after_rad_s < AT_REST_RAD_S
-        return 0.0 if stops else after_rad_s
+        velocity_rad_s = self.velocity_rad_s
+        viscous = self._viscous
+        inertia = self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
+        rad_s_per_nm = dt_s / (inertia + (self._slope * self.grip + viscous) * dt_s)
+        after_rad_s = velocity_rad_s + rad_s_per_nm * (
+            pressed_nm + load_nm - viscous * velocity_rad_s
+        )
+        stop_rad_s = rad_s_per_nm * self._dry_friction(pressed_nm, load_nm, abs(velocity_rad_s))
+        if after_rad_s > stop_rad_s + AT_REST_RAD_S:
+            return after_rad_s - stop_rad_s
+        return after_rad_s + stop_rad_s if after_rad_s < -stop_rad_s - AT_REST_RAD_S else 0.0
+
+    def _dry_friction(self, pressed_nm: float, load_nm: float, speed_rad_s: float) -> float:
+        """The largest torque of the dry friction [N m]."""
+        motor, gear_nm = self.parameters, abs(pressed_nm - load_nm)
+        friction_nm = motor.friction_nm + motor.load_friction * gear_nm
+        span = speed_rad_s / motor.stribeck_rad_s
+        if span > STRIBECK_SPAN:
+            return friction_nm
+        return friction_nm + math.exp(-span) * (motor.stribeck_nm + motor.load_stribeck * gear_nm)
 
     def _take_up_backlash(self, dt_s: float, load_nm: float) -> bool:
         """Let the load move through the play; true while it has not reached the next tooth."""
@@ -274,7 +301,10 @@ class Motor:
         self.torque_nm = torque_nm
         current_a = self.current_a = torque_nm / self._nm_per_a
         full_nm, back_emf_nm = self._full_nm, self._back_emf * self.velocity_rad_s
-        self.pwm = (torque_nm + back_emf_nm) / full_nm if full_nm else 0.0
+        if self._limits_itself and full_nm:
+            self.pwm = self._duty  # the bridge gives it, but the current does not rise
+        else:
+            self.pwm = (torque_nm + back_emf_nm) / full_nm if full_nm else 0.0
         self.heat.step(dt_s, current_a * current_a * self._resistance_ohm)
         self.moving = (
             self._controller.reference.running

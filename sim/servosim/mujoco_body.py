@@ -55,8 +55,11 @@ class MujocoBody:
         solimp = self._model.dof_solimp  # pyright: ignore[reportAttributeAccessIssue, reportUnknownVariableType, reportUnknownMemberType] - tools/typings lacks it
         solimp[self._dof, :2] = FRICTION_HOLDS
         self._armature_kg_m2 = np.array([sum(m.armature_kg_m2 for m in on) for on in motors])
-        self._damping_nm_s = np.array([sum(m.viscous_damping_nm_s for m in on) for on in motors])
-        self._friction_nm = np.array([sum(m.coulomb_friction_nm for m in on) for on in motors])
+        self._damping_nm_s = np.array([sum(m.viscous_nm_s for m in on) for on in motors])
+        self._friction_nm = np.array(
+            [sum(m.friction_nm + m.stribeck_nm for m in on) for on in motors]
+        )
+        self._load_friction = np.array([on[0].load_friction + on[0].load_stribeck for on in motors])
         self._slopes: Sequence[float] = ()
         self.set_transmission_slopes([1.0] * len(ids))
 
@@ -77,7 +80,7 @@ class MujocoBody:
         self._slopes, ratio = slopes, np.abs(np.array(slopes))
         self._model.dof_armature[self._dof] = self._armature_kg_m2 / ratio**2
         self._model.dof_damping[self._dof] = self._damping_nm_s / ratio**2
-        self._model.dof_frictionloss[self._dof] = self._friction_nm / ratio
+        self._dry = self._friction_nm / ratio
 
     def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
         """Advance time under the motors' and hands' torques (forces on prismatic joints).
@@ -85,6 +88,9 @@ class MujocoBody:
         Returns:
             Positions and velocities of the joints.
         """
+        # The gears carry the motor's torque against gravity and what the other links do.
+        gear = np.abs(np.asarray(torques) + self._data.qfrc_bias[self._dof])
+        self._model.dof_frictionloss[self._dof] = self._dry + self._load_friction * gear
         self._model.opt.timestep = dt_s
         self._data.qfrc_applied[self._dof] = torques
         mujoco.mj_step(self._model, self._data)

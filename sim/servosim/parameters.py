@@ -1,126 +1,227 @@
-"""The motor behind each model's gears: figures of the datasheets, seen from the output shaft."""
+"""The motor behind each model's gears: fits to measurements, and figures scaled from them."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import random
+from dataclasses import dataclass, replace
+from enum import Enum
 
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
-STICTION = 1.2  # static over moving friction (e)
-HEAT_J_GK = 0.8  # between plastic and copper (e)
+HEAT_J_GK = 0.8  # between plastic and copper (estimate)
 # An STS3215 that held 15 kg cm rose by 23 K within ten minutes and stayed there for an hour
-# (SO-ARM100 issue 134): 3.9 to 6.3 W in the winding. Scaled by the surface for other sizes.
-COOLING_K_W = 4.0
+# (SO-ARM100 issue 134). Scaled by the surface for other sizes.
+COOLING_K_W = 10.0
+
+
+class Certainty(Enum):
+    """How well a row of motor parameters is known; the value is the tolerance of a specimen.
+
+    The tolerance is the standard deviation of friction, armature and torque constant from servo
+    to servo, as a share. Logs of one specimen differ by 3 to 5 % between sessions (friction of the
+    STS3250 more), so it is an estimate.
+    """
+
+    MEASURED = 0.05
+    SCALED = 0.08
+    ESTIMATED = 0.12
 
 
 @dataclass(frozen=True, slots=True)
 class MotorParameters:
-    """One model's motor and gears at the output shaft.
+    """One model's motor and gears at the output shaft; equations in `servosim.motor.Motor`.
 
     Attributes:
-        nominal_v: Supply voltage of the figures below.
-        stall_torque_nm: Torque of the blocked shaft at full duty.
-        stall_current_a: Current of the blocked shaft at full duty.
-        no_load_speed_rad_s: Speed of the free shaft at full duty.
-        no_load_current_a: Current of the free shaft at full duty: friction at the motor.
-        gear_ratio: Revolutions of the motor for one of the shaft.
-        coulomb_friction_nm: Friction of the moving shaft that does not depend on its speed.
-        static_friction_nm: Torque that sets the resting shaft in motion.
+        nominal_v: Supply voltage of the model.
+        torque_constant_nm_a: kt: torque at the shaft for each ampere, gears included, before
+            friction; also the back-EMF for each rad/s.
+        resistance_ohm: R: resistance of winding and bridge.
+        current_limit_a: Limit of the winding's current, by the firmware or the bridge.
+        friction_nm: kc: dry friction of the unloaded gears.
+        viscous_nm_s: kv: friction for each rad/s.
+        stribeck_nm: ks: dry friction that a slow shaft has besides.
+        stribeck_rad_s: ws: velocity at which that has fallen to 37 %.
+        load_friction: kl: dry friction for each N m of load in the gears.
+        load_stribeck: kls: likewise, of a slow shaft besides.
         armature_kg_m2: Inertia of rotor and gears, at the shaft.
+        gear_ratio: Revolutions of the motor for one of the shaft.
         backlash_rad: Free play of the gears, from one tooth face to the other.
         mass_kg: Mass of the whole servo.
         heat_capacity_j_k: Heat that warms the whole servo by one kelvin.
         thermal_resistance_k_w: Kelvin above ambient for each watt, at rest.
+        certainty: How well the figures are known.
     """
 
     nominal_v: float
-    stall_torque_nm: float
-    stall_current_a: float
-    no_load_speed_rad_s: float
-    no_load_current_a: float
-    gear_ratio: float
-    coulomb_friction_nm: float
-    static_friction_nm: float
+    torque_constant_nm_a: float
+    resistance_ohm: float
+    current_limit_a: float
+    friction_nm: float
+    viscous_nm_s: float
+    stribeck_nm: float
+    stribeck_rad_s: float
+    load_friction: float
+    load_stribeck: float
     armature_kg_m2: float
+    gear_ratio: float
     backlash_rad: float
     mass_kg: float
     heat_capacity_j_k: float
     thermal_resistance_k_w: float
+    certainty: Certainty
 
     @property
-    def torque_constant_nm_a(self) -> float:
-        """Torque at the shaft for each ampere, gears included."""
-        return self.stall_torque_nm / self.stall_current_a
+    def duty_torque_nm(self) -> float:
+        """Torque of the motor at the blocked shaft for the whole duty, were there no limit."""
+        return self.torque_constant_nm_a * self.nominal_v / self.resistance_ohm
 
     @property
-    def resistance_ohm(self) -> float:
-        """Resistance of winding and bridge."""
-        return self.nominal_v / self.stall_current_a
+    def stall_current_a(self) -> float:
+        """Current of the blocked shaft at full duty."""
+        return min(self.nominal_v / self.resistance_ohm, self.current_limit_a)
 
     @property
-    def damping_nm_s(self) -> float:
-        """All torque that grows with speed, so that the free shaft runs at the no-load speed."""
-        return (self.stall_torque_nm - self.coulomb_friction_nm) / self.no_load_speed_rad_s
+    def stall_torque_nm(self) -> float:
+        """Torque of the motor at the blocked shaft at full duty, before friction."""
+        return self.torque_constant_nm_a * self.stall_current_a
 
     @property
-    def viscous_damping_nm_s(self) -> float:
-        """Friction of bearings and grease for each rad/s."""
-        no_load_nm = self.torque_constant_nm_a * self.no_load_current_a
-        return max(0.0, no_load_nm - self.coulomb_friction_nm) / self.no_load_speed_rad_s
+    def no_load_speed_rad_s(self) -> float:
+        """Speed of the free shaft at full duty."""
+        kt, full_a = self.torque_constant_nm_a, self.nominal_v / self.resistance_ohm
+        driven_nm = kt * full_a * (1.0 - self.load_friction) - self.friction_nm
+        braked_nm_s = kt * kt / self.resistance_ohm * (1.0 - self.load_friction)
+        return driven_nm / (braked_nm_s + self.viscous_nm_s)
 
     @property
-    def back_emf_nm_s(self) -> float:
-        """Torque that the back-EMF takes away for each rad/s."""
-        return self.damping_nm_s - self.viscous_damping_nm_s
+    def static_friction_nm(self) -> float:
+        """Outer torque that sets the resting, limp shaft in motion."""
+        load = self.load_friction + self.load_stribeck
+        return (self.friction_nm + self.stribeck_nm) / (1.0 - load)
 
 
 def _row(
-    volts: float, stall_nm: float, stall_a: float, rpm: float, free_a: float, gears: float,
-    friction_nm: float, armature: float, play_deg: float, mass_g: float,
-) -> MotorParameters:  # fmt: skip
+    figures: tuple[float, ...], build: tuple[float, ...], certainty: Certainty
+) -> MotorParameters:
+    """Return a row: electrical figures, torque limit and friction, then how the servo is built."""
+    volts, kt, ohm, most_nm, friction_nm, viscous, stribeck, slow, load, load_slow = figures
+    armature, gears, play_deg, mass_g = build
     return MotorParameters(
         nominal_v=volts,
-        stall_torque_nm=stall_nm,
-        stall_current_a=stall_a,
-        no_load_speed_rad_s=rpm * RAD_S_PER_RPM,
-        no_load_current_a=free_a,
-        gear_ratio=gears,
-        coulomb_friction_nm=friction_nm,
-        static_friction_nm=STICTION * friction_nm,
+        torque_constant_nm_a=kt,
+        resistance_ohm=ohm,
+        current_limit_a=most_nm / kt,
+        friction_nm=friction_nm,
+        viscous_nm_s=viscous,
+        stribeck_nm=stribeck,
+        stribeck_rad_s=slow,
+        load_friction=load,
+        load_stribeck=load_slow,
         armature_kg_m2=armature,
+        gear_ratio=gears,
         backlash_rad=math.radians(play_deg),
         mass_kg=mass_g / 1000.0,
         heat_capacity_j_k=HEAT_J_GK * mass_g,
         thermal_resistance_k_w=COOLING_K_W * (55.0 / mass_g) ** (2.0 / 3.0),
+        certainty=certainty,
     )
 
 
-# Volts, torque, currents, speed, gears, mass: the vendors' datasheets. The letters are the source
-# of the other figures of a row:
-# b  identified on a pendulum by Rhoban's BAM (Apache-2.0), params/feetech_sts3215_7_4V and
-#    params/xl330, model m1. Its STS3215 is the one of the SO-101 MJCF: force 3.35, frictionloss
-#    0.052, armature 0.028, damping 0.60 (back-EMF included), kp 17.8 at P = 32.
-#    Its mx64 and mx106 (0.012, 0.027 kg m²; 0.090, 0.104 N m) are the measure for other rows.
-# g  the row above, scaled by the gears.
-# h  currents of the HLS3950, a sibling of equal torque and speed; no sheet gives STS3250's.
-# e  friction (1.5 to 3 % of stall), armature and, for Dynamixel, free current estimated.
-# x  all but the torque estimated.
+def spread(parameters: MotorParameters, seed: int) -> MotorParameters:
+    """Return one specimen of a model: friction, armature and torque constant within tolerance.
+
+    Args:
+        parameters: The model's.
+        seed: Of the specimen; the same seed gives the same servo.
+    """
+    chance = random.Random(f"{seed} motor")  # noqa: S311 - a tolerance, not a secret
+
+    def vary(value: float, share: float) -> float:
+        return value * (1.0 + share * max(-2.0, min(2.0, chance.gauss(0.0, 1.0))))
+
+    share = parameters.certainty.value
+    return replace(
+        parameters,
+        torque_constant_nm_a=vary(parameters.torque_constant_nm_a, 0.3 * share),
+        armature_kg_m2=vary(parameters.armature_kg_m2, share),
+        friction_nm=vary(parameters.friction_nm, 2.0 * share),
+        stribeck_nm=vary(parameters.stribeck_nm, 2.0 * share),
+        load_friction=vary(parameters.load_friction, share),
+    )
+
+
+# Motors, fitted by tools/identify_motor.py to logs of pendulums (mass 0.5 to 1.2 kg at 0.1 to
+# 0.15 m): STS3215-C018 and STS3250 on 240 logs of K-Scale Labs (kscalelabs/sysid, commit d66b22c)
+# each and validated on 240 others, XL330-M288 on 8 logs of Rhoban's BAM (commit af22604).
+# kt and R are known as kt/R and kt*kt/R: torque for a volt, brake for a rad/s. The XL330's kt
+# makes its torque limit the 1.75 A of its current limit register; its supply sagged on the bench.
+# Torque limits: 3.4 N m is also what an STS3215 of 12 V pressed on a scale (SO-ARM100 issue 134).
+# STS3215 (7.4 V): kt and R of BAM (params/feetech_sts3215_7_4V, model m1), gears of the 12 V one.
+# Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
+# makers' sheets. MX64 is BAM's fit (params/mx64, model m4).
 # Play: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100 issue
-# 134), its MJCF has 1°. ROBOTIS gives 0.25° for XM540, 0.33° for MX-28, nothing for others.
+# 134), 1° stands in its MJCF; the specimen of the logs shows less than 0.5° when it is released.
+# ROBOTIS says 0.25° for XM540, 0.33° for MX-28, nothing for others.
 # fmt: off
-#                           V     N m     A    rpm  free A  gears friction armature play°  g
+_M, _S, _E = Certainty.MEASURED, Certainty.SCALED, Certainty.ESTIMATED
+#               V     kt     ohm    N m   kc      kv      ks      ws     kl     kls
+_C018 = _row((12.0, 2.230, 3.892, 3.26, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071),
+             (0.0216, 345.0, 0.50, 55.0), _M)  # armature, gears, play °, g
+_C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071),
+             (0.0216, 345.0, 1.00, 55.0), _S)
+_3250 = _row((12.0, 1.459, 1.738, 3.95, 0.0468, 0.0558, 0.0331, 0.062, 0.121, 0.029),
+             (0.0083, 345.0, 0.50, 74.5), _M)
+_M288 = _row(( 5.0, 0.383, 3.030, 0.67, 0.0025, 0.0005, 0.0003, 0.461, 0.268, 0.045),
+             (0.0020, 288.4, 0.25, 18.0), _M)
+_MX64 = _row((12.0, 1.663, 3.156, 6.32, 0.0615, 0.0148, 0.0239, 1.521, 0.000, 0.234),
+             (0.0110, 200.0, 0.33, 135.0), _M)
+# fmt: on
+_SHEET_STALL_NM = {_C018: 4.6, _M288: 0.52, _MX64: 6.0}  # the first: shaft, without its limit
+
+
+def _scaled(
+    relative: MotorParameters, volts: float, stall_nm: float, rpm: float, armature: float,
+    gears: float, play_deg: float, mass_g: float, certainty: Certainty = Certainty.SCALED,
+) -> MotorParameters:  # fmt: skip
+    """Return a row with a relative's friction, as shares of its torque and speed.
+
+    Args:
+        relative: A fitted motor with gears of the same kind.
+        volts: Supply voltage of the figures.
+        stall_nm: Torque of the blocked shaft at full duty.
+        rpm: Speed of the free shaft at full duty.
+        armature: Inertia at the shaft [kg m²].
+        gears: Revolutions of the motor for one of the shaft.
+        play_deg: Backlash.
+        mass_g: Mass.
+        certainty: How much is known.
+    """
+    slower = relative.no_load_speed_rad_s / (rpm * RAD_S_PER_RPM)
+    kt = slower * relative.torque_constant_nm_a * volts / relative.nominal_v
+    share = stall_nm / _SHEET_STALL_NM[relative]
+    full_nm = share * relative.duty_torque_nm
+    figures = (
+        volts, kt, kt * volts / full_nm, math.inf, share * relative.friction_nm,
+        share * slower * relative.viscous_nm_s, share * relative.stribeck_nm,
+        relative.stribeck_rad_s / slower, relative.load_friction, relative.load_stribeck,
+    )  # fmt: skip
+    return _row(figures, (armature, gears, play_deg, mass_g), certainty)
+
+
+# fmt: off
 PARAMETERS: dict[str, MotorParameters] = {
-    "STS3215":      _row( 7.4,  3.35,  2.77,  51.8, 0.15, 345.0, 0.052, 0.0284,  1.00,  55.0),  # b
-    "STS3215-C018": _row(12.0,  2.94,  2.70,  45.0, 0.18, 345.0, 0.052, 0.0284,  1.00,  55.0),  # b
-    "STS3250":      _row(12.0,  4.90,  2.40,  75.0, 0.33, 345.0, 0.080, 0.0300,  0.50,  74.5),  # he
-    "SCS0009":      _row( 6.0,  0.226, 1.00, 100.0, 0.15, 416.0, 0.008, 0.0007,  0.50,  13.2),  # e
-    "SCS15":        _row( 6.0,  1.47,  1.50,  62.5, 0.15, 200.0, 0.030, 0.0020,  0.50,  56.0),  # x
-    "XL330-M288":   _row( 5.0,  0.52,  1.47, 103.0, 0.20, 288.4, 0.021, 0.0017,  0.25,  18.0),  # b
-    "XL330-M077":   _row( 5.0,  0.215, 1.47, 383.0, 0.20,  77.5, 0.006, 0.00013, 0.25,  18.0),  # g
-    "XL430-W250":   _row(12.0,  1.50,  1.40,  61.0, 0.10, 258.5, 0.040, 0.0053,  0.25,  57.2),  # e
-    "XM430-W350":   _row(12.0,  4.10,  2.30,  46.0, 0.10, 353.5, 0.070, 0.0112,  0.25,  82.0),  # e
-    "XM540-W270":   _row(12.0, 10.60,  4.40,  30.0, 0.15, 272.5, 0.150, 0.0260,  0.25, 165.0),  # e
-    "AX-12A":       _row(12.0,  1.50,  1.50,  59.0, 0.14, 254.0, 0.040, 0.0032,  0.33,  54.6),  # e
-    "MX-28":        _row(12.0,  2.50,  1.40,  55.0, 0.10, 193.0, 0.040, 0.0032,  0.33,  77.0),  # e
+    "STS3215": _C001,
+    "STS3215-C018": _C018,
+    "STS3250": _3250,
+    #                              V     N m    rpm   armature  gears  play°    g
+    "SCS0009":    _scaled(_C018,  6.0,  0.226, 100.0, 0.0007,  416.0, 0.50,  13.2, _E),
+    "SCS15":      _scaled(_C018,  6.0,  1.47,   62.5, 0.0020,  200.0, 0.50,  56.0, _E),
+    "XL330-M288": _M288,
+    "XL330-M077": _scaled(_M288,  5.0,  0.215, 383.0, 0.00018,  77.5, 0.25,  18.0),
+    "XL430-W250": _scaled(_MX64, 12.0,  1.50,   61.0, 0.0053,  258.5, 0.25,  57.2),
+    "XM430-W350": _scaled(_MX64, 12.0,  4.10,   46.0, 0.0112,  353.5, 0.25,  82.0),
+    "XM540-W270": _scaled(_MX64, 12.0, 10.60,   30.0, 0.0260,  272.5, 0.25, 165.0),
+    "AX-12A":     _scaled(_MX64, 12.0,  1.50,   59.0, 0.0032,  254.0, 0.33,  54.6, _E),
+    "MX-28":      _scaled(_MX64, 12.0,  2.50,   55.0, 0.0032,  193.0, 0.33,  77.0),
 }
 # fmt: on

@@ -109,8 +109,8 @@ _STS_U, _STS_SIGN_BIT_10, _B11, _STS_SIGN_BIT_15 = (
 _StsColumn = int | tuple[int, ...]
 
 # fmt: off
-_STS_MODELS = ("STS3215", "STS3250")
-_STS_NUMBER = (777, 2825)
+_STS_MODELS = ("STS3215", "STS3215-C018", "STS3250")  # 7.4 V, 12 V, 12 V
+_STS_NUMBER = (777, 777, 2825)
 
 _STS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _StsColumn, int, int, Sign], ...] = (
     # address size name            access area  default     min     max   sign
@@ -125,7 +125,7 @@ _STS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _StsColumn, int, int, 
     ( 9, 2, "min_position_limit",    "RW", _STS_EEPROM, 0,            0,   4094,   _STS_U),
     (11, 2, "max_position_limit",    "RW", _STS_EEPROM, 4095,         0,   4095,   _STS_U),
     (13, 1, "max_temperature_limit", "RW", _STS_EEPROM, 70,           0,    100,   _STS_U),
-    (14, 1, "max_voltage_limit",     "RW", _STS_EEPROM, (80, 140),       0,    254,   _STS_U),
+    (14, 1, "max_voltage_limit",     "RW", _STS_EEPROM, (80, 140, 140),       0,    254,   _STS_U),
     (15, 1, "min_voltage_limit",     "RW", _STS_EEPROM, 40,           0,    254,   _STS_U),
     (16, 2, "max_torque",            "RW", _STS_EEPROM, 1000,         0,   1000,   _STS_U),
     (18, 1, "phase",                 "RW", _STS_EEPROM, 12,           0,    254,   _STS_U),
@@ -134,7 +134,7 @@ _STS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _StsColumn, int, int, 
     (21, 1, "p_gain",                "RW", _STS_EEPROM, 32,           0,    254,   _STS_U),
     (22, 1, "d_gain",                "RW", _STS_EEPROM, 32,           0,    254,   _STS_U),
     (23, 1, "i_gain",                "RW", _STS_EEPROM, 0,            0,    254,   _STS_U),
-    (24, 1, "min_startup_force",     "RW", _STS_EEPROM, 16,           0,    254,   _STS_U),
+    (24, 1, "min_startup_force",     "RW", _STS_EEPROM, (16, 16, 5),           0,    254,   _STS_U),
     (25, 1, "integral_limit",        "RW", _STS_EEPROM, 0,            0,    254,   _STS_U),
     (26, 1, "cw_dead_zone",          "RW", _STS_EEPROM, 1,            0,     16,   _STS_U),
     (27, 1, "ccw_dead_zone",         "RW", _STS_EEPROM, 1,            0,     16,   _STS_U),
@@ -169,7 +169,7 @@ _STS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _StsColumn, int, int, 
     (81, 1, "dts",                   "RW", _STS_EEPROM, 10,           0,    254,   _STS_U),
     (82, 1, "speed_unit",            "RW", _STS_EEPROM, 1,            0,    254,   _STS_U),
     (83, 1, "hts",                   "RW", _STS_EEPROM, 0,            0,    254,   _STS_U),
-    (84, 1, "max_speed_limit",       "RW", _STS_EEPROM, (66, 110),    0,    254,   _STS_U),
+    (84, 1, "max_speed_limit",       "RW", _STS_EEPROM, (66, 66, 110),   0,    254,   _STS_U),
     (85, 1, "acceleration_limit",    "RW", _STS_EEPROM, 254,          0,    254,   _STS_U),
     (86, 1, "acceleration_multiple", "RW", _STS_EEPROM, 1,            0,    254,   _STS_U),
 )

@@ -67,9 +67,9 @@ def test_the_stiffness_of_servos_is_that_of_the_simulated_ones(name):
             if joint.role == "gripper":
                 continue
             servo = line_of(arm).servos[joint.servo.id]
-            stall_nm = PARAMETERS[joint.servo.model].stall_torque_nm
+            duty_nm = PARAMETERS[joint.servo.model].duty_torque_nm
             stiffness = STIFFNESS_NM_RAD[joint.servo.model]
-            assert stiffness == pytest.approx(servo.drive.kp * stall_nm, rel=0.02), joint.name
+            assert stiffness == pytest.approx(servo.drive.kp * duty_nm, rel=0.02), joint.name
 
 
 def test_a_joint_on_its_stop_sags_no_further():

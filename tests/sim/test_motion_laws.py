@@ -38,7 +38,7 @@ def trapezoid(time_s, travel, speed, acceleration):
 
 
 @pytest.mark.parametrize("model", PROFILES)
-def test_an_unloaded_servo_follows_its_trapezoid_within_one_percent(make_port, model):
+def test_the_target_of_a_servo_follows_its_trapezoid_within_one_percent(make_port, model):
     registers, speed, acceleration = PROFILES[model]
     port = make_port(model)
     servo = port.line.servos[1]
@@ -50,7 +50,39 @@ def test_an_unloaded_servo_follows_its_trapezoid_within_one_percent(make_port, m
     for k in range(1, 60):
         port.clock.sleep_until(start_s + k * 0.04)
         expected = 2048 + trapezoid(k * 0.04, TRAVEL, speed, acceleration)
-        assert servo.read("present_position") == pytest.approx(expected, abs=0.01 * TRAVEL), k
+        target = servo.shaft.tick_at(servo.motor.reference_rad)
+        assert target == pytest.approx(expected, abs=0.01 * TRAVEL), k
+
+
+def lag_at(port, velocity, **gains):
+    """Return by how many ticks an XL430 trails its trajectory at a profile velocity."""
+    servo = port.line.servos[1]
+    for name, value in gains.items():
+        servo.write(name, value)
+    servo.write("torque_enable", 1)
+    servo.write("profile_velocity", velocity)
+    servo.write("goal_position", 4000)
+    port.clock.sleep_until(port.clock.now_s() + 0.6)
+    return servo.read("position_trajectory") - servo.read("present_position")
+
+
+def test_an_xl430_trails_its_trajectory_by_what_its_gain_needs(make_port):
+    assert lag_at(make_port("XL430-W250"), 100) == pytest.approx(69, abs=14)
+
+
+def test_feed_forward_of_the_velocity_is_what_its_register_says(make_port):
+    without = lag_at(make_port("XL430-W250"), 100)
+    some = lag_at(make_port("XL430-W250"), 100, feedforward_1st_gain=500)
+    more = lag_at(make_port("XL430-W250"), 100, feedforward_1st_gain=1000)
+    assert without - some == pytest.approx(some - more, abs=2)
+    assert without - more > 10
+
+
+@pytest.mark.parametrize(("model", "divisor"), [("XL330-M288", 256), ("XL430-W250", 128)])
+def test_the_p_gain_gives_the_duty_of_its_divisor(make_port, model, divisor):
+    servo = make_port(model).line.servos[1]
+    servo.write("position_p_gain", 640)
+    assert servo.drive.kp == pytest.approx(640 / divisor * (4096 / (2 * math.pi)) / 885)
 
 
 @pytest.mark.parametrize("model", ["SCS0009", "AX-12A"])

@@ -9,7 +9,7 @@ import pytest
 
 from servosim.control import ControlMode, DriveCommand
 from servosim.motor import Motor
-from servosim.parameters import PARAMETERS
+from servosim.parameters import PARAMETERS, MotorParameters
 
 DT_S = 0.001
 MODELS = sorted(PARAMETERS)
@@ -26,27 +26,35 @@ def run(
         motor.step(DT_S, load_nm, drive, supply_v)
 
 
-def trapezoid_rad(goal: float, top: float, slope: float, time_s: float) -> float:
-    """Closed form of a trapezoid from rest at zero that reaches its top speed."""
-    ramp_s, total_s = top / slope, goal / top + top / slope
-    if time_s < ramp_s:
-        return slope * time_s**2 / 2.0
-    if time_s < total_s - ramp_s:
-        return top * (time_s - ramp_s / 2.0)
-    return goal - slope * max(0.0, total_s - time_s) ** 2 / 2.0
+def duty_at(motor: MotorParameters, velocity_rad_s: float) -> float:
+    """Duty that an unloaded motor needs at a velocity, from its equations."""
+    friction_nm = motor.friction_nm + motor.viscous_nm_s * velocity_rad_s
+    slow = math.exp(-velocity_rad_s / motor.stribeck_rad_s)
+    driven_nm = (friction_nm + slow * motor.stribeck_nm) / (
+        1.0 - motor.load_friction - slow * motor.load_stribeck
+    )
+    return (driven_nm / motor.duty_torque_nm) + velocity_rad_s * (
+        motor.torque_constant_nm_a / motor.nominal_v
+    )
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_an_unloaded_motor_follows_the_closed_form_trapezoid_within_one_percent(model: str) -> None:
+def test_an_unloaded_motor_lags_its_profile_by_the_duty_that_it_needs(model: str) -> None:
     motor, supply_v = nominal(model)
-    goal, top = math.pi / 2.0, 0.4 * motor.parameters.no_load_speed_rad_s
-    slope = 4.0 * top**2 / goal
-    drive = DriveCommand(True, goal_rad=goal, velocity_limit_rad_s=top, acceleration_rad_s2=slope)
-    errors = []
-    for k in range(1, 1 + round((goal / top + top / slope + 0.2) / DT_S)):
-        motor.step(DT_S, 0.0, drive, supply_v)
-        errors.append(motor.position_rad - trapezoid_rad(goal, top, slope, k * DT_S))
-    assert max(map(abs, errors)) < 0.01 * goal
+    speed_rad_s = 0.4 * motor.parameters.no_load_speed_rad_s
+    drive = DriveCommand(True, goal_rad=99.0, velocity_limit_rad_s=speed_rad_s, kp=5.3)
+    run(motor, drive, 0.9, supply_v)
+    lag_rad = motor.reference_rad - motor.position_rad
+    needed = duty_at(motor.parameters, speed_rad_s)
+    assert lag_rad == pytest.approx(needed / drive.kp, rel=0.02)
+
+
+def test_feed_forward_of_the_velocity_takes_the_lag_away() -> None:
+    motor, supply_v = nominal("XM430-W350")
+    drive = DriveCommand(True, goal_rad=9.0, velocity_limit_rad_s=1.0)
+    drive.velocity_feed_forward = duty_at(motor.parameters, 1.0)
+    run(motor, drive, 2.0, supply_v)
+    assert motor.reference_rad - motor.position_rad == pytest.approx(0.0, abs=0.002)
 
 
 @pytest.mark.parametrize("model", ["XL330-M288", "XL430-W250", "XM430-W350"])
@@ -54,9 +62,9 @@ def test_a_time_based_profile_arrives_when_it_says(model: str) -> None:
     motor, supply_v = nominal(model)
     drive = DriveCommand(True, goal_rad=1.0, profile_time_s=2.0, acceleration_time_s=0.5)
     run(motor, drive, 1.0, supply_v)
-    assert motor.position_rad == pytest.approx(0.5, abs=0.01)
-    run(motor, drive, 1.0, supply_v)
-    assert motor.position_rad == pytest.approx(1.0, abs=0.01)
+    assert motor.reference_rad == pytest.approx(0.5, abs=0.001)
+    run(motor, drive, 1.2, supply_v)
+    assert motor.position_rad == pytest.approx(1.0, abs=0.02)
     assert not motor.profile_running
 
 
@@ -70,7 +78,7 @@ def test_a_goal_changed_in_mid_profile_makes_no_jump_in_velocity(new_goal: float
         before = motor.reference_velocity_rad_s
         motor.step(DT_S, 0.0, drive, supply_v)
         assert abs(motor.reference_velocity_rad_s - before) <= 3.0 * DT_S + 1e-9
-    assert motor.position_rad == pytest.approx(new_goal, abs=0.005)
+    assert motor.position_rad == pytest.approx(new_goal, abs=0.02)
 
 
 def test_a_changed_time_based_goal_makes_no_jump_in_velocity() -> None:
@@ -96,7 +104,7 @@ def test_torque_switched_on_starts_from_where_the_shaft_is() -> None:
 def test_a_motor_in_velocity_mode_settles_at_its_goal() -> None:
     motor, supply_v = nominal("XM430-W350")
     drive = DriveCommand(True, mode=ControlMode.VELOCITY, goal_velocity_rad_s=-2.0)
-    run(motor, drive, 1.0, supply_v, load_nm=0.5)
+    run(motor, drive, 2.0, supply_v, load_nm=0.5)
     assert motor.velocity_rad_s == pytest.approx(-2.0, abs=0.01)
 
 
@@ -106,7 +114,7 @@ def test_velocity_mode_ramps_with_the_profile_acceleration() -> None:
         True, mode=ControlMode.VELOCITY, goal_velocity_rad_s=2.0, acceleration_rad_s2=1.0
     )
     run(motor, drive, 1.0, supply_v)
-    assert motor.velocity_rad_s == pytest.approx(1.0, abs=0.05)
+    assert motor.velocity_rad_s == pytest.approx(1.0, abs=0.15)
 
 
 def test_moving_is_true_from_the_first_step_of_a_profile_to_its_end() -> None:
@@ -142,29 +150,48 @@ def test_the_stiffest_gains_stay_stable_at_steps_of_a_millisecond(model: str) ->
 
 @pytest.mark.parametrize("load_nm", [0.3, -0.8])
 def test_the_sag_under_a_load_is_torque_over_stiffness(load_nm: float) -> None:
-    ideal = replace(PARAMETERS["STS3215"], coulomb_friction_nm=0.0, static_friction_nm=0.0)
+    dry = ("friction_nm", "stribeck_nm", "load_friction", "load_stribeck")
+    ideal = replace(PARAMETERS["STS3215"], **dict.fromkeys(dry, 0.0))
     motor, drive = Motor(ideal), DriveCommand(True, goal_rad=0.2, kp=5.3)
     run(motor, drive, 3.0, ideal.nominal_v, load_nm)
-    stiffness_nm_rad = drive.kp * ideal.stall_torque_nm
+    stiffness_nm_rad = drive.kp * ideal.duty_torque_nm
     assert motor.position_rad - 0.2 == pytest.approx(load_nm / stiffness_nm_rad, rel=1e-3)
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_dry_friction_moves_the_sag_by_no_more_than_itself(model: str) -> None:
     motor, supply_v = nominal(model)
-    stall_nm, friction_nm = motor.parameters.stall_torque_nm, motor.parameters.static_friction_nm
-    drive, load_nm = DriveCommand(True, kp=5.3), -0.2 * stall_nm
+    figures = motor.parameters
+    drive, load_nm = DriveCommand(True, kp=5.3), -0.2 * figures.stall_torque_nm
     run(motor, drive, 3.0, supply_v, load_nm)
-    stiffness_nm_rad = drive.kp * stall_nm
-    off_nm = motor.position_rad * stiffness_nm_rad - load_nm
-    assert abs(off_nm) <= friction_nm + 1e-6
+    held_nm = -motor.position_rad * drive.kp * figures.duty_torque_nm
+    creep_nm = 1e-4 * figures.stall_torque_nm  # slower than what counts as a motion
+    assert abs(held_nm + load_nm) <= bound_nm(figures, held_nm - load_nm) + creep_nm
+
+
+def bound_nm(motor: MotorParameters, gear_nm: float) -> float:
+    """Greatest dry friction at rest under a load of the gears."""
+    load = motor.load_friction + motor.load_stribeck
+    return motor.friction_nm + motor.stribeck_nm + load * gear_nm
+
+
+def test_a_load_is_held_higher_from_above_than_from_below() -> None:
+    """Hysteresis of the dry friction, which grows with the load (K-Scale's pendulum logs)."""
+    held_rad = []
+    for start_rad in (0.3, -0.3):
+        motor, supply_v = Motor(PARAMETERS["STS3215-C018"], start_rad), 12.0
+        run(motor, DriveCommand(True, kp=0.163 * 16), 3.0, supply_v, load_nm=-1.04)
+        held_rad.append(math.degrees(motor.position_rad))
+    above, below = held_rad
+    assert above - below == pytest.approx(2.3, abs=0.9)
+    assert (above + below) / 2.0 == pytest.approx(-2.6, abs=0.9)
 
 
 def test_an_integral_gain_removes_the_sag() -> None:
     motor, supply_v = nominal("XM430-W350")
     drive = DriveCommand(True, kp=4.6, ki=20.0)
     run(motor, drive, 5.0, supply_v, load_nm=-0.8)
-    assert motor.position_rad == pytest.approx(0.0, abs=0.002)
+    assert motor.position_rad == pytest.approx(0.0, abs=0.01)
 
 
 def test_the_integral_waits_while_a_limit_cuts_the_duty() -> None:
@@ -184,11 +211,28 @@ def test_an_error_inside_the_dead_zone_draws_no_current() -> None:
     assert motor.current_a == 0.0
 
 
-def test_the_startup_force_breaks_small_errors_loose() -> None:
+@pytest.mark.parametrize(("error_rad", "duty"), [(0.01, 0.067), (-0.01, -0.067), (0.0, 0.0)])
+def test_the_startup_force_is_added_to_what_the_gain_gives(error_rad: float, duty: float) -> None:
     motor, supply_v = nominal("STS3215")
-    drive = DriveCommand(True, goal_rad=0.003, minimum_pwm=0.03)
-    run(motor, drive, 0.3, supply_v)
-    assert motor.position_rad == pytest.approx(0.003, abs=0.002)
+    motor.stuck = True
+    motor.step(DT_S, 0.0, DriveCommand(True, goal_rad=error_rad, startup_pwm=0.014), supply_v)
+    assert motor.pwm == pytest.approx(duty)
+
+
+def test_a_goal_that_is_very_far_is_followed_with_a_quarter_of_the_duty() -> None:
+    motor, supply_v = nominal("STS3215")
+    motor.stuck = True
+    drive = DriveCommand(True, goal_rad=1.8, kp=0.2, protected_error_rad=1.7)
+    motor.step(DT_S, 0.0, drive, supply_v)
+    assert motor.pwm == pytest.approx(0.2 * 1.8 / 4.0)
+
+
+def test_errors_are_counted_in_whole_ticks() -> None:
+    motor, supply_v = nominal("STS3215")
+    motor.stuck = True
+    drive = DriveCommand(True, goal_rad=0.0026, tick_rad=0.001, kp=10.0)
+    motor.step(DT_S, 0.0, drive, supply_v)
+    assert motor.pwm == pytest.approx(10.0 * 0.003)
 
 
 def test_a_goal_already_reached_starts_no_profile() -> None:

@@ -34,6 +34,7 @@ class MjData:
     qpos: _Floats
     qvel: _Floats
     qfrc_applied: _Floats
+    qfrc_bias: _Floats
     ncon: int
     def __init__(self, model: MjModel) -> None: ...
 
