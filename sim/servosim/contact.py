@@ -16,6 +16,8 @@ __all__ = ["Contacts"]
 _STIFFNESS, _DAMPING = 0.05, 0.5
 # Deeper than this the force does not increase: the arm was put there.
 _MAX_DEPTH_M = 0.006
+# A contact nearer to the axes of all free joints can hardly be ended by them: its force stays finite.
+_MIN_LEVER_M = 0.03
 _TABLE = -1
 
 
@@ -103,8 +105,8 @@ class Contacts:
         loads = np.zeros(len(positions))
         light = 1.0 / np.asarray(inertias)
         for slope, depth_m in self._find_contacts(places, frames, len(positions)):
-            mobility = float(slope @ (slope * light))
-            if mobility <= 0.0:
+            mobility = float(slope @ (slope * light)) + _MIN_LEVER_M**2 * float(light.max())
+            if not slope[light > 0.0].any():
                 continue
             leaving_m_s = float(slope @ np.asarray(velocities))
             pushed_m_s = (

@@ -206,3 +206,20 @@ def test_a_limp_arm_in_mujoco_comes_to_rest_and_dozes(configs):
     assert not port.line.world.is_idle
     port.clock.sleep_until(2.0)
     assert port.line.world.is_idle
+
+
+def test_a_limp_joint_is_not_thrown_out_of_contacts_near_its_axis(configs):
+    """A Koch arm stands in the table; only its shoulder, which can hardly lift it out, is limp."""
+    port = servosim.open_port(f"sim:{configs}/koch/arm.toml?pose=home")
+    world, run_s = port.line.world, 0.2
+    for joint, position in zip(
+        world.joints, (-0.0279, 0.6312, -1.4967, -0.2129, -1.4485, -0.0256), strict=True
+    ):
+        world.place(joint.name, position)
+    for servo in world.servos:
+        servo.write("torque_enable", servo.memory.get("id") != 2)
+    fastest_rad_s = 0.0
+    for _ in range(round(run_s / 0.001)):
+        run(port, 0.001)
+        fastest_rad_s = max(fastest_rad_s, abs(world.joint("shoulder_lift").velocity))
+    assert fastest_rad_s < 3.0
