@@ -16,7 +16,7 @@ __all__ = ["Contacts"]
 _STIFFNESS, _DAMPING = 0.05, 0.5
 # Deeper than this the force does not increase: the arm was put there.
 _MAX_DEPTH_M = 0.006
-# A contact nearer to the axes of all free joints can hardly be ended by them: its force stays finite.
+# Nearer to the axes of all limp joints a contact is hardly theirs to end: its force stays finite.
 _MIN_LEVER_M = 0.03
 _TABLE = -1
 

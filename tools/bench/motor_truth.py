@@ -234,28 +234,22 @@ def _cell(rows: list[tuple[str, int, float, Figures, Figures]], name: str) -> st
 
 def draw(model: str, logs: Logs, folder: Path) -> None:
     """Draw one log of each kind, simulated over measured."""
-    import matplotlib  # noqa: PLC0415 - only for pictures
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # noqa: PLC0415
+    from ikservo.cli.plots import new_figure, save_figure  # noqa: PLC0415 - only for pictures
 
     kinds = np.unique(logs.trajectory)
-    figure, axes = pyplot.subplots(
-        len(kinds), 1, figsize=(7, 2.0 * len(kinds)), sharex=True, squeeze=False
-    )
+    figure = new_figure(7.0, 2.0 * len(kinds))
+    axes = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)
     for axis, kind in zip(axes[:, 0], kinds, strict=True):
         of_kind = np.flatnonzero(logs.trajectory == kind)
         log = int(of_kind[len(of_kind) // 2])
-        time_s = np.arange(logs.position_rad.shape[1]) * ROW_S
+        time_s = [ROW_S * row for row in range(logs.position_rad.shape[1])]
         axis.plot(time_s, np.degrees(logs.goal_rad[log][::SUBSTEPS]), "0.7", label="goal")
         axis.plot(time_s, np.degrees(logs.position_rad[log]), "k", label="measured")
         axis.plot(time_s, np.degrees(replay(model, logs, log)), "C1--", label="simulated")
         axis.set_ylabel(f"{kind}\nP = {logs.p_gain[log]:.0f}, degrees")
     axes[0, 0].legend(loc="upper right")
     axes[-1, 0].set_xlabel("seconds")
-    figure.tight_layout()
-    figure.savefig(folder / f"servosim-truth-{model.lower()}.svg")
-    pyplot.close(figure)
+    save_figure(figure, folder / f"servosim-truth-{model.lower()}.svg")
 
 
 def main() -> None:
