@@ -142,6 +142,7 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
         },
         family=Family(arm.bus.family),
         baud_rate=arm.bus.baud,
+        supply_v=arm.bus.supply_v,
         path=path,
         floor_m=arm.surroundings.floor_m,
         keep_out=tuple(

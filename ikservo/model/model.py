@@ -184,6 +184,7 @@ class Model:
         speeds: By name: slow, normal, fast.
         family: The protocol family of its servos; None for a plain URDF.
         baud_rate: Of its bus, bits a second.
+        supply_v: Of its servos that are sold for several voltages; None where none is said.
         path: The file it was loaded from.
         floor_m: Height of the table in the base frame; None if not given.
         keep_out: Further obstacles.
@@ -205,6 +206,7 @@ class Model:
     family: Family | None
     baud_rate: int
     path: Path
+    supply_v: float | None = None
     floor_m: float | None = None
     keep_out: tuple[KeepOutBox, ...] = ()
     health: HealthLimits = _USUAL_HEALTH

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import tau
-from types import MappingProxyType
 
 import numpy as np
 
@@ -12,30 +10,12 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.kinematics.se3 import rotation_rpy
-from ikservo.model.model import Model, ModelJoint
+from ikservo.model.model import Model, ModelJoint, ModelServo
+from ikservo.model.servo_torque import find_servo_torque
 from ikservo.model.urdf_types import UrdfLink
 
-__all__ = ["STIFFNESS_NM_RAD", "joint_compliances", "link_masses"]
+__all__ = ["joint_compliances", "link_masses", "stall_error"]
 
-# Torque of each rad between goal and horn, at the gains that the servo has while an arm moves: as
-# delivered, XL330 as `control.enabling` raises them. It is the duty of a rad times the torque of
-# the whole duty: 0.163 P and 3.35 N m for the STS3215 (7.4 V), 10.1 N m for the STS3250;
-# for Dynamixel P / 128 PWM steps of 885 for each tick, for the XL330 P / 256.
-STIFFNESS_NM_RAD: Mapping[str, float] = MappingProxyType(
-    {
-        "STS3215": 17.5,
-        "STS3250": 52.5,
-        "SCS0009": 1.76,
-        "SCS15": 11.5,
-        "XL330-M288": 2.73,
-        "XL330-M077": 1.13,
-        "XL430-W250": 5.82,
-        "XM430-W350": 19.9,
-        "XM540-W270": 51.4,
-        "AX-12A": 2.7,
-        "MX-28": 6.4,
-    }
-)
 _FEETECH_GAIN = 32  # the P gain as delivered
 
 
@@ -66,14 +46,36 @@ def joint_compliances(model: Model, chain: Chain) -> Vector:
     """
     joints = {joint.name: joint for joint in model.joints}
     return np.array(
-        [_joint_compliance(joints[name]) if name in joints else 0.0 for name in chain.names]
+        [
+            _joint_compliance(joints[name], model.supply_v) if name in joints else 0.0
+            for name in chain.names
+        ]
     )
 
 
-def _joint_compliance(joint: ModelJoint) -> float:
+def stall_error(joint: ModelJoint, supply_v: float | None) -> float:
+    """Return how far from its goal friction keeps a joint without load, rad or m.
+
+    Args:
+        joint: The joint; servos that drive it together share its friction and its stiffness.
+        supply_v: Of its servos, as in the arm file.
+    """
+    torque = find_servo_torque(joint.servo.model, supply_v)
+    per_horn_rad = joint.travel_per_turn / tau
+    gain = _gain_share(joint.servo)
+    return per_horn_rad * torque.friction_rad / gain if torque and gain else 0.0
+
+
+def _joint_compliance(joint: ModelJoint, supply_v: float | None) -> float:
     stiffness_nm_rad = sum(
-        STIFFNESS_NM_RAD.get(servo.model, 0.0) * servo.eeprom.get("p_gain", _FEETECH_GAIN)
+        torque.stiffness_nm_rad * _gain_share(servo)
         for servo in (joint.servo, *joint.shadows)
-    ) / _FEETECH_GAIN  # fmt: skip
+        if (torque := find_servo_torque(servo.model, supply_v))
+    )
     per_horn_rad = joint.travel_per_turn / tau
     return per_horn_rad**2 / stiffness_nm_rad if stiffness_nm_rad else 0.0
+
+
+def _gain_share(servo: ModelServo) -> float:
+    """Return a servo's P gain as a share of the delivered one."""
+    return servo.eeprom.get("p_gain", _FEETECH_GAIN) / _FEETECH_GAIN

@@ -1,5 +1,7 @@
 """Torques of gravity agree with Pinocchio's, and sag with the simulated servos' stiffness."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio
 import pytest
@@ -8,7 +10,8 @@ import ikservo
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.inertia import LinkMass
-from ikservo.model.sag import STIFFNESS_NM_RAD, joint_compliances, link_masses
+from ikservo.model.sag import joint_compliances, link_masses
+from ikservo.model.servo_torque import SERVO_TORQUES, find_servo_torque
 from servosim.parameters import PARAMETERS
 from tests.arm.simulated import line_of
 from tests.guard.arms import body
@@ -68,8 +71,28 @@ def test_the_stiffness_of_servos_is_that_of_the_simulated_ones(name):
                 continue
             servo = line_of(arm).servos[joint.servo.id]
             duty_nm = PARAMETERS[joint.servo.model].duty_torque_nm
-            stiffness = STIFFNESS_NM_RAD[joint.servo.model]
+            stiffness = SERVO_TORQUES[joint.servo.model, None].stiffness_nm_rad
             assert stiffness == pytest.approx(servo.drive.kp * duty_nm, rel=0.02), joint.name
+
+
+VARIANTS = [
+    (model, supply_v, "STS3215-C018" if supply_v else model) for model, supply_v in SERVO_TORQUES
+]
+
+
+@pytest.mark.parametrize(("model", "supply_v", "simulated"), VARIANTS)
+def test_torque_and_friction_of_servos_are_those_of_the_simulated_ones(model, supply_v, simulated):
+    known, motor = find_servo_torque(model, supply_v), PARAMETERS[simulated]
+    assert known.full_duty_nm == pytest.approx(motor.duty_torque_nm, rel=0.02)
+    assert known.static_friction_nm == pytest.approx(motor.static_friction_nm, rel=0.03)
+
+
+def test_servos_of_a_higher_voltage_sag_less():
+    model = ikservo.load_model("so101")
+    at_12_v = replace(model, supply_v=12.0)
+    usual, strong = (joint_compliances(m, m.chain) for m in (model, at_12_v))
+    duty_nm = [PARAMETERS[name].duty_torque_nm for name in ("STS3215", "STS3215-C018")]
+    np.testing.assert_allclose(usual / strong, duty_nm[1] / duty_nm[0], rtol=0.01)
 
 
 def test_a_joint_on_its_stop_sags_no_further():
