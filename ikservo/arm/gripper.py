@@ -14,7 +14,8 @@ from ikservo.calibration.range_tracker import StillnessDetector
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, IkservoError, UnknownNameError
 from ikservo.kinematics.arrays import Vector
-from ikservo.model.model import Gripper
+from ikservo.model.model import Gripper, Model
+from ikservo.model.servo_torque import find_servo_torque
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 
 __all__ = ["GraspResult", "GripperCommand", "GripperMotion", "move_gripper", "resolve_goal"]
@@ -128,7 +129,10 @@ class GripperMotion:
 GripperCommand = Literal["open", "close"]
 
 _DEFAULT_FORCE = 0.3  # of a servo's torque: holds a full cup, for an hour without overheating
-_MIN_FORCE = 0.05  # friction takes 2 to 5 % of the torque of known servos
+# Jaws with less creep so slowly that they look blocked.
+_MIN_FORCE = 0.05
+# Friction differs by 32 % from servo to servo, and jaws that just move have to arrive as well.
+_FRICTION_MARGIN = 1.5
 # Jaws that stop within this fraction of their travel from open were too weak to close.
 _OPEN_FRACTION = 0.05
 
@@ -167,7 +171,7 @@ def move_gripper(
 ) -> GraspResult:
     """Move the gripper; see ``Arm.gripper``."""
     gripper = _require_gripper(context)
-    goal, fraction = _goal_position(context, gripper, to), _torque_fraction(force)
+    goal, fraction = _goal_position(context, gripper, to), _torque_fraction(context, force)
     _check_gripper_path(context, gripper.joint, goal)
     motion = GripperMotion(context, runner.allowed_speed("normal"), gripper.joint, goal)
     report_progress = context.progress_reporter(on_progress)
@@ -247,8 +251,20 @@ def _goal_position(context: ArmContext, gripper: Gripper, to: GripperCommand | f
     return min(max(gripper.position(width_m), low), high)
 
 
-def _torque_fraction(force: float | None) -> float:
+def _torque_fraction(context: ArmContext, force: float | None) -> float:
     fraction = _DEFAULT_FORCE if force is None else parse_number("The force", force)
-    if not _MIN_FORCE <= fraction <= 1.0:
-        raise BadValueError("The force", f"{fraction:g}", f"a share from {_MIN_FORCE} to 1")
+    least = _least_force(context.model)
+    if not least <= fraction <= 1.0:
+        servo = "" if least == _MIN_FORCE else ": less does not move its jaws"
+        raise BadValueError(
+            "The force", f"{fraction:g}", f"a share from {least:g} to 1 on this arm{servo}"
+        )
     return fraction
+
+
+def _least_force(model: Model) -> float:
+    """Return the share of its torque that moves an arm's gripper, in whole percent."""
+    joint = next(joint for joint in model.joints if joint.role == "gripper")
+    torque = find_servo_torque(joint.servo.model, model.supply_v)
+    friction = torque.friction_share if torque else 0.0
+    return max(_MIN_FORCE, math.ceil(100.0 * _FRICTION_MARGIN * friction) / 100.0)

@@ -91,7 +91,8 @@ class GripperOptions(TypedDict, total=False):
 
     Attributes:
         width_m: The distance between the jaws, metres, instead of open or close; default None.
-        force: The fraction of the servo's torque that it may use, 0.05 to 1; default 0.3.
+        force: The fraction of the servo's torque that it may use, to 1; default 0.3. The least is
+            what overcomes the friction of its gears: 0.05, of an STS3215 for 7.4 V 0.1.
         on_progress: As in ``PointOptions``.
     """
 
