@@ -35,7 +35,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, ModelJoint, ModelServo, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
-from ikservo.model.sag import joint_compliances, link_masses
+from ikservo.model.sag import joint_compliances, link_masses, stall_error
 from ikservo.registers import control_table
 
 __all__ = ["make_collision_filter", "open_arm", "open_bus", "resolve_port", "servo_specs"]
@@ -160,7 +160,12 @@ def _make_limits(own: CalibratedArm, model: Model, joint: ModelJoint) -> Command
     joint_map = own.joint_map(joint)
     horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
     speed = horn_rad_s * joint.travel_per_turn / math.tau
-    return CommandLimits(joint_map, own.limits(joint, joint_map), speed * _SPEED_MARGIN)
+    return CommandLimits(
+        joint_map,
+        own.limits(joint, joint_map),
+        speed * _SPEED_MARGIN,
+        stall_error(joint, model.supply_v),
+    )
 
 
 def _make_collision_checker(model: Model) -> CollisionChecker:

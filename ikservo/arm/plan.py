@@ -327,6 +327,8 @@ def clamp_positions(
 ) -> PoseWithinLimits:
     """Clamp joint positions that are a little beyond the limits.
 
+    A clamped joint stays as far inside its limit as friction may keep it short of a goal there.
+
     Args:
         positions: By joint, rad or m; joints that are not named keep theirs.
         fences: The limits, in the order of ``start``.
@@ -338,9 +340,11 @@ def clamp_positions(
         if fence.joint not in positions or fence.limits.contains(positions[fence.joint]):
             continue
         requested, (low, high) = positions[fence.joint], fence.position_range
-        inside = min(max(requested, min(low, at)), max(high, at))
         joint_map = fence.joint_map
         beyond = max(low - requested, requested - high)
+        if beyond > joint_map.unit_per_tick:  # less is rounding
+            low, high = fence.settled_range
+        inside = min(max(requested, min(low, at)), max(high, at))
         beyond_rad = beyond / joint_map.unit_per_horn_rad
         if inside != requested and beyond_rad <= max_rad:
             clamped[fence.joint] = inside

@@ -27,11 +27,13 @@ class CommandLimits:
         joint_map: The conversion of ticks and positions.
         limits: The calibrated range, each end with its source.
         speed: The maximum speed of goals, rad/s or m/s.
+        stall_error: How far short of a goal friction may keep the joint, rad or m.
     """
 
     joint_map: JointMap
     limits: Limits
     speed: float
+    stall_error: float = 0.0
 
     @property
     def joint(self) -> str:
@@ -53,6 +55,16 @@ class CommandLimits:
         """Return the lowest and the highest position that is an integer tick inside the limits."""
         low, high = sorted(self.joint_map.position(tick) for tick in self.tick_range)
         return low, high
+
+    @property
+    def settled_range(self) -> tuple[float, float]:
+        """Return the lowest and the highest position to which friction lets the joint settle.
+
+        No goal may pass a limit, and a joint stops short of its goal.
+        """
+        low, high = self.position_range
+        margin = min(self.stall_error, 0.5 * (high - low))
+        return low + margin, high - margin
 
     def tick(self, position: float) -> int:
         """Return the tick nearest to a position, inside the limits if the position is.

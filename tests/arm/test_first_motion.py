@@ -114,7 +114,12 @@ def test_the_rest_pose_itself_is_gone_to_as_far_as_the_limits_let_it():
     with ikservo.open_arm(narrowed("so101", **LIFTED), port=f"sim:{arm_path()}") as arm:
         arm.pose("home")
         assert arm.pose("rest").reached
-        assert true_joints(arm)["elbow_flex"] == pytest.approx(math.radians(90.0), abs=0.01)
+        # its goal may not pass the limit: the target is as far inside as friction may keep it
+        # short, 0.207 N m on 17.5 N m/rad
+        friction_rad = 0.207 / 17.5
+        assert true_joints(arm)["elbow_flex"] == pytest.approx(
+            math.radians(90.0) - friction_rad, abs=0.003
+        )
 
 
 def test_a_pose_far_outside_the_limits_is_refused_before_anything_moves():
