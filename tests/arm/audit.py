@@ -1,11 +1,13 @@
 """An independent audit of the simulated servos: every write of a goal or of torque."""
 
+import math
 from dataclasses import dataclass, field
 
 from tests.arm.simulated import line_of
 from tests.oracle import arm_file, pinocchio_model
 
 MAX_INTERVAL_S = 0.05  # no goal makes up for a longer pause
+READ_S = 0.005  # a sync read of six servos at 1 Mbit/s takes 2 to 4 ms
 LOAD_LEAD_TICKS = 79  # how far a goal may lead a joint that carries a load
 TRAVEL_TICKS = 60  # how much further in motion
 
@@ -21,6 +23,17 @@ class Goal:
 
 
 @dataclass
+class TorqueOn:
+    """A limp servo's torque coming on: goal in force, position and speed, ticks and ticks/s."""
+
+    time_s: float
+    servo_id: int
+    goal: int
+    present: int
+    ticks_s: float
+
+
+@dataclass
 class Auditor:
     """Records what is written to the servos of an open arm, and finds faults in it.
 
@@ -33,6 +46,7 @@ class Auditor:
     punctual: bool = True
     goals: list = field(default_factory=list)
     torque: list = field(default_factory=list)
+    switched_on: list = field(default_factory=list)
 
     def __post_init__(self):
         self.line = line_of(self.arm)
@@ -52,6 +66,14 @@ class Auditor:
 
     def goals_after(self, time_s):
         return [goal for goal in self.goals if goal.time_s > time_s]
+
+    def last_read_s(self, on):
+        """Return when the joint of a servo was measured for the goal with which torque came on.
+
+        Readings write nothing: all are measured in one transaction before the first goal.
+        """
+        first = min(goal.time_s for goal in self.goals if goal.limp and goal.time_s <= on.time_s)
+        return first - READ_S
 
     def torque_on_after(self, time_s):
         return [at_s for at_s, _, on in self.torque if on and at_s > time_s]
@@ -77,8 +99,15 @@ class Auditor:
             torque = value("torque_enable", address, data)
             if torque is not None:
                 self.torque.append((self.line.world.time_s, servo.id, torque == 1))
+                if torque == 1 and servo.memory.get("torque_enable") == 0:
+                    self.switched_on.append(self._torque_on(servo))
 
         return watch
+
+    def _torque_on(self, servo):
+        goal, present = servo.memory.get("goal_position"), servo.read("present_position")
+        ticks_s = servo.motor.velocity_rad_s * servo.table.ticks_per_turn / math.tau
+        return TorqueOn(self.line.world.time_s, servo.id, goal, present, ticks_s)
 
     def _judge(self, goal):
         before_s = self._goal_s.get(goal.servo_id, goal.time_s - MAX_INTERVAL_S)

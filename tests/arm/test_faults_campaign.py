@@ -11,7 +11,7 @@ from tests.arm.random_faults import (
     servos_without_torque,
 )
 from tests.arm.seeds import few_or_many, log, spread
-from tests.arm.simulated import clock_of, line_of, registers, servo_group
+from tests.arm.simulated import clock_of, line_of, servo_group
 
 FAMILIES = ("so101", "koch")
 BITS = {"so101": (0, 1, 2, 3, 5), "koch": (0, 2, 3, 4, 5)}  # of the datasheets
@@ -116,7 +116,7 @@ def test_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(seeds,
 
 @few_or_many(4, 1000)
 def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
-    worst = 0
+    worst = worst_at_rest = 0
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]
         with ikservo.open_arm(name, port="sim", collisions=False) as arm:
@@ -124,14 +124,17 @@ def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
             for fence in servo_group(arm).fences:
                 low, high = fence.position_range
                 world.place(fence.joint, dice.uniform(low, high))
-            before = registers(arm, "present_position")
-            world_s = world.time_s
             arm.enable()
-            stands = {goal.servo_id: goal for goal in auditor.goals if goal.time_s > world_s}
-            worst = max(worst, *(abs(goal.tick - goal.present) for goal in stands.values()))
-            assert len(before) == len(stands), seed
-    log(capsys, f"{len(seeds)} placements: torque comes on at most {worst} ticks away")
-    assert worst <= 2
+            assert len(auditor.switched_on) == len(servo_group(arm).fences), seed
+            for on in auditor.switched_on:
+                away = abs(on.goal - on.present)
+                # a joint let go by the hand falls on from its reading to its servo's instruction
+                fallen = abs(on.ticks_s) * (on.time_s - auditor.last_read_s(on))
+                assert away <= 2 + fallen, (seed, name, on)
+                worst = max(worst, away)
+                worst_at_rest = max(worst_at_rest, round(away - fallen))
+    log(capsys, f"{len(seeds)} placements: torque comes on at most {worst} ticks away, "
+        f"{worst_at_rest} but for the fall in between")  # fmt: skip
 
 
 def _nothing_switched_on(_arm, auditor, at_s):

@@ -52,6 +52,8 @@ def allowed_command_codes(command, kind, posture, model):
         allowed |= {6}
     if command in MOVING and kind == "real, uncalibrated" and _zeros_unknown(model):
         allowed |= {6}
+    if command == "gripper" and kind == "real, uncalibrated" and _zeros_unknown(model):
+        allowed |= {1}  # the jaws stop at the arm's own base, that it believes to be elsewhere
     if command == "gripper" and model.gripper is None:
         allowed = {1, 2}
     if command == "relax" and posture not in STABLE:
