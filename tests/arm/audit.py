@@ -96,16 +96,19 @@ class Auditor:
                 present, last = servo.read("present_position"), servo.memory.get("goal_position")
                 limp = servo.memory.get("torque_enable") == 0
                 self.goals.append(Goal(self.line.world.time_s, servo.id, tick, present, last, limp))
+                if limp and servo.table.model.startswith("STS"):  # a goal turns their torque on
+                    self.switched_on.append(self._torque_on(servo, tick))
             torque = value("torque_enable", address, data)
             if torque is not None:
                 self.torque.append((self.line.world.time_s, servo.id, torque == 1))
                 if torque == 1 and servo.memory.get("torque_enable") == 0:
-                    self.switched_on.append(self._torque_on(servo))
+                    goal = servo.memory.get("goal_position")
+                    self.switched_on.append(self._torque_on(servo, goal))
 
         return watch
 
-    def _torque_on(self, servo):
-        goal, present = servo.memory.get("goal_position"), servo.read("present_position")
+    def _torque_on(self, servo, goal):
+        present = servo.read("present_position")
         ticks_s = servo.motor.velocity_rad_s * servo.table.ticks_per_turn / math.tau
         return TorqueOn(self.line.world.time_s, servo.id, goal, present, ticks_s)
 

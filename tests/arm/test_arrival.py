@@ -114,7 +114,8 @@ def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm)
     held = servo_id("so101", "wrist_flex")
     line_of(arm).servos[held].motor.stuck = True
     wrist = true_joints(arm)["wrist_flex"]
-    report = arm.move_joints({"wrist_flex": wrist + math.radians(3.0)}, speed="fast")
+    inwards = wrist - math.radians(3.0)  # 7° of lead would end at a limit outwards
+    report = arm.move_joints({"wrist_flex": inwards}, speed="fast")
     lead = registers(arm, "goal_position")[held] - registers(arm, "present_position")[held]
     assert abs(lead) <= servo_group(arm).fences[held - 1].max_lead_ticks(0.0) + 1
     assert not report.reached
