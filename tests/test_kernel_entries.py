@@ -21,8 +21,8 @@ from ikservo.view.picking import Picker
 from tests.both_ways import needs_extension
 from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint
 from tests.ik.test_compiled import Search
-from tests.view.looks import looked_at, model_of, picker
 from tests.view.test_view_pick import cloud, places, rays_at
+from tests.view.view_fixtures import looked_at, model_of, picker
 
 TRIALS = 300
 REFUSALS = (TypeError, ValueError, BufferError, OverflowError)
