@@ -151,9 +151,7 @@ def _select_columns(Y: Matrix, least: float) -> IntVector:
     basis = np.empty((0, len(Y)))
     columns: list[int] = []
     for column in range(Y.shape[1]):
-        rest = Y[:, column]
-        for _ in range(2):  # the second time removes what rounding has left
-            rest = rest - basis.T @ (basis @ rest)
+        rest = Y[:, column] - basis.T @ (basis @ Y[:, column])
         length = float(np.linalg.norm(rest))
         if length > least:
             columns.append(column)

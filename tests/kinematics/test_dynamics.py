@@ -255,6 +255,24 @@ def test_columns_of_friction_beside_the_bodies_stay_independent():
     np.testing.assert_allclose(found.combination[-5:, 55:], np.eye(5), atol=1e-9)
 
 
+def test_a_column_counts_by_its_effect_in_proportion_to_the_largest_one():
+    # two orthogonal columns, the second a thousandth of the first, in any unit of torque
+    for unit in (1.0, 1e-6):
+        Y = unit * np.array([[1.0, 1e-3], [1.0, -1e-3]] * 20)
+        assert list(independent_columns(Y, [1.0, 1.0], 5e-4).columns) == [0, 1]
+        assert list(independent_columns(Y, [1.0, 1.0], 2e-3).columns) == [0]
+        assert list(independent_columns(Y, [1.0, 10.0], 2e-3).columns) == [0, 1]
+        assert list(independent_columns(Y, [1.0, 0.1], 5e-4).columns) == [0]
+
+
+def test_a_regressor_of_zeros_tells_nothing():
+    found = independent_columns(np.zeros((4, 3)), np.ones(3))
+    assert found.columns.size == 0
+    assert found.combination.shape == (0, 3)
+    assert found.reduce(np.zeros((2, 4, 3))).shape == (2, 4, 0)
+    np.testing.assert_array_equal(found.expand([]), np.zeros(3))
+
+
 @pytest.mark.parametrize("bad", [[0.0] * 4, [0.0] * 4 + [math.nan], "pose", None, [[[0.0] * 5]]])
 def test_what_is_no_joint_vector_is_refused(bad):
     ours, good = dynamics_of("so101"), [0.0] * 5
