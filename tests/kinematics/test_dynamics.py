@@ -287,9 +287,14 @@ def test_what_is_no_joint_vector_is_refused(bad):
             call()
 
 
-def test_rates_of_another_shape_than_q_are_named():
-    with pytest.raises(BadValueError, match=r"qdd is of shape \(3, 5\)"):
-        dynamics_of("so101").inverse_dynamics([0.0] * 5, [0.0] * 5, np.zeros((3, 5)))
+@pytest.mark.parametrize("column", [1, 2])
+def test_rates_of_another_shape_than_q_are_named(column):
+    motion = [np.zeros(5)] * 3
+    motion[column] = np.zeros((3, 5))
+    what = ("q", "qd", "qdd")[column]
+    with pytest.raises(BadValueError) as refusal:
+        dynamics_of("so101").inverse_dynamics(*motion)
+    assert str(refusal.value) == f"{what} is of shape (3, 5).\nExpected shape (5,), as q."
 
 
 @pytest.mark.parametrize(
