@@ -119,9 +119,10 @@ def independent_columns(
 ) -> BaseParameters:
     """Return the columns of a stacked regressor that are independent of those before them.
 
-    That is the QR decomposition of Gautier 1991 in the order of the parameters: the parameters of
-    a body are combined into those of the bodies that carry it. Additional columns, for friction or
-    a scale of the current, may stand beside those of the inertia.
+    That is the method of Gautier 1991, with the parameters in their order: those of a body are
+    combined into those of the bodies that carry it. The columns of R of the QR decomposition have
+    the lengths and angles of the regressor's, with no more rows than parameters. Additional
+    columns, for friction or a scale of the current, may stand beside those of the inertia.
 
     Args:
         regressor: (m, p), one row a torque.
@@ -139,7 +140,7 @@ def independent_columns(
     sizes = finite_vector(typical, Y.shape[1], "The typical parameters")
     if not (sizes > 0.0).all():
         raise BadValueError("The typical parameters", str(sizes.tolist()), "above zero")
-    effects = finite_array(Y, Y.shape, "The regressor") * sizes
+    effects = np.linalg.qr(finite_array(Y, Y.shape, "The regressor") * sizes, mode="r")
     least = max(_at_least_zero(tolerance, "The tolerance"), _ROUNDING)
     columns = _select_columns(effects, least * np.linalg.norm(effects, axis=0).max(initial=0.0))
     G = np.linalg.lstsq(effects[:, columns], effects)[0] / sizes * sizes[columns, None]
