@@ -15,6 +15,9 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Files are saved so that they outlast a power cut: thousands of waits for a disk, none for memory.
 if os.access("/dev/shm", os.W_OK):
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/dev/shm")
+# Threads of BLAS spin while they wait for each other: on busy cores a QR decomposition of 1200 x 60
+# took a hundred times the processor time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # A shell lets background programs ignore Ctrl-C, and nohup a closed terminal; so would the tests.
 for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
