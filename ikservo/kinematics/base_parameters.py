@@ -140,7 +140,7 @@ def independent_columns(
     sizes = finite_vector(typical, Y.shape[1], "The typical parameters")
     if not (sizes > 0.0).all():
         raise BadValueError("The typical parameters", str(sizes.tolist()), "above zero")
-    effects = np.linalg.qr(finite_array(Y, Y.shape, "The regressor") * sizes, mode="r")
+    effects: Matrix = np.linalg.qr(finite_array(Y, Y.shape, "The regressor") * sizes).R
     least = max(_at_least_zero(tolerance, "The tolerance"), _ROUNDING)
     columns = _select_columns(effects, least * np.linalg.norm(effects, axis=0).max(initial=0.0))
     G = np.linalg.lstsq(effects[:, columns], effects)[0] / sizes * sizes[columns, None]
