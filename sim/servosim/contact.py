@@ -19,6 +19,7 @@ _MAX_DEPTH_M = 0.006
 # Nearer to the axes of all limp joints a contact is hardly theirs to end: its force stays finite.
 _MIN_LEVER_M = 0.03
 _TABLE = -1
+_BASE = np.eye(4)[None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +215,7 @@ class Contacts:
     def _world_frames(self, positions: Sequence[float]) -> tuple[Matrix, Matrix]:
         """Return the frames of shapes (k, 4, 4) and joints (n, 4, 4) in the base."""
         frames = self._tree.frames(positions)
-        above = np.where((self._bodies >= 0)[:, None, None], frames[self._bodies], np.eye(4))
+        above = np.concatenate((frames, _BASE))[self._bodies]  # -1 is the base
         return above @ self._mounts, frames
 
     def _are_separable(self, a: int, b: int) -> bool:

@@ -68,6 +68,7 @@ class MassTree:
         self._masses_kg = np.array([joint.body.mass_kg for joint in joints])
         self._below_kg = [float(mass_kg) for mass_kg in self._below @ self._masses_kg]
         self._mounts = np.array([joint.T_parent_joint for joint in joints])
+        self._at_zero = np.zeros((len(joints), 4, 4)) + np.eye(4)
         self._sliding = np.array([joint.sliding for joint in joints])
         self._centres_m = np.array([joint.body.com_m for joint in joints])
         self._tensors = np.array([joint.body.inertia_kg_m2 for joint in joints])
@@ -149,13 +150,14 @@ class MassTree:
 
     def _joint_motions(self, positions: Sequence[float]) -> Matrix:
         """The motion of each joint's own coordinate: rotation about z, or translation along it."""
-        T = np.zeros((len(self._joints), 4, 4)) + np.eye(4)
+        T = self._at_zero.copy()
         for index, (driver, multiplier, offset) in enumerate(self._driven):
             q = offset if driver < 0 else multiplier * positions[driver] + offset
             if self._joints[index].sliding:
                 T[index, 2, 3] = q
             else:
-                T[index, :2, :2] = (cos(q), -sin(q)), (sin(q), cos(q))
+                c, s = cos(q), sin(q)
+                T[index, 0, 0], T[index, 0, 1], T[index, 1, 0], T[index, 1, 1] = c, -s, s, c
         return T
 
 
