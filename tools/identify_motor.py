@@ -34,6 +34,10 @@ GLIDE_DELAY_S = 0.030
 ROW_S = 0.010
 SUBSTEPS = 5
 NOT_READ = -2047  # position of a row that the bench could not read
+FROZEN_ROWS, LEAP_TICKS = (
+    20,
+    40,
+)  # a reading that stands for so long and then leaps so far was stale
 RESIDUAL_SCALE_RAD = 0.02  # residuals beyond this weigh less
 RELATIVE_STEP = 1e-3  # of the Jacobian's differences
 
@@ -156,15 +160,20 @@ def duty_of(error_rad: Array, firmware: Firmware, p_gain: Array) -> Array:
 
 
 def read_kscale(folder: Path, name: str) -> Logs:
-    """Return the STS logs of a file, with goals at the moments when the servo received them."""
+    """Return the STS logs of a file, with goals at the moments when the servo received them.
+
+    Logs whose readings dropped out are left out: see `has_stale_readings`.
+    """
     data, late = np.load(folder / name), np.load(folder / "bench_timing.npz")
     index = {str(log): k for k, log in enumerate(late["name"])}
     grid, fine = np.arange(600) * ROW_S, np.arange(600 * SUBSTEPS) * ROW_S / SUBSTEPS
     columns: list[tuple[Array, Array, Array]] = []
-    for i, log in enumerate(data["name"]):
+    ticks = np.split(data["position_tick"], data["start"][1:-1])
+    chosen = np.flatnonzero([not has_stale_readings(tick[tick != NOT_READ]) for tick in ticks])
+    for i in chosen:
         rows = slice(data["start"][i], data["start"][i + 1])
         at_s, goal = data["time_100us"][rows] * 1e-4, data["goal_100urad"][rows] * 1e-4
-        tick, k = data["position_tick"][rows], index.get(str(log))
+        tick, k = ticks[i], index.get(str(data["name"][i]))
         position: Array = _interpolated(
             grid, at_s[tick != NOT_READ], tick[tick != NOT_READ] * TICK_RAD
         )
@@ -179,7 +188,19 @@ def read_kscale(folder: Path, name: str) -> Logs:
     volts = np.array(
         [np.median(part) / 10.0 for part in np.split(data["supply_dv"], data["start"][1:-1])]
     )
-    return _logs_of(data, np.arange(len(columns)), volts, columns)
+    return _logs_of(data, chosen, volts[chosen], columns)
+
+
+def has_stale_readings(tick: NDArray[Any]) -> bool:
+    """Return whether a position stands still for 0.2 s and then leaps within one row of 10 ms.
+
+    A shaft that breaks loose needs several rows for that many ticks; a reading that the bus did
+    not renew shows all that happened meanwhile at once.
+    """
+    moved = np.flatnonzero(np.diff(tick.astype(int)))
+    stood = np.diff(moved, prepend=-1)
+    leaps = np.abs(np.diff(tick.astype(int)))[moved]
+    return bool(np.any((stood >= FROZEN_ROWS) & (leaps > LEAP_TICKS)))
 
 
 def _delayed_steps(fine: Array, at_s: Array, goal: Array, delays_s: tuple[float, float]) -> Array:

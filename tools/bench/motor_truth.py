@@ -37,7 +37,6 @@ Array = NDArray[np.float64]
 
 BAUD = 1_000_000
 RAD_PER_TICK = 2.0 * math.pi / 4096
-STEP_TICKS = 400
 SETTLED_ROWS = 30  # at the end of a plateau
 STEP_ROW, STEP_BACK_ROW = 150, 400  # of the trajectory "brutal"
 
@@ -133,10 +132,9 @@ def replay(model: str, logs: Logs, log: int) -> Array:
         if held and not on[k]:
             servo.write("torque_enable", 0)
             held = False
-        # Steps are written at once, glides each record: the middle of what they hold until then.
-        stepped = abs(goals[k] - was) > STEP_TICKS
-        if held and goals[k] != was and (stepped or k % SUBSTEPS == 1):
-            was = int(goals[k] if stepped else goals[min(k + SUBSTEPS // 2, len(goals) - 1)])
+        # Not only once each record: that would be half a record later than the bench was.
+        if held and goals[k] != was:
+            was = int(goals[k])
             servo.write("goal_position", was)
     return found
 
@@ -209,7 +207,7 @@ def compare(model: str, logs: Logs, every: int) -> list[tuple[str, int, float, F
 
 
 def print_table(model: str, rows: list[tuple[str, int, float, Figures, Figures]]) -> None:
-    """Print medians for each trajectory and gain, simulated beside measured."""
+    """Print medians for each trajectory and gain: simulated / measured (of the differences)."""
     print(f"\n| {model} | P | logs | error ° | hold ° sim / real | rise s | peak rad/s | lag s |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|")
     for kind in sorted({row[0] for row in rows}):
@@ -229,7 +227,8 @@ def _cell(rows: list[tuple[str, int, float, Figures, Figures]], name: str) -> st
     if np.isnan(pairs).all():
         return ""
     simulated, measured = np.median(pairs, axis=0)
-    return f"{simulated:.3g} / {measured:.3g}"
+    off = np.median(np.abs(pairs[:, 0] - pairs[:, 1]))
+    return f"{simulated:.3g} / {measured:.3g} ({off:.2g})"
 
 
 def draw(model: str, logs: Logs, folder: Path) -> None:
@@ -249,7 +248,7 @@ def draw(model: str, logs: Logs, folder: Path) -> None:
         axis.set_ylabel(f"{kind}\nP = {logs.p_gain[log]:.0f}, degrees")
     axes[0, 0].legend(loc="upper right")
     axes[-1, 0].set_xlabel("seconds")
-    save_figure(figure, folder / f"servosim-truth-{model.lower()}.svg")
+    save_figure(figure, folder / f"servosim-truth-{model.lower()}.png")
 
 
 def main() -> None:
