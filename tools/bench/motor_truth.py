@@ -235,11 +235,12 @@ def draw(model: str, logs: Logs, folder: Path) -> None:
     """Draw one log of each kind, simulated over measured."""
     from ikservo.cli.plots import new_figure, save_figure  # noqa: PLC0415 - only for pictures
 
-    kinds = np.unique(logs.trajectory)
+    kinds, gains = np.unique(logs.trajectory), np.unique(logs.p_gain)
+    usual = logs.p_gain == gains[len(gains) // 2]
     figure = new_figure(7.0, 2.0 * len(kinds))
     axes = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)
     for axis, kind in zip(axes[:, 0], kinds, strict=True):
-        of_kind = np.flatnonzero(logs.trajectory == kind)
+        of_kind = np.flatnonzero((logs.trajectory == kind) & usual)
         log = int(of_kind[len(of_kind) // 2])
         time_s = [ROW_S * row for row in range(logs.position_rad.shape[1])]
         axis.plot(time_s, np.degrees(logs.goal_rad[log][::SUBSTEPS]), "0.7", label="goal")
