@@ -125,11 +125,13 @@ class GoalIntegrator:
         """Return the goal's tick a time after the last update."""
         return min(max(self.goal + self._rate * after_s, self._low), self._high)
 
-    def update(self, tick: int, time_s: float, elapsed_s: float) -> None:
-        """Take the measured position, and choose the speed of the goal."""
+    def update(
+        self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True
+    ) -> None:
+        """Take the measured position, and choose the speed of the goal; 0 where not correcting."""
         self.goal = self.goal_at(elapsed_s)
         self._track_motion(tick, time_s)
-        speed = self._desired_speed(time_s)
+        speed = self._desired_speed(time_s) if correcting else 0.0
         change = self._acceleration * elapsed_s
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
 
@@ -160,6 +162,8 @@ class GoalIntegrator:
 
 _AT_REST_S = 0.06
 _MAX_DURATION_S = 3.0
+# A joint that friction lets go just before that comes to rest at its goal within this time.
+_MAX_COAST_S = 0.5
 # An error is reported where it exceeds sensor noise.
 _RESIDUAL_TICKS = 2
 
@@ -204,12 +208,13 @@ class SettlingTrajectory:
 
     def update(self, time_s: float, measured: Vector) -> None:
         """Take the measured joints (n,); ends the trajectory when they have arrived."""
+        correcting = time_s < _MAX_DURATION_S
         for joint, position in zip(self._joints, measured, strict=True):
             tick = joint.fence.joint_map.tick(float(position))
-            joint.update(tick, time_s, time_s - self._updated_s)
+            joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
         self._updated_s = time_s
-        settled = all(_has_ended(j) for j in self._joints) and not self.moving_joints
-        if settled or time_s >= _MAX_DURATION_S:
+        ended = not correcting or all(_has_ended(j) for j in self._joints)
+        if (ended and not self.moving_joints) or time_s >= _MAX_DURATION_S + _MAX_COAST_S:
             self._end_s = min(self._end_s, time_s)
 
     @property
