@@ -43,7 +43,7 @@ _SHADOW_TICKS = 40
 def is_full_turn(wizard: CalibrationState, subject: JointUnderCalibration) -> bool:
     """Return whether a joint was moved so far that its range has no stops."""
     track = wizard.tracks[subject.servo_id]
-    return subject.ticks_per_turn > 0 and track.width >= subject.ticks_per_turn * (
+    return subject.ticks_per_turn != 0 and track.width >= subject.ticks_per_turn * (
         1.0 - _ALMOST_FULL_TURN
     )
 

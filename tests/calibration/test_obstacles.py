@@ -38,7 +38,7 @@ def test_a_sensor_without_a_seam_never_goes_round():
     assert not is_full_turn(swept(one, 100), one)
 
 
-@pytest.mark.parametrize(("width_deg", "reported"), [(299.0, True), (300.5, False)])
+@pytest.mark.parametrize(("width_deg", "reported"), [(299.5, True), (300.5, False)])
 def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width_deg, reported):
     half = math.radians(width_deg) / 2
     messages = messages_of(swept(subject(lower=-half, upper=half), 4100))
@@ -72,6 +72,30 @@ def test_findings_tell_how_much_of_a_range_was_swept_and_nothing_of_a_whole_one(
     half = swept(subject(), 489, 978)
     assert [*warnings(half)] == ["elbow was swept over 50% of the arm file's range."]
     assert [*warnings(swept(subject(), 900, 1900))] == []
+
+
+def swept_deg(lower_deg, upper_deg, low_deg, high_deg):
+    """Return a wizard whose one joint has this range in its arm file and was swept over that."""
+    one = subject(lower=math.radians(lower_deg), upper=math.radians(upper_deg))
+    wizard = Hand(one, start=0).rest().accept().wizard
+    low, high = (round(end_deg / 360 * TURN) for end_deg in (low_deg, high_deg))
+    return replace(wizard, tracks={1: replace(wizard.tracks[1], low=low, high=high)})
+
+
+def is_told_the_wrong_way(wizard):
+    return any("the sign or the pose is wrong" in each for each in said_of(wizard))
+
+
+@pytest.mark.parametrize(("apart_deg", "told"), [(14.5, False), (15.5, True)])
+def test_a_mirrored_range_is_told_where_both_ends_together_are_off_by_30_degrees(apart_deg, told):
+    near_deg, far_deg = 60.0, 60.0 + apart_deg
+    assert is_told_the_wrong_way(swept_deg(-near_deg, far_deg, -far_deg, near_deg)) is told
+
+
+@pytest.mark.parametrize(("short_deg", "told"), [(29.0, True), (31.0, False)])
+def test_a_range_is_mirrored_where_that_fits_three_times_as_well(short_deg, told):
+    # off by 120 less what is missing of the sweep; mirrored only by what is missing
+    assert is_told_the_wrong_way(swept_deg(-40, 100, short_deg - 100, 40)) is told
 
 
 def test_a_range_that_lies_off_the_arm_files_is_told_with_both():

@@ -192,6 +192,20 @@ def test_undo_at_the_review_goes_on_sweeping_with_what_was_found():
     assert hand.wizard.tracks[1].width == 1900
 
 
+def test_undo_at_the_review_keeps_how_far_a_joint_has_moved_since():
+    hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().move(-200).say("undo")
+    assert hand.wizard.tracks[1].width == 2100
+
+
+def test_joints_are_skipped_during_the_sweep_only():
+    hand = Hand(subject())
+    with pytest.raises(CalibrationError, match="Only possible during the sweep"):
+        hand.wizard.skip("elbow")
+    reviewed = hand.rest().accept().move(900).move(-1900).accept().wizard
+    with pytest.raises(CalibrationError, match="Only possible during the sweep"):
+        reviewed.mark_continuous("elbow")
+
+
 def test_measuring_again_forgets_one_joint_only():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().move(900, 1).move(900, 2)
     hand.say("again a")

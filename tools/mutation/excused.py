@@ -45,6 +45,8 @@ _TOO_NEAR = (
     "return np.flatnonzero((free & may_touch & (nearer_m > 2 * _MAX_UNCHECKED_M)).any(axis=1))"
 )
 _DEEPER = "touching[-1] |= ~(gap_m[-1] >= np.minimum(gap_m[0], 0.0) - _SAME_M)"
+_NO_TICK = "the bound is no whole number of ticks"
+_DIRECTION = "subject, subject.free_direction if moved > 0 else -subject.free_direction"
 EXCUSED: dict[tuple[str, str, str], str] = {
     ("guard.collision_kernel", "_TINY = 1e-30", "number"): _NO_ZERO,
     (
@@ -232,6 +234,33 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "Gt -> GtE",
     ): "no joint is off by as much to the last bit",
     ("calibration.procedure", "return False", "return None"): _FALSE,
+    ("calibration.procedure", "_ALMOST_FULL_TURN = 2 / 360", "360 -> 359"): _NO_TICK,
+    ("calibration.procedure", "_ALMOST_FULL_TURN = 2 / 360", "360 -> 361"): _NO_TICK,
+    (
+        "calibration.procedure",
+        "return subject.name in known and width >= _COMPLETE * subject.expected_ticks",
+        "GtE -> Gt",
+    ): _NO_TICK,
+    (
+        "calibration.procedure",
+        "return subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.ticks_per_turn",
+        "GtE -> Gt",
+    ): _NO_TICK,
+    (
+        "calibration.procedure",
+        "back = abs(moved) < _RETURNED_FRACTION * subject.min_motion_ticks",
+        "Lt -> LtE",
+    ): _NO_TICK,
+    (
+        "calibration.procedure",
+        "if abs(moved) < subject.min_motion_ticks:",
+        "Lt -> LtE",
+    ): _NO_TICK,
+    (
+        "calibration.procedure",
+        "returned: bool = False",
+        "False -> True",
+    ): "is set where a joint must be moved again",
     (
         "calibration.procedure",
         "return mismatches[sign] > _MIRRORED_RAD and mismatches[-sign] < mismatches[sign] / 3",
@@ -239,9 +268,10 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ): "no gap is 30 degrees to the last bit",
     (
         "calibration.procedure",
-        "subject, subject.free_direction if moved > 0 else -subject.free_direction",
+        _DIRECTION,
         "number",
     ): "the joint has moved by many ticks",
+    ("calibration.procedure", _DIRECTION, "Gt -> GtE"): "the joint has moved by many ticks",
     (
         "calibration.procedure",
         "return mismatches[sign] > _MIRRORED_RAD and mismatches[-sign] < mismatches[sign] / 3",
