@@ -215,7 +215,6 @@ def _end_interrupted(
     journal = _find_interrupted(bus, journal_path)
     if journal:
         write(bus, journal)
-        _lock_eeproms(bus, journal)
         remove_durably(journal_path)
     return journal is not None
 

@@ -15,8 +15,8 @@ from ikservo.calibration.transaction import (
     resume,
     roll_back,
 )
-from ikservo.errors import CalibrationError
-from ikservo.files.writing import write_atomic
+from ikservo.errors import CalibrationError, IkservoError
+from ikservo.files.writing import FileWriteError, write_atomic
 from tests.calibration.mounted_arms import make_mounted_arm
 
 REGISTER, OLD, NEW = "homing_offset", 11, 500
@@ -65,6 +65,70 @@ def interrupted(tmp_path):
     return Interrupted(tmp_path)
 
 
+@pytest.fixture
+def commit_new(interrupted):
+    """Return a function that writes the new registers and the new file."""
+    changes = interrupted.journal().changes
+
+    def act(bus, journal_path):
+        commit(bus, journal_path, interrupted.path, NEW_TEXT, changes)
+
+    return lambda: interrupted.act(act)
+
+
+# --- a writing that is not interrupted, and one that fails
+
+
+@pytest.mark.parametrize("kept", [OLD_TEXT, None])
+def test_servos_and_file_are_written_and_the_old_file_is_kept_beside_it(
+    interrupted, commit_new, kept
+):
+    if kept is None:
+        interrupted.path.unlink()
+    commit_new()
+    backup = interrupted.path.with_name("arm.toml.bak")
+    assert (interrupted.held(), interrupted.path.read_text()) == ([NEW, NEW], NEW_TEXT)
+    assert (backup.read_text() if backup.exists() else None) == kept
+    assert interrupted.is_over()
+
+
+@pytest.mark.parametrize("text", [OLD_TEXT, None])
+def test_where_the_second_servo_refuses_the_first_and_the_file_are_as_before(
+    interrupted, commit_new, text
+):
+    if text is None:
+        interrupted.path.unlink()
+    interrupted.arm.line.servos[2].write("torque_enable", 1)
+    with pytest.raises(IkservoError, match="torque is on"):
+        commit_new()
+    assert interrupted.held() == [OLD, OLD]
+    assert (interrupted.path.read_text() if interrupted.path.exists() else None) == text
+    assert interrupted.is_over()
+
+
+def test_where_the_file_cannot_be_written_the_servos_are_as_before(interrupted, commit_new):
+    interrupted.path.with_name("arm.toml.bak").mkdir()  # where the old file would be kept
+    with pytest.raises(FileWriteError):
+        commit_new()
+    assert (interrupted.held(), interrupted.path.read_text()) == ([OLD, OLD], OLD_TEXT)
+    assert interrupted.is_over()
+
+
+def test_where_the_cable_falls_out_the_journal_says_what_was_and_what_was_to_be(
+    interrupted, commit_new, monkeypatch
+):
+    def refuse(data):
+        raise OSError("gone")
+
+    monkeypatch.setattr(interrupted.arm.port, "write", refuse)
+    with pytest.raises(CalibrationError, match=r"(?s)interrupted.*resume.*revert"):
+        commit_new()
+    assert read_journal(interrupted.journal_path) == interrupted.journal()
+
+
+# --- how far it came
+
+
 @pytest.mark.parametrize(
     ("written", "reached"),
     [
@@ -95,7 +159,7 @@ def test_where_nothing_was_interrupted_there_is_nothing_to_end(interrupted):
 
 
 def test_a_writing_that_reached_no_servo_is_forgotten(interrupted):
-    interrupted.leave_journal()
+    interrupted.leave_journal().path.write_text(NEW_TEXT)
     assert "had changed nothing yet" in interrupted.act(recover)
     assert (interrupted.path.read_text(), interrupted.is_over()) == (OLD_TEXT, True)
 
@@ -168,9 +232,15 @@ def test_a_file_that_is_right_already_is_not_written_again(interrupted, action, 
 # --- the locks of EEPROMs
 
 
-@pytest.mark.parametrize("action", [recover, resume, roll_back])
-def test_a_servo_that_was_left_unlocked_is_locked_again(interrupted, action):
+@pytest.mark.parametrize(
+    ("action", "number"), [(recover, OLD), (recover, NEW), (resume, NEW), (roll_back, OLD)]
+)
+def test_a_servo_that_was_left_unlocked_is_locked_though_it_needs_no_writing(
+    interrupted, action, number
+):
     interrupted.leave_journal()
+    for servo_id in interrupted.ids:
+        interrupted.hold(servo_id, number)
     interrupted.arm.line.servos[2].write("lock", 0)
     interrupted.act(action)
     assert [interrupted.arm.register(i, "lock") for i in interrupted.ids] == [1, 1]

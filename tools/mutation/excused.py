@@ -47,6 +47,7 @@ _TOO_NEAR = (
 _DEEPER = "touching[-1] |= ~(gap_m[-1] >= np.minimum(gap_m[0], 0.0) - _SAME_M)"
 _NO_TICK = "the bound is no whole number of ticks"
 _DIRECTION = "subject, subject.free_direction if moved > 0 else -subject.free_direction"
+_NO_UNIT = "the number of a lock has no unit"
 EXCUSED: dict[tuple[str, str, str], str] = {
     ("guard.collision_kernel", "_TINY = 1e-30", "number"): _NO_ZERO,
     (
@@ -146,6 +147,16 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "return found[0]",
         "0 -> -1",
     ): "there is exactly one",
+    (
+        "calibration.transaction",
+        "if lock and bus.read(change.id, lock, raw=True) == 0:",
+        "True -> False",
+    ): _NO_UNIT,
+    (
+        "calibration.transaction",
+        "bus.write(change.id, lock, 1, raw=True)",
+        "True -> False",
+    ): _NO_UNIT,
     (
         "calibration.transaction",
         "tables = parse_toml(path, strip_checksum(path, read_text(path, 4 * MAX_BYTES)))",
