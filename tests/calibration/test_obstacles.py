@@ -83,7 +83,7 @@ def swept_deg(lower_deg, upper_deg, low_deg, high_deg):
 
 
 def is_told_the_wrong_way(wizard):
-    return any("the sign or the pose is wrong" in each for each in said_of(wizard))
+    return any("the sign or the pose is wrong" in each for each in messages_of(wizard))
 
 
 @pytest.mark.parametrize(("apart_deg", "told"), [(14.5, False), (15.5, True)])
