@@ -7,7 +7,7 @@ from tests.arm.simulated import line_of
 from tests.oracle import arm_file, pinocchio_model
 
 MAX_INTERVAL_S = 0.05  # no goal makes up for a longer pause
-READ_S = 0.005  # a sync read of six servos at 1 Mbit/s takes 2 to 4 ms
+READ_S = 0.002  # from the reading of six servos to the first goal: 1 ms (so101), 2 ms (koch)
 LOAD_LEAD_TICKS = 79  # how far a goal may lead a joint that carries a load
 TRAVEL_TICKS = 60  # how much further in motion
 
