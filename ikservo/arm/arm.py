@@ -373,7 +373,7 @@ class Arm:
     def go(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> SettlingResult:
         """Execute a plan. Deprecated: use ``execute``, whose report says more."""
         _warn_deprecated("go")
-        return run_plan(self._context, self._runner, plan, on_progress)[1]
+        return run_plan(self._context, self._runner, plan, on_progress).settled
 
     def carry_out(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> MoveResult:
         """Execute a plan of the tip. Deprecated: use ``execute``."""

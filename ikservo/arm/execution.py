@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
@@ -11,16 +11,19 @@ import numpy as np
 from ikservo.arm.arguments import check_callable
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.path_error import PathError, PathRecorder
 from ikservo.arm.plan import MotionPlan, has_moved, rebase_trajectory
 from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.settling import SettlingResult, settle
 from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
+from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
 from ikservo.ik import Result
 from ikservo.kinematics.arrays import Vector
 
 __all__ = [
+    "ExecutedMotion",
     "execute",
     "lower",
     "move_joints",
@@ -34,16 +37,32 @@ _POSITION_TOLERANCE_M = 0.002
 _JOINT_TOLERANCE_RAD = radians(0.5)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ExecutedMotion:
+    """A plan that was executed.
+
+    Attributes:
+        plan: The plan, made again where a limp arm has sunk since.
+        settled: Where the motion ended.
+        path_error: How far the tip was from its path; None where there was none.
+    """
+
+    plan: MotionPlan
+    settled: SettlingResult
+    path_error: PathError | None
+
+
 def execute(
     context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
 ) -> MoveResult | JointMoveResult:
     """Execute a plan and report how it ended; see ``Arm.execute``."""
-    plan, result = run_plan(context, runner, plan, on_progress)
+    executed = run_plan(context, runner, plan, on_progress)
+    plan = executed.plan
     if plan.target_m is not None:
-        return _make_move_report(context, plan, result)
+        return _make_move_report(context, executed)
     ends = zip(plan.names, plan.start.tolist(), plan.goal.tolist(), strict=True)
     moved = {name: goal for name, start, goal in ends if goal != start}
-    return _make_joint_report(context, moved, result)
+    return _make_joint_report(context, moved, executed.settled)
 
 
 def move_tip(
@@ -56,7 +75,7 @@ def move_tip(
     """
     _check_plan(plan)
     _require_target(plan)
-    return _make_move_report(context, *run_plan(context, runner, plan, on_progress))
+    return _make_move_report(context, run_plan(context, runner, plan, on_progress))
 
 
 def move_joints(
@@ -67,17 +86,14 @@ def move_joints(
     on_progress: OnProgress | None,
 ) -> JointMoveResult:
     """Execute a plan of joints, and report on those of ``positions`` [rad or m]."""
-    result = run_plan(context, runner, plan, on_progress)[1]
+    result = run_plan(context, runner, plan, on_progress).settled
     return _make_joint_report(context, positions, result)
 
 
 def run_plan(
     context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
-) -> tuple[MotionPlan, SettlingResult]:
+) -> ExecutedMotion:
     """Execute a plan.
-
-    Returns:
-        The plan, made again where a limp arm has sunk since, and where the motion ended.
 
     Raises:
         RefusedError: The arm has moved since it was planned, or the guard stopped it.
@@ -87,7 +103,7 @@ def run_plan(
     runner.check_speed(plan.speed)
     with runner.motion():
         plan = _replan_if_moved(context, plan)
-        return plan, _run_motion(context, runner, plan, on_progress)
+        return _run_motion(context, runner, plan, on_progress)
 
 
 def _replan_if_moved(context: ArmContext, plan: MotionPlan) -> MotionPlan:
@@ -104,7 +120,7 @@ def _replan_if_moved(context: ArmContext, plan: MotionPlan) -> MotionPlan:
 
 def _run_motion(
     context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
-) -> SettlingResult:
+) -> ExecutedMotion:
     servos, limits = context.servos, context.planner.motion_limits(plan.speed)
     horn_rad_s = context.model.speed(plan.speed).rad_s
     trajectory = rebase_trajectory(plan, servos.goals(), limits, servos.names)
@@ -112,11 +128,22 @@ def _run_motion(
     measured = servos.measure_positions()
     target = SettlingTarget(context.chain, context.index, servos.fences, plan, measured)
     started_s = context.now_s()
-    reporter = context.progress_reporter(on_progress)
+    recorder = PathRecorder(trajectory, plan.cartesian_s)
+    reporter = _with_recorder(recorder, context.progress_reporter(on_progress))
     runner.loop.run(trajectory, reporter, speed_rad_s=horn_rad_s)
     motion_s = context.now_s() - started_s
     below = _backlash_goals(context, plan)
-    return settle(runner.loop, servos, target, limits, horn_rad_s, motion_s, below)
+    settled = settle(runner.loop, servos, target, limits, horn_rad_s, motion_s, below)
+    return ExecutedMotion(plan, settled, recorder.error(context.planner))
+
+
+def _with_recorder(recorder: PathRecorder, reporter: OnCycle | None) -> OnCycle:
+    def on_cycle(cycle: ControlCycle) -> None:
+        recorder.record(cycle)
+        if reporter is not None:
+            reporter(cycle)
+
+    return on_cycle
 
 
 def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
@@ -136,7 +163,8 @@ def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
     return below
 
 
-def _make_move_report(context: ArmContext, plan: MotionPlan, result: SettlingResult) -> MoveResult:
+def _make_move_report(context: ArmContext, executed: ExecutedMotion) -> MoveResult:
+    plan, result, path_error = executed.plan, executed.settled, executed.path_error
     planner, measured = context.planner, result.measured
     tip_m = planner.tip(measured)
     target_m, solution = _require_target(plan)
@@ -156,6 +184,8 @@ def _make_move_report(context: ArmContext, plan: MotionPlan, result: SettlingRes
         settling_s=result.settling_s,
         orientation_requested=plan.orientation_requested,
         orientation_change_rad=planner.rotation_between(plan.start, measured),
+        path_error_rms_m=None if path_error is None else path_error.rms_m,
+        path_error_max_m=None if path_error is None else path_error.max_m,
     )
 
 

@@ -93,7 +93,8 @@ class MotionPlan:
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and goal.
         speed_reduced: Whether it is slower than requested: the first motion with torque is slow.
-        is_cartesian: Whether the tip goes along straight lines.
+        is_cartesian: Whether the tip goes along straight lines or arcs.
+        cartesian_s: For how long it does, up to the end of the trajectory.
         via_pose: The retract pose in between; empty where the path is direct.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
@@ -117,6 +118,7 @@ class MotionPlan:
     orientation_change_rad: float = 0.0
     speed_reduced: bool = False
     is_cartesian: bool = False
+    cartesian_s: float = 0.0
     via_pose: str = ""
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()

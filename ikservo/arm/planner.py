@@ -170,7 +170,11 @@ class Planner:
         if stance.constrains_more_than_keep:
             error_rad = check_orientation_error(self._chain, self._tool, target, stance, solution)
         trajectory = SubsetTrajectory(line, list(self._index.chain), start)
-        plan = replace(self._make_plan(start, trajectory, speed), is_cartesian=True)
+        plan = replace(
+            self._make_plan(start, trajectory, speed),
+            is_cartesian=True,
+            cartesian_s=trajectory.duration_s,
+        )
         return _with_target(plan, target, OrientationSolution(solution, error_rad), stance)
 
     def plan_waypoints(
@@ -240,6 +244,10 @@ class Planner:
     def tip(self, joints: Vector) -> Vector:
         """Return the tip (3,) [m] for the joints (n,)."""
         return self.tip_pose(joints)[:3, 3]
+
+    def tips(self, joints: Matrix) -> Matrix:
+        """Return the tips (k, 3) [m] for joints (k, n)."""
+        return self._chain.forward(self._index.chain_joints(joints))[:, :3, 3]
 
     def tip_pose(self, joints: Vector) -> Matrix:
         """Return T_base_tip (4, 4) for the joints (n,)."""

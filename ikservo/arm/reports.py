@@ -165,6 +165,10 @@ class MoveResult:
         settling_s: From there until every joint had settled.
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and end.
+        path_error_rms_m: Of the measured tip to the commanded path, root of the mean square over
+            the control cycles; lagging along the path is no error. None where the tip followed no
+            Cartesian path.
+        path_error_max_m: The largest in a control cycle.
     """
 
     target_m: Vector
@@ -179,6 +183,8 @@ class MoveResult:
     settling_s: float = 0.0
     orientation_requested: bool = False
     orientation_change_rad: float = 0.0
+    path_error_rms_m: float | None = None
+    path_error_max_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -150,6 +150,8 @@ def _print_move_report(report: MoveResult, *, json: bool) -> None:
             orientation_error_rad=report.orientation_error_rad,
             orientation_requested=report.orientation_requested,
             orientation_change_rad=report.orientation_change_rad,
+            path_error_rms_m=report.path_error_rms_m,
+            path_error_max_m=report.path_error_max_m,
         )
         return
     print_lines(
@@ -158,12 +160,20 @@ def _print_move_report(report: MoveResult, *, json: bool) -> None:
             f"commanded  {format_point(report.commanded_tip_m)}",
             f"measured   {format_point(report.measured_tip_m)}",
             f"error      {report.error_m * 1000:.2f} mm",
+            *_path_error_lines(report),
             f"tool       {_format_orientation(report)}",
             f"duration   {report.duration_s:.2f} s",
             f"reached    {'yes' if report.reached else 'no'}",
             *(f"binds      {text}" for text in report.binding),
         ]
     )
+
+
+def _path_error_lines(report: MoveResult) -> list[str]:
+    rms_m, max_m = report.path_error_rms_m, report.path_error_max_m
+    if rms_m is None or max_m is None:
+        return []
+    return [f"path error {rms_m * 1000:.2f} mm rms, {max_m * 1000:.2f} mm at most"]
 
 
 def _format_orientation(report: MoveResult) -> str:

@@ -20,8 +20,18 @@ def test_the_json_has_the_keys_that_others_rely_on(run_cli):
     assert set(answer) == {
         "schema", "target_m", "commanded_tip_m", "measured_tip_m", "error_m", "duration_s",
         "reached", "binding", "orientation_error_rad", "orientation_requested",
-        "orientation_change_rad",
+        "orientation_change_rad", "path_error_rms_m", "path_error_max_m",
     }  # fmt: skip
+
+
+def test_a_line_reports_its_path_error_and_a_motion_of_joints_none(run_cli):
+    move = "move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home"
+    line = run_cli(f"{move} --line --json").json
+    assert 0.0 < line["path_error_rms_m"] < line["path_error_max_m"] < 0.03
+    assert run_cli(f"{move} --json").json["path_error_rms_m"] is None
+    assert re.search(r"^path error \d+\.\d\d mm rms, \d+\.\d\d mm at most$",
+                     run_cli(f"{move} --line").out, re.MULTILINE)  # fmt: skip
+    assert "path error" not in run_cli(move).out
 
 
 def test_stdout_is_the_report_and_stderr_the_announcement(run_cli):
