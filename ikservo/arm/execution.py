@@ -11,7 +11,7 @@ import numpy as np
 from ikservo.arm.arguments import check_callable
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.path_error import PathError, PathRecorder
+from ikservo.arm.path_error import PathDeviation, PathRecorder
 from ikservo.arm.plan import MotionPlan, has_moved, rebase_trajectory
 from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
@@ -49,7 +49,7 @@ class ExecutedMotion:
 
     plan: MotionPlan
     settled: SettlingResult
-    path_error: PathError | None
+    path_error: PathDeviation | None
 
 
 def execute(

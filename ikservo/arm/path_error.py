@@ -9,10 +9,10 @@ import numpy as np
 
 from ikservo.arm.planner import Planner
 from ikservo.control.loop import ControlCycle
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import IntMatrix, Matrix, Vector
 from ikservo.motion import Trajectory
 
-__all__ = ["PathError", "PathRecorder", "path_deviations_m"]
+__all__ = ["PathDeviation", "PathRecorder", "path_deviations_m"]
 
 # Distance between two samples of the commanded path, in time: 0.06 mm of a circle of 5 cm at
 # 0.25 m/s.
@@ -23,7 +23,7 @@ _CHUNK = 2000
 
 
 @dataclass(frozen=True, slots=True)
-class PathError:
+class PathDeviation:
     """The distance of the measured tip from the commanded path, over a motion's control cycles.
 
     Attributes:
@@ -55,7 +55,7 @@ class PathRecorder:
             self._times_s.append(cycle.time_s)
             self._joints.append(cycle.measured.copy())
 
-    def error(self, planner: Planner) -> PathError | None:
+    def error(self, planner: Planner) -> PathDeviation | None:
         """Return the path error; None where nothing was recorded."""
         if not self._times_s:
             return None
@@ -66,7 +66,7 @@ class PathRecorder:
             (np.array(self._times_s), planner.tips(np.array(self._joints))),
             (times_s, planner.tips(commanded)),
         )
-        return PathError(float(np.sqrt((deviations_m**2).mean())), float(deviations_m.max()))
+        return PathDeviation(float(np.sqrt((deviations_m**2).mean())), float(deviations_m.max()))
 
     @property
     def _begin_s(self) -> float:
@@ -88,9 +88,8 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
     steps_s, path_m = commanded
     step_s = float(steps_s[1] - steps_s[0])
     before, after = (math.ceil(span_s / step_s) for span_s in (_LAG_S, _LEAD_S))
-    at = np.round((times_s - steps_s[0]) / step_s).astype(np.int64)
-    windows = at[:, None] + np.arange(-before, after)
-    windows = np.clip(windows, 0, len(path_m) - 2)
+    at = np.searchsorted(steps_s, times_s)
+    windows = np.clip(at[:, None] + np.arange(-before, after), 0, len(path_m) - 2)
     parts = range(0, len(points_m), _CHUNK)
     found = [
         _distances_m(points_m[part : part + _CHUNK], path_m, windows[part : part + _CHUNK])
@@ -99,7 +98,7 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
     return np.concatenate(found)
 
 
-def _distances_m(points_m: Matrix, path_m: Matrix, windows: Matrix) -> Vector:
+def _distances_m(points_m: Matrix, path_m: Matrix, windows: IntMatrix) -> Vector:
     """Return the distance (k,) of each point to the segments of its window (k, w) of the path."""
     begin, along = path_m[windows], np.diff(path_m, axis=0)[windows]
     apart = points_m[:, None, :] - begin
