@@ -87,6 +87,19 @@ def test_torque_and_friction_of_servos_are_those_of_the_simulated_ones(model, su
     assert known.static_friction_nm == pytest.approx(motor.static_friction_nm, rel=0.03)
 
 
+@pytest.mark.parametrize(("model", "supply_v", "simulated"), VARIANTS)
+def test_damping_and_gears_of_servos_are_those_of_the_simulated_ones(model, supply_v, simulated):
+    known, motor = find_servo_torque(model, supply_v), PARAMETERS[simulated]
+    back_emf_nm_s = motor.torque_constant_nm_a**2 / motor.resistance_ohm
+    assert known.damping_nm_s == pytest.approx(back_emf_nm_s + motor.viscous_nm_s, rel=0.02)
+    assert known.armature_kg_m2 == pytest.approx(motor.armature_kg_m2, rel=0.02)
+    gears = known.friction
+    assert (gears.load, gears.slow_load) == (motor.load_friction, motor.load_stribeck)
+    assert gears.coulomb_nm == pytest.approx(motor.friction_nm, rel=0.02)
+    assert gears.slow_nm == pytest.approx(motor.stribeck_nm, rel=0.02)
+    assert gears.slow_rad_s == pytest.approx(motor.stribeck_rad_s, rel=0.02)
+
+
 def test_servos_of_a_higher_voltage_sag_less():
     model = ikservo.load_model("so101")
     at_12_v = replace(model, supply_v=12.0)

@@ -1,0 +1,117 @@
+"""What drives each joint of an arm: stiffness, damping, friction and inertia of its servos."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import exp, tau
+
+from ikservo.kinematics import Chain
+from ikservo.kinematics.dynamics import Dynamics
+from ikservo.model.model import Model, ModelJoint
+from ikservo.model.sag import link_masses
+from ikservo.model.servo_torque import GearFriction, ServoTorque, find_servo_torque
+
+__all__ = ["ArmParameters", "JointDrive", "joint_drive", "nominal_parameters"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointDrive:
+    """The servos of one joint, together, in the joint's coordinate.
+
+    Radians and N m, metres and N for a prismatic joint. Each figure can be replaced by an
+    identified one (`dataclasses.replace`).
+
+    Attributes:
+        stiffness_nm_rad: Torque for each rad between goal and joint, at the P gain in force.
+        damping_nm_s: Torque that back-EMF and viscous friction take for each rad/s.
+        armature_kg_m2: Inertia of rotors and gears.
+        friction: Dry friction of the gears.
+        startup_nm: Torque that the firmware adds in the direction of an error.
+        delay_s: Time from a goal's packet until the servo's loop acts on it, in the mean.
+    """
+
+    stiffness_nm_rad: float
+    damping_nm_s: float
+    armature_kg_m2: float
+    friction: GearFriction
+    startup_nm: float = 0.0
+    delay_s: float = 0.0
+
+    def with_gain(self, share: float) -> JointDrive:
+        """Return the drive at another P gain, as a share of the one that its stiffness is for."""
+        return replace(self, stiffness_nm_rad=self.stiffness_nm_rad * share)
+
+    def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
+        """Return the dry friction of the moving joint, N m.
+
+        Args:
+            speed_rad_s: How fast it moves; the sign does not matter.
+            load_nm: Load of the gears: the difference of the motor's and the outer torque.
+        """
+        gears = self.friction
+        slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)
+        load = abs(load_nm)
+        return (
+            gears.coulomb_nm + gears.load * load + slow * (gears.slow_nm + gears.slow_load * load)
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmParameters:
+    """The dynamics of one arm: what its motion needs and what its servos give.
+
+    Attributes:
+        dynamics: The bodies that the chain's joints move, a payload included.
+        drives: Of each joint of the chain (dof,); None where its servo's motor is not known.
+    """
+
+    dynamics: Dynamics
+    drives: tuple[JointDrive | None, ...]
+
+
+def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
+    """Return the parameters by the arm file's masses and the tables of its servos' motors.
+
+    Args:
+        model: The masses and servos.
+        chain: The joints, base to tip, inside the arm's own limits.
+
+    Returns:
+        None for an arm without masses.
+    """
+    masses = link_masses(model, chain)
+    if not masses:
+        return None
+    joints = {joint.name: joint for joint in model.joints}
+    drives = [
+        joint_drive(joints[name], model.supply_v) if name in joints else None
+        for name in chain.names
+    ]
+    return ArmParameters(Dynamics.from_masses(chain, masses), tuple(drives))
+
+
+def joint_drive(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
+    """Return the drive of a joint by the tables of its servos; None where one is not known."""
+    servos = (joint.servo, *joint.shadows)
+    torques = [find_servo_torque(servo.model, supply_v) for servo in servos]
+    known = [torque for torque in torques if torque is not None]
+    return _sum_at_joint(known, joint.travel_per_turn / tau) if len(known) == len(servos) else None
+
+
+def _sum_at_joint(servos: Sequence[ServoTorque], per_horn_rad: float) -> JointDrive:
+    """Return servos of one kind, which share a joint, as one drive in its coordinate."""
+    force, gears = len(servos) / per_horn_rad, servos[0].friction
+    return JointDrive(
+        stiffness_nm_rad=sum(servo.stiffness_nm_rad for servo in servos) / per_horn_rad**2,
+        damping_nm_s=sum(servo.damping_nm_s for servo in servos) / per_horn_rad**2,
+        armature_kg_m2=sum(servo.armature_kg_m2 for servo in servos) / per_horn_rad**2,
+        friction=GearFriction(
+            gears.coulomb_nm * force,
+            gears.slow_nm * force,
+            gears.slow_rad_s * per_horn_rad,
+            gears.load,
+            gears.slow_load,
+        ),
+        startup_nm=force * servos[0].startup_duty * servos[0].full_duty_nm,
+    )

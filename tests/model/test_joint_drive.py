@@ -1,0 +1,55 @@
+"""The drive of each joint: servos that share it add up, gears scale it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+import ikservo
+from ikservo.model.joint_drive import joint_drive, nominal_parameters
+from ikservo.model.servo_torque import SERVO_TORQUES
+
+
+def test_two_servos_of_one_joint_give_twice_the_torque_of_one():
+    shoulder = ikservo.load_model("wx250s").joint("shoulder")
+    both, alone = joint_drive(shoulder, None), joint_drive(replace(shoulder, shadows=()), None)
+    assert both.stiffness_nm_rad == pytest.approx(2.0 * alone.stiffness_nm_rad)
+    assert both.friction_torque(0.0, 3.0) == pytest.approx(2.0 * alone.friction_torque(0.0, 1.5))
+
+
+def test_a_geared_joint_is_stiffer_by_the_square_of_its_ratio():
+    pan = ikservo.load_model("so101").joint("shoulder_pan")
+    direct, geared = (
+        joint_drive(pan, None),
+        joint_drive(replace(pan, travel_per_turn=math.pi), None),
+    )
+    assert geared.stiffness_nm_rad == pytest.approx(4.0 * direct.stiffness_nm_rad)
+    assert geared.friction.coulomb_nm == pytest.approx(2.0 * direct.friction.coulomb_nm)
+
+
+def test_a_joint_with_a_servo_of_an_unknown_motor_has_no_drive():
+    pan = ikservo.load_model("so101").joint("shoulder_pan")
+    assert joint_drive(replace(pan, servo=replace(pan.servo, model="HX-7")), None) is None
+
+
+def test_friction_falls_with_speed_and_grows_with_load():
+    drive = joint_drive(ikservo.load_model("so101").joint("elbow_flex"), None)
+    gears = SERVO_TORQUES["STS3215", None].friction
+    assert drive.friction_torque(0.0, 0.0) == pytest.approx(gears.coulomb_nm + gears.slow_nm)
+    assert drive.friction_torque(50.0, -2.0) == pytest.approx(gears.coulomb_nm + 2.0 * gears.load)
+    assert drive.friction_torque(0.1, 1.0) > drive.friction_torque(0.1, 0.0)
+
+
+def test_every_arm_with_servos_has_a_drive_for_each_of_its_joints():
+    for name in ("so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s"):
+        model = ikservo.load_model(name)
+        assert None not in nominal_parameters(model, model.chain).drives
+
+
+def test_an_arm_without_masses_has_no_parameters():
+    model = ikservo.load_model("so101")
+    weightless = tuple(replace(link, mass_kg=0.0) for link in model.urdf.links)
+    model = replace(model, urdf=replace(model.urdf, links=weightless))
+    assert nominal_parameters(model, model.chain) is None
