@@ -1,0 +1,265 @@
+"""Path accuracy of straight lines: how far the true tip is from the commanded line on its way.
+
+Run ``python tools/bench/path_accuracy.py``; the table goes to docs/benchmarks.md. Simulated arms
+under gravity, with backlash and servos within their tolerances, move along lines drawn from one
+seed, in virtual time. The judge are the joints inside the simulator, not the arm's readings: in
+each control cycle the distance of the tip from the commanded line, at the end of the trajectory
+its distance from the target, and that again after settling. ``--mass-scale`` and ``--payload-kg``
+change the simulated body only: the program does not know.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+import ikservo
+from ikservo.arm import Arm, MotionPlan, MotionProgress, MoveResult
+from ikservo.arm.reports import OnProgress
+from ikservo.errors import IkservoError, NotSettledError
+
+Array = NDArray[np.float64]
+
+ARMS = ("so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s")
+SPEEDS = ("slow", "normal", "fast")
+SHORTEST_M, LONGEST_M = 0.05, 0.25
+ATTEMPTS = 60  # directions tried from one posture
+LOWEST_M = 0.05  # lines begin above it, or few directions are free
+SAMPLE_S = 0.01
+
+
+@dataclass
+class Trace:
+    """One line as the simulated joints went along it.
+
+    Attributes:
+        start_m: Start of the commanded line (3,).
+        end_m: Its end.
+        duration_s: Of the planned trajectory.
+        times_s: Time of the trajectory at each sample.
+        tips_m: True tip at each sample, (3,) each.
+        overshoot_rad: How far a joint went past its target while it settled, at most.
+        settling_s: From the end of the trajectory to rest.
+        settled_m: The tip's distance from the target after settling.
+        failure: Why the motion was stopped; empty where it was not.
+    """
+
+    start_m: Array
+    end_m: Array
+    duration_s: float
+    times_s: list[float] = field(default_factory=list[float])
+    tips_m: list[Array] = field(default_factory=list[Array])
+    overshoot_rad: float = 0.0
+    settling_s: float = math.nan
+    settled_m: float = math.nan
+    failure: str = ""
+
+    def deviations_m(self, after_s: float = 0.0) -> Array:
+        """Return the distances of the tip from the line (k,), from a time on."""
+        late = np.array(self.times_s) >= min(after_s, self.duration_s)
+        ahead = np.array(self.tips_m)[late] - self.start_m
+        way = self.end_m - self.start_m
+        along = np.clip(ahead @ way / (way @ way), 0.0, 1.0)
+        return np.linalg.norm(ahead - along[:, None] * way, axis=1)
+
+    def end_error_m(self) -> float:
+        """Return the tip's distance from the target at the end of the trajectory."""
+        return float(np.linalg.norm(self.tips_m[-1] - self.end_m))
+
+
+class Observer:
+    """Samples the simulated joints of an arm while it moves."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        port: Any = arm._port  # pyright: ignore[reportPrivateUsage]
+        self._world: Any = port.transport.line.world
+
+    def tip_m(self) -> Array:
+        """Return the true tip (3,)."""
+        return self._arm.chain.forward(self.joints())[:3, 3]
+
+    def joints(self) -> Array:
+        """Return the true joints of the chain (dof,)."""
+        return np.array([self._world.joint(name).position for name in self._arm.chain.names])
+
+    def trace(self, plan: MotionPlan) -> Trace:
+        """Execute a line and return what the joints did."""
+        assert plan.target_m is not None
+        columns = [plan.names.index(name) for name in self._arm.chain.names]
+        start, goal = plan.start[columns], plan.goal[columns]
+        forward = self._arm.chain.forward
+        trace = Trace(forward(start)[:3, 3], forward(goal)[:3, 3], plan.duration_s)
+
+        def sample(progress: MotionProgress) -> None:
+            at = self.joints()
+            trace.times_s.append(progress.elapsed_s)
+            trace.tips_m.append(forward(at)[:3, 3])
+            if progress.elapsed_s >= plan.duration_s:
+                self._watch_arrival(trace, goal, np.sign(goal - at))
+
+        try:
+            trace.settling_s = self._executed(plan, sample).settling_s
+        except NotSettledError:
+            trace.settling_s = math.inf
+        except IkservoError as error:
+            trace.failure, trace.settling_s = error.message, math.inf
+            self._arm.acknowledge()
+        trace.settled_m = float(np.linalg.norm(self.tip_m() - trace.end_m))
+        return trace
+
+    def _watch_arrival(self, trace: Trace, goal: Array, side: Array) -> None:
+        """Record how far the joints go past their targets from now on."""
+        past = float((side * (self.joints() - goal)).max())
+        trace.overshoot_rad = max(trace.overshoot_rad, past)
+        if math.isnan(trace.settling_s):
+            again_s = self._world.time_s + SAMPLE_S
+            self._world.schedule(again_s, lambda: self._watch_arrival(trace, goal, side))
+
+    def _executed(self, plan: MotionPlan, sample: OnProgress) -> MoveResult:
+        return cast("MoveResult", self._arm.execute(plan, sample))  # of a plan of the tip
+
+
+def main() -> None:
+    """Measure all arms at all speeds and print the table."""
+    options = _parser().parse_args()
+    print(HEADER)
+    for name in options.arms:
+        for speed in options.speeds:
+            traces = list(_traces(name, speed, options))
+            print(_row(name, speed, traces, options.after_s), flush=True)
+            for trace in traces:
+                if trace.failure:
+                    print(f"{name} {speed}: {trace.failure}", file=sys.stderr)
+
+
+def _traces(name: str, speed: str, options: argparse.Namespace) -> Iterator[Trace]:
+    query = f"backlash_deg={options.backlash_deg}&seed={options.seed}"
+    with tempfile.TemporaryDirectory() as folder:
+        body = _changed_body(name, Path(folder), options.mass_scale, options.payload_kg)
+        with ikservo.open_arm(name, port=f"sim:{body}?{query}", uncalibrated=True) as arm:
+            observer, rng = Observer(arm), np.random.default_rng(options.seed)
+            _move_away(arm, rng)
+            for count in range(options.count):
+                plan = _next_line(arm, rng, speed)
+                yield observer.trace(plan)
+                print(f"\r{name} {speed} {count + 1} ", end="", file=sys.stderr)
+
+
+def _next_line(arm: Arm, rng: np.random.Generator, speed: str) -> MotionPlan:
+    """Plan a line from where the arm is; from another place where none is free."""
+    while True:
+        for _ in range(ATTEMPTS):
+            way_m = rng.uniform(SHORTEST_M, LONGEST_M) * _direction(rng)
+            try:
+                return arm.plan_line(arm.where().tip_m + way_m, speed=speed)
+            except IkservoError:
+                continue
+        _move_away(arm, rng)
+
+
+def _move_away(arm: Arm, rng: np.random.Generator) -> None:
+    names = arm.chain.names
+    while True:
+        q = rng.uniform(arm.chain.lower_rad, arm.chain.upper_rad)
+        try:
+            arm.move_joints(dict(zip(names, q.tolist(), strict=True)), speed="fast")
+            if arm.where().tip_m[2] < LOWEST_M:
+                continue
+        except IkservoError:
+            arm.acknowledge()
+            continue
+        return
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    way = rng.normal(size=3)
+    return way / np.linalg.norm(way)
+
+
+def _changed_body(name: str, folder: Path, mass_scale: float, payload_kg: float) -> Path:
+    """Return an arm file whose links have other masses, and its tip a payload."""
+    model = ikservo.load_model(name)
+    own = folder / name
+    shutil.copytree(model.path.parent, own)
+    urdf = own / "arm.urdf"
+    text = re.sub(
+        r'(<mass\s+value=")([^"]+)"',
+        lambda found: f'{found[1]}{float(found[2]) * mass_scale}"',
+        urdf.read_text(),
+    )
+    if mass_scale != 1.0:
+        text = re.sub(r"<inertia\s[^>]*>", lambda found: _scaled(found[0], mass_scale), text)
+    if payload_kg:
+        text = text.replace("</robot>", _payload(model.chain.tip, payload_kg) + "</robot>")
+    urdf.write_text(text)
+    return own / "arm.toml"
+
+
+def _scaled(element: str, factor: float) -> str:
+    return re.sub(r'"([^"]+)"', lambda found: f'"{float(found[1]) * factor}"', element)
+
+
+def _payload(tip: str, mass_kg: float) -> str:
+    tensor = " ".join(f'{axis}="1e-6"' for axis in ("ixx", "iyy", "izz"))
+    return (
+        f'<joint name="payload" type="fixed"><parent link="{tip}"/><child link="payload"/></joint>'
+        f'<link name="payload"><inertial><mass value="{mass_kg}"/>'
+        f'<inertia {tensor} ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+
+
+HEADER = """\
+| arm | speed | lines | beside the line, rms / p95 / most | at its end, before settling, median / \
+p95 / most | settled, median / p95 | settling, median / p95 / most | overshoot | stopped |
+|---|---|---:|---:|---:|---:|---:|---:|---:|"""
+
+
+def _row(name: str, speed: str, traces: Sequence[Trace], after_s: float) -> str:
+    whole = [trace for trace in traces if not trace.failure]
+    beside = np.concatenate([trace.deviations_m(after_s) for trace in whole])
+    rms = f"{1000 * math.sqrt(float(np.mean(beside**2))):.2f}"
+    spread = " / ".join(f"{1000 * x:.2f}" for x in np.percentile(beside, (95, 100)))
+    ends = [trace.end_error_m() for trace in whole]
+    settling = " / ".join(
+        f"{x:.2f}"
+        for x in np.percentile([t.settling_s for t in whole], (50, 95, 100), method="lower")
+    )
+    overshoot = math.degrees(max(trace.overshoot_rad for trace in whole))
+    return (
+        f"| {name} | {speed} | {len(whole)} | {rms} / {spread} mm | {_mm(ends, (50, 95, 100))} "
+        f"| {_mm([t.settled_m for t in whole], (50, 95))} | {settling} s "
+        f"| {overshoot:.2f}° | {len(traces) - len(whole)} |"
+    )
+
+
+def _mm(metres: Sequence[float], shares: tuple[int, ...]) -> str:
+    return " / ".join(f"{1000 * x:.2f}" for x in np.percentile(metres, shares)) + " mm"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("arms", nargs="*", default=ARMS, help="names in the catalogue")
+    parser.add_argument("--count", type=int, default=100, help="lines an arm and speed")
+    parser.add_argument("--speeds", nargs="+", default=SPEEDS, choices=SPEEDS)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--backlash-deg", type=float, default=0.5, help="of every servo")
+    parser.add_argument("--mass-scale", type=float, default=1.0, help="of the simulated links")
+    parser.add_argument("--payload-kg", type=float, default=0.0, help="at the simulated tip")
+    parser.add_argument("--after-s", type=float, default=0.0, help="judge the path from then on")
+    return parser
+
+
+if __name__ == "__main__":
+    main()
