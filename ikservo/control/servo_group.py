@@ -338,11 +338,21 @@ def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
         check_kept_goal(bus, servo_id, goal, expected[servo_id])
 
 
-# Gains in use for the elbows of Koch and OMX arms: a P gain this high needs a D gain.
-_ARM_GAINS: Mapping[str, int] = MappingProxyType({"position_d_gain": 600, "position_p_gain": 1500})
+# The XL330's P gain is in use for the elbows of Koch and OMX arms, and needs a D gain. The XL430
+# has one as delivered; its P gain is the one that ROBOTIS sets in the OMX-F.
+_XL330_GAINS: Mapping[str, int] = MappingProxyType(
+    {"position_d_gain": 600, "position_p_gain": 1500}
+)
+_XL430_GAINS: Mapping[str, int] = MappingProxyType({"position_p_gain": 1000})
+_ARM_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
+    {"XL330-M288": _XL330_GAINS, "XL330-M077": _XL330_GAINS, "XL430-W250": _XL430_GAINS}
+)
 # A gripper is a little softer.
-_GRIPPER_GAINS: Mapping[str, int] = MappingProxyType({"position_p_gain": 800})
-_SOFT_GAINS = ("XL330-M288", "XL330-M077")
+_XL330_GRIPPER: Mapping[str, int] = MappingProxyType({"position_p_gain": 800})
+_GRIPPER_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
+    {"XL330-M288": _XL330_GRIPPER, "XL330-M077": _XL330_GRIPPER}
+)
+_NO_GAINS: Mapping[str, int] = MappingProxyType({})
 
 
 def raise_gains(bus: ServoBus, servo_id: int, *, gripper: bool) -> None:
@@ -352,8 +362,7 @@ def raise_gains(bus: ServoBus, servo_id: int, *, gripper: bool) -> None:
         BusError: It does not answer.
     """
     table = bus.servos[servo_id].table
-    if table.model_name not in _SOFT_GAINS:
-        return
-    for name, gain in (_GRIPPER_GAINS if gripper else _ARM_GAINS).items():
+    gains = (_GRIPPER_GAINS if gripper else _ARM_GAINS).get(table.model_name, _NO_GAINS)
+    for name, gain in gains.items():
         if bus.read(servo_id, table.registers[name], raw=True) < gain:
             bus.write(servo_id, table.registers[name], gain, raw=True)

@@ -44,7 +44,7 @@ class ServoTorque:
     Attributes:
         stiffness_nm_rad: Torque of each rad between goal and horn, at ``p_gain``.
         p_gain: Register value of the P gain that the servo has while an arm moves: as delivered,
-            XL330 as `control.servo_group` raises it.
+            or as `control.servo_group` raises it.
         full_duty_nm: Torque of the blocked motor for the whole duty, before friction.
         damping_nm_s: Torque that back-EMF and viscous friction take for each rad/s.
         armature_kg_m2: Inertia of rotor and gears.
@@ -103,7 +103,7 @@ SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType
         ("SCS15", None): ServoTorque(11.5, 32, 2.20, 0.328, 0.0020, _SCS15, 0.014),
         ("XL330-M288", None): ServoTorque(2.67, 1500, 0.619, 0.0473, 0.0020, _XL330_M288),
         ("XL330-M077", None): ServoTorque(1.11, 1500, 0.256, 0.00632, 0.00018, _XL330_M077),
-        ("XL430-W250", None): ServoTorque(5.82, 640, 1.58, 0.245, 0.0053, _XL430),
+        ("XL430-W250", None): ServoTorque(9.09, 1000, 1.58, 0.245, 0.0053, _XL430),
         ("XM430-W350", None): ServoTorque(19.9, 800, 4.32, 0.888, 0.0112, _XM430),
         ("XM540-W270", None): ServoTorque(51.4, 800, 11.2, 3.52, 0.0260, _XM540),
         ("AX-12A", None): ServoTorque(2.7, 32, 1.58, 0.253, 0.0032, _AX_12),

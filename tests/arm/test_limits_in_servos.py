@@ -4,7 +4,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import ServoAlarmError
-from tests.arm.simulated import clock_of, line_of, registers
+from tests.arm.simulated import clock_of, line_of, registers, true_joints
 
 
 @pytest.fixture
@@ -82,7 +82,15 @@ def test_a_soft_dynamixel_is_made_stiff_enough_to_carry_its_arm(x_series):
     x_series.enable()
     gains = [registers(x_series, f"position_{part}_gain") for part in "pid"]
     assert {tuple(gain[i] for gain in gains) for i in (3, 4, 5)} == {(1500, 0, 600)}
+    assert {tuple(gain[i] for gain in gains) for i in (1, 2)} == {(1000, 0, 4000)}
     assert gains[0][6] == 800
+
+
+def test_a_weak_shoulder_lifts_the_arm_that_lies_back_at_its_slowest_speed():
+    with ikservo.open_arm("omx_f", port="sim") as arm:
+        arm.move_joints({"joint2": -1.85, "joint3": -1.48, "joint4": 0.0})
+        arm.move_joints({"joint2": -0.87}, speed="slow")
+        assert true_joints(arm)["joint2"] == pytest.approx(-0.87, abs=0.01)
 
 
 def test_a_profile_that_was_made_time_based_while_torque_was_off_is_noticed(x_series):
