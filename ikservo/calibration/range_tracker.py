@@ -197,7 +197,6 @@ class JointUnderCalibration:
 
 _BLOCKED_S = 0.25
 _BLOCKED_RAD = 0.004  # less than three ticks of 4096
-_MIN_LAG_RAD = 0.045  # the lag of a servo at about a third of its torque
 _CONTACT_LOAD_PERCENT = 0.4  # fraction of its maximum, as the servo reports it
 _TIME_TOLERANCE_S = 1.5  # at rest for so long without load is no stop
 
@@ -214,14 +213,19 @@ class ContactState(Enum):
 class EndStopDetector:
     """Detects the stop of one joint; angles are of the servo's horn.
 
+    Static friction and gravity hold a joint until its servo presses with as much torque as it may.
+    So a joint at rest is at a stop only when its lag is so large that the servo does.
+
     Attributes:
         max_load_percent: The load limit of its servo.
+        min_lag_rad: How far it must be behind its goal.
         contact: The state of the joint.
         since_s: When it last moved; None before the first sample.
         at_rad: Its position then.
     """
 
     max_load_percent: float
+    min_lag_rad: float
     contact: ContactState = ContactState.MOVING
     since_s: float | None = None
     at_rad: float = 0.0
@@ -230,7 +234,7 @@ class EndStopDetector:
         """Return whether the load must be checked: at rest behind its goal for long enough."""
         updated = self.update(at_s, at_rad)
         at_rest_s = at_s - (at_s if updated.since_s is None else updated.since_s)
-        return at_rest_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= _MIN_LAG_RAD
+        return at_rest_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= self.min_lag_rad
 
     def update(self, at_s: float, at_rad: float) -> EndStopDetector:
         """Return it with one more position sample."""

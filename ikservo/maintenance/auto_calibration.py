@@ -51,6 +51,9 @@ _SPEED_FRACTION = 0.45  # than slow
 _BACK_OFF_RAD = math.radians(4.0)  # the horn's angle
 _ARRIVED_RAD = math.radians(1.5)
 _POLL_PERIOD_S = 0.05
+# Of the maximum lead: beyond it goals slow down, and at 0.9 of it a joint counts as blocked. Every
+# servo of the catalogue gives half of its torque there, at the gains it has.
+_PRESSING_SHARE = 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +120,15 @@ class _EndStopSearch:
         self._trajectory: OnlineTrajectory | None = None
         self._polled_s = -math.inf
         self._leaving = False
-        self.detector = EndStopDetector(max_load_percent=100.0 * fraction)
+        self.detector = EndStopDetector(100.0 * fraction, self._pressing_lag_rad())
         self.furthest = math.nan
+
+    def _pressing_lag_rad(self) -> float:
+        """Return the lag behind the goal at which the servo presses as hard as it may."""
+        fence = self._context.servos.fences[self._column]
+        speed = self._context.planner.motion_limits("slow")[self._column].speed_rad_s
+        lead_rad = fence.max_lead_ticks(speed) * fence.joint_map.horn_rad_per_tick
+        return _PRESSING_SHARE * lead_rad
 
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:
         self._context.servos.limit_force(self._joint, self._fraction)  # after torque-on

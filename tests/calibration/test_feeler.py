@@ -6,12 +6,13 @@ import pytest
 
 from ikservo.calibration.range_tracker import ContactState, EndStopDetector
 
-AHEAD, LOUD = 0.08, 28.0  # rad that the goal leads, and percent of 30
+AHEAD, LOUD = 0.13, 28.0  # rad that the goal leads, and percent of 30
+FAR = 0.12  # rad from which a servo presses as hard as it may
 
 
 def after(samples, most_percent=30.0):
     """Return what a feeler says after looks (s, rad, goal, percent)."""
-    feeler = EndStopDetector(most_percent)
+    feeler = EndStopDetector(most_percent, FAR)
     for sample in samples:
         feeler = feeler.update_with_load(*sample)
     return feeler.contact
@@ -43,6 +44,11 @@ def test_the_direction_of_pressing_does_not_matter(sign):
     assert after(standing(0.3, goal=sign * AHEAD, load=sign * LOUD)) is ContactState.STOP
 
 
+def test_a_joint_that_friction_holds_until_it_presses_harder_is_not_stopped():
+    stuck = [(0.02 * k, 0.0, min(0.01 * k, 0.11), LOUD) for k in range(50)]
+    assert after(stuck) is ContactState.MOVING
+
+
 def test_a_joint_that_stands_without_pressing_is_no_stop_but_a_fault():
     assert after(standing(1.0, load=2.0)) is ContactState.MOVING
     assert after(standing(1.6, load=2.0)) is ContactState.NO_CONTACT
@@ -60,7 +66,7 @@ def test_a_trembling_of_a_tick_is_standing():
 
 def samples(*rows, most_percent=64.0):
     """Return a feeler after looks (s, rad) at a joint that presses with half of what it may."""
-    feeler = EndStopDetector(most_percent)
+    feeler = EndStopDetector(most_percent, FAR)
     for at_s, at_rad in rows:
         feeler = feeler.update_with_load(at_s, at_rad, at_rad + AHEAD, 32.0)
     return feeler
@@ -74,7 +80,7 @@ def test_the_quarter_of_a_second_begins_where_it_last_moved(last_s, touch):
 
 
 def test_a_first_look_decides_nothing():
-    assert not EndStopDetector(30.0).may_be_blocked(7.0, 0.0, 1.0)
+    assert not EndStopDetector(30.0, FAR).may_be_blocked(7.0, 0.0, 1.0)
     assert samples((7.0, 0.0)).contact is ContactState.MOVING
 
 
@@ -87,10 +93,10 @@ def test_less_than_three_ticks_are_no_motion(way, step_rad, stands):
 
 
 @pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize(("behind_rad", "stop"), [(0.045, True), (0.0449, False)])
+@pytest.mark.parametrize(("behind_rad", "stop"), [(0.12, True), (0.1199, False)])
 def test_it_must_be_so_far_behind_its_goal(way, behind_rad, stop):
     feeler = (
-        EndStopDetector(64.0)
+        EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 0.0, 0.0, 0.0)
         .update_with_load(0.25, 0.0, way * behind_rad, 32.0)
     )
@@ -99,7 +105,7 @@ def test_it_must_be_so_far_behind_its_goal(way, behind_rad, stop):
 
 def test_behind_is_counted_from_where_it_stands():
     feeler = (
-        EndStopDetector(64.0)
+        EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 1.0, 1.02, 32.0)
         .update_with_load(0.25, 1.0, 1.02, 32.0)
     )
@@ -109,7 +115,7 @@ def test_behind_is_counted_from_where_it_stands():
 @pytest.mark.parametrize(("load", "stop"), [(25.6, True), (25.5, False), (-25.6, True)])
 def test_two_fifths_of_what_it_may_press_are_loud(load, stop):
     feeler = (
-        EndStopDetector(64.0)
+        EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 0.0, 1.0, load)
         .update_with_load(0.25, 0.0, 1.0, load)
     )
@@ -121,7 +127,7 @@ def test_two_fifths_of_what_it_may_press_are_loud(load, stop):
 )
 def test_a_joint_that_stands_a_second_and_a_half_without_pressing_is_slack(stood_s, touch):
     feeler = (
-        EndStopDetector(64.0)
+        EndStopDetector(64.0, FAR)
         .update_with_load(4.0, 0.0, 1.0, 0.0)
         .update_with_load(4.0 + stood_s, 0.0, 1.0, 0.0)
     )
