@@ -338,6 +338,7 @@ class CartesianPathError(UnreachableError):
 
     Attributes:
         along_m: The distance along the path at which it fails.
+        shape: What the path is: line or arc.
     """
 
     def __init__(
@@ -346,14 +347,16 @@ class CartesianPathError(UnreachableError):
         target_m: Sequence[float],
         nearest_m: Sequence[float],
         binding: Sequence[str] = (),
+        shape: str = "line",
     ) -> None:
         super().__init__(target_m, nearest_m, binding)
-        self.along_m = along_m
+        self.along_m, self.shape = along_m, shape
         self.command_message = (
-            f"The line can be followed for {along_m:.3f} m only, to "
+            f"The {shape} can be followed for {along_m:.3f} m only, to "
             f"{format_point(target_m)} ({', '.join(binding)})."
         )
-        self.command_hint = "Nothing moved. Choose a nearer end, or move there without --line."
+        other = "move there without --line" if shape == "line" else "a smaller arc"
+        self.command_hint = f"Nothing moved. Choose a nearer end, or {other}."
 
 
 class OrientationError(UnreachableError):

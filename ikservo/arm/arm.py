@@ -34,10 +34,14 @@ from ikservo.arm.following import (
 from ikservo.arm.gripper import GraspResult, GripperCommand, move_gripper, resolve_goal
 from ikservo.arm.jogging import JogResult, KeepGoing, jog
 from ikservo.arm.motion_options import (
+    ArcOptions,
     FollowOptions,
     GripperOptions,
     JointOptions,
+    LineOptions,
     MotionSettings,
+    PlanArcOptions,
+    PlanLineOptions,
     PlanOptions,
     PlanThroughOptions,
     PointOptions,
@@ -94,11 +98,11 @@ class Arm:
     The first motion switches torque on, and is slow. Torque stays on when the arm is closed unless
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
 
-    Motions (``move_to``, ``move_line``, ``move_through``, ``move_joints``, ``pose``, ``gripper``,
-    ``replay``) block until the arm is at rest. With ``wait=False`` they run in the background,
-    after the ones before, and return a ``Motion`` with ``done``, ``wait`` and ``cancel``; its
-    ``wait`` returns the result and raises the errors. Closing the arm cancels it. The options of
-    motions are documented in ``ikservo.arm.motion_options``.
+    Motions (``move_to``, ``move_line``, ``move_arc``, ``move_through``, ``move_joints``, ``pose``,
+    ``gripper``, ``replay``) block until the arm is at rest. With ``wait=False`` they run in the
+    background, after the ones before, and return a ``Motion`` with ``done``, ``wait`` and
+    ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm cancels it.
+    The options of motions are documented in ``ikservo.arm.motion_options``.
 
     Args:
         context: What the arm is made of.
@@ -319,15 +323,30 @@ class Arm:
         tip = parse_options("plan_to", PlanOptions, options)
         return self._preflight.plan_to(position_m, tip)
 
-    def plan_line(self, position_m: ArrayLike, **options: Unpack[PlanOptions]) -> MotionPlan:
-        """Plan a straight line of the tip to a point; options as ``plan_to``; see ``move_line``."""
-        tip = parse_options("plan_line", PlanOptions, options)
+    def plan_line(self, position_m: ArrayLike, **options: Unpack[PlanLineOptions]) -> MotionPlan:
+        """Plan a straight line of the tip to a point; see ``move_line`` and ``PlanLineOptions``."""
+        tip = parse_options("plan_line", PlanLineOptions, options)
         return self._preflight.plan_line(position_m, tip)
+
+    def plan_arc(
+        self,
+        via_m: ArrayLike | None = None,
+        end_m: ArrayLike | None = None,
+        **options: Unpack[PlanArcOptions],
+    ) -> MotionPlan:
+        """Plan an arc or a circle of the tip; see ``move_arc``.
+
+        Options: full_circle, center_m, normal, angle_rad, speed, tool_speed_m_s, stance,
+        orientation; see ``PlanArcOptions``.
+        """
+        tip = parse_options("plan_arc", PlanArcOptions, options)
+        return self._preflight.plan_arc(via_m, end_m, tip)
 
     def plan_through(self, points_m: Points, **options: Unpack[PlanThroughOptions]) -> MotionPlan:
         """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``.
 
-        Options: blend_m, line, speed, stance, orientation; see ``PlanThroughOptions``.
+        Options: blend_m, line, speed, tool_speed_m_s, stance, orientation; see
+        ``PlanThroughOptions``.
         """
         tip = parse_options("plan_through", PlanThroughOptions, options)
         return self._preflight.plan_through(points_m, tip)
@@ -405,25 +424,52 @@ class Arm:
 
     @overload
     def move_line(
-        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[PointOptions]
+        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[LineOptions]
     ) -> MoveResult: ...
     @overload
     def move_line(
-        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
+        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[LineOptions]
     ) -> Motion[MoveResult]: ...
     def move_line(
-        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[PointOptions]
+        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[LineOptions]
     ) -> MoveResult | Motion[MoveResult]:
         """Move the tip to a point (3,) [m] on a straight line; the tool turns evenly along it.
 
-        Options: speed, stance, orientation, on_progress; see ``PointOptions``.
+        Options: speed, tool_speed_m_s, stance, orientation, on_progress; see ``LineOptions``.
 
         Raises:
             UnreachableError: A point on the line is out of reach; nothing has moved. Others as for
                 ``move_to``.
         """
-        tip = parse_options("move_line", PointOptions, options)
+        tip = parse_options("move_line", LineOptions, options)
         return self._move_tip(lambda: self._preflight.plan_line(position_m, tip), tip, wait=wait)
+
+    @overload
+    def move_arc(
+        self, via_m: ArrayLike | None = None, end_m: ArrayLike | None = None,
+        *, wait: Literal[True] = True, **options: Unpack[ArcOptions]
+    ) -> MoveResult: ...  # fmt: skip
+    @overload
+    def move_arc(
+        self, via_m: ArrayLike | None = None, end_m: ArrayLike | None = None,
+        *, wait: Literal[False], **options: Unpack[ArcOptions]
+    ) -> Motion[MoveResult]: ...  # fmt: skip
+    def move_arc(
+        self, via_m: ArrayLike | None = None, end_m: ArrayLike | None = None,
+        *, wait: bool = True, **options: Unpack[ArcOptions]
+    ) -> MoveResult | Motion[MoveResult]:  # fmt: skip
+        """Move the tip on an arc through a point (3,) [m] to an end (3,), or on a circle.
+
+        Options: full_circle, center_m, normal, angle_rad, speed, tool_speed_m_s, stance,
+        orientation, on_progress; see ``ArcOptions``. The arc begins where the tip is.
+
+        Raises:
+            BadValueError: The points are on one line, or the radius is zero; nothing has moved.
+            UnreachableError: A point of the arc is out of reach; nothing has moved. Others as for
+                ``move_to``.
+        """
+        tip = parse_options("move_arc", ArcOptions, options)
+        return self._move_tip(lambda: self._preflight.plan_arc(via_m, end_m, tip), tip, wait=wait)
 
     @overload
     def move_through(
@@ -438,7 +484,8 @@ class Arm:
     ) -> MoveResult | Motion[MoveResult]:
         """Move the tip through points (k, 3) [m] without a stop, to rest at the last.
 
-        Options: blend_m, line, speed, stance, orientation, on_progress; see ``ThroughOptions``.
+        Options: blend_m, line, speed, tool_speed_m_s, stance, orientation, on_progress; see
+        ``ThroughOptions``.
 
         Raises:
             UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Others

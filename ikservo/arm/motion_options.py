@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass
 from typing import TypedDict, cast
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import check_callable
+from ikservo.arm.arguments import check_callable, parse_number
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
+from ikservo.errors import BadValueError
 
 __all__ = [
+    "ArcOptions",
     "FollowOptions",
     "GripperOptions",
     "JointOptions",
+    "LineOptions",
     "MotionSettings",
+    "PlanArcOptions",
+    "PlanLineOptions",
     "PlanOptions",
     "PlanThroughOptions",
     "PointOptions",
@@ -28,14 +34,29 @@ __all__ = [
 
 
 class PlanOptions(TypedDict, total=False):
-    """Options of ``plan_to`` and ``plan_line``; see ``PointOptions``."""
+    """Options of ``plan_to``; see ``PointOptions``."""
 
     speed: str
     stance: ToolOrientation
     orientation: ArrayLike | None
 
 
-class PlanThroughOptions(PlanOptions, total=False):
+class PlanLineOptions(PlanOptions, total=False):
+    """Options of ``plan_line``; see ``LineOptions``."""
+
+    tool_speed_m_s: float | None
+
+
+class PlanArcOptions(PlanLineOptions, total=False):
+    """Options of ``plan_arc``; see ``ArcOptions``."""
+
+    full_circle: bool
+    center_m: ArrayLike | None
+    normal: ArrayLike
+    angle_rad: float
+
+
+class PlanThroughOptions(PlanLineOptions, total=False):
     """Options of ``plan_through``; see ``ThroughOptions``."""
 
     blend_m: float
@@ -57,7 +78,7 @@ class JointOptions(TypedDict, total=False):
 
 
 class PointOptions(PlanOptions, total=False):
-    """Options of ``move_to`` and ``move_line``.
+    """Options of ``move_to``.
 
     Attributes:
         speed: The speed class of the arm file: slow, normal or fast; default normal. The first
@@ -73,14 +94,43 @@ class PointOptions(PlanOptions, total=False):
     on_progress: OnProgress | None
 
 
+class LineOptions(PlanLineOptions, total=False):
+    """Options of ``move_line``: those of ``PointOptions``, and the speed of the tool.
+
+    Attributes:
+        tool_speed_m_s: The speed of the tip, constant but for the ramps at both ends, as far as
+            the joints and the speed class (0.1, 0.25 or 0.5 m/s) allow; the plan's ``tool_speed``
+            says what is reached. Default None: the fastest.
+    """
+
+    on_progress: OnProgress | None
+
+
+class ArcOptions(PlanArcOptions, total=False):
+    """Options of ``move_arc``: those of ``LineOptions``, and circles.
+
+    Attributes:
+        full_circle: Whether the circle through the tip, the via point and the end is closed;
+            default False.
+        center_m: The centre (3,) [m] of a circle about which the tip goes, instead of a via point
+            and an end; default None.
+        normal: The direction (3,) of that circle's axis, against which it is counter-clockwise;
+            default (0, 0, 1).
+        angle_rad: How far the tip goes about it, negative for clockwise; default 2π.
+    """
+
+    on_progress: OnProgress | None
+
+
 class ThroughOptions(PlanThroughOptions, total=False):
-    """Options of ``move_through``: those of ``PointOptions``, and how the points are passed.
+    """Options of ``move_through``: those of ``LineOptions``, and how the points are passed.
 
     The orientation is that at the last point.
 
     Attributes:
         blend_m: Within which distance the tip passes each point but the last; default 0.02 m.
-        line: Whether the tip moves on straight lines, else the joints do; default False.
+        line: Whether the tip moves on straight lines, else the joints do; default False. Only on
+            lines the tool has a speed.
     """
 
     on_progress: OnProgress | None
@@ -114,13 +164,25 @@ class MotionSettings:
     on_progress: OnProgress | None = None
     blend_m: float = 0.02
     line: bool = False
+    tool_speed_m_s: float | None = None
+    full_circle: bool = False
+    center_m: ArrayLike | None = None
+    normal: ArrayLike = (0.0, 0.0, 1.0)
+    angle_rad: float = math.tau
 
     def __post_init__(self, orientation: ArrayLike | None) -> None:
+        if self.tool_speed_m_s is not None:
+            speed = parse_number("The speed of the tool", self.tool_speed_m_s)
+            if not 0.0 < speed < math.inf:
+                raise BadValueError("The speed of the tool", f"{speed:g} m/s", "more than 0 m/s")
         check_callable("on_progress", self.on_progress)
         object.__setattr__(self, "stance", check_orientation(self.stance, orientation))
 
 
-_WITH_WAIT = (PointOptions, ThroughOptions, JointOptions, GripperOptions)
+class _AllOptions(ThroughOptions, ArcOptions, total=False): ...
+
+
+_WITH_WAIT = (PointOptions, LineOptions, ArcOptions, ThroughOptions, JointOptions, GripperOptions)
 
 
 def parse_options(method: str, known: type, options: Mapping[str, object]) -> MotionSettings:
@@ -136,7 +198,7 @@ def parse_options(method: str, known: type, options: Mapping[str, object]) -> Mo
         BadValueError: The callback cannot be called, or the orientation is none or given twice.
     """
     check_options(method, known, options)
-    return MotionSettings(**cast("ThroughOptions", options))
+    return MotionSettings(**cast("_AllOptions", options))
 
 
 def check_options(method: str, known: type, options: Mapping[str, object]) -> None:

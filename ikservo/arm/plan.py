@@ -12,6 +12,7 @@ import numpy as np
 
 from ikservo.arm.arguments import parse_number
 from ikservo.arm.reports import SampledTrajectory, sample_trajectory
+from ikservo.arm.tool_speed import ToolSpeed
 from ikservo.deprecation import current_name
 from ikservo.errors import RefusedError
 from ikservo.guard import CommandLimits
@@ -95,6 +96,7 @@ class MotionPlan:
         speed_reduced: Whether it is slower than requested: the first motion with torque is slow.
         is_cartesian: Whether the tip goes along straight lines or arcs.
         cartesian_s: For how long it does, up to the end of the trajectory.
+        tool_speed: The speed of the tip along them; None where none was requested.
         via_pose: The retract pose in between; empty where the path is direct.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
@@ -119,6 +121,7 @@ class MotionPlan:
     speed_reduced: bool = False
     is_cartesian: bool = False
     cartesian_s: float = 0.0
+    tool_speed: ToolSpeed | None = None
     via_pose: str = ""
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()

@@ -23,6 +23,7 @@ from ikservo.arm.tool_orientation import (
     check_orientation_error,
     solve_with_orientation,
 )
+from ikservo.arm.tool_speed import ToolSpeed, sample_times_s, tool_speed_between
 from ikservo.errors import BadValueError, RefusedError, UnreachableError
 from ikservo.guard import sample_path
 from ikservo.ik import Result, Target, in_millimetres
@@ -38,7 +39,9 @@ from ikservo.motion import (
     JointWaypointTrajectory,
     KinematicLimits,
     SubsetTrajectory,
+    ToolPath,
     Trajectory,
+    straight_lines,
 )
 
 __all__ = ["Planner", "unreachable_error", "with_suggested_point"]
@@ -138,28 +141,62 @@ class Planner:
         speed: str,
         blend_m: float,
         stance: ToolOrientation = KEEP_BEST_EFFORT,
+        tool_speed_m_s: float | None = None,
     ) -> MotionPlan:
         """Plan straight lines of the tip through points (k, 3) [m], their corners rounded.
 
+        See ``plan_path``.
+
         Raises:
-            UnreachableError: The last point, or a point on a line, is out of reach; says where.
+            BadValueError: No point, no finite numbers, or no positive blend; see ``plan_path``.
+        """
+        _last_target(points_m)
+        return self.plan_path(
+            start,
+            lambda tip_m: straight_lines(tip_m, points_m, blend_m),
+            speed,
+            stance,
+            tool_speed_m_s,
+        )
+
+    def plan_path(
+        self,
+        start: Vector,
+        path_from: Callable[[Vector], ToolPath],
+        speed: str,
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+        tool_speed_m_s: float | None = None,
+    ) -> MotionPlan:
+        """Plan a motion of the tip from the joints ``start`` (n,) along a path.
+
+        Args:
+            start: All joints.
+            path_from: Returns the path that starts where the tip is (3,) [m].
+            speed: slow, normal or fast.
+            stance: The orientation of the tool at the end.
+            tool_speed_m_s: The constant speed of the tip; as fast as the speed class allows if
+                None.
+
+        Raises:
+            UnreachableError: The end, or a point on the way, is out of reach; says where.
             OrientationError: The tool cannot have the requested orientation.
-            BadValueError: No point, no finite numbers, no positive blend, or a preferred posture.
+            BadValueError: There is no such path, or a preferred posture was requested.
             UnknownNameError: No such speed.
         """
         if stance.posture is not None:
             raise BadValueError("The stance on a line", "a posture", "how the tool stands, or none")
-        limits, target = self.motion_limits(speed), _last_target(points_m)
-        start = self._clip_to_limits(start)
+        limits, start = self.motion_limits(speed), self._clip_to_limits(start)
         q = self._index.chain_joints(start)
+        path = path_from(self.tip(start))
+        target = Target(path.at(path.length)[0])
         solved = self._solve_orientation(start, target, replace(stance, keep=False))
         line = CartesianTrajectory(
             self._chain,
             q,
-            points_m,
+            path,
             [limits[column] for column in self._index.chain],
             speed_m_s=_TIP_M_S[speed],
-            blend_m=blend_m,
+            tool_speed_m_s=tool_speed_m_s,
             end=solved.solution.q if stance.constrains_more_than_keep else None,
             strict=stance.keep,
         )
@@ -175,6 +212,8 @@ class Planner:
             is_cartesian=True,
             cartesian_s=trajectory.duration_s,
         )
+        if tool_speed_m_s is not None:
+            plan = replace(plan, tool_speed=self._tool_speed(plan, tool_speed_m_s))
         return _with_target(plan, target, OrientationSolution(solution, error_rad), stance)
 
     def plan_waypoints(
@@ -285,6 +324,12 @@ class Planner:
         """Return the blend of the joints with which the tip passes a point within a distance."""
         J = self._chain.jacobian(self._index.chain_joints(joints))[:3]
         return blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum()))
+
+    def _tool_speed(self, plan: MotionPlan, requested_m_s: float) -> ToolSpeed:
+        times_s = sample_times_s(plan.trajectory)
+        joints = np.array([plan.trajectory.state(at_s).position for at_s in times_s])
+        found = tool_speed_between(self.tips(joints), times_s[1], requested_m_s)
+        return found.with_reasons(plan.time_limiting_joints, plan.speed, _TIP_M_S[plan.speed])
 
     def _make_plan(self, start: Vector, trajectory: Trajectory, speed: str) -> MotionPlan:
         position, velocity, acceleration = sample_states(trajectory)

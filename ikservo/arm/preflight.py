@@ -25,9 +25,10 @@ from ikservo.arm.plan import (
 )
 from ikservo.arm.planner import with_suggested_point
 from ikservo.arm.poses import PoseLibrary
-from ikservo.errors import OrientationError, RefusedError, UnreachableError
+from ikservo.errors import BadValueError, OrientationError, RefusedError, UnreachableError
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
+from ikservo.motion import ArcPath, arc_about_axis, arc_through_points
 
 __all__ = ["PlanFrom", "PreflightPlanner"]
 
@@ -79,10 +80,34 @@ class PreflightPlanner:
     def plan_through(self, points_m: Sequence[ArrayLike], tip: MotionSettings) -> MotionPlan:
         """Plan a motion of the tip through points (k, 3) [m]; see ``Arm.plan_through``."""
         blend_m, points_m = parse_number("The blend", tip.blend_m), parse_points(points_m)
-        make = self._planner.plan_linear if tip.line else self._planner.plan_waypoints
-        return self.plan_cartesian(
-            lambda start, allowed: make(start, points_m, allowed, blend_m, tip.stance), tip.speed
-        )
+
+        def plan(start: Vector, allowed: str) -> MotionPlan:
+            passed = (start, points_m, allowed, blend_m, tip.stance)
+            if tip.line:
+                return self._planner.plan_linear(*passed, tip.tool_speed_m_s)
+            return self._planner.plan_waypoints(*passed)
+
+        if tip.tool_speed_m_s is not None and not tip.line:
+            raise BadValueError(
+                "The speed of the tool",
+                "given for a motion of the joints",
+                "a straight line, or the speed of the joints: slow, normal, fast",
+            )
+        return self.plan_cartesian(plan, tip.speed)
+
+    def plan_arc(
+        self, via_m: ArrayLike | None, end_m: ArrayLike | None, tip: MotionSettings
+    ) -> MotionPlan:
+        """Plan an arc or a circle of the tip; see ``Arm.plan_arc``.
+
+        From a retract pose it would be another arc, so a folded arm is refused.
+        """
+        arc_from = _arc_from(via_m, end_m, tip)
+        self._context.require_zeros()
+        start, allowed = self._runner.start_position(), self._runner.allowed_speed(tip.speed)
+        plan = self._planner.plan_path(start, arc_from, allowed, tip.stance, tip.tool_speed_m_s)
+        plan = self._check_clear(plan, tip.speed)
+        return self._make_replannable(plan, lambda: self.plan_arc(via_m, end_m, tip))
 
     def plan_cartesian(self, planning: PlanFrom, speed: str) -> MotionPlan:
         """Plan a motion of the tip from the start position and check its path.
@@ -240,3 +265,26 @@ class PreflightPlanner:
         """Return the plan if its path is free, with whether it is slower than requested."""
         self._context.check_streamed_path(plan.trajectory, plan.speed)
         return replace(plan, speed_reduced=plan.speed != requested)
+
+
+def _arc_from(
+    via_m: ArrayLike | None, end_m: ArrayLike | None, tip: MotionSettings
+) -> Callable[[Vector], ArcPath]:
+    """Return what makes the requested arc from where the tip is (3,) [m].
+
+    Raises:
+        BadValueError: Neither a via point with an end nor a centre is given, or both.
+    """
+    if tip.center_m is not None and via_m is None and end_m is None and not tip.full_circle:
+        center_m, angle_rad = tip.center_m, parse_number("The angle of the arc", tip.angle_rad)
+        return lambda tip_m: arc_about_axis(tip_m, center_m, tip.normal, angle_rad)
+    if tip.center_m is None and via_m is not None and end_m is not None:
+        closed = tip.full_circle
+        return lambda tip_m: arc_through_points(tip_m, via_m, end_m, full_circle=closed)
+    given = {"a via point": via_m, "an end": end_m, "a centre": tip.center_m}
+    names = [name for name, value in given.items() if value is not None]
+    raise BadValueError(
+        "The arc",
+        f"given by {' and '.join(names) or 'nothing'}",
+        "a via point and an end, or a centre alone",
+    )

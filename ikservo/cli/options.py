@@ -28,6 +28,7 @@ __all__ = [
     "RollOption",
     "SpeedOption",
     "TipOption",
+    "ToolSpeedOption",
     "UncalibratedOption",
     "YesOption",
     "complete_actions",
@@ -43,12 +44,15 @@ __all__ = [
     "parse_axis",
     "parse_force_n",
     "parse_length_m",
+    "parse_point_m",
     "parse_time_s",
+    "parse_tool_speed_m_s",
 ]
 
 
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z°]*)", re.IGNORECASE)
 _METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+_TOOL_SPEEDS = {"": 0.001, "mm": 0.001, "cm": 0.01, "m": 1.0}
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 0.001, "min": 60.0}
 _NEWTONS = {"": 1.0, "n": 1.0, "mn": 0.001}
@@ -76,6 +80,16 @@ def parse_time_s(text: str | float) -> float:
     if time_s <= 0.0:
         raise typer.BadParameter(f"{text!r} is not a time above 0.")
     return time_s
+
+
+def parse_tool_speed_m_s(text: str) -> float:
+    """Return m/s above 0 from ``50``, ``50mm/s``, ``5cm/s`` or ``0.05m/s``."""
+    speed_m_s = _parse_quantity(
+        text.strip().removesuffix("/s"), _TOOL_SPEEDS, "a speed like 50, 50mm/s or 0.05m/s"
+    )
+    if speed_m_s <= 0.0:
+        raise typer.BadParameter(f"{text!r} is not a speed above 0.")
+    return speed_m_s
 
 
 def parse_axis(text: str) -> tuple[float, float, float]:
@@ -227,6 +241,17 @@ UncalibratedOption = Annotated[
 NoWiggleOption = Annotated[
     bool,
     typer.Option("--no-wiggle", help="Skip the test motion of each joint after its files changed."),
+]
+
+
+ToolSpeedOption = Annotated[
+    float | None,
+    typer.Option(
+        "--tool-speed",
+        parser=parse_tool_speed_m_s,
+        metavar="MM/S",
+        help="Constant speed of the tip on its path; as fast as --speed allows without.",
+    ),
 ]
 
 

@@ -66,6 +66,7 @@ def _plan_fields(plan: MotionPlan, goal: Mapping[str, float]) -> dict[str, objec
         ],
         "orientation_error_rad": plan.orientation_error_rad,
         "orientation_requested": plan.orientation_requested,
+        "tool_speed": plan.tool_speed,
     }
 
 
@@ -76,6 +77,7 @@ def _plan_lines(plan: MotionPlan, change_rad: float) -> list[str]:
         f"duration {plan.duration_s:.2f} s",
         f"path     {plan.path_m:.3f} m of the tip",
         f"speed    {plan.speed}",
+        *([] if plan.tool_speed is None else [f"tip      {plan.tool_speed}"]),
         *(f"binds    {words}" for words in _limiting_lines(plan)),
         *(f"near     {_format_near_limit(near)}" for near in plan.near_limits),
         *([] if plan.target_m is None else [f"tool     {tool}"]),

@@ -114,6 +114,8 @@ def announce(plan: MotionPlan, machine: Arm, *, yes: bool) -> None:
         print_status(f'Direct path would collide; moving via pose "{plan.via_pose}".')
     if plan.speed_reduced:
         print_status("First motion after torque-on: slow speed.")
+    if plan.tool_speed is not None and not plan.tool_speed.is_constant:
+        print_status(f"Tool speed: {plan.tool_speed}.")
     confirm_motion(machine, yes=yes)
 
 

@@ -1,7 +1,9 @@
 """Trajectories in time: pure functions, and the loop timer of the stream."""
 
-from ikservo.motion.cartesian import CartesianTrajectory
+from ikservo.motion.arc import ArcPath, arc_about_axis, arc_through_points
+from ikservo.motion.cartesian import CartesianTrajectory, straight_lines
 from ikservo.motion.online import OnlineTrajectory
+from ikservo.motion.path import ToolPath
 from ikservo.motion.point_to_point import JointMove, RuckigMotion, stop_trajectory
 from ikservo.motion.rate import Rate
 from ikservo.motion.time_scaling import JointWaypointTrajectory
@@ -14,6 +16,7 @@ from ikservo.motion.trajectory import (
 )
 
 __all__ = [
+    "ArcPath",
     "CartesianTrajectory",
     "ConcatenatedTrajectory",
     "JointMove",
@@ -23,7 +26,11 @@ __all__ = [
     "Rate",
     "RuckigMotion",
     "SubsetTrajectory",
+    "ToolPath",
     "Trajectory",
     "TrajectoryPoint",
+    "arc_about_axis",
+    "arc_through_points",
     "stop_trajectory",
+    "straight_lines",
 ]

@@ -13,7 +13,13 @@ from ikservo.errors import BadValueError, CartesianPathError
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.se3 import log_so3
-from ikservo.motion.path import ArmPlane, BlendedPath, OrientationInterpolation, SplinePath
+from ikservo.motion.path import (
+    ArmPlane,
+    BlendedPath,
+    OrientationInterpolation,
+    SplinePath,
+    ToolPath,
+)
 from ikservo.motion.path_ik import track_path
 from ikservo.motion.time_scaling import PathTrajectory
 from ikservo.motion.trajectory import KinematicLimits
@@ -23,6 +29,7 @@ __all__ = [
     "CartesianJointPath",
     "CartesianTrajectory",
     "solve_cartesian_path",
+    "straight_lines",
 ]
 
 
@@ -37,6 +44,7 @@ _LEVER_M = 0.1
 # Half of the allowed deviation of a line; the other half is for the servos' ticks.
 _MAX_DEVIATION_M = 0.25e-3
 _ROUNDING = 1e-9
+_BLEND_M = 0.02
 _CHECKS_PER_POINT = 4
 
 
@@ -56,7 +64,7 @@ class CartesianJointPath:
 def solve_cartesian_path(
     chain: Chain,
     start: Vector,
-    path: BlendedPath,
+    path: ToolPath,
     end: Vector | None = None,
     *,
     strict: bool = False,
@@ -113,14 +121,14 @@ def _desired_orientation(
 
 
 def _follow_orientation(
-    chain: Chain, start: Vector, path: BlendedPath, desired: OrientationInterpolation
+    chain: Chain, start: Vector, path: ToolPath, desired: OrientationInterpolation
 ) -> OrientationInterpolation:
     _ = chain, start, path
     return desired
 
 
 def _interpolate_to_reachable(
-    chain: Chain, start: Vector, path: BlendedPath, desired: OrientationInterpolation
+    chain: Chain, start: Vector, path: ToolPath, desired: OrientationInterpolation
 ) -> OrientationInterpolation:
     """Return the even rotation to the nearest possible orientation at the path's end."""
     joints = track_path(chain, start, path, desired, _point_counts(path, desired)[0])
@@ -131,13 +139,13 @@ def _interpolate_to_reachable(
 
 
 def _follow_position_only(
-    chain: Chain, start: Vector, path: BlendedPath, desired: OrientationInterpolation
+    chain: Chain, start: Vector, path: ToolPath, desired: OrientationInterpolation
 ) -> None:
     _ = chain, start, path, desired
 
 
 def _fit_spline(
-    chain: Chain, start: Vector, path: BlendedPath, orientation: OrientationInterpolation | None
+    chain: Chain, start: Vector, path: ToolPath, orientation: OrientationInterpolation | None
 ) -> SplinePath:
     """Return the spline through enough points to stay on the path between them."""
     worst_m = 0.0
@@ -152,11 +160,15 @@ def _fit_spline(
         worst_m = float(deviations_m.argmax()) / (len(deviations_m) - 1) * path.length
     at_m = path.at(worst_m)[0].tolist()
     raise CartesianPathError(
-        worst_m, at_m, at_m, ["the joints would have to turn too sharply (singularity)"]
+        worst_m,
+        at_m,
+        at_m,
+        ["the joints would have to turn too sharply (singularity)"],
+        shape=path.shape,
     )
 
 
-def _point_counts(path: BlendedPath, orientation: OrientationInterpolation | None) -> list[int]:
+def _point_counts(path: ToolPath, orientation: OrientationInterpolation | None) -> list[int]:
     rotation_rad = 0.0 if orientation is None else float(np.linalg.norm(orientation.rotation_rad))
     return [
         max(_MIN_POINTS, 1 + math.ceil(max(path.length / step_m, rotation_rad / _STEP_RAD)))
@@ -164,7 +176,7 @@ def _point_counts(path: BlendedPath, orientation: OrientationInterpolation | Non
     ]
 
 
-def _path_deviations_m(chain: Chain, path: BlendedPath, spline: SplinePath, count: int) -> Vector:
+def _path_deviations_m(chain: Chain, path: ToolPath, spline: SplinePath, count: int) -> Vector:
     """Return the tip's distance from the path (count,); infinite outside joint limits."""
     fractions = np.linspace(0.0, 1.0, count)
     q = spline.points(fractions * spline.length)
@@ -197,7 +209,7 @@ def _orientation_errors(
 
 
 def _check_orientation_kept(
-    chain: Chain, desired: OrientationInterpolation, path: BlendedPath, spline: SplinePath
+    chain: Chain, desired: OrientationInterpolation, path: ToolPath, spline: SplinePath
 ) -> CartesianJointPath:
     """Return the curve, if the tool keeps the desired orientation all along."""
     curve = _measure_curve(chain, desired, spline)
@@ -208,19 +220,34 @@ def _check_orientation_kept(
     at_m = path.at(along_m)[0].tolist()
     rotation_deg = math.degrees(curve.orientation_error_rad.max())
     raise CartesianPathError(
-        along_m, at_m, at_m, [f"the tool would turn by up to {rotation_deg:.1f}°"]
+        along_m,
+        at_m,
+        at_m,
+        [f"the tool would turn by up to {rotation_deg:.1f}°"],
+        shape=path.shape,
     )
 
 
-_BLEND_M = 0.02
+def straight_lines(
+    start_m: Vector, points_m: Sequence[ArrayLike], blend_m: float = _BLEND_M
+) -> BlendedPath:
+    """Return straight lines from a start (3,) through points (k, 3) [m], their corners rounded.
+
+    The lines are left at the blend's distance from each point but the last, half of a line at most,
+    and the point is passed at no more than 3/8 of it.
+
+    Raises:
+        BadValueError: No finite numbers, or no positive blend.
+    """
+    corners = [finite_vector(point, 3, "The end of the line") for point in points_m]
+    return BlendedPath(np.array([start_m, *corners]), [blend_m] * (len(corners) - 1))
 
 
 class CartesianTrajectory(PathTrajectory):
-    """A motion of a chain's joints that moves its tip along straight lines through points.
+    """A motion of a chain's joints that moves its tip along a path, from rest to rest.
 
-    It rests only at its end. At each point but the last it leaves the lines at the blend's
-    distance, and passes the point at no more than 3/8 of it. On the lines it strays by less than
-    half a millimetre.
+    It strays from the path by less than half a millimetre. The speed of the tip is constant but
+    for its ramps, wherever the limits of the joints allow it; in a rounded corner it is lower.
 
     The tool's orientation is kept as well as the arm can: arms of four and five joints keep pitch
     and roll in the upright plane that their first joint rotates, others the whole of it. With
@@ -229,10 +256,10 @@ class CartesianTrajectory(PathTrajectory):
     Args:
         chain: The arm; ``start`` is inside its limits.
         start: The joints at the start (dof,), rad or m.
-        points_m: The points of the tip (k, 3), metres, base frame.
+        path: The path of the tip from there, metres, base frame.
         limits: The kinematic limits of each joint.
-        speed_m_s: The maximum speed of the tip.
-        blend_m: How far from a point its two lines are left; half of a line at most.
+        speed_m_s: The maximum speed of the tip; a radian of the tool counts as 0.1 m.
+        tool_speed_m_s: The speed of the tip alone, at most the one before; None for the fastest.
         end: Joints (dof,) with the final orientation of the tool, as far as the arm can on its
             branch.
         strict: Whether the orientation must be kept in the world exactly.
@@ -244,32 +271,31 @@ class CartesianTrajectory(PathTrajectory):
     Raises:
         CartesianPathError: A point of the path is out of reach, or only reachable by a jump of
             the joints; names the place and the cause.
-        BadValueError: No finite numbers, or no positive speed or blend.
+        BadValueError: No finite numbers, or no positive speed.
     """
 
     def __init__(
         self,
         chain: Chain,
         start: ArrayLike,
-        points_m: Sequence[ArrayLike],
+        path: ToolPath,
         limits: Sequence[KinematicLimits],
         *,
         speed_m_s: float = 0.25,
-        blend_m: float = _BLEND_M,
+        tool_speed_m_s: float | None = None,
         end: ArrayLike | None = None,
         strict: bool = False,
     ) -> None:
-        if not 0.0 < speed_m_s < math.inf:
-            raise BadValueError("The speed of the tool", speed_m_s, "a positive number of m/s")
+        for speed in (speed_m_s, tool_speed_m_s):
+            if speed is not None and not 0.0 < speed < math.inf:
+                raise BadValueError("The speed of the tool", speed, "a positive number of m/s")
         begin = finite_vector(start, chain.dof, "The start of the line")
         final = None if end is None else finite_vector(end, chain.dof, "The end of the line")
-        corners = [finite_vector(point, 3, "The end of the line") for point in points_m]
-        path = BlendedPath(
-            np.array([chain.forward(begin)[:3, 3], *corners]), [blend_m] * (len(corners) - 1)
-        )
         self.length_m = path.path_length()
         curve = solve_cartesian_path(chain, begin, path, final, strict=strict)
         self.orientation_error_rad = curve.orientation_error_rad
         stretch = curve.spline.length / max(path.length, 1e-9)
         marks = [mark * stretch for mark in path.breakpoints]
+        if tool_speed_m_s is not None:
+            speed_m_s = min(speed_m_s, tool_speed_m_s) * stretch
         super().__init__(curve.spline, limits, speed_m_s, marks)

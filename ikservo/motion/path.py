@@ -15,7 +15,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, log_so3
 
-__all__ = ["ArmPlane", "BlendedPath", "OrientationInterpolation", "Path", "SplinePath"]
+__all__ = ["ArmPlane", "BlendedPath", "OrientationInterpolation", "Path", "SplinePath", "ToolPath"]
 
 
 class Path(Protocol):
@@ -38,6 +38,34 @@ class Path(Protocol):
         ...
 
 
+class ToolPath(Protocol):
+    """A path of the tip (3,) in metres, which the joints have to follow.
+
+    Attributes:
+        shape: What it is called in a message.
+    """
+
+    shape: str
+
+    @property
+    def length(self) -> float:
+        """Return the distance at its end; it starts at 0."""
+        ...
+
+    @property
+    def breakpoints(self) -> list[float]:
+        """Return the distances at which it changes its kind, and both ends."""
+        ...
+
+    def path_length(self) -> float:
+        """Return the length of the curve itself, which rounded corners make shorter."""
+        ...
+
+    def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
+        """Return the point, its slope and its bend (3,) at a distance."""
+        ...
+
+
 # Points nearer than this are equal.
 _SAME_POINT_M = 1e-9
 
@@ -57,7 +85,12 @@ class BlendedPath:
 
     Raises:
         BadValueError: A blend is not positive.
+
+    Attributes:
+        shape: What it is called in a message.
     """
+
+    shape = "line"
 
     def __init__(self, points: Matrix, blends: Sequence[float], order: float = 2) -> None:
         if not all(0.0 < blend < np.inf for blend in blends):

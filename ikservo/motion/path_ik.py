@@ -8,7 +8,7 @@ from ikservo.errors import CartesianPathError
 from ikservo.ik import NOT_LIMITED, Options, Solver, Tolerance
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.motion.path import BlendedPath, OrientationInterpolation
+from ikservo.motion.path import OrientationInterpolation, ToolPath
 
 __all__ = ["track_path"]
 
@@ -27,7 +27,7 @@ _MAX_ITERATIONS, _SAME_PLANE_RAD = 8, 1e-10
 def track_path(
     chain: Chain,
     start: Vector,
-    path: BlendedPath,
+    path: ToolPath,
     orientation: OrientationInterpolation | None,
     count: int,
 ) -> Matrix:
@@ -62,7 +62,7 @@ def track_path(
 
 def _solve_point(
     solver: Solver,
-    path: BlendedPath,
+    path: ToolPath,
     orientation: OrientationInterpolation | None,
     fraction: float,
     before: Vector,
@@ -84,7 +84,7 @@ def _solve_point(
 def _check_path_step(
     chain: Chain,
     solver: Solver,
-    path: BlendedPath,
+    path: ToolPath,
     fraction: float,
     before: Vector,
     q: Vector,
@@ -104,11 +104,12 @@ def _check_path_step(
         path.at(fraction * path.length)[0].tolist(),
         chain.forward(before)[:3, 3].tolist(),
         why,
+        shape=path.shape,
     )
 
 
 def _max_joint_step_rad(
-    path: BlendedPath, orientation: OrientationInterpolation | None, count: int
+    path: ToolPath, orientation: OrientationInterpolation | None, count: int
 ) -> float:
     rotation_rad = 0.0 if orientation is None else float(np.linalg.norm(orientation.rotation_rad))
     return (_MAX_RAD_PER_M * path.length + _MAX_STEP_RAD * rotation_rad) / (count - 1) + 1e-6

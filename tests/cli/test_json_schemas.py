@@ -31,6 +31,7 @@ QUIET = [  # one command for each schema whose keys the sources put together whi
     f"where {SIM} --visible-from 0.6,0.3,0.4 --json",
     f"joints wrist_roll=5 {SIM} --json",
     f"move 0.2 0.05 0.15 --dry-run {SIM} --json",
+    f"arc 0.2 0.05 0.12 --via 0.21,0.03,0.1 {SIM} --json",
     "solve 0.2 0.05 0.15 --arm so101 --json",
     "solve 0.2 0.05 0.15 --arm so101 --force 0 0 -1 --json",
     "solve 0.25 0.05 0.15 --arm px100 --all --json",

@@ -52,6 +52,9 @@ _OWN = {  # where one name means something else
     ("calibration", "action"): ["diff", "push", "pull"],
     ("sim", "arguments"): ["{arm}"],
 }
+_NEEDED = {  # options that a command cannot do without
+    "arc": ("--via", "{via}"),
+}
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "export": (("kind", "recording"), ["lerobot", "csv {folder}/wave.jsonl"]),
 }
@@ -76,7 +79,8 @@ def lines_of(command):
         lines = [(text,) for text in _WHOLE[command][1]]
     else:
         lines = list(itertools.product(*(_values(command, name) for name in names)))
-    options = [word for p in parameters for word in _typed(p) if p.param_type_name == "option"]
+    options = list(_NEEDED.get(command, ()))
+    options += [word for p in parameters for word in _typed(p) if p.param_type_name == "option"]
     return [" ".join((command, *line, *options)) for line in lines]
 
 
@@ -88,7 +92,7 @@ def filled(line, arm, port, folder):
     degrees = round(float(np.degrees(model.pose("home")[joint])) + 3.0, 1)
     text = line.format(
         arm=arm, port=port, folder=folder, x=f"{x:.3f}", y=f"{y:.3f}", z=f"{z:.3f}",
-        joint=joint, degrees=degrees,
+        joint=joint, degrees=degrees, via=f"{x - 0.02:.3f},{y + 0.015:.3f},{z:.3f}",
     )  # fmt: skip
     return text.split()
 

@@ -7,9 +7,9 @@ import numpy as np
 from tests.journeys.command_arguments import BY_HAND, FILED, usual_target_m
 from tests.oracle import ARMS, tip_from_joints
 
-MOVING = ("move", "joints", "jog", "gripper", "pose", "replay", "follow", "relax")
+MOVING = ("move", "arc", "joints", "jog", "gripper", "pose", "replay", "follow", "relax")
 ONE_JOINT = ("joints", "jog", "gripper", "move_joints", "plan_joints", "stream")
-STRAIGHT_LINES = ("move_line", "plan_line")
+CARTESIAN = ("arc", "move_arc", "move_line", "plan_arc", "plan_line")
 PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable its torque anyway
     "acknowledge", "close", "disable_torque", "enable", "hold", "pose_within_limits", "record",
     "relax", "request_stop", "stop", "teach", "where",
@@ -17,8 +17,8 @@ PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable i
 # Those that say that torque comes on, or move the arm. All others leave a limp arm limp.
 ENABLING = (
     *MOVING, "carry_out", "enable", "execute", "follow_arm", "follow_goals", "go", "hold",
-    "move_joints", "move_line", "move_through", "move_to", "return_within_limits", "stream",
-    "teach",
+    "move_arc", "move_joints", "move_line", "move_through", "move_to", "return_within_limits",
+    "stream", "teach",
 )  # fmt: skip
 LIMP_AFTERWARDS = ("relax", "disable_torque")
 STABLE = ("rest, sunk", "pose rest")  # a limp arm stays there; from others it falls
@@ -59,6 +59,7 @@ def allowed_command_codes(command, kind, posture, model):
     if command == "relax" and posture not in STABLE:
         allowed |= {1}  # torque off where it lies: its path to the rest pose is blocked
     elif command in MOVING:
+        allowed |= _allowed_cartesian_codes(command, posture)
         allowed |= allowed_blocked_codes(posture, one_joint=command in ONE_JOINT)
     return allowed
 
@@ -72,15 +73,20 @@ def allowed_method_codes(method, posture, machine):
         return {1, 2}
     if not machine.zeros.are_known:
         allowed |= {6}
-    if method in STRAIGHT_LINES:
-        allowed |= {7}  # from the posture the joints need not be able to follow the line
-        if posture == "rest, sunk":
-            # The gripper lies on the table. A slanting line lifts it by less than the joints sag
-            # under the arm's weight, so it would drag along the table for the first centimetre.
-            allowed |= {8}
+    allowed |= _allowed_cartesian_codes(method, posture)
     if method not in PASSIVE:
         allowed |= allowed_blocked_codes(posture, one_joint=method in ONE_JOINT)
     return allowed
+
+
+def _allowed_cartesian_codes(what, posture):
+    """Return the exit codes of a motion along a path that begins at the posture."""
+    if what not in CARTESIAN:
+        return set()
+    # From the posture the joints need not be able to follow the path. At rest the gripper lies on
+    # the table: a slanting path lifts it by less than the joints sag under the arm's weight, so it
+    # would drag along the table for the first centimetre.
+    return {7, 8} if posture == "rest, sunk" else {7}
 
 
 def allowed_blocked_codes(posture, *, one_joint):

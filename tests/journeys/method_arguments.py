@@ -60,6 +60,11 @@ def _points(arm, _):
     return [_target(arm), arm.chain.forward(arm.model.chain_pose("home"))[:3, 3]]
 
 
+def _beside(arm, _=None):
+    """Return a point 2 cm beside the target, at its height: planar arms reach no other."""
+    return _target(arm) + np.array([-0.02, 0.015, 0.0])
+
+
 def _target(arm, _=None):
     return np.array(usual_target_m(arm.model.name))
 
@@ -110,6 +115,10 @@ _OWN = {
     ("request_stop", "reason"): lambda *_: StopReason(StopKind.PROGRAM, "enough"),
     ("teach", "name"): lambda *_: "cup",
     ("follow_arm", "until"): lambda *_: _stop_after_20(),
+    ("plan_arc", "via_m"): _beside,
+    ("plan_arc", "end_m"): _target,
+    ("move_arc", "via_m"): _beside,
+    ("move_arc", "end_m"): _target,
     ("gripper", "to"): lambda *_: "open",
 }
 

@@ -10,7 +10,7 @@ from ikservo.errors import BadValueError, CartesianPathError
 from ikservo.ik import Target, solve
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import load_model
-from ikservo.motion import CartesianTrajectory, JointMove, KinematicLimits
+from ikservo.motion import CartesianTrajectory, JointMove, KinematicLimits, straight_lines
 from tests.motion.laws import assert_inside, assert_keeps_paces, assert_smooth, sampled
 from tests.oracle import ARMS
 
@@ -22,8 +22,14 @@ FROM = CHAIN.forward(HOME)[:3, 3]
 TOGETHER = [(name, seed) for name in ARMS for seed in range(1)]
 
 
+def tool_line(chain, q, points_m, paces, blend_m=0.02, **kwargs):
+    """Return the motion of the tip along lines through points."""
+    path = straight_lines(chain.forward(q)[:3, 3], points_m, blend_m)
+    return CartesianTrajectory(chain, q, path, paces, **kwargs)
+
+
 def line(dx=0.0, dy=0.1, dz=0.05, **kwargs):
-    return CartesianTrajectory(CHAIN, HOME, [FROM + np.array([dx, dy, dz])], PACES, **kwargs)
+    return tool_line(CHAIN, HOME, [FROM + np.array([dx, dy, dz])], PACES, **kwargs)
 
 
 @cache
@@ -36,7 +42,7 @@ def seeded(name, seed):
         way_m = rng.normal(size=3) * (1.0, 1.0, 0.0 if name.startswith("planar") else 1.0)
         goal_m = chain.forward(q)[:3, 3] + rng.uniform(0.02, 0.2) * way_m / np.linalg.norm(way_m)
         try:
-            return chain, CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof)
+            return chain, tool_line(chain, q, [goal_m], [PACES[0]] * chain.dof)
         except CartesianPathError:
             continue
 
@@ -99,7 +105,7 @@ def test_an_arm_with_a_free_wrist_keeps_the_whole_orientation(name):
     model = load_model(name)
     chain, q = model.chain, model.chain_pose("home")
     goal_m = chain.forward(q)[:3, 3] + (0.03, 0.1, 0.05)
-    motion = CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof)
+    motion = tool_line(chain, q, [goal_m], [PACES[0]] * chain.dof)
     turned = chain.forward(motion.goal)[:3, :3] @ chain.forward(q)[:3, :3].T
     assert math.degrees(np.linalg.norm(log_so3(turned))) < 0.1
     assert math.degrees(motion.orientation_error_rad.max()) < 0.1
@@ -110,7 +116,7 @@ def test_an_arm_without_one_keeps_how_steep_the_tool_is(name):
     model = load_model(name)
     chain, q = model.chain, model.chain_pose("home")
     goal_m = chain.forward(q)[:3, 3] + (-0.03, 0.06, 0.02)
-    motion = CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof)
+    motion = tool_line(chain, q, [goal_m], [PACES[0]] * chain.dof)
     _, joints, _, _ = sampled(motion, 50)
     steep = chain.forward(joints)[:, 2, :3]
     np.testing.assert_allclose(steep, np.tile(steep[0], (50, 1)), atol=2e-3)
@@ -121,7 +127,7 @@ def test_turned_along_it_ends_with_the_tool_as_asked():
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
     goal = chain.forward(end)
-    motion = CartesianTrajectory(chain, q, [goal[:3, 3]], [PACES[0]] * chain.dof, end=end)
+    motion = tool_line(chain, q, [goal[:3, 3]], [PACES[0]] * chain.dof, end=end)
     there = chain.forward(motion.goal)
     np.testing.assert_allclose(there, goal, atol=1e-4)
     assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
@@ -132,7 +138,7 @@ def test_turned_along_the_turn_goes_evenly():
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
     goal_m = chain.forward(end)[:3, 3]
-    motion = CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof, end=end)
+    motion = tool_line(chain, q, [goal_m], [PACES[0]] * chain.dof, end=end)
     assert math.degrees(motion.orientation_error_rad.max()) < 0.1
 
 
@@ -141,7 +147,7 @@ def test_a_turn_in_place_leaves_the_tip_where_it_is():
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0, 0, 0, 0, 0, 0.5])
     goal_m = chain.forward(q)[:3, 3]
-    motion = CartesianTrajectory(chain, q, [goal_m], [PACES[0]] * chain.dof, end=end)
+    motion = tool_line(chain, q, [goal_m], [PACES[0]] * chain.dof, end=end)
     np.testing.assert_allclose(motion.goal, end, atol=1e-3)
     _, joints, _, _ = sampled(motion, 50)
     np.testing.assert_allclose(
@@ -163,7 +169,7 @@ def test_a_line_past_the_base_axis_is_refused_as_a_singularity():
     chain = model.chain
     q = solve(chain, Target((0.06, 0.0, 0.25)), model.chain_pose("home")).q
     with pytest.raises(CartesianPathError, match="singularity") as caught:
-        CartesianTrajectory(chain, q, [(-0.06, 0.0005, 0.25)], [PACES[0]] * chain.dof)
+        tool_line(chain, q, [(-0.06, 0.0005, 0.25)], [PACES[0]] * chain.dof)
     assert 0.0 < caught.value.along_m < 0.12
 
 
@@ -188,7 +194,7 @@ CORNERS = [FROM + np.array(way_m) for way_m in ((0, 0.08, 0), (0, 0.08, 0.08), (
 
 @pytest.mark.parametrize("blend_m", [0.005, 0.02, 0.05])
 def test_a_route_passes_each_point_within_the_blend(blend_m):
-    route = CartesianTrajectory(CHAIN, HOME, CORNERS, PACES, blend_m=blend_m)
+    route = tool_line(CHAIN, HOME, CORNERS, PACES, blend_m=blend_m)
     _, joints, _, _ = sampled(route, 3000)
     tips = CHAIN.forward(joints)[:, :3, 3]
     for corner in CORNERS[:-1]:
@@ -197,14 +203,14 @@ def test_a_route_passes_each_point_within_the_blend(blend_m):
 
 
 def test_a_route_keeps_every_law_of_a_line():
-    route = CartesianTrajectory(CHAIN, HOME, CORNERS, PACES)
+    route = tool_line(CHAIN, HOME, CORNERS, PACES)
     assert_keeps_paces(route, PACES, count=1500)
     assert_smooth(route, count=1500)
     assert_inside(route, CHAIN.lower_rad, CHAIN.upper_rad)
 
 
 def test_a_route_stops_nowhere_but_at_its_end():
-    route = CartesianTrajectory(CHAIN, HOME, CORNERS, PACES)
+    route = tool_line(CHAIN, HOME, CORNERS, PACES)
     _, _, velocity, _ = sampled(route, 400)
     assert (np.abs(velocity[20:-20]).max(axis=1) > 0.01).all()
 
@@ -212,9 +218,9 @@ def test_a_route_stops_nowhere_but_at_its_end():
 def test_a_route_takes_less_time_than_its_lines_one_after_the_other():
     lines_s, q = 0.0, HOME
     for corner in CORNERS:
-        motion = CartesianTrajectory(CHAIN, q, [corner], PACES)
+        motion = tool_line(CHAIN, q, [corner], PACES)
         lines_s, q = lines_s + motion.duration_s, motion.goal
-    assert CartesianTrajectory(CHAIN, HOME, CORNERS, PACES).duration_s < lines_s
+    assert tool_line(CHAIN, HOME, CORNERS, PACES).duration_s < lines_s
 
 
 def test_a_line_takes_little_longer_than_the_same_joints_without_one():

@@ -1,0 +1,89 @@
+"""Tool speed of a Cartesian motion: what was requested, and what the joints allow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ikservo.kinematics.arrays import Matrix
+from ikservo.motion import Trajectory
+
+__all__ = ["ToolSpeed", "sample_times_s", "tool_speed_between"]
+
+_STEP_S, _MIN_SAMPLES = 0.005, 200
+# Speeds that differ by less are equal: corners that are hardly any are passed a little slower.
+_SAME = 0.02
+_SHORT_OR_BENT = "acceleration and jerk of the joints, on a path so short or bent"
+
+
+@dataclass(frozen=True, slots=True)
+class ToolSpeed:
+    """The speed of the tip along a Cartesian path.
+
+    Attributes:
+        requested_m_s: The constant speed that was requested.
+        top_m_s: The highest that the motion has.
+        slowest_m_s: The lowest between the first and the last instant at the requested speed; the
+            highest where that is never reached.
+        limited_by: What keeps the tool from being as fast as requested all the way.
+    """
+
+    requested_m_s: float
+    top_m_s: float
+    slowest_m_s: float
+    limited_by: tuple[str, ...] = ()
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the requested speed is kept all along, ramps at both ends aside."""
+        return self.slowest_m_s >= (1.0 - _SAME) * self.requested_m_s
+
+    def with_reasons(self, joints: tuple[str, ...], speed: str, cap_m_s: float) -> ToolSpeed:
+        """Return the speed with what limits it, where it is not as requested.
+
+        Args:
+            joints: The joints at their top speed or acceleration.
+            speed: The speed class.
+            cap_m_s: The highest speed of the tip in it.
+        """
+        if self.is_constant:
+            return self
+        if self.requested_m_s > cap_m_s and self.top_m_s >= (1.0 - _SAME) * cap_m_s:
+            joints = (f"the speed class {speed} allows {1000.0 * cap_m_s:.0f} mm/s",)
+        return replace(self, limited_by=joints or (_SHORT_OR_BENT,))
+
+    def __str__(self) -> str:
+        """Describe what was reached."""
+        requested, top, slowest = (
+            f"{1000.0 * speed:.1f} mm/s"
+            for speed in (self.requested_m_s, self.top_m_s, self.slowest_m_s)
+        )
+        if self.is_constant:
+            return f"{requested}, constant but for the ramps at both ends"
+        why = f" ({', '.join(self.limited_by)})" if self.limited_by else ""
+        if self.top_m_s < (1.0 - _SAME) * self.requested_m_s:
+            return f"not {requested}: {top} at most{why}"
+        return f"{requested}, but only {slowest} at the slowest place on the way{why}"
+
+
+def sample_times_s(trajectory: Trajectory) -> list[float]:
+    """Return times [s], equally spaced over a trajectory, at which its speed is looked at."""
+    count = max(_MIN_SAMPLES, 1 + math.ceil(trajectory.duration_s / _STEP_S))
+    return np.linspace(0.0, trajectory.duration_s, count).tolist()
+
+
+def tool_speed_between(tips_m: Matrix, step_s: float, requested_m_s: float) -> ToolSpeed:
+    """Return the speed of a tip from its points (k, 3) [m] at equal time steps.
+
+    Args:
+        tips_m: The points, from rest to rest.
+        step_s: The time between two.
+        requested_m_s: The speed that was requested.
+    """
+    speeds = np.linalg.norm(np.diff(tips_m, axis=0), axis=1) / max(step_s, 1e-12)
+    fast = np.flatnonzero(speeds >= (1.0 - _SAME) * requested_m_s)
+    top = float(speeds.max(initial=0.0))
+    slowest = float(speeds[fast[0] : fast[-1] + 1].min()) if len(fast) else top
+    return ToolSpeed(requested_m_s, top, slowest)

@@ -1,0 +1,146 @@
+"""``ikservo arc``: move the tip on an arc through a point to an end, or on a circle."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, cast
+
+import typer
+
+from ikservo.arm import MoveResult
+from ikservo.arm.motion_options import PlanArcOptions
+from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.move_report import print_move_report, print_preview
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    DirectionOption,
+    DryRunOption,
+    JsonOption,
+    KeepOption,
+    NoWiggleOption,
+    PitchOption,
+    PortOption,
+    RollOption,
+    SpeedOption,
+    TipOption,
+    ToolSpeedOption,
+    UncalibratedOption,
+    YesOption,
+    orientation_from_options,
+    parse_angle_rad,
+    parse_axis,
+    parse_length_m,
+    parse_point_m,
+)
+from ikservo.cli.session import announce, open_from_options, progress_bar
+from ikservo.errors import ExitCode
+
+__all__ = ["command"]
+
+OptionalLength = Annotated[
+    float | None, typer.Argument(parser=parse_length_m, help="Where it ends: metres, or 120mm.")
+]
+Via = Annotated[
+    str | None, typer.Option("--via", metavar="X,Y,Z", help="A point that the arc passes.")
+]
+FullCircle = Annotated[
+    bool,
+    typer.Option("--full-circle", help="Pass the end and go on to where the circle began."),
+]
+Center = Annotated[
+    str | None,
+    typer.Option("--center", metavar="X,Y,Z", help="Go about this point, without X Y Z."),
+]
+Normal = Annotated[
+    str,
+    typer.Option(
+        "--normal",
+        metavar="AXIS",
+        help="With --center: axis of the circle, x, y, z or three numbers.",
+    ),
+]
+Angle = Annotated[
+    float | None,
+    typer.Option(
+        "--angle",
+        parser=parse_angle_rad,
+        metavar="DEG",
+        help="With --center: how far, by default all around; negative for clockwise.",
+    ),
+]
+
+
+def command(
+    x: OptionalLength = None,
+    y: OptionalLength = None,
+    z: OptionalLength = None,
+    *,
+    via: Via = None,
+    full_circle: FullCircle = False,
+    center: Center = None,
+    normal: Normal = "z",
+    angle: Angle = None,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    speed: SpeedOption = "normal",
+    tool_speed: ToolSpeedOption = None,
+    pitch: PitchOption = None,
+    roll: RollOption = None,
+    direction: DirectionOption = None,
+    keep: KeepOption = False,
+    collision: CollisionOption = True,
+    dry_run: DryRunOption = False,
+    uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
+    tip: TipOption = None,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Move the tip from where it is on an arc through --via to X Y Z, or about --center.
+
+    ikservo arc 0.20 -0.05 0.15 --via 0.25,0,0.15 --arm so101 --port sim
+
+    ikservo arc 0.20 -0.05 0.15 --via 0.25,0,0.15 --full-circle --tool-speed 50
+
+    ikservo arc --center 0.2,0,0.15 --normal z --angle -180
+    """
+    options: PlanArcOptions = {
+        "full_circle": full_circle,
+        "center_m": None if center is None else parse_point_m(center),
+        "normal": parse_axis(normal),
+        "angle_rad": math.tau if angle is None else angle,
+        "speed": speed,
+        "tool_speed_m_s": tool_speed,
+        "stance": orientation_from_options(pitch, roll, direction, keep=keep),
+    }
+    via_m, end_m = None if via is None else parse_point_m(via), _end_of(x, y, z)
+    with open_from_options(
+        arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
+    ) as machine:
+        plan = machine.plan_arc(via_m, end_m, **options)
+        announce(plan, machine, yes=yes or dry_run)
+        if dry_run:
+            print_preview(plan, machine, json=json)
+            return
+        if not no_wiggle and check_directions_once(machine, yes=yes):
+            plan = machine.plan_arc(via_m, end_m, **options)
+        with progress_bar() as on_progress:
+            report = cast("MoveResult", machine.execute(plan, on_progress))  # of a plan of the tip
+    print_move_report(report, json=json)
+    if not report.reached:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _end_of(*coordinates: float | None) -> tuple[float, float, float] | None:
+    """Return the end (3,) [m]; None where it is not given.
+
+    Raises:
+        typer.BadParameter: Only a part of it is.
+    """
+    x, y, z = coordinates
+    if x is not None and y is not None and z is not None:
+        return (x, y, z)
+    if x is None:
+        return None
+    raise typer.BadParameter("The end of the arc needs X Y Z.")

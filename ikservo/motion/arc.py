@@ -1,0 +1,147 @@
+"""Circular arcs in space: through a point to an end, or about an axis."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import BadValueError, format_point
+from ikservo.kinematics import finite_vector
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["ArcPath", "arc_about_axis", "arc_through_points"]
+
+_MIN_RADIUS_M, _SAME_POINT_M = 1e-4, 1e-4
+# Three points are on one line where none is further from the others' line: half of a servo's tick
+# at 0.3 m, by which the start is not known.
+_MIN_HEIGHT_M = 2e-4
+_MAX_ANGLE_RAD = 20.0 * math.pi
+
+
+class ArcPath:
+    """An arc of a circle, by its length.
+
+    Args:
+        center_m: The centre (3,), metres.
+        start_m: Where it starts (3,), metres.
+        normal: The unit vector (3,) about which it turns, perpendicular to the radius.
+        angle_rad: How far it turns; negative for the other way round.
+
+    Attributes:
+        radius_m: The radius.
+        length: The length of the arc, metres.
+        shape: What it is called in a message.
+    """
+
+    shape = "arc"
+
+    def __init__(self, center_m: Vector, start_m: Vector, normal: Vector, angle_rad: float) -> None:
+        self._center, self._out = center_m, start_m - center_m
+        self._across = math.copysign(1.0, angle_rad) * np.cross(normal, self._out)
+        self.radius_m = float(np.linalg.norm(self._out))
+        self.length = self.radius_m * abs(angle_rad)
+
+    @property
+    def breakpoints(self) -> list[float]:
+        """Return the distances of its ends."""
+        return [0.0, self.length]
+
+    def path_length(self) -> float:
+        """Return its length."""
+        return self.length
+
+    def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
+        """Return the point, its slope and its bend (3,) at a distance along the arc."""
+        angle = min(max(distance, 0.0), self.length) / self.radius_m
+        out = math.cos(angle) * self._out + math.sin(angle) * self._across
+        across = math.cos(angle) * self._across - math.sin(angle) * self._out
+        return self._center + out, across / self.radius_m, -out / self.radius_m**2
+
+
+def arc_through_points(
+    start_m: Vector, via_m: ArrayLike, end_m: ArrayLike, *, full_circle: bool = False
+) -> ArcPath:
+    """Return the arc from a start (3,) through a point to an end, metres.
+
+    Args:
+        start_m: Where it starts (3,).
+        via_m: The point that it passes (3,).
+        end_m: Where it ends (3,); with ``full_circle`` passed, too.
+        full_circle: Whether it goes on to its start.
+
+    Raises:
+        BadValueError: Two of the points are the same, or all are on one line; or no finite numbers.
+    """
+    via = finite_vector(via_m, 3, "The via point of the arc")
+    end = finite_vector(end_m, 3, "The end of the arc")
+    _check_distinct(start_m, via, end)
+    a, b = via - start_m, end - start_m
+    normal = np.cross(a, b)
+    area2 = float(normal @ normal)
+    longest = max(float(np.linalg.norm(side)) for side in (a, b, b - a))
+    if math.sqrt(area2) < _MIN_HEIGHT_M * longest:
+        raise BadValueError(
+            "The via point of the arc",
+            f"{format_point(via)}, on one line with start {format_point(start_m)} "
+            f"and end {format_point(end)}",
+            "a point beside that line, or a straight line to the end",
+        )
+    out = (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2.0 * area2)
+    unit = normal / math.sqrt(area2)
+    angle_rad = 2.0 * math.pi if full_circle else _angle_about(unit, -out, b - out)
+    return ArcPath(start_m + out, start_m, unit, angle_rad)
+
+
+def arc_about_axis(
+    start_m: Vector, center_m: ArrayLike, normal: ArrayLike, angle_rad: float
+) -> ArcPath:
+    """Return the arc that a start (3,) [m] describes about an axis.
+
+    The axis goes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length; the circle is
+    that of the start about it, counter-clockwise seen against the normal, so that the centre need
+    not be in the circle's plane.
+
+    Raises:
+        BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than
+            ten turns; or no finite numbers.
+    """
+    center = finite_vector(center_m, 3, "The centre of the circle")
+    axis = finite_vector(normal, 3, "The normal of the circle")
+    length = float(np.linalg.norm(axis))
+    if not length > 0.0:
+        raise BadValueError("The normal of the circle", "zero", "a direction such as (0, 0, 1)")
+    if not 0.0 < abs(angle_rad) <= _MAX_ANGLE_RAD:
+        raise BadValueError(
+            "The angle of the arc", f"{math.degrees(angle_rad):g}°", "up to ten turns, and not 0"
+        )
+    axis = axis / length
+    center = center + axis * float(axis @ (start_m - center))
+    radius_m = float(np.linalg.norm(start_m - center))
+    if radius_m < _MIN_RADIUS_M:
+        raise BadValueError(
+            "The radius of the circle",
+            f"{1000.0 * radius_m:.2f} mm: the tip is on its axis",
+            "a centre beside the tip",
+        )
+    return ArcPath(center, start_m, axis, angle_rad)
+
+
+def _check_distinct(start: Vector, via: Vector, end: Vector) -> None:
+    pairs = {
+        "the start, where the tip is, and the via point": (start, via),
+        "the start, where the tip is, and the end": (start, end),
+        "the via point and the end": (via, end),
+    }
+    for names, (a, b) in pairs.items():
+        if float(np.linalg.norm(a - b)) < _SAME_POINT_M:
+            raise BadValueError(
+                "The arc", f"without size: {names} are the same", "three points on a circle"
+            )
+
+
+def _angle_about(axis: Vector, first: Vector, second: Vector) -> float:
+    """Return the angle from one vector (3,) to another about an axis, 0 to 2π."""
+    angle = math.atan2(float(axis @ np.cross(first, second)), float(first @ second))
+    return angle % (2.0 * math.pi)
