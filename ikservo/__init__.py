@@ -157,8 +157,9 @@ def __getattr__(name: str) -> object:
     if name not in _HOMES:
         from ikservo.deprecation import current_name  # noqa: PLC0415  # only old names pay for it
 
-        name = current_name("ikservo", _RENAMED, name)
-    return getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
+        return __getattr__(current_name("ikservo", _RENAMED, name))
+    value = globals()[name] = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
+    return value  # from now on found without this function
 
 
 def __dir__() -> list[str]:

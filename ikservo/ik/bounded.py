@@ -23,6 +23,8 @@ from ikservo.ik.kernel.layout import (
     REACHED_POINT,
     ROTATION_ERROR,
     TRACE_LENGTH_OUT,
+    WANTED_POSITION,
+    WANTED_ROTATION,
 )
 from ikservo.ik.prepare import (
     PackedProblem,
@@ -35,7 +37,7 @@ from ikservo.ik.prepare import (
 from ikservo.ik.problem import Options, Target, check_position
 from ikservo.ik.result import ActiveLimit, Result
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 
 __all__ = [
     "bounded",
@@ -50,19 +52,20 @@ def unpack_result(
     chain: Chain, answer: Vector, method: str, trace: tuple[Vector, ...] = ()
 ) -> Result:
     """Return the result in one row of kernel output (2 dof + RESULT_TAIL,)."""
-    n = chain.dof
-    tail: list[float] = answer[2 * n :].tolist()
+    n, row = chain.dof, answer.copy()
+    numbers: list[float] = row.tolist()
+    tail, nearest = numbers[2 * n :], 2 * n + REACHED_POINT
     reached = tail[REACHED] == 1.0
     return Result(
-        q=answer[:n].copy(),
-        reached=reached,
-        position_error_m=tail[POSITION_ERROR],
-        orientation_error_rad=tail[ROTATION_ERROR],
-        binding=() if reached else _active_limits(chain, answer[n : 2 * n].tolist()),
-        iterations=int(tail[ITERATIONS]),
-        nearest_m=answer[2 * n + REACHED_POINT : 2 * n + REACHED_POINT + 3].copy(),
-        method=method,
-        trace=trace,
+        row[:n],
+        reached,
+        tail[POSITION_ERROR],
+        tail[ROTATION_ERROR],
+        () if reached else _active_limits(chain, numbers[n : 2 * n]),
+        int(tail[ITERATIONS]),
+        row[nearest : nearest + 3],
+        method,
+        trace,
     )
 
 
@@ -113,7 +116,9 @@ class Search:
             given = ready.make_seeds(chain, np.array(first), swinging=False)
             seeds = np.hstack([given, seeds])
         worker = SolverBuffers(chain.dof, restarts, traced=_TRACED if options.trace else 0)
-        self._question, self._start = worker.question[0], worker.start[0]
+        question, self._start = worker.question[0], worker.start[0]
+        self._position = question[WANTED_POSITION : WANTED_POSITION + 3]
+        self._rotation = question[WANTED_ROTATION:].reshape(3, 3)
         self._answer, self._trace = worker.answer[0], worker.trace
         load_kernel()  # where it is not compiled, its module makes it known
         run = bind(
@@ -124,7 +129,7 @@ class Search:
 
     def solve(self, chain: Chain, target: Target, q0: Vector) -> Result:
         """Return the result for a target, from ``q0`` (dof,)."""
-        _fill_question(self._question, self._kind, target)
+        _fill_question(self._position, self._rotation, self._kind, target)
         self._start[:] = q0
         if self._run_kernel() >= 0:
             raise BadValueError("The question", "none", "finite numbers and a rotation")
@@ -191,13 +196,14 @@ def _offset_array(target: Target) -> Vector | None:
 def pack_target(target: Target) -> Vector:
     """Return a target as the kernels read it (PROBLEM_SIZE,); a direction uses only z."""
     question = np.zeros(PROBLEM_SIZE)
-    _fill_question(question, target_kind_of(target), target)
+    position, rotation = question[:WANTED_ROTATION], question[WANTED_ROTATION:].reshape(3, 3)
+    _fill_question(position, rotation, target_kind_of(target), target)
     return question
 
 
-def _fill_question(question: Vector, kind: TargetKind, target: Target) -> None:
-    question[:3] = target.position
+def _fill_question(position: Vector, rotation: Matrix, kind: TargetKind, target: Target) -> None:
+    position[:] = target.position
     if kind is TargetKind.POSE:
-        question[3:] = cast("Vector", target.rotation).ravel()
+        rotation[:] = cast("Matrix", target.rotation)
     elif kind is TargetKind.DIRECTION:
-        question[5::3] = target.target_axis
+        rotation[:, 2] = target.target_axis

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +11,13 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError
 from ikservo.ik.kernel.layout import MAX_POSITION_M
 from ikservo.kinematics import finite_array, finite_vector
-from ikservo.kinematics.arrays import Matrix, Vector, largest_magnitude, read_only
+from ikservo.kinematics.arrays import (
+    Matrix,
+    Vector,
+    array_of_shape,
+    bounded_vector,
+    read_only,
+)
 from ikservo.kinematics.se3 import log_so3
 
 __all__ = [
@@ -63,21 +68,37 @@ class Target:
     rotation: Matrix | None = field(init=False, repr=False)
     axis: Vector = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        direction, orientation, axis = self.direction, self.orientation, self.tool_axis
+    # Written out, as the one that dataclasses make of a frozen class takes three times as long.
+    def __init__(
+        self,
+        position_m: ArrayLike,
+        direction: ArrayLike | None = None,
+        orientation: ArrayLike | None = None,
+        frame: str | None = None,
+        offset_m: ArrayLike | None = None,
+        tool_axis: ArrayLike = _TOOL_AXIS,
+    ) -> None:
         if direction is not None and orientation is not None:
             raise BadValueError("The target", "over-determined", "a direction or an orientation")
-        vars(self).update(
-            position=check_position(self.position_m, "The target position"),
-            target_axis=(
-                None if direction is None else normalise(direction, "The wanted direction")
-            ),
+        _check_frame(frame)
+        if offset_m is not None:
+            check_position(offset_m, "offset_m")
+        self.__dict__.update(
+            position_m=position_m,
+            direction=direction,
+            orientation=orientation,
+            frame=frame,
+            offset_m=offset_m,
+            tool_axis=tool_axis,
+            position=check_position(position_m, "The target position"),
+            target_axis=None if direction is None else normalise(direction, "The wanted direction"),
             rotation=None if orientation is None else _check_rotation(orientation),
-            axis=_TOOL_AXIS_ARRAY if axis is _TOOL_AXIS else normalise(axis, "The tool axis"),
+            axis=(
+                _TOOL_AXIS_ARRAY
+                if tool_axis is _TOOL_AXIS
+                else normalise(tool_axis, "The tool axis")
+            ),
         )
-        _check_frame(self.frame)
-        if self.offset_m is not None:
-            check_position(self.offset_m, "offset_m")
 
     @property
     def only_position(self) -> bool:
@@ -117,9 +138,7 @@ def _check_frame(frame: object) -> None:
 
 def check_position(v: ArrayLike, what: str) -> Vector:
     """Return a copy of a point (3,) [m]; BadValueError if it is none or beyond 1 km."""
-    point = finite_vector(v, 3, what)
-    if largest_magnitude(point) > MAX_POSITION_M:
-        raise BadValueError(what, point.tolist(), "metres, within 1 km")
+    point = bounded_vector(v, 3, MAX_POSITION_M, what, "metres, within 1 km")
     return point.copy()  # later changes by the caller must not change the target
 
 
@@ -135,18 +154,21 @@ def normalise(v: ArrayLike, what: str) -> Vector:
 
 
 def _check_rotation(R: ArrayLike) -> Matrix:
-    matrix = finite_array(R, (3, 3), "The orientation")
-    x, y, z = matrix.tolist()
-    lengths = abs(_dot(x, x) - 1.0), abs(_dot(y, y) - 1.0), abs(_dot(z, z) - 1.0)
-    off = max(*lengths, abs(_dot(x, y)), abs(_dot(y, z)), abs(_dot(z, x)))
-    normal = x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
-    if off > _ROTATION_TOLERANCE or _dot(normal, z) < 0.0:
+    matrix = array_of_shape(R, (3, 3), "The orientation")
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    off = max(
+        abs(a * a + b * b + c * c - 1.0),
+        abs(d * d + e * e + f * f - 1.0),
+        abs(g * g + h * h + i * i - 1.0),
+        abs(a * d + b * e + c * f),
+        abs(d * g + e * h + f * i),
+        abs(g * a + h * b + i * c),
+    )
+    det = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
+    if off > _ROTATION_TOLERANCE or not det >= 0.0:  # NaN where a number is not finite
+        finite_array(matrix, (3, 3), "The orientation")
         raise BadValueError("The orientation", "no rotation matrix", "R Rᵀ = 1 and det R = 1")
     return matrix.copy()
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 DEFAULT_RESTARTS = 400

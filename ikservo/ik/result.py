@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -82,8 +82,7 @@ class SolutionSet:
         return family if self.count is None else f"{family} with {self.count} {branches}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SolvedProblem:
+class SolvedProblem(NamedTuple):
     """The arm and the target of a result, and how to find the other solutions."""
 
     chain: Chain
@@ -91,7 +90,7 @@ class SolvedProblem:
     find_solutions: Callable[[Chain, Target, Vector], SolutionSet]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Result:
     """A solution, or the closest that the limits allow.
 
@@ -119,20 +118,38 @@ class Result:
     trace: tuple[Vector, ...] = ()
     question: SolvedProblem | None = field(default=None, repr=False)
 
+    # Written out, as the one that dataclasses make of a frozen class takes twice as long.
+    def __init__(
+        self,
+        q: Vector,
+        reached: bool,
+        position_error_m: float,
+        orientation_error_rad: float,
+        binding: tuple[ActiveLimit, ...],
+        iterations: int,
+        nearest_m: Vector,
+        method: str,
+        trace: tuple[Vector, ...] = (),
+        question: SolvedProblem | None = None,
+    ) -> None:
+        self.__dict__.update(
+            q=q,
+            reached=reached,
+            position_error_m=position_error_m,
+            orientation_error_rad=orientation_error_rad,
+            binding=binding,
+            iterations=iterations,
+            nearest_m=nearest_m,
+            method=method,
+            trace=trace,
+            question=question,
+        )
+
     def with_question(self, question: SolvedProblem) -> Result:
         """Return the result with the problem that it solves."""
-        return Result(
-            self.q,
-            self.reached,
-            self.position_error_m,
-            self.orientation_error_rad,
-            self.binding,
-            self.iterations,
-            self.nearest_m,
-            self.method,
-            self.trace,
-            question,
-        )
+        other = object.__new__(Result)
+        other.__dict__.update(self.__dict__, question=question)
+        return other
 
     @property
     def solutions(self) -> SolutionSet:

@@ -19,8 +19,8 @@ from ikservo.ik.other_solutions import nearest_solution, solution_set
 from ikservo.ik.prepare import check_chain
 from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
 from ikservo.ik.result import Result, SolvedProblem, is_closer
-from ikservo.kinematics import Chain, finite_vector
-from ikservo.kinematics.arrays import Vector, largest_magnitude
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Vector, bounded_vector
 
 __all__ = ["METHODS", "Method", "get_method", "in_millimetres", "solve"]
 
@@ -136,9 +136,9 @@ def solve(
         options = Options(*values)
     check_chain(chain)
     _check_target(target)
-    start = chain.mid_range() if q0 is None else finite_vector(q0, chain.dof, "q0")
-    if largest_magnitude(start) > MAX_ANGLE_RAD:
-        raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
+    expected = "radians and metres, at most 1e6"
+    start = chain.mid_range() if q0 is None else q0
+    start = bounded_vector(start, chain.dof, MAX_ANGLE_RAD, "q0", expected)
     result = get_method(method)(chain, target, start, options)
     return result.with_question(SolvedProblem(chain, target, solution_set))
 

@@ -14,11 +14,12 @@ __all__ = [
     "IntVector",
     "Matrix",
     "Vector",
+    "array_of_shape",
     "as_floats",
+    "bounded_vector",
     "finite_array",
     "finite_vector",
     "finite_vectors",
-    "largest_magnitude",
     "read_only",
 ]
 
@@ -52,10 +53,35 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector
     Raises:
         BadValueError: They are not numbers, not finite, or of another shape.
     """
+    return _require_finite(array_of_shape(values, shape, what), what)
+
+
+def array_of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector:
+    """Return ``values`` as an array of floats of that shape, finite or not.
+
+    Raises:
+        BadValueError: They are not numbers, or of another shape.
+    """
+    if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.shape == shape:
+        return values
     array = as_floats(values, what, f"numbers of shape {shape}")
     if array.shape != shape:
         raise BadValueError(what, f"of shape {array.shape}", f"shape {shape}")
-    return _require_finite(array, what)
+    return array
+
+
+def bounded_vector(values: ArrayLike, size: int, most: float, what: str, expected: str) -> Vector:
+    """Return ``values`` as (size,) floats of magnitudes up to ``most``.
+
+    Raises:
+        BadValueError: As of ``finite_array``, or a number is larger: they are not as expected.
+    """
+    array = array_of_shape(values, (size,), what)
+    if size <= _FEW and sum(map(abs, array.tolist())) <= most:  # false for NaN, too
+        return array
+    if float(np.abs(_require_finite(array, what)).max(initial=0.0)) > most:
+        raise BadValueError(what, array.tolist(), expected)
+    return array
 
 
 def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
@@ -72,14 +98,6 @@ def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
         return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise BadValueError(what, repr(values), expected) from None
-
-
-def largest_magnitude(array: Vector) -> float:
-    """Return the largest absolute value of a vector (n,); 0 without numbers."""
-    if len(array) <= _FEW:
-        numbers: list[float] = array.tolist()
-        return max(map(abs, numbers), default=0.0)
-    return float(np.abs(array).max())
 
 
 def read_only(values: ArrayLike) -> Vector:
