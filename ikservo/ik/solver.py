@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError
 from ikservo.ik.bounded import unpack_result
 from ikservo.ik.kernel.compiled import bind
-from ikservo.ik.kernel.layout import IDLE_WIDTH, IS_REACHED, MAX_ANGLE_RAD, NOT_HOMOGENEOUS
+from ikservo.ik.kernel.layout import (
+    IDLE_OUTSIDE,
+    IDLE_WIDTH,
+    IS_REACHED,
+    ITERATIONS,
+    MAX_ANGLE_RAD,
+    NOT_HOMOGENEOUS,
+)
 from ikservo.ik.prepare import (
     HOMOGENEOUS_ROW,
     PackedProblem,
@@ -34,9 +41,10 @@ from ikservo.kinematics.arrays import Vector
 __all__ = ["BranchMemory", "Solver"]
 
 
-PoseKernel = Callable[[ArrayLike, ArrayLike, Vector], int]
-"""Pose (4, 4), start (dof,) and result (dof,): see ``kernel.single``."""
+PoseKernel = Callable[[ArrayLike, ArrayLike], int]
+"""Pose (4, 4) and start (dof,): see ``kernel.single``."""
 
+_FLOAT64 = np.dtype(np.float64)
 # A start this near to the last result continues its path.
 _SAME_RAD = 0.01
 # So far from a straight pose the bending side is unambiguous, and redundant joints are moved back,
@@ -124,21 +132,24 @@ class Solver:
         offset = None if offset_m is None else check_position(offset_m, "offset_m")
         axis = self._axis if self._kind is TargetKind.DIRECTION else None
         ready = pack_problem(chain, frame, offset, axis, options.restarts)
-        idle = ready.idle[self._kind]
-        self._idle = tuple((each.column, each.lower, each.upper, each) for each in idle)
-        self._worker = SolverBuffers(chain.dof, options.restarts)
+        self._idle, self._worker = (
+            ready.idle[self._kind],
+            SolverBuffers(chain.dof, options.restarts),
+        )
+        self._worker.answer[:] = np.nan
+        self._joints = self._worker.answer[0, : chain.dof]
         self._solve = self._bound_kernel(ready, options)
         self._track = self._bound_kernel(ready, replace(options, track=True))
         self._shape = (chain.dof,)
-        self._side, self._solved = BranchMemory(chain.dof), False
+        self._side = BranchMemory(chain.dof)
 
     def _bound_kernel(self, ready: PackedProblem, options: Options) -> PoseKernel:
-        """Return the kernel with all arguments but pose, start and result."""
+        """Return the kernel with all arguments but pose and start."""
         from ikservo.ik.kernel import single  # noqa: PLC0415  # loads with the first solver
 
         worker, idle = self._worker, np.zeros((len(self._idle), IDLE_WIDTH))
-        for row, (column, lower, upper, _) in zip(idle, self._idle, strict=True):
-            row[:] = column, lower, upper
+        for row, joint in zip(idle, self._idle, strict=True):
+            row[:] = joint.column, joint.lower, joint.upper
         settings = pack_settings(self._kind, self.chain.dof, options)
         solve = bind(
             single.NAME, ready.arm, worker.question, settings, worker.start, ready.seeds,
@@ -185,30 +196,34 @@ class Solver:
         Raises:
             BadValueError: There was no call yet.
         """
-        if not self._solved:
+        if not self._worker.answer[0, 2 * self.chain.dof + ITERATIONS] >= 0.0:
             raise BadValueError("The last question", "none", "a call before its result")
         return unpack_result(self.chain, self._worker.answer[0], "bounded")
 
     def _run_kernel(
         self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector | None
     ) -> tuple[Vector, bool]:
-        q = np.empty(self._shape) if out is None else out
         try:
-            status = solve(T, q0, q)
+            status = solve(T, q0)
         except (TypeError, ValueError, BufferError):
             status = NOT_HOMOGENEOUS  # no arrays as the kernel needs them
+        if status == IS_REACHED and out is None:  # what most calls are
+            return self._joints.copy(), True
         if status < 0:
-            status = self._run_with_copies(solve, T, q0, q)
-        self._solved = True
-        for column, lower, upper, joint in self._idle:
-            start = self._worker.start.item(column)
-            if not lower <= start <= upper:
-                q[column] = self._worker.answer[0, column] = joint.resting_position(start)
-        return q, status == IS_REACHED
-
-    def _run_with_copies(self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector) -> int:
-        """Solve for what is given as other than plain arrays, or say what is wrong with it."""
+            status = self._run_with_copies(solve, T, q0)
+        if status >= IDLE_OUTSIDE:
+            for joint in self._idle:
+                start = self._worker.start.item(joint.column)
+                self._joints[joint.column] = joint.resting_position(start)
+        reached = bool(status & IS_REACHED)
+        if out is None:
+            return self._joints.copy(), reached
         self._check_out(out)
+        out[:] = self._joints
+        return out, reached
+
+    def _run_with_copies(self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike) -> int:
+        """Solve for what is given as other than plain arrays, or say what is wrong with it."""
         try:
             pose, start = np.array(T, dtype=np.float64, order="C"), np.array(q0, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -216,11 +231,10 @@ class Solver:
         if pose.shape != (4, 4) or start.shape != self._shape:
             self._raise_invalid(T, q0)
         check_homogeneous_row(pose, "T_world_tool")
-        pose[3], q = HOMOGENEOUS_ROW, np.empty(self._shape)
-        status = solve(pose, start, q)
+        pose[3] = HOMOGENEOUS_ROW
+        status = solve(pose, start)
         if status < 0:
             self._raise_invalid(T, q0)
-        out[:] = q
         return status
 
     def _raise_invalid(self, T: ArrayLike, q0: ArrayLike) -> NoReturn:
@@ -233,6 +247,5 @@ class Solver:
 
     def _check_out(self, out: Vector) -> None:
         """Raise BadValueError if the joints cannot be written to it."""
-        array = np.asarray(out)
-        if array is not out or array.shape != self._shape or array.dtype != np.float64:
+        if type(out) is not np.ndarray or out.shape != self._shape or out.dtype != _FLOAT64:
             raise BadValueError("out", f"{out!r}", f"an array of floats of shape {self._shape}")

@@ -27,6 +27,7 @@ __all__ = [
     "END",
     "FIRST_INDEPENDENT",
     "FULL_TURN",
+    "IS_ALIGNED",
     "IS_PRISMATIC",
     "IS_REVOLUTE",
     "LINK",
@@ -55,13 +56,14 @@ __all__ = [
 ]
 
 
-WIDTH = 16
+WIDTH = 17
 # fmt: off
 STEPS, DOF, FIRST_INDEPENDENT = 0, 1, 2  # header: how many joint rows and limit rows; 1 where q of
                                          # the first joint rotates it, and nothing else
 ROTATION, POSITION       = 0, 9          # joint and tool: R row by row (9), then p (3)
 IS_REVOLUTE, COLUMN = 12, 13  # joint: 1 revolute, 0 prismatic; which entry of q moves it
 SCALE, SHIFT             = 14, 15        # joint: value = SCALE * q[COLUMN] + SHIFT
+IS_ALIGNED               = 16            # joint and tool: 1 where R is exactly the identity
 LOWER, UPPER, FULL_TURN  = 0, 1, 2       # limit: the range; 1 where every direction is inside it
 # fmt: on
 
@@ -135,6 +137,7 @@ def _flatten_pose(T: Matrix) -> Vector:
     row = np.zeros(WIDTH)
     row[ROTATION : ROTATION + 9] = T[:3, :3].ravel()
     row[POSITION : POSITION + 3] = T[:3, 3]
+    row[IS_ALIGNED] = np.array_equal(T[:3, :3], np.eye(3))
     return row
 
 

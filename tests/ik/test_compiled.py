@@ -91,9 +91,9 @@ def test_ten_thousand_targets_in_ten_parts_give_the_same_bits(name, kind, part):
 @pytest.mark.parametrize(
     ("argument", "shape"),
     [
-        ("arm", (1, 16)),
-        ("arm", (8, 16)),
-        ("arm", (12, 15)),
+        ("arm", (1, 17)),
+        ("arm", (8, 17)),
+        ("arm", (12, 16)),
         ("problems", (3, 11)),
         ("problems", (2, 12)),
         ("settings", (8,)),

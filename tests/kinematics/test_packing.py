@@ -14,6 +14,7 @@ from ikservo.kinematics.packed import (
     END,
     FIRST_INDEPENDENT,
     FULL_TURN,
+    IS_ALIGNED,
     IS_PRISMATIC,
     IS_REVOLUTE,
     LINK,
@@ -162,3 +163,14 @@ def test_each_capsule_has_a_row_with_its_link():
     assert row[END : END + 3].tolist() == [4.0, 5.0, 6.0]
     assert (row[RADIUS], row[LINK]) == (0.7, 1.0)
     assert pack_capsules([], ["a"]).shape == (0, 8)
+
+
+def test_a_row_is_marked_where_its_rotation_is_the_identity_to_the_last_digit():
+    for packed in (pack_chain(planar(0.3, 0.2)), pack_chain(crane())):
+        for row in packed[1 : 2 + int(packed[0, STEPS])]:
+            same = np.array_equal(placed(row)[:3, :3], np.eye(3))
+            assert row[IS_ALIGNED] == float(same)
+    tilted = pack_chain(one_joint(axis=(1e-9, 0.0, 1.0)))[1]
+    np.testing.assert_array_equal(np.diag(placed(tilted)), 1.0)
+    assert tilted[IS_ALIGNED] == 0.0
+    assert pack_chain(one_joint())[1, IS_ALIGNED] == 1.0

@@ -26,7 +26,16 @@ from ikservo.ik.kernel.layout import (
     Q,
 )
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.packed import COLUMN, DOF, IS_REVOLUTE, POSITION, SCALE, SHIFT, STEPS
+from ikservo.kinematics.packed import (
+    COLUMN,
+    DOF,
+    IS_ALIGNED,
+    IS_REVOLUTE,
+    POSITION,
+    SCALE,
+    SHIFT,
+    STEPS,
+)
 
 __all__ = ["converged", "evaluate", "forward_kinematics", "residual_rows", "sincos"]
 
@@ -82,24 +91,25 @@ def forward_kinematics(arm: Matrix, work: Matrix) -> None:
         p0 += a * x0 + b * y0 + c * z0
         p1 += a * x1 + b * y1 + c * z1
         p2 += a * x2 + b * y2 + c * z2
-        a0, a1, a2 = arm[i, 0], arm[i, 1], arm[i, 2]
-        b0, b1, b2 = arm[i, 3], arm[i, 4], arm[i, 5]
-        c0, c1, c2 = arm[i, 6], arm[i, 7], arm[i, 8]
-        x0, y0, z0 = (
-            x0 * a0 + y0 * b0 + z0 * c0,
-            x0 * a1 + y0 * b1 + z0 * c1,
-            x0 * a2 + y0 * b2 + z0 * c2,
-        )
-        x1, y1, z1 = (
-            x1 * a0 + y1 * b0 + z1 * c0,
-            x1 * a1 + y1 * b1 + z1 * c1,
-            x1 * a2 + y1 * b2 + z1 * c2,
-        )
-        x2, y2, z2 = (
-            x2 * a0 + y2 * b0 + z2 * c0,
-            x2 * a1 + y2 * b1 + z2 * c1,
-            x2 * a2 + y2 * b2 + z2 * c2,
-        )
+        if arm[i, IS_ALIGNED] == 0.0:
+            a0, a1, a2 = arm[i, 0], arm[i, 1], arm[i, 2]
+            b0, b1, b2 = arm[i, 3], arm[i, 4], arm[i, 5]
+            c0, c1, c2 = arm[i, 6], arm[i, 7], arm[i, 8]
+            x0, y0, z0 = (
+                x0 * a0 + y0 * b0 + z0 * c0,
+                x0 * a1 + y0 * b1 + z0 * c1,
+                x0 * a2 + y0 * b2 + z0 * c2,
+            )
+            x1, y1, z1 = (
+                x1 * a0 + y1 * b0 + z1 * c0,
+                x1 * a1 + y1 * b1 + z1 * c1,
+                x1 * a2 + y1 * b2 + z1 * c2,
+            )
+            x2, y2, z2 = (
+                x2 * a0 + y2 * b0 + z2 * c0,
+                x2 * a1 + y2 * b1 + z2 * c1,
+                x2 * a2 + y2 * b2 + z2 * c2,
+            )
         if i > steps:  # the row of the tool, which has no joint
             break
         column, scale = int(arm[i, COLUMN]), arm[i, SCALE]
@@ -150,9 +160,12 @@ def evaluate(arm: Matrix, problem: Vector, kind: int, weight: float, work: Matri
         work[NORMS, ROT_ERR2] = _direction_rows(problem, weight, n, work)
     elif kind != POSITION_ONLY:
         work[NORMS, ROT_ERR2] = _pose_rows(problem, weight, n, work)
+    e0, e1, e2 = work[RESIDUAL, 0], work[RESIDUAL, 1], work[RESIDUAL, 2]
     for j in range(n):
-        s = 0.0
-        for r in range(rows):
+        s = 0.0 + work[J_WEIGHTED, j] * e0
+        s += work[J_WEIGHTED + 1, j] * e1
+        s += work[J_WEIGHTED + 2, j] * e2
+        for r in range(3, rows):
             s += work[J_WEIGHTED + r, j] * work[RESIDUAL, r]
         work[NEG_GRAD, j] = s
     return half + 0.5 * weight * weight * work[NORMS, ROT_ERR2]
@@ -170,7 +183,8 @@ def _position_rows(problem: Vector, n: int, work: Matrix) -> float:
         error = problem[WANTED_POSITION + r] - work[TOOL_POSE, 9 + r]
         work[RESIDUAL, r] = error
         squared += error * error
-        for j in range(n):
+    for j in range(n):
+        for r in range(3):
             work[J_WEIGHTED + r, j] = work[J + r, j]
     work[NORMS, POS_ERR2] = squared
     work[NORMS, ROT_ERR2] = 0.0

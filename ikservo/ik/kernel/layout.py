@@ -12,6 +12,7 @@ __all__ = [
     "HESSIAN",
     "IDLE_COLUMN",
     "IDLE_LOWER",
+    "IDLE_OUTSIDE",
     "IDLE_UPPER",
     "IDLE_WIDTH",
     "INVALID",
@@ -177,5 +178,5 @@ IDLE_UPPER       = 2
 IDLE_WIDTH       = 3
 # fmt: on
 
-# What ``solve_pose`` returns; 0 where the target is not reached.
-INVALID, NOT_HOMOGENEOUS, IS_REACHED = -1, -2, 1
+# What ``solve_pose`` returns; 0 where the target is not reached. The last is added to the others.
+INVALID, NOT_HOMOGENEOUS, IS_REACHED, IDLE_OUTSIDE = -1, -2, 1, 2

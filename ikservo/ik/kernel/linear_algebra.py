@@ -122,14 +122,7 @@ def _remaining_error(rows: int, n: int, work: Matrix) -> None:
 def least_norm(rows: int, damping: float, n: int, work: Matrix) -> None:
     """Solve in the space of the residual: step = Gᵀ (G Gᵀ + damping I)⁻¹ y, G the Jacobian."""
     _remaining_error(rows, n, work)
-    trace = 0.0
-    for a in range(rows):
-        for b in range(a + 1):
-            s = 0.0
-            for j in range(n):
-                s += work[J_WEIGHTED + a, j] * work[J_WEIGHTED + b, j] * work[FREE, j]
-            work[NORMAL + a, b] = s
-        trace += work[NORMAL + a, a]
+    trace = _gram_matrix(rows, n, work)
     if not ldl_factor(work, NORMAL, rows, damping + _FLOOR * trace + _TINY):
         return
     ldl_solve(work, NORMAL, rows, RHS_ERROR)
@@ -139,6 +132,34 @@ def least_norm(rows: int, damping: float, n: int, work: Matrix) -> None:
             for r in range(rows):
                 s += work[J_WEIGHTED + r, j] * work[RHS_ERROR, r]
             work[STEP, j] = s
+
+
+def _gram_matrix(rows: int, n: int, work: Matrix) -> float:
+    """Fill the lower triangle of NORMAL with G Gᵀ of the free joints; return its trace."""
+    # Of the three rows of the position six sums at once, which do not wait for each other.
+    s00, s10, s11, s20, s21, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(n):
+        g0, g1, g2 = work[J_WEIGHTED, j], work[J_WEIGHTED + 1, j], work[J_WEIGHTED + 2, j]
+        free = work[FREE, j]
+        s00 += g0 * g0 * free
+        s10 += g1 * g0 * free
+        s11 += g1 * g1 * free
+        s20 += g2 * g0 * free
+        s21 += g2 * g1 * free
+        s22 += g2 * g2 * free
+    work[NORMAL, 0] = s00
+    work[NORMAL + 1, 0], work[NORMAL + 1, 1] = s10, s11
+    work[NORMAL + 2, 0], work[NORMAL + 2, 1], work[NORMAL + 2, 2] = s20, s21, s22
+    for a in range(3, rows):
+        for b in range(a + 1):
+            s = 0.0
+            for j in range(n):
+                s += work[J_WEIGHTED + a, j] * work[J_WEIGHTED + b, j] * work[FREE, j]
+            work[NORMAL + a, b] = s
+    trace = 0.0
+    for a in range(rows):
+        trace += work[NORMAL + a, a]
+    return trace
 
 
 def least_squares(rows: int, damping: float, n: int, work: Matrix) -> None:

@@ -7,6 +7,7 @@ from ikservo.ik.kernel.layout import (
     DIRECTION,
     IDLE_COLUMN,
     IDLE_LOWER,
+    IDLE_OUTSIDE,
     IDLE_UPPER,
     IDLE_WIDTH,
     INVALID,
@@ -41,7 +42,6 @@ def pose_fits(
     idle: Matrix,
     T: Matrix,
     q0: Vector,
-    q: Vector,
 ) -> bool:
     """Return whether arrays have the shapes that ``solve_pose`` needs, and indices are in range."""
     if not fits(arm, problems, settings, starts, seeds, work, scores, trace, results):
@@ -58,7 +58,6 @@ def pose_fits(
         and len(T) == 4
         and T.shape[1] == 4
         and len(q0) == n
-        and len(q) == n
     )
 
 
@@ -77,7 +76,6 @@ def solve_pose(
     idle: Matrix,
     T: Matrix,
     q0: Vector,
-    q: Vector,
 ) -> int:
     """Solve for one pose; see ``solve_all`` for the first nine arrays, here with one row a problem.
 
@@ -96,10 +94,10 @@ def solve_pose(
             stay at the start where that is inside; elsewhere they are left to the caller.
         T: The wanted pose T_world_tool (4, 4).
         q0: The start (dof,).
-        q: The joints (dof,), filled.
 
     Returns:
-        IS_REACHED or 0; INVALID or NOT_HOMOGENEOUS where the pose or the start makes no sense.
+        IS_REACHED or 0, plus IDLE_OUTSIDE where an idle joint starts outside its limits; INVALID or
+        NOT_HOMOGENEOUS where the pose or the start makes no sense.
     """
     if T[3, 0] != 0.0 or T[3, 1] != 0.0 or T[3, 2] != 0.0 or T[3, 3] != 1.0:
         return NOT_HOMOGENEOUS
@@ -118,11 +116,13 @@ def solve_pose(
     invalid_row = solve_rows(arm, problems, settings, starts, seeds, work, scores, trace, results)
     if invalid_row >= 0:
         return INVALID
+    status = IS_REACHED if results[0, 2 * n + REACHED] == 1.0 else 0
+    outside = 0
     for i in range(len(idle)):
         column = int(idle[i, IDLE_COLUMN])
         start = starts[0, column]
         if start >= idle[i, IDLE_LOWER] and start <= idle[i, IDLE_UPPER]:
             results[0, column] = start
-    for j in range(n):
-        q[j] = results[0, j]
-    return IS_REACHED if results[0, 2 * n + REACHED] == 1.0 else 0
+        else:
+            outside = IDLE_OUTSIDE
+    return status + outside
