@@ -101,7 +101,8 @@ class DriveMapper:
         """Apply the limits of the EEPROM."""
         drive, get = self.servo.drive, self.servo.memory.get
         drive.moving_threshold_rad_s = get("moving_threshold") * VELOCITY_RAD_S
-        if self.senses_current:
+        drive.current_limit_a = math.inf  # unlimited in other modes (e-manual, Current Limit)
+        if self.senses_current and self.servo.mode in CURRENT_MODES:
             drive.current_limit_a = get("current_limit") * self.current_unit_a
 
 
@@ -167,6 +168,7 @@ MODES = {
     5: ControlMode.CURRENT_POSITION,
     16: ControlMode.PWM,
 }
+CURRENT_MODES = (0, 5)
 
 
 class SimulatedDynamixelX(Servo):

@@ -42,18 +42,19 @@ class Motor:
 
     A voltage-driven direct-current motor behind its gears, seen from the output shaft, with the
     friction model m4 of Duclusaud, Passault et al., "Extended Friction Models for the Physics
-    Simulation of Servo Actuators" (2024, Rhoban's BAM):
+    Simulation of Servo Actuators" (2024, Rhoban's BAM), and a part that grows with the square of
+    the load as in their m6, here at every speed:
 
         tau_m = kt i,   i = (u V - kt w) / R,   |i| <= i_max                    motor
         J dw/dt = tau_m + tau_e - kv w - tau_f                                  shaft
-        |tau_f| <= kc + kl g + exp(-|w| / ws) (ks + kls g)                      dry friction
+        |tau_f| <= kc + kl g + kq g^2 + exp(-|w| / ws) (ks + kls g)             dry friction
         g = |tau_m - tau_e|                                                     load of the gears
 
     with the duty u, the supply V, the shaft's speed w and the outer torque tau_e. Dry friction is
     what stops the shaft and at most this bound: a servo holds with less than its load (tau_e and
     tau_m oppose each other then, and g is their sum) and a limp one sinks slowly. Model m1 is
-    kl = ks = kls = 0; m5 and m6, with other factors for tau_m and tau_e, explain the logs of the
-    STS no better. A step is implicit in everything that damps and explicit in the rest: the
+    kl = kq = ks = kls = 0; m5 and m6, with other factors for tau_m and tau_e, explain the logs no
+    better. A step is implicit in everything that damps and explicit in the rest: the
     stiffest gains stay stable at steps of 1 ms and the steady state is exact.
 
     The free play is between the gears and the output shaft. The position sensor is on the
@@ -272,7 +273,9 @@ class Motor:
     def _dry_friction(self, pressed_nm: float, load_nm: float, speed_rad_s: float) -> float:
         """The largest torque of the dry friction [N m]."""
         motor, gear_nm = self.parameters, abs(pressed_nm - load_nm)
-        friction_nm = motor.friction_nm + motor.load_friction * gear_nm
+        friction_nm = motor.friction_nm + gear_nm * (
+            motor.load_friction + motor.load_square_per_nm * gear_nm
+        )
         span = speed_rad_s / motor.stribeck_rad_s
         if span > STRIBECK_SPAN:
             return friction_nm

@@ -60,6 +60,7 @@ class MujocoBody:
             [sum(m.friction_nm + m.stribeck_nm for m in on) for on in motors]
         )
         self._load_friction = np.array([on[0].load_friction + on[0].load_stribeck for on in motors])
+        self._square_per_nm = np.array([on[0].load_square_per_nm / len(on) for on in motors])
         self._slopes: Sequence[float] = ()
         self.set_transmission_slopes([1.0] * len(ids))
 
@@ -80,7 +81,7 @@ class MujocoBody:
         self._slopes, ratio = slopes, np.abs(np.array(slopes))
         self._model.dof_armature[self._dof] = self._armature_kg_m2 / ratio**2
         self._model.dof_damping[self._dof] = self._damping_nm_s / ratio**2
-        self._dry = self._friction_nm / ratio
+        self._dry, self._square = self._friction_nm / ratio, self._square_per_nm * ratio
 
     def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
         """Advance time under the motors' and hands' torques (forces on prismatic joints).
@@ -90,7 +91,9 @@ class MujocoBody:
         """
         # The gears carry the motor's torque against gravity and what the other links do.
         gear = np.abs(np.asarray(torques) + self._data.qfrc_bias[self._dof])
-        self._model.dof_frictionloss[self._dof] = self._dry + self._load_friction * gear
+        self._model.dof_frictionloss[self._dof] = self._dry + gear * (
+            self._load_friction + self._square * gear
+        )
         self._model.opt.timestep = dt_s
         self._data.qfrc_applied[self._dof] = torques
         mujoco.mj_step(self._model, self._data)

@@ -43,6 +43,7 @@ class MotorParameters:
         stribeck_rad_s: ws: velocity at which that has fallen to 37 %.
         load_friction: kl: dry friction for each N m of load in the gears.
         load_stribeck: kls: likewise, of a slow shaft besides.
+        load_square_per_nm: kq: dry friction for the square of that load.
         armature_kg_m2: Inertia of rotor and gears, at the shaft.
         gear_ratio: Revolutions of the motor for one of the shaft.
         backlash_rad: Free play of the gears, from one tooth face to the other.
@@ -62,6 +63,7 @@ class MotorParameters:
     stribeck_rad_s: float
     load_friction: float
     load_stribeck: float
+    load_square_per_nm: float
     armature_kg_m2: float
     gear_ratio: float
     backlash_rad: float
@@ -87,7 +89,7 @@ class MotorParameters:
 
     @property
     def no_load_speed_rad_s(self) -> float:
-        """Speed of the free shaft at full duty."""
+        """Speed of the free shaft at full duty; its gears carry too little for kq to matter."""
         kt, full_a = self.torque_constant_nm_a, self.nominal_v / self.resistance_ohm
         driven_nm = kt * full_a * (1.0 - self.load_friction) - self.friction_nm
         braked_nm_s = kt * kt / self.resistance_ohm * (1.0 - self.load_friction)
@@ -96,15 +98,17 @@ class MotorParameters:
     @property
     def static_friction_nm(self) -> float:
         """Outer torque that sets the resting, limp shaft in motion."""
-        load = self.load_friction + self.load_stribeck
-        return (self.friction_nm + self.stribeck_nm) / (1.0 - load)
+        rest = 1.0 - self.load_friction - self.load_stribeck
+        dry_nm = self.friction_nm + self.stribeck_nm
+        # The smaller root of kq x^2 - rest x + dry = 0, in the form that has no cancellation.
+        return 2.0 * dry_nm / (rest + math.sqrt(rest**2 - 4.0 * self.load_square_per_nm * dry_nm))
 
 
 def _row(
     figures: tuple[float, ...], build: tuple[float, ...], certainty: Certainty
 ) -> MotorParameters:
     """Return a row: electrical figures, torque limit and friction, then how the servo is built."""
-    volts, kt, ohm, most_nm, friction_nm, viscous, stribeck, slow, load, load_slow = figures
+    volts, kt, ohm, most_nm, friction_nm, viscous, stribeck, slow, load, load_slow, square = figures
     armature, gears, play_deg, mass_g = build
     return MotorParameters(
         nominal_v=volts,
@@ -117,6 +121,7 @@ def _row(
         stribeck_rad_s=slow,
         load_friction=load,
         load_stribeck=load_slow,
+        load_square_per_nm=square,
         armature_kg_m2=armature,
         gear_ratio=gears,
         backlash_rad=math.radians(play_deg),
@@ -153,10 +158,11 @@ def spread(parameters: MotorParameters, seed: int) -> MotorParameters:
 # Motors, fitted by tools/identify_motor.py to logs of pendulums (mass 0.5 to 1.2 kg at 0.1 to
 # 0.15 m): STS3215-C018 and STS3250 on 240 logs of K-Scale Labs (kscalelabs/sysid, commit d66b22c)
 # each and validated on 240 others, XL330-M288 on 8 logs of Rhoban's BAM (commit af22604).
-# kt and R are known as kt/R and kt*kt/R: torque for a volt, brake for a rad/s. The XL330's kt
-# makes its torque limit the 1.75 A of its current limit register; its supply sagged on the bench.
+# kt and R are known as kt/R and kt*kt/R: torque for a volt, brake for a rad/s. The XL330 needs no
+# torque limit: its friction grows with the square of the load.
 # Torque limits: 3.4 N m is also what an STS3215 of 12 V pressed on a scale (SO-ARM100 issue 134).
-# STS3215 (7.4 V): kt and R of BAM (params/feetech_sts3215_7_4V, model m1), gears of the 12 V one.
+# STS3215 (7.4 V): kt and R of BAM (params/feetech_sts3215_7_4V, model m1), gears of the 12 V one as
+# an earlier fit had them (m4, without kq): 7 % less friction than the present one has.
 # Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
 # makers' sheets. MX64 is BAM's fit (params/mx64, model m4).
 # Play: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100 issue
@@ -164,19 +170,19 @@ def spread(parameters: MotorParameters, seed: int) -> MotorParameters:
 # ROBOTIS says 0.25° for XM540, 0.33° for MX-28, nothing for others.
 # fmt: off
 _M, _S, _E = Certainty.MEASURED, Certainty.SCALED, Certainty.ESTIMATED
-#               V     kt     ohm    N m   kc      kv      ks      ws     kl     kls
-_C018 = _row((12.0, 2.230, 3.892, 3.26, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071),
-             (0.0216, 345.0, 0.50, 55.0), _M)  # armature, gears, play °, g
-_C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071),
+#               V     kt     ohm    N m   kc      kv      ks      ws     kl     kls    kq
+_C018 = _row((12.0, 2.254, 3.682, 3.28, 0.1284, 0.0259, 0.0535, 0.145, 0.087, 0.083, 0.0210),
+             (0.0215, 345.0, 0.50, 55.0), _M)  # armature, gears, play °, g
+_C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),
              (0.0216, 345.0, 1.00, 55.0), _S)
-_3250 = _row((12.0, 1.459, 1.738, 3.95, 0.0468, 0.0558, 0.0331, 0.062, 0.121, 0.029),
-             (0.0083, 345.0, 0.50, 74.5), _M)
-_M288 = _row(( 5.0, 0.378, 3.054, 0.65, 0.0024, 0.0005, 0.0003, 0.436, 0.260, 0.042),
-             (0.0020, 288.4, 0.25, 18.0), _M)
-_MX64 = _row((12.0, 1.663, 3.156, 6.32, 0.0615, 0.0148, 0.0239, 1.521, 0.000, 0.234),
+_3250 = _row((12.0, 1.457, 1.688, 3.70, 0.0452, 0.0509, 0.0249, 0.067, 0.085, 0.112, 0.0155),
+             (0.0087, 345.0, 0.50, 74.5), _M)
+_M288 = _row(( 5.0, 0.3993, 3.083, math.inf, 0.00077, 0.00231, 0.00423, 0.2518, 0.1543, 0.0875,
+               0.1724), (0.00156, 288.4, 0.25, 18.0), _M)
+_MX64 = _row((12.0, 1.663, 3.156, 6.32, 0.0615, 0.0148, 0.0239, 1.521, 0.000, 0.234, 0.000),
              (0.0110, 200.0, 0.33, 135.0), _M)
 # fmt: on
-_SHEET_STALL_NM = {_C018: 4.6, _M288: 0.52, _MX64: 6.0}  # the first: shaft, without its limit
+_SHEET_STALL_NM = {_C018: 3.1, _M288: 0.52, _MX64: 6.0}  # the first: shaft, without its limit
 
 
 def _scaled(
@@ -204,6 +210,7 @@ def _scaled(
         volts, kt, kt * volts / full_nm, math.inf, share * relative.friction_nm,
         share * slower * relative.viscous_nm_s, share * relative.stribeck_nm,
         relative.stribeck_rad_s / slower, relative.load_friction, relative.load_stribeck,
+        relative.load_square_per_nm / share,
     )  # fmt: skip
     return _row(figures, (armature, gears, play_deg, mass_g), certainty)
 

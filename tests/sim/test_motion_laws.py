@@ -110,9 +110,12 @@ def test_present_speed_agrees_with_the_positions(make_port):
     servo.write("goal_speed", 600)
     servo.write("goal_position", 3500)
     port.clock.sleep_until(1.0)
-    before, speed = servo.read("present_position"), servo.read("present_speed")
-    port.clock.sleep_until(1.5)
-    assert (servo.read("present_position") - before) / 0.5 == pytest.approx(speed, rel=0.03)
+    before, speeds = servo.read("present_position"), list[int]()
+    for k in range(50):  # a shaft that sticks and slips is not always as fast
+        port.clock.sleep_until(1.0 + 0.01 * (k + 1))
+        speeds.append(servo.read("present_speed"))
+    gone = servo.read("present_position") - before
+    assert gone / 0.5 == pytest.approx(sum(speeds) / len(speeds), rel=0.03)
 
 
 def test_a_load_that_holds_back_an_xm430_shuts_it_down_after_its_time(make_port):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -119,16 +120,28 @@ def test_current_is_torque_over_the_torque_constant_while_a_load_is_held() -> No
     assert motor.current_a == pytest.approx(motor.torque_nm / motor.parameters.torque_constant_nm_a)
 
 
-def test_a_load_below_static_friction_does_not_move_a_free_shaft() -> None:
-    motor = Motor(PARAMETERS["STS3215"])
+@pytest.mark.parametrize("model", ["STS3215", "XL330-M288"])
+def test_a_load_below_static_friction_does_not_move_a_free_shaft(model: str) -> None:
+    motor = Motor(PARAMETERS[model])
     run(motor, DriveCommand(), 1.0, load_nm=0.95 * motor.parameters.static_friction_nm)
     assert abs(motor.position_rad) <= motor.parameters.backlash_rad / 2.0
 
 
-def test_a_load_above_static_friction_turns_a_free_shaft() -> None:
-    motor = Motor(PARAMETERS["STS3215"])
+@pytest.mark.parametrize("model", ["STS3215", "XL330-M288"])
+def test_a_load_above_static_friction_turns_a_free_shaft(model: str) -> None:
+    motor = Motor(PARAMETERS[model])
     run(motor, DriveCommand(), 1.0, load_nm=1.5 * motor.parameters.static_friction_nm)
     assert motor.position_rad > 0.1
+
+
+@pytest.mark.parametrize(("load_nm", "lifts"), [(0.34, True), (0.37, False)])
+def test_friction_grows_with_the_square_of_the_load(load_nm: float, lifts: bool) -> None:
+    others = ("friction_nm", "stribeck_nm", "load_friction", "load_stribeck", "backlash_rad")
+    only_square = dict.fromkeys(others, 0.0) | {"load_square_per_nm": 0.2}
+    motor = Motor(replace(PARAMETERS["STS3215"], **only_square))
+    duty = 0.5 / motor.parameters.duty_torque_nm
+    run(motor, pwm(duty), 0.5, load_nm=-load_nm)  # of 0.5 N m, 0.2 (0.5 + 0.354)^2 is lost
+    assert (motor.position_rad > 0.001) is lifts
 
 
 def test_a_free_shaft_coasts_to_a_stand_and_stays_there() -> None:
@@ -182,7 +195,7 @@ def test_a_reversed_motor_crosses_the_play_before_the_joint_moves() -> None:
     motor.step(DT_S, 0.0, pwm(-0.2), 7.4)
     motor.step(DT_S, 0.0, pwm(-0.2), 7.4)
     assert motor.torque_nm < 0.0
-    assert motor.position_rad == turned_rad
+    assert motor.position_rad == pytest.approx(turned_rad, abs=1e-12)
 
 
 def test_a_stuck_joint_does_not_move_and_draws_its_blocked_current() -> None:

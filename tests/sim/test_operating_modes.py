@@ -41,6 +41,18 @@ class TestDynamixelX:
         run(port, 0.5)
         assert servo.read("present_current") == pytest.approx(100, abs=2)
 
+    @pytest.mark.parametrize(("mode", "limited"), [(3, False), (4, False), (5, True)])
+    def test_the_current_limit_is_one_of_modes_with_current(self, make_port, mode, limited):
+        servo = make_port("XL330-M288").line.servos[1]
+        servo.write("operating_mode", mode)
+        servo.write("current_limit", 500)
+        servo.motor.stuck = True
+        servo.write("torque_enable", 1)
+        servo.write("goal_position", 4000)
+        servo.motor.step(0.001, 0.0, servo.drive, 5.0)
+        servo.motor.step(0.001, 0.0, servo.drive, 5.0)
+        assert (servo.read("present_current") <= 500) is limited
+
     def test_extended_position_mode_goes_over_turns(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
