@@ -51,6 +51,8 @@ _ARM_AS_OPTION = frozenset(
 )
 _ARM_AS_ARGUMENT = {"calibrate": 0, "setup": 0, "calibration": 1}
 """Index of the arm among the positional arguments of a command."""
+_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS")
+"""What OpenBLAS reads, the first first."""
 _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
@@ -134,6 +136,7 @@ def console() -> NoReturn:
 
     Everything is closed by then. A command that Ctrl-C has stopped ends by SIGINT.
     """
+    _limit_threads_of_blas()
     outcome = _run_and_report(sys.argv[1:])
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
@@ -141,6 +144,16 @@ def console() -> NoReturn:
     if outcome.interrupted and sys.platform != "win32":
         _end_by_sigint()
     os._exit(outcome.code)
+
+
+def _limit_threads_of_blas() -> None:
+    """Let BLAS use one thread, unless its user has set how many; it reads that when NumPy loads.
+
+    Its threads spin while they wait for each other. On busy cores a decomposition of a small matrix
+    took a hundred times the processor time, and that of the control loop.
+    """
+    if not any(name in os.environ for name in _BLAS_THREADS):
+        os.environ[_BLAS_THREADS[0]] = "1"
 
 
 def main(args: Sequence[str] | None = None) -> int:
