@@ -25,7 +25,8 @@ from load_campaign import busy
 from served_arm import SERVE, Served, served
 
 import ikservo
-from ikservo.calibration.calibration_file import calibration_path, read_calibration
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
 
 STRONG = 60.0  # N m: enough to hold any arm
 INTERRUPTED_AT, MOST_RUNS = 5, 5  # an end of the third joint; the maximum number of runs

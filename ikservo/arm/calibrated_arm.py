@@ -11,14 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.calibration_file import (
-    calibration_path,
-    calibrations_of,
-    journal_path,
-    load_calibration,
-    read_calibration,
-)
+from ikservo.calibration.calibration_file import load_calibration, read_calibration
 from ikservo.calibration.joint_map import Encoder, encoder_of, unwrap_near
+from ikservo.calibration.paths import calibration_path, calibrations_of, journal_path
 from ikservo.calibration.records import CalibratedGeometry, CalibratedJoint, Calibration
 from ikservo.calibration.servo_config import (
     raise_on_mismatch,

@@ -24,12 +24,12 @@ from pydantic import Field, ValidationError
 from ikservo.arm.arguments import check_callable
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.calibration.calibration_file import calibration_path
+from ikservo.calibration.paths import calibration_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
+from ikservo.files.folders import config_dir
 from ikservo.files.reading import read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import write_atomic
-from ikservo.hardware.remembered_port import config_dir
 from ikservo.model import Model
 from ikservo.model.arm_schema import ArmPose
 

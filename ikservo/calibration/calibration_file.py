@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -11,6 +10,7 @@ from pydantic import ValidationError
 
 from ikservo.calibration.homing import MAX_STS_OFFSET, MAX_X_OFFSET
 from ikservo.calibration.joint_map import encoder_of
+from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.procedure import MIN_RANGE_TICKS
 from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration
 from ikservo.calibration.servo_config import calibration_registers
@@ -18,19 +18,13 @@ from ikservo.errors import FileFormatError
 from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text
 from ikservo.files.validation import Location, ValidationIssue, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
-from ikservo.hardware.remembered_port import config_dir
 from ikservo.registers import MODELS, Family
 
 __all__ = [
-    "calibration_path",
-    "calibrations_of",
-    "confirmation_path",
     "dump_calibration",
     "inconsistencies",
-    "journal_path",
     "load_calibration",
     "parse_calibration",
-    "partial_path",
     "read_calibration",
     "save_calibration",
 ]
@@ -200,41 +194,6 @@ def _check_format(path: Path, tables: Mapping[str, Any]) -> None:
         raise FileFormatError(path, "format", f"is {found}", expected)
 
 
-_UNSAFE_CHARS = re.compile(r"[^A-Za-z0-9]+")
-_MAX_NAME_CHARS = 64
-
-
-def calibration_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the file of the calibration of an arm: ``arms/so101-58FA083.toml``."""
-    return config_dir() / "arms" / f"{_file_stem(arm, usb_serial_number)}.toml"
-
-
-def journal_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the journal of an interrupted write into that arm's servos."""
-    return config_dir() / "journal" / f"{_file_stem(arm, usb_serial_number)}.toml"
-
-
-def confirmation_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the file of the calibrations that the arm's joints were last confirmed with."""
-    return config_dir() / "confirmed" / f"{_file_stem(arm, usb_serial_number)}.txt"
-
-
-def partial_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the file of the joints measured by an interrupted self-calibration."""
-    return config_dir() / "partial" / f"{_file_stem(arm, usb_serial_number)}.toml"
-
-
-def calibrations_of(arm: str) -> list[Path]:
-    """Return the calibrations of an arm on any adapter, by name."""
-    folder = config_dir() / "arms"
-    return sorted(
-        {
-            *folder.glob(f"{_safe_name_part(arm)}.toml"),
-            *folder.glob(f"{_safe_name_part(arm)}-*.toml"),
-        }
-    )
-
-
 def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
     """Return the calibration of an arm on an adapter, or None if there is none.
 
@@ -254,13 +213,3 @@ def save_calibration(calibration: Calibration) -> Path:
     path = calibration_path(calibration.arm, calibration.usb_serial_number)
     write_atomic(path, dump_calibration(calibration), keep_old=True)
     return path
-
-
-def _file_stem(arm: str, usb_serial_number: str) -> str:
-    serial = _safe_name_part(usb_serial_number)
-    return f"{_safe_name_part(arm)}-{serial}" if serial else _safe_name_part(arm)
-
-
-def _safe_name_part(text: str) -> str:
-    """Return a text as a part of a file name that cannot leave the folder."""
-    return _UNSAFE_CHARS.sub("_", text).strip("_")[:_MAX_NAME_CHARS]

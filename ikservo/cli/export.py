@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import read_recording
-from ikservo.calibration.calibration_file import calibration_path, calibrations_of, read_calibration
+from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
+from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, PortOption
 from ikservo.cli.terminal import print_status

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from ikservo.calibration import format_position, format_source
-from ikservo.calibration.calibration_file import calibrations_of
+from ikservo.calibration.paths import calibrations_of
 from ikservo.cli.options import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_status
 from ikservo.errors import BadValueError, InputError, UnknownNameError

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import tempfile
 import tomllib
 from collections.abc import Mapping
@@ -21,12 +20,12 @@ from typing import cast
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
+from ikservo.files.folders import config_dir
 from ikservo.hardware.port import Port
 from ikservo.hardware.serial_ports import find_adapter, list_adapters
 from ikservo.hardware.transport import open_transport
 
 __all__ = [
-    "config_dir",
     "is_simulated",
     "reconnect",
     "remember_serial_number",
@@ -37,16 +36,6 @@ __all__ = [
 
 _FILE = "ports.toml"
 _FORMAT = 1
-
-
-def config_dir() -> Path:
-    """Return the folder of the user's own files: ``IKSERVO_HOME``, or the system's default."""
-    own = os.environ.get("IKSERVO_HOME")
-    if own:
-        return Path(own)
-    from platformdirs import user_config_path  # noqa: PLC0415  # only where it is needed
-
-    return user_config_path("ikservo", appauthor=False)
 
 
 def remembered_serial_number(arm: str) -> str:

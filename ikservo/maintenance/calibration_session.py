@@ -20,17 +20,14 @@ from ikservo.arm.calibrated_arm import (
 from ikservo.arm.opening import open_bus
 from ikservo.calibration import Limits
 from ikservo.calibration.calibration_file import (
-    calibration_path,
-    calibrations_of,
     dump_calibration,
-    journal_path,
     load_calibration,
-    partial_path,
     read_calibration,
     save_calibration,
 )
 from ikservo.calibration.homing import TickRange, encoder_tick
 from ikservo.calibration.joint_map import encoder_of
+from ikservo.calibration.paths import calibration_path, calibrations_of, journal_path, partial_path
 from ikservo.calibration.procedure import CalibrationState
 from ikservo.calibration.range_tracker import JointUnderCalibration
 from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration

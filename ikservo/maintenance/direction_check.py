@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ikservo.arm.arm import Arm
-from ikservo.calibration.calibration_file import calibration_path, confirmation_path
+from ikservo.calibration.paths import calibration_path, confirmation_path
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.files.writing import FileWriteError, write_atomic
 from ikservo.hardware.remembered_port import serial_number_of

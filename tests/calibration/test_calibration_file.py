@@ -8,15 +8,13 @@ import pytest
 
 from ikservo.calibration import Limits
 from ikservo.calibration.calibration_file import (
-    calibration_path,
-    calibrations_of,
     dump_calibration,
     load_calibration,
     parse_calibration,
-    partial_path,
     read_calibration,
     save_calibration,
 )
+from ikservo.calibration.paths import calibration_path, calibrations_of, partial_path
 from ikservo.calibration.records import CalibratedGeometry, CalibratedOrigin, Calibration
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.writing import with_checksum

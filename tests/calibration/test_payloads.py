@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from ikservo.calibration.calibration_file import calibration_path, confirmation_path, journal_path
+from ikservo.calibration.paths import calibration_path, confirmation_path, journal_path
 
 # fmt: off
 STEPS = ["..", "../..", "..\\..", "/", "//", "\\\\host\\share", "C:\\", "~", "~root", "%2e%2e%2f",

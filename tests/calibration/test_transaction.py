@@ -8,12 +8,8 @@ from datetime import UTC, datetime
 import pytest
 
 from ikservo.arm.calibrated_arm import load_calibration_for
-from ikservo.calibration.calibration_file import (
-    calibration_path,
-    dump_calibration,
-    journal_path,
-    read_calibration,
-)
+from ikservo.calibration.calibration_file import dump_calibration, read_calibration
+from ikservo.calibration.paths import calibration_path, journal_path
 from ikservo.calibration.result import CalibrationResult
 from ikservo.calibration.servo_config import read_servo_config
 from ikservo.calibration.transaction import (

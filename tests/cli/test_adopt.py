@@ -2,7 +2,8 @@
 
 import pytest
 
-from ikservo.calibration.calibration_file import calibration_path, read_calibration
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration
 
 NAME, OLD, NEW = "planar2", "58FA083", "9C0FFEE"

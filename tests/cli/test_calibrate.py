@@ -8,10 +8,10 @@ import pytest
 
 from ikservo.calibration.calibration_file import (
     dump_calibration,
-    journal_path,
     read_calibration,
     save_calibration,
 )
+from ikservo.calibration.paths import journal_path
 from ikservo.calibration.transaction import Journal, dump_journal
 from ikservo.files.writing import write_atomic
 from ikservo.maintenance.calibration_session import TorqueOffArm

@@ -6,7 +6,8 @@ import signal
 
 import pytest
 
-from ikservo.calibration.calibration_file import calibration_path, partial_path, read_calibration
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path, partial_path
 from ikservo.errors import StoppedError
 from servosim.joint import Hand, glide
 from tests.calibration.mounted_arms import Operator, load_model

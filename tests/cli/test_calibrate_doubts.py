@@ -6,7 +6,8 @@ from contextlib import nullcontext
 import pytest
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.calibration.calibration_file import calibration_path, read_calibration
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.procedure import CalibrationStage, CalibrationState
 from ikservo.calibration.range_tracker import JointUnderCalibration, RangeTracker
 from ikservo.cli.calibrate_by_hand import check_zeros

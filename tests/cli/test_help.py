@@ -56,7 +56,7 @@ def test_an_unknown_command_is_a_usage_error(run_cli):
 
 
 HEAVY = ("numpy", "scipy", "pydantic", "ruckig", "serial", "dynamixel_sdk", "scservo_sdk",
-         "servosim", "ikservo.model")  # fmt: skip
+         "servosim", "ikservo.model", "ikservo.hardware")  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -64,8 +64,12 @@ HEAVY = ("numpy", "scipy", "pydantic", "ruckig", "serial", "dynamixel_sdk", "scs
     [
         ("--help", ()),
         ("arms", ("numpy", "pydantic", "ikservo.model")),
-        ("ports", ("serial", "pydantic")),  # typer itself takes pydantic where it runs a command
-        ("scan --port /dev/ttyNONE7", ("serial", "pydantic")),
+        ("solve 0.25 0.05 0.15 --arm so101", ("numpy", "pydantic", "ikservo.model")),
+        (
+            "ports",
+            ("serial", "pydantic", "ikservo.hardware"),
+        ),  # typer itself takes pydantic where it runs a command
+        ("scan --port /dev/ttyNONE7", ("serial", "pydantic", "ikservo.hardware")),
     ],
 )
 def test_a_command_imports_only_what_it_uses(words, allowed):

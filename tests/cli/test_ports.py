@@ -5,8 +5,8 @@ import json
 import pytest
 
 from ikservo.errors import NoPortError
+from ikservo.files.folders import config_dir
 from ikservo.hardware.discovery import choose_port, remember_port
-from ikservo.hardware.remembered_port import config_dir
 from tests.cli.fixtures_ports import PortInfo, set_ports
 
 FEETECH = PortInfo("/dev/ttyACM0")

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ikservo.arm.calibrated_arm import load_calibration_for
-from ikservo.calibration.calibration_file import calibration_path, read_calibration
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
 from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 from tests.model.touch.perturbed_geometry import PerturbedGeometry

@@ -1,0 +1,61 @@
+"""Where an arm's calibration and what belongs to it are stored, for its adapter."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ikservo.files.folders import config_dir
+
+__all__ = [
+    "calibration_path",
+    "calibrations_of",
+    "confirmation_path",
+    "journal_path",
+    "partial_path",
+]
+
+
+_UNSAFE_CHARS = re.compile(r"[^A-Za-z0-9]+")
+_MAX_NAME_CHARS = 64
+
+
+def calibration_path(arm: str, usb_serial_number: str) -> Path:
+    """Return the file of the calibration of an arm: ``arms/so101-58FA083.toml``."""
+    return config_dir() / "arms" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def journal_path(arm: str, usb_serial_number: str) -> Path:
+    """Return the journal of an interrupted write into that arm's servos."""
+    return config_dir() / "journal" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def confirmation_path(arm: str, usb_serial_number: str) -> Path:
+    """Return the file of the calibrations that the arm's joints were last confirmed with."""
+    return config_dir() / "confirmed" / f"{_file_stem(arm, usb_serial_number)}.txt"
+
+
+def partial_path(arm: str, usb_serial_number: str) -> Path:
+    """Return the file of the joints measured by an interrupted self-calibration."""
+    return config_dir() / "partial" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def calibrations_of(arm: str) -> list[Path]:
+    """Return the calibrations of an arm on any adapter, by name."""
+    folder = config_dir() / "arms"
+    return sorted(
+        {
+            *folder.glob(f"{_safe_name_part(arm)}.toml"),
+            *folder.glob(f"{_safe_name_part(arm)}-*.toml"),
+        }
+    )
+
+
+def _file_stem(arm: str, usb_serial_number: str) -> str:
+    serial = _safe_name_part(usb_serial_number)
+    return f"{_safe_name_part(arm)}-{serial}" if serial else _safe_name_part(arm)
+
+
+def _safe_name_part(text: str) -> str:
+    """Return a text as a part of a file name that cannot leave the folder."""
+    return _UNSAFE_CHARS.sub("_", text).strip("_")[:_MAX_NAME_CHARS]
