@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         UnknownNameError,
         UnreachableError,
     )
+    from ikservo.files.drawing import Drawing, read_drawing
     from ikservo.files.writing import FileWriteError
     from ikservo.ik import Posture, Result, Solver, Target, solve, solve_batch
     from ikservo.kinematics import Chain
@@ -59,6 +60,7 @@ __all__ = [
     "CalibrationError",
     "CartesianPathError",
     "Chain",
+    "Drawing",
     "ExitCode",
     "FileFormatError",
     "FileWriteError",
@@ -89,6 +91,7 @@ __all__ = [
     "arm_names",
     "load_model",
     "open_arm",
+    "read_drawing",
     "read_recording",
     "solve",
     "solve_batch",
@@ -102,6 +105,7 @@ _HOMES = {
     "BusError": "errors",
     "CalibrationError": "errors",
     "Chain": "kinematics",
+    "Drawing": "files.drawing",
     "ExitCode": "errors",
     "FileFormatError": "errors",
     "FileWriteError": "files.writing",
@@ -133,6 +137,7 @@ _HOMES = {
     "arm_names": "model",
     "load_model": "model",
     "open_arm": "arm",
+    "read_drawing": "files.drawing",
     "read_recording": "arm",
     "solve": "ik",
     "solve_batch": "ik",

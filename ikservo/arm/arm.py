@@ -35,12 +35,14 @@ from ikservo.arm.gripper import GraspResult, GripperCommand, move_gripper, resol
 from ikservo.arm.jogging import JogResult, KeepGoing, jog
 from ikservo.arm.motion_options import (
     ArcOptions,
+    DrawOptions,
     FollowOptions,
     GripperOptions,
     JointOptions,
     LineOptions,
     MotionSettings,
     PlanArcOptions,
+    PlanDrawOptions,
     PlanLineOptions,
     PlanOptions,
     PlanThroughOptions,
@@ -98,11 +100,11 @@ class Arm:
     The first motion switches torque on, and is slow. Torque stays on when the arm is closed unless
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
 
-    Motions (``move_to``, ``move_line``, ``move_arc``, ``move_through``, ``move_joints``, ``pose``,
-    ``gripper``, ``replay``) block until the arm is at rest. With ``wait=False`` they run in the
-    background, after the ones before, and return a ``Motion`` with ``done``, ``wait`` and
-    ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm cancels it.
-    The options of motions are documented in ``ikservo.arm.motion_options``.
+    Motions (``move_to``, ``move_line``, ``move_arc``, ``move_through``, ``draw``, ``move_joints``,
+    ``pose``, ``gripper``, ``replay``) block until the arm is at rest. With ``wait=False`` they
+    run in the background, after the ones before, and return a ``Motion`` with ``done``, ``wait``
+    and ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm cancels
+    it. The options of motions are documented in ``ikservo.arm.motion_options``.
 
     Args:
         context: What the arm is made of.
@@ -342,6 +344,16 @@ class Arm:
         tip = parse_options("plan_arc", PlanArcOptions, options)
         return self._preflight.plan_arc(via_m, end_m, tip)
 
+    def plan_drawing(
+        self, strokes_m: Sequence[ArrayLike], **options: Unpack[PlanDrawOptions]
+    ) -> MotionPlan:
+        """Plan strokes of the tip, points (k, 3) [m] each; see ``draw``.
+
+        Options: lift_m, speed, tool_speed_m_s, stance, orientation; see ``PlanDrawOptions``.
+        """
+        tip = parse_options("plan_drawing", PlanDrawOptions, options)
+        return self._preflight.plan_drawing(strokes_m, tip)
+
     def plan_through(self, points_m: Points, **options: Unpack[PlanThroughOptions]) -> MotionPlan:
         """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``.
 
@@ -470,6 +482,32 @@ class Arm:
         """
         tip = parse_options("move_arc", ArcOptions, options)
         return self._move_tip(lambda: self._preflight.plan_arc(via_m, end_m, tip), tip, wait=wait)
+
+    @overload
+    def draw(
+        self, strokes_m: Sequence[ArrayLike],
+        *, wait: Literal[True] = True, **options: Unpack[DrawOptions]
+    ) -> MoveResult: ...  # fmt: skip
+    @overload
+    def draw(
+        self, strokes_m: Sequence[ArrayLike],
+        *, wait: Literal[False], **options: Unpack[DrawOptions]
+    ) -> Motion[MoveResult]: ...  # fmt: skip
+    def draw(
+        self, strokes_m: Sequence[ArrayLike], *, wait: bool = True, **options: Unpack[DrawOptions]
+    ) -> MoveResult | Motion[MoveResult]:
+        """Move the tip along strokes, points (k, 3) [m] each, lifted between them.
+
+        Options: lift_m, speed, tool_speed_m_s, stance, orientation, on_progress; see
+        ``DrawOptions``. ``ikservo.read_drawing`` reads strokes from SVG and CSV files.
+
+        Raises:
+            UnreachableError: A point is out of reach; names the first one. Nothing has moved.
+                Others as for ``move_to``.
+        """
+        tip = parse_options("draw", DrawOptions, options)
+        strokes = parse_points(strokes_m)
+        return self._move_tip(lambda: self._preflight.plan_drawing(strokes, tip), tip, wait=wait)
 
     @overload
     def move_through(

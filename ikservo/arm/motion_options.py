@@ -17,12 +17,14 @@ from ikservo.errors import BadValueError
 
 __all__ = [
     "ArcOptions",
+    "DrawOptions",
     "FollowOptions",
     "GripperOptions",
     "JointOptions",
     "LineOptions",
     "MotionSettings",
     "PlanArcOptions",
+    "PlanDrawOptions",
     "PlanLineOptions",
     "PlanOptions",
     "PlanThroughOptions",
@@ -54,6 +56,12 @@ class PlanArcOptions(PlanLineOptions, total=False):
     center_m: ArrayLike | None
     normal: ArrayLike
     angle_rad: float
+
+
+class PlanDrawOptions(PlanLineOptions, total=False):
+    """Options of ``plan_drawing``; see ``DrawOptions``."""
+
+    lift_m: float
 
 
 class PlanThroughOptions(PlanLineOptions, total=False):
@@ -122,6 +130,19 @@ class ArcOptions(PlanArcOptions, total=False):
     on_progress: OnProgress | None
 
 
+class DrawOptions(PlanDrawOptions, total=False):
+    """Options of ``draw``: those of ``LineOptions``, and how the tip gets from stroke to stroke.
+
+    The tool speed is that along a stroke.
+
+    Attributes:
+        lift_m: How far above a stroke the tip goes before the first, between two and after the
+            last; default 0.01 m.
+    """
+
+    on_progress: OnProgress | None
+
+
 class ThroughOptions(PlanThroughOptions, total=False):
     """Options of ``move_through``: those of ``LineOptions``, and how the points are passed.
 
@@ -169,6 +190,7 @@ class MotionSettings:
     center_m: ArrayLike | None = None
     normal: ArrayLike = (0.0, 0.0, 1.0)
     angle_rad: float = math.tau
+    lift_m: float = 0.01
 
     def __post_init__(self, orientation: ArrayLike | None) -> None:
         if self.tool_speed_m_s is not None:
@@ -179,10 +201,18 @@ class MotionSettings:
         object.__setattr__(self, "stance", check_orientation(self.stance, orientation))
 
 
-class _AllOptions(ThroughOptions, ArcOptions, total=False): ...
+class _AllOptions(ThroughOptions, ArcOptions, DrawOptions, total=False): ...
 
 
-_WITH_WAIT = (PointOptions, LineOptions, ArcOptions, ThroughOptions, JointOptions, GripperOptions)
+_WITH_WAIT = (
+    PointOptions,
+    LineOptions,
+    ArcOptions,
+    DrawOptions,
+    ThroughOptions,
+    JointOptions,
+    GripperOptions,
+)
 
 
 def parse_options(method: str, known: type, options: Mapping[str, object]) -> MotionSettings:

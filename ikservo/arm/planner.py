@@ -280,6 +280,15 @@ class Planner:
         )
         return 1.0 + self._model.speed(speed).rad_s2 * reach_m / GRAVITY_M_S2
 
+    def reach(self, start: Vector, point_m: ArrayLike) -> Vector:
+        """Return all joints (n,) with the tip at a point (3,) [m], near the joints ``start`` (n,).
+
+        Raises:
+            UnreachableError: No joints inside the limits reach it; carries the nearest point.
+        """
+        solved = self._solve_orientation(start, Target(point_m), KEEP_BEST_EFFORT)
+        return self._index.with_chain(start, solved.solution.q)
+
     def tip(self, joints: Vector) -> Vector:
         """Return the tip (3,) [m] for the joints (n,)."""
         return self.tip_pose(joints)[:3, 3]

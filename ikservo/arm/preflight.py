@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ikservo.arm.arguments import parse_all_positions, parse_number, parse_points
 from ikservo.arm.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.arm.context import ArmContext
+from ikservo.arm.drawing import DrawingPlanner, drawing_strokes
 from ikservo.arm.motion_options import MotionSettings
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.plan import (
@@ -108,6 +109,13 @@ class PreflightPlanner:
         plan = self._planner.plan_path(start, arc_from, allowed, tip.stance, tip.tool_speed_m_s)
         plan = self._check_clear(plan, tip.speed)
         return self._make_replannable(plan, lambda: self.plan_arc(via_m, end_m, tip))
+
+    def plan_drawing(self, strokes_m: object, tip: MotionSettings) -> MotionPlan:
+        """Plan strokes of the tip, each (k, 3) [m]; see ``Arm.plan_drawing``."""
+        strokes = drawing_strokes(parse_points(strokes_m))
+        lift_m = parse_number("The lift of the tool", tip.lift_m)
+        drawing = DrawingPlanner(self._planner, strokes, lift_m, tip.stance, tip.tool_speed_m_s)
+        return self.plan_cartesian(drawing.plan, tip.speed)
 
     def plan_cartesian(self, planning: PlanFrom, speed: str) -> MotionPlan:
         """Plan a motion of the tip from the start position and check its path.

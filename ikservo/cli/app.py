@@ -38,6 +38,7 @@ PANELS = {
         "where": "Show where the arm is: tip, joints, limits, health.",
         "move": "Move the tip to a point.",
         "arc": "Move the tip on an arc or a circle.",
+        "draw": "Draw the strokes of an SVG or CSV file.",
         "joints": "Move single joints.",
         "pose": "Move to a named pose.",
         "jog": "Move a joint or the tip while a key is held.",

@@ -15,10 +15,12 @@ NEAR = (0.23, 0.02, 0.10)
 WITH_OPTIONS = {
     "plan_to": (NEAR,),
     "plan_line": (NEAR,),
+    "plan_drawing": ([[NEAR]],),
     "plan_arc": ((0.22, 0.03, 0.1), NEAR),
     "plan_through": ([NEAR],),
     "move_to": (NEAR,),
     "move_line": (NEAR,),
+    "draw": ([[NEAR]],),
     "move_arc": ((0.22, 0.03, 0.1), NEAR),
     "move_through": ([NEAR],),
     "move_joints": ({"wrist_roll": 0.1},),
@@ -110,6 +112,7 @@ def test_each_option_is_explained_with_its_default():
             motion_options.PointOptions,
             motion_options.LineOptions,
             motion_options.ArcOptions,
+            motion_options.DrawOptions,
             motion_options.ThroughOptions,
             motion_options.GripperOptions,
         )

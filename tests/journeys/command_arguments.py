@@ -46,6 +46,7 @@ _ARGUMENTS = {
 }
 _OWN = {  # where one name means something else
     ("scan", "name"): [""],
+    ("draw", "file"): ["{folder}/stroke.csv"],
     ("teach", "name"): ["cup"],
     ("jog", "what"): ["{joint}", "z"],
     ("gripper", "to"): ["open", "close"],
@@ -54,6 +55,7 @@ _OWN = {  # where one name means something else
 }
 _NEEDED = {  # options that a command cannot do without
     "arc": ("--via", "{via}"),
+    "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "export": (("kind", "recording"), ["lerobot", "csv {folder}/wave.jsonl"]),

@@ -48,7 +48,7 @@ def arguments(name, arm, folder):
                     f"No value for {parameter.name!r} of arm.{name}(); add it to {__name__}."
                 )
             values[parameter.name] = _VALUES[parameter.name](arm, folder)
-    return values
+    return values | _OPTIONS.get(name, {})
 
 
 def _some_joints(arm, _):
@@ -95,6 +95,7 @@ def _stop_after_20():
 _VALUES = {
     "position_m": _target,
     "points_m": _points,
+    "strokes_m": lambda arm, _: [[_target(arm), _beside(arm)]],
     "positions": _some_joints,
     "plan": lambda arm, folder: arm.plan_joints(_some_joints(arm, folder)),
     "speed": lambda *_: "slow",
@@ -105,6 +106,10 @@ _VALUES = {
     "leader": _leader,
     "what": lambda arm, _: arm.chain.names[0],
     "wanted": lambda *_: _continue_for_20(),
+}
+_OPTIONS = {  # planar arms stay in their plane
+    "draw": {"lift_m": 0.0},
+    "plan_drawing": {"lift_m": 0.0},
 }
 _OWN = {
     ("record", "path"): lambda _, folder: folder / "new.jsonl",

@@ -66,6 +66,8 @@ def judge(monkeypatch, folder, arm, line, posture, kind):
     command, model = line.split()[0], load_model(arm)
     if "wave.jsonl" in line and command != "record":
         write_wave_recording(arm, folder / "wave.jsonl")
+    if "stroke.csv" in line:
+        (folder / "stroke.csv").write_text("x_mm,y_mm\n0,0\n-10,0\n-10,10\n")
     bench = place_arm(monkeypatch, arm, posture, kind)
     result = run_arguments(filled(line, arm, bench.port, folder))
     allowed = allowed_command_codes(command, kind, posture, model)

@@ -1,0 +1,167 @@
+"""``ikservo draw``: move the tip along the strokes of an SVG or CSV file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from ikservo.arm import MoveResult
+from ikservo.arm.motion_options import PlanDrawOptions
+from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.move_report import print_move_report, print_preview
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    DirectionOption,
+    DryRunOption,
+    JsonOption,
+    KeepOption,
+    NoWiggleOption,
+    PitchOption,
+    PortOption,
+    RollOption,
+    SpeedOption,
+    TipOption,
+    ToolSpeedOption,
+    UncalibratedOption,
+    YesOption,
+    orientation_from_options,
+    parse_angle_rad,
+    parse_length_m,
+    parse_point_m,
+)
+from ikservo.cli.session import announce, open_from_options, progress_bar
+from ikservo.cli.terminal import print_status
+from ikservo.errors import BadValueError, ExitCode, format_point
+from ikservo.files.drawing import Drawing, read_drawing
+
+__all__ = ["command"]
+
+File = Annotated[
+    Path, typer.Argument(metavar="FILE", help="An .svg, or CSV with x,y or x,y,z in each line.")
+]
+Origin = Annotated[
+    str | None,
+    typer.Option(
+        "--origin",
+        metavar="X,Y,Z",
+        help="Where the lower left corner of an SVG, or 0,0 of a CSV, comes; by default where the "
+        "tip is.",
+    ),
+]
+Scale = Annotated[
+    float | None, typer.Option("--scale", help="How many times as large as in the file.")
+]
+Width = Annotated[
+    float | None,
+    typer.Option(
+        "--width",
+        parser=parse_length_m,
+        metavar="LENGTH",
+        help="How long its larger side shall be, instead of --scale.",
+    ),
+]
+Rotate = Annotated[
+    float | None,
+    typer.Option(
+        "--rotate", parser=parse_angle_rad, metavar="DEG", help="Turn it about its origin."
+    ),
+]
+Unit = Annotated[
+    str | None, typer.Option("--unit", help="m or mm: of a CSV whose header names none; m.")
+]
+Lift = Annotated[
+    float,
+    typer.Option(
+        "--lift",
+        parser=parse_length_m,
+        metavar="LENGTH",
+        help="How far the tip is lifted between strokes.",
+    ),
+]
+
+
+def command(
+    file: File,
+    *,
+    origin: Origin = None,
+    scale: Scale = None,
+    width: Width = None,
+    rotate: Rotate = None,
+    unit: Unit = None,
+    lift: Lift = 0.01,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    speed: SpeedOption = "normal",
+    tool_speed: ToolSpeedOption = None,
+    pitch: PitchOption = None,
+    roll: RollOption = None,
+    direction: DirectionOption = None,
+    keep: KeepOption = False,
+    collision: CollisionOption = True,
+    dry_run: DryRunOption = False,
+    uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
+    tip: TipOption = None,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Move the tip along the strokes of a file, lifted between them.
+
+    An SVG is drawn as large as it says (a pixel is 1/96 inch), its right to the arm's right and
+    its top away from the arm. A CSV has x,y or x,y,z in the base frame's directions in each line,
+    and an empty line between strokes; metres, or what its header says: x_mm,y_mm.
+
+    ikservo draw star.svg --origin 0.18,0.04,0.05 --width 80mm --arm so101 --port sim
+
+    ikservo draw path.csv --unit mm --origin 0.2,0,0.1 --tool-speed 30 --dry-run
+    """
+    drawing = _read(file, unit, scale, width)
+    options: PlanDrawOptions = {
+        "lift_m": lift,
+        "speed": speed,
+        "tool_speed_m_s": tool_speed,
+        "stance": orientation_from_options(pitch, roll, direction, keep=keep),
+    }
+    origin_m = None if origin is None else parse_point_m(origin)
+    with open_from_options(
+        arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
+    ) as machine:
+        origin_m = origin_m or tuple(machine.where().tip_m.tolist())
+        placed = drawing.placed(origin_m, rotate or 0.0)
+        plan = machine.plan_drawing(placed.strokes_m, **options)
+        _announce_drawing(placed, origin_m)
+        announce(plan, machine, yes=yes or dry_run)
+        if dry_run:
+            print_preview(plan, machine, json=json)
+            return
+        if not no_wiggle and check_directions_once(machine, yes=yes):
+            plan = machine.plan_drawing(placed.strokes_m, **options)
+        with progress_bar() as on_progress:
+            report = cast("MoveResult", machine.execute(plan, on_progress))  # of a plan of the tip
+    print_move_report(report, json=json)
+    if not report.reached:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _read(file: Path, unit: str | None, scale: float | None, width: float | None) -> Drawing:
+    """Return the drawing of a file in its size."""
+    if scale is not None and width is not None:
+        raise BadValueError("The size of the drawing", "given twice", "--scale or --width")
+    drawing = read_drawing(file, unit)
+    if width is not None:
+        drawing = drawing.with_width(width)
+    return drawing.scaled(1.0 if scale is None else scale).simplified()
+
+
+def _announce_drawing(drawing: Drawing, origin_m: tuple[float, ...]) -> None:
+    along_x, along_y = (1000.0 * side_m for side_m in drawing.size_m)
+    count = len(drawing.strokes_m)
+    print_status(
+        f"{count} stroke{'s' if count > 1 else ''}, {along_x:.0f} mm along x and {along_y:.0f} mm "
+        f"along y, origin at {format_point(origin_m)}."
+    )
+    for what in drawing.ignored:
+        print_status(f"Not drawn: {what}.")

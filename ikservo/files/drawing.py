@@ -1,0 +1,260 @@
+"""Drawings: strokes of a pen from CSV and SVG files, scaled and placed in the arm's base frame."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.errors import BadValueError, FileFormatError, InputError
+from ikservo.files.reading import quote, read_text
+
+if TYPE_CHECKING:
+    from svgelements import PathSegment
+
+__all__ = ["Drawing", "read_drawing"]
+
+Matrix = NDArray[np.float64]
+
+_MAX_BYTES = 4 * 1024 * 1024
+_MAX_POINTS = 20_000
+_UNITS_M = {"m": 1.0, "mm": 0.001}
+_HEADER = re.compile(r"[xyz](_(?P<unit>mm|m))?", re.IGNORECASE)
+# An SVG's pixel is 1/96 inch (CSS), which is also what millimetres in a file are converted by.
+_PIXELS_PER_INCH, _PIXEL_M = 96.0, 0.0254 / 96.0
+_POINTS_PER_CURVE = 64
+# Points nearer than this to the line between their neighbours change nothing that an arm draws.
+_TOLERANCE_M = 5e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawing:
+    """Strokes of a pen.
+
+    Attributes:
+        strokes_m: The points (k, 3) of each, metres; x forward and y left, as in the base frame.
+        ignored: What is in the file and is not drawn.
+    """
+
+    strokes_m: tuple[Matrix, ...]
+    ignored: tuple[str, ...] = ()
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Return the extent along x and along y."""
+        points = np.concatenate(self.strokes_m)
+        along_x, along_y = np.ptp(points[:, :2], axis=0).tolist()
+        return along_x, along_y
+
+    def scaled(self, factor: float) -> Drawing:
+        """Return the drawing enlarged about its origin.
+
+        Raises:
+            BadValueError: The factor is not positive.
+        """
+        if not 0.0 < factor < math.inf:
+            raise BadValueError("The scale of the drawing", f"{factor:g}", "a number above 0")
+        return replace(self, strokes_m=tuple(factor * stroke for stroke in self.strokes_m))
+
+    def with_width(self, width_m: float) -> Drawing:
+        """Return the drawing with its larger side as long as given, enlarged about its origin.
+
+        Raises:
+            BadValueError: The width is not positive, or the drawing has no extent.
+        """
+        largest = max(self.size_m)
+        if not largest > 0.0:
+            raise BadValueError("The drawing", "a single point", "one with an extent")
+        return self.scaled(width_m / largest)
+
+    def placed(self, origin_m: Sequence[float], angle_rad: float = 0.0) -> Drawing:
+        """Return the drawing turned about its upright axis, its origin at a point (3,) [m]."""
+        cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+        R = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        origin = np.asarray(origin_m, dtype=np.float64)
+        return replace(self, strokes_m=tuple(s @ R.T + origin for s in self.strokes_m))
+
+    def simplified(self) -> Drawing:
+        """Return the drawing without points that change it by less than 0.05 mm."""
+        strokes = tuple(_simplify(stroke, _TOLERANCE_M) for stroke in self.strokes_m)
+        return replace(self, strokes_m=strokes)
+
+
+def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
+    """Read strokes from a file: CSV, or SVG where its name ends in ``.svg``.
+
+    A CSV has a point x, y or x, y, z in each line, and an empty line between two strokes. Its
+    numbers are metres, unless its header names millimetres (``x_mm,y_mm``) or ``unit`` says so.
+
+    An SVG is drawn in its own size (its ``width`` and ``height``; a pixel is 1/96 inch), seen by
+    somebody behind the arm: its right is the arm's right, its top is away from the arm. Its lower
+    left corner becomes the origin. Needs svgelements (``pip install 'ikservo[draw]'``).
+
+    Args:
+        path: The file.
+        unit: ``m`` or ``mm``, of a CSV without a unit in its header.
+
+    Raises:
+        FileFormatError: It is missing, empty, too large or malformed; says in which line.
+        InputError: svgelements is not installed.
+        BadValueError: The unit is neither, or contradicts the file.
+    """
+    file = Path(path)
+    if unit is not None and unit not in _UNITS_M:
+        raise BadValueError("The unit", quote(str(unit)), "m or mm")
+    text = read_text(file, _MAX_BYTES)
+    if file.suffix.lower() == ".svg":
+        if unit is not None:
+            raise BadValueError("The unit", "given for an SVG, which has its own", "a scale")
+        drawing = _read_svg(file, text)
+    else:
+        drawing = Drawing(tuple(_read_csv(file, text, unit)))
+    if sum(len(stroke) for stroke in drawing.strokes_m) > _MAX_POINTS:
+        raise FileFormatError(file, "", f"has more than {_MAX_POINTS} points")
+    return drawing
+
+
+def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
+    lines = [line.strip() for line in text.splitlines()]
+    first = next(i for i, line in enumerate(lines) if line)
+    named = _header_unit(path, lines[first])
+    if named is not None:
+        lines[first] = ""
+    if named and unit and named != unit:
+        raise BadValueError(
+            "The unit", f"{unit}, and {named} in the header of {path}", "one of them"
+        )
+    factor = _UNITS_M[unit or named or "m"]
+    stroke: list[list[float]] = []
+    columns = 0
+    for number, line in enumerate([*lines, ""], start=1):
+        if line and not line.startswith("#"):
+            stroke.append(_parse_row(path, number, line, columns))
+            columns = len(stroke[-1])
+        elif stroke and not line:
+            yield factor * _with_height(np.array(stroke))
+            stroke = []
+    if not columns:
+        raise FileFormatError(path, "", "has no points", "a point x, y or x, y, z in each line")
+
+
+def _header_unit(path: Path, line: str) -> str | None:
+    """Return the unit in a header, ``""`` where it names none; None where this is no header."""
+    names = [name.strip() for name in line.split(",")]
+    matches = [_HEADER.fullmatch(name) for name in names]
+    if not all(matches):
+        return None
+    units = {(match["unit"] or "").lower() for match in matches if match}
+    if len(units) > 1:
+        raise FileFormatError(path, "line 1", "mixes units", "one unit for all columns")
+    return units.pop()
+
+
+def _parse_row(path: Path, number: int, line: str, columns: int) -> list[float]:
+    expected = f"{columns} numbers" if columns else "x, y or x, y, z"
+    try:
+        row = [float(word) for word in line.split(",")]
+    except ValueError:
+        raise FileFormatError(
+            path, f"line {number}", f"{quote(line)} is not numbers", expected
+        ) from None
+    if not all(math.isfinite(value) for value in row):
+        raise FileFormatError(path, f"line {number}", f"{quote(line)} is not finite", expected)
+    if len(row) not in ((columns,) if columns else (2, 3)):
+        raise FileFormatError(path, f"line {number}", f"has {len(row)} numbers", expected)
+    return row
+
+
+def _with_height(points: Matrix) -> Matrix:
+    """Return points (k, 3) from (k, 2) or (k, 3): in the plane where they have no height."""
+    if points.shape[1] == 3:
+        return points
+    return np.column_stack([points, np.zeros(len(points))])
+
+
+def _read_svg(path: Path, text: str) -> Drawing:
+    try:
+        import svgelements  # noqa: PLC0415  # an extra
+    except ImportError:
+        raise InputError(
+            "Reading SVG files needs svgelements, which is not installed.",
+            "Install it: pip install 'ikservo[draw]'. A CSV file needs nothing.",
+        ) from None
+    _check_xml(path, text)
+    try:
+        elements = list(svgelements.SVG.parse(io.StringIO(text), ppi=_PIXELS_PER_INCH).elements())
+        shapes = [svgelements.Path(e) for e in elements if isinstance(e, svgelements.Shape)]
+        subpaths = [svgelements.Path(part) for shape in shapes for part in shape.as_subpaths()]
+        found = [_sample_segments(list(part)) for part in subpaths]
+    except (ValueError, TypeError, ArithmeticError, LookupError, AttributeError) as error:
+        raise FileFormatError(path, "", f"cannot be read as SVG ({error})", "SVG 1.1") from error
+    strokes = [stroke for stroke in found if len(stroke) > 1]
+    has_text = any(isinstance(e, svgelements.Text) for e in elements)
+    ignored = ("text, which must be converted to paths first",) if has_text else ()
+    if not strokes:
+        raise FileFormatError(path, "", "has no lines to draw", "; ".join(ignored) or "paths")
+    points = np.concatenate(strokes)
+    if not np.isfinite(points).all():
+        raise FileFormatError(path, "", "has points that are not finite")
+    left, bottom = points[:, 0].min(), points[:, 1].max()
+    placed = (np.column_stack([bottom - s[:, 1], left - s[:, 0]]) * _PIXEL_M for s in strokes)
+    return Drawing(tuple(_with_height(stroke) for stroke in placed), ignored)
+
+
+def _check_xml(path: Path, text: str) -> None:
+    """Refuse what is not well-formed, or has entities, which can be made to take all memory."""
+    from defusedxml.common import DefusedXmlException  # noqa: PLC0415
+    from defusedxml.ElementTree import fromstring  # noqa: PLC0415
+
+    try:
+        root = fromstring(text)
+    except (ET.ParseError, DefusedXmlException, ValueError) as error:
+        raise FileFormatError(path, "", f"is not XML ({error})", "an SVG file") from error
+    if root.tag.rpartition("}")[2] != "svg":
+        raise FileFormatError(path, "", f"is XML, but {quote(root.tag)}, not svg", "an SVG file")
+
+
+def _sample_segments(segments: Sequence[PathSegment]) -> Matrix:
+    """Return the points (k, 2) [px] along a part of a path, drawn without lifting the pen."""
+    from svgelements import Close, Line, Move  # noqa: PLC0415
+
+    points: list[tuple[float, float]] = []
+    for segment in segments:
+        straight = isinstance(segment, Move | Line | Close)
+        count = 1 if straight else _POINTS_PER_CURVE
+        at = [segment.point(i / count) for i in range(1, count + 1)] if segment.end else []
+        points += [(point.x, point.y) for point in at]
+    return np.array(points, dtype=np.float64).reshape(-1, 2)
+
+
+def _simplify(points: Matrix, tolerance: float) -> Matrix:
+    """Return the points (k, 3) that are needed to stay within a tolerance (Douglas and Peucker)."""
+    keep = np.zeros(len(points), dtype=np.bool_)
+    keep[[0, -1]] = True
+    parts = [(0, len(points) - 1)]
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        distances = _segment_distances(points[first : last + 1])
+        worst = int(distances.argmax())
+        if distances[worst] > tolerance:
+            keep[first + worst] = True
+            parts += [(first, first + worst), (first + worst, last)]
+    return points[keep]
+
+
+def _segment_distances(points: Matrix) -> Matrix:
+    """Return the distances (k,) of points from the segment between the first and the last."""
+    along, gone = points[-1] - points[0], points - points[0]
+    length2 = float(along @ along)
+    fraction = np.clip(gone @ along / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(gone))
+    return np.linalg.norm(gone - np.outer(fraction, along), axis=1)

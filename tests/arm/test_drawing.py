@@ -1,0 +1,87 @@
+"""Drawings on simulated arms: the commanded path, the lift, and what is out of reach."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import RefusedError, UnreachableError
+from tests.arm.simulated import registers, true_tip_m
+
+CORNER = np.array([0.18, -0.02, 0.09])
+SQUARE = CORNER + 0.04 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]])
+DASH = CORNER + 0.04 * np.array([[0.3, 0.5, 0], [0.7, 0.5, 0]])
+
+
+@pytest.fixture(params=["so101", "wx250s", "open_manipulator_x"])
+def arm(request):
+    with ikservo.open_arm(request.param, port="sim:?pose=home") as machine:
+        machine.pose("home")
+        yield machine
+
+
+def commanded_tips(arm, plan):
+    """Return the commanded tip (k, 3) every 5 ms of the Cartesian part."""
+    begin_s = plan.duration_s - plan.cartesian_s
+    times_s = np.arange(begin_s, plan.duration_s, 0.005)
+    joints = np.array([plan.trajectory.state(at_s).position for at_s in times_s])
+    return arm.chain.forward(joints[:, list(arm.joint_index.chain)])[:, :3, 3]
+
+
+def distance_to(points, stroke):
+    """Return the distance (k,) of points to a polyline."""
+    found = []
+    for a, b in pairwise(stroke):
+        x = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+        found.append(np.linalg.norm(points - a - np.outer(x, b - a), axis=1))
+    return np.min(found, axis=0)
+
+
+def test_the_commanded_tip_is_on_the_strokes_or_lifted(arm):
+    plan = arm.plan_drawing([SQUARE, DASH], lift_m=0.015, tool_speed_m_s=0.03)
+    tips = commanded_tips(arm, plan)
+    down = tips[tips[:, 2] < CORNER[2] + 3e-4]
+    off_m = np.minimum(distance_to(down, SQUARE), distance_to(down, DASH))
+    assert off_m.max() < 6e-4
+    for corner in (*SQUARE, *DASH):
+        assert np.linalg.norm(tips - corner, axis=1).min() < 5e-4
+    np.testing.assert_allclose(tips[-1], DASH[-1] + (0, 0, 0.015), atol=5e-4)
+    assert tips[:, 2].max() < CORNER[2] + 0.016
+
+
+def test_a_drawing_is_executed_and_its_path_error_reported(arm):
+    report = arm.draw([SQUARE, DASH], tool_speed_m_s=0.04)
+    assert report.reached
+    assert np.linalg.norm(true_tip_m(arm) - DASH[-1] - (0, 0, 0.01)) < 2e-3
+    assert 0.0 < report.path_error_rms_m < report.path_error_max_m < 0.03
+
+
+def test_a_single_point_is_touched_and_left(arm):
+    plan = arm.plan_drawing([[CORNER]], lift_m=0.02)
+    tips = commanded_tips(arm, plan)
+    assert tips[:, 2].min() == pytest.approx(CORNER[2], abs=5e-4)
+    assert tips[-1, 2] == pytest.approx(CORNER[2] + 0.02, abs=5e-4)
+
+
+def test_the_first_point_out_of_reach_is_named_and_nothing_moves(arm):
+    goals = registers(arm, "goal_position")
+    far = CORNER + np.array([[0, 0, 0], [0.01, 0, 0], [0.9, 0, 0], [1.0, 0, 0]])
+    with pytest.raises(UnreachableError, match="point 3 of stroke 2: ") as raised:
+        arm.draw([DASH, far])
+    assert "Move the drawing or make it smaller" in raised.value.hint
+    assert registers(arm, "goal_position") == goals
+
+
+def test_a_drawing_below_the_table_is_refused(arm):
+    with pytest.raises((RefusedError, UnreachableError)):
+        arm.draw([SQUARE - (0, 0, 0.2)])
+
+
+def test_the_speed_of_all_strokes_is_told_as_one():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        arm.pose("home")
+        speed = arm.plan_drawing([SQUARE, DASH], tool_speed_m_s=0.03).tool_speed
+        assert speed.limited_by[0] == "1 of 2 strokes are slower"  # at the corners of the square
+        assert speed.top_m_s == pytest.approx(0.03, rel=0.03)
+        assert arm.plan_drawing([DASH], tool_speed_m_s=0.01).tool_speed.is_constant
