@@ -35,6 +35,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, ModelJoint, ModelServo, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
+from ikservo.model.lifting import lifting_lags
 from ikservo.model.sag import joint_compliances, link_masses, stall_error
 from ikservo.registers import control_table
 
@@ -134,7 +135,8 @@ def open_arm(
             bus.load_return_delays()
             own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
             _back_up_eeproms(bus, model, own)
-        fences = [_make_limits(own, model, joint) for joint in model.joints]
+        lags = lifting_lags(model, model.chain)
+        fences = [_make_limits(own, model, j, lags.get(j.name, 0.0)) for j in model.joints]
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         gripper = model.gripper.joint if model.gripper else None
         servos = ServoGroup(bus, fences, shadows, bus.port.clock, model.health, gripper)
@@ -156,7 +158,9 @@ def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:
             back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
 
 
-def _make_limits(own: CalibratedArm, model: Model, joint: ModelJoint) -> CommandLimits:
+def _make_limits(
+    own: CalibratedArm, model: Model, joint: ModelJoint, lifting_lag_rad: float
+) -> CommandLimits:
     joint_map = own.joint_map(joint)
     horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
     speed = horn_rad_s * joint.travel_per_turn / math.tau
@@ -165,6 +169,7 @@ def _make_limits(own: CalibratedArm, model: Model, joint: ModelJoint) -> Command
         own.limits(joint, joint_map),
         speed * _SPEED_MARGIN,
         stall_error(joint, model.supply_v),
+        lifting_lag_rad,
     )
 
 

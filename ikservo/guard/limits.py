@@ -13,10 +13,11 @@ __all__ = ["CommandLimits", "LeadLimiter", "require_int_tick"]
 
 
 # A joint must not travel further than 60 ticks of 4096 when its program dies; in addition, the
-# steady-state error of a P-controlled servo under load, or the lead that compensates it.
+# steady-state error of a P-controlled servo under load, or the lead that compensates it. That is
+# at least the lag at rest; the most is where no servo of the catalogue gives more torque.
 _LEAD_TIME_S = 0.1
 _MAX_LEAD_RAD = 60 * math.tau / 4096
-_AT_REST_LEAD_RAD = 0.12
+_AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +29,14 @@ class CommandLimits:
         limits: The calibrated range, each end with its source.
         speed: The maximum speed of goals, rad/s or m/s.
         stall_error: How far short of a goal friction may keep the joint, rad or m.
+        lifting_lag_rad: How far behind its goal the horn is when it lifts the arm, rad.
     """
 
     joint_map: JointMap
     limits: Limits
     speed: float
     stall_error: float = 0.0
+    lifting_lag_rad: float = 0.0
 
     @property
     def joint(self) -> str:
@@ -87,14 +90,16 @@ class CommandLimits:
         """Return how far a goal may be ahead of the measured joint in a motion.
 
         That is the distance in 0.1 s at this speed [rad/s or m/s], but no more than 60 ticks of
-        4096 on the horn; plus the steady-state error of a servo under load.
+        4096 on the horn; plus the steady-state error of a servo under load: 0.12 rad on the horn,
+        or more where the joint needs it to lift the arm.
         """
         horn = self.joint_map.horn_rad_per_tick
         moving = min(
             min(speed, self.speed) * _LEAD_TIME_S / self.joint_map.unit_per_tick,
             _MAX_LEAD_RAD / horn,
         )
-        return math.floor(moving + 1e-6) + math.floor(_AT_REST_LEAD_RAD / horn)
+        at_rest = min(max(self.lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
+        return math.floor(moving + 1e-6) + math.floor(at_rest / horn)
 
     def describe_violation(self, tick: int) -> str:
         """Describe how a tick leaves the range, with the active limit and its source."""

@@ -42,6 +42,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import Model, ModelJoint
 from ikservo.model.collision_model import collision_body
+from ikservo.model.lifting import lifting_lags
 from ikservo.registers import RegisterName
 
 __all__ = [
@@ -147,8 +148,10 @@ def limited_context(
     model, bus = loose.model, loose.bus
     own = CalibratedArm(bus, model, ZeroSource.CALIBRATED, known.calibration)
     subjects = {subject.name: subject for subject in wizard.subjects}
+    lags = lifting_lags(model, model.chain)
     fences = [
-        _search_limits(own, joint, subjects[joint.name], wizard, loose) for joint in model.joints
+        _search_limits(own, j, subjects[j.name], wizard, loose, lags.get(j.name, 0.0))
+        for j in model.joints
     ]
     shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
     servos = ServoGroup(bus, fences, shadows, bus.clock, model.health)
@@ -162,10 +165,13 @@ def _search_limits(
     subject: JointUnderCalibration,
     wizard: CalibrationState,
     loose: TorqueOffArm,
+    lifting_lag_rad: float,
 ) -> CommandLimits:
     limits = _widen_range(subject, wizard).expected
     speed = loose.model.speed("slow").rad_s * joint.travel_per_turn / math.tau
-    return CommandLimits(own.joint_map(joint), limits, speed * _SPEED_MARGIN)
+    return CommandLimits(
+        own.joint_map(joint), limits, speed * _SPEED_MARGIN, lifting_lag_rad=lifting_lag_rad
+    )
 
 
 def _widen_range(subject: JointUnderCalibration, wizard: CalibrationState) -> JointUnderCalibration:

@@ -86,11 +86,19 @@ def test_a_soft_dynamixel_is_made_stiff_enough_to_carry_its_arm(x_series):
     assert gains[0][6] == 800
 
 
-def test_a_weak_shoulder_lifts_the_arm_that_lies_back_at_its_slowest_speed():
-    with ikservo.open_arm("omx_f", port="sim") as arm:
-        arm.move_joints({"joint2": -1.85, "joint3": -1.48, "joint4": 0.0})
-        arm.move_joints({"joint2": -0.87}, speed="slow")
-        assert true_joints(arm)["joint2"] == pytest.approx(-0.87, abs=0.01)
+BACK = {"joint2": -1.85, "joint3": -1.48, "joint4": 0.0}
+FRONT = {"shoulder": 0.87, "elbow": -0.7, "wrist_angle": 0.0}
+
+
+@pytest.mark.parametrize(("name", "low", "up"), [
+    ("omx_f", BACK, {"joint2": -0.87}), ("wx250s", FRONT, {"shoulder": 0.35}),
+])  # fmt: skip
+def test_an_arm_that_reaches_far_is_lifted_at_its_slowest_speed(name, low, up):
+    with ikservo.open_arm(name, port="sim") as arm:
+        arm.move_joints(low)
+        arm.move_joints(up, speed="slow")
+        joint, goal = next(iter(up.items()))
+        assert true_joints(arm)[joint] == pytest.approx(goal, abs=0.01)
 
 
 def test_a_profile_that_was_made_time_based_while_torque_was_off_is_noticed(x_series):

@@ -1,6 +1,7 @@
 """What one servo may be told, in its own ticks."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -58,6 +59,12 @@ def test_the_look_ahead_is_a_tenth_of_a_second_up_to_60_ticks_and_78_standing(sp
 @pytest.mark.parametrize(("short_ticks", "lead"), [(0.9e-6, 28), (1.1e-6, 27)])
 def test_the_last_bit_of_a_speed_costs_no_tick(short_ticks, lead):
     assert make_limits().max_lead_ticks((280.0 - 10.0 * short_ticks) * TICK) == 78 + lead
+
+
+@pytest.mark.parametrize(("lag_rad", "lead"), [(0.1, 78), (0.15, 97), (0.2, 130), (0.3, 130)])
+def test_a_joint_that_needs_it_to_lift_its_arm_may_be_further_behind(lag_rad, lead):
+    limits = replace(make_limits(), lifting_lag_rad=lag_rad)
+    assert limits.max_lead_ticks(0.0) == lead
 
 
 def test_a_finer_encoder_has_the_same_look_ahead():

@@ -1,0 +1,55 @@
+"""The lag at which servos lift their arm, against the simulated motors' friction."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ikservo.kinematics import Dynamics
+from ikservo.model import load_model
+from ikservo.model.lifting import lifting_lags
+from ikservo.model.sag import link_masses
+from servosim.motor import Motor
+from servosim.parameters import PARAMETERS
+from tests.oracle import ARMS
+
+
+def breakaway_nm(servo, load_nm):
+    """Return the torque at which a simulated motor's dry friction no longer holds a load."""
+    motor = Motor(PARAMETERS[servo])
+    torques = np.linspace(load_nm, 6.0 * load_nm, 20_000)
+    moves = [motor._dry_friction(t, -load_nm, 0.0) < t - load_nm for t in torques]
+    return float(torques[moves.index(True)])
+
+
+@pytest.mark.parametrize(("name", "joint", "servo", "count", "stiffness_nm_rad"), [
+    ("omx_f", "joint2", "XL430-W250", 1, 9.09), ("wx250s", "shoulder", "XM430-W350", 2, 39.8),
+    ("so101", "shoulder_lift", "STS3215", 1, 17.5), ("koch", "elbow_flex", "XL330-M288", 1, 2.67),
+])  # fmt: skip
+def test_the_lag_is_enough_for_the_heaviest_posture(name, joint, servo, count, stiffness_nm_rad):
+    model = load_model(name)
+    dynamics = Dynamics.from_masses(model.chain, link_masses(model, model.chain))
+    lower, upper = np.maximum(model.chain.lower_rad, -math.pi), np.minimum(model.chain.upper_rad, 3)
+    postures = np.random.default_rng(5).uniform(lower, upper, (2000, model.chain.dof))
+    column = model.chain.names.index(joint)
+    load_nm = max(abs(dynamics.gravity_torques(q)[column]) for q in postures)
+    needed_rad = count * breakaway_nm(servo, load_nm / count) / stiffness_nm_rad
+    assert needed_rad <= lifting_lags(model, model.chain)[joint] <= 1.45 * needed_rad
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_joint_with_a_known_servo_has_a_lag(name):
+    model = load_model(name)
+    lags = lifting_lags(model, model.chain)
+    assert list(lags) == list(model.chain.names)
+    assert all(0.0 < lag < 0.22 for lag in lags.values())
+
+
+def test_an_unknown_servo_or_an_arm_without_masses_has_none():
+    model = load_model("so101")
+    first, *others = model.joints
+    unknown = replace(first, servo=replace(first.servo, model="XC999"))
+    assert first.name not in lifting_lags(replace(model, joints=(unknown, *others)), model.chain)
+    weightless = replace(model.urdf, links=tuple(replace(k, mass_kg=0.0) for k in model.urdf.links))
+    assert lifting_lags(replace(model, urdf=weightless), model.chain) == {}
