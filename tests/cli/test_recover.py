@@ -61,7 +61,7 @@ def test_with_torque_every_goal_is_where_its_joint_is(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, change)
     assert run_cli("recover --arm so101 --port sim").code == 0
     for servo in ports[0].line.world.servos:
-        assert abs(servo.read("goal_position") - servo.read("present_position")) <= 12
+        assert abs(servo.read("goal_position") - servo.read("present_position")) <= 2
 
 
 def test_without_torque_no_goal_is_written(run_cli, monkeypatch):
