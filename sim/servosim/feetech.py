@@ -239,7 +239,7 @@ class Feetech(Servo):
 
     def store(self, address: int, data: bytes) -> None:
         """Store what is writable, each value clipped to its range; ignore the rest."""
-        end, image, opened = address + len(data), self.memory.image, self.is_eeprom_unlocked
+        end, image = address + len(data), self.memory.image
         for row in self.table.registers_in(address, len(data)):
             if row.address >= address and row.end <= end:
                 raw = data[row.address - address : row.end - address]
@@ -251,9 +251,8 @@ class Feetech(Servo):
             if not row.accepts(value):
                 raw = row.encode(max(row.lower, min(row.upper, value)))
             if row.writable:
-                self.memory.write(
-                    row.address, raw, persist=opened and row.area is SimulatedArea.EEPROM
-                )
+                persist = row.area is SimulatedArea.EEPROM and self.is_eeprom_unlocked
+                self.memory.write(row.address, raw, persist=persist)
         self.apply_write_effects(address, len(data))
 
     def run_protections(self, dt_s: float) -> None:

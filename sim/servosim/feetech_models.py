@@ -131,15 +131,22 @@ class StsSeries(FeetechSeries):
 
     def set_position_goal(self) -> None:
         """Goal position written; in step mode it is added to the previous goal."""
-        get = self.memory.get
+        get, servo = self.memory.get, self.servo
         if get("operating_mode") == STEP:
             self.step_goal_tick += get("goal_position")
-        servo, off = self.servo, get("torque_enable") == 0 and get("operating_mode") == 0
-        if off and servo.goal_enables_torque and not servo.watch.is_unloaded:
+            self.set_goal()
+        elif get("operating_mode") != 0 or get("torque_enable") != 0:
+            self.drive.goal_rad = self.angle_at(servo.clamped_goal())
+        elif servo.goal_enables_torque and not servo.watch.is_unloaded:
             self.memory.put("torque_enable", 1)
             servo.set_torque()
         else:
             self.set_goal()
+
+    def change_phase(self) -> None:
+        """Phase written: speeds in registers have another unit."""
+        self.set_phase()
+        self.set_goal()
 
     def nearest_limit(self, goal: int, lower: int, upper: int) -> int:
         """Return the limit that is nearest on the circle of one turn."""
@@ -170,7 +177,7 @@ class StsSeries(FeetechSeries):
             "torque_limit": servo.set_limits,
             "integral_limit": servo.set_gains,
             "moving_threshold": self.set_phase,
-            "phase": self.set_phase,
+            "phase": self.change_phase,
             "acceleration": servo.set_goal,
             "max_speed_limit": servo.set_goal,
             "homing_offset": servo.set_goal,

@@ -208,6 +208,8 @@ class SimulatedJoint:
     @property
     def m_per_rad(self) -> float:
         """Joint motion for one radian of the horn here: 1 without a transmission."""
+        if self.transmission is DIRECT:  # each servo and step asks
+            return 1.0
         return self.transmission.slope(self.servos[0].motor.position_rad)
 
     @property
@@ -250,7 +252,8 @@ class SimulatedJoint:
         """Step the servos under an external load, which is divided between them."""
         lead = self.servos[0]
         if len(self.servos) == 1:
-            lead.step(STEP_S, load * self.m_per_rad)
+            direct = self.transmission is DIRECT
+            lead.step(STEP_S, load if direct else load * self.m_per_rad)
             return
         load_nm = load * self.m_per_rad / len(self.servos)
         for follower in self.servos[1:]:
