@@ -52,9 +52,8 @@ class JointDrive:
         gears = self.friction
         slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)
         load = abs(load_nm)
-        return (
-            gears.coulomb_nm + gears.load * load + slow * (gears.slow_nm + gears.slow_load * load)
-        )
+        steady_nm = gears.coulomb_nm + (gears.load + gears.square_per_nm * load) * load
+        return steady_nm + slow * (gears.slow_nm + gears.slow_load * load)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +111,7 @@ def _sum_at_joint(servos: Sequence[ServoTorque], per_horn_rad: float) -> JointDr
             gears.slow_rad_s * per_horn_rad,
             gears.load,
             gears.slow_load,
+            gears.square_per_nm / force,
         ),
         startup_nm=force * servos[0].startup_duty * servos[0].full_duty_nm,
     )

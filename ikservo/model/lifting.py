@@ -52,9 +52,7 @@ def _lifting_torque(drive: JointDrive, load_nm: float) -> float:
 
     The gears carry motor torque and load together, and their friction grows with both.
     """
-    share = drive.friction.load + drive.friction.slow_load
-    dry_nm = drive.friction.coulomb_nm + drive.friction.slow_nm
-    return (load_nm * (1.0 + share) + dry_nm) / (1.0 - share)
+    return drive.friction.static_load_nm(2.0 * load_nm) - load_nm
 
 
 def _postures(chain: Chain) -> Matrix:

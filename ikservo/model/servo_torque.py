@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import sqrt
 from types import MappingProxyType
 
 __all__ = ["SERVO_TORQUES", "GearFriction", "ServoTorque", "find_servo_torque"]
@@ -13,9 +14,10 @@ __all__ = ["SERVO_TORQUES", "GearFriction", "ServoTorque", "find_servo_torque"]
 class GearFriction:
     """Dry friction of a servo's gears: grows with their load, and is greater in a slow shaft.
 
-    ``|tau| <= coulomb + load g + exp(-|w| / slow_rad_s) (slow + slow_load g)`` with the load g of
-    the gears, the difference of the motor's and the outer torque: model m4 of Duclusaud, Passault
-    et al., "Extended Friction Models for the Physics Simulation of Servo Actuators" (2024).
+    ``|tau| <= coulomb + load g + square g^2 + exp(-|w| / slow_rad_s) (slow + slow_load g)`` with
+    the load g of the gears, the difference of the motor's and the outer torque: model m4 of
+    Duclusaud, Passault et al., "Extended Friction Models for the Physics Simulation of Servo
+    Actuators" (2024), and a part that grows with the square of the load.
 
     Attributes:
         coulomb_nm: Friction of the unloaded gears.
@@ -23,6 +25,7 @@ class GearFriction:
         slow_rad_s: Velocity at which that has fallen to 37 %.
         load: Friction for each N m of load.
         slow_load: Likewise, what a slow shaft has besides.
+        square_per_nm: Friction for the square of the load.
     """
 
     coulomb_nm: float
@@ -30,11 +33,27 @@ class GearFriction:
     slow_rad_s: float
     load: float
     slow_load: float
+    square_per_nm: float = 0.0
 
     @property
     def static_nm(self) -> float:
         """Outer torque that sets a resting shaft in motion whose motor is off."""
-        return (self.coulomb_nm + self.slow_nm) / (1.0 - self.load - self.slow_load)
+        return self.static_load_nm(0.0)
+
+    def static_load_nm(self, held_nm: float) -> float:
+        """Return the load g of the gears at which a resting shaft starts: held + friction under g.
+
+        That is the smaller root of ``square g^2 - (1 - load - slow_load) g + held + dry = 0``;
+        where there is none, the load under which friction comes nearest to it.
+
+        Args:
+            held_nm: Load without friction: none on a limp shaft, twice the outer torque where the
+                motor lifts it.
+        """
+        rest = 1.0 - self.load - self.slow_load
+        dry_nm = held_nm + self.coulomb_nm + self.slow_nm
+        root = sqrt(max(0.0, rest**2 - 4.0 * self.square_per_nm * dry_nm))
+        return 2.0 * dry_nm / (rest + root)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +95,15 @@ class ServoTorque:
         return self.static_friction_nm / self.full_duty_nm
 
 
-# Friction: coulomb and slow [N m], slow below [rad/s], for each N m of load, that of a slow shaft.
+# Friction: coulomb and slow [N m], slow below [rad/s], for each N m of load, that of a slow shaft,
+# for the square of the load.
 _STS3215 = GearFriction(0.1175, 0.0522, 0.218, 0.110, 0.071)
-_STS3250 = GearFriction(0.0468, 0.0331, 0.062, 0.121, 0.029)
+_STS3215_12_V = GearFriction(0.1284, 0.0535, 0.145, 0.087, 0.083, 0.0210)
+_STS3250 = GearFriction(0.0452, 0.0249, 0.067, 0.085, 0.112, 0.0155)
 _SCS0009 = GearFriction(0.00577, 0.00256, 0.443, 0.110, 0.071)
 _SCS15 = GearFriction(0.0375, 0.0167, 0.277, 0.110, 0.071)
-_XL330_M288 = GearFriction(0.0024, 0.0003, 0.436, 0.260, 0.042)
-_XL330_M077 = GearFriction(0.000992, 0.000124, 1.35, 0.260, 0.042)
+_XL330_M288 = GearFriction(0.00077, 0.00423, 0.2518, 0.1543, 0.0875, 0.1724)
+_XL330_M077 = GearFriction(0.000318, 0.00175, 0.850, 0.1543, 0.0875, 0.417)
 _XL430 = GearFriction(0.0154, 0.00598, 1.38, 0.0, 0.234)
 _XM430 = GearFriction(0.0420, 0.0163, 1.04, 0.0, 0.234)
 _XM540 = GearFriction(0.109, 0.0422, 0.680, 0.0, 0.234)
@@ -97,12 +118,12 @@ _MX_28 = GearFriction(0.0256, 0.00996, 1.25, 0.0, 0.234)
 SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType(
     {   #                            N m/rad     P   N m    N m s    kg m²
         ("STS3215", None): ServoTorque(17.5, 32, 3.35, 0.578, 0.0216, _STS3215, 0.014),
-        ("STS3215", 12.0): ServoTorque(35.9, 32, 6.88, 1.31, 0.0216, _STS3215, 0.014),
-        ("STS3250", None): ServoTorque(52.5, 32, 10.1, 1.28, 0.0083, _STS3250, 0.004),
+        ("STS3215", 12.0): ServoTorque(38.3, 32, 7.35, 1.41, 0.0215, _STS3215_12_V, 0.014),
+        ("STS3250", None): ServoTorque(54.0, 32, 10.4, 1.31, 0.0087, _STS3250, 0.004),
         ("SCS0009", None): ServoTorque(1.76, 32, 0.338, 0.0316, 0.0007, _SCS0009, 0.014),
         ("SCS15", None): ServoTorque(11.5, 32, 2.20, 0.328, 0.0020, _SCS15, 0.014),
-        ("XL330-M288", None): ServoTorque(2.67, 1500, 0.619, 0.0473, 0.0020, _XL330_M288),
-        ("XL330-M077", None): ServoTorque(1.11, 1500, 0.256, 0.00632, 0.00018, _XL330_M077),
+        ("XL330-M288", None): ServoTorque(2.80, 1500, 0.648, 0.0540, 0.00156, _XL330_M288),
+        ("XL330-M077", None): ServoTorque(1.16, 1500, 0.268, 0.00662, 0.00018, _XL330_M077),
         ("XL430-W250", None): ServoTorque(9.09, 1000, 1.58, 0.245, 0.0053, _XL430),
         ("XM430-W350", None): ServoTorque(19.9, 800, 4.32, 0.888, 0.0112, _XM430),
         ("XM540-W270", None): ServoTorque(51.4, 800, 11.2, 3.52, 0.0260, _XM540),

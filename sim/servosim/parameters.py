@@ -161,8 +161,8 @@ def spread(parameters: MotorParameters, seed: int) -> MotorParameters:
 # kt and R are known as kt/R and kt*kt/R: torque for a volt, brake for a rad/s. The XL330 needs no
 # torque limit: its friction grows with the square of the load.
 # Torque limits: 3.4 N m is also what an STS3215 of 12 V pressed on a scale (SO-ARM100 issue 134).
-# STS3215 (7.4 V): kt and R of BAM (params/feetech_sts3215_7_4V, model m1), gears of the 12 V one as
-# an earlier fit had them (m4, without kq): 7 % less friction than the present one has.
+# STS3215 (7.4 V): kt and R of BAM (params/feetech_sts3215_7_4V, model m1), gears of _GEAR: an
+# earlier fit of the 12 V one, without kq, 7 % less friction. The SCS are scaled from it, too.
 # Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
 # makers' sheets. MX64 is BAM's fit (params/mx64, model m4).
 # Play: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100 issue
@@ -173,6 +173,8 @@ _M, _S, _E = Certainty.MEASURED, Certainty.SCALED, Certainty.ESTIMATED
 #               V     kt     ohm    N m   kc      kv      ks      ws     kl     kls    kq
 _C018 = _row((12.0, 2.254, 3.682, 3.28, 0.1284, 0.0259, 0.0535, 0.145, 0.087, 0.083, 0.0210),
              (0.0215, 345.0, 0.50, 55.0), _M)  # armature, gears, play °, g
+_GEAR = _row((12.0, 2.230, 3.892, 3.26, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),
+             (0.0216, 345.0, 0.50, 55.0), _M)
 _C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),
              (0.0216, 345.0, 1.00, 55.0), _S)
 _3250 = _row((12.0, 1.457, 1.688, 3.70, 0.0452, 0.0509, 0.0249, 0.067, 0.085, 0.112, 0.0155),
@@ -182,7 +184,7 @@ _M288 = _row(( 5.0, 0.3993, 3.083, math.inf, 0.00077, 0.00231, 0.00423, 0.2518, 
 _MX64 = _row((12.0, 1.663, 3.156, 6.32, 0.0615, 0.0148, 0.0239, 1.521, 0.000, 0.234, 0.000),
              (0.0110, 200.0, 0.33, 135.0), _M)
 # fmt: on
-_SHEET_STALL_NM = {_C018: 3.1, _M288: 0.52, _MX64: 6.0}  # the first: shaft, without its limit
+_SHEET_STALL_NM = {_GEAR: 4.6, _M288: 0.52, _MX64: 6.0}  # the first: shaft, without its limit
 
 
 def _scaled(
@@ -221,8 +223,8 @@ PARAMETERS: dict[str, MotorParameters] = {
     "STS3215-C018": _C018,
     "STS3250": _3250,
     #                              V     N m    rpm   armature  gears  play°    g
-    "SCS0009":    _scaled(_C018,  6.0,  0.226, 100.0, 0.0007,  416.0, 0.50,  13.2, _E),
-    "SCS15":      _scaled(_C018,  6.0,  1.47,   62.5, 0.0020,  200.0, 0.50,  56.0, _E),
+    "SCS0009":    _scaled(_GEAR,  6.0,  0.226, 100.0, 0.0007,  416.0, 0.50,  13.2, _E),
+    "SCS15":      _scaled(_GEAR,  6.0,  1.47,   62.5, 0.0020,  200.0, 0.50,  56.0, _E),
     "XL330-M288": _M288,
     "XL330-M077": _scaled(_M288,  5.0,  0.215, 383.0, 0.00018,  77.5, 0.25,  18.0),
     "XL430-W250": _scaled(_MX64, 12.0,  1.50,   61.0, 0.0053,  258.5, 0.25,  57.2),

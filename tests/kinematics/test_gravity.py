@@ -98,6 +98,7 @@ def test_damping_and_gears_of_servos_are_those_of_the_simulated_ones(model, supp
     assert gears.coulomb_nm == pytest.approx(motor.friction_nm, rel=0.02)
     assert gears.slow_nm == pytest.approx(motor.stribeck_nm, rel=0.02)
     assert gears.slow_rad_s == pytest.approx(motor.stribeck_rad_s, rel=0.02)
+    assert gears.square_per_nm == pytest.approx(motor.load_square_per_nm, rel=0.02)
 
 
 def test_servos_of_a_higher_voltage_sag_less():

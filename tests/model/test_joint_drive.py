@@ -29,6 +29,21 @@ def test_a_geared_joint_is_stiffer_by_the_square_of_its_ratio():
     assert geared.friction.coulomb_nm == pytest.approx(2.0 * direct.friction.coulomb_nm)
 
 
+def test_a_gear_divides_the_load_that_friction_grows_with_the_square_of():
+    wrist = ikservo.load_model("koch").joint("wrist_roll")
+    direct = joint_drive(wrist, None)
+    geared = joint_drive(replace(wrist, travel_per_turn=math.pi), None)
+    assert direct.friction.square_per_nm > 0.0
+    assert geared.friction_torque(0.0, 0.4) == pytest.approx(2.0 * direct.friction_torque(0.0, 0.2))
+
+
+@pytest.mark.parametrize("held_nm", [0.0, 0.3])
+def test_a_resting_shaft_starts_where_its_load_is_more_than_friction_under_it(held_nm):
+    drive = joint_drive(ikservo.load_model("koch").joint("wrist_roll"), None)
+    load_nm = drive.friction.static_load_nm(held_nm)
+    assert load_nm == pytest.approx(held_nm + drive.friction_torque(0.0, load_nm))
+
+
 def test_a_joint_with_a_servo_of_an_unknown_motor_has_no_drive():
     pan = ikservo.load_model("so101").joint("shoulder_pan")
     assert joint_drive(replace(pan, servo=replace(pan.servo, model="HX-7")), None) is None
