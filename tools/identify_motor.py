@@ -357,6 +357,10 @@ def print_sensitivity(values: Array, firmware: Firmware, logs: Logs) -> None:
     for part, without in (
         ("target ramp", replace(firmware, ramp_rad_s=math.inf)),
         ("start-up force", replace(firmware, startup_duty=0.0)),
+        (
+            "half of the P gain",
+            replace(firmware, duty_per_gain_rad=0.5 * firmware.duty_per_gain_rad),
+        ),
     ):
         print_errors(f"without {part}", values, without, logs)
 
