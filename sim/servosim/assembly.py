@@ -15,6 +15,7 @@ from servosim.parameters import PARAMETERS, MotorParameters, spread
 from servosim.register import ServoTable, SimulatedFamily
 from servosim.servo import HornMounting, Servo
 from servosim.servo_models import baud_code, make_servo, table_for
+from servosim.specimen import Specimen
 from servosim.world import ExternalDynamics, World
 
 __all__ = ["BenchServo", "make_arm_world", "make_bench_world"]
@@ -46,6 +47,7 @@ def make_arm_world(
     *,
     physics: bool = False,
     backlash_deg: float | None = None,
+    specimen: Specimen | None = None,
 ) -> World:
     """Return an arm at a pose, torque off, its servos as delivered.
 
@@ -55,20 +57,26 @@ def make_arm_world(
         seed: Of the servos' tolerances.
         physics: True for bodies and contacts from MuJoCo instead of independent joints.
         backlash_deg: Backlash of every servo's gears; None for the vendor's figure.
+        specimen: Masses, payload and motors that differ from those of the files.
 
     Raises:
         ArmFileError: No such pose, or a URDF without the joints or the tip.
-        SimulatorError: MuJoCo is not installed, or a play that no gears have.
+        SimulatorError: MuJoCo is not installed, a play that no gears have, other masses with
+            MuJoCo, or a payload without a tip.
         UnknownModelError: A servo model without a table.
     """
     if pose not in arm.poses:
         raise ArmFileError(arm.path, f"poses.{pose}", f"no such pose; has: {', '.join(arm.poses)}")
     if backlash_deg is not None and not 0.0 <= backlash_deg <= MAX_PLAY_DEG:
         raise SimulatorError(f"gears have a play of 0 to {MAX_PLAY_DEG:g}°, not {backlash_deg}°")
+    specimen = specimen or Specimen()
+    if physics and specimen.changes_masses:
+        raise SimulatorError("bodies of MuJoCo have the masses of the URDF and no payload")
     names = [joint.name for joint in arm.joints]
-    body = GravityBody(arm.urdf, names)
+    body = GravityBody(arm.urdf, names, specimen, arm.tip)
+    build = _ServoBuild(arm, seed, backlash_deg, specimen)
     joints = [
-        _make_joint(arm, entry, arm.poses[pose].get(entry.name, 0.0), limits, seed, backlash_deg)
+        _make_joint(build, entry, arm.poses[pose].get(entry.name, 0.0), limits)
         for entry, limits in zip(arm.joints, body.limits, strict=True)
     ]
     tip = body.tip(arm.tip) if arm.tip else None
@@ -126,42 +134,44 @@ def make_bench_world(
     return World(joints, FreeBody([joint.name for joint in joints]))
 
 
+@dataclass(frozen=True, slots=True)
+class _ServoBuild:
+    """What the servos of an arm are built from."""
+
+    arm: SimulatedArmFile
+    seed: int
+    backlash_deg: float | None
+    specimen: Specimen
+
+    def parameters(self, joint: str, model: str, servo_id: int) -> MotorParameters:
+        """Return the motor of one servo."""
+        own = spread(_motor_parameters(model, self.backlash_deg), self.seed + servo_id)
+        return self.specimen.motor_parameters(joint, own)
+
+
 def _make_joint(
-    arm: SimulatedArmFile,
-    entry: JointEntry,
-    position: float,
-    limits: tuple[float, float],
-    seed: int,
-    backlash_deg: float | None,
+    build: _ServoBuild, entry: JointEntry, position: float, limits: tuple[float, float]
 ) -> SimulatedJoint:
     transmission = entry.servos[0].transmission
     margin = _stop_margin(transmission.is_prismatic)
     horn_rad = transmission.horn_rad(position)
     stops = sorted(transmission.horn_rad(end) for end in (limits[0] - margin, limits[1] + margin))
-    servos = tuple(
-        _make_servo(arm, servo, horn_rad, stops, seed + servo.id, backlash_deg)
-        for servo in entry.servos
-    )
+    servos = tuple(_make_servo(build, entry.name, servo, horn_rad, stops) for servo in entry.servos)
     return SimulatedJoint(entry.name, servos, transmission)
 
 
 def _make_servo(
-    arm: SimulatedArmFile,
-    entry: ServoEntry,
-    angle_rad: float,
-    stops: list[float],
-    seed: int,
-    backlash_deg: float | None,
+    build: _ServoBuild, joint: str, entry: ServoEntry, angle_rad: float, stops: list[float]
 ) -> Servo:
+    arm = build.arm
     table = table_for(_model_at(arm, entry.model))
     unknown = [name for name in entry.eeprom if name not in table.by_name]
     if unknown:
         raise ArmFileError(arm.path, f"servo {entry.id}", f"no register named {unknown[0]!r}")
     delivered = {**entry.eeprom, **_baud_registers(table, arm.baud), "id": entry.id}
-    parameters = spread(_motor_parameters(table.model, backlash_deg), seed)
-    motor = Motor(parameters, angle_rad, *stops)
+    motor = Motor(build.parameters(joint, table.model, entry.id), angle_rad, *stops)
     shaft = HornMounting(entry.sign, entry.zero_tick, table.ticks_per_turn)
-    return make_servo(table.model, motor, shaft, delivered, seed)
+    return make_servo(table.model, motor, shaft, delivered, build.seed + entry.id)
 
 
 def _model_at(arm: SimulatedArmFile, model: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from servosim.contact import Contacts
 from servosim.errors import ArmFileError, SimulatorError
 from servosim.gravity import MassTree, MimicDrive
+from servosim.specimen import Specimen
 from servosim.urdf import Matrix, MovingJoint, read_joints, read_link_frame, read_shapes
 
 __all__ = ["Tip"]
@@ -186,14 +187,26 @@ class GravityBody:
     Args:
         urdf_path: The arm.
         joint_names: The joints that servos move; others rest at zero, or at the nearest limit.
+        specimen: Masses that differ from the URDF's, and a payload.
+        tip: The link that holds the payload; empty where there is none.
 
     Raises:
-        ArmFileError: The file is no usable URDF, or lacks one of the joints.
+        ArmFileError: The file is no usable URDF, or lacks one of the joints or the tip.
+        SimulatorError: There is a payload, and no tip that could hold it.
     """
 
-    def __init__(self, urdf_path: str | Path, joint_names: Sequence[str]) -> None:
+    def __init__(
+        self,
+        urdf_path: str | Path,
+        joint_names: Sequence[str],
+        specimen: Specimen | None = None,
+        tip: str = "",
+    ) -> None:
         self.names = tuple(joint_names)
         joints = read_joints(Path(urdf_path))
+        if specimen is not None and specimen.changes_masses:
+            frame = read_link_frame(Path(urdf_path), tip) if tip else None
+            joints = specimen.scaled_joints(joints, frame)
         by_name = {joint.name: joint for joint in joints}
         for name in self.names:
             if name not in by_name:

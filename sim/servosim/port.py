@@ -12,6 +12,7 @@ from servosim.clock import PacedClock, VirtualClock
 from servosim.errors import PortClosedError, SimulatorError
 from servosim.faults import read_faults
 from servosim.line import Line, LineOptions
+from servosim.specimen import Specimen, read_specimen
 from servosim.world import RangeSweep
 
 __all__ = ["SimulatedPort", "open_port"]
@@ -24,7 +25,8 @@ def open_port(url: str) -> SimulatedPort:
 
     The query may hold ``pose``, ``seed``, ``faults`` (a file), ``hand=sweep``, and ``physics``,
     ``backlash_deg``, ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``,
-    ``latency_ms`` as numbers; ``paced=1`` limits virtual time to real time.
+    ``latency_ms`` as numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and
+    ``payload_g`` change the masses, ``parameters`` is a file with those of one arm.
 
     Raises:
         ArmFileError: The arm file cannot be used.
@@ -43,6 +45,7 @@ def open_port(url: str) -> SimulatedPort:
         seed,
         physics=bool(query.number("physics", 0)),
         backlash_deg=query.optional("backlash_deg"),
+        specimen=query.specimen(),
     )
     if query.number("goal_keeps_torque", 0):
         world.keep_torque_with_goals()
@@ -80,6 +83,12 @@ class _Query:
     def optional(self, key: str) -> float | None:
         """Return a value as a number, None where there is none."""
         return self.number(key, 0.0) if self.text(key, "") else None
+
+    def specimen(self) -> Specimen:
+        """Return the masses and motors of the arm."""
+        file = self.text("parameters", "")
+        own = read_specimen(Path(file)) if file else Specimen()
+        return own.with_load(self.optional("mass_scale"), self.optional("payload_g"))
 
     def line_options(self, seed: int) -> LineOptions:
         """Return the options of the line."""

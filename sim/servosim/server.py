@@ -23,6 +23,7 @@ from servosim.line import Line, LineOptions
 from servosim.pty import PtyBus
 from servosim.remote import RemoteControl, servo_state
 from servosim.servo_models import TABLES
+from servosim.specimen import Specimen, read_specimen
 from servosim.traffic import Audit, TrafficLog
 from servosim.world import RangeSweep
 
@@ -51,6 +52,9 @@ class ServerOptions(argparse.Namespace):
     wire_time: bool
     physics: bool
     backlash_deg: float | None
+    mass_scale: float | None
+    payload_g: float | None
+    parameters: Path | None
     goal_keeps_torque: bool
     hand: str | None
     log: Path | None
@@ -71,12 +75,15 @@ def parse_options(argv: Sequence[str]) -> ServerOptions:
         parser.error(
             "give an arm or --servo, not both" if options.servos else "give an arm or --servo"
         )
-    mine = ("protocol",) if options.arm is not None else ("pose", "physics", "backlash_deg")
+    mine = ("protocol",) if options.arm is not None else _OF_AN_ARM
     for name in mine:
         if getattr(options, name):
             other = "--servo" if options.arm is not None else "an arm"
             parser.error(f"--{name.replace('_', '-')} is an option of {other}")
     return options
+
+
+_OF_AN_ARM = ("pose", "physics", "backlash_deg", "mass_scale", "payload_g", "parameters")
 
 
 def _make_parser() -> argparse.ArgumentParser:
@@ -109,6 +116,9 @@ def _make_parser() -> argparse.ArgumentParser:
     add("--no-wire-time", dest="wire_time", action="store_false", help="bytes take no time")
     add("--physics", action="store_true", help="bodies and contacts from MuJoCo")
     add("--backlash-deg", type=float, metavar="DEG", help="free play of the arm's gears")
+    add("--mass-scale", type=float, metavar="FACTOR", help="factor of the arm's masses (1)")
+    add("--payload-g", type=float, metavar="GRAMS", help="mass in the arm's jaws (0)")
+    add("--parameters", type=Path, metavar="FILE", help="masses and motors of one arm, TOML")
     add(
         "--hand",
         choices=("sweep",),
@@ -293,6 +303,7 @@ def build_line(options: ServerOptions) -> Line:
             options.seed,
             physics=options.physics,
             backlash_deg=options.backlash_deg,
+            specimen=_specimen(options),
         )
         line = Line(world, arm.baud, line_options)
     else:
@@ -307,6 +318,11 @@ def build_line(options: ServerOptions) -> Line:
     if options.hand == "sweep":
         line.witnesses.append(RangeSweep(world))
     return line
+
+
+def _specimen(options: ServerOptions) -> Specimen:
+    own = Specimen() if options.parameters is None else read_specimen(options.parameters)
+    return own.with_load(options.mass_scale, options.payload_g)
 
 
 def _attach_listeners(line: Line, options: ServerOptions, stack: contextlib.ExitStack) -> None:
