@@ -166,6 +166,16 @@ class Arm:
             return getattr(self, current_name("Arm", _RENAMED, name))
 
     @property
+    def context(self) -> ArmContext:
+        """Return what the arm is made of, for functions of this package."""
+        return self._context
+
+    @property
+    def runner(self) -> MotionRunner:
+        """Return what runs its motions, likewise."""
+        return self._runner
+
+    @property
     def port_name(self) -> str:
         """Return the name of the port the arm is on."""
         return self._port.name

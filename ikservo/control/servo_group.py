@@ -10,6 +10,7 @@ from functools import partial
 from types import MappingProxyType
 
 from ikservo.clock import Clock
+from ikservo.control.drive_feedback import DriveReader
 from ikservo.control.feedback import (
     Feedback,
     JointState,
@@ -74,6 +75,7 @@ class ServoGroup(StreamedServos):
     ) -> None:
         super().__init__(bus, fences, clock)
         self._gripper, self._sink_time_s = gripper, _SINK_TIME_S
+        self._shadow_ids = {name: tuple(ids) for name, ids in shadows.items()}
         self._shadows = {i: f"{n} (servo {i})" for n in self.names for i in shadows.get(n, ())}
         self._health = HealthLimits() if health is None else health
 
@@ -193,6 +195,11 @@ class ServoGroup(StreamedServos):
     def with_latest_telemetry(self, states: tuple[JointState, ...]) -> tuple[JointState, ...]:
         """Return joints' states with the latest telemetry of the motion; reads no servo."""
         return self._health_poller.with_latest_telemetry(states) if self._health_poller else states
+
+    def drive_reader(self, names: Sequence[str]) -> DriveReader:
+        """Return what reads the duty, the current and the supply of the servos of some joints."""
+        fences = {fence.joint: fence for fence in self.fences}
+        return DriveReader(self._bus, [(fences[n], self._shadow_ids.get(n, ())) for n in names])
 
     def read_states(self) -> tuple[JointState, ...]:
         """Read every joint's position, limits, temperature, voltage, load and torque."""

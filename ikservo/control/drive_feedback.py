@@ -1,0 +1,88 @@
+"""Duty, current and supply voltage of the joints' servos, read while they move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ikservo.guard import CommandLimits
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.servo import ServoSpec
+from ikservo.kinematics.arrays import Matrix
+from ikservo.registers import Register, RegisterName
+
+__all__ = ["DriveReader"]
+
+
+class DriveReader:
+    """Reads duty, current and supply of the servos of some joints.
+
+    Args:
+        bus: The servos' bus.
+        joints: The command limits of each joint's leading servo, and the ids of its other servos.
+    """
+
+    def __init__(
+        self, bus: ServoBus, joints: Sequence[tuple[CommandLimits, Sequence[int]]]
+    ) -> None:
+        self._bus = bus
+        self._ids = [(fence.servo_id, *others) for fence, others in joints]
+        self._signs = [fence.joint_map.sign for fence, _ in joints]
+        self._most = max(len(ids) for ids in self._ids)
+        self._keys = {i: _drive_registers(bus.servos[i]) for ids in self._ids for i in ids}
+
+    def p_gains(self) -> list[int | None]:
+        """Read the P gain of each joint's leading servo; None where it has no such register.
+
+        Raises:
+            BusError: A servo does not answer.
+        """
+        found: list[int | None] = []
+        for servo_id, *_ in self._ids:
+            registers = self._bus.servos[servo_id].table.registers
+            gain = registers.get("position_p_gain") or registers.get("p_gain")
+            found.append(None if gain is None else self._bus.read(servo_id, gain, raw=True))
+        return found
+
+    def read(self) -> Matrix | None:
+        """Return duty, current [A] and supply [V] of each servo of each joint (joints, most, 3).
+
+        Duty and current are positive towards larger positions; a current whose direction the servo
+        does not measure is its size. What is not measured is NaN, and so are the rows of joints
+        with fewer servos than others. A further servo has the direction of its joint's first one.
+        None where a reply is missing.
+        """
+        readings = self._bus.bulk_read(
+            {servo_id: list(keys.values()) for servo_id, keys in self._keys.items()}
+        )
+        if readings.errors:
+            return None
+        table = np.full((len(self._ids), self._most, 3), math.nan)
+        for j, ids in enumerate(self._ids):
+            for k, servo_id in enumerate(ids):
+                table[j, k] = self._row(servo_id, self._signs[j], readings.values[servo_id])
+            table[j, 1 : len(ids), :2] = np.copysign(table[j, 1 : len(ids), :2], table[j, 0, :2])
+        return table
+
+    def _row(
+        self, servo_id: int, sign: int, found: Mapping[Register, float]
+    ) -> tuple[float, float, float]:
+        keys = self._keys[servo_id]
+        current_a = math.nan
+        if "current" in keys:
+            current_a = found[keys["current"]]
+            current_a *= 1 if keys["current"].range[0] >= 0 else sign
+        return sign * found[keys["duty"]], current_a, found[keys["voltage"]]
+
+
+def _drive_registers(servo: ServoSpec) -> dict[str, Register]:
+    registers = servo.table.registers
+    keys = {
+        "duty": registers.get("present_pwm", servo.table.present_load),
+        "voltage": servo.table.find(RegisterName.PRESENT_VOLTAGE),
+    }
+    if "present_current" in registers:
+        keys["current"] = registers["present_current"]
+    return keys
