@@ -11,6 +11,8 @@ __all__ = [
     "calibration_path",
     "calibrations_of",
     "confirmation_path",
+    "identified_of",
+    "identified_path",
     "journal_path",
     "partial_path",
 ]
@@ -23,6 +25,11 @@ _MAX_NAME_CHARS = 64
 def calibration_path(arm: str, usb_serial_number: str) -> Path:
     """Return the file of the calibration of an arm: ``arms/so101-58FA083.toml``."""
     return config_dir() / "arms" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def identified_path(arm: str, usb_serial_number: str) -> Path:
+    """Return the file of an identified arm: ``identified/so101-58FA083.toml``."""
+    return config_dir() / "identified" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 
 def journal_path(arm: str, usb_serial_number: str) -> Path:
@@ -42,13 +49,17 @@ def partial_path(arm: str, usb_serial_number: str) -> Path:
 
 def calibrations_of(arm: str) -> list[Path]:
     """Return the calibrations of an arm on any adapter, by name."""
-    folder = config_dir() / "arms"
-    return sorted(
-        {
-            *folder.glob(f"{_safe_name_part(arm)}.toml"),
-            *folder.glob(f"{_safe_name_part(arm)}-*.toml"),
-        }
-    )
+    return _files_of(config_dir() / "arms", arm)
+
+
+def identified_of(arm: str) -> list[Path]:
+    """Return the files of an identified arm on any adapter, by name."""
+    return _files_of(config_dir() / "identified", arm)
+
+
+def _files_of(folder: Path, arm: str) -> list[Path]:
+    name = _safe_name_part(arm)
+    return sorted({*folder.glob(f"{name}.toml"), *folder.glob(f"{name}-*.toml")})
 
 
 def _file_stem(arm: str, usb_serial_number: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import sqrt
 from types import MappingProxyType
 
-__all__ = ["SERVO_TORQUES", "GearFriction", "ServoTorque", "find_servo_torque"]
+__all__ = ["SERVO_TORQUES", "GearFriction", "ServoTorque", "find_servo_torque", "nominal_supply_v"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,3 +142,21 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
         supply_v: As the arm file says; None, and one without figures of its own, is the usual one.
     """
     return SERVO_TORQUES.get((model, supply_v)) or SERVO_TORQUES.get((model, None))
+
+
+_SUPPLY_V = MappingProxyType(
+    {"STS3215": 7.4, "SCS0009": 6.0, "SCS15": 6.0, "XL330-M288": 5.0, "XL330-M077": 5.0}
+)
+_USUAL_SUPPLY_V = 12.0
+
+
+def nominal_supply_v(model: str, supply_v: float | None) -> float:
+    """Return the supply voltage that the figures of a model are for.
+
+    Args:
+        model: The servo's.
+        supply_v: As the arm file says, or None.
+    """
+    if supply_v is not None and (model, supply_v) in SERVO_TORQUES:
+        return supply_v
+    return _SUPPLY_V.get(model, _USUAL_SUPPLY_V)

@@ -1,0 +1,122 @@
+"""The file of an identified arm: masses and motors of one arm, beside its calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from ikservo.calibration.paths import identified_path
+from ikservo.calibration.records import Name, Text
+from ikservo.errors import FileFormatError
+from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text
+from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
+
+__all__ = [
+    "IdentifiedArm",
+    "IdentifiedJoint",
+    "dump_identified",
+    "load_identified",
+    "read_identified",
+    "save_identified",
+]
+
+_HEADER = """\
+# Masses and motors of one arm, written by `ikservo identify`. `ikservo sim --as-identified`
+# simulates this arm; the figures of a joint are those of each of its servos, at the horn.
+"""
+
+Torque = Annotated[float, Field(gt=0, le=1000)]
+Friction = Annotated[float, Field(ge=0, le=1000)]
+Share = Annotated[float, Field(ge=0, lt=0.5)]
+_FRICTION, _SHARE = "N m, zero or more", "a number from 0 to 0.5"
+
+
+class IdentifiedJoint(StrictModel):
+    """``[[joints]]``: the servos of a joint and the mass that it carries up to the next one."""
+
+    name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
+    mass_scale: float = Field(gt=0, le=10, description="a factor of the arm file's mass")
+    stiffness_nm_rad: Torque = Field(description="N m for each rad, above zero")
+    p_gain: int | None = Field(default=None, ge=0, description="the register when identified")
+    full_duty_nm: Torque = Field(description="N m at the nominal supply, above zero")
+    back_emf_nm_s: Torque = Field(description="N m for each rad/s, above zero")
+    viscous_nm_s: Friction = Field(description="N m for each rad/s, zero or more")
+    coulomb_nm: Friction = Field(description=_FRICTION)
+    load: Share = Field(description=_SHARE)
+    slow_nm: Friction = Field(description=_FRICTION)
+    slow_load: Share = Field(description=_SHARE)
+    slow_rad_s: Annotated[float, Field(gt=0, le=100)] = Field(description="rad/s, above zero")
+    backlash_rad: Annotated[float, Field(ge=0, le=0.2)] | None = Field(
+        default=None, description="rad, where it was measured"
+    )
+    errors: Mapping[Name, Friction] = Field(description="standard errors, by key")
+
+
+class IdentifiedArm(StrictModel):
+    """The whole file."""
+
+    format: Literal[1] = Field(description="1")
+    arm: Name = Field(description="an arm's name")
+    written: datetime = Field(description="a date and time with its offset")
+    tool_version: Text = Field(description="the version of ikservo")
+    usb_serial_number: Text = Field(description="the adapter's, or nothing")
+    joints: tuple[IdentifiedJoint, ...] = Field(
+        strict=False, min_length=1, description="tables [[joints]]"
+    )
+
+    def joint(self, name: str) -> IdentifiedJoint | None:
+        """Return the joint of that name, or None."""
+        return next((joint for joint in self.joints if joint.name == name), None)
+
+
+def dump_identified(arm: IdentifiedArm) -> str:
+    """Return the content of the file."""
+    import tomli_w  # noqa: PLC0415  # needed for writing only
+
+    tables = arm.model_dump(mode="python", exclude_none=True)
+    return with_checksum(_HEADER + tomli_w.dumps(tables))
+
+
+def read_identified(path: Path) -> IdentifiedArm:
+    """Read and check the file of an identified arm.
+
+    Raises:
+        FileFormatError: It is damaged, or not one.
+    """
+    tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
+    try:
+        identified = IdentifiedArm.model_validate(tables)
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, IdentifiedArm), path) from error
+    names = [joint.name for joint in identified.joints]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            where = f"joints[{i}].name"
+            raise FileFormatError(path, where, f"is {quote(name)} a second time", "a unique name")
+    return identified
+
+
+def load_identified(arm: str, usb_serial_number: str) -> IdentifiedArm | None:
+    """Return what is known of an arm on an adapter, or None if it was not identified.
+
+    Raises:
+        FileFormatError: The file is damaged.
+    """
+    path = identified_path(arm, usb_serial_number)
+    return read_identified(path) if path.exists() else None
+
+
+def save_identified(identified: IdentifiedArm) -> Path:
+    """Write the file of an identified arm; the previous one is kept as a backup.
+
+    Raises:
+        FileWriteError: It cannot be written; the previous one is unchanged.
+    """
+    path = identified_path(identified.arm, identified.usb_serial_number)
+    write_atomic(path, dump_identified(identified), keep_old=True)
+    return path
