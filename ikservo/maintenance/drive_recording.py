@@ -1,0 +1,148 @@
+"""What servos measured along a motion, and means over windows of steady speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = ["Cube", "DriveRecording", "SteadyWindows", "smooth_samples", "steady_windows"]
+
+Cube = NDArray[np.float64]
+"""Three axes: samples, joints, servos of each joint."""
+
+_WINDOW_S = 0.2
+_SETTLED_S = 0.12  # after a change of speed: the servo's own profile and its loop follow
+_STEADY_RAD_S = 0.004  # by which the speed may differ inside a window, or by 3 % of it
+_MAX_LAG = 0.25  # of the way of the goals in a window
+_MIN_RAD_S = 0.04  # slower shafts stick and slip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveRecording:
+    """Samples of the chain's joints, and of up to ``most`` servos of each joint.
+
+    Attributes:
+        time_s: Of the clock (m,).
+        leg: Which part of the motion each sample is of (m,).
+        speed: Of the reference (m, dof), rad/s or m/s.
+        goal: Goals (m, dof), rad or m.
+        position: Measured (m, dof), rad or m.
+        duty: Share of the whole duty (m, dof, most), -1 to 1, positive towards larger positions.
+            NaN for a servo that a joint does not have.
+        current_a: Of the winding, likewise, or its size where the servo does not measure the
+            direction; NaN where it measures none.
+        voltage_v: At the servo, likewise.
+    """
+
+    time_s: Vector
+    leg: NDArray[np.int64]
+    speed: Matrix
+    goal: Matrix
+    position: Matrix
+    duty: Cube
+    current_a: Cube
+    voltage_v: Cube
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SteadyWindows:
+    """Means over windows in which one joint moves steadily; rows of several joints (k,).
+
+    Attributes:
+        joint: The joint's index.
+        leg: The part of the motion.
+        q: All joints of the chain (k, dof).
+        speed: Of the joint, rad/s.
+        lead: Goal less position, rad.
+        duty: Share of the whole duty of each servo of the joint (k, most).
+        current_a: Likewise; see `DriveRecording`.
+        voltage_v: Likewise.
+    """
+
+    joint: NDArray[np.int64]
+    leg: NDArray[np.int64]
+    q: Matrix
+    speed: Vector
+    lead: Vector
+    duty: Matrix
+    current_a: Matrix
+    voltage_v: Matrix
+
+    @property
+    def joint_duty(self) -> Vector:
+        """Return the mean duty of the servos of the joint (k,)."""
+        duty: Vector = np.nanmean(self.duty, axis=1)
+        return duty
+
+    def of_joint(self, joint: int) -> SteadyWindows:
+        """Return the windows of a joint."""
+        return self.where(self.joint == joint)
+
+    def where(self, mask: NDArray[np.bool_]) -> SteadyWindows:
+        """Return some of the windows."""
+        return SteadyWindows(
+            *(getattr(self, name)[mask] for name in SteadyWindows.__dataclass_fields__)
+        )
+
+
+def steady_windows(recording: DriveRecording) -> SteadyWindows:
+    """Return the means over all windows of steady motion, of all joints."""
+    rows = [
+        _mean_row(recording, joint, window)
+        for joint in range(recording.goal.shape[1])
+        for window in _windows_of(recording, joint)
+    ]
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    return SteadyWindows(*columns)
+
+
+def smooth_samples(samples: Matrix) -> Matrix:
+    """Return the mean of nine samples around each (m, n)."""
+    padded = np.pad(samples, ((4, 4), (0, 0)), mode="edge")
+    kernel = np.ones(9) / 9.0
+    return np.column_stack([np.convolve(column, kernel, "valid") for column in padded.T])
+
+
+def _windows_of(recording: DriveRecording, joint: int) -> list[slice]:
+    """Return windows in which a joint has had a steady speed for a while."""
+    found, speed = list[slice](), recording.speed[:, joint]
+    since = first = 0
+    for k in range(1, len(speed)):
+        steady = abs(speed[k] - speed[since]) < max(_STEADY_RAD_S, 0.03 * abs(speed[since]))
+        if not steady or recording.leg[k] != recording.leg[since] or abs(speed[k]) < _MIN_RAD_S:
+            since = first = k
+            continue
+        if recording.time_s[k] - recording.time_s[since] < _SETTLED_S:
+            first = k
+        elif recording.time_s[k] - recording.time_s[first] >= _WINDOW_S:
+            if _follows(recording, joint, slice(first, k)):
+                found.append(slice(first, k))
+            first = k
+    return found
+
+
+def _follows(recording: DriveRecording, joint: int, window: slice) -> bool:
+    """Return whether a joint has moved as its goals have; at a reversal it sticks for a while."""
+    moved = np.ptp(recording.position[window, joint])
+    asked = np.ptp(recording.goal[window, joint])
+    return bool(abs(moved - asked) < _MAX_LAG * asked)
+
+
+def _mean_row(recording: DriveRecording, joint: int, window: slice) -> tuple[object, ...]:
+    times = recording.time_s[window] - recording.time_s[window].mean()
+    # A joint whose load changes does not have the speed of its goals.
+    speed = times @ recording.position[window, joint] / (times @ times)
+    return (
+        joint,
+        int(recording.leg[window][0]),
+        recording.position[window].mean(axis=0),
+        float(speed),
+        float((recording.goal - recording.position)[window, joint].mean()),
+        recording.duty[window, joint].mean(axis=0),
+        recording.current_a[window, joint].mean(axis=0),
+        recording.voltage_v[window, joint].mean(axis=0),
+    )

@@ -1,0 +1,317 @@
+"""Excitation of an arm for identification: a tour of postures, planned, checked and recorded."""
+
+from __future__ import annotations
+
+from bisect import bisect
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count, islice
+
+import numpy as np
+
+from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.control.loop import ControlCycle
+from ikservo.errors import RefusedError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.dynamics import Dynamics
+from ikservo.maintenance.drive_recording import DriveRecording, smooth_samples
+from ikservo.maintenance.identification import gravity_columns
+from ikservo.model import ModelJoint
+from ikservo.model.joint_drive import joint_drive
+from ikservo.motion import JointMove, KinematicLimits
+from ikservo.motion.trajectory import TrajectoryPoint
+
+__all__ = ["Excitation", "ExcitationLeg", "TourOptions", "plan_excitation", "record_excitation"]
+
+_CANDIDATES, _MAX_DRAWS = 12, 400
+_SEED = 1
+_CLEARANCE_M = 0.02
+_LIMIT_MARGIN = 0.05  # of the range of a joint, at both ends
+# The motions are slow, but goals may lead loaded joints by as much as in a usual motion.
+_SPEED_CLASS = "normal"
+_LEAD_SHARE = 0.75  # of the lead of a goal that the guard allows
+_HALVINGS = 30
+_HEAVIER = 1.4  # links that are heavier than in the arm file, or hold something
+_PATH_STEP = 10  # samples of a path between two where gravity is evaluated
+_MAX_WAY = 1.5  # rad of each joint between two postures
+_PAUSE_S = 0.3  # at rest in every posture
+_SLOW = 0.3  # of the speed class: the speed of the last part of a tour
+_READ_PERIOD_S = 0.01
+_PHASE_SHARE, _GOLDEN = 0.4, 0.6180339887498949  # of the cycle in which servos are read
+_PRIOR = 1e-3  # of the largest information: what is not excited yet counts most
+
+
+@dataclass(frozen=True, slots=True)
+class TourOptions:
+    """How long a tour is.
+
+    Attributes:
+        postures: How many postures it has.
+        slow_postures: How many of them are visited again, more slowly.
+    """
+
+    postures: int = 8
+    slow_postures: int = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExcitationLeg:
+    """A motion between two postures, with a pause before it.
+
+    Attributes:
+        start_s: When the motion starts.
+        move: The motion.
+    """
+
+    start_s: float
+    move: JointMove
+
+    @property
+    def end_s(self) -> float:
+        """Return when the motion ends."""
+        return self.start_s + self.move.duration_s
+
+
+class Excitation:
+    """A tour of postures as one trajectory, with a pause in each posture.
+
+    Args:
+        waypoints: The postures (k, n), rad or m; the first is where it starts.
+        limits: The kinematic limits of the joints, for each motion between two of them.
+    """
+
+    def __init__(
+        self, waypoints: Sequence[Vector], limits: Sequence[Sequence[KinematicLimits]]
+    ) -> None:
+        self._waypoints, self._limits = list(waypoints), list(limits)
+        self.legs: list[ExcitationLeg] = []
+        at_s = _PAUSE_S
+        for start, end, own in zip(waypoints[:-1], waypoints[1:], limits, strict=True):
+            leg = ExcitationLeg(at_s, JointMove(start, end, own))
+            self.legs.append(leg)
+            at_s = leg.end_s + _PAUSE_S
+        self.start, self.duration_s = waypoints[0], at_s
+
+    def starting_at(self, start: Vector) -> Excitation:
+        """Return the tour from another start (n,), near its own."""
+        return Excitation([start, *self._waypoints[1:]], self._limits)
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        """Return position, velocity and acceleration (n,) at a time."""
+        for leg in self.legs:
+            if time_s < leg.end_s + _PAUSE_S:
+                return leg.move.state(time_s - leg.start_s)
+        return self.legs[-1].move.state(time_s)
+
+
+def plan_excitation(
+    context: ArmContext, dynamics: Dynamics, start: Vector, options: TourOptions | None = None
+) -> Excitation:
+    """Plan a tour of postures whose gravity torques tell the masses apart.
+
+    Each posture is drawn within the limits, with room around the body, and each way between two is
+    free. Of several the one is taken that adds most to the information about the masses
+    (D-optimality). The tour is made at the speed ``slow`` there and back, for friction is what
+    differs between the two directions, and a part of it more slowly.
+
+    Args:
+        context: The arm.
+        dynamics: Of its chain.
+        start: Where the tour starts and ends (n,), rad or m.
+        options: How long the tour is.
+
+    Raises:
+        RefusedError: There is no free way from there to any posture.
+    """
+    options = options or TourOptions()
+    there = _draw_postures(context, dynamics, start, options.postures)[1:]
+    slow = there[: options.slow_postures]
+    tour = [start, *there, *reversed(there[:-1]), *slow[1:], *reversed(slow[:-1]), start]
+    usual = context.planner.motion_limits("slow")
+    slower = [KinematicLimits(_SLOW * x.speed_rad_s, x.acceleration_rad_s2, x.jerk_rad_s3)
+              for x in usual]  # fmt: skip
+    first_slow = 2 * len(there) - 1
+    limits = [slower if k >= first_slow else usual for k in range(len(tour) - 1)]
+    excitation = Excitation(tour, limits)
+    context.check_streamed_path(excitation, "slow")
+    return excitation
+
+
+def _draw_postures(
+    context: ArmContext, dynamics: Dynamics, start: Vector, most: int
+) -> list[Vector]:
+    """Return the start and the postures (n,) of a tour, each reached freely from the one before."""
+    random, space = np.random.default_rng(_SEED), _FreeSpace.of(context, dynamics, start)
+    postures, way = [start], [start]
+    information = np.zeros((len(dynamics.bodies) + 1,) * 2)
+    while way and len(postures) <= most:
+        candidates = list(islice(space.reachable_postures(way[-1], random), _CANDIDATES))
+        if candidates:
+            gains = [_information(context, dynamics, q) for q in candidates]
+            best = int(np.argmax([_determinant(information + gain) for gain in gains]))
+            information += gains[best]
+            way.append(candidates[best])
+        else:  # back along the way that was free
+            way.pop()
+        postures += way[-1:]
+    if len(postures) == 1:
+        raise RefusedError(
+            "There is no room for the arm to move in.",
+            "Clear its reach, or move it to another pose first: ikservo pose home",
+        )
+    return postures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FreeSpace:
+    """Postures that an arm may be moved to.
+
+    Attributes:
+        context: The arm.
+        dynamics: Of its chain.
+        clearance_m: What the body must keep; links beside each other may always be this near.
+        max_torque: Gravity torque of each joint (dof,) that its servo holds without being taken
+            for one that does not follow.
+    """
+
+    context: ArmContext
+    dynamics: Dynamics
+    clearance_m: float
+    max_torque: Vector
+
+    @classmethod
+    def of(cls, context: ArmContext, dynamics: Dynamics, start: Vector) -> _FreeSpace:
+        clearance_m = min(_CLEARANCE_M, 0.7 * context.clearance_m(start))
+        most = [_max_gravity(context, column) for column in context.index.chain]
+        return cls(context, dynamics, clearance_m, np.array(most))
+
+    def reachable_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
+        """Yield postures (n,) with free ways to them from ``at``."""
+        lower, upper = self.context.chain.lower_rad, self.context.chain.upper_rad
+        lower, upper = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
+        margin, near = _LIMIT_MARGIN * (upper - lower), self.context.index.chain_joints(at)
+        lower = np.minimum(np.maximum(lower + margin, near - _MAX_WAY), near)
+        upper = np.maximum(np.minimum(upper - margin, near + _MAX_WAY), near)
+        for _ in range(_MAX_DRAWS):
+            q = random.uniform(lower, upper)
+            posture = self.context.index.with_chain(at, q)
+            if self._is_room_at(posture) and self._is_way_free(at, posture):
+                yield posture
+
+    def _is_room_at(self, posture: Vector) -> bool:
+        return self.context.clearance_m(posture) > self.clearance_m
+
+    def _is_way_free(self, start: Vector, goal: Vector) -> bool:
+        path = self.context.interpolate_joints(start, goal)[::_PATH_STEP]
+        torques = np.abs(self.dynamics.gravity_torques(self.context.index.chain_joints(path)))
+        if (torques > self.max_torque).any():
+            return False
+        try:
+            self.context.check_straight_path(start, goal)
+        except RefusedError:
+            return False
+        return True
+
+
+def _max_gravity(context: ArmContext, column: int) -> float:
+    """Return the nominal gravity torque up to which a joint is moved; no limit if not known.
+
+    It is that of links heavier by `_HEAVIER` that the servo still lifts, against the friction of
+    its loaded gears, while its goal leads the joint by no more than the guard allows.
+    """
+    fence, model = context.servos.fences[column], context.model
+    drive = joint_drive(model.joint(fence.joint), model.supply_v)
+    if drive is None:
+        return np.inf
+    speed = context.planner.motion_limits("slow")[column].speed_rad_s
+    usual = context.planner.motion_limits(_SPEED_CLASS)[column].speed_rad_s
+    lead = _LEAD_SHARE * fence.max_lead_ticks(usual) * fence.joint_map.unit_per_tick
+    pressed = drive.stiffness_nm_rad * lead - drive.damping_nm_s * speed
+    low, high = 0.0, max(pressed, 0.0)
+    for _ in range(_HALVINGS):
+        held = (low + high) / 2.0
+        lifts = drive.friction.static_load_nm(2.0 * held) - held < pressed
+        low, high = (held, high) if lifts else (low, held)
+    return low / _HEAVIER
+
+
+def _information(context: ArmContext, dynamics: Dynamics, posture: Vector) -> Matrix:
+    """Return the information of a posture about the scale of each mass and the payload."""
+    torques = gravity_columns(dynamics, context.index.chain_joints(posture)[None])[0]
+    return torques.T @ torques
+
+
+def _determinant(information: Matrix) -> float:
+    scale = np.abs(information).max(initial=1e-12)
+    return float(np.linalg.slogdet(information + _PRIOR * scale * np.eye(len(information)))[1])
+
+
+def record_excitation(
+    context: ArmContext,
+    runner: MotionRunner,
+    excitation: Excitation,
+    on_cycle: Callable[[ControlCycle], None] | None = None,
+) -> DriveRecording:
+    """Make the tour and return what the servos measured.
+
+    Raises:
+        IkservoError: Those of every motion; see ``Arm``.
+    """
+    excitation = excitation.starting_at(context.servos.goals())
+    context.check_streamed_path(excitation, "slow")
+    reader = context.servos.drive_reader([model.name for model in _chain_joints(context)])
+    phases = _phases(_PHASE_SHARE * runner.loop.cycle_time_s)
+    times: list[tuple[float, float]] = []
+    joints: list[tuple[Vector, Vector]] = []
+    drives: list[Matrix] = []
+
+    def record(cycle: ControlCycle) -> None:
+        context.servos.clock.sleep_until(context.now_s() + next(phases))
+        now_s = context.now_s()
+        if not times or now_s - times[-1][0] >= _READ_PERIOD_S:
+            measured = reader.read()
+            if measured is not None:
+                times.append((now_s, cycle.time_s))
+                joints.append((cycle.goals, cycle.measured))
+                drives.append(measured)
+        if on_cycle:
+            on_cycle(cycle)
+
+    runner.run(lambda _: excitation, record, _SPEED_CLASS)
+    return _make_recording(context, excitation, np.array(times), np.array(joints), np.array(drives))
+
+
+def _phases(longest_s: float) -> Iterator[float]:
+    """Yield times between 0 and the longest, evenly spread.
+
+    Goals come once a cycle: a servo that is read at the same time after each of them seems to lag
+    by the same part of a step.
+    """
+    for k in count():
+        yield longest_s * (_GOLDEN * k % 1.0)
+
+
+def _make_recording(
+    context: ArmContext, excitation: Excitation, times: Matrix, joints: Matrix, drives: Matrix
+) -> DriveRecording:
+    columns = list(context.index.chain)
+    clock_s, motion_s = times.T
+    # The motion's own time passes more slowly while a joint lags.
+    rate = np.gradient(motion_s, clock_s)
+    speeds = np.array([excitation.state(time_s).velocity for time_s in motion_s])
+    starts = [leg.start_s for leg in excitation.legs]
+    return DriveRecording(
+        time_s=clock_s - clock_s[0],
+        leg=np.array([bisect(starts, float(at_s) + _PAUSE_S) - 1 for at_s in motion_s]),
+        speed=smooth_samples(speeds[:, columns] * rate[:, None]),
+        goal=joints[:, 0, columns],
+        position=joints[:, 1, columns],
+        duty=drives[..., 0],
+        current_a=drives[..., 1],
+        voltage_v=drives[..., 2],
+    )
+
+
+def _chain_joints(context: ArmContext) -> list[ModelJoint]:
+    return [context.model.joint(name) for name in context.chain.names]

@@ -1,0 +1,67 @@
+"""Identification finds the hidden masses, friction, stiffness and payload of simulated arms."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.maintenance.arm_identification import IdentificationRun
+from ikservo.maintenance.excitation import TourOptions
+from tests.arm.identified_truth import friction_error, gravity_errors, stiffness_error
+from tests.arm.seeds import log, part_of, spread
+
+CAMPAIGN_ARMS = ("so101", "koch", "open_manipulator_x", "px100", "wx250s")
+PAYLOADS_KG = {"koch": 0.03, "px100": 0.03, "wx250s": 0.15}  # what they lift in every posture
+SHORT = TourOptions(postures=4, slow_postures=0)
+GRAVITY, FRICTION, STIFFNESS, PAYLOAD, PAYLOAD_KG = 0.05, 0.15, 0.10, 0.10, 0.010
+
+
+def identify_hidden(name, seed, tour=None):
+    """Identify an arm whose masses and payload are hidden; return the errors of everything."""
+    scale = 0.75 + 0.45 * spread(seed)
+    payload_kg = PAYLOADS_KG.get(name, 0.1) * spread(7 * seed + 3)
+    hidden = f"seed={seed}&mass_scale={scale}&payload_g={1000 * payload_kg}"
+    with ikservo.open_arm(name, port=f"sim:?{hidden}") as arm:
+        run = IdentificationRun.plan(arm, tour)
+        run.go_to_start()
+        found = run.identify(run.record())
+        gravity = gravity_errors(arm, run.dynamics, found, scale, payload_kg)
+        typical = np.abs(run.dynamics.gravity_torques(arm.model.chain_pose("home")))
+        squares = [p.servo.friction.square_per_nm / p.force for p in run.priors()]
+        pairs = list(zip(arm.chain.names, typical, squares, strict=True))
+        return {
+            "gravity": np.nanmax(gravity),
+            "friction": max(friction_error(arm, n, found, float(g), k) for n, g, k in pairs),
+            "stiffness": max(stiffness_error(arm, n, found) for n, *_ in pairs),
+            "payload_kg": abs(found.payload_kg - payload_kg),
+            "payload_true_kg": payload_kg,
+        }
+
+
+def is_within(errors):
+    return (
+        errors["gravity"] <= GRAVITY
+        and errors["friction"] <= FRICTION
+        and errors["stiffness"] <= STIFFNESS
+        and errors["payload_kg"] <= max(PAYLOAD_KG, PAYLOAD * errors["payload_true_kg"])
+    )
+
+
+def test_a_short_tour_finds_an_arm_with_hidden_masses_and_payload():
+    errors = identify_hidden("open_manipulator_x", 3, SHORT)
+    assert is_within(errors), errors
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(0)
+def test_fifty_hidden_arms(capsys):
+    rows = []
+    for seed in part_of(50):
+        name = CAMPAIGN_ARMS[seed % len(CAMPAIGN_ARMS)]
+        errors = identify_hidden(name, seed)
+        rows.append((name, seed, errors))
+        text = " ".join(f"{key} {value:.3f}" for key, value in errors.items())
+        log(capsys, f"{name} {seed}: {text}{'' if is_within(errors) else '  <--'}")
+    for key in ("gravity", "friction", "stiffness", "payload_kg"):
+        values = [errors[key] for *_, errors in rows]
+        log(capsys, f"{key}: median {np.median(values):.3f}, most {max(values):.3f}")
+    assert [row[:2] for row in rows if not is_within(row[2])] == []

@@ -1,0 +1,80 @@
+"""Recordings of slow motion computed from the equations of the motors, without a simulator."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ikservo.maintenance.drive_fit import JointPrior
+from ikservo.maintenance.drive_recording import DriveRecording
+from ikservo.model.servo_torque import find_servo_torque
+
+DT_S, LEG_S, SUPPLY_V = 0.01, 2.0, 12.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The truth of one joint's servo."""
+
+    kt: float = 2.3
+    ohm: float = 6.5
+    viscous: float = 0.02
+    coulomb: float = 0.05
+    load: float = 0.1
+    slow: float = 0.02
+    slow_load: float = 0.1
+    slow_rad_s: float = 0.5
+    gain: float = 4.6  # duty for each rad
+    senses: bool = True
+
+    @property
+    def full_nm(self):
+        return self.kt * SUPPLY_V / self.ohm
+
+    def duty(self, speed, gravity_nm):
+        """Return the duty of steady motion, by substitution into the motor's equations."""
+        shaft = gravity_nm + 0.0 * speed
+        fade, side = np.exp(-np.abs(speed) / self.slow_rad_s), np.sign(speed)
+        for _ in range(300):
+            gears = np.abs(shaft + gravity_nm)
+            dry = self.coulomb + self.load * gears + fade * (self.slow + self.slow_load * gears)
+            shaft = gravity_nm + side * dry + self.viscous * speed
+        return (shaft + self.kt**2 / self.ohm * speed) / self.full_nm
+
+
+def prior_of(drive=None):
+    return JointPrior(find_servo_torque("XM430-W350", None), 1, SUPPLY_V)
+
+
+def record(dynamics, drives, seed=0, legs=16, dead=()):
+    """Return the recording of an arm on straight ways between random postures.
+
+    Args:
+        dynamics: With the true masses.
+        drives: Of each joint.
+        seed: Of the postures.
+        legs: How many ways.
+        dead: Joints that do not move.
+    """
+    random, chain = np.random.default_rng(seed), dynamics.chain
+    lower, upper = np.maximum(chain.lower_rad, -1.2), np.minimum(chain.upper_rad, 1.2)
+    ends = random.uniform(lower, upper, (legs + 1, chain.dof))
+    ends[:, list(dead)] = 0.0
+    fractions = np.arange(0.0, 1.0, DT_S / LEG_S)
+    q = np.concatenate([a + fractions[:, None] * (b - a) for a, b in pairwise(ends)])
+    speed = np.repeat(np.diff(ends, axis=0) / LEG_S, len(fractions), axis=0)
+    gravity = dynamics.gravity_torques(q)
+    duty = np.column_stack([d.duty(speed[:, j], gravity[:, j]) for j, d in enumerate(drives)])
+    current = (duty * SUPPLY_V - speed * [d.kt for d in drives]) / [d.ohm for d in drives]
+    current[:, [not d.senses for d in drives]] = np.nan
+    lead = duty / [d.gain for d in drives]
+    return DriveRecording(
+        time_s=np.arange(len(q)) * DT_S,
+        leg=np.repeat(np.arange(legs), len(fractions)),
+        speed=speed,
+        goal=q + lead,
+        position=q,
+        duty=duty[..., None],
+        current_a=current[..., None],
+        voltage_v=np.full((*q.shape, 1), SUPPLY_V),
+    )

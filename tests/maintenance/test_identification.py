@@ -1,0 +1,147 @@
+"""The estimator on recordings computed from known motors, masses and payloads."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import CalibrationError
+from ikservo.kinematics.dynamics import Dynamics
+from ikservo.maintenance.drive_fit import fit_loop, fit_motors
+from ikservo.maintenance.drive_recording import smooth_samples, steady_windows
+from ikservo.maintenance.identification import gravity_columns, identify, identify_payload
+from ikservo.model.identified_drives import with_mass_scales
+from ikservo.model.sag import link_masses
+from tests.maintenance.synthetic_drives import Drive, prior_of, record
+
+MODEL = ikservo.load_model("open_manipulator_x")
+DYNAMICS = Dynamics.from_masses(MODEL.chain, link_masses(MODEL, MODEL.chain))
+DOF = MODEL.chain.dof
+PRIORS = [prior_of()] * DOF
+SCALES = (1.2, 1.2, 1.2, 1.2)
+
+
+def recorded(drive=None, scales=SCALES, payload_kg=0.05, **how):
+    true = with_mass_scales(DYNAMICS, scales).with_payload(payload_kg)
+    return record(true, [drive or Drive()] * DOF, **how)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify(DYNAMICS, PRIORS, recorded())
+
+
+def test_gravity_columns_add_up_to_the_gravity_of_the_arm():
+    q = np.random.default_rng(0).uniform(-1, 1, (5, DOF))
+    columns = gravity_columns(DYNAMICS, q)
+    assert columns.sum(axis=2) == pytest.approx(DYNAMICS.with_payload(1.0).gravity_torques(q))
+
+
+def test_masses_and_payload_are_found(found):
+    assert found.mass_scales[1:] == pytest.approx(SCALES[1:], rel=0.04)
+    assert found.payload_kg == pytest.approx(0.05, abs=0.006)
+
+
+def test_motors_that_measure_their_current_tell_their_torque(found):
+    for name in found.joints:
+        assert found.motors[name].full_duty_nm == pytest.approx(Drive().full_nm, rel=0.02)
+        assert found.motors[name].back_emf_nm_s == pytest.approx(2.3**2 / 6.5, rel=0.05)
+
+
+def test_a_size_of_the_current_is_as_good_as_its_direction():
+    one = recorded()
+    other = replace(one, current_a=np.abs(one.current_a))
+    motors = [fit_motors(steady_windows(r).of_joint(1), prior_of()) for r in (one, other)]
+    assert motors[1].full_duty_nm == pytest.approx(motors[0].full_duty_nm, rel=0.02)
+
+
+def test_friction_is_found(found):
+    true = Drive()
+    for name in found.joints[1:3]:
+        own = {key: found.estimates[f"{name}.{key}"].value for key in ("coulomb_nm", "slow_nm")}
+        assert sum(own.values()) == pytest.approx(true.coulomb + true.slow, rel=0.25)
+        share = found.estimates[f"{name}.load"].value + found.estimates[f"{name}.slow_load"].value
+        assert share == pytest.approx(true.load + true.slow_load, rel=0.15)
+
+
+def test_stiffness_is_the_torque_of_the_duty_of_a_rad(found):
+    for name in found.joints:
+        stiffness = found.estimates[f"{name}.stiffness_nm_rad"]
+        assert stiffness.value == pytest.approx(Drive().gain * Drive().full_nm, rel=0.05)
+
+
+def test_legs_kept_aside_are_predicted_better_than_before(found):
+    for name in found.joints[1:]:
+        assert found.validation[name].identified < 0.3 * found.validation[name].nominal
+
+
+def test_without_current_only_the_ratio_to_the_whole_duty_is_determined():
+    blind = identify(DYNAMICS, PRIORS, recorded(Drive(senses=False)))
+    assert not blind.motors
+    full = blind.estimates[f"{blind.joints[1]}.full_duty_nm"]
+    assert not full.determined
+    ratio = blind.mass_scales[2] / full.value
+    assert ratio == pytest.approx(SCALES[2] / Drive().full_nm, rel=0.04)
+
+
+def test_a_joint_without_gravity_does_not_tell_friction_under_load(found):
+    pan, lift = found.joints[:2]
+    assert not found.estimates[f"{pan}.load"].determined
+    assert found.estimates[f"{pan}.load"].error > 2.0 * found.estimates[f"{lift}.load"].error
+
+
+def test_the_first_body_has_no_effect_on_torques_and_is_as_uncertain_as_all_masses(found):
+    errors = [found.estimates[f"{body}.mass_scale"].error for body in found.bodies]
+    assert errors[0] > max(errors[1:])
+
+
+def test_standard_errors_cover_what_was_found():
+    """Of eight recordings with other postures, two errors hold the payload of seven."""
+    inside = 0
+    for seed in range(8):
+        one = identify(DYNAMICS, PRIORS, recorded(seed=seed, legs=10)).estimates["payload_kg"]
+        inside += abs(one.value - 0.05) < 2.0 * one.error
+    assert inside >= 7
+
+
+def test_parameters_stay_within_physical_bounds():
+    smooth = Drive(coulomb=0.0, load=0.0, slow=0.0, slow_load=0.0, viscous=0.0)
+    found = identify(DYNAMICS, PRIORS, recorded(smooth, payload_kg=0.0))
+    assert all(estimate.value >= 0.0 for estimate in found.estimates.values())
+
+
+def test_a_joint_that_did_not_move_is_named():
+    with pytest.raises(CalibrationError, match=DYNAMICS.chain.names[2]):
+        identify(DYNAMICS, PRIORS, recorded(dead=(2,)))
+
+
+def test_a_known_arm_weighs_more_exactly(found):
+    heavy = recorded(payload_kg=0.12, seed=5, legs=6)
+    empty = identify(DYNAMICS, PRIORS, recorded(payload_kg=0.0))
+    known = identify_payload(DYNAMICS, PRIORS, heavy, empty)
+    unknown = identify_payload(DYNAMICS, PRIORS, heavy, None)
+    assert known.value == pytest.approx(0.12, abs=0.006)
+    assert known.error < unknown.error
+
+
+def test_windows_leave_out_what_does_not_follow():
+    one = recorded()
+    stuck = one.position.copy()
+    stuck[: len(stuck) // 2, 1] = stuck[0, 1]
+    windows = steady_windows(replace(one, position=stuck))
+    legs = windows.leg[windows.joint == 1]
+    assert len(legs)
+    assert legs.min() >= 8
+
+
+def test_the_gain_in_force_is_what_the_loop_is_expected_to_have():
+    windows = steady_windows(recorded(Drive(gain=2.3))).of_joint(0)
+    halved = fit_loop(windows, replace(prior_of(), gain=0.5))
+    assert halved.duty_per_rad == pytest.approx(2.3, rel=0.02)
+
+
+def test_smoothing_keeps_the_mean():
+    samples = np.random.default_rng(0).normal(size=(40, 2))
+    assert smooth_samples(np.ones((20, 3))) == pytest.approx(np.ones((20, 3)))
+    assert smooth_samples(samples).std() < samples.std()
