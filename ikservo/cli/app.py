@@ -30,6 +30,7 @@ PANELS = {
         "doctor": "Check adapter, bus and servos and report faults.",
         "bench": "Measure how fast servos can be read and written.",
         "calibrate": "Measure this arm's zeros, signs and ranges.",
+        "identify": "Find this arm's masses, friction, stiffness; it moves slowly.",
         "calibration": "Compare a calibration with the servos: diff, push, pull.",
         "import": "Import a calibration from LeRobot.",
         "export": "Export a calibration to LeRobot, or a recording to CSV.",

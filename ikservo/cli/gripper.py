@@ -8,6 +8,7 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.arm.gripper import GraspResult, GripperCommand
+from ikservo.cli.identify import announce_tour
 from ikservo.cli.options import (
     ArmOption,
     JsonOption,
@@ -19,12 +20,13 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.session import confirm_motion, open_from_options, progress_bar
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
-from ikservo.errors import ExitCode
+from ikservo.errors import ExitCode, InputError
+from ikservo.maintenance.arm_identification import IdentificationRun
 
 __all__ = ["command"]
 
 To = Annotated[
-    str,
+    str | None,
     typer.Argument(
         metavar="open|close|WIDTH",
         help="open, close, or like 30mm.",
@@ -40,12 +42,18 @@ Force = Annotated[
 ]
 
 
+Weigh = Annotated[
+    bool, typer.Option("--weigh", help="Move the arm slowly to weigh what the jaws hold.")
+]
+
+
 def command(
-    to: To,
+    to: To = None,
     *,
     arm: ArmOption = None,
     port: PortOption = None,
     force: Force = None,
+    weigh: Weigh = False,
     uncalibrated: UncalibratedOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -55,7 +63,19 @@ def command(
     ikservo gripper close --force 0.2 --arm so101 --port sim
 
     ikservo gripper 30mm --arm px100 --port sim
+
+    ikservo gripper --weigh --arm so101       what the jaws hold, after `ikservo identify`
     """
+    if weigh == (to is not None):
+        raise InputError(
+            "--weigh cannot be used with a motion of the jaws."
+            if weigh
+            else "Where to is not given.",
+            "Say open, close, a width like 30mm, or --weigh.",
+        )
+    if to is None:
+        _weigh(arm, port, yes=yes, json=json)
+        return
     goal = cast("GripperCommand", to) if to.isalpha() else parse_length_m(to)
     with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
         print_status(f"{machine.model.title} on {format_port(machine.port_name)}: gripper {to}.")
@@ -65,6 +85,31 @@ def command(
     _print_grip_report(report, machine, json=json)
     if not (report.reached or report.grasped):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _weigh(arm: str | None, port: str | None, *, yes: bool, json: bool) -> None:
+    with open_from_options(arm, port) as machine:
+        run = IdentificationRun.plan_weighing(machine)
+        announce_tour(run, yes=yes, wiggle=True)
+        with progress_bar() as on_progress:
+            recording = run.record(on_progress)
+        result = run.weigh(recording)
+    payload = result.payload
+    if json:
+        print_json(
+            "weigh",
+            payload_kg=payload.value,
+            error_kg=payload.error,
+            determined=payload.determined,
+            identified=result.with_identified,
+        )
+        return
+    if not result.with_identified:
+        print_status(
+            "This arm was not identified: its own masses are those of the arm file. "
+            f"With empty jaws: ikservo identify --arm {machine.model.name}"
+        )
+    print_lines([f"payload  {1000 * payload.value:.0f} ± {1000 * payload.error:.0f} g"])
 
 
 def _print_grip_report(report: GraspResult, machine: Arm, *, json: bool) -> None:

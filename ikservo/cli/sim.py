@@ -8,12 +8,15 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from ikservo.errors import IkservoError
+from ikservo.calibration.paths import identified_of
+from ikservo.cli.terminal import print_status
+from ikservo.errors import IkservoError, InputError
 from ikservo.model import find_arm
 
 __all__ = ["CONTEXT_SETTINGS", "command"]
 
 _GROUP = "ikservo.servers"
+_AS_IDENTIFIED = "--as-identified"
 
 # All arguments but the arm's name are passed to the simulator, which has its own help.
 CONTEXT_SETTINGS: dict[str, Any] = {"ignore_unknown_options": True, "help_option_names": []}
@@ -25,11 +28,37 @@ def command(arguments: SimArguments = None) -> None:
     """Serve a simulated arm on a pseudo-terminal; prints the port and runs until stopped.
 
     ikservo sim so101
+
+    ikservo sim so101 --as-identified      with masses and motors found by `ikservo identify`
     """
     args = [arg.replace("\N{MINUS SIGN}", "-") for arg in arguments or ["--help"]]
     if not args[0].startswith("-"):
-        args = [str(find_arm(args[0]).resolve()), *args[1:]]
+        args = [str(find_arm(args[0]).resolve()), *_with_identified(args[0], args[1:])]
     raise typer.Exit(_load_server()(args))
+
+
+def _with_identified(arm: str, args: list[str]) -> list[str]:
+    """Return arguments in which the file of the identified arm replaces ``--as-identified``.
+
+    Raises:
+        InputError: The arm was not identified.
+        FileFormatError: Its file is damaged.
+    """
+    if _AS_IDENTIFIED not in args:
+        return args
+    from ikservo.calibration.identified_file import read_identified  # noqa: PLC0415  # seldom
+    from ikservo.model import load_model  # noqa: PLC0415  # likewise
+
+    name = load_model(arm).name
+    files = sorted(identified_of(name), key=lambda path: path.stat().st_mtime)
+    if not files:
+        raise InputError(
+            f"{name} was not identified.", f"Let it move first: ikservo identify --arm {name}"
+        )
+    read_identified(files[-1])
+    if len(files) > 1:
+        print_status(f"{name} was identified on {len(files)} adapters; the last: {files[-1]}")
+    return [*(arg for arg in args if arg != _AS_IDENTIFIED), "--parameters", str(files[-1])]
 
 
 def _load_server() -> Callable[[list[str]], int]:

@@ -23,6 +23,7 @@ _OPTIONS = {
     "--arm": "{arm}",
     "--port": "{port}",
     "--yes": None,
+    "--quick": None,
     "--duration": "0.3",
     "--now": None,
     "--count": "10",
