@@ -175,6 +175,7 @@ class SimulatedDynamixelX(Servo):
     """An X-series servo."""
 
     reboot_s = 0.4  # measured on an XC330
+    hears_while_replying = False  # of packets that wait in a row it answers one
     instructions = frozenset((1, 2, 3, 4, 5, 6, 8, 0x83, 0x92))
     bauds = MappingProxyType(dict(enumerate(BAUDS)))
 

@@ -279,7 +279,10 @@ class Line:
     ) -> _BusTransmission:
         servo = reply.servo
         delay_s = 0.0 if prompt else servo.return_delay_s + servo.random.random() * CRYSTAL_S
-        return _BusTransmission(base_s + delay_s, byte_s, reply.data, servo)
+        speech = _BusTransmission(base_s + delay_s, byte_s, reply.data, servo)
+        if not servo.hears_while_replying:
+            servo.replying_until_s = speech.end_s
+        return speech
 
     def _deliver_reply(self, speech: _BusTransmission) -> None:
         """Send a reply to the host, unless the host itself is transmitting."""

@@ -110,6 +110,7 @@ class Servo:
         supply_v: Voltage at its plug.
         time_s: The simulated time of the firmware.
         booting_until_s: While booting a servo neither receives nor replies.
+        replying_until_s: Until then an instruction is lost, if the family has room for one only.
         received_s: Time of the last instruction packet.
         pending: A registered write that waits for its action.
         changed: Called when an instruction or a script has changed something.
@@ -127,6 +128,7 @@ class Servo:
     answers_broadcast_ping = False
     kept_by_recovery: tuple[str, ...] = ()
     goal_enables_torque = False
+    hears_while_replying = True
 
     def __init__(
         self,
@@ -143,7 +145,7 @@ class Servo:
         self._baud_at = table.by_name["baud_rate"].address
         self.supply_v = motor.parameters.nominal_v
         self.time_s = self.boot_s = self.received_s = 0.0
-        self.booting_until_s = 0.0
+        self.booting_until_s = self.replying_until_s = 0.0
         self.powered = True
         self.pending: tuple[int, bytes] | None = None
         self.random = random.Random(seed)  # noqa: S311 - a crystal's tolerance, not a secret
@@ -331,7 +333,7 @@ class Servo:
 
     def is_listening(self, baud: int, now_s: float) -> bool:
         """Return whether bytes at ``baud`` reach the firmware: within 3 % of its rate, booted."""
-        if not self.powered or now_s < self.booting_until_s:
+        if not self.powered or now_s < self.booting_until_s or now_s < self.replying_until_s:
             return False
         own = self.bauds.get(self.memory.image[self._baud_at], 0.0)
         return abs(own - baud) <= 0.03 * baud

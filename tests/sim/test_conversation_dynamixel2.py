@@ -169,6 +169,14 @@ def test_an_answer_waits_for_the_return_delay(make_port):
     assert port.clock.now_s() - wire_s == pytest.approx(200e-6, abs=5e-6)
 
 
+def test_of_packets_in_a_row_the_first_is_answered(make_port):
+    port = make_port("XM430-W350")
+    port.write(5 * encode2(1, 0x01, b""))
+    assert len(port.read(5 * 14)) == 14
+    port.write(encode2(1, 0x01, b""))
+    assert len(port.read(14)) == 14
+
+
 def test_a_new_id_is_answered_to_at_once(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 7, 42, 1)

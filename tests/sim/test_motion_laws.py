@@ -118,6 +118,19 @@ def test_present_speed_agrees_with_the_positions(make_port):
     assert gone / 0.5 == pytest.approx(sum(speeds) / len(speeds), rel=0.03)
 
 
+@pytest.mark.parametrize(("threshold", "moving"), [(50, 1), (150, 0)])
+def test_moving_is_told_from_the_threshold_on(make_port, threshold, moving):
+    port = make_port("STS3215")
+    servo = port.line.servos[1]
+    servo.write("moving_threshold", threshold)
+    servo.write("operating_mode", 1)
+    servo.write("torque_enable", 1)
+    servo.write("goal_speed", 100)
+    port.clock.sleep_until(1.0)
+    assert servo.read("present_speed") == pytest.approx(100, abs=20)
+    assert servo.read("moving") == moving
+
+
 def test_a_load_that_holds_back_an_xm430_shuts_it_down_after_its_time(make_port):
     port = make_port("XM430-W350")
     servo = port.line.servos[1]
