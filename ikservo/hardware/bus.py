@@ -6,7 +6,7 @@ import contextlib
 from collections import defaultdict
 from collections.abc import Generator, Hashable, Iterable, Mapping, Sequence
 from types import TracebackType
-from typing import Any, Literal, Self, TypeVar, overload
+from typing import Any, Literal, NoReturn, Self, TypeVar, overload
 
 from ikservo.clock import Clock
 from ikservo.errors import BadValueError, BusError, PortError, RegisterAccessError
@@ -54,6 +54,7 @@ class Conversation:
         self._requester = Requester(port, servos, retries, fast=fast)
         self._torque_on: set[int] = set()
         self._enabling: Mapping[int, int] = {}
+        self._prepared_goals = set[int]()
 
     @property
     def clock(self) -> Clock:
@@ -159,9 +160,25 @@ class Conversation:
             lambda: driver.reg_write(servo_id, register.address, data),
             repeat=False,
         )
+        (self._prepared_goals.add if is_goal(servo, register) else self._prepared_goals.discard)(
+            servo_id
+        )  # a servo keeps the last prepared write only
 
     def action(self) -> None:
-        """Execute the prepared writes of all servos at the same time."""
+        """Execute the prepared writes of all servos at the same time.
+
+        The torque of servos with a prepared goal is read first: it may have gone off since.
+
+        Raises:
+            RegisterAccessError: A goal is prepared for a servo whose torque is off now; nothing was
+                executed.
+            BusError: The torque of such a servo cannot be read.
+        """
+        for servo_id in sorted(self._prepared_goals):
+            servo = self.servos[servo_id]
+            if self.read(servo_id, RegisterName.TORQUE_ENABLE, raw=True) != 1:
+                self._refuse_waking(servo, servo.table.goal_position)
+        self._prepared_goals.clear()
         for driver in self._requester.drivers.values():
             driver.action()
 
@@ -174,6 +191,7 @@ class Conversation:
         servo = self._require_servo(servo_id)
         driver = self._requester.driver_of(servo)
         self._requester.request(servo, "reboot", lambda: driver.reboot(servo_id), repeat=False)
+        self._prepared_goals.discard(servo_id)
         self._torque_on.discard(servo_id)
 
     def is_torque_on(self, servo_id: int) -> bool:
@@ -247,13 +265,17 @@ class Conversation:
         if measured_tick is None:
             if self.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1:
                 return
-            reason = "torque is off, and a goal can switch it on"
-            raise RegisterAccessError(
-                str(servo), register.name, reason, "Switch torque on first: torque_on()."
-            )
+            self._refuse_waking(servo, register)
         if abs(goal_tick - measured_tick) > MAX_ENABLING_TICKS:
             reason = f"{goal_tick} is far from {measured_tick}, where torque is switched on"
             raise RegisterAccessError(str(servo), register.name, reason)
+
+    @staticmethod
+    def _refuse_waking(servo: ServoSpec, register: Register) -> NoReturn:
+        reason = "torque is off, and a goal can switch it on"
+        raise RegisterAccessError(
+            str(servo), register.name, reason, "Switch torque on first: torque_on()."
+        )
 
     def _track_state(self, servo: ServoSpec, register: Register, number: int) -> None:
         """Update the known torque state or alarms from a register value."""

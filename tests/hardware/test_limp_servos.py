@@ -48,6 +48,34 @@ def test_no_goal_reaches_a_limp_servo(model, write):
 
 
 @pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("by_this_bus", [True, False])
+def test_no_prepared_goal_is_executed_where_torque_has_gone_off_since(model, by_this_bus):
+    bus, at_tick = limp_bus(model)
+    torque_on(bus, 1)
+    bus.reg_write(1, GOAL, at_tick + 20, raw=True)
+    if by_this_bus:
+        bus.write(1, TORQUE, 0, raw=True)
+    else:
+        simulated_servos(bus)[1].write("torque_enable", 0)
+    with pytest.raises(RegisterAccessError, match="torque is off, and a goal can switch it on"):
+        bus.action()
+    bus.ping(1)
+    assert not holds(bus)
+    assert simulated_servos(bus)[1].read("goal_position") != at_tick + 20
+
+
+def test_a_prepared_goal_is_executed_once_torque_is_on():
+    bus, at_tick = limp_bus("STS3215")
+    torque_on(bus, 1)
+    bus.reg_write(1, GOAL, at_tick + 20, raw=True)
+    bus.action()
+    bus.ping(1)
+    assert simulated_servos(bus)[1].read("goal_position") == at_tick + 20
+    bus.write(1, TORQUE, 0, raw=True)
+    bus.action()  # nothing is prepared any more
+
+
+@pytest.mark.parametrize("model", MODELS)
 def test_torque_that_another_program_switched_on_is_found_out(model):
     bus, at_tick = limp_bus(model)
     simulated_servos(bus)[1].write("torque_enable", 1)
