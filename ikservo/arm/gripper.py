@@ -220,7 +220,7 @@ def resolve_goal(
 
 def _check_gripper_path(context: ArmContext, joint: str, goal: float) -> None:
     start = context.servos.measure_positions()
-    context.check_straight_path(start, context.index.with_position(start, joint, goal))
+    context.check_gripper_path(start, context.index.with_position(start, joint, goal))
 
 
 def _require_gripper(context: ArmContext) -> Gripper:

@@ -37,7 +37,27 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
         return collision_body(model)
     poses = [np.array([pose[name] for name in chain.names]) for pose in model.poses.values()]
     closed = [np.append(q[:-1], gripper.closed) for q in poses]  # jaws may touch each other
-    return CollisionBody(chain, _require_capsules(model), poses + closed)
+    capsules = _require_capsules(model)
+    body = CollisionBody(chain, capsules, poses + closed)
+    return CollisionBody(chain, capsules, poses + closed + _rest_opening(model, body))
+
+
+def _rest_opening(model: Model, body: CollisionBody) -> list[Vector]:
+    """Return the postures of the jaws that open in the rest pose, where that is free.
+
+    A limp arm sinks a little out of its rest pose, and its jaws must have the same clearance there.
+    """
+    gripper = model.gripper
+    if gripper is None or "rest" not in model.poses:
+        return []
+    rest = np.array([model.poses["rest"][name] for name in body.chain.names])
+    opening = [
+        np.append(rest[:-1], at) for at in np.linspace(gripper.closed, gripper.open, _JAW_SAMPLES)
+    ]
+    return opening if (body.link_distances(np.array(opening)).gap_m >= 0.0).all() else []
+
+
+_JAW_SAMPLES = 16
 
 
 def _chain_with_gripper(model: Model) -> Chain | None:

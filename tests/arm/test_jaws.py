@@ -13,7 +13,7 @@ from ikservo.guard import CollisionChecker
 from ikservo.model import load_model
 from ikservo.model.collision_model import collision_body_with_gripper
 from ikservo.model.model import KeepOutBox
-from tests.arm.simulated import true_joints
+from tests.arm.simulated import clock_of, true_joints
 from tests.oracle import CONFIGS
 
 GRIPPERS = ("so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "wx250s", "vx300s")
@@ -138,3 +138,11 @@ def test_without_the_look_they_open_all_the_same():
     model = replace(load_model("so101"), keep_out=(LAMP,))
     with ikservo.open_arm(model, port="sim:?pose=home", collisions=False) as arm:
         assert arm.gripper("open").reached
+
+
+@pytest.mark.parametrize("name", ["omx_f", "koch"])
+def test_jaws_open_and_close_where_the_limp_arm_has_sunk_out_of_its_rest_pose(name):
+    with ikservo.open_arm(name, port="sim") as arm:
+        clock_of(arm).sleep_until(clock_of(arm).now_s() + 5.0)
+        assert arm.gripper("open").reached
+        assert arm.gripper("close").reached
