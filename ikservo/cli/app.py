@@ -29,6 +29,7 @@ PANELS = {
         "setup": "Give new servos their ids, one at a time.",
         "doctor": "Check adapter, bus and servos and report faults.",
         "bench": "Measure how fast servos can be read and written.",
+        "test": "Measure accuracy and repeatability after ISO 9283.",
         "calibrate": "Measure this arm's zeros, signs and ranges.",
         "identify": "Find this arm's masses, friction, stiffness; it moves slowly.",
         "calibration": "Compare a calibration with the servos: diff, push, pull.",

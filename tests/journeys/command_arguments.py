@@ -56,6 +56,7 @@ _OWN = {  # where one name means something else
 }
 _NEEDED = {  # options that a command cannot do without
     "arc": ("--via", "{via}"),
+    "test": ("--parts", "poses", "--cycles", "2", "--html", "{folder}/test.html"),
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
 _WHOLE = {  # arguments that depend on each other: their names and the command line

@@ -1,0 +1,191 @@
+"""``ikservo test``: measure an arm's accuracy and repeatability after ISO 9283."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ikservo import __version__
+from ikservo.arm import Arm, ZeroSource
+from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.options import (
+    CollisionOption,
+    JsonOption,
+    NoWiggleOption,
+    PortOption,
+    TipOption,
+    UncalibratedOption,
+    YesOption,
+    complete_arms,
+    parse_time_s,
+)
+from ikservo.cli.session import confirm_motion, open_from_options
+from ikservo.cli.terminal import (
+    format_port,
+    print_json,
+    print_lines,
+    print_status,
+    print_table,
+    progress_bar,
+)
+from ikservo.errors import BadValueError, IkservoError, format_point
+from ikservo.files.writing import write_atomic
+from ikservo.maintenance.accuracy_report import (
+    accuracy_fields,
+    accuracy_page,
+    statements,
+    summary_rows,
+)
+from ikservo.maintenance.accuracy_test import PARTS, AccuracyTest, TestSettings
+
+__all__ = ["command"]
+
+_ALL_PARTS = ",".join(PARTS)
+
+ArmArgument = Annotated[
+    str | None,
+    typer.Argument(
+        envvar="IKSERVO_ARM",
+        help="Arm: a name of `ikservo arms`, or a file.",
+        autocompletion=complete_arms,
+    ),
+]
+Cycles = Annotated[int, typer.Option("--cycles", help="Cycles of poses; 30 in the standard.")]
+PathCycles = Annotated[
+    int, typer.Option("--path-cycles", help="Cycles of each path at each speed; 10 likewise.")
+]
+Drift = Annotated[
+    float,
+    typer.Option(
+        "--drift",
+        parser=parse_time_s,
+        metavar="TIME",
+        help="How long drift is measured; 60min in the standard form.",
+    ),
+]
+Parts = Annotated[
+    str, typer.Option("--parts", metavar="NAMES", help="Some of poses,directions,paths,drift.")
+]
+Html = Annotated[
+    Path | None,
+    typer.Option(
+        "--html", metavar="FILE", help="Where the page is written, instead of a name with the date."
+    ),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace that file.")]
+Note = Annotated[
+    str, typer.Option("--note", help="Printed in the report: payload, servos, what was changed.")
+]
+
+
+def command(
+    arm: ArmArgument = None,
+    *,
+    port: PortOption = None,
+    cycles: Cycles = 30,
+    path_cycles: PathCycles = 10,
+    drift: Drift = 300.0,
+    parts: Parts = _ALL_PARTS,
+    html: Html = None,
+    overwrite: Overwrite = False,
+    note: Note = "",
+    collision: CollisionOption = True,
+    uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
+    tip: TipOption = None,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Measure accuracy and repeatability of poses and paths, and drift, after ISO 9283.
+
+    The arm moves fast, for about half an hour, in a cube of free space before it; Ctrl-C stops it
+    and keeps what was measured. The figures come from its own joint sensors.
+
+    ikservo test so101 --port sim
+
+    ikservo test so101 --cycles 5 --path-cycles 3 --drift 60s --html so101.html --note "no payload"
+    """
+    names = tuple(name.strip() for name in parts.split(",") if name.strip())
+    settings = TestSettings(cycles, path_cycles, drift, names)
+    started = datetime.now(UTC)
+    with open_from_options(
+        arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
+    ) as machine:
+        path = _page_path(html, machine, started, overwrite=overwrite)
+        test = _prepare(machine, settings, yes=yes)
+        if not no_wiggle:
+            check_directions_once(machine, yes=yes)
+        stopped: BaseException | None = None
+        try:
+            _run(test)
+        except (IkservoError, KeyboardInterrupt) as error:
+            stopped = error
+        fields = _fields(machine, test, settings, started, note, stopped)
+        if any(fields[part] for part in PARTS):
+            write_atomic(path, accuracy_page(fields))
+            _print(fields, path, json=json)
+        if stopped is not None:
+            raise stopped
+
+
+def _page_path(html: Path | None, machine: Arm, started: datetime, *, overwrite: bool) -> Path:
+    """Return where the page is written.
+
+    Raises:
+        BadValueError: The file exists.
+    """
+    path = html or Path(f"ikservo-test-{machine.model.name}-{started:%Y%m%d-%H%M%S}.html")
+    if path.exists() and not overwrite:
+        raise BadValueError("The file", f"{path}, which exists", "another, or --overwrite")
+    return path
+
+
+def _prepare(machine: Arm, settings: TestSettings, *, yes: bool) -> AccuracyTest:
+    """Say where and how the arm will move, and ask."""
+    test = AccuracyTest(machine, settings)
+    print_status(
+        f"{machine.model.title} on {format_port(machine.port_name)}: it moves fast in a cube of "
+        f"{1000 * test.cube.edge_m:.0f} mm about {format_point(test.cube.center_m)}."
+    )
+    confirm_motion(machine, yes=yes)
+    return test
+
+
+def _run(test: AccuracyTest) -> None:
+    with progress_bar() as show:
+        if show is not None:
+            test.on_step = show
+        test.run()
+
+
+def _fields(
+    machine: Arm,
+    test: AccuracyTest,
+    settings: TestSettings,
+    started: datetime,
+    note: str,
+    stopped: BaseException | None,
+) -> dict[str, Any]:
+    why = str(getattr(stopped, "message", "") or "stopped by Ctrl-C") if stopped else ""
+    return {
+        "arm": machine.model.name,
+        "title": machine.model.title,
+        "date": started.strftime("%Y-%m-%d %H:%M UTC"),
+        "version": __version__,
+        "simulated": machine.zeros is ZeroSource.SIMULATED,
+        "note": note,
+        "stopped": why,
+        **accuracy_fields(test, settings),
+    }
+
+
+def _print(fields: dict[str, Any], path: Path, *, json: bool) -> None:
+    if json:
+        print_json("test", **fields, path=path)
+        return
+    print_table(("", "where", "value", "cycles"), summary_rows(fields))
+    print_lines(statements(fields))
+    print_status(f"Saved: {path}")

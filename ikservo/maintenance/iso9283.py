@@ -1,0 +1,175 @@
+"""Performance criteria of ISO 9283:1998: accuracy and repeatability of poses and paths, drift.
+
+Positions only: attained points (n, 3) of n cycles, in any unit of length, which the results have,
+too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import BadValueError
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = [
+    "multidirectional_variation",
+    "path_accuracy",
+    "path_crossings",
+    "path_repeatability",
+    "pose_accuracy",
+    "pose_drift",
+    "pose_repeatability",
+]
+
+
+def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
+    """Return the positioning accuracy AP_P, ISO 9283 clause 7.2.1.
+
+    ``AP_P = √((x̄ - x_c)² + (ȳ - y_c)² + (z̄ - z_c)²)``, with x̄, ȳ, z̄ the barycentre of the cluster.
+
+    Args:
+        attained: The points (n, 3), n at least 1.
+        commanded: The commanded point (3,).
+
+    Raises:
+        BadValueError: There is no point, or the shape is another.
+    """
+    points = _cluster(attained, 1)
+    return float(np.linalg.norm(points.mean(axis=0) - np.asarray(commanded, dtype=np.float64)))
+
+
+def pose_repeatability(attained: ArrayLike) -> float:
+    """Return the positioning repeatability RP_l, ISO 9283 clause 7.2.2.
+
+    ``RP_l = l̄ + 3 S_l`` with ``l_j`` the distance of point j from the barycentre, l̄ its mean and
+    ``S_l = √(Σ (l_j - l̄)² / (n - 1))``.
+
+    Args:
+        attained: The points (n, 3), n at least 2.
+
+    Raises:
+        BadValueError: There are fewer points, or the shape is another.
+    """
+    points = _cluster(attained, 2)
+    return float(_sphere_radii(points[:, None, :])[0])
+
+
+def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
+    """Return the multi-directional pose accuracy variation vAP_P, ISO 9283 clause 7.2.3.
+
+    ``vAP_P = max √((x̄_h - x̄_k)² + (ȳ_h - ȳ_k)² + (z̄_h - z̄_k)²)`` over the directions h and k.
+
+    Args:
+        clusters: The points (n, 3) attained from each of two or more directions.
+
+    Raises:
+        BadValueError: There is one direction only, or one without points.
+    """
+    centres = [_cluster(points, 1).mean(axis=0) for points in clusters]
+    if len(centres) < 2:
+        raise BadValueError("The number of directions", len(centres), "two or more")
+    return max(float(np.linalg.norm(a - b)) for a, b in combinations(centres, 2))
+
+
+def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
+    """Return the positioning path accuracy AT_P, ISO 9283 clause 8.2.
+
+    ``AT_P = max_i √((x̄_i - x_ci)² + (ȳ_i - y_ci)² + (z̄_i - z_ci)²)`` over m points of the path,
+    with x̄_i, ȳ_i, z̄_i the barycentre of the points in which n attained paths cross the plane normal
+    to the commanded path at point i.
+
+    Args:
+        attained: The crossings (n, m, 3) of n cycles.
+        commanded: The points (m, 3) of the commanded path.
+
+    Raises:
+        BadValueError: There is no cycle, or a shape is another.
+    """
+    paths = _paths(attained, 1)
+    off = paths.mean(axis=0) - np.asarray(commanded, dtype=np.float64)
+    return float(np.linalg.norm(off, axis=1).max())
+
+
+def path_repeatability(attained: ArrayLike) -> float:
+    """Return the positioning path repeatability RT_P, ISO 9283 clause 8.3.
+
+    ``RT_P = max_i (l̄_i + 3 S_li)``: in each plane normal to the path as ``pose_repeatability``.
+
+    Args:
+        attained: The crossings (n, m, 3) of n cycles, n at least 2.
+
+    Raises:
+        BadValueError: There are fewer cycles, or the shape is another.
+    """
+    return float(_sphere_radii(_paths(attained, 2)).max())
+
+
+def pose_drift(accuracies: Sequence[float]) -> float:
+    """Return the drift of pose accuracy dAP_P, ISO 9283 clause 7.6.
+
+    ``dAP_P = max |AP_P(t=0) - AP_P(t)|``.
+
+    Args:
+        accuracies: AP_P of one pose at successive times, at least one.
+    """
+    return max(abs(value - accuracies[0]) for value in accuracies)
+
+
+def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) -> Matrix:
+    """Return where a measured path crosses the planes normal to a commanded one.
+
+    Where it crosses a plane several times, as a circle does, the crossing nearest to the commanded
+    point counts.
+
+    Args:
+        measured: The points (k, 3) of one cycle, in the order of time.
+        points: The points (m, 3) of the commanded path.
+        tangents: Its unit tangents (m, 3) there.
+
+    Returns:
+        The crossings (m, 3), between measured points by linear interpolation.
+
+    Raises:
+        BadValueError: A plane is not crossed.
+    """
+    path = _cluster(measured, 2)
+    places = zip(np.asarray(points), np.asarray(tangents), strict=True)
+    return np.array([_crossing(path, point, tangent) for point, tangent in places])
+
+
+def _crossing(path: Matrix, point: Vector, tangent: Vector) -> Vector:
+    """Return the crossing (3,) nearest to a point with the plane through it."""
+    side = (path - point) @ tangent
+    before = np.flatnonzero((side[:-1] <= 0.0) & (side[1:] > 0.0))
+    if not len(before):
+        raise BadValueError("The measured path", "not long enough", "one that crosses each plane")
+    fraction = side[before] / (side[before] - side[before + 1])
+    crossings = path[before] + fraction[:, None] * (path[before + 1] - path[before])
+    nearest: Vector = crossings[int(np.linalg.norm(crossings - point, axis=1).argmin())]
+    return nearest
+
+
+def _sphere_radii(clusters: Matrix) -> Vector:
+    """Return l̄ + 3 S_l (m,) of m clusters (n, m, 3)."""
+    distances: Vector = np.linalg.norm(clusters - clusters.mean(axis=0), axis=2)
+    return distances.mean(axis=0) + 3.0 * distances.std(axis=0, ddof=1)
+
+
+def _cluster(points: ArrayLike, least: int) -> Matrix:
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) < least:
+        found = f"of shape {array.shape}"
+        raise BadValueError("The attained points", found, f"points (n, 3), n at least {least}")
+    return array
+
+
+def _paths(paths: ArrayLike, least: int) -> Matrix:
+    array = np.asarray(paths, dtype=np.float64)
+    if array.ndim != 3 or array.shape[2] != 3 or len(array) < least:
+        found = f"of shape {array.shape}"
+        raise BadValueError("The attained paths", found, f"paths (n, m, 3), n at least {least}")
+    return array
