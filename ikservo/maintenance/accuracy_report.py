@@ -246,7 +246,7 @@ def _plots(fields: Fields) -> Iterable[str]:
         1000.0 * np.subtract(pose["attained_m"], pose["target_m"]) for pose in fields["poses"]
     ]
     reach = _round_up(max((float(np.abs(off).max()) for off in off_mm), default=0.0))
-    for pose, off in zip(poses, off_mm, strict=True):
+    for pose, off in zip(fields["poses"], off_mm, strict=True):
         yield _pose_plot(pose["name"], off, reach)
 
 
