@@ -18,6 +18,7 @@ SHORT = "--cycles 2 --path-cycles 2 --drift 1s"
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ikservo.maintenance.iso_cube.EDGES_M", (0.04,))  # takes less time
     return tmp_path
 
 
