@@ -171,6 +171,7 @@ class _FreeSpace:
         context: The arm.
         dynamics: Of its chain.
         clearance_m: What the body must keep; links beside each other may always be this near.
+        limits: The kinematic limits of all joints.
         max_torque: Gravity torque of each joint (dof,) that its servo holds without being taken
             for one that does not follow.
     """
@@ -178,13 +179,15 @@ class _FreeSpace:
     context: ArmContext
     dynamics: Dynamics
     clearance_m: float
+    limits: Sequence[KinematicLimits]
     max_torque: Vector
 
     @classmethod
     def of(cls, context: ArmContext, dynamics: Dynamics, start: Vector) -> _FreeSpace:
         clearance_m = min(_CLEARANCE_M, 0.7 * context.clearance_m(start))
         most = [_max_gravity(context, column) for column in context.index.chain]
-        return cls(context, dynamics, clearance_m, np.array(most))
+        limits = context.planner.motion_limits(_SPEED_CLASS)
+        return cls(context, dynamics, clearance_m, limits, np.array(most))
 
     def reachable_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
         """Yield postures (n,) with free ways to them from ``at``."""
@@ -208,7 +211,9 @@ class _FreeSpace:
         if (torques > self.max_torque).any():
             return False
         try:
-            self.context.check_straight_path(start, goal)
+            # As of a faster motion, there and back: the arm sags a little more than it will.
+            for ends in ((start, goal), (goal, start)):
+                self.context.check_streamed_path(JointMove(*ends, self.limits), _SPEED_CLASS)
         except RefusedError:
             return False
         return True
