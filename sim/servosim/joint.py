@@ -181,7 +181,6 @@ class Hand:
 
 
 STEP_S = 0.001
-COUPLING = 0.05  # fraction of the stiffest spring that a step of STEP_S can carry
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +191,7 @@ class SimulatedJoint:
 
     Attributes:
         name: The joint's name in the body.
-        servos: Its servos; all but the first are tied to it by a stiff spring.
+        servos: Its servos; all but the first are carried by it.
         transmission: Between their horns and the joint.
     """
 
@@ -255,12 +254,22 @@ class SimulatedJoint:
             direct = self.transmission is DIRECT
             lead.step(STEP_S, load if direct else load * self.m_per_rad)
             return
-        load_nm = load * self.m_per_rad / len(self.servos)
-        for follower in self.servos[1:]:
-            pull_nm = _coupling_nm(lead, follower)
-            follower.step(STEP_S, load_nm + pull_nm)
-            load_nm -= pull_nm
-        lead.step(STEP_S, load_nm)
+        self._step_together(lead, load * self.m_per_rad / len(self.servos))
+
+    def _step_together(self, lead: Servo, share_nm: float) -> None:
+        """Step servos on one shaft: they turn as one, under the mean of their torques.
+
+        A stiff spring between the shafts would throw each of them from one flank of its play to
+        the other in every step, and the gears would carry no load.
+        """
+        followers = self.servos[1:]
+        for follower in followers:
+            follower.motor.carried = True
+            follower.step(STEP_S, share_nm)
+        given_nm = [servo.motor.torque_nm * servo.motor.grip for servo in self.servos]
+        lead.step(STEP_S, share_nm + sum(given_nm) / len(given_nm) - given_nm[0])
+        for follower in followers:
+            follower.motor.set_state(lead.motor.position_rad, lead.motor.velocity_rad_s)
 
     def drive_force(self) -> float:
         """Let carried servos work for one step; return their force on the joint."""
@@ -275,16 +284,3 @@ class SimulatedJoint:
         horn_rad = self.transmission.horn_rad(position)
         for servo in self.servos:
             servo.motor.set_state(horn_rad, velocity / self.transmission.slope(horn_rad))
-
-
-def _coupling_nm(lead: Servo, follower: Servo) -> float:
-    """Torque of the spring between two servos of one joint, on the follower."""
-    a, b = lead.motor, follower.motor
-    inertia = min(
-        a.parameters.armature_kg_m2 + a.load_inertia_kg_m2,
-        b.parameters.armature_kg_m2 + b.load_inertia_kg_m2,
-    )
-    stiffness = COUPLING * inertia / STEP_S**2
-    damping = 2.0 * COUPLING * inertia / STEP_S
-    twist_rad, twist_rad_s = a.position_rad - b.position_rad, a.velocity_rad_s - b.velocity_rad_s
-    return stiffness * twist_rad + damping * twist_rad_s

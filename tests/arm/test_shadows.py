@@ -27,3 +27,16 @@ def test_what_happens_to_the_second_servo_stops_the_arm_by_its_name(fault, words
         with pytest.raises(ServoAlarmError, match=words) as caught:
             arm.move_joints({"waist": -0.4}, speed="slow")
         assert f"{JOINT['name']} (servo {SHADOW})" in str(caught.value)
+
+
+def test_both_servos_carry_the_load_of_their_joint_whatever_their_play():
+    with ikservo.open_arm("wx250s", port="sim:?pose=home&backlash_deg=0.5") as arm:
+        arm.move_joints({"shoulder": 0.6, "elbow": -0.6}, speed="fast")
+        world = line_of(arm).world
+        load_nm = world.body.load_nm([j.position for j in world.joints], [0.0] * 7)[1]
+        lead, follower = (servo.motor for servo in world.joint("shoulder").servos)
+        assert abs(load_nm) > 2.0
+        assert lead.position_rad == follower.position_rad
+        # the rest is friction
+        held_nm = -(lead.torque_nm + follower.torque_nm)
+        assert 0.5 < held_nm / load_nm < 1.7
