@@ -112,10 +112,10 @@ def _replan_if_moved(context: ArmContext, plan: MotionPlan) -> MotionPlan:
     Raises:
         RefusedError: No path is free from there.
     """
-    goals, limits = context.servos.goals(), context.planner.motion_limits(plan.speed)
+    start, limits = context.servos.reference(), context.planner.motion_limits(plan.speed)
     if plan.again is None or plan.names != context.servos.names:
         return plan
-    return plan.again(context) or plan if has_moved(plan, goals, limits) else plan
+    return plan.again(context) or plan if has_moved(plan, start, limits) else plan
 
 
 def _run_motion(
@@ -123,7 +123,7 @@ def _run_motion(
 ) -> ExecutedMotion:
     servos, limits = context.servos, context.planner.motion_limits(plan.speed)
     horn_rad_s = context.model.speed(plan.speed).rad_s
-    trajectory = rebase_trajectory(plan, servos.goals(), limits, servos.names)
+    trajectory = rebase_trajectory(plan, servos.reference(), limits, servos.names)
     context.check_streamed_path(trajectory, plan.speed)
     measured = servos.measure_positions()
     target = SettlingTarget(context.chain, context.index, servos.fences, plan, measured)
@@ -153,11 +153,14 @@ def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
     """
     goals, fences = context.servos.goals(), context.servos.fences
     backlash = np.array([context.model.joint(name).backlash for name in context.servos.names])
-    below = backlash_approach(goals, plan.goal != plan.start, backlash, fences)
+    low, high = context.servos.compensator.stuck_offsets(context.servos.reference())
+    stuck = np.where(backlash > 0.0, backlash + high - low, 0.0)
+    below = backlash_approach(goals, plan.goal != plan.start, stuck, fences)
     if below is None or plan.is_cartesian:
         return None
     try:
-        context.check_straight_path(goals, below)
+        reference = context.servos.reference()
+        context.check_straight_path(reference, reference + below - goals)
     except RefusedError:
         return None
     return below

@@ -35,15 +35,9 @@ __all__ = [
     "follow_arm",
     "follow_goals",
     "leader_positions",
-    "measured_with_held_gripper",
     "shared_joints",
 ]
 
-# Servos without integral gain sag under load by up to this; a larger error is a jam.
-_MAX_LIFT_RAD = 0.06
-_NEAR_RAD = 0.002  # more than a tick
-_REST_TIME_S = 0.2
-_MAX_ITERATIONS = 6
 # The first motion after torque comes on is slow until it is as near as this to its goal.
 _TOLERANCE_RAD = 0.05
 
@@ -65,8 +59,6 @@ def follow_goals(
     runner: MotionRunner,
     source: GoalSource,
     speed: str,
-    *,
-    loaded: bool = False,
 ) -> Vector | None:
     """Follow the goals of a source until it ends.
 
@@ -75,8 +67,6 @@ def follow_goals(
         runner: Runs the motion.
         source: Gives the goals.
         speed: slow, normal or fast.
-        loaded: Whether goals are positions of the joints from the first one on, so that the lead
-            of the servos' goals over loaded joints is kept. Else goals start as the servos' own.
 
     Returns:
         Where the joints should be (n,): the last goal that was accepted, or as far short of it as
@@ -88,36 +78,22 @@ def follow_goals(
     context.require_zeros()
     context.warm_up()
     runner.return_within_limits()
-    controller = _OnlineController(context, source, speed, runner.allowed_speed(speed), loaded)
+    controller = _OnlineController(context, source, speed, runner.allowed_speed(speed))
     runner.run(controller.start_trajectory, controller.on_cycle, speed)
     if controller.error:
         raise controller.error
     return controller.settled_goal
 
 
-def measured_with_held_gripper(context: ArmContext, cycle: ControlCycle) -> Vector:
-    """Return the measured joints of the chain, and the goals of the others (n,): a gripper presses.
-
-    The goals of joints under load differ from their positions: they lead them by the sag.
-    """
-    return np.where(context.index.outside_chain(), cycle.goals, cycle.measured)
-
-
 class _OnlineController:
-    """Retargets an online trajectory to new goals, and compensates the sag of resting joints."""
+    """Retargets an online trajectory to new goals."""
 
-    def __init__(
-        self, context: ArmContext, source: GoalSource, speed: str, allowed: str, loaded: bool
-    ) -> None:
+    def __init__(self, context: ArmContext, source: GoalSource, speed: str, allowed: str) -> None:
         self._context, self._source, self._speed, self._first = context, source, speed, allowed
         self._limited = allowed != speed
-        self._loaded = loaded
         self._trajectory: OnlineTrajectory | None = None
         self._requested: Vector = np.zeros(0)
         self._accepted: Vector = np.zeros(0)  # the last requested goal that the guard accepted
-        self._lead = np.zeros(0)
-        self._compensated_s = 0.0
-        self._iterations = 0  # an arm that was only held is left where it is
         self.error: Exception | None = None
         self.settled_goal: Vector | None = None
 
@@ -125,24 +101,19 @@ class _OnlineController:
         lower, upper = self._context.limits()
         limits = self._context.planner.motion_limits(self._first)
         self._trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
-        self._requested, self._lead = start, np.zeros_like(start)
+        self._requested = start
         return self._trajectory
 
     def on_cycle(self, cycle: ControlCycle) -> None:
         trajectory = self._trajectory
         if trajectory is None or math.isfinite(trajectory.duration_s):
             return
-        if self._loaded:
-            self._requested, self._loaded = measured_with_held_gripper(self._context, cycle), False
-            self._lead = trajectory.goal - self._requested
         goal = self._next_goal(cycle)
         if goal is None:
             self._stop_trajectory(trajectory, cycle.time_s)
         elif not np.array_equal(goal, self._requested):
             self._retarget(trajectory, goal, cycle)
-        elif self._iterations and self._is_at_rest(trajectory, cycle):
-            self._compensate_load(trajectory, cycle)
-        if self._limited and self._iterations:
+        if self._limited and len(self._accepted):
             self._apply_speed(trajectory, cycle.time_s)
 
     def _next_goal(self, cycle: ControlCycle) -> Vector | None:
@@ -155,11 +126,11 @@ class _OnlineController:
     def _retarget(self, trajectory: OnlineTrajectory, goal: Vector, cycle: ControlCycle) -> None:
         self._requested = goal
         try:
-            trajectory.retarget(goal + self._lead, cycle.time_s, self._context.check_trajectory)
+            trajectory.retarget(goal, cycle.time_s, self._context.check_trajectory)
         except RefusedError as error:
             self._source.on_rejected(error)
         else:
-            self._accepted, self._iterations = goal, _MAX_ITERATIONS
+            self._accepted = goal
 
     def _stop_trajectory(self, trajectory: OnlineTrajectory, time_s: float) -> None:
         goal = trajectory.goal
@@ -176,21 +147,6 @@ class _OnlineController:
         if remaining.max() <= _TOLERANCE_RAD:
             self._limited = False
             trajectory.set_limits(self._context.planner.motion_limits(self._speed))
-
-    def _is_at_rest(self, trajectory: OnlineTrajectory, cycle: ControlCycle) -> bool:
-        """Return whether the joints had time to come to rest since the last change."""
-        return cycle.time_s - max(trajectory.settles_at_s, self._compensated_s) > _REST_TIME_S
-
-    def _compensate_load(self, trajectory: OnlineTrajectory, cycle: ControlCycle) -> None:
-        """Lead the goals by the error that the load causes in resting joints."""
-        residual = self._accepted - measured_with_held_gripper(self._context, cycle)
-        self._compensated_s = cycle.time_s
-        if np.abs(residual).max() > _NEAR_RAD:
-            self._iterations -= 1
-            max_lead = np.maximum(self._lead, _MAX_LIFT_RAD)
-            min_lead = np.minimum(self._lead, -_MAX_LIFT_RAD)
-            self._lead = np.clip(self._lead + residual, min_lead, max_lead)
-            trajectory.retarget(self._accepted + self._lead, cycle.time_s)
 
 
 CartesianOrJointTarget = Target | Mapping[str, float] | ArrayLike
@@ -324,7 +280,7 @@ class _TargetFollower:
     def next_goal(self, cycle: ControlCycle) -> Vector | None:
         """Return the goal (n,); None once targets have ceased for too long."""
         if self._goal is None:
-            self._goal = measured_with_held_gripper(self._context, cycle)
+            self._goal = self._context.servos.reference()
             self._dead_man.refresh(self._context.now_s())
         if self._report_progress:
             self._report_progress(cycle)
@@ -368,7 +324,7 @@ def follow(
     context.model.speed(speed)
     follower = _TargetFollower(context, targets, on_progress)
     started_s = context.now_s()
-    goal = follow_goals(context, runner, follower, speed, loaded=True)
+    goal = follow_goals(context, runner, follower, speed)
     if goal is None:
         measured = context.servos.measure_positions()
     else:

@@ -187,7 +187,7 @@ def move_gripper(
         if report_progress:
             report_progress(cycle)
 
-    runner.run(start_trajectory, on_cycle, motion.speed)
+    runner.run(start_trajectory, on_cycle, motion.speed, compensated=False)
     state = context.servos.read_states()[context.index.column(gripper.joint)]
     at = state.position_rad
     reached = motion.has_arrived(at)

@@ -50,7 +50,7 @@ _STOP_TIMEOUT_S = 1.0
 _POLL_PERIOD_S = 0.02  # how soon ``state`` in another thread notices that a motion has begun
 
 TrajectoryFactory = Callable[[Vector], Trajectory]
-"""Makes a trajectory that starts at the goals (n,) the servos hold."""
+"""Makes a trajectory that starts where the joints are (n,), rad or m."""
 
 
 class MotionRunner:
@@ -235,6 +235,8 @@ class MotionRunner:
             stopped = self.stop_reason is not None  # which `enable` refuses
             if stopped or not torque.is_on:
                 self.enable()
+            else:
+                self._servos.refresh_reference()
             if self.caches_states or current_thread() is not main_thread():
                 self._states = self._servos.read_states()
             with self._stop_on_error():
@@ -242,20 +244,31 @@ class MotionRunner:
             torque.motion_completed()
             self._servos.acknowledge_ended()
 
-    def run(self, make: TrajectoryFactory, on_cycle: OnCycle | None, speed: str) -> Vector:
+    def run(
+        self,
+        make: TrajectoryFactory,
+        on_cycle: OnCycle | None,
+        speed: str,
+        *,
+        compensated: bool = True,
+    ) -> Vector:
         """Run one trajectory as a motion.
 
         Args:
-            make: Makes the trajectory from the servos' goals, torque being on.
+            make: Makes the trajectory from where the joints are, torque being on.
             on_cycle: Called in every control cycle.
             speed: slow, normal or fast.
+            compensated: See ``ControlLoop.run``; else it is made from the servos' goals.
 
         Returns:
             The measured joints (n,) of the last control cycle, rad or m.
         """
         horn_rad_s = self._context.model.speed(speed).rad_s
         with self.motion():
-            return self.loop.run(make(self._servos.goals()), on_cycle, speed_rad_s=horn_rad_s)
+            start = self._servos.reference() if compensated else self._servos.goals()
+            return self.loop.run(
+                make(start), on_cycle, speed_rad_s=horn_rad_s, compensated=compensated
+            )
 
     def return_within_limits(self) -> None:
         """Move joints that are a little outside their limits back inside, slowly.
@@ -271,9 +284,9 @@ class MotionRunner:
         self.run(lambda start: JointMove(start, np.clip(start, lower, upper), limits), None, "slow")
 
     def start_position(self) -> Vector:
-        """Return where a motion would start (n,): the goals where torque is on, else measured."""
+        """Return where a motion would start (n,), rad or m; a limp arm is measured."""
         if self._servos.torque.is_on:
-            return self._servos.goals()
+            return self._servos.reference()
         return self._servos.measured_hold_positions()
 
     def allowed_speed(self, speed: str) -> str:

@@ -20,6 +20,8 @@ from ikservo.arm.calibrated_arm import (
 )
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.control.feed_forward import FeedForward
+from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError
@@ -35,6 +37,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, ModelJoint, ModelServo, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
+from ikservo.model.joint_drive import nominal_parameters
 from ikservo.model.lifting import lifting_lags
 from ikservo.model.sag import joint_compliances, link_masses, stall_error
 from ikservo.registers import control_table
@@ -142,6 +145,7 @@ def open_arm(
         servos = ServoGroup(bus, fences, shadows, bus.port.clock, model.health, gripper)
         checker = _make_collision_checker(model) if collisions else None
         chain = _narrow_chain(own.chain(), fences)
+        servos.compensator = _make_compensator(own, model, chain, fences)
         context = ArmContext.build(model, chain, servos, opened_port, checker, own.zeros)
         opened = Arm(context, MotionRunner(context), on_exit)
         opened.listen()
@@ -180,6 +184,17 @@ def _make_collision_checker(model: Model) -> CollisionChecker:
         link_masses(model, chain), joint_compliances(model, chain), chain.lower_rad, chain.upper_rad
     )
     return CollisionChecker(body, model.floor_m, model.keep_out, sag_of(body, weight))
+
+
+def _make_compensator(
+    own: CalibratedArm, model: Model, chain: Chain, fences: Sequence[CommandLimits]
+) -> GoalCompensator:
+    """Return what corrects goals; by masses only where the posture is known."""
+    names = [fence.joint for fence in fences]
+    columns = [names.index(name) for name in chain.names]
+    parameters = nominal_parameters(model, chain) if own.zeros.are_known else None
+    feed_forward = None if parameters is None else FeedForward(parameters, columns)
+    return GoalCompensator(fences, columns, feed_forward)
 
 
 def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:

@@ -211,7 +211,7 @@ class PreflightPlanner:
         if self._servos.torque.is_on:
             return plan
         self._runner.enable()
-        return plan if np.array_equal(plan.start, self._servos.goals()) else planning()
+        return plan if np.array_equal(plan.start, self._servos.reference()) else planning()
 
     def _is_pressing(self, joint: str, start: Vector) -> bool:
         column = self._context.index.column(joint)

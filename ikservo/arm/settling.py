@@ -35,6 +35,8 @@ __all__ = [
 # [rad/s at the horn]: stiction must be overcome in good time.
 _FRACTION_PER_S = 4.0
 _MIN_RAD_S = 8 * math.tau / 4096
+# A servo may have less friction than known, by this share of both its directions together.
+_FRICTION_MARGIN = 0.15
 # Near its target a joint that has just moved is waited for: after stiction it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -76,6 +78,8 @@ class GoalIntegrator:
         goal: The goal, ticks.
         target: Where the joint should be, ticks; None where it only has to come to rest.
         acceleration: How fast the goal's speed may change, ticks/s².
+        stuck: Between which leads over the joint friction is expected to keep it, ticks: through
+            them the goal goes fast. Twice the same number where that is not known.
 
     Attributes:
         goal: The goal, ticks with fraction.
@@ -84,12 +88,17 @@ class GoalIntegrator:
     """
 
     def __init__(
-        self, fence: CommandLimits, goal: int, target: int | None, acceleration: float
+        self,
+        fence: CommandLimits,
+        goal: int,
+        target: int | None,
+        acceleration: float,
+        stuck: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.fence, self.goal, self.target = fence, float(goal), target
         low, high = fence.tick_range
         self._low, self._high = min(low, goal), max(high, goal)
-        self._acceleration = acceleration
+        self._acceleration, self._stuck = acceleration, stuck
         self._slowest = _MIN_RAD_S / fence.joint_map.horn_rad_per_tick
         self._lead = fence.max_lead_ticks(0.0)
         self.at = self._before = self._anchor = goal if target is None else target
@@ -152,9 +161,15 @@ class GoalIntegrator:
             return 0.0
         if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self._moved_s < _MIN_WAIT_S:
             return 0.0
-        return math.copysign(
-            max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest), self.error_ticks
-        )
+        slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
+        return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
+
+    def _speed_while_stuck(self) -> float:
+        """Return the speed with which the goal comes to rest before friction lets the joint go."""
+        low, high = self._stuck
+        lead = self._side * (self.goal - self.at)
+        end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)
+        return math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0))
 
     def _is_lead_limited(self) -> bool:
         return not self.arrived and self._side * (self.goal - self.at) >= self._lead
@@ -176,6 +191,7 @@ class SettlingTrajectory:
         goals: Their goals (n,), ticks.
         targets: Where the joints should be, ticks; None for one that keeps its goal.
         limits: The kinematic limits of each.
+        stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
     """
 
     def __init__(
@@ -184,12 +200,19 @@ class SettlingTrajectory:
         goals: Sequence[int],
         targets: Sequence[int | None],
         limits: Sequence[KinematicLimits],
+        stuck: tuple[Vector, Vector] | None = None,
     ) -> None:
+        low, high = stuck or (np.zeros(len(fences)), np.zeros(len(fences)))
+        rows = zip(fences, goals, targets, limits, low, high, strict=True)
         self._joints = [
             GoalIntegrator(
-                fence, goal, target, limit.acceleration_rad_s2 / fence.joint_map.unit_per_tick
+                fence,
+                goal,
+                target,
+                limit.acceleration_rad_s2 / fence.joint_map.unit_per_tick,
+                _lead_ticks(fence, float(lowest), float(highest)),
             )
-            for fence, goal, target, limit in zip(fences, goals, targets, limits, strict=True)
+            for fence, goal, target, limit, lowest, highest in rows
         ]
         self._updated_s = 0.0
         self._end_s = math.inf
@@ -240,6 +263,13 @@ class SettlingTrajectory:
         return tuple(
             _describe_residual(j) for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS
         )
+
+
+def _lead_ticks(fence: CommandLimits, lowest: float, highest: float) -> tuple[float, float]:
+    """Return two leads of a goal, rad or m, in ticks, the lower one first."""
+    per_unit = fence.joint_map.sign / fence.joint_map.unit_per_tick
+    low, high = sorted((lowest * per_unit, highest * per_unit))
+    return low, high
 
 
 def _has_ended(joint: GoalIntegrator) -> bool:
@@ -303,7 +333,8 @@ def settle(
     """
     started_s = servos.clock.now_s()
     if below is not None:
-        loop.run(JointMove(servos.goals(), below, limits), speed_rad_s=speed_rad_s)
+        approach = JointMove(servos.goals(), below, limits)
+        loop.run(approach, speed_rad_s=speed_rad_s, compensated=False)
     first = last = _run_settling(loop, servos, target.ticks, limits, speed_rad_s)
     _check_settled(first)
     instead = target.retarget_without(first.saturated, first.measured) if first.saturated else None
@@ -344,12 +375,14 @@ def _run_settling(
     speed_rad_s: float,
 ) -> SettlingTrajectory:
     goals = [f.tick(float(goal)) for f, goal in zip(servos.fences, servos.goals(), strict=True)]
-    trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits)
+    stuck = servos.compensator.stuck_offsets(servos.reference())
+    trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits, stuck)
 
     def update(cycle: ControlCycle) -> None:
         trajectory.update(cycle.time_s, cycle.measured)
 
-    loop.run(trajectory, update, speed_rad_s=speed_rad_s)
+    loop.run(trajectory, update, speed_rad_s=speed_rad_s, compensated=False)
+    servos.set_reference(trajectory.measured)
     return trajectory
 
 

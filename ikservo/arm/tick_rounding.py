@@ -257,7 +257,8 @@ def backlash_approach(
     Args:
         goals: The servos' goals at the end of a motion (n,), rad or m.
         moved: Whether each joint took part in it (n,).
-        backlash: Of each joint (n,), rad or m; 0 where it is not known.
+        backlash: Of each joint (n,) and what friction keeps it from its goal, both ways together,
+            rad or m; 0 where backlash is not known.
         fences: The limits of each.
 
     Returns:

@@ -11,7 +11,7 @@ from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
 from ikservo.guard import StopReason
 from ikservo.kinematics.arrays import Vector
-from ikservo.motion import Rate, Trajectory
+from ikservo.motion import Rate, Trajectory, TrajectoryPoint
 
 __all__ = [
     "BRAKE_S",
@@ -181,17 +181,17 @@ class SetpointSampler:
         """Start again at a position (n,), rad or m, where the servos were stopped."""
         self._start, self._returned_s = position, 0.0
 
-    def next_setpoint(self, gap_s: float) -> Vector:
+    def next_setpoint(self, gap_s: float) -> TrajectoryPoint:
         """Advance the motion by a time and return its setpoint (n,), rad or m."""
         if self._start is None:
             self.time_s += gap_s
-            return self._trajectory.state(self.time_s).position
+            return self._trajectory.state(self.time_s)
         self._returned_s += gap_s
         fraction = min(self._returned_s / _RETURN_S, 1.0)
         goal, start = self._trajectory.state(self.time_s).position, self._start
         if fraction >= 1.0:
             self._start = None
-        return start + fraction * (goal - start)
+        return TrajectoryPoint.at_rest(start + fraction * (goal - start))
 
 
 OnCycle = Callable[[ControlCycle], None]
@@ -253,14 +253,17 @@ class ControlLoop:
         on_cycle: OnCycle | None = None,
         *,
         speed_rad_s: float | None = None,
+        compensated: bool = True,
     ) -> Vector:
         """Execute a trajectory to its end.
 
         Args:
-            trajectory: The motion of the joints; it starts at their present goals.
+            trajectory: The motion of the joints; it starts at their reference.
             on_cycle: Called in each control cycle.
             speed_rad_s: The top speed of the motion at the horns, to which the servos are limited;
                 the arm's maximum if None.
+            compensated: Whether the trajectory is where the joints should be; else it is the goals
+                of their servos, and starts at these.
 
         Returns:
             The measured joints (n,) of the last cycle, rad or m.
@@ -273,24 +276,34 @@ class ControlLoop:
             PortLostError: The port is gone.
         """
         with self._servos.streaming(speed_rad_s):
-            return self._run_loop(trajectory, on_cycle)
+            return self._run_loop(trajectory, on_cycle, compensated)
 
-    def _run_loop(self, trajectory: Trajectory, on_cycle: OnCycle | None) -> Vector:
+    def _run_loop(
+        self, trajectory: Trajectory, on_cycle: OnCycle | None, compensated: bool
+    ) -> Vector:
         servos, setpoints = self._servos, SetpointSampler(trajectory)
         cycle_time_s = self.measure_cycle_time_s()
         scaler = TimeScaler(cycle_time_s)
         sent_s, uncut, restarts = servos.clock.now_s(), True, servos.restarts
+        if compensated:
+            servos.begin_compensation(cycle_time_s)
         for _ in Rate(servos.clock, cycle_time_s):
             measured = servos.update()
             if servos.restarts > restarts:
                 restarts = servos.restarts
                 setpoints.restart_from(servos.goals())
+                if compensated:
+                    servos.begin_compensation(cycle_time_s)
             # One reading of the clock for the setpoint and for the guard that checks its step.
             now_s, before_s = servos.clock.now_s(), sent_s
             gap_s = scaler.step(now_s - before_s, braking=bool(servos.stop_request))
             sent_s = now_s
-            setpoint = setpoints.next_setpoint(servos.allowed_advance_s(gap_s) if uncut else 0.0)
-            uncut = servos.send_goals(setpoint, now_s)
+            advance_s = servos.allowed_advance_s(gap_s) if uncut else 0.0
+            setpoint = setpoints.next_setpoint(advance_s)
+            if compensated:
+                uncut = servos.send_reference(setpoint, advance_s, now_s)
+            else:
+                uncut = servos.send_goals(setpoint.position, now_s)
             self._last_cycle = self._make_cycle(setpoints.time_s, trajectory.duration_s, measured)
             if on_cycle:
                 on_cycle(self._last_cycle)

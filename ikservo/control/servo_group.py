@@ -7,7 +7,8 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
+
+import numpy as np
 
 from ikservo.clock import Clock
 from ikservo.control.drive_feedback import DriveReader
@@ -20,6 +21,7 @@ from ikservo.control.feedback import (
     with_retries,
 )
 from ikservo.control.health_polling import HealthPoller, read_supply_ranges
+from ikservo.control.servo_gains import raise_gains, read_gain_shares
 from ikservo.control.servo_limits import limit_torque
 from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
@@ -39,7 +41,6 @@ from ikservo.registers import RegisterName
 __all__ = [
     "ServoGroup",
     "hold_ticks",
-    "raise_gains",
     "verify_goals",
     "wait_until_settled",
     "wait_until_still",
@@ -109,6 +110,9 @@ class ServoGroup(StreamedServos):
         self._health_poller = HealthPoller(
             self._bus, names, self._limits, health, self._log_warning
         )
+        held = np.array([torque[fence.servo_id] != 0 for fence in self.fences])
+        self.set_reference(np.where(held, self.measure_positions(), self.goals()))
+        self.compensator.start(read_gain_shares(self._bus, self.fences))
         self.torque.enabled()
 
     @contextmanager
@@ -129,10 +133,10 @@ class ServoGroup(StreamedServos):
         return self._health_poller is not None and self._health_poller.is_overheated
 
     def measured_hold_positions(self) -> Vector:
-        """Read where ``enable`` would let the joints hold (n,), rad or m; writes nothing.
+        """Read where a motion would start if ``enable`` were called (n,), rad or m; writes nothing.
 
-        That is their position, or the goal of those that hold already: load has pulled such a
-        joint below its goal, and a motion starts at the goal. Waits for an arm that sinks.
+        That is where the joints are; a gripper that holds already keeps its goal, for it may press
+        on something. Waits for an arm that sinks.
 
         Raises:
             BusError: A servo does not answer.
@@ -142,7 +146,8 @@ class ServoGroup(StreamedServos):
             since_s = self.clock.now_s()
             wait_until_still(self.fences, self._feedback, self.clock, self._sink_time_s)
             self._sink_time_s -= self.clock.now_s() - since_s
-        return self._to_positions(self._clamp_goals(*self._measure_hold_ticks()))
+        held = self._to_positions(self._clamp_goals(*self._measure_hold_ticks()))
+        return np.where(self.compensator.corrects, self.measure_positions(), held)
 
     def read_torque_on(self) -> bool:
         """Read whether every servo's torque is on."""
@@ -343,33 +348,3 @@ def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
     goals = read_register(bus, expected, RegisterName.GOAL_POSITION)
     for servo_id, goal in goals.items():
         check_kept_goal(bus, servo_id, goal, expected[servo_id])
-
-
-# The XL330's P gain is in use for the elbows of Koch and OMX arms, and needs a D gain. The XL430
-# has one as delivered; its P gain is the one that ROBOTIS sets in the OMX-F.
-_XL330_GAINS: Mapping[str, int] = MappingProxyType(
-    {"position_d_gain": 600, "position_p_gain": 1500}
-)
-_XL430_GAINS: Mapping[str, int] = MappingProxyType({"position_p_gain": 1000})
-_ARM_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
-    {"XL330-M288": _XL330_GAINS, "XL330-M077": _XL330_GAINS, "XL430-W250": _XL430_GAINS}
-)
-# A gripper is a little softer.
-_XL330_GRIPPER: Mapping[str, int] = MappingProxyType({"position_p_gain": 800})
-_GRIPPER_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
-    {"XL330-M288": _XL330_GRIPPER, "XL330-M077": _XL330_GRIPPER}
-)
-_NO_GAINS: Mapping[str, int] = MappingProxyType({})
-
-
-def raise_gains(bus: ServoBus, servo_id: int, *, gripper: bool) -> None:
-    """Raise the gains of a servo whose defaults are too low; in RAM, and only upwards.
-
-    Raises:
-        BusError: It does not answer.
-    """
-    table = bus.servos[servo_id].table
-    gains = (_GRIPPER_GAINS if gripper else _ARM_GAINS).get(table.model_name, _NO_GAINS)
-    for name, gain in gains.items():
-        if bus.read(servo_id, table.registers[name], raw=True) < gain:
-            bus.write(servo_id, table.registers[name], gain, raw=True)

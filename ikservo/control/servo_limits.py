@@ -56,9 +56,9 @@ _TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
 _COARSE_SPEED = 50  # ticks a second in one count, where bit 2 of a Feetech's phase is clear
 _FINE_SPEED_BIT = 0b100
 
-# The servo's own ramps: from its speed to a stop in this time. They must be steeper than the
-# motion's, or the servo could not follow it.
-_RAMP_S = 0.03
+# No ramps of the servo's own: with them it would brake for each goal of a stream, and lag it by
+# v² / 2a; what it runs on after the last goal would be longer by that.
+_NO_RAMP = 0
 _SPEED_MARGIN = 1.2  # a joint that lags may catch up
 
 _WATCHDOG_COUNTS = 5  # of 20 ms
@@ -204,11 +204,10 @@ class ServoRamLimits:
         if self._time_based[servo_id]:  # the register is a duration; 0 disables the profile
             self._write_limit(servo_id, speed, 0)
             return
-        self._write_limit(servo_id, speed, self._read_speed_counts(servo_id, speed, speed_rad_s))
         if RegisterName.PROFILE_ACCELERATION not in table.missing:
             ramp = table.find(RegisterName.PROFILE_ACCELERATION)
-            counts = min(max(1, ramp.to_raw(speed_rad_s / _RAMP_S)), ramp.range[1])
-            self._write_limit(servo_id, ramp, counts)
+            self._write_limit(servo_id, ramp, _NO_RAMP)
+        self._write_limit(servo_id, speed, self._read_speed_counts(servo_id, speed, speed_rad_s))
 
     def _write_limit(self, servo_id: int, register: Register, counts: int) -> None:
         """Write a limit; the last one written is the reset marker."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from ikservo.clock import Clock
 from ikservo.control.feedback import Feedback
+from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.control.stopping import StopRequest, check_pause, fault_reason
@@ -18,6 +19,7 @@ from ikservo.errors import HeldUpError, StoppedError
 from ikservo.guard import CommandLimits, Gate, StopReason, TrackingMonitor
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
+from ikservo.motion import TrajectoryPoint
 from ikservo.registers import RegisterName
 
 __all__ = ["STALL_S", "StreamedServos", "prepare_servos"]
@@ -25,6 +27,8 @@ __all__ = ["STALL_S", "StreamedServos", "prepare_servos"]
 
 # A joint that lags its goal by more than its load explains presses against something.
 _PRESSING_LAG_RAD = math.radians(8.0)  # at the horn
+# A resting joint further from its reference, at the horn, was moved by something else.
+_REFERENCE_TOLERANCE_RAD = 0.01
 STALL_S = 0.1
 """After a gap this long between two cycles joints are read again where a reply was lost, and the
 motion is not advanced: it accelerates again from a stop."""
@@ -58,6 +62,11 @@ class StreamedServos:
         self._ids = [fence.servo_id for fence in fences]
         self._gate = Gate(fences, self._write_goals, clock)
         self._feedback = Feedback(bus, fences)
+        self.compensator = GoalCompensator(fences)
+        self._reference = self._measured = np.zeros(len(self.fences))
+        self._per_horn_rad = np.array([f.joint_map.unit_per_horn_rad for f in fences])
+        self._reference_s = 0.0
+        self._uncut = True
         self._limits = ServoRamLimits(bus, self._ids)
         self._health_poller: HealthPoller | None = None
         self._cycle_at_s = self._horn_rad_s = 0.0
@@ -67,11 +76,72 @@ class StreamedServos:
 
     def measure_positions(self) -> Vector:
         """Read the positions of the joints (n,), rad or m."""
-        return self._feedback.measure_positions()
+        self._measured = self._feedback.measure_positions()
+        return self._measured
 
     def goals(self) -> Vector:
         """Return the last goals sent (n,), rad or m."""
         return self._to_positions(self._gate.goals)
+
+    def reference(self) -> Vector:
+        """Return where the joints are, or should be (n,), rad or m; motions start there.
+
+        Goals lead it by what load and friction take. A joint besides the chain, such as a gripper,
+        is referred to by its goal: it may press on something.
+        """
+        return np.where(self.compensator.corrects, self._reference, self.goals())
+
+    def set_reference(self, positions: Vector) -> None:
+        """Set where the joints (n,) are, rad or m, while their goals stay."""
+        self._reference = positions
+
+    def refresh_reference(self) -> Vector:
+        """Measure the joints at rest, and let the reference be where they are far from it.
+
+        An arm that was limp sags when its torque comes on, by as much as its load explains: the
+        next motion begins with lifting it, and its reference stays.
+
+        Returns:
+            The reference (n,), rad or m.
+
+        Raises:
+            BusError: A servo does not answer.
+        """
+        measured, goals = self.measure_positions(), self.goals()
+        low, high = self.compensator.stuck_offsets(self._reference)
+        sagged = np.clip(measured, goals - high, goals - low)
+        expected = np.where(self._reference == goals, sagged, self._reference)
+        moved = np.abs(measured - expected) > _REFERENCE_TOLERANCE_RAD * self._per_horn_rad
+        self._reference = np.where(moved, measured, self._reference)
+        return self.reference()
+
+    def begin_compensation(self, cycle_time_s: float) -> None:
+        """Begin a motion at the reference with the goals that are in force.
+
+        Args:
+            cycle_time_s: The time between two goals.
+        """
+        self.compensator.begin(self.reference(), self.goals(), cycle_time_s)
+        self._reference_s, self._uncut = self.clock.now_s(), True
+
+    def send_reference(self, point: TrajectoryPoint, advance_s: float, now_s: float) -> bool:
+        """Send the goals that bring the joints to a reference; see ``send_goals``.
+
+        Args:
+            point: The reference (n,), rad or m.
+            advance_s: By how much its motion was advanced since the last one.
+            now_s: The clock's time for which it was computed.
+        """
+        elapsed_s = now_s - self._reference_s
+        if elapsed_s > STALL_S:  # the joints have come to rest
+            self.compensator.begin(self.reference(), self.goals())
+        rate = min(advance_s / elapsed_s, 1.0) if elapsed_s > 0.0 else 1.0
+        since_s = 0.5 * (self._cycle_at_s + now_s) - self._reference_s
+        self.compensator.observe(self._measured, since_s, elapsed_s, grow=self._uncut)
+        goals = self.compensator.goals(point, elapsed_s, rate)
+        self._uncut = self.send_goals(goals, now_s)
+        self._reference, self._reference_s = point.position, now_s
+        return self._uncut
 
     @property
     def goals_wire_s(self) -> float:
@@ -174,7 +244,8 @@ class StreamedServos:
             if self.restarts >= _MAX_RESTARTS:
                 raise
         self._restart_servos()
-        return self.measure_positions()
+        measured = self._measured = self._reference = self.measure_positions()
+        return measured
 
     def _update_measured(self) -> Vector:
         now_s, before_s = self.clock.now_s(), self._cycle_at_s
@@ -188,6 +259,7 @@ class StreamedServos:
         self._limits.check_watchdog_gap(self.clock.now_s() - before_s)
         self._gate.update_measured(self._feedback.latest, now_s)  # measured no earlier than that
         self._following.update(self.goals(), measured)
+        self._measured = measured
         if self._health_poller:
             self._health_poller.poll()
         return measured
@@ -246,6 +318,7 @@ class StreamedServos:
         cannot follow is set to its position, so that it does not press on.
         """
         self._gate.latch_stop(reason)
+        self._reference = self._measured
         # These packets have no reply: the first is sent twice, for one may be lost.
         for step in (self._hold_goals, self._hold_goals, self._limits.broadcast_watchdog_off):
             with contextlib.suppress(Exception):  # each is tried, even if another fails

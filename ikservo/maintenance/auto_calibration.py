@@ -95,7 +95,7 @@ def probe_end_stop(
     """
     search = _EndStopSearch(context, bus, joint, end, fraction, on_positions)
     try:
-        runner.run(search.start_trajectory, search.on_cycle, "slow")
+        runner.run(search.start_trajectory, search.on_cycle, "slow", compensated=False)
     finally:
         context.servos.limit_force(joint, 1.0)
     return ContactResult(search.furthest, search.detector.contact)
@@ -444,7 +444,7 @@ class AutoCalibration:
         self.arm.move_joints(positions, speed="slow")
 
     def _chain_joints(self) -> Vector:
-        return self._context.index.chain_joints(self._context.servos.goals())
+        return self._context.index.chain_joints(self._context.servos.reference())
 
     def _update_wizard(self, joints: Vector) -> None:
         """Update the calibration state; further servos of a joint move with its first."""

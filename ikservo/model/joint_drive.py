@@ -15,6 +15,10 @@ from ikservo.model.servo_torque import GearFriction, ServoTorque, find_servo_tor
 __all__ = ["ArmParameters", "JointDrive", "joint_drive", "nominal_parameters"]
 
 
+# A goal is on the wire, and waits for the servo's next loop.
+_DELAY_S = 0.0025
+
+
 @dataclass(frozen=True, slots=True)
 class JointDrive:
     """The servos of one joint, together, in the joint's coordinate.
@@ -114,4 +118,5 @@ def _sum_at_joint(servos: Sequence[ServoTorque], per_horn_rad: float) -> JointDr
             gears.square_per_nm / force,
         ),
         startup_nm=force * servos[0].startup_duty * servos[0].full_duty_nm,
+        delay_s=_DELAY_S,
     )

@@ -63,7 +63,7 @@ class ServoTorque:
     Attributes:
         stiffness_nm_rad: Torque of each rad between goal and horn, at ``p_gain``.
         p_gain: Register value of the P gain that the servo has while an arm moves: as delivered,
-            or as `control.servo_group` raises it.
+            or as `control.servo_gains` raises it.
         full_duty_nm: Torque of the blocked motor for the whole duty, before friction.
         damping_nm_s: Torque that back-EMF and viscous friction take for each rad/s.
         armature_kg_m2: Inertia of rotor and gears.

@@ -17,12 +17,12 @@ def held(name):
     """Return an arm that holds its pose home, its first motion over; and its tip (3,) [m]."""
     arm = ikservo.open_arm(name, port="sim:?pose=home")
     arm.pose("home")
-    return arm, tip_of_goals(arm)
+    return arm, tip_of_reference(arm)
 
 
-def tip_of_goals(arm):
-    goals = arm._context.servos.goals()
-    return arm.chain.forward(arm.joint_index.chain_joints(goals))[:3, 3]
+def tip_of_reference(arm):
+    reference = arm._context.servos.reference()
+    return arm.chain.forward(arm.joint_index.chain_joints(reference))[:3, 3]
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -8,7 +8,6 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, CartesianPathError, RefusedError, UnreachableError
 from tests.arm.simulated import line_of, registers, true_tip_m
-from tests.oracle import tip_from_ticks
 
 
 @pytest.fixture
@@ -38,25 +37,20 @@ def from_line_m(points, begin, end):
 
 
 def test_the_tip_goes_straight_as_the_servos_own_registers_say(ready):
+    ready.move_to((0.22, 0.02, 0.12))  # the first motion lifts an arm that was limp
     begin, goal = true_tip_m(ready), np.array((0.22, -0.08, 0.18))
     tips = tips_m(ready, ready.plan_line(goal))
     np.testing.assert_allclose(true_tip_m(ready), goal, atol=2e-3)
-    # Servos follow with a lag and sag under their load; the goals themselves stray 0.5 mm at most.
-    assert from_line_m(tips, begin, goal).max() < 8e-3
+    # Without feed-forward servos would lag and sag under their load: 7 to 20 mm.
+    assert from_line_m(tips, begin, goal).max() < 3e-3
 
 
-def test_the_goals_of_a_line_stay_on_it(ready):
-    names, goals = ready.model.name, []
-    begin = ready.plan_line((0.22, -0.08, 0.18)).trajectory.state(0.0).position
-    ready.move_line(
-        (0.22, -0.08, 0.18),
-        on_progress=lambda _: goals.append(
-            tip_from_ticks(names, registers(ready, "goal_position"))
-        ),
-    )
-    start = ready.chain.forward(begin[: ready.chain.dof])[:3, 3]
-    on_the_way = np.array(goals[: len(goals) // 2])
-    assert from_line_m(on_the_way, start, np.array((0.22, -0.08, 0.18))).max() < 1.5e-3
+def test_the_setpoints_of_a_line_stay_on_it(ready):
+    plan, goal = ready.plan_line((0.22, -0.08, 0.18)), np.array((0.22, -0.08, 0.18))
+    times_s = np.linspace(0.0, plan.duration_s, 200)
+    q = np.array([plan.trajectory.state(time_s).position for time_s in times_s])
+    tips = ready.chain.forward(q[:, : ready.chain.dof])[:, :3, 3]
+    assert from_line_m(tips, tips[0], goal).max() < 1.5e-3
 
 
 def test_what_was_checked_is_what_a_plan_carries(ready):

@@ -81,7 +81,7 @@ def check(name, pause_s, where, files=None):
             course = move(arm, traced)
         fences = servo_group(arm).fences
         units = np.array([fence.joint_map.unit_per_tick for fence in fences])
-        left = np.abs(servo_group(arm).goals() - course.goal) / units
+        left = np.abs(servo_group(arm).reference() - course.goal) / units
         assert (left <= 1.0).all(), (where, left)
         assert auditor.faults() == [], where
         return traced.pauses

@@ -1,0 +1,117 @@
+"""Feed-forward: how far goals must lead a moving reference so that the joints are on it.
+
+A position servo is a spring to its goal: it gives torque only while its joint lags. What a motion
+needs is known before, from masses and motors, so the goal leads the reference by the lag::
+
+    L = tau(q, qd, qdd)                        gravity and inertia of the links, payload included
+    M = L + J qdd + f                          motor torque, with rotor inertia J and friction f
+    u = M + b qd                               duty as torque: b is back-EMF and viscous friction
+    offset = sign(u) max(|u| - u0, 0) / k      u0: start-up force of the firmware, k: stiffness
+
+Friction f acts against the motion: it has the sign of the reference's velocity, and grows with the
+load of the gears ``|M + L|`` (``model.servo_torque.GearFriction``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ikservo.kinematics.arrays import Vector
+from ikservo.model.joint_drive import ArmParameters, JointDrive
+from ikservo.model.servo_torque import GearFriction
+from ikservo.motion import TrajectoryPoint
+
+__all__ = ["FeedForward"]
+
+
+class FeedForward:
+    """Computes by how much the goals of an arm's joints lead its reference; pure.
+
+    Args:
+        parameters: Of the arm; joints without a drive have no offset.
+        columns: Where the chain's joints are among all joints.
+
+    Attributes:
+        parameters: Likewise.
+        columns: Likewise.
+    """
+
+    def __init__(self, parameters: ArmParameters, columns: Sequence[int]) -> None:
+        self.parameters = parameters
+        self.columns = tuple(columns)
+        self._columns = list(columns)
+        self._known = np.array([drive is not None for drive in parameters.drives])
+        self._drives = [drive or _NO_DRIVE for drive in parameters.drives]
+        self._stiffness = _column(self._drives, "stiffness_nm_rad")
+        self._damping = _column(self._drives, "damping_nm_s")
+        self._armature = _column(self._drives, "armature_kg_m2")
+        self._startup = _column(self._drives, "startup_nm")
+        self._delay_s = _column(self._drives, "delay_s")
+        self._friction = _FrictionArrays(self._drives)
+
+    def with_gains(self, shares: Sequence[float]) -> FeedForward:
+        """Return the same at other P gains (dof,), as shares of those of the parameters."""
+        pairs = zip(self.parameters.drives, shares, strict=True)
+        drives = tuple(drive and drive.with_gain(share) for drive, share in pairs)
+        return FeedForward(replace(self.parameters, drives=drives), self.columns)
+
+    def offsets(self, point: TrajectoryPoint, direction: Vector, held_s: float = 0.0) -> Vector:
+        """Return by how much goals lead the positions of a reference (n,), rad or m.
+
+        Args:
+            point: The reference: positions, velocities and accelerations (n,) of all joints.
+            direction: Of the friction (n,), -1 to 1: which way each joint moves, 0 at rest.
+            held_s: How long a goal is held until the next one: in the mean it is half as old.
+        """
+        q, qd, qdd = (
+            each[self._columns] for each in (point.position, point.velocity, point.acceleration)
+        )
+        links = self.parameters.dynamics.inverse_dynamics(q, qd, qdd)
+        driven = links + self._armature * qdd
+        friction = self._friction.torque(direction[self._columns], qd, driven + links)
+        duty = driven + friction + self._damping * qd
+        pressed = np.sign(duty) * np.maximum(np.abs(duty) - self._startup, 0.0)
+        delay_s = self._delay_s + 0.5 * held_s
+        ahead = delay_s * (qd + 0.5 * delay_s * qdd)
+        offsets = np.zeros(len(point.position))
+        offsets[self._columns] = np.where(self._known, pressed / self._stiffness + ahead, 0.0)
+        return offsets
+
+
+class _FrictionArrays:
+    """The friction of all joints at once."""
+
+    def __init__(self, drives: Sequence[JointDrive]) -> None:
+        gears = [drive.friction for drive in drives]
+        self._coulomb = np.array([each.coulomb_nm for each in gears])
+        self._slow = np.array([each.slow_nm for each in gears])
+        self._slow_rad_s = np.array([each.slow_rad_s for each in gears])
+        self._load = np.array([each.load for each in gears])
+        self._slow_load = np.array([each.slow_load for each in gears])
+        self._square = np.array([each.square_per_nm for each in gears])
+
+    def torque(self, direction: Vector, qd: Vector, frictionless: Vector) -> Vector:
+        """Return the motor torque that friction takes (dof,), in the direction of the motion.
+
+        The gears' load g holds the friction itself: ``g = |a + d f|, f = c + l g + s g^2`` with
+        the load a without friction and the direction d.
+        """
+        slow = np.exp(-np.abs(qd) / self._slow_rad_s)
+        coulomb = self._coulomb + slow * self._slow
+        load = self._load + slow * self._slow_load
+        side = np.sign(frictionless + direction * coulomb)
+        along = side * direction  # 1 where friction adds to the load, -1 where it takes from it
+        held, rest = side * frictionless + along * coulomb, 1.0 - along * load
+        root = np.sqrt(np.maximum(rest**2 - 4.0 * along * self._square * held, 0.0))
+        gears = 2.0 * held / (rest + root)
+        return direction * (coulomb + (load + self._square * gears) * gears)
+
+
+_NO_DRIVE = JointDrive(1.0, 0.0, 0.0, GearFriction(0.0, 0.0, 1.0, 0.0, 0.0))
+
+
+def _column(drives: Sequence[JointDrive], name: str) -> Vector:
+    return np.array([getattr(drive, name) for drive in drives])

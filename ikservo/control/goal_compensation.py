@@ -1,0 +1,192 @@
+"""Goals that keep the joints on their reference: feed-forward, integral action, soft beginnings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.control.feed_forward import FeedForward
+from ikservo.guard import CommandLimits
+from ikservo.kinematics.arrays import Vector
+from ikservo.motion import TrajectoryPoint
+
+__all__ = ["GoalCompensator"]
+
+# The offset that is in force when a motion begins fades to the computed one in this time.
+_FADE_S = 0.2
+_TINY = 1e-9
+# A cycle that comes late counts as this long: goals must not leap after a stall.
+_MAX_STEP_S = 0.02
+# Friction turns to the direction of a motion on some multiple of this way at the horn (Dahl 1968),
+# and in no less than the second number, for goals must not leap.
+_DIRECTION_RAD, _DIRECTION_S = 0.0005, 0.05
+# Integral action takes up what masses, payload and servos differ by from the model; slower than
+# any arm swings. Its limit is the sag of a joint at its torque limit, at the horn.
+_INTEGRAL_PER_S, _MAX_INTEGRAL_RAD = 3.0, 0.08
+# A reference slower than this at the horn is at rest; then errors within so many ticks are left,
+# for stiction would make the joint jump over its target again and again.
+_AT_REST_RAD_S, _REST_TICKS = 0.01, 4.5
+# How fast the speed of a motion seems to change where its time is slowed down.
+_RATE_FILTER_S = 0.03
+
+
+class GoalCompensator:
+    """Turns the references of an arm's joints into the goals of their servos.
+
+    The goal of a joint is its reference plus an offset: the feed-forward, an integral of what the
+    joint was off its reference, and at the beginning of a motion the difference to the offset
+    that was in force, which fades. Other joints than those of the chain have no offset: a gripper
+    may press on something.
+
+    Args:
+        fences: The limits of each joint's commands.
+        columns: Where the joints of the chain are among them.
+        feed_forward: Of the chain's joints; None where masses or motors are not known.
+    """
+
+    def __init__(
+        self,
+        fences: Sequence[CommandLimits],
+        columns: Sequence[int] = (),
+        feed_forward: FeedForward | None = None,
+    ) -> None:
+        n = len(fences)
+        self.feed_forward = self._nominal = feed_forward
+        self._chain = np.isin(np.arange(n), list(columns))
+        self._low, self._high = (
+            np.array(ends) for ends in zip(*(f.position_range for f in fences), strict=True)
+        )
+        self._per_horn_rad = np.array([f.joint_map.unit_per_horn_rad for f in fences])
+        self._tick = np.array([f.joint_map.unit_per_tick for f in fences])
+        self._reference_range = self._goal_range = (self._low, self._high)
+        self._integral = self._fading = self._direction = np.zeros(n)
+        self._faded_s, self._rate, self._held_s = np.zeros(n), 1.0, 0.0
+        self._last = TrajectoryPoint.at_rest(np.zeros(n))
+
+    @property
+    def corrects(self) -> NDArray[np.bool_]:
+        """Return which joints (n,) have an offset."""
+        return self._chain
+
+    def start(self, gain_shares: Sequence[float]) -> None:
+        """Discard what integral action has taken up: torque was off.
+
+        Args:
+            gain_shares: P gains of all servos (n,), as shares of those of the parameters.
+        """
+        self._integral = np.zeros_like(self._integral)
+        if self._nominal is not None:
+            chain = [gain_shares[column] for column in self._nominal.columns]
+            self.feed_forward = self._nominal.with_gains(chain)
+
+    def begin(self, reference: Vector, goals: Vector, cycle_time_s: float = 0.0) -> None:
+        """Begin a motion at a reference (n,) that the servos hold with some goals (n,).
+
+        Args:
+            reference: Where the joints are.
+            goals: What their servos hold.
+            cycle_time_s: How long a goal is held until the next one.
+        """
+        self._held_s = cycle_time_s
+        self._reference_range, self._goal_range = (
+            (np.minimum(self._low, each), np.maximum(self._high, each))
+            for each in (reference, goals)
+        )
+        self._last = TrajectoryPoint.at_rest(reference)
+        offset = np.where(self._chain, goals - reference, 0.0) - self._integral
+        self._direction = self._resting_direction(offset)
+        self._fading = offset - self._modelled(self._last, self._direction)
+        self._faded_s, self._rate = np.zeros_like(reference), 1.0
+
+    def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
+        """Return the lowest and the highest offset (n,) with which friction keeps joints at rest.
+
+        Args:
+            positions: Where they are (n,), rad or m.
+        """
+        at_rest = TrajectoryPoint.at_rest(positions)
+        low, high = (self._modelled(at_rest, side) + self._integral for side in (-1.0, 1.0))
+        return low, high
+
+    def goals(self, point: TrajectoryPoint, elapsed_s: float, rate: float = 1.0) -> Vector:
+        """Return the goals (n,) for a reference, inside the limits.
+
+        Args:
+            point: The reference (n,), by the time of the motion.
+            elapsed_s: Since the last call, by the clock.
+            rate: Seconds of the motion per second of the clock.
+        """
+        elapsed_s = min(elapsed_s, _MAX_STEP_S)
+        self._rate += (rate - self._rate) * min(elapsed_s / _RATE_FILTER_S, 1.0)
+        self._last = TrajectoryPoint(
+            point.position, point.velocity * self._rate, point.acceleration * self._rate**2
+        )
+        self._turn_direction(elapsed_s)
+        # A joint that stays where it is keeps the offset that friction lets it have there.
+        begun = (self._faded_s > 0.0) | (np.abs(self._last.velocity) > _TINY)
+        self._faded_s = np.minimum(self._faded_s + begun * elapsed_s, _FADE_S)
+        offset = (
+            self._modelled(self._last, self._direction)
+            + self._integral
+            + self._fading * self._fade_share
+        )
+        return self._inside(point.position, offset)
+
+    def observe(self, measured: Vector, since_s: float, elapsed_s: float, *, grow: bool) -> None:
+        """Integrate how far the joints (n,) are off the reference of the last goals.
+
+        Args:
+            measured: The joints.
+            since_s: From the last goals to the measurement.
+            elapsed_s: From one measurement to the next.
+            grow: False where the goals were cut: then the integral only shrinks.
+        """
+        last, elapsed_s = self._last, min(elapsed_s, _MAX_STEP_S)
+        error = np.where(self._chain, last.position + since_s * last.velocity - measured, 0.0)
+        resting = np.abs(last.velocity) < _AT_REST_RAD_S * self._per_horn_rad
+        error[resting & (np.abs(error) <= _REST_TICKS * self._tick)] = 0.0
+        change = _INTEGRAL_PER_S * elapsed_s * error
+        if not grow:
+            change[change * self._integral > 0.0] = 0.0
+        limit = _MAX_INTEGRAL_RAD * self._per_horn_rad
+        self._integral = np.clip(self._integral + change, -limit, limit)
+
+    @property
+    def _fade_share(self) -> Vector:
+        share = self._faded_s / _FADE_S
+        return 1.0 - share * share * (3.0 - 2.0 * share)
+
+    def _modelled(self, point: TrajectoryPoint, direction: Vector | float) -> Vector:
+        if self.feed_forward is None:
+            return np.zeros_like(point.position)
+        directions = np.broadcast_to(direction, point.position.shape)
+        return self.feed_forward.offsets(point, directions, self._held_s)
+
+    def _resting_direction(self, offset: Vector) -> Vector:
+        """Return the share of its friction (n,), signed, that each resting joint presses against.
+
+        Args:
+            offset: Of the goals in force.
+        """
+        lowest, highest = (self._modelled(self._last, side) for side in (-1.0, 1.0))
+        middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
+        share = np.divide(offset - middle, half, where=half > 0.0, out=np.zeros_like(half))
+        return np.clip(share, -1.0, 1.0)
+
+    def _turn_direction(self, elapsed_s: float) -> None:
+        """Turn friction to the direction of the motion, within a short way and no faster."""
+        way = self._last.velocity * elapsed_s / (_DIRECTION_RAD * self._per_horn_rad)
+        change = way - self._direction * np.abs(way)
+        most = 2.0 * elapsed_s / _DIRECTION_S
+        self._direction = np.clip(self._direction + np.clip(change, -most, most), -1.0, 1.0)
+
+    def _inside(self, reference: Vector, offset: Vector) -> Vector:
+        """Return goals inside the limits, or no further outside than when the motion began.
+
+        A reference that leaves the limits is passed on, for the guard to refuse it.
+        """
+        low, high = self._reference_range
+        leaves = (reference < low - self._tick) | (reference > high + self._tick)
+        return np.where(leaves, reference, np.clip(reference + offset, *self._goal_range))

@@ -1,0 +1,70 @@
+"""Gains of servos in RAM: raised where those delivered are too low, and read for the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from ikservo.control.feedback import read_registers
+from ikservo.guard import CommandLimits
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.servo import ServoSpec
+from ikservo.model.servo_torque import find_servo_torque
+from ikservo.registers import Register
+
+__all__ = ["raise_gains", "read_gain_shares"]
+
+
+# The XL330's P gain is in use for the elbows of Koch and OMX arms, and needs a D gain. The XL430
+# has one as delivered; its P gain is the one that ROBOTIS sets in the OMX-F.
+_XL330_GAINS: Mapping[str, int] = MappingProxyType(
+    {"position_d_gain": 600, "position_p_gain": 1500}
+)
+_XL430_GAINS: Mapping[str, int] = MappingProxyType({"position_p_gain": 1000})
+_ARM_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
+    {"XL330-M288": _XL330_GAINS, "XL330-M077": _XL330_GAINS, "XL430-W250": _XL430_GAINS}
+)
+# A gripper is a little softer.
+_XL330_GRIPPER: Mapping[str, int] = MappingProxyType({"position_p_gain": 800})
+_GRIPPER_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
+    {"XL330-M288": _XL330_GRIPPER, "XL330-M077": _XL330_GRIPPER}
+)
+_NO_GAINS: Mapping[str, int] = MappingProxyType({})
+
+
+def raise_gains(bus: ServoBus, servo_id: int, *, gripper: bool) -> None:
+    """Raise the gains of a servo whose defaults are too low; in RAM, and only upwards.
+
+    Raises:
+        BusError: It does not answer.
+    """
+    table = bus.servos[servo_id].table
+    gains = (_GRIPPER_GAINS if gripper else _ARM_GAINS).get(table.model_name, _NO_GAINS)
+    for name, gain in gains.items():
+        if bus.read(servo_id, table.registers[name], raw=True) < gain:
+            bus.write(servo_id, table.registers[name], gain, raw=True)
+
+
+_GAIN_NAMES = ("position_p_gain", "p_gain")
+
+
+def read_gain_shares(bus: ServoBus, fences: Sequence[CommandLimits]) -> list[float]:
+    """Read each joint's P gain, as a share of the one that the table of motors is for.
+
+    1 where that, or the register, is not known.
+
+    Raises:
+        BusError: A servo does not answer.
+    """
+    keys: dict[int, list[Register]] = {}
+    for fence in fences:
+        registers = bus.servos[fence.servo_id].table.registers
+        keys[fence.servo_id] = [registers[name] for name in _GAIN_NAMES if name in registers]
+    read = read_registers(bus, {i: found for i, found in keys.items() if found})
+    return [_gain_share(bus.servos[f.servo_id], read.get(f.servo_id, {})) for f in fences]
+
+
+def _gain_share(servo: ServoSpec, values: Mapping[Register, int]) -> float:
+    torque = find_servo_torque(servo.table.model_name, None)
+    gain = next(iter(values.values()), 0)
+    return gain / torque.p_gain if torque and gain else 1.0

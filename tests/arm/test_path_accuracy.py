@@ -1,0 +1,48 @@
+"""Path accuracy: the true tip is on the commanded line while the arm moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ikservo
+from tests.arm.simulated import true_tip_m
+
+# Start and end of a line, and how far beside it the tip may be: root mean square and most.
+LINES = {
+    "so101": ((0.25, 0.10, 0.15), (0.22, -0.08, 0.18), 1.0, 3.0),
+    "px100": ((0.18, 0.06, 0.14), (0.15, -0.05, 0.18), 1.0, 3.0),
+    "wx250s": ((0.35, 0.10, 0.20), (0.30, -0.10, 0.30), 2.0, 5.0),
+}
+
+
+@pytest.fixture(params=LINES)
+def name(request):
+    return request.param
+
+
+def deviations_mm(points, begin, end):
+    along = (end - begin) / np.linalg.norm(end - begin)
+    gone = points - begin
+    return 1000.0 * np.linalg.norm(gone - np.outer(gone @ along, along), axis=1)
+
+
+def test_the_true_tip_stays_on_a_line_under_gravity_and_with_play(name):
+    start_m, end_m, rms_mm, most_mm = LINES[name]
+    with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5&seed=3") as arm:
+        arm.move_to(start_m)
+        tips, plan = list[np.ndarray](), arm.plan_line(end_m)
+        begin = arm.chain.forward(plan.start[: arm.chain.dof])[:3, 3]
+        arm.execute(plan, lambda _: tips.append(true_tip_m(arm)))
+        beside = deviations_mm(np.array(tips), begin, np.array(end_m))
+        assert np.sqrt(np.mean(beside**2)) < rms_mm
+        assert beside.max() < most_mm
+
+
+def test_at_the_end_of_a_line_the_tip_is_at_its_target_before_any_correction(name):
+    start_m, end_m, _, most_mm = LINES[name]
+    with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5&seed=3") as arm:
+        arm.move_to(start_m)
+        tips = list[np.ndarray]()
+        arm.move_line(end_m, on_progress=lambda _: tips.append(true_tip_m(arm)))
+        assert 1000.0 * np.linalg.norm(tips[-1] - end_m) < (2.0 if most_mm == 3.0 else 4.0)

@@ -1,0 +1,119 @@
+"""Goals of a motion: soft beginnings, integral action that is bounded, and limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.control.goal_compensation import GoalCompensator
+from ikservo.motion import TrajectoryPoint
+
+CYCLE_S = 0.005
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as opened:
+        opened.enable()
+        yield opened
+
+
+@pytest.fixture
+def compensator(arm):
+    return arm._context.servos.compensator
+
+
+@pytest.fixture
+def start(arm):
+    return arm._context.servos.reference()
+
+
+def gliding(start, velocity, time_s):
+    rates = np.zeros_like(start)
+    rates[0] = velocity
+    return TrajectoryPoint(start + rates * time_s, rates, np.zeros_like(start))
+
+
+def goals_of(compensator, start, velocity, seconds):
+    times_s = np.arange(0.0, seconds, CYCLE_S)
+    return np.array([compensator.goals(gliding(start, velocity, t), CYCLE_S) for t in times_s])
+
+
+def test_the_first_goal_of_a_motion_is_the_one_in_force(compensator, start):
+    compensator.begin(start, start + 0.02)
+    first = compensator.goals(gliding(start, 0.0, 0.0), CYCLE_S)
+    np.testing.assert_allclose(first[:5], start[:5] + 0.02, atol=1e-3)
+
+
+def test_goals_of_a_beginning_motion_do_not_leap(compensator, start):
+    compensator.begin(start, start + 0.05)
+    goals = goals_of(compensator, start, 0.3, 0.5)
+    assert np.abs(np.diff(goals, axis=0)).max() < 0.006  # 4 ticks
+
+
+def test_a_joint_that_stays_keeps_the_goal_that_friction_lets_it_have(compensator, start):
+    compensator.begin(start, start + 0.004)
+    goals = goals_of(compensator, start, 0.0, 1.0)
+    np.testing.assert_allclose(goals[:, 4], start[4] + 0.004, atol=1e-9)
+
+
+def test_a_gripper_has_no_offset(compensator, start):
+    compensator.begin(start, start)
+    assert goals_of(compensator, start, 0.5, 0.3)[:, 5] == pytest.approx(start[5])
+
+
+def test_a_joint_that_stays_behind_is_led_further_up_to_a_bound(compensator, start):
+    compensator.begin(start, start)
+    leads = []
+    for t in np.arange(0.0, 10.0, CYCLE_S):
+        point = gliding(start, 0.1, t)
+        behind = point.position - 0.01 * np.eye(6)[0]
+        leads.append((compensator.goals(point, CYCLE_S) - point.position)[0])
+        compensator.observe(behind, 0.0, CYCLE_S, grow=True)
+    assert leads[200] - leads[60] == pytest.approx(3.0 * 0.01 * 140 * CYCLE_S, rel=0.1)
+    assert leads[-1] == pytest.approx(leads[-100])
+    assert leads[-1] - leads[40] < 0.09
+
+
+def test_it_does_not_wind_up_while_goals_are_cut(compensator, start):
+    compensator.begin(start, start)
+    point = gliding(start, 0.1, 0.0)
+    compensator.goals(point, CYCLE_S)
+    compensator.observe(point.position - 0.01 * np.eye(6)[0], 0.0, CYCLE_S, grow=True)
+    first = compensator._integral[0]
+    for _ in range(100):
+        compensator.observe(point.position - 0.01 * np.eye(6)[0], 0.0, CYCLE_S, grow=False)
+    assert compensator._integral[0] == first > 0.0
+
+
+def test_a_resting_joint_near_its_reference_is_left_there(compensator, start):
+    compensator.begin(start, start)
+    compensator.goals(gliding(start, 0.0, 0.0), CYCLE_S)
+    for _ in range(1000):
+        compensator.observe(start - 0.004 * np.eye(6)[0], 0.0, CYCLE_S, grow=True)
+    assert compensator._integral[0] == 0.0
+
+
+def test_goals_stay_inside_the_limits(arm, compensator, start):
+    low, high = arm._context.limits()
+    at_the_end = np.where(np.arange(6) == 1, high, start)
+    compensator.begin(at_the_end, np.minimum(at_the_end, high))
+    goals = goals_of(compensator, at_the_end, 0.0, 0.5)
+    assert (goals <= high).all()
+    assert (goals >= low).all()
+
+
+def test_a_reference_outside_the_limits_is_passed_on_for_the_guard(arm, compensator, start):
+    _, high = arm._context.limits()
+    compensator.begin(start, start)
+    outside = np.where(np.arange(6) == 1, high + 0.1, start)
+    assert compensator.goals(TrajectoryPoint.at_rest(outside), CYCLE_S)[1] == outside[1]
+
+
+def test_an_arm_whose_masses_are_not_known_has_integral_action_only(arm, start):
+    bare = GoalCompensator(arm._context.servos.fences, range(5))
+    bare.begin(start, start)
+    np.testing.assert_allclose(bare.goals(gliding(start, 0.2, 0.0), CYCLE_S), start)
+    bare.observe(start - 0.05, 0.0, CYCLE_S, grow=True)
+    assert (bare.goals(gliding(start, 0.2, 0.0), CYCLE_S)[:5] > start[:5]).all()
