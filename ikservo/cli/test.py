@@ -121,7 +121,7 @@ def command(
         stopped: BaseException | None = None
         try:
             _run(test)
-        except (IkservoError, KeyboardInterrupt) as error:
+        except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SIGTERM, too
             stopped = error
         fields = _fields(machine, test, settings, started, note, stopped)
         if any(fields[part] for part in PARTS):
@@ -169,7 +169,7 @@ def _fields(
     note: str,
     stopped: BaseException | None,
 ) -> dict[str, Any]:
-    why = str(getattr(stopped, "message", "") or "stopped by Ctrl-C") if stopped else ""
+    why = str(getattr(stopped, "message", "") or machine.stopped_for) if stopped else ""
     return {
         "arm": machine.model.name,
         "title": machine.model.title,

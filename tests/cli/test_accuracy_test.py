@@ -67,16 +67,18 @@ def test_directions_and_paths_at_three_speeds(run_cli):
         assert 0.0 < path["at_m"] == pytest.approx(max(path["deviations_m"]))
 
 
-def test_what_was_measured_before_a_stop_is_kept(run_cli, folder, monkeypatch):
+@pytest.mark.parametrize("error", [StoppedError("Stopped by the test."), SystemExit(143)])
+def test_what_was_measured_before_a_stop_is_kept(run_cli, folder, monkeypatch, error):
     measure = accuracy_test.AccuracyTest._measure_directions
 
     def stop(self):
         measure(self)
-        raise StoppedError("Stopped by the test.")
+        self._arm.stop("Stopped by the test.")
+        raise error
 
     monkeypatch.setattr(accuracy_test.AccuracyTest, "_measure_directions", stop)
     result = run_cli(f"test planar2 {SIM} {SHORT} --html a.html")
-    assert result.code == 130
+    assert result.code == 130  # the arm's stop is what ends the command
     assert "Not complete: Stopped by the test." in result.out
     assert "vAP" in result.out
     page = (folder / "a.html").read_text()
