@@ -65,6 +65,7 @@ def test_registered_write_and_action(feetech, line):
     line.expect(*SWITCHED_ON)
     feetech.write(1, STS3215.torque_enable, 1)
     line.expect("FF FF 01 05 04 2A 00 08 C3", "FF FF 01 02 00 FC")
+    line.expect("FF FF 01 04 02 28 01 CF", "FF FF 01 03 00 01 FA")  # is its torque still on?
     line.expect("FF FF FE 02 05 FA")
     feetech.reg_write(1, STS3215.goal_position, 2048, raw=True)
     feetech.action()
