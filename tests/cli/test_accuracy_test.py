@@ -54,10 +54,15 @@ def test_the_table_says_what_is_shorter_than_in_the_standard(run_cli, folder):
     assert f"Saved: {page.name}" in result.err
 
 
-def test_directions_and_paths_at_three_speeds(run_cli):
-    answer = run_cli(f"test planar2 {SIM} {SHORT} --parts directions,paths --json").json
+def test_poses_are_approached_from_three_directions(run_cli):
+    answer = run_cli(f"test planar2 {SIM} {SHORT} --parts directions --json").json
     assert [each["name"] for each in answer["directions"]] == ["P1", "P2", "P4"]
     assert all(each["vap_m"] < 5e-3 for each in answer["directions"])
+
+
+@pytest.mark.campaign
+def test_paths_are_measured_at_three_speeds(run_cli):
+    answer = run_cli(f"test planar2 {SIM} {SHORT} --parts paths --json").json
     found = {(path["shape"], path["speed_percent"]) for path in answer["paths"]}
     assert found == {(s, p) for s in ("line", "circle") for p in (100, 50, 10)}
     for path in answer["paths"]:
@@ -77,7 +82,7 @@ def test_what_was_measured_before_a_stop_is_kept(run_cli, folder, monkeypatch, e
         raise error
 
     monkeypatch.setattr(accuracy_test.AccuracyTest, "_measure_directions", stop)
-    result = run_cli(f"test planar2 {SIM} {SHORT} --html a.html")
+    result = run_cli(f"test planar2 {SIM} {SHORT} --parts directions --html a.html")
     assert result.code == 130  # the arm's stop is what ends the command
     assert "Not complete: Stopped by the test." in result.out
     assert "vAP" in result.out
