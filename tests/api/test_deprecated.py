@@ -36,7 +36,7 @@ def test_a_plan_of_joints_is_executed_and_reported_for_the_joints_that_it_moves(
 
 
 def test_a_plan_that_moves_no_joint_is_executed_at_once(arm):
-    report = arm.execute(arm.plan_joints(servo_group(arm).goals()))
+    report = arm.execute(arm.plan_joints(servo_group(arm).reference()))
     assert (report.goal_rad, report.error_rad, report.reached) == ({}, 0.0, True)
 
 

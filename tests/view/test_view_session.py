@@ -110,9 +110,10 @@ def test_a_gesture_that_is_taken_back_holds_the_arm_where_it_is(session):
     start = session.arm_thread.snapshot.measured
     session.point("down", 480, 300)
     session.run(on_cycle=lambda n: n == 120 and session.point("cancel", 480, 300))
-    session.run(cycles=100)
+    session.run(cycles=200)
     assert np.abs(session.goals[0] - start).max() > 0.1
-    assert np.ptp(session.goals, axis=0).max() < 0.03
+    assert np.ptp(session.measured, axis=0).max() < 0.06  # what a joint lagged while it moved
+    assert np.ptp(session.measured[100:], axis=0).max() < 0.004
 
 
 CUT_S = [0.15 + number * 0.009 for number in range(100)]

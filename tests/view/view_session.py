@@ -84,12 +84,13 @@ class ViewSession:
     def run(self, cycles=1000, on_cycle=lambda _: None, *, heartbeats=True):
         """Run one command with heartbeats of the page; ``on_cycle`` may send more messages."""
         count = itertools.count()
-        self.goals = []
+        self.goals, self.measured = [], []
         original = self.arm_thread.on_cycle
 
         def seen(cycle):
             original(cycle)
             self.goals.append(cycle.goals.copy())
+            self.measured.append(cycle.measured.copy())
             number = next(count)
             if number > cycles:
                 self.send_message(page_messages.SetLive, on=False)
