@@ -103,6 +103,7 @@ def test_a_preview_of_joints_outside_their_limits_is_refused_likewise(run_cli):
 
 
 def test_a_bar_is_drawn_also_for_a_motion_that_has_no_end_yet(monkeypatch, capsys):
+    monkeypatch.setenv("TERM", "xterm")  # on a dumb terminal there is no bar
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     with progress_bar() as draw:
