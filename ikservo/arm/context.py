@@ -111,7 +111,7 @@ class ArmContext:
             cycle.duration_s,
             self.planner.tip(cycle.measured),
             cycle.measured.copy(),
-            cycle.goals.copy(),
+            cycle.reference.copy(),
             self.servos.names,
         )
 

@@ -127,7 +127,8 @@ class MotionProgress:
         duration_s: Of the whole motion; infinite for one that continues until it is ended.
         tip_m: The measured tip (3,), metres, base frame.
         joints_rad: The measured joints (n,), rad or m; without a reply, as last measured.
-        setpoints_rad: The servos' goals (n,).
+        setpoints_rad: Where they should be (n,); the servos' goals lead it by what load and
+            friction take.
         names: The joints, in the order of the arrays.
     """
 

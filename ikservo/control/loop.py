@@ -138,6 +138,7 @@ class ControlCycle:
         time_s: Of the trajectory, not of the clock.
         duration_s: Of the whole motion; infinite for one that continues until it is ended.
         goals: The servos' goals (n,), rad or m.
+        reference: Where the joints should be (n,); goals lead it by what load and friction take.
         measured: The joints (n,); the last known position of a joint in ``lost``.
         lost: Joints whose reply is missing.
     """
@@ -145,6 +146,7 @@ class ControlCycle:
     time_s: float
     duration_s: float
     goals: Vector
+    reference: Vector
     measured: Vector
     lost: tuple[str, ...] = ()
 
@@ -304,7 +306,9 @@ class ControlLoop:
                 uncut = servos.send_reference(setpoint, advance_s, now_s)
             else:
                 uncut = servos.send_goals(setpoint.position, now_s)
-            self._last_cycle = self._make_cycle(setpoints.time_s, trajectory.duration_s, measured)
+            self._last_cycle = self._make_cycle(
+                setpoints.time_s, trajectory.duration_s, setpoint.position, measured
+            )
             if on_cycle:
                 on_cycle(self._last_cycle)
             scaler.raise_if_too_slow()
@@ -315,7 +319,11 @@ class ControlLoop:
                 return measured
         raise AssertionError("the rate never ends")
 
-    def _make_cycle(self, time_s: float, duration_s: float, measured: Vector) -> ControlCycle:
+    def _make_cycle(
+        self, time_s: float, duration_s: float, reference: Vector, measured: Vector
+    ) -> ControlCycle:
         servos = self._servos
         now_s = min(time_s, duration_s)
-        return ControlCycle(now_s, duration_s, servos.goals(), measured, servos.lost_joints)
+        return ControlCycle(
+            now_s, duration_s, servos.goals(), reference, measured, servos.lost_joints
+        )

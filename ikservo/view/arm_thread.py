@@ -62,7 +62,7 @@ class LiveSession:
         self._observer.on_cycle(beat)
         command = self._observer.command
         if self._start is None:
-            self._start = beat.goals.copy()
+            self._start = beat.reference.copy()
         self.silent = self._clock.now_s() - command.heartbeat_s > self._dead_man_s
         if (
             self.silent
@@ -179,7 +179,7 @@ class ArmThread:
     def on_cycle(self, cycle: ControlCycle) -> None:
         """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
         self.snapshot = replace(
-            self.snapshot, measured=cycle.measured.copy(), goals=cycle.goals.copy()
+            self.snapshot, measured=cycle.measured.copy(), reference=cycle.reference.copy()
         )
         if self._clock.now_s() - self._states_s > _STATE_PERIOD_S:
             self._states_s = self._clock.now_s()
@@ -222,14 +222,14 @@ class ArmThread:
         if session.silent:
             self.log_message(_SILENCE_TEXT)
         if session.silent or session.is_over:  # Live may be on again since the arm braked
-            self.snapshot = replace(self.snapshot, goals=None, ended_session=session.session_id)
+            self.snapshot = replace(self.snapshot, reference=None, ended_session=session.session_id)
 
     def _poll_state(self, *, ignore_errors: bool = False) -> None:
         """Read the arm's state while no session runs."""
         try:
             snapshot = _read_snapshot(self.arm)
             self.snapshot = replace(
-                self.snapshot, measured=snapshot.measured, states=snapshot.states, goals=None
+                self.snapshot, measured=snapshot.measured, states=snapshot.states, reference=None
             )
         except IkservoError:
             if not ignore_errors:
@@ -255,7 +255,7 @@ class ArmThread:
         self.snapshot = replace(
             self.snapshot,
             stop_notice=stop_notice,
-            goals=None,
+            reference=None,
             ended_session=self.command.session_id,
         )
 

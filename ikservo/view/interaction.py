@@ -351,7 +351,7 @@ class Interaction:
             self.goal[gripper.column] = at
 
     def _resting_joints(self, snapshot: ArmSnapshot) -> Vector:
-        return snapshot.measured if snapshot.goals is None else snapshot.goals
+        return snapshot.measured if snapshot.reference is None else snapshot.reference
 
     def _command_from(
         self, message: Message, context: PointerContext, now_s: float

@@ -69,7 +69,7 @@ class ArmSnapshot:
 
     Attributes:
         measured: Measured joint positions (n,), rad or m.
-        goals: Goals sent to the servos (n,); None while no session runs.
+        reference: Where the joints should be (n,); None while no session runs.
         states: Telemetry of the servos, a little older.
         stop_notice: Why the arm holds; None if it is not stopped.
         ended_session: The last session that has ended.
@@ -78,7 +78,7 @@ class ArmSnapshot:
     """
 
     measured: Vector
-    goals: Vector | None = None
+    reference: Vector | None = None
     states: tuple[JointState, ...] = ()
     stop_notice: StopNotice | None = None
     ended_session: int = 0

@@ -78,5 +78,5 @@ def operator(visit):
 
 @pytest.fixture
 def live(operator):
-    """A person who has thrown Live, at the fast speed."""
-    return operator.enable_live()
+    """A person who has thrown Live, at the fast speed, with the arm at rest."""
+    return operator.enable_live().until_still()

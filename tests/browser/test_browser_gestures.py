@@ -146,7 +146,7 @@ def test_arrow_keys_move_the_tip(live, key, way_mm):
 
 
 def test_a_finger_does_what_a_mouse_does(visit):
-    operator = visit(has_touch=True).enable_live()
+    operator = visit(has_touch=True).enable_live().until_still()
     move = np.array([-50.0, -40.0])
     goal_m = aside(operator, move)
     operator.page.touchscreen.tap(*operator.over(operator.tip_px() + move))
@@ -157,7 +157,7 @@ def test_after_a_resize_on_a_sharp_screen_a_click_still_means_the_same(visit):
     operator = visit(device_scale_factor=2)
     operator.page.set_viewport_size({"width": 800, "height": 900})
     operator.wait_for_picture()
-    operator.enable_live()
+    operator.enable_live().until_still()
     goal_m = aside(operator, ASIDE)
     operator.click(operator.tip_px() + ASIDE).until_near(operator.served.tip_m, goal_m, NEAR_MM)
     assert operator.page.evaluate("drawing.width / drawing.clientWidth") == 2
@@ -170,7 +170,8 @@ def test_a_pose_button_brings_every_joint_there(live):
     goal_rad = live.served.arm.model.pose("rest")
     chain = live.served.arm.chain
     for name, low, high in zip(chain.names, chain.lower_rad, chain.upper_rad, strict=True):
-        assert abs(live.served.joints()[name] - min(max(goal_rad[name], low), high)) < 5e-3
+        off_rad = live.served.joints()[name] - min(max(goal_rad[name], low), high)
+        assert abs(off_rad) < 7e-3  # a joint at rest within 4.5 ticks is left there
 
 
 PAD = """
@@ -185,7 +186,7 @@ window.push = (axes) => { pad.axes = axes; };
 def test_a_stick_moves_the_tip_while_it_is_held_over(visit):
     operator = visit()
     operator.page.evaluate(PAD)
-    operator.enable_live()
+    operator.enable_live().until_still()
     before = operator.served.tip_m()
     operator.page.evaluate("push([0, -1, 0, 0])")
     operator.page.wait_for_timeout(500)

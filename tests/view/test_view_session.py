@@ -35,6 +35,23 @@ def test_a_click_moves_the_simulated_servos_to_its_place(session):
     assert math.dist(true_tip_m(session.arm), wanted) < 0.002
 
 
+def test_live_without_a_target_moves_nothing(session):
+    session.enable_live().click(480, 300)
+    session.run()  # goals lead the joints from here on
+    before_m = true_tip_m(session.arm)
+    session.enable_live().run(cycles=200)
+    assert math.dist(true_tip_m(session.arm), before_m) < 0.0005
+
+
+def test_after_a_cancelled_gesture_the_joints_stay(session):
+    session.enable_live()
+    session.point("down", 480, 300)
+    session.run(cycles=150, on_cycle=lambda number: number == 100 and session.point("cancel", 0, 0))
+    cancelled_m = true_tip_m(session.arm)
+    session.run(cycles=200)
+    assert math.dist(true_tip_m(session.arm), cancelled_m) < 0.002
+
+
 def test_without_live_a_click_moves_nothing(session):
     before = registers(session.arm, "goal_position")
     session.click(480, 300)
@@ -50,7 +67,7 @@ def test_every_goal_of_a_wild_drag_is_inside_the_limits(session):
 
     def wander(number):
         session.point("move", 450 + 800 * math.sin(number / 7), 350 + 700 * math.cos(number / 11))
-        seen.append(session.arm_thread.snapshot.goals)
+        seen.append(session.arm_thread.snapshot.reference)
 
     session.run(cycles=300, on_cycle=wander)
     chain = session.arm.chain
