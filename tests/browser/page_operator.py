@@ -169,7 +169,7 @@ class Operator:
         return self.wait_for("status.mode === 'live'")
 
     def over(self, px):
-        return self.box["x"] + px[0], self.box["y"] + px[1]
+        return float(self.box["x"] + px[0]), float(self.box["y"] + px[1])
 
     def click(self, px):
         self.before = self.served.ticks()
