@@ -3,67 +3,41 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Unpack, overload
+from typing import TYPE_CHECKING, Literal, Unpack
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import (
-    check_callable,
-    check_choice,
-    check_iterable,
-    parse_all_positions,
-    parse_path,
-    parse_points,
-)
-from ikservo.arm.background_motion import Background, Motion
+from ikservo.arm import following, goal_motions, jogging
+from ikservo.arm import replay as replaying
+from ikservo.arm.arguments import check_choice
+from ikservo.arm.background_motion import Background
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
 from ikservo.arm.control_server import CommandHandler, ControlServer, serve
-from ikservo.arm.execution import execute, lower, move_joints, move_tip, relax, run_plan
-from ikservo.arm.following import (
-    CartesianOrJointTarget,
-    FollowResult,
-    GoalSource,
-    follow,
-    follow_arm,
-    follow_goals,
-)
-from ikservo.arm.gripper import GraspResult, GripperCommand, move_gripper, resolve_goal
-from ikservo.arm.jogging import JogResult, KeepGoing, jog
+from ikservo.arm.execution import execute, lower, move_tip, relax, run_plan
+from ikservo.arm.goal_motions import Points, Positions
+from ikservo.arm.gripper import move_gripper
 from ikservo.arm.motion_options import (
-    ArcOptions,
-    DrawOptions,
-    FollowOptions,
-    GripperOptions,
-    JointOptions,
-    LineOptions,
-    MotionSettings,
     PlanArcOptions,
     PlanDrawOptions,
     PlanLineOptions,
     PlanOptions,
     PlanThroughOptions,
-    PointOptions,
-    ThroughOptions,
-    check_options,
     parse_options,
 )
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.plan import MotionPlan, PoseWithinLimits
 from ikservo.arm.poses import PoseLibrary, teach
 from ikservo.arm.preflight import PreflightPlanner
-from ikservo.arm.recording import Recording, RecordResult, record_arm
-from ikservo.arm.replay import RecordedTrajectory, ReplayResult, load_replay, replay
+from ikservo.arm.recording import RecordResult, record_arm
 from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
-from ikservo.arm.setpoint_stream import SetpointStream
+from ikservo.arm.setpoint_stream import open_stream
 from ikservo.arm.settling import SettlingResult
 from ikservo.clock import Clock
 from ikservo.control.stopping import STOPPED_BY_PROGRAM
 from ikservo.deprecation import current_name
-from ikservo.errors import BadValueError
 from ikservo.guard import StopKind, StopReason
 from ikservo.hardware.remembered_port import is_simulated
 from ikservo.kinematics import Chain, JointIndex
@@ -73,15 +47,6 @@ from ikservo.model import Model
 __all__ = ["Arm", "OnExit"]
 
 OnExit = Literal["hold", "relax"]
-
-Positions = Mapping[str, float] | ArrayLike
-"""Positions by joint, or of all joints (n,), rad or m."""
-
-Points = Sequence[ArrayLike]
-"""Points (k, 3) [m], base frame."""
-
-JawGoal = GripperCommand | float | None
-"""open, close, or the distance between the jaws [m]."""
 
 _RENAMED = {
     "glimpse": "last_state",
@@ -117,6 +82,8 @@ class Arm:
         zeros: Where the zeros of its joints come from.
         poses: The poses of its arm file, and the taught ones.
         joint_index: Which column of vectors of all joints (n,) is which.
+        preflight: Plans its motions, and checks them; for functions of this package.
+        background: Runs those that the program does not wait for, likewise.
 
     Raises:
         CalibrationError: By every motion where the arm is not calibrated, small steps of single
@@ -136,8 +103,8 @@ class Arm:
         self.zeros: ZeroSource = context.zeros
         self.joint_index: JointIndex = context.index
         self.poses = PoseLibrary(context.model, context.serial_number)
-        self._preflight = PreflightPlanner(context, runner, self.poses)
-        self._background = Background(runner, context.servos.stop_request)
+        self.preflight = PreflightPlanner(context, runner, self.poses)
+        self.background = Background(runner, context.servos.stop_request)
         self._server: ControlServer | None = None
         runner.on_overheat = self._lower
 
@@ -200,7 +167,7 @@ class Arm:
         ``positions`` are by joint, rad or m, the others as measured; or of all joints (n,). It is
         infinite where the arm is not calibrated or was opened without collision checks.
         """
-        return self._preflight.clearance_m(positions)
+        return self.preflight.clearance_m(positions)
 
     def where(self) -> ArmState:
         """Measure tip, joints and health.
@@ -229,7 +196,7 @@ class Arm:
         """
         chosen = check_choice("way to exit", on_exit or self._on_exit, ("hold", "relax"))
         if self._port.is_open:
-            self._background.close()
+            self.background.close()
             self._runner.close(self.relax if chosen == "relax" else None, self._close_server)
 
     def listen(self) -> None:
@@ -262,7 +229,7 @@ class Arm:
             RefusedError: A motion is running, or a stop was not acknowledged; the arm holds.
             BusError: A servo does not answer; the torque of all others is off.
         """
-        return relax(self._context, self._runner, self._preflight, on_progress)
+        return relax(self._context, self._runner, self.preflight, on_progress)
 
     def disable_torque(self) -> None:
         """Switch every servo's torque off; an arm that is not supported falls.
@@ -333,12 +300,12 @@ class Arm:
             UnreachableError: It is out of reach; carries the nearest point.
         """
         tip = parse_options("plan_to", PlanOptions, options)
-        return self._preflight.plan_to(position_m, tip)
+        return self.preflight.plan_to(position_m, tip)
 
     def plan_line(self, position_m: ArrayLike, **options: Unpack[PlanLineOptions]) -> MotionPlan:
         """Plan a straight line of the tip to a point; see ``move_line`` and ``PlanLineOptions``."""
         tip = parse_options("plan_line", PlanLineOptions, options)
-        return self._preflight.plan_line(position_m, tip)
+        return self.preflight.plan_line(position_m, tip)
 
     def plan_arc(
         self,
@@ -352,7 +319,7 @@ class Arm:
         orientation; see ``PlanArcOptions``.
         """
         tip = parse_options("plan_arc", PlanArcOptions, options)
-        return self._preflight.plan_arc(via_m, end_m, tip)
+        return self.preflight.plan_arc(via_m, end_m, tip)
 
     def plan_drawing(
         self, strokes_m: Sequence[ArrayLike], **options: Unpack[PlanDrawOptions]
@@ -362,7 +329,7 @@ class Arm:
         Options: lift_m, speed, tool_speed_m_s, stance, orientation; see ``PlanDrawOptions``.
         """
         tip = parse_options("plan_drawing", PlanDrawOptions, options)
-        return self._preflight.plan_drawing(strokes_m, tip)
+        return self.preflight.plan_drawing(strokes_m, tip)
 
     def plan_through(self, points_m: Points, **options: Unpack[PlanThroughOptions]) -> MotionPlan:
         """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``.
@@ -371,19 +338,19 @@ class Arm:
         ``PlanThroughOptions``.
         """
         tip = parse_options("plan_through", PlanThroughOptions, options)
-        return self._preflight.plan_through(points_m, tip)
+        return self.preflight.plan_through(points_m, tip)
 
     def plan_joints(self, positions: Positions, *, speed: str = "normal") -> MotionPlan:
         """Plan a motion of some joints; see ``move_joints``."""
-        return self._preflight.plan_joints(positions, speed)
+        return self.preflight.plan_joints(positions, speed)
 
     def plan_rest(self) -> MotionPlan:
         """Plan the slow motion to the rest pose, by another pose where the path is not free."""
-        return self._preflight.plan_rest()
+        return self.preflight.plan_rest()
 
     def plan_lowering(self) -> MotionPlan:
         """Plan the slow motion to the rest pose, or as much of it as is free."""
-        return self._preflight.plan_lowering()
+        return self.preflight.plan_lowering()
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits, which may be narrower than the pose.
@@ -395,7 +362,7 @@ class Arm:
         Raises:
             UnknownNameError: No such pose.
         """
-        return self._preflight.pose_within_limits(pose, start)
+        return self.preflight.pose_within_limits(pose, start)
 
     def execute(
         self, plan: MotionPlan, on_progress: OnProgress | None = None
@@ -421,243 +388,22 @@ class Arm:
         _warn_deprecated("carry_out")
         return move_tip(self._context, self._runner, plan, on_progress)
 
-    @overload
-    def move_to(
-        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[PointOptions]
-    ) -> MoveResult: ...
-    @overload
-    def move_to(
-        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
-    ) -> Motion[MoveResult]: ...
-    def move_to(
-        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[PointOptions]
-    ) -> MoveResult | Motion[MoveResult]:
-        """Move the tip to a point (3,) [m].
-
-        Options: speed, stance, orientation, on_progress; see ``PointOptions``.
-
-        Raises:
-            UnreachableError: No joint positions within the limits reach it; nothing has moved.
-            OrientationError: The tool cannot have the orientation there; nothing has moved.
-            IkservoError: Those of every motion; see ``Arm``.
-        """
-        tip = parse_options("move_to", PointOptions, options)
-        return self._move_tip(lambda: self._preflight.plan_to(position_m, tip), tip, wait=wait)
-
-    @overload
-    def move_line(
-        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[LineOptions]
-    ) -> MoveResult: ...
-    @overload
-    def move_line(
-        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[LineOptions]
-    ) -> Motion[MoveResult]: ...
-    def move_line(
-        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[LineOptions]
-    ) -> MoveResult | Motion[MoveResult]:
-        """Move the tip to a point (3,) [m] on a straight line; the tool turns evenly along it.
-
-        Options: speed, tool_speed_m_s, stance, orientation, on_progress; see ``LineOptions``.
-
-        Raises:
-            UnreachableError: A point on the line is out of reach; nothing has moved. Others as for
-                ``move_to``.
-        """
-        tip = parse_options("move_line", LineOptions, options)
-        return self._move_tip(lambda: self._preflight.plan_line(position_m, tip), tip, wait=wait)
-
-    @overload
-    def move_arc(
-        self, via_m: ArrayLike | None = None, end_m: ArrayLike | None = None,
-        *, wait: Literal[True] = True, **options: Unpack[ArcOptions]
-    ) -> MoveResult: ...  # fmt: skip
-    @overload
-    def move_arc(
-        self, via_m: ArrayLike | None = None, end_m: ArrayLike | None = None,
-        *, wait: Literal[False], **options: Unpack[ArcOptions]
-    ) -> Motion[MoveResult]: ...  # fmt: skip
-    def move_arc(
-        self, via_m: ArrayLike | None = None, end_m: ArrayLike | None = None,
-        *, wait: bool = True, **options: Unpack[ArcOptions]
-    ) -> MoveResult | Motion[MoveResult]:  # fmt: skip
-        """Move the tip on an arc through a point (3,) [m] to an end (3,), or on a circle.
-
-        Options: full_circle, center_m, normal, angle_rad, speed, tool_speed_m_s, stance,
-        orientation, on_progress; see ``ArcOptions``. The arc begins where the tip is.
-
-        Raises:
-            BadValueError: The points are on one line, or the radius is zero; nothing has moved.
-            UnreachableError: A point of the arc is out of reach; nothing has moved. Others as for
-                ``move_to``.
-        """
-        tip = parse_options("move_arc", ArcOptions, options)
-        return self._move_tip(lambda: self._preflight.plan_arc(via_m, end_m, tip), tip, wait=wait)
-
-    @overload
-    def draw(
-        self, strokes_m: Sequence[ArrayLike],
-        *, wait: Literal[True] = True, **options: Unpack[DrawOptions]
-    ) -> MoveResult: ...  # fmt: skip
-    @overload
-    def draw(
-        self, strokes_m: Sequence[ArrayLike],
-        *, wait: Literal[False], **options: Unpack[DrawOptions]
-    ) -> Motion[MoveResult]: ...  # fmt: skip
-    def draw(
-        self, strokes_m: Sequence[ArrayLike], *, wait: bool = True, **options: Unpack[DrawOptions]
-    ) -> MoveResult | Motion[MoveResult]:
-        """Move the tip along strokes, points (k, 3) [m] each, lifted between them.
-
-        Options: lift_m, speed, tool_speed_m_s, stance, orientation, on_progress; see
-        ``DrawOptions``. ``ikservo.read_drawing`` reads strokes from SVG and CSV files.
-
-        Raises:
-            UnreachableError: A point is out of reach; names the first one. Nothing has moved.
-                Others as for ``move_to``.
-        """
-        tip = parse_options("draw", DrawOptions, options)
-        strokes = parse_points(strokes_m)
-        return self._move_tip(lambda: self._preflight.plan_drawing(strokes, tip), tip, wait=wait)
-
-    @overload
-    def move_through(
-        self, points_m: Points, *, wait: Literal[True] = True, **options: Unpack[ThroughOptions]
-    ) -> MoveResult: ...
-    @overload
-    def move_through(
-        self, points_m: Points, *, wait: Literal[False], **options: Unpack[ThroughOptions]
-    ) -> Motion[MoveResult]: ...
-    def move_through(
-        self, points_m: Points, *, wait: bool = True, **options: Unpack[ThroughOptions]
-    ) -> MoveResult | Motion[MoveResult]:
-        """Move the tip through points (k, 3) [m] without a stop, to rest at the last.
-
-        Options: blend_m, line, speed, tool_speed_m_s, stance, orientation, on_progress; see
-        ``ThroughOptions``.
-
-        Raises:
-            UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Others
-                as for ``move_to``.
-        """
-        tip = parse_options("move_through", ThroughOptions, options)
-        points = parse_points(points_m)
-        return self._move_tip(lambda: self._preflight.plan_through(points, tip), tip, wait=wait)
-
-    @overload
-    def move_joints(
-        self, positions: Positions, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
-    ) -> JointMoveResult: ...
-    @overload
-    def move_joints(
-        self, positions: Positions, *, wait: Literal[False], **options: Unpack[JointOptions]
-    ) -> Motion[JointMoveResult]: ...
-    def move_joints(
-        self, positions: Positions, *, wait: bool = True, **options: Unpack[JointOptions]
-    ) -> JointMoveResult | Motion[JointMoveResult]:
-        """Move some joints, given by name [rad or m]; the others stay. Or all of them (n,).
-
-        Options: speed, on_progress; see ``JointOptions``.
-
-        Raises:
-            UnknownNameError: No such joint.
-            RefusedError: A position is outside the limits; nothing has moved. Others as for
-                ``move_to``.
-        """
-        chosen = parse_options("move_joints", JointOptions, options)
-        goal = parse_all_positions(positions, self.joint_names)
-        return self._background.run(lambda: self._move_joints(goal, chosen), wait=wait)
-
-    @overload
-    def pose(
-        self, name: str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
-    ) -> JointMoveResult: ...
-    @overload
-    def pose(
-        self, name: str, *, wait: Literal[False], **options: Unpack[JointOptions]
-    ) -> Motion[JointMoveResult]: ...
-    def pose(
-        self, name: str, *, wait: bool = True, **options: Unpack[JointOptions]
-    ) -> JointMoveResult | Motion[JointMoveResult]:
-        """Move to a pose of the arm file, or to a taught one, clamped to the limits.
-
-        Options: speed, on_progress; see ``JointOptions``.
-
-        Returns:
-            The result; ``binding`` names the joints that were clamped.
-
-        Raises:
-            UnknownNameError: No such pose; suggests the closest.
-            RefusedError: It is outside this arm's limits, or something is in the way.
-        """
-        chosen = parse_options("pose", JointOptions, options)
-        self.model.speed(chosen.speed)
-        inside = self.pose_within_limits(name)
-        return self._background.run(lambda: self._move_pose(inside, chosen), wait=wait)
-
-    @overload
-    def gripper(
-        self, to: JawGoal = None, *, wait: Literal[True] = True, **options: Unpack[GripperOptions]
-    ) -> GraspResult: ...
-    @overload
-    def gripper(
-        self, to: JawGoal = None, *, wait: Literal[False], **options: Unpack[GripperOptions]
-    ) -> Motion[GraspResult]: ...
-    def gripper(
-        self, to: JawGoal = None, *, wait: bool = True, **options: Unpack[GripperOptions]
-    ) -> GraspResult | Motion[GraspResult]:
-        """Open or close the gripper, or move its jaws to a width.
-
-        ``to`` is open, close, or a width [m] where the arm file has widths. Where an object blocks
-        the jaws they stop, and hold it with no more than the given force.
-
-        Options: width_m, force, on_progress; see ``GripperOptions``.
-
-        Raises:
-            IkservoError: The arm has no gripper.
-            RefusedError: A jaw would touch something; nothing has moved.
-            BadValueError: The width is out of its range or unknown, or the force is no fraction.
-        """
-        check_options("gripper", GripperOptions, options)
-        force, on_progress = options.get("force"), options.get("on_progress")
-        check_callable("on_progress", on_progress)
-        goal, arm = resolve_goal(to, options.get("width_m")), (self._context, self._runner)
-        return self._background.run(lambda: move_gripper(*arm, goal, force, on_progress), wait=wait)
-
-    @overload
-    def replay(
-        self, path: Path | str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
-    ) -> ReplayResult: ...
-    @overload
-    def replay(
-        self, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
-    ) -> Motion[ReplayResult]: ...
-    def replay(
-        self, path: Path | str, *, wait: bool = True, **options: Unpack[JointOptions]
-    ) -> ReplayResult | Motion[ReplayResult]:
-        """Move to the first pose of a recording of this arm, then along it.
-
-        It is as fast as recorded where that is within the speed class, else slowed down as a whole.
-
-        Options: speed, on_progress; see ``JointOptions``.
-
-        Raises:
-            FileFormatError: It is malformed, or another arm's; says in which line.
-            RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
-        """
-        chosen = parse_options("replay", JointOptions, options)
-        path, arm = self._check_replay(path, chosen.speed), (self._context, self._runner)
-        settings = (chosen.speed, chosen.on_progress)
-        return self._background.run(lambda: replay(*arm, path, *settings), wait=wait)
-
-    def load_replay(
-        self, path: Path | str, *, speed: str = "normal"
-    ) -> tuple[Recording, RecordedTrajectory]:
-        """Read a recording, and what ``replay`` would play after its first pose; nothing moves.
-
-        Raises:
-            FileFormatError, RefusedError, CalibrationError: As ``replay``.
-        """
-        return load_replay(self._context, self._check_replay(path, speed), speed)
+    # These are functions of an arm, in the modules of what they do.
+    move_to = goal_motions.move_to
+    move_line = goal_motions.move_line
+    move_arc = goal_motions.move_arc
+    move_through = goal_motions.move_through
+    draw = goal_motions.draw
+    move_joints = goal_motions.move_joints
+    pose = goal_motions.pose
+    gripper = move_gripper
+    replay = replaying.replay_recording
+    load_replay = replaying.load_replay
+    jog = jogging.jog
+    follow = following.follow
+    follow_arm = following.follow_arm
+    follow_goals = following.follow_goals
+    stream = open_stream
 
     def record(
         self,
@@ -704,132 +450,8 @@ class Arm:
         arm = (self._context, self._runner)
         return teach(*arm, self.poses, name, until, self.relax, hold=hold)
 
-    def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
-        """Move a joint or the tip in one direction for as long as ``wanted`` returns True.
-
-        Args:
-            what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
-            speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative the other way. The
-                arm file's slow speed, or 0.05 m/s, if None.
-            wanted: Called in every control cycle: True goes on, False brakes and holds, None is no
-                news; after 0.3 s without news the arm brakes and holds, too.
-
-        Returns:
-            Where it ended, and why: no longer requested, a limit, or the guard.
-
-        Raises:
-            UnknownNameError: No such joint or direction.
-            BadValueError: The speed is zero, not finite or too high.
-        """
-        return jog(self._context, self._runner, what, speed, wanted)
-
-    def follow(
-        self, targets: Iterable[CartesianOrJointTarget | None], **options: Unpack[FollowOptions]
-    ) -> FollowResult:
-        """Follow a stream of targets, one in each control cycle, until it ends.
-
-        Each cycle takes the next item: a ``Target``, a point (3,) [m], a pose (4, 4) of the tip,
-        positions by joint [rad or m], or None for nothing new; a generator may block for a while.
-        The arm goes there as fast as its speed class allows, without a stop or a jump, and keeps
-        its branch. A target is valid for 0.3 s: without a new one the arm then brakes where it is.
-
-        At the end the sag under load is corrected, as by ``move_to``, at the last target that the
-        guard accepted, or where the arm was braked; not after a stop or an error of the stream.
-
-        Options: speed, on_progress; see ``FollowOptions``.
-
-        Raises:
-            BadValueError: An item is no target; the arm was braked first.
-            StoppedError: ``stop`` was called; the arm holds.
-        """
-        chosen = parse_options("follow", FollowOptions, options)
-        check_iterable("The stream of targets", targets, "an iterable of targets")
-        return follow(self._context, self._runner, targets, chosen.speed, chosen.on_progress)
-
-    def follow_arm(
-        self,
-        leader: Arm,
-        *,
-        until: Callable[[], bool] | None = None,
-        **options: Unpack[FollowOptions],
-    ) -> FollowResult:
-        """Follow another arm, guided by hand, joint by joint of the same name.
-
-        ``leader`` is an open arm on another port; its torque is left as it is, its gripper leads
-        the gripper. This arm keeps its own limits, and brakes where the leader does not answer for
-        0.3 s. It ends when ``until``, called in every control cycle, returns True.
-
-        Options: speed (fast keeps closest), on_progress; see ``FollowOptions``.
-
-        Raises:
-            InputError: The arms have no joint in common.
-            CalibrationError: One of the arms is not calibrated.
-        """
-        chosen = parse_options("follow_arm", FollowOptions, options)
-        context, arm = self._leader_context(leader), (self._context, self._runner)
-        check_callable("until", until)
-        return follow_arm(*arm, context, chosen.speed, until, chosen.on_progress)
-
-    def follow_goals(self, source: GoalSource, *, speed: str = "normal") -> None:
-        """Follow joint goals that ``source`` gives in every control cycle, until it ends.
-
-        Raises:
-            CalibrationError: The arm is not calibrated.
-        """
-        follow_goals(self._context, self._runner, source, speed)
-
-    def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> SetpointStream:
-        """Open a stream of setpoints, which the program sends at its own rate.
-
-        ::
-
-            with arm.stream(speed="fast", rate_hz=50) as stream:
-                for q in trajectory:           # (n,), or {"elbow_flex": 0.3}, or a Target
-                    stream.send(q)
-
-        The arm follows the newest setpoint as fast as the speed class (slow, normal or fast, which
-        keeps closest) allows and without a jump, through the guard. After 0.3 s without one, and at
-        the end of the block, it brakes and holds. An error ends the stream and is raised by the
-        next ``send``, or at the end of the block. With ``rate_hz``, 5 to 1000 setpoints a second,
-        ``send`` returns when the next is due; else at once, and the program keeps its own time.
-
-        Raises:
-            CalibrationError: The arm is not calibrated.
-            BadValueError: The rate is out of its range.
-            RefusedError: Another stream is open.
-        """
-        start = self._background.start_stream
-        return SetpointStream(self._context, self._runner, start, speed, rate_hz)
-
-    def _move_tip(
-        self, planning: Callable[[], MotionPlan], chosen: MotionSettings, *, wait: bool
-    ) -> MoveResult | Motion[MoveResult]:
-        def run() -> MoveResult:
-            plan = self._preflight.plan_from_held(planning)
-            return move_tip(self._context, self._runner, plan, chosen.on_progress)
-
-        return self._background.run(run, wait=wait)
-
-    def _move_joints(self, goal: Mapping[str, float], chosen: MotionSettings) -> JointMoveResult:
-        plan = self._preflight.plan_from_held(lambda: self.plan_joints(goal, speed=chosen.speed))
-        return move_joints(self._context, self._runner, goal, plan, chosen.on_progress)
-
-    def _move_pose(self, inside: PoseWithinLimits, chosen: MotionSettings) -> JointMoveResult:
-        report = self._move_joints(inside.positions, chosen)
-        return replace(report, binding=inside.changed + report.binding)
-
-    def _check_replay(self, path: Path | str, speed: str) -> Path:
-        self._context.require_zeros()
-        self.model.speed(speed)
-        return parse_path(path)
-
-    def _leader_context(self, leader: object) -> ArmContext:
-        if not isinstance(leader, Arm) or leader is self:
-            raise BadValueError("The leader", repr(leader), "another open arm")
-        return leader._context
-
     def _lower(self) -> None:
-        lower(self._context, self._runner, self._preflight)
+        lower(self._context, self._runner, self.preflight)
 
     def _close_server(self) -> None:
         if self._server is not None:

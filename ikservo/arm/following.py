@@ -6,14 +6,15 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import repeat
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_joint_positions
+from ikservo.arm.arguments import check_callable, check_iterable, parse_joint_positions
+from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
-from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.motion_options import FollowOptions, parse_options
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.settling import settle_at
 from ikservo.control.loop import ControlCycle
@@ -34,6 +35,7 @@ __all__ = [
     "follow",
     "follow_arm",
     "follow_goals",
+    "follow_targets",
     "leader_positions",
     "shared_joints",
 ]
@@ -54,19 +56,8 @@ class GoalSource(Protocol):
         ...
 
 
-def follow_goals(
-    context: ArmContext,
-    runner: MotionRunner,
-    source: GoalSource,
-    speed: str,
-) -> Vector | None:
-    """Follow the goals of a source until it ends.
-
-    Args:
-        context: The arm.
-        runner: Runs the motion.
-        source: Gives the goals.
-        speed: slow, normal or fast.
+def follow_goals(arm: ArmParts, source: GoalSource, *, speed: str = "normal") -> Vector | None:
+    """Follow joint goals that ``source`` gives in every control cycle, until it ends.
 
     Returns:
         Where the joints should be (n,): the last goal that was accepted, or as far short of it as
@@ -75,6 +66,7 @@ def follow_goals(
     Raises:
         CalibrationError: The arm is not calibrated.
     """
+    context, runner = arm.context, arm.runner
     context.require_zeros()
     context.warm_up()
     runner.return_within_limits()
@@ -313,22 +305,48 @@ class _TargetFollower:
 
 
 def follow(
-    context: ArmContext,
-    runner: MotionRunner,
+    arm: ArmParts,
+    targets: Iterable[CartesianOrJointTarget | None],
+    **options: Unpack[FollowOptions],
+) -> FollowResult:
+    """Follow a stream of targets, one in each control cycle, until it ends.
+
+    Each cycle takes the next item: a ``Target``, a point (3,) [m], a pose (4, 4) of the tip,
+    positions by joint [rad or m], or None for nothing new; a generator may block for a while.
+    The arm goes there as fast as its speed class allows, without a stop or a jump, and keeps
+    its branch. A target is valid for 0.3 s: without a new one the arm then brakes where it is.
+
+    At the end the sag under load is corrected, as by ``move_to``, at the last target that the
+    guard accepted, or where the arm was braked; not after a stop or an error of the stream.
+
+    Options: speed, on_progress; see ``FollowOptions``.
+
+    Raises:
+        BadValueError: An item is no target; the arm was braked first.
+        StoppedError: ``stop`` was called; the arm holds.
+    """
+    chosen = parse_options("follow", FollowOptions, options)
+    check_iterable("The stream of targets", targets, "an iterable of targets")
+    return follow_targets(arm, targets, chosen.speed, chosen.on_progress)
+
+
+def follow_targets(
+    arm: ArmParts,
     targets: Iterable[CartesianOrJointTarget | None],
     speed: str,
     on_progress: OnProgress | None,
 ) -> FollowResult:
-    """Follow a stream of targets; see ``Arm.follow``."""
+    """Follow a stream of targets; see ``follow``."""
+    context = arm.context
     context.require_zeros()
     context.model.speed(speed)
     follower = _TargetFollower(context, targets, on_progress)
     started_s = context.now_s()
-    goal = follow_goals(context, runner, follower, speed)
+    goal = follow_goals(arm, follower, speed=speed)
     if goal is None:
         measured = context.servos.measure_positions()
     else:
-        measured = settle_at(context, runner, goal, speed)
+        measured = settle_at(context, arm.runner, goal, speed)
     return FollowResult(
         setpoints=follower.count,
         unreached=follower.unreached,
@@ -342,18 +360,37 @@ def follow(
 
 
 def follow_arm(
-    context: ArmContext,
-    runner: MotionRunner,
-    leader: ArmContext,
-    speed: str,
-    until: Callable[[], bool] | None,
-    on_progress: OnProgress | None,
+    arm: ArmParts,
+    leader: ArmParts,
+    *,
+    until: Callable[[], bool] | None = None,
+    **options: Unpack[FollowOptions],
 ) -> FollowResult:
-    """Follow the measured joints of another arm; see ``Arm.follow_arm``."""
-    leader.require_zeros()
-    cycle_time_s = runner.loop.measure_cycle_time_s()
-    positions = leader_positions(leader, context, cycle_time_s, until)
-    return follow(context, runner, positions, speed, on_progress)
+    """Follow another arm, guided by hand, joint by joint of the same name.
+
+    ``leader`` is an open arm on another port; its torque is left as it is, its gripper leads
+    the gripper. This arm keeps its own limits, and brakes where the leader does not answer for
+    0.3 s. It ends when ``until``, called in every control cycle, returns True.
+
+    Options: speed (fast keeps closest), on_progress; see ``FollowOptions``.
+
+    Raises:
+        InputError: The arms have no joint in common.
+        CalibrationError: One of the arms is not calibrated.
+    """
+    chosen = parse_options("follow_arm", FollowOptions, options)
+    own, leading = arm.context, _leader_context(arm, leader)
+    check_callable("until", until)
+    leading.require_zeros()
+    cycle_time_s = arm.runner.loop.measure_cycle_time_s()
+    positions = leader_positions(leading, own, cycle_time_s, until)
+    return follow_targets(arm, positions, chosen.speed, chosen.on_progress)
+
+
+def _leader_context(arm: ArmParts, leader: object) -> ArmContext:
+    if not isinstance(leader, ArmParts) or leader is arm:
+        raise BadValueError("The leader", repr(leader), "another open arm")
+    return leader.context
 
 
 def shared_joints(leader: ArmContext, follower: ArmContext) -> list[str]:

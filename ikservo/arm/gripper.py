@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Unpack, overload
 
-from ikservo.arm.arguments import parse_number
+from ikservo.arm.arguments import check_callable, parse_number
+from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.background_motion import Motion
 from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_options import GripperOptions, check_options
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.reports import OnProgress
 from ikservo.calibration.range_tracker import StillnessDetector
@@ -18,7 +21,7 @@ from ikservo.model.model import Gripper, Model
 from ikservo.model.servo_torque import find_servo_torque
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 
-__all__ = ["GraspResult", "GripperCommand", "GripperMotion", "move_gripper", "resolve_goal"]
+__all__ = ["GraspResult", "GripperCommand", "GripperMotion", "move_gripper"]
 
 
 _SPEED_FRACTION = 0.65  # of the speed class
@@ -128,6 +131,9 @@ class GripperMotion:
 
 GripperCommand = Literal["open", "close"]
 
+JawGoal = GripperCommand | float | None
+"""open, close, or the distance between the jaws [m]."""
+
 _DEFAULT_FORCE = 0.3  # of a servo's torque: holds a full cup, for an hour without overheating
 # Jaws with less creep so slowly that they look blocked.
 _MIN_FORCE = 0.05
@@ -162,14 +168,55 @@ class GraspResult:
     duration_s: float
 
 
+@overload
 def move_gripper(
+    arm: ArmParts,
+    to: JawGoal = None,
+    *,
+    wait: Literal[True] = True,
+    **options: Unpack[GripperOptions],
+) -> GraspResult: ...
+
+
+@overload
+def move_gripper(
+    arm: ArmParts, to: JawGoal = None, *, wait: Literal[False], **options: Unpack[GripperOptions]
+) -> Motion[GraspResult]: ...
+
+
+def move_gripper(
+    arm: ArmParts, to: JawGoal = None, *, wait: bool = True, **options: Unpack[GripperOptions]
+) -> GraspResult | Motion[GraspResult]:
+    """Open or close the gripper, or move its jaws to a width.
+
+    ``to`` is open, close, or a width [m] where the arm file has widths. Where an object blocks
+    the jaws they stop, and hold it with no more than the given force.
+
+    Options: width_m, force, on_progress; see ``GripperOptions``.
+
+    Raises:
+        IkservoError: The arm has no gripper.
+        RefusedError: A jaw would touch something; nothing has moved.
+        BadValueError: The width is out of its range or unknown, or the force is no fraction.
+    """
+    check_options("gripper", GripperOptions, options)
+    force, on_progress = options.get("force"), options.get("on_progress")
+    check_callable("on_progress", on_progress)
+    goal = _resolve_goal(to, options.get("width_m"))
+
+    def run() -> GraspResult:
+        return _run_gripper(arm.context, arm.runner, goal, force, on_progress)
+
+    return arm.background.run(run, wait=wait)
+
+
+def _run_gripper(
     context: ArmContext,
     runner: MotionRunner,
     to: GripperCommand | float,
     force: float | None,
     on_progress: OnProgress | None,
 ) -> GraspResult:
-    """Move the gripper; see ``Arm.gripper``."""
     gripper = _require_gripper(context)
     goal, fraction = _goal_position(context, gripper, to), _torque_fraction(context, force)
     _check_gripper_path(context, gripper.joint, goal)
@@ -204,10 +251,10 @@ def move_gripper(
     )
 
 
-def resolve_goal(
+def _resolve_goal(
     to: GripperCommand | float | None, width_m: float | None
 ) -> GripperCommand | float:
-    """Return the one goal of a gripper motion out of the two arguments of ``Arm.gripper``.
+    """Return the one goal of a gripper motion out of the two arguments of ``move_gripper``.
 
     Raises:
         BadValueError: Neither is given, or both.

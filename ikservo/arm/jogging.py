@@ -10,9 +10,9 @@ from typing import Protocol, cast
 import numpy as np
 
 from ikservo.arm.arguments import parse_number
+from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
 from ikservo.arm.following import TargetTracker
-from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import DeadManSwitch
@@ -149,21 +149,32 @@ class _JogController:
         return ""
 
 
-def jog(
-    context: ArmContext,
-    runner: MotionRunner,
-    what: str,
-    speed: float | None,
-    keep_going: KeepGoing,
-) -> JogResult:
-    """Jog a joint or the tip; see ``Arm.jog``."""
-    if not callable(keep_going):
-        raise BadValueError("The argument wanted", repr(keep_going), "a function")
+def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
+    """Move a joint or the tip in one direction for as long as ``wanted`` returns True.
+
+    Args:
+        arm: The arm.
+        what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
+        speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative the other way. The
+            arm file's slow speed, or 0.05 m/s, if None.
+        wanted: Called in every control cycle: True goes on, False brakes and holds, None is no
+            news; after 0.3 s without news the arm brakes and holds, too.
+
+    Returns:
+        Where it ended, and why: no longer requested, a limit, or the guard.
+
+    Raises:
+        UnknownNameError: No such joint or direction.
+        BadValueError: The speed is zero, not finite or too high.
+    """
+    if not callable(wanted):
+        raise BadValueError("The argument wanted", repr(wanted), "a function")
+    context, runner = arm.context, arm.runner
     speed_class = runner.allowed_speed("normal")
     target, limits = _make_jog_target(context, what, speed, speed_class)
     lower, upper = context.limits()
     braking_s = max(limit.stopping_time_s for limit in limits)
-    controller = _JogController(context, target, keep_going, braking_s)
+    controller = _JogController(context, target, wanted, braking_s)
     started_s = context.now_s()
     context.warm_up()
     runner.return_within_limits()

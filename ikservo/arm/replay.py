@@ -6,14 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, Unpack, overload
 
 import numpy as np
 
+from ikservo.arm.arguments import parse_path
+from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.background_motion import Motion
 from ikservo.arm.context import ArmContext
-from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.motion_options import JointOptions, MotionSettings, parse_options
 from ikservo.arm.recording import Recording, RecordingHeader, read_recording, recording_header
-from ikservo.arm.reports import OnProgress
 from ikservo.arm.settling import settle_at
 from ikservo.deprecation import current_name
 from ikservo.errors import FileFormatError, RefusedError
@@ -24,7 +26,7 @@ from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["RecordedTrajectory", "ReplayResult", "load_replay", "replay"]
+__all__ = ["RecordedTrajectory", "ReplayResult", "load_replay", "replay_recording"]
 
 
 _GRID_S = 0.02
@@ -175,18 +177,61 @@ class ReplayResult:
             return getattr(self, current_name("ReplayResult", {"slower": "slowdown"}, name))
 
 
-def load_replay(
-    context: ArmContext, path: Path | str, speed: str
-) -> tuple[Recording, RecordedTrajectory]:
-    """Read a recording of this arm and make a trajectory of it; nothing moves.
+@overload
+def replay_recording(
+    arm: ArmParts, path: Path | str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+) -> ReplayResult: ...
+
+
+@overload
+def replay_recording(
+    arm: ArmParts, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
+) -> Motion[ReplayResult]: ...
+
+
+def replay_recording(
+    arm: ArmParts, path: Path | str, *, wait: bool = True, **options: Unpack[JointOptions]
+) -> ReplayResult | Motion[ReplayResult]:
+    """Move to the first pose of a recording of this arm, then along it.
+
+    It is as fast as recorded where that is within the speed class, else slowed down as a whole.
+
+    Options: speed, on_progress; see ``JointOptions``.
 
     Raises:
-        FileFormatError: It is malformed, or of another arm.
-        RefusedError: It leaves the joints' limits, or the body would touch something.
+        FileFormatError: It is malformed, or another arm's; says in which line.
+        RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
     """
+    chosen = parse_options("replay", JointOptions, options)
+    file = _check_replay(arm.context, path, chosen.speed)
+
+    def run() -> ReplayResult:
+        return _run_replay(arm, file, chosen)
+
+    return arm.background.run(run, wait=wait)
+
+
+def load_replay(
+    arm: ArmParts, path: Path | str, *, speed: str = "normal"
+) -> tuple[Recording, RecordedTrajectory]:
+    """Read a recording, and what ``replay`` would play after its first pose; nothing moves.
+
+    Raises:
+        FileFormatError, RefusedError, CalibrationError: As ``replay``.
+    """
+    return _load(arm.context, _check_replay(arm.context, path, speed), speed)
+
+
+def _check_replay(context: ArmContext, path: Path | str, speed: str) -> Path:
+    context.require_zeros()
+    context.model.speed(speed)
+    return parse_path(path)
+
+
+def _load(context: ArmContext, path: Path, speed: str) -> tuple[Recording, RecordedTrajectory]:
     recording = read_recording(path)
-    _check_recorded_arm(context, recording.header, Path(path))
-    _check_limits(context, recording, Path(path))
+    _check_recorded_arm(context, recording.header, path)
+    _check_limits(context, recording, path)
     lower, upper = context.limits()
     limits = context.planner.motion_limits(speed)
     trajectory = RecordedTrajectory(recording.times_s, recording.joints, limits, lower, upper)
@@ -194,15 +239,9 @@ def load_replay(
     return recording, trajectory
 
 
-def replay(
-    context: ArmContext,
-    runner: MotionRunner,
-    path: Path | str,
-    speed: str,
-    on_progress: OnProgress | None,
-) -> ReplayResult:
-    """Replay a recording from its first pose; see ``Arm.replay``."""
-    recording, trajectory = load_replay(context, path, speed)
+def _run_replay(arm: ArmParts, path: Path, chosen: MotionSettings) -> ReplayResult:
+    context, runner, speed = arm.context, arm.runner, chosen.speed
+    recording, trajectory = _load(context, path, speed)
     approach_speed = runner.allowed_speed(speed)
     limits = context.planner.motion_limits(approach_speed)
     started_s = context.now_s()
@@ -211,7 +250,7 @@ def replay(
         context.check_recorded_path(context.interpolate_joints(start, trajectory.start))
         return JointMove(start, trajectory.start, limits)
 
-    reporter = context.progress_reporter(on_progress)
+    reporter = context.progress_reporter(chosen.on_progress)
     runner.run(approach, reporter, approach_speed)
     runner.run(lambda _: trajectory, reporter, speed)
     goal = trajectory.state(trajectory.duration_s).position

@@ -6,16 +6,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arm.arguments import parse_joint_positions, parse_number
+from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.background_motion import Motion
-from ikservo.arm.context import ArmContext
-from ikservo.arm.following import CartesianOrJointTarget, follow
-from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.following import CartesianOrJointTarget, follow_targets
 from ikservo.arm.reports import MotionProgress
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
@@ -24,7 +23,7 @@ from ikservo.ik import Target
 from ikservo.kinematics import finite_array
 from ikservo.kinematics.arrays import as_floats
 
-__all__ = ["SetpointMailbox", "SetpointStream"]
+__all__ = ["SetpointMailbox", "SetpointStream", "open_stream"]
 
 
 _POLL_PERIOD_S = 0.1  # how soon a waiting sender notices that the control loop has ended
@@ -130,10 +129,6 @@ _MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man ti
 T = TypeVar("T")
 
 
-class _StartStream(Protocol):
-    def __call__(self, work: Callable[[], None]) -> Motion[None]: ...
-
-
 class SetpointStream:
     """Takes setpoints in a ``with`` block; see ``Arm.stream``.
 
@@ -143,18 +138,12 @@ class SetpointStream:
         reason: Why the last of those was refused.
     """
 
-    def __init__(
-        self,
-        context: ArmContext,
-        runner: MotionRunner,
-        start: _StartStream,
-        speed: str,
-        rate_hz: float | None,
-    ) -> None:
+    def __init__(self, arm: ArmParts, speed: str, rate_hz: float | None) -> None:
+        context = arm.context
         context.require_zeros()
         context.model.speed(speed)
-        runner.check_open()
-        self._context, self._runner, self._start, self._speed = context, runner, start, speed
+        arm.runner.check_open()
+        self._arm, self._context, self._speed = arm, context, speed
         self._mailbox = SetpointMailbox(
             context.servos.clock, _period_s(rate_hz), lambda: self._has_ended
         )
@@ -172,7 +161,7 @@ class SetpointStream:
         """
         if self._motion is not None:
             raise RefusedError("This stream was used before.", "Open another: arm.stream().")
-        self._motion = self._start(self._follow_setpoints)
+        self._motion = self._arm.background.start_stream(self._follow_setpoints)
         return self
 
     def __exit__(
@@ -239,10 +228,8 @@ class SetpointStream:
         """Follow setpoints; hold while there are none."""
         self._context.warm_up()
         while self._mailbox.await_first():
-            report = follow(
-                self._context, self._runner, self._mailbox.setpoints(), self._speed,
-                self._store_progress,
-            )  # fmt: skip
+            setpoints = self._mailbox.setpoints()
+            report = follow_targets(self._arm, setpoints, self._speed, self._store_progress)
             self.unreached += report.unreached
             self.refused += report.refused
             self.reason = report.reason or self.reason
@@ -287,6 +274,31 @@ class SetpointStream:
     def _expected_setpoint(self) -> str:
         n = len(self.names)
         return f"positions by joint or ({n},), a pose (4, 4), or a Target"
+
+
+def open_stream(
+    arm: ArmParts, *, speed: str = "normal", rate_hz: float | None = None
+) -> SetpointStream:
+    """Open a stream of setpoints, which the program sends at its own rate.
+
+    ::
+
+        with arm.stream(speed="fast", rate_hz=50) as stream:
+            for q in trajectory:           # (n,), or {"elbow_flex": 0.3}, or a Target
+                stream.send(q)
+
+    The arm follows the newest setpoint as fast as the speed class (slow, normal or fast, which
+    keeps closest) allows and without a jump, through the guard. After 0.3 s without one, and at
+    the end of the block, it brakes and holds. An error ends the stream and is raised by the
+    next ``send``, or at the end of the block. With ``rate_hz``, 5 to 1000 setpoints a second,
+    ``send`` returns when the next is due; else at once, and the program keeps its own time.
+
+    Raises:
+        CalibrationError: The arm is not calibrated.
+        BadValueError: The rate is out of its range.
+        RefusedError: Another stream is open.
+    """
+    return SetpointStream(arm, speed, rate_hz)
 
 
 def _period_s(rate_hz: float | None) -> float | None:
