@@ -152,13 +152,17 @@ class ServoRamLimits:
             self._bus.sync_write(register, dict.fromkeys(self.watchdog_ids, 0), raw=True)
         self._armed = False
 
+    def may_have_tripped(self, elapsed_s: float) -> bool:
+        """Return whether a watchdog stops its servo after so long without packets."""
+        return elapsed_s > _WATCHDOG_S and bool(self.watchdog_ids)
+
     def check_watchdog_gap(self, elapsed_s: float) -> None:
         """Read the watchdogs after a gap in which they may have tripped.
 
         Raises:
             HeldUpError: One has, or cannot be read; the servos hold.
         """
-        if self._armed and elapsed_s > _WATCHDOG_S:
+        if self._armed and self.may_have_tripped(elapsed_s):
             for servo_id in self.watchdog_ids:
                 if self._read_tripped(servo_id) is not False:
                     raise _pause_error()
@@ -167,9 +171,9 @@ class ServoRamLimits:
         """Read whether a servo's watchdog has tripped.
 
         Raises:
-            HeldUpError: It has; the servo holds.
+            HeldUpError: It has, or cannot be read; the servo holds.
         """
-        if self._read_tripped(servo_id):
+        if self._read_tripped(servo_id) is not False:
             raise _pause_error()
 
     def reset_markers(self, servo_id: int) -> Mapping[Register, int]:

@@ -215,7 +215,7 @@ class StreamedServos:
             self._prepare_streaming(speed_rad_s)
             self.torque.loop_started()
             yield
-            self._limits.disarm_watchdog()
+            self._disarm_watchdog()
             self.torque.loop_ended()
             self.stop_request.raise_if_set()  # requested after the last cycle
         except BaseException as error:
@@ -336,6 +336,17 @@ class StreamedServos:
         self._cycle_at_s = prepare_servos(
             self._limits, self._health_poller, self.clock, self._horn_rad_s
         )
+
+    def _disarm_watchdog(self) -> None:
+        """Disarm the watchdogs after the last cycle.
+
+        Servos that they stopped since then have lost their goals and limits, and get them again.
+        """
+        self._limits.disarm_watchdog()
+        if self._limits.may_have_tripped(self.clock.now_s() - self._cycle_at_s):
+            self._limits.invalidate()
+            self._limits.set_speed(self._horn_rad_s)
+            self._hold_goals()
 
     def _hold_goals(self) -> None:
         """Send hold goals to the servos with torque: those without it stay limp."""

@@ -39,6 +39,24 @@ def test_a_stop_after_the_last_cycle_is_obeyed_and_stays(arm, monkeypatch):
     assert holds(arm)
 
 
+def test_a_pause_after_the_last_cycle_is_no_reset_in_the_next_motion(arm, monkeypatch):
+    disarm, clock = ServoRamLimits.disarm_watchdog, clock_of(arm)
+
+    def delayed(limits):
+        clock.sleep_until(clock.now_s() + 0.3)  # the watchdogs of Dynamixel servos trip
+        disarm(limits)
+
+    arm.move_joints({"shoulder_lift": -0.3})
+    with monkeypatch.context() as paused:
+        paused.setattr(ServoRamLimits, "disarm_watchdog", delayed)
+        arm.move_joints({"shoulder_lift": -0.2})
+    arm.where()
+    group, held = servo_group(arm), registers(arm, "goal_position")
+    for fence, goal in zip(group.fences, group.goals(), strict=True):
+        assert held[fence.servo_id] == fence.tick(float(goal))
+    assert arm.move_joints({"shoulder_lift": -0.3}).reached
+
+
 def test_a_stop_between_two_streams_of_a_motion_is_a_stop_and_no_refusal(arm, monkeypatch):
     streaming, begun = servo_group(arm).streaming, []
 
