@@ -18,6 +18,7 @@ from ikservo.arm.motion_options import FollowOptions, parse_options
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.settling import settle_at
 from ikservo.control.loop import ControlCycle
+from ikservo.control.streamed_servos import STALL_S
 from ikservo.deprecation import current_name
 from ikservo.errors import BadValueError, BusError, InputError, RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
@@ -265,6 +266,7 @@ class _TargetFollower:
         self._report_progress = context.progress_reporter(on_progress)
         self._tracker = TargetTracker(context.chain, context.index)
         self._dead_man = DeadManSwitch()
+        self._asked_s = math.inf
         self._goal: Vector | None = None
         self.count = self.unreached = self.refusals = 0
         self.reason = self.ended = ""
@@ -276,12 +278,18 @@ class _TargetFollower:
             self._dead_man.refresh(self._context.now_s())
         if self._report_progress:
             self._report_progress(cycle)
+        self._allow_delay(self._context.now_s())
         return self._solve_target(self._next_target(), self._goal)
 
     def on_rejected(self, error: RefusedError) -> None:
         """Count a target that the guard refused."""
         self.refusals += 1
         self.reason = error.message
+
+    def _allow_delay(self, now_s: float) -> None:
+        """Not to have asked the stream for long is no silence of the stream."""
+        if now_s - self._asked_s > STALL_S:
+            self._dead_man.postpone(now_s - self._asked_s)
 
     def _next_target(self) -> CartesianOrJointTarget | None:
         """Return the next target; after the end of the stream None in every cycle."""
@@ -292,7 +300,7 @@ class _TargetFollower:
             return None
 
     def _solve_target(self, target: CartesianOrJointTarget | None, last: Vector) -> Vector | None:
-        now_s = self._context.now_s()  # the stream may have blocked
+        now_s = self._asked_s = self._context.now_s()  # the stream may have blocked
         if self._dead_man.expired(now_s):
             self.ended = self.ended or f"no target for {DEAD_MAN_TIMEOUT_S} s"
             return None

@@ -132,6 +132,10 @@ class DeadManSwitch:
         if time_s < math.inf:
             self._fresh_s = max(self._fresh_s, time_s)
 
+    def postpone(self, delay_s: float) -> None:
+        """Leave out a time in which the program was delayed: no command could come."""
+        self._fresh_s += delay_s
+
     def expired(self, time_s: float) -> bool:
         """Return whether the switch has expired; it has until the first command."""
         return not time_s - self._fresh_s <= self._timeout_s

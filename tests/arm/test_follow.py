@@ -107,6 +107,17 @@ def test_a_stream_that_keeps_it_waiting_is_silence(arm):
     assert true_joints(arm)["shoulder_pan"] > -0.05
 
 
+def test_a_delayed_program_is_no_silence_of_the_stream(arm):
+    delays_s = iter([0.0, 0.0, 0.5])
+
+    def delayed(_):
+        servo_group(arm).clock.sleep_until(arm.clock.now_s() + next(delays_s, 0.0))
+
+    report = arm.follow([{"shoulder_pan": 0.2}] * 200, on_progress=delayed)
+    assert report.ended == "end of the targets"
+    assert report.setpoints == 200
+
+
 def test_what_is_out_of_reach_is_gone_towards_and_counted(arm):
     report = arm.follow([(0.9, 0.0, 0.2)] * 20)
     assert report.unreached == 20
