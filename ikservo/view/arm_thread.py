@@ -126,7 +126,7 @@ class ArmThread:
         self.calibration = calibration
         self.arm = open_arm()
         self._command = ArmCommand()
-        self.snapshot = _read_snapshot(self.arm)
+        self.snapshot = self._read_snapshot()
         self._states_s = clock.now_s()
         self._stop_reason: StopReason | None = None
         self._acknowledged = self._ending = self._lost = False
@@ -179,7 +179,10 @@ class ArmThread:
     def on_cycle(self, cycle: ControlCycle) -> None:
         """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
         self.snapshot = replace(
-            self.snapshot, measured=cycle.measured.copy(), reference=cycle.reference.copy()
+            self.snapshot,
+            measured=cycle.measured.copy(),
+            read_s=self._clock.now_s(),
+            reference=cycle.reference.copy(),
         )
         if self._clock.now_s() - self._states_s > _STATE_PERIOD_S:
             self._states_s = self._clock.now_s()
@@ -227,10 +230,7 @@ class ArmThread:
     def _poll_state(self, *, ignore_errors: bool = False) -> None:
         """Read the arm's state while no session runs."""
         try:
-            snapshot = _read_snapshot(self.arm)
-            self.snapshot = replace(
-                self.snapshot, measured=snapshot.measured, states=snapshot.states, reference=None
-            )
+            self.snapshot = replace(self._update_positions(), reference=None)
         except IkservoError:
             if not ignore_errors:
                 raise
@@ -276,10 +276,14 @@ class ArmThread:
         """Open the arm again: it may have been calibrated meanwhile."""
         self.arm = self._open()
         self._lost = False
-        snapshot = _read_snapshot(self.arm)
-        self.snapshot = replace(self.snapshot, measured=snapshot.measured, states=snapshot.states)
+        self.snapshot = self._update_positions()
 
+    def _read_snapshot(self) -> ArmSnapshot:
+        states = self.arm.where().joints
+        measured = np.array([state.position_rad for state in states])
+        return ArmSnapshot(measured, self._clock.now_s(), states=states)
 
-def _read_snapshot(arm: Arm) -> ArmSnapshot:
-    states = arm.where().joints
-    return ArmSnapshot(np.array([state.position_rad for state in states]), states=states)
+    def _update_positions(self) -> ArmSnapshot:
+        """Return the snapshot with positions and telemetry as the servos have them now."""
+        new = self._read_snapshot()
+        return replace(self.snapshot, measured=new.measured, read_s=new.read_s, states=new.states)

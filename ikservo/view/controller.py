@@ -17,6 +17,7 @@ from ikservo.view.camera import Viewport
 from ikservo.view.connection import Client, ControlLease
 from ikservo.view.frames import FrameComposer
 from ikservo.view.interaction import Interaction, PosturePreference
+from ikservo.view.labels import describe_torque
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.server import Frame
 from ikservo.view.viewpoints import Viewpoint, available_views
@@ -24,7 +25,6 @@ from ikservo.view.viewpoints import Viewpoint, available_views
 __all__ = ["SessionController"]
 
 _ORBIT_RAD_PX = 0.008
-_STOPPED = StopReason(StopKind.CLIENT, "Stopped from the page; torque stays on.")
 
 Handler = Callable[[Any, Client], None]
 """Handles one type of message."""
@@ -139,7 +139,8 @@ class SessionController:
         _check_may_control(client)
         self._interaction.reset()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
-        self._arm_thread.request_stop(_STOPPED)
+        text = f"Stopped from the page; {describe_torque(self._arm_thread.snapshot.states)}."
+        self._arm_thread.request_stop(StopReason(StopKind.CLIENT, text))
 
     def _acknowledge(self, _message: msg.Acknowledge, client: Client) -> None:
         _check_may_control(client)

@@ -146,6 +146,7 @@ def status_frame(
     interaction: Interaction,
     step: int,
     controller: str,
+    now_s: float,
     analysis: PostureAnalysis | None = None,
 ) -> Frame:
     """Return the frame with everything that the page shows beside the drawing.
@@ -155,6 +156,7 @@ def status_frame(
         interaction: Input of the client in control.
         step: Which step of a solver trace is shown.
         controller: Which page has control: ``you``, ``other`` or ``none``.
+        now_s: The time, which dates what was measured.
         analysis: Analysis of the arm at rest; None while it moves.
     """
     snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace
@@ -162,6 +164,7 @@ def status_frame(
         "kind": "status",
         "mode": mode(snapshot, live=live),
         "live": live,
+        "age_s": math.floor(now_s - snapshot.read_s),
         "controller": controller,
         "speed": arm_thread.command.speed,
         "banner": banner(snapshot),
@@ -262,9 +265,12 @@ class FrameComposer:
     def _status_frames(self, client: Client, controller: str) -> list[Frame]:
         if not self._is_due(client, "status", _STATUS_PERIOD_S):
             return []
-        step = self._interaction.trace_step(self._clock.now_s())
+        now_s = self._clock.now_s()
+        step = self._interaction.trace_step(now_s)
         analysis = None if client.viewport is None else self._posture_analysis(client)
-        status = status_frame(self._arm_thread, self._interaction, step, controller, analysis)
+        status = status_frame(
+            self._arm_thread, self._interaction, step, controller, now_s, analysis
+        )
         return self._frame_if_changed(client, status)
 
     def _posture_analysis(self, client: Client) -> PostureAnalysis | None:

@@ -23,6 +23,7 @@ __all__ = [
     "candidate_rows",
     "describe_range",
     "describe_target",
+    "describe_torque",
     "format_solve_time",
     "format_supply",
     "health_rows",
@@ -49,6 +50,16 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
         f"{format_point(marker.target_m)} cannot be reached{limits_text}. Nearest reachable point: "
         f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.1f} mm away."
     )
+
+
+def describe_torque(states: Sequence[JointState]) -> str:
+    """Return ``torque stays on``, or which servos are limp."""
+    limp = [state.name for state in states if not state.torque]
+    if not limp:
+        return "torque stays on"
+    if len(limp) == len(states):
+        return "torque is off, the arm is limp"
+    return f"the torque of {', '.join(limp)} is off"
 
 
 def format_solve_time(solve_s: float) -> str:

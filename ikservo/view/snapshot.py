@@ -69,6 +69,7 @@ class ArmSnapshot:
 
     Attributes:
         measured: Measured joint positions (n,), rad or m.
+        read_s: When they were measured.
         reference: Where the joints should be (n,); None while no session runs.
         states: Telemetry of the servos, a little older.
         stop_notice: Why the arm holds; None if it is not stopped.
@@ -78,6 +79,7 @@ class ArmSnapshot:
     """
 
     measured: Vector
+    read_s: float = 0.0
     reference: Vector | None = None
     states: tuple[JointState, ...] = ()
     stop_notice: StopNotice | None = None

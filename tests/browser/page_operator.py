@@ -24,10 +24,10 @@ AT_HOME_RAD = 0.012  # more than an arm sags when its torque comes on
 
 
 class ServedView:
-    """A served view: its addresses, and its simulated servos."""
+    """A served view: its addresses, what ends its server when closed, and its simulated servos."""
 
-    def __init__(self, view, urls):
-        self.view, self.urls = view, urls
+    def __init__(self, view, urls, server):
+        self.view, self.urls, self.server = view, urls, server
 
     @property
     def arm(self):
@@ -94,8 +94,8 @@ class HoldingView(ViewApp):
 def serve_view(arm="so101", port="sim:?pose=home", dead_man_s=5.0):
     """Serve a view; a busy machine makes pages stutter, so the dead man is patient by default."""
     view = HoldingView(load_model(arm), port, dead_man_s=dead_man_s)
-    with view as urls, view.serve_in_thread():
-        yield ServedView(view, urls)
+    with view as urls, view.serve_in_thread() as server:
+        yield ServedView(view, urls, server)
 
 
 class Operator:

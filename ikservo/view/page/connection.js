@@ -34,6 +34,7 @@ export class Connection {
       return;
     }
     this.open = true;
+    this.handlers.heard?.();
     this.handlers[message.kind]?.(message);
   }
 

@@ -4,9 +4,11 @@
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
 import { $, updateChoices } from "./elements.js";
+import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { Panel } from "./panel.js";
 import { PointerInput } from "./pointing.js";
+import { StopButton } from "./stop.js";
 import { Wizard } from "./wizard.js";
 
 const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane: "Plane" };
@@ -31,26 +33,51 @@ const connection = new Connection(key, {
   },
   status(message) {
     window.ikservo.status = message;
-    panel.show(message);
-    wizard.show(message.calibration);
+    showStatus(message);
   },
   refused(message) { panel.showRefusal(message); },
+  heard() { freshness.heard(); },
   closed(why) {
     scenes = [];
-    document.body.dataset.mode = "lost";
-    $("live").disabled = true;
-    panel.showBanner(why === "wrong-key"
-      ? { message: "This page's key is not the one of this session.", hint: "Open the address that `ikservo view` printed." }
-      : { message: "The connection is lost; the arm holds.", hint: "Is `ikservo view` still running? Trying again …" });
+    freshness.disconnect();
+    stopButton.disconnect();
+    showOffline(why);
   },
 });
 const send = (kind, fields) => connection.send(kind, fields);
 const panel = new Panel(send);
+const stopButton = new StopButton(send, (refusal) => panel.showRefusal(refusal));
+const freshness = new Freshness(() => showOffline("silent"), () => window.ikservo.status && showStatus(window.ikservo.status));
 const wizard = new Wizard(send);
 const pointerInput = new PointerInput(canvas, send);
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
+
+function showStatus(status) {
+  setOnline(true);
+  freshness.setReadAge(status.age_s);
+  panel.show(status);
+  stopButton.show(status, armInfo.permission);
+  wizard.show(status.calibration);
+}
+
+const OFFLINE = {
+  "wrong-key": { message: "This page's key is not the one of this session.", hint: "Open the address that `ikservo view` printed." },
+  lost: { message: "No connection to `ikservo view`: Stop cannot reach the arm from here.", hint: "" },
+  silent: { message: "`ikservo view` does not answer: Stop may not reach the arm.", hint: "" },
+};
+
+function showOffline(why) {
+  setOnline(false);
+  document.body.dataset.mode = why === "silent" ? "silent" : "lost";
+  panel.showOffline(OFFLINE[why]);
+}
+
+// What needs the server does nothing without it; messages can still be read.
+function setOnline(online) {
+  for (const element of document.querySelectorAll("[data-online]")) element.toggleAttribute("inert", !online);
+}
 
 function sendViewport() {
   if (!armInfo) return;
@@ -82,7 +109,7 @@ addEventListener("keydown", (event) => {
   if (event.key !== " " && event.key !== "Escape") return;
   event.preventDefault();
   event.stopPropagation();
-  if (!event.repeat) send("stop");
+  if (!event.repeat) stopButton.press();
 }, { capture: true });
 // N selects what is behind the thing under the pointer, Shift+N what is in front of it.
 addEventListener("keydown", (event) => {

@@ -9,6 +9,7 @@ const MODES = {
   live: "Live – the arm follows",
   stopped: "Stopped",
   lost: "Not connected",
+  silent: "No answer",
   waiting: "Connecting …",
   calibration: "Calibration – the arm is limp",
 };
@@ -25,8 +26,8 @@ export class Panel {
     this.send = send;
     this.status = null;
     this.preference = new Preference(send);
+    this.offline = null; // what there is to say while the server does not answer
     this.refusal = null; // the last refused command; shown for REFUSAL_MS
-    $("stop").onclick = () => send("stop");
     $("acknowledge").onclick = () => send("acknowledge");
     $("take").onclick = () => send("take_control", { on: true });
     $("live").onclick = () => send("set_live", { on: $("live").getAttribute("aria-checked") !== "true" });
@@ -49,11 +50,12 @@ export class Panel {
 
   show(status) {
     this.status = status;
+    this.offline = null;
     setAttribute(document.body, "data-mode", status.mode);
     const inControl = status.controller === "you";
     setText($("mode"), MODES[status.mode] + (inControl || status.mode === "stopped" ? "" : status.controller === "other" ? " · somebody else controls" : " · you watch"));
     this.showControls(status, inControl);
-    this.showBanner(status.banner ?? this.refusal);
+    this.showBanner();
     this.showJoints(status.joints);
     this.showSolver(status.solver);
     this.preference.show(status.preference, inControl);
@@ -72,27 +74,35 @@ export class Panel {
     live.disabled = !inControl || (status.mode !== "preview" && status.mode !== "live");
     const mayControl = this.armInfo.permission === "control";
     $("take").hidden = inControl || !mayControl;
-    $("stop").disabled = !mayControl;
     for (const button of document.querySelectorAll(".poses button")) button.disabled = !inControl || status.mode === "stopped";
     $("calibrate").disabled = !inControl || status.live;
   }
 
-  showBanner(banner) {
+  // The most urgent of what there is to tell: no server, a stopped arm, a refused command.
+  showBanner() {
+    const banner = this.offline ?? this.status?.banner ?? this.refusal;
     $("banner").hidden = !banner;
     if (!banner) return;
     setText($("banner-message"), banner.message);
     setText($("banner-hint"), banner.hint);
     $("acknowledge").disabled = this.armInfo?.permission !== "control";
-    $("acknowledge").hidden = this.status?.mode !== "stopped"; // only a stop is acknowledged
+    $("acknowledge").hidden = Boolean(this.offline) || this.status?.mode !== "stopped"; // only a stop is acknowledged
+  }
+
+  // Without the server: what was last known of torque says what the arm does now.
+  showOffline({ message, hint }) {
+    setText($("mode"), MODES[document.body.dataset.mode]);
+    this.offline = { message, hint: hint || describeAlone(this.status) };
+    this.showBanner();
   }
 
   showRefusal(refusal) {
     this.refusal = refusal;
-    this.showBanner(this.status?.banner ?? refusal);
+    this.showBanner();
     setTimeout(() => {
       if (this.refusal !== refusal) return;
       this.refusal = null;
-      this.showBanner(this.status?.banner);
+      this.showBanner();
     }, REFUSAL_MS);
   }
 
@@ -151,6 +161,14 @@ export class Panel {
     $("log").replaceChildren(...messages.map(({ message, hint, level }) => createElement("li", { class: level }, createElement("div", {}, message), hint ? createElement("div", { class: "hint-line" }, hint) : null)));
     $("log").scrollTop = $("log").scrollHeight;
   }
+}
+
+function describeAlone(status) {
+  const torque = status?.health.joints.map((joint) => joint.torque) ?? [];
+  const arm = !torque.length ? ""
+    : torque.every((each) => each === "on") ? "When last seen its torque was on: it goes to its last goal and holds. "
+      : torque.every((each) => each === "off") ? "When last seen the arm was limp. " : "When last seen some of its servos were limp. ";
+  return `${arm}To stop it: ikservo stop in a terminal, or switch off its power. Connecting again …`;
 }
 
 function createJointRow() {

@@ -1,0 +1,43 @@
+// The stop button: says whether a stop can be sent, was sent, and was not confirmed.
+
+import { $, setText } from "./elements.js";
+
+const CONFIRM_MS = 1000;
+
+export class StopButton {
+  constructor(send, showRefusal) {
+    this.send = send;
+    this.showRefusal = showRefusal;
+    this.sentAt = null;
+    $("stop").onclick = () => this.press();
+  }
+
+  press() {
+    if ($("stop").disabled) return;
+    this.send("stop");
+    const sentAt = (this.sentAt = performance.now());
+    setText($("stop-word"), "Stopping …");
+    setTimeout(() => this.sentAt === sentAt && this.sayUnconfirmed(), CONFIRM_MS);
+  }
+
+  sayUnconfirmed() {
+    this.sentAt = null;
+    setText($("stop-word"), "Stop again");
+    this.showRefusal({ message: "The stop was sent and not confirmed.", hint: "Press it again, or switch off the arm's power." });
+  }
+
+  // Called with every status: the server has answered.
+  show({ mode }, permission) {
+    $("stop").disabled = permission !== "control";
+    if (this.sentAt !== null && mode !== "stopped") return;
+    this.sentAt = null;
+    setText($("stop-word"), permission === "control" ? "Stop" : "Watching");
+  }
+
+  // There is no connection: a stop cannot be sent.
+  disconnect() {
+    this.sentAt = null;
+    $("stop").disabled = true;
+    setText($("stop-word"), "Cannot stop");
+  }
+}

@@ -1,0 +1,106 @@
+"""Stop and what is old: in sight wherever the page is scrolled, true when the server is gone."""
+
+import pytest
+
+from tests.arm.simulated import servo_id
+from tests.browser.test_browser_safety import OWN, stops_there, under_way
+
+pytestmark = pytest.mark.browser
+
+WIDTHS = (390, 701, 820, 1020, 1100, 1600)
+
+# Where in the page's height it is scrolled to, and whether a finger there would touch the button.
+TOUCHED = """(part) => {
+  scrollTo(0, part * document.documentElement.scrollHeight);
+  const box = document.getElementById("stop").getBoundingClientRect();
+  const at = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+  return Boolean(at?.closest("#stop")) && box.top >= 0 && box.bottom <= innerHeight
+    && box.left >= 0 && box.right <= innerWidth && box.height >= 40;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [
+        (390, "dark"),
+        (820, "light"),
+        *(
+            pytest.param(width, scheme, marks=pytest.mark.campaign)
+            for width in WIDTHS
+            for scheme in ("light", "dark")
+        ),
+    ],
+)
+def test_stop_is_in_sight_wherever_the_page_is_scrolled(visit, width, scheme):
+    operator = visit(color_scheme=scheme)
+    operator.page.set_viewport_size({"width": width, "height": 844})
+    operator.wait_for_picture()
+    assert [operator.page.evaluate(TOUCHED, part) for part in (0, 0.5, 1)] == [True] * 3
+    operator.page.click("#stop")
+    operator.page.wait_for_selector("#banner:not([hidden])")
+    assert [operator.page.evaluate(TOUCHED, part) for part in (0, 0.5, 1)] == [True] * 3
+    assert operator.page.locator("#acknowledge").bounding_box()["y"] < 844
+
+
+@pytest.mark.parametrize(
+    "width", [820, pytest.param(390, marks=pytest.mark.campaign)], ids="{} px".format
+)
+def test_one_touch_stops_the_arm_from_the_foot_of_the_page(visit, width):
+    operator = visit(has_touch=True)
+    operator.page.set_viewport_size({"width": width, "height": 900})
+    operator.wait_for_picture()
+    under_way(operator.enable_live().until_still())
+    operator.page.evaluate("scrollTo(0, 1e6)")
+    operator.page.touchscreen.tap(*middle_of(operator, "#stop"))
+    assert stops_there(operator)
+
+
+def middle_of(operator, selector):
+    box = operator.page.locator(selector).bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+@OWN
+def test_without_a_server_stop_and_all_controls_say_so_and_what_is_shown_gets_an_age(operator):
+    operator.served.server.close()
+    operator.until("document.body.dataset.mode === 'lost'")
+    assert operator.page.is_disabled("#stop")
+    assert operator.page.inner_text("#stop") == "Cannot stop"
+    banner = operator.page.inner_text("#banner")
+    assert "Stop cannot reach the arm" in banner
+    assert "torque was on" in banner
+    assert operator.page.is_hidden("#acknowledge")
+    operator.until("/ is [1-9] s old/.test(document.getElementById('age').textContent)")
+    for control in ("#live", "#speeds", "#views", ".stage"):
+        assert operator.page.get_attribute(control, "inert") == ""
+
+
+@OWN
+def test_a_server_that_hangs_is_told_until_it_answers_again(operator):
+    controller = operator.served.view.controller
+    controller.frames = lambda _: []
+    operator.until("document.body.dataset.mode === 'silent'")
+    assert "does not answer" in operator.page.inner_text("#banner")
+    assert operator.page.is_enabled("#stop")
+    del controller.frames
+    operator.until("document.body.dataset.mode === 'preview'")
+    assert operator.page.is_hidden("#banner")
+    operator.until("!document.getElementById('age').textContent")
+    assert operator.page.get_attribute(".stage", "inert") is None
+
+
+@OWN
+def test_a_pulled_cable_makes_what_is_shown_old(operator):
+    operator.served.line.plugged = False
+    operator.wait_for("status.mode === 'stopped' && status.age_s >= 1")
+    operator.until("document.body.hasAttribute('data-old')")
+    assert "Lost connection" in operator.page.inner_text("#banner-message")
+
+
+@OWN
+def test_a_stop_of_a_limp_arm_does_not_say_that_it_holds(operator):
+    operator.served.line.servos[servo_id("so101", "elbow_flex")].write("torque_enable", 0)
+    operator.wait_for("status.health.joints.some((joint) => joint.torque === 'off')")
+    operator.page.click("#stop")
+    operator.wait_for("status.mode === 'stopped'")
+    assert "torque of elbow_flex is off" in operator.page.inner_text("#banner-message")
