@@ -85,18 +85,23 @@ def test_within_ranges_of_any_width_one_in_five_hundred_has_a_nearer_point_at_mo
     assert np.mean(np.concatenate(gaps_m) > 1e-3) <= 0.002
 
 
-def worse_than_dense_search_deg(name, kind, count, starts, seed):
-    """Return by how much wanted rotations that cannot be had are missed more than need be (count,).
-
-    The dense search slides to the best turn from many joints drawn at random, and from nowhere
-    that the solver would look first.
-    """
-    model, random = load_model(name), np.random.default_rng(seed)
-    chain, axis = model.chain, tool_axis(name)
+def turned_poses(chain, count, random):
+    """Return poses (count, 4, 4) in reach whose orientation, drawn at random, cannot be had."""
     T = chain.forward(random.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof)))
     for pose in T:
         turned, _ = np.linalg.qr(random.normal(size=(3, 3)))
         pose[:3, :3] = turned * np.linalg.det(turned)
+    return T
+
+
+def worse_than_dense_search_deg(name, kind, T, starts, random):
+    """Return by how much wanted rotations of T (n, 4, 4) are missed more than need be (n,).
+
+    The dense search slides to the best turn from many joints drawn at random, and from nowhere
+    that the solver would look first.
+    """
+    model, count = load_model(name), len(T)
+    chain, axis = model.chain, tool_axis(name)
     found = solve_batch(chain, T, model.chain_pose("home"), kind=kind, tool_axis=axis)
     assert (found.position_error_m < 1e-4).all()
     best_rad = np.full(count, math.pi)
@@ -111,7 +116,26 @@ def worse_than_dense_search_deg(name, kind, count, starts, seed):
 
 @pytest.mark.parametrize("name", FEW_JOINTS)
 def test_with_few_joints_the_position_is_met_and_the_angle_the_best_possible(name):
-    assert worse_than_dense_search_deg(name, "direction", 10, 40, seed=4).max() < 1.0
+    random = np.random.default_rng(4)
+    T = turned_poses(load_model(name).chain, 10, random)
+    assert worse_than_dense_search_deg(name, "direction", T, 40, random).max() < 1.0
+
+
+@pytest.mark.parametrize("row", [3, 2926])
+def test_the_best_angle_is_found_where_the_first_joint_ends_its_full_turn(row):
+    """Row 3 is 20 µm from the first axis, row 2926 40 µrad inside the gap of its joint."""
+    name, random = "open_manipulator_x", np.random.default_rng(4)
+    T = turned_poses(load_model(name).chain, 10_000, random)[[row]]
+    assert worse_than_dense_search_deg(name, "pose", T, 40, random).max() < 1.0
+
+
+@pytest.mark.parametrize("end", [-3.14, 3.14])
+def test_a_target_in_the_gap_of_a_full_turn_is_met_from_its_nearer_end(end):
+    arm = planar(0.3, 0.2).with_limits([-3.14, 0.2], [3.14, 1.0])
+    beyond = arm.forward([1.000003 * end, 0.5])
+    q, reached = Solver(arm)(beyond, [0.9 * end, 0.4])
+    assert reached
+    assert q[0] == end
 
 
 @pytest.mark.campaign
@@ -119,7 +143,9 @@ def test_with_few_joints_the_position_is_met_and_the_angle_the_best_possible(nam
 @pytest.mark.parametrize("name", FEW_JOINTS)
 @pytest.mark.parametrize("kind", ["direction", "pose"])
 def test_ten_thousand_orientations_that_cannot_be_had(name, kind):
-    assert worse_than_dense_search_deg(name, kind, 10_000, 300, seed=4).max() < 1.0
+    random = np.random.default_rng(4)
+    T = turned_poses(load_model(name).chain, 10_000, random)
+    assert worse_than_dense_search_deg(name, kind, T, 300, random).max() < 1.0
 
 
 def test_by_weights_position_and_orientation_share_what_is_missing():

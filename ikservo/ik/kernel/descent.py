@@ -283,6 +283,8 @@ def wrap_full_turns(arm: Matrix, start: Vector, work: Matrix) -> bool:
             q -= _TURN * math.ceil((q - upper) / _TURN)
         elif q < lower:
             q += _TURN * math.ceil((lower - q) / _TURN)
+        if q < lower or q > upper:  # in the gap of a range that is not quite a full turn
+            q += _TURN * math.floor((0.5 * (lower + upper) - q) / _TURN + 0.5)
         work[Q, j] = min(max(q, lower), upper)
         clipped = clipped or work[Q, j] != q
     return clipped

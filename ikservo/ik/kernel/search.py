@@ -138,6 +138,7 @@ def attempt(
     max_stalled: int,
     thorough: bool,
     position_only: bool,
+    free_turns: bool,
     trace: Matrix,
     work: Matrix,
 ) -> int:
@@ -147,7 +148,6 @@ def attempt(
     error in its null space.
     """
     n, weight, steps = int(arm[0, DOF]), settings[ROTATION_WEIGHT], 0
-    free_turns = settings[TRACK] == 0.0 and not thorough
     first = thorough and puts_position_first(settings)
     work[NORMS, TRACE_LEN] = 0.0
     if first or position_only:
@@ -325,12 +325,23 @@ def _solve_one(
     steps, least, k, last = 0, math.inf, 0, restarts + hops_between(settings)
     while k < last:
         thorough, position_only = phase == THOROUGH, first and phase == MORE
+        # An end at a limit may meet the position though a full turn leads to a better place.
+        free_turns = not thorough and not (position_only and k < restarts)
         seed = start_attempt(arm, problem, settings, start, seeds, phase, k, n, scores, work)
         max_stalled = (
             _UNLIMITED if thorough else _MAX_STALLED_AT_START if k == 0 else _MAX_STALLED_STEPS
         )
         steps += attempt(
-            arm, problem, settings, start, max_stalled, thorough, position_only, trace, work
+            arm,
+            problem,
+            settings,
+            start,
+            max_stalled,
+            thorough,
+            position_only,
+            free_turns,
+            trace,
+            work,
         )
         distance, reached = distance_from(start, n, work), converged(settings, 1.0, work)
         if not (reached or thorough):
